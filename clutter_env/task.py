@@ -17,15 +17,21 @@ HELD_OUT = 1_000_000
 """Seeds from this one on are for evaluation: nothing is collected or trained on them."""
 
 
-def check_training_seed(first: int, count: int = 1) -> None:
-    """Make sure that scenes of the seeds from `first` on, `count` of them, are not for evaluation.
+def training_seeds(first: int, count: int = 1) -> range:
+    """The seeds of `count` scenes to learn from, from `first` on.
+
+    Every scene that is collected or trained on has a seed from here.
 
     Raises:
-        LearningError: some of them are held out.
+        LearningError: a seed is negative, or for evaluation.
     """
-    if not 0 <= first <= HELD_OUT - count:
-        last = f" to {first + count - 1}" if count > 1 else ""
-        raise LearningError(f"seed {first}{last}: scenes to learn from have seeds 0 to {HELD_OUT - 1}; choose others")
+    seeds = range(first, first + count)
+    if first < 0 or seeds.stop > HELD_OUT:
+        raise LearningError(
+            f"scenes to learn from have seeds from 0 to {HELD_OUT - 1}, the others are for evaluation; these would be "
+            f"{first} to {seeds.stop - 1}: choose another --seed or fewer scenes"
+        )
+    return seeds
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,12 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from assets.robots import RobotSpec
+from planners.collision.ground_map import GroundMap
 from planners.collision.world import CompiledScenes
 from planners.grasping.base_placement import MapPlacer
 from planners.grasping.candidates import GraspCandidates
 from planners.grasping.grasp_poses import GraspFamily, find_grasp_set
+from planners.motion.base import BaseRoadmap
 from planners.motion.tcp_following import TcpFollower
 from planners.placing.placements import PlacementSearch
 from planners.placing.surfaces import Supports, find_supports
@@ -36,6 +38,7 @@ class PlanningContext:
         arms: base poses for each arm that acts, by its name.
         families: the grasp set.
         supports: names of the supports where objects may be put.
+        roadmap: where the base can drive.
         canonical: whether grasps and placements are canonical, so that plans can be learned.
         near_home: whether only arm configurations near home count, for robots that follow TCP poses.
         follower: model of how the joints follow, for an end-effector-controlled robot.
@@ -45,6 +48,7 @@ class PlanningContext:
     arms: Mapping[str, MapPlacer]
     families: tuple[GraspFamily, ...]
     supports: tuple[str, ...]
+    roadmap: BaseRoadmap
     canonical: bool = False
     near_home: bool = False
     follower: TcpFollower | None = None
@@ -74,11 +78,13 @@ class PlanningContext:
             UnknownGraspSet: no grasp set of that name.
             UnknownSupport: the scene declares no support of a name.
         """
-        arms = {name: MapPlacer.of_scene(scene.using(name), _BASES) for name in robot.acting_arms}
+        ground = GroundMap(scene)
+        arms = {name: MapPlacer.of_scene(scene.using(name), _BASES, ground) for name in robot.acting_arms}
         return cls(
             MappingProxyType(arms),
             find_grasp_set(grasps),
             find_supports(scene, supports),
+            BaseRoadmap(ground),
             canonical,
             follower=follower,
             saves_time=robot.acts_with_all_arms if saves_time is None else saves_time,
@@ -88,6 +94,11 @@ class PlanningContext:
         """The same with arm configurations near home only, from more base poses."""
         arms = {name: replace(arm, per_gripper_pose=_BASES_NEAR_HOME) for name, arm in self.arms.items()}
         return replace(self, arms=MappingProxyType(arms), near_home=True)
+
+    def anywhere(self) -> PlanningContext:
+        """The same as if the base could drive everywhere, through walls too: to find out why there is no grasp."""
+        arms = {name: replace(arm, ground_map=None) for name, arm in self.arms.items()}
+        return replace(self, arms=MappingProxyType(arms))
 
     def grasps(self, compiled: CompiledScenes | None = None) -> GraspCandidates:
         """A new cache of grasps, nothing known of any state; `compiled`: collision worlds to share with others."""

@@ -12,9 +12,12 @@ from assets.robots import robot as find_robot
 from planners.cause import Cause
 from planners.clearing.lower_bound import MAX_EXPANSIONS, ClearanceFloor, smallest_set
 from planners.clock import NO_DEADLINE, Deadline, cpu_seconds
+from planners.collision.ground_map import GroundMap
 from planners.collision.world import CompiledScenes, validate
 from planners.context import PlanningContext, check_arms
 from planners.grasping.grasp_poses import find_grasp_set
+from planners.motion.base import BaseRoadmap
+from planners.motion.path import on_base
 from planners.motion.tcp_following import TcpFollower
 from planners.placing.surfaces import Supports
 from planners.scene import Scene, SceneError
@@ -203,6 +206,9 @@ class Planner:
         planner = replace(self, engine="astar", grasps="side", supports=None)
         for name in ("lookahead", "ngr"):
             planner._solve(scene, target, STRATEGIES[name], np.random.default_rng(0), NO_DEADLINE)
+        # A drive that no solve in an open scene needs.
+        X, world = on_base([scene.state.base, scene.state.base - 0.3], scene.state.q), CompiledScenes().world(scene)
+        BaseRoadmap(GroundMap(scene)).search(world, X, 0.0, None, np.random.default_rng(0))
 
     def _solve(
         self, scene: Scene, target: str, strategy: Strategy, rng: np.random.Generator, deadline: Deadline
@@ -243,7 +249,8 @@ def is_final(outcome: Solution | Infeasible, near_home: bool) -> bool:
     """
     if isinstance(outcome, Solution):
         return not outcome.duplicated
-    return (outcome.cause.lies_in_grasps and not near_home) or outcome.cause is Cause.TIME_LIMIT
+    is_over = outcome.cause in (Cause.TIME_LIMIT, Cause.NO_WAY_FOR_BASE)
+    return (outcome.cause.lies_in_grasps and not near_home) or is_over
 
 
 def best_outcome(

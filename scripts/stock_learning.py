@@ -32,7 +32,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
-from clutter_env.task import HELD_OUT, check_training_seed, family
+from clutter_env.task import HELD_OUT, family, training_seeds
 
 LEARNERS: Mapping[str, type[BaseAlgorithm]] = {
     "sac": SAC,
@@ -95,6 +95,8 @@ class Arguments:
     """Gradient steps after each step of all copies; off-policy learners only."""
     batch_size: int = 0
     """Transitions in a batch; 0 for that of the settings."""
+    net: tuple[int, ...] = ()
+    """Units of the hidden layers; those of the settings by default."""
     every: int = 2000
     """Steps between evaluations."""
     episodes: int = 100
@@ -109,16 +111,20 @@ class Arguments:
 
 def main(arguments: Arguments) -> None:
     """Train, evaluate and write the curve."""
-    check_training_seed(arguments.seed)
+    training_seeds(arguments.seed, arguments.num_envs)
     torch.set_num_threads(1)
     env_id = f"clutter_env/{arguments.env}"
     kind = family(env_id)
     if (kind, arguments.algo) not in SETTINGS:
-        raise SystemExit(f"{arguments.algo} on {env_id}: no settings; known are {', '.join(map(' on '.join, SETTINGS))}")
+        raise SystemExit(
+            f"{arguments.algo} on {env_id}: no settings; known are {', '.join(map(' on '.join, SETTINGS))}"
+        )
     keywords = dict(_KEYWORDS.get(kind, {}))
     settings = dict(SETTINGS[kind, arguments.algo])
     if arguments.batch_size:
         settings["batch_size"] = arguments.batch_size
+    if arguments.net:
+        settings["policy_kwargs"] = {**settings.get("policy_kwargs", {}), "net_arch": list(arguments.net)}
     if arguments.algo in ("sac", "tqc", "dqn"):
         settings |= {"train_freq": 1, "gradient_steps": arguments.gradient_steps}
     copies = make_vec_env(

@@ -2,7 +2,7 @@
 
 They are the Fetch tasks of Gymnasium-Robotics (Plappert et al. 2018, arXiv:1802.09464) in this package's world: the
 gripper points down, an action moves it by up to 5 cm and opens or closes it, an episode has 50 steps, rewards are 0
-within 5 cm of the goal and -1 elsewhere. What is observed is all that the next step depends on but the arm's redundancy.
+within 5 cm of the goal and -1 elsewhere. Only the arm's redundancy is not observed.
 """
 
 from __future__ import annotations

@@ -137,9 +137,10 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         Raises:
             ActionError: the action is not a finite vector of the right shape; nothing has changed.
         """
-        checked = checked_action(action, self.action_size)
+        recorded = checked_action(action, self.action_size)
         self.check_started("step()")
-        self._actions.append(checked.astype(np.float32))
+        self._actions.append(recorded)
+        checked = recorded.astype(np.float64)
         grips = checked[-self.world.controller.num_grippers :].tolist()
         self.measurements = self.world.advance(self.measurements, self._joint_velocity(checked), grips)
         self._monitor.update(self.measurements)

@@ -59,6 +59,8 @@ class SceneSet:
         objects: number of objects; 0 for that of the environment.
         count: number of scenes; None for all of a suite.
         first_seed: of the environment's scenes.
+        seeds: of the environment's scenes, `count` of them, where they are not consecutive.
+        max_steps: of the environment's scenes, see `SeededScene`.
 
     Raises:
         LearningError: neither a suite nor an environment is named, or both; fewer than one scene, or more than there
@@ -73,6 +75,8 @@ class SceneSet:
     objects: int = 0
     count: int | None = None
     first_seed: int = HELD_OUT
+    seeds: tuple[int, ...] = ()
+    max_steps: int | None = None
 
     def __post_init__(self) -> None:
         if bool(self.suite) == bool(self.env_id):
@@ -120,8 +124,8 @@ def _scenes(wanted: SceneSet) -> tuple[Scene, ...]:
     chosen = {"obstructed": wanted.obstructed, "layout": wanted.layout, "num_objects": wanted.objects}
     keywords = {name: value for name, value in chosen.items() if value}
     Task(wanted.env_id, keywords).make().close()
-    seeds = range(wanted.first_seed, wanted.first_seed + wanted.count)
-    return tuple(SeededScene(wanted.env_id, keywords, seed) for seed in seeds)
+    seeds = wanted.seeds or range(wanted.first_seed, wanted.first_seed + wanted.count)
+    return tuple(SeededScene(wanted.env_id, keywords, seed, wanted.max_steps) for seed in seeds)
 
 
 def skill_scene(scene: Scene, feasibility: str) -> Scene:

@@ -114,8 +114,15 @@ class World:
         self._slot_of_geom[self.index.object_geoms] = range(len(shapes))
         self._kinds = self._kinds_of_geoms()
         self._grippers = [self._gripper_geoms(pads) for pads in self.index.finger_geoms]
+        self._pads = {pad for pads in self.index.finger_geoms for pad in pads}
+        self._empty_grip = Grip((-1,) * len(self._grippers), (False,) * len(self._grippers), False)
         self._robot_tree = int(self.model.body_treeid[self.index.base_body])
         self._warnings = self.data.warning.number
+        self._home = self.model.qpos0.copy()
+        self._home[self.index.drive_qpos[3:]] = ActingJoints.of(robot).home
+        self._home[self.index.finger_qpos[:2]] = robot.max_finger_position
+        self._home[self.index.still_qpos] = robot.still_configuration
+        self._home = self._home[: self.index.object_qpos.start]
         self.furniture_force = 0.0
         self._contacts: list[list[list[int]]] = []  # pairs of geoms after each part of the last control step
         self.scene: TableScene | None = None
@@ -144,9 +151,8 @@ class World:
         self.apply_scene(scene)
         model, data, index = self.model, self.data, self.index
         mujoco.mj_resetData(model, data)
-        data.qpos[index.drive_qpos] = (*scene.base, *ActingJoints.of(self.robot).home)
-        data.qpos[index.finger_qpos[:2]] = self.robot.max_finger_position
-        data.qpos[index.still_qpos] = self.robot.still_configuration
+        data.qpos[: index.object_qpos.start] = self._home
+        data.qpos[index.drive_qpos[:3]] = scene.base
         self.controller.reset(data)
         self.furniture_force = 0.0
         self._contacts = []
@@ -172,15 +178,15 @@ class World:
         """
         model, data, grip = self.model, self.data, measurements.grip
         data.eq_active[self.index.finger_couplings] = grip.is_touching
-        self._contacts = []
+        self._contacts, ctrl = [], data.ctrl
         for command in self.controller.advance(data, velocity, grips, is_loaded=grip.is_holding):
-            data.ctrl[:] = command
+            ctrl[:] = command
             mujoco.mj_step(model, data, nstep=PHYSICS_STEPS // SEGMENTS)
             if data.ncon:
                 self._watch_contacts()
         # A physics step leaves body and site poses at the positions from which it started.
         mujoco.mj_kinematics(model, data)
-        return self.measure()
+        return self.measure_objects(self._measure_grip(self._contacts[-1] if data.ncon else []))
 
     def _watch_contacts(self) -> None:
         """Note the robot's force on furniture, and keep awake what the robot touches, with all that lies on it.
@@ -207,7 +213,7 @@ class World:
 
     def measure(self) -> Measurements:
         """The present state of the objects."""
-        return self.measure_objects(self._measure_grip())
+        return self.measure_objects(self._measure_grip(self.data.contact.geom.tolist()))
 
     def measure_objects(self, grip: Grip) -> Measurements:
         """The present state of the objects, where it is known what the fingers hold and touch.
@@ -240,26 +246,23 @@ class World:
             side = half_x * math.sqrt(max(1 - down_z * down_z, 0.0))
         return height - side - half_z * abs(down_z)
 
-    def _measure_grip(self) -> Grip:
-        """What the grippers hold and touch, from the contacts of the last physics step.
+    def _measure_grip(self, pairs: list[list[int]]) -> Grip:
+        """What the grippers hold and touch, from the pairs of geoms in contact after the last physics step.
 
         Those after the other parts of the control step say whether what is held is carried: an object that vibrates in
         the grip touches the table in between.
         """
-        nothing = (-1,) * len(self._grippers)
-        if not self.data.ncon:
-            return Grip(nothing, (False,) * len(nothing), False)
-        pairs, slot_of = self.data.contact.geom.tolist(), self._slot_of_geom
-        held, is_carried, is_touching = [], [], False
+        if not any(one in self._pads or other in self._pads for one, other in pairs):
+            return self._empty_grip
+        slot_of, held, is_carried = self._slot_of_geom, [], []
         for pads, gripper in zip(self.index.finger_geoms, self._grippers, strict=True):
             right, left = (
                 {max(slot_of[one], slot_of[other]) for one, other in pairs if pad in (one, other)} for pad in pads
             )
-            is_touching |= bool(right or left)
             slot = next((slot for slot in sorted(right & left) if slot >= 0 and self._is_pressed(slot, pads)), -1)
             held.append(slot)
             is_carried.append(slot >= 0 and all(self._touches_only(slot, gripper, pairs) for pairs in self._contacts))
-        return Grip(tuple(held), tuple(is_carried), is_touching)
+        return Grip(tuple(held), tuple(is_carried), is_touching=True)
 
     def _is_pressed(self, slot: int, pads: tuple[int, int]) -> bool:
         """Whether two pads press on an object from opposite sides."""

@@ -31,8 +31,6 @@ from clutter_env.training.descent import ExampleArrays, Report, RunLog, descend
 from clutter_env.training.run import Run
 from clutter_env.training.settings import BC, DAgger
 
-DAGGER_SEEDS = 500_000
-"""First seed of the learner's own episodes in DAgger."""
 _BATCH = 512
 """Examples in a gradient step."""
 MAX_LEARNER_STEPS = 150
@@ -67,11 +65,10 @@ def train_clone(run: Run) -> list[dict[str, float]]:
         if isinstance(settings, DAgger):
             expert = make_expert(find_expert(run.task.env_id, settings.expert or str(dataset.identity["expert"])))
             rng = np.random.default_rng(run.seed)
-            seed = DAGGER_SEEDS + run.seed * settings.rounds * settings.round_episodes
-            for _ in range(settings.rounds):
-                for _ in range(settings.round_episodes):
+            (own,) = settings.scene_seeds(run.seed)
+            for start in range(0, len(own), settings.round_episodes):
+                for seed in own[start : start + settings.round_episodes]:
                     examples = Examples.joined((examples, take_over(env, expert, policy, seed, rng)))
-                    seed += 1
                 policy = clone(examples, settings.steps, run.seed)
                 finish_round(policy, examples)
     env.close()

@@ -47,9 +47,6 @@ from clutter_env.training.motion_examples import (
 from clutter_env.training.run import Run
 from clutter_env.training.settings import Keyframes
 
-_FIRST_SEED, _SEEDS_OF_A_RUN = 100_000, 20_000
-"""Scenes of plans: those of a training seed, all below the held-out ones."""
-
 _BATCH, _LEARNING_RATE = 256, 2e-3
 _TCP_WEIGHT = 10.0
 """Weight of the gripper's error, beside that of the joints."""
@@ -76,9 +73,9 @@ def train_motions(run: Run) -> list[dict[str, float]]:
     started = time.process_time()
     if settings.demos is None:
         task, high_level, count = run.task, PlannedHighLevelPolicy(settings.grasps), settings.plans
-        first = _FIRST_SEED + run.seed * _SEEDS_OF_A_RUN
+        (seeds,) = settings.scene_seeds(run.seed)
         env: Any = task.make()
-        motions = list(planned_motions(env, settings.grasps, range(first, first + count)))
+        motions = list(planned_motions(env, settings.grasps, seeds))
     else:
         dataset = Dataset(settings.demos)
         dataset.warn_if_outdated()

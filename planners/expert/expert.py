@@ -21,8 +21,9 @@ from planners.contact import StepLabel, contacts
 from planners.expert.config import ExpertConfig, ExpertError
 from planners.expert.executor import Command, Executor
 from planners.expert.interfaces import ScenePlanner, controlled_env, num_disturbances, planner_for
-from planners.expert.monitor import Sensor, height_below, held_object
+from planners.expert.monitor import Sensor, held_object
 from planners.expert.report import EpisodeReport, Recorder, Recording
+from planners.goals import height_below
 from planners.motion.arm import tcp_pose, unwrap_joints
 from planners.motion.trajectory import CONTROL_STEP
 from planners.placing.surfaces import Supports

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planners.collision.world import CollisionWorld
+from planners.goals import LIFTED
 from planners.motion.approaches import Approach, ContactQuery, free_approach, trace
 from planners.motion.arm import ArmQuery, plan_arm, tcp_pose, unwrap_joints
 from planners.motion.base import plan_base, unwrap_yaw
@@ -29,9 +30,6 @@ _RISES = (0.25, 0.15, 0.05, 0.0)
 """[m] that the torso rises for carrying in the configuration of the arm at hand."""
 _SAMPLING = 0.1
 """[m], [rad] of a joint between configurations at which the height of a held object is computed: 1 mm is missed."""
-
-LIFTED = 0.10
-"""[m] above where it stood that an object is carried, where that is possible: a target then counts as lifted."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,11 +19,11 @@ from planners.placing.negative_goal_region import (
     negative_goal_region,
     swept_mask,
 )
-from planners.scene import Body, Scene, StaticObstacle
+from planners.scene import FLOOR, Body, Scene, StaticObstacle
 
 Array: TypeAlias = NDArray[np.float64]
 Supports: TypeAlias = Literal["all"] | Sequence[str] | None
-"""Choice of supports: names of supports, "all" that the scene declares, or None for the first alone."""
+"""Choice of supports: names, "floor" among them; "all" that the scene declares; or None for the first alone."""
 
 _MARGIN = 0.006
 """[m] kept between the object put down and whatever stands around."""
@@ -45,11 +45,11 @@ def find_supports(scene: Scene, choice: Supports) -> tuple[str, ...]:
     """
     if choice is None:
         return (scene.support.name,)
-    names = scene.supports if choice == "all" else (choice,) if isinstance(choice, str) else tuple(choice)
-    unknown = [name for name in names if name not in scene.supports]
+    names = scene.supports or (FLOOR,) if choice == "all" else (choice,) if isinstance(choice, str) else tuple(choice)
+    unknown = [name for name in names if name not in (*scene.supports, FLOOR)]
     if unknown or not names:
         raise UnknownSupport(
-            f"supports={choice!r} is not valid; it must be None, 'all' or some of {', '.join(scene.supports)}"
+            f"supports={choice!r} is not valid; it must be None, 'all' or some of {', '.join((*scene.supports, FLOOR))}"
         )
     return tuple(dict.fromkeys(names))
 

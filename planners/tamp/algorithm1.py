@@ -11,8 +11,8 @@ from types import MappingProxyType
 
 from planners.cause import Cause
 from planners.clock import cpu_seconds
+from planners.goals import LIFTED
 from planners.motion.arm import tcp_pose
-from planners.motion.pick_and_place import LIFTED
 from planners.scene import Scene
 from planners.symbolic.problem import ROBOT_INIT_LOC, GroundAction, TaskPlan, TaskProblem, format_atom
 from planners.symbolic.transitions import GraspObstructed, grasp_references, update_from_action, update_from_error

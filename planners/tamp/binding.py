@@ -54,6 +54,7 @@ def bind_grasps(search: Search, symbols: SymbolicState, scene: Scene) -> PlanSta
         names = ", ".join(found.objects)
         detail = {
             Cause.UNREACHABLE: f"no free base pose and arm configuration reach {names}",
+            Cause.NO_WAY_FOR_BASE: f"from where the robot is, the base cannot drive to where it could take {names}",
             Cause.NO_SELF_CLEARABLE_SET: f"whatever is removed first, something that must go before {names} is blocked",
             Cause.MOTION: f"without the grasps that motion planning refuted, there is no way to clear and take {names}",
             Cause.NO_CLEARANCE_LOCATION: f"no location for {names} that keeps clear of what remains to be done",

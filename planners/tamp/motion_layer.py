@@ -22,7 +22,7 @@ from planners.motion.arm import is_among_objects, is_at_home, plan_home
 from planners.motion.base import plan_base
 from planners.motion.contact_free import merge_phases
 from planners.motion.mujoco_check import MujocoCollisionChecker
-from planners.motion.path import BlockedBy, NoPath, WholeBodyPath
+from planners.motion.path import NO_WAY, BlockedBy, NoPath, WholeBodyPath
 from planners.motion.pick_and_place import PickPlaceMotion, plan_pick, plan_place
 from planners.motion.tcp_following import follow
 from planners.motion.timing import drive_trajectory, pick_trajectory, place_trajectory
@@ -120,6 +120,10 @@ class MotionLayer:
             return found
         if found.cause is Cause.NO_CLEARANCE_LOCATION:
             return non_monotone_plan(problem, strategy.non_monotone - (len(cleared) - len(set(cleared)))) or found
+        if found.cause is Cause.UNREACHABLE and not self.has_refuted:
+            anywhere = self.context.anywhere().grasps(self.compiled)
+            if any(anywhere.for_object(scene, name) for name in found.objects):
+                return replace(found, cause=Cause.NO_WAY_FOR_BASE)
         # If motion planning refuted grasps, it is not the grasps alone that leave no commitments.
         return replace(found, cause=Cause.MOTION) if self.has_refuted and found.cause.lies_in_grasps else found
 
@@ -177,15 +181,25 @@ class MotionLayer:
     def drive_to_grasp(self, scene: Scene, grasp: GraspCandidate) -> BoundMotion | NoPath:
         """Drive to where the pick begins: the base pose of the grasp, or where the base leaves it to under a shelf.
 
-        Where another arm will take the object, the active one moves home first.
+        Where another arm will take the object, the active one moves home first. If there is no way, no grasp is offered
+        again to which there is none either.
         """
-        base = stand_off(scene.using(grasp.arm), grasp.base, grasp.q) if grasp.drives else grasp.base
-        return self.drive(scene, base, home_first=self._next_arm(scene, grasp.arm) is None)
+        base = (
+            stand_off(scene.using(grasp.arm), grasp.base, grasp.q, scene.body(grasp.object))
+            if grasp.drives
+            else grasp.base
+        )
+        driven = self.drive(scene, base, home_first=self._next_arm(scene, grasp.arm) is None)
+        if driven is NO_WAY:
+            for other in self.candidates.for_object(scene, grasp.object):
+                if other is not grasp and self.context.roadmap.excludes(scene.state.base, other.base):
+                    self.ban(scene, other)
+        return driven
 
     def drive_to_placement(self, scene: Scene, placement: Placement) -> BoundMotion | NoPath:
         """Drive to where the put-down begins; under a shelf, outside, where the base drives straight in from."""
         is_inside = is_covered(scene, placement.body.foot)
-        base = stand_off(scene, placement.base, placement.q) if is_inside else placement.base
+        base = stand_off(scene, placement.base, placement.q, placement.body) if is_inside else placement.base
         return self.drive(scene, base)
 
     def bring_home(self, scene: Scene) -> BoundMotion | NoPath:
@@ -196,10 +210,12 @@ class MotionLayer:
         """Drive to a base pose in the present configuration; among objects the arm moves home first, if it can."""
         world, state = self.compiled.world(scene), scene.state
         homing = self._home(scene) if home_first or is_among_objects(world, state) else None
-        found = plan_base(world, state.base, base, state.q if homing is None else homing.end, held=scene.held)
+        q, roadmap = state.q if homing is None else homing.end, self.context.roadmap
+        found = plan_base(world, state.base, base, q, held=scene.held, roadmap=roadmap)
         if isinstance(found, NoPath) and homing is None:
             homing = self._home(scene)
-            found = found if homing is None else plan_base(world, state.base, base, homing.end, held=scene.held)
+            if homing is not None:
+                found = plan_base(world, state.base, base, homing.end, held=scene.held, roadmap=roadmap)
         if isinstance(found, NoPath):
             return found
         trajectory = drive_trajectory(scene.robot, found, scene.state, homing)

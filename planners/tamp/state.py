@@ -10,6 +10,7 @@ from types import MappingProxyType
 from planners.cause import Cause
 from planners.clearing.lookahead import ClearancePlan
 from planners.clock import cpu_seconds
+from planners.motion.path import NO_WAY
 from planners.scene import Scene
 from planners.strategies import Strategy
 from planners.symbolic.problem import GroundAction, SymbolicState, TaskPlanner
@@ -92,6 +93,8 @@ class Search:
             cause = Cause.MOTION
         if cause in (Cause.MOTION, Cause.TIME_LIMIT):
             reasons = Counter(record.reason for record in self.history if record.reason)
+            if cause is Cause.MOTION and set(reasons) == {NO_WAY.reason}:
+                cause = Cause.NO_WAY_FOR_BASE
             for reason, count in reasons.most_common(1):
                 detail += f"; {count} of {len(self.history)} refutations: {reason}"
         return Infeasible(cause, detail, objects, cleared, self.stats(), self.target, self.strategy)

@@ -12,11 +12,12 @@ from assets.robots import FETCH
 from planners import Planner, Solution
 from planners.collision.world import CollisionWorld
 from planners.context import PlanningContext
+from planners.goals import LIFTED
 from planners.motion.approaches import can_put_down, fewest_blockers, planned_approach, stand_off
 from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import TOLERANCE, MujocoCollisionChecker
 from planners.motion.path import BlockedBy
-from planners.motion.pick_and_place import LIFTED, PickPlaceMotion, plan_pick, plan_place
+from planners.motion.pick_and_place import PickPlaceMotion, plan_pick, plan_place
 from planners.motion.timing import pick_trajectory, place_trajectory
 from planners.scene import HeldObject, RobotState, Scene, UnknownObject
 from tests.planners.motion_scenes import grasp_configurations, mixed_scene
