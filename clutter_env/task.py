@@ -15,6 +15,8 @@ from clutter_env.provenance import provenance
 
 HELD_OUT = 1_000_000
 """Seeds from this one on are for evaluation: nothing is collected or trained on them."""
+GOAL_FAMILIES = ("reach", "pick", "armreach", "armpick")
+"""Families of the goal environments, in which an episode ends with its time alone."""
 
 
 def training_seeds(first: int, count: int = 1) -> range:
@@ -70,7 +72,7 @@ class Task:
 
     @property
     def family(self) -> str:
-        """The family of the environment: "retrieve", "skill", "reach" or "pick"."""
+        """The family of the environment: "retrieve", "skill" or one of `GOAL_FAMILIES`."""
         return family(self.env_id)
 
     @property

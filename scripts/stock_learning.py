@@ -139,7 +139,7 @@ def main(arguments: Arguments) -> None:
     model.learn(arguments.steps, callback=Evaluations(arguments, judges, settings))
 
 
-class Evaluations(BaseCallback):
+class Evaluations(BaseCallback):  # type: ignore[misc]  # Stable-Baselines3 is skipped by mypy
     """Plays the held-out scenes before the first step, every so many steps and at the end; writes curve and actor."""
 
     def __init__(self, arguments: Arguments, judges: VecEnv, settings: Mapping[str, Any]) -> None:

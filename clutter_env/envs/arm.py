@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
+from itertools import product
 from typing import Any
 
 import mujoco
@@ -20,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from assets import RobotSpec
 from clutter_env.config import EnvConfig
-from clutter_env.envs.goal import GoalEnv, clipped
+from clutter_env.envs.goal import GOAL_TOLERANCE, GoalEnv, clipped
 from clutter_env.envs.observation import POSITION_BOUND, VELOCITY_BOUND, Column, EntryLayout
 from clutter_env.envs.reset_options import ResetOptions
 from clutter_env.errors import ActionError, ConfigError, check_choice
@@ -51,14 +52,16 @@ FINGER_VELOCITY = 0.15
 """[m/s] of one finger: five steps from open to closed on an object."""
 
 _ACTIONS = 4
+_BRAKING = 0.06
+"""[s] for which the arm moves on when it is told to stop; `arm_action` allows for it."""
 _EDGE = 0.06
 """[m] from the table's edges to where an object's axis may be, at least."""
 _BASE_GAP = 0.01
 """[m] between the base and the table."""
 _TURN_RATE = 3.0
 """[rad/s] at which the gripper is turned down before the first episode."""
-_SETTLING_STEPS = 300
-"""Control steps in which the arm certainly arrives at the start pose."""
+_SETTLING_STEPS = 100
+"""Control steps in which the arm arrives at a pose."""
 _DOWN = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 """Orientation of the TCP in the base frame: its x axis, the approach, points down; the fingers move sideways."""
 
@@ -90,7 +93,7 @@ class ArmEnv(GoalEnv):
     outlasts a step but the targets of joints and fingers.
 
     Raises:
-        ConfigError: the robot does not reach over the table from in front of it, or the layout has shelves.
+        ConfigError: the robot does not reach all goals, or the layout has shelves.
     """
 
     _num_objects: int
@@ -105,7 +108,6 @@ class ArmEnv(GoalEnv):
         super().__init__(config)
         self.action_size = _ACTIONS
         self.action_space = spaces.Box(-1.0, 1.0, (_ACTIONS,), np.float32)
-        self._velocity = np.zeros(6)
         quaternion = np.empty(4)
         mujoco.mju_mat2Quat(quaternion, _DOWN.ravel())
         self._down: list[float] = quaternion.tolist()
@@ -122,7 +124,7 @@ class ArmEnv(GoalEnv):
             ActionError: not finite, the wrong shape, or `reset` has not been called.
         """
         self.check_started("arm_action()")
-        step = checked_vector("arm_action's position", position, (3,)) - self._tcp()
+        step = checked_vector("arm_action's position", position, (3,)) - self.tcp - _BRAKING * self._tcp_velocity()
         grip = self.world.controller.grip_action(gripper_width)
         return np.append(step / max(STEP, float(np.abs(step).max())), grip)
 
@@ -153,15 +155,26 @@ class ArmEnv(GoalEnv):
         return replace(scene, base=np.array([min(front, x - ahead), y - left, 0.0]))
 
     @property
-    def _origin(self) -> NDArray[np.float64]:
+    def origin(self) -> NDArray[np.float64]:
         """Origin (3,) of the goals' coordinates in the world: where the TCP is at the start."""
         assert self.world.scene is not None
         x, y, _ = self.world.scene.base.tolist()
         return self._tcp_at_start + (x, y, 0.0)
 
-    def _tcp(self) -> NDArray[np.float64]:
+    @property
+    def tcp(self) -> NDArray[np.float64]:
         """The TCP (3,) in the coordinates of the goals."""
-        return np.asarray(self.data.site_xpos[self.world.index.tcp_site] - self._origin)
+        return np.asarray(self.data.site_xpos[self.world.index.tcp_site] - self.origin)
+
+    def _tcp_velocity(self) -> NDArray[np.float64]:
+        """(3,) [m/s]"""
+        model, data, site = self.model, self.data, self.world.index.tcp_site
+        # A physics step leaves velocities of bodies from where it started.
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_comVel(model, data)
+        twist = np.empty(6)
+        mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_SITE, site, twist, 0)
+        return twist[3:]
 
     def _joint_velocity(self, action: NDArray[np.float64]) -> NDArray[np.float64]:
         state, arm = self.world.controller.state, self._end_effector
@@ -186,14 +199,10 @@ class ArmEnv(GoalEnv):
 
     def _numbers(self) -> list[NDArray[np.float64]]:
         """Position and velocity of the TCP, width and commanded width of the gripper."""
-        model, data, index = self.model, self.data, self.world.index
-        # A physics step leaves velocities of bodies from where it started.
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_comVel(model, data)
-        mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_SITE, index.tcp_site, self._velocity, 0)
+        data, index = self.data, self.world.index
         width = float(data.qpos[index.finger_qpos[:2]].sum()) + self.robot.finger_gap_closed
         commanded = self.robot.opening(self.world.controller.state.fingers[0])
-        return [self._tcp(), self._velocity[3:], np.array([width, commanded])]
+        return [self.tcp, self._tcp_velocity(), np.array([width, commanded])]
 
     def _make_observation_space(self) -> spaces.Dict:
         bounds = self._shown.bounds.astype(np.float32)
@@ -210,7 +219,7 @@ class ArmReachEnv(ArmEnv):
         return self._place_base(super()._draw_scene(options), 0.0, 0.0)
 
     def _achieved(self) -> NDArray[np.float64]:
-        return clipped(self._tcp())
+        return clipped(self.tcp)
 
     def _draw_goal(self) -> NDArray[np.float64]:
         return self.np_random.uniform(-np.array(GOAL_RANGE), GOAL_RANGE)
@@ -234,7 +243,7 @@ class ArmPickEnv(ArmEnv):
         return self._place_base(scene, *(scene.positions[scene.target] - (x, y)))
 
     def _achieved(self) -> NDArray[np.float64]:
-        return clipped(self.measurements.poses[0, :3] - self._origin)
+        return clipped(self.measurements.poses[0, :3] - self.origin)
 
     def _draw_goal(self) -> NDArray[np.float64]:
         x, y = self.np_random.uniform(-np.array(GOAL_RANGE[:2]), GOAL_RANGE[:2])
@@ -248,14 +257,18 @@ class ArmPickEnv(ArmEnv):
         assert self.world.scene is not None
         tcp, velocity, _ = gripper
         pose, twist = self.measurements.poses[0], self.data.qvel[self.world.index.object_dof]
-        position, quaternion = pose[:3] - self._origin, pose[3:] * math.copysign(1.0, pose[3])
+        position, quaternion = pose[:3] - self.origin, pose[3:] * math.copysign(1.0, pose[3])
         moved = (position, position - tcp, quaternion, twist[:3] - velocity, twist[3:])
         return [*gripper, *moved, self.world.scene.half_extents[0]]
 
 
 @cache
 def fast_arm(robot: RobotSpec) -> RobotSpec:
-    """A robot that starts with its gripper down over the table, and whose arm and fingers have the limits of here."""
+    """A robot that starts with its gripper down over the table, and whose arm and fingers have the limits of here.
+
+    Raises:
+        ConfigError: it does not reach all goals with its gripper down.
+    """
     fast = replace(
         robot,
         max_velocity=(*robot.max_velocity[:3], *[FASTER * limit for limit in robot.max_velocity[3:]]),
@@ -263,14 +276,25 @@ def fast_arm(robot: RobotSpec) -> RobotSpec:
         max_tcp_velocity=(STEP / CONTROL_STEP, _TURN_RATE),
         max_finger_velocity=FINGER_VELOCITY,
     )
-    follower, pose = TcpFollower(fast), np.eye(4)
-    follower.reset(np.array(robot.home))
-    pose[:3, :3], pose[:3, 3] = _DOWN, _start_position(robot)
+    start, home = _start_position(robot), np.array(robot.home)
+    lower, upper = np.array([(link.lower, link.upper) for link in robot.chain]).T
+    # Rounded, so that saved states name the same robot on every machine.
+    down = np.clip(_settled(fast, home, start)[0].round(4), lower, upper)
+    fast = replace(fast, home=tuple(down.tolist()))
+    corners = (start + np.multiply(GOAL_RANGE, signs) for signs in product((-1, 1), repeat=3))
+    if (error := max(_settled(fast, down, corner)[1] for corner in corners)) > GOAL_TOLERANCE / 2:
+        raise ConfigError(f"robot {robot.name!r} misses goals by up to {error:.2f} m while its gripper points down")
+    return fast
+
+
+def _settled(robot: RobotSpec, q: NDArray[np.float64], position: NDArray[np.float64]) -> tuple[Any, float]:
+    """The configuration (1 + n,) in which an arm arrives from `q`, the gripper down at `position`; its error [m]."""
+    follower, pose = TcpFollower(robot), np.eye(4)
+    follower.reset(q)
+    pose[:3, :3], pose[:3, 3] = _DOWN, position
     for _ in range(_SETTLING_STEPS):
         follower.step(pose)
-    # Rounded, so that saved states name the same robot on every machine.
-    lower, upper = np.array([(link.lower, link.upper) for link in robot.chain]).T
-    return replace(fast, home=tuple(np.clip(follower.q.round(4), lower, upper).tolist()))
+    return follower.q, float(np.linalg.norm(EndEffectorController(robot).position(follower.q) - position))
 
 
 def _start_position(robot: RobotSpec) -> NDArray[np.float64]:

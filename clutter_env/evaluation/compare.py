@@ -16,9 +16,10 @@ from clutter_env.policies.registry import load_policy, policy_families
 from clutter_env.policies.runs import load_run, run_directories, run_task
 from clutter_env.reporting.files import json_text
 from clutter_env.suites import Floor
+from clutter_env.task import GOAL_FAMILIES
 
 CONTROLS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {"retrieve": ("greedy", "random-skills", "direct-approach"), "reach": ("random",), "pick": ("random",)}
+    {"retrieve": ("greedy", "random-skills", "direct-approach"), **dict.fromkeys(GOAL_FAMILIES, ("random",))}
 )
 """Policies without training that play in every comparison, by the family of the environment."""
 

@@ -102,7 +102,7 @@ class SceneSet:
 
     @property
     def family(self) -> str:
-        """The family of the environment: "retrieve", "skill", "reach" or "pick"; a suite's scenes are of "retrieve"."""
+        """The family of the environment, see `clutter_env.task.family`; a suite's scenes are of "retrieve"."""
         return family(self.scenes[0].env_id)
 
     @property

@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import ClassVar, Literal
 
 from clutter_env.errors import LearningError
-from clutter_env.task import training_seeds
+from clutter_env.task import GOAL_FAMILIES, training_seeds
 
 DECISION_SEEDS, PLAN_SEEDS, DAGGER_SEEDS = 10_000, 100_000, 500_000
 """First seeds of the scenes for decisions, for plans that are cloned, and of the learner's own episodes in DAgger."""
@@ -76,7 +76,7 @@ class SAC(Reinforcement):
     """Soft actor-critic with hindsight, for Reach and Pick."""
 
     algorithm: ClassVar[str] = "sac"
-    families: ClassVar[tuple[str, ...]] = ("reach", "pick")
+    families: ClassVar[tuple[str, ...]] = GOAL_FAMILIES
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,7 +115,7 @@ class BC(Settings):
     """Behaviour cloning: regression of the actions of demonstrations on the observations."""
 
     algorithm: ClassVar[str] = "bc"
-    families: ClassVar[tuple[str, ...]] = ("retrieve", "reach", "pick")
+    families: ClassVar[tuple[str, ...]] = ("retrieve", *GOAL_FAMILIES)
 
     demos: Path
     """Dataset of `clutter-env collect`."""
