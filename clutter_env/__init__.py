@@ -17,6 +17,7 @@ from clutter_env.scene.layout import Box, Layout  # noqa: E402  after the check
 from clutter_env.suites import suite, suite_names  # noqa: E402
 
 __all__ = [
+    "GOAL_FAMILIES",
     "OBJECT_COUNTS",
     "SKILL_OBJECT_COUNTS",
     "Box",
@@ -29,6 +30,9 @@ __all__ = [
 
 OBJECT_COUNTS = (1, 5, 10, 15, 20, 25, 30, 35, 40, 50, 60)
 SKILL_OBJECT_COUNTS = (5, 10, 15, 20)
+
+GOAL_FAMILIES = ("reach", "pick", "armreach", "armpick")
+"""Families of the goal environments, in which an episode ends with its time alone."""
 
 
 def time_limit(num_objects: int) -> int:

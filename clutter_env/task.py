@@ -10,30 +10,8 @@ from typing import Any
 import gymnasium as gym
 
 import clutter_env  # noqa: F401  registers the environments
-from clutter_env.errors import ConfigError, LearningError, UnknownTask
+from clutter_env.errors import ConfigError, UnknownTask
 from clutter_env.provenance import provenance
-
-HELD_OUT = 1_000_000
-"""Seeds from this one on are for evaluation: nothing is collected or trained on them."""
-GOAL_FAMILIES = ("reach", "pick", "armreach", "armpick")
-"""Families of the goal environments, in which an episode ends with its time alone."""
-
-
-def training_seeds(first: int, count: int = 1) -> range:
-    """The seeds of `count` scenes to learn from, from `first` on.
-
-    Every scene that is collected or trained on has a seed from here.
-
-    Raises:
-        LearningError: a seed is negative, or for evaluation.
-    """
-    seeds = range(first, first + count)
-    if first < 0 or seeds.stop > HELD_OUT:
-        raise LearningError(
-            f"scenes to learn from have seeds from 0 to {HELD_OUT - 1}, the others are for evaluation; these would be "
-            f"{first} to {seeds.stop - 1}: choose another --seed or fewer scenes"
-        )
-    return seeds
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,8 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
-from clutter_env.task import HELD_OUT, family, training_seeds
+from clutter_env.seeds import HELD_OUT, training_seeds
+from clutter_env.task import family
 
 LEARNERS: Mapping[str, type[BaseAlgorithm]] = {
     "sac": SAC,

@@ -19,7 +19,8 @@ from clutter_env.data.replay import replay_in_fresh_process, with_images
 from clutter_env.errors import CollectionError, LearningError
 from clutter_env.parallel import Crash, Killed
 from clutter_env.policies.experts import find_expert, make_expert
-from clutter_env.task import Task, training_seeds
+from clutter_env.seeds import training_seeds
+from clutter_env.task import Task
 
 MAX_DEATHS = 3
 """The collection stops when the worker of one seed has died so many times."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
+from clutter_env import GOAL_FAMILIES
 from clutter_env.errors import LearningError
 from clutter_env.evaluation.evaluate import Evaluation, ResultRecords, evaluate, lower_bounds
 from clutter_env.evaluation.policy_process import PolicyProcess
@@ -16,7 +17,6 @@ from clutter_env.policies.registry import load_policy, policy_families
 from clutter_env.policies.runs import load_run, run_directories, run_task
 from clutter_env.reporting.files import json_text
 from clutter_env.suites import Floor
-from clutter_env.task import GOAL_FAMILIES
 
 CONTROLS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {"retrieve": ("greedy", "random-skills", "direct-approach"), **dict.fromkeys(GOAL_FAMILIES, ("random",))}

@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from clutter_env import GOAL_FAMILIES
 from clutter_env.evaluation.evaluate import Evaluation
 from clutter_env.evaluation.score import Score
 from clutter_env.reporting.intervals import NO_INTERVAL, Interval, bootstrap, success_interval
 from clutter_env.reporting.tables import NOTHING, markdown_table, number_text
 from clutter_env.suites import Floor, content_digest, suite
-from clutter_env.task import GOAL_FAMILIES
 
 FORMAT = 5
 """Version of the results file."""

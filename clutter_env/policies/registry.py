@@ -14,12 +14,13 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from clutter_env import GOAL_FAMILIES
 from clutter_env.policies.experts import EXPERTS, GreedyPolicy, RandomPolicy, ScriptedExpert, make_expert
 from clutter_env.policies.protocol import AnyPolicy, Policy, PolicyError, PublicInfo, check_public
 from clutter_env.policies.runs import CLONERS, TWO_LEVEL_LEARNERS, load_run, run_directories
 from clutter_env.policies.scripted import direct_approach
 from clutter_env.suites import GRASPS
-from clutter_env.task import GOAL_FAMILIES, family
+from clutter_env.task import family
 
 _log = logging.getLogger(__name__)
 _LOGS = (".jsonl", ".png")

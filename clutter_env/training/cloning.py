@@ -21,11 +21,12 @@ from numpy.typing import NDArray
 from clutter_env.data.dataset import Dataset
 from clutter_env.data.episode import Episode
 from clutter_env.errors import DatasetError, LearningError
-from clutter_env.evaluation.score import held_out_seeds, success_rate
+from clutter_env.evaluation.score import success_rate
 from clutter_env.policies.cloning import POLICY_FILE, ClonedPolicy, feature_vector
 from clutter_env.policies.experts import Expert, find_expert, make_expert
 from clutter_env.policies.protocol import begin_episode
 from clutter_env.provenance import provenance
+from clutter_env.seeds import held_out_seeds
 from clutter_env.task import Task
 from clutter_env.training.descent import ExampleArrays, Report, RunLog, descend
 from clutter_env.training.run import Run

@@ -10,12 +10,12 @@ import torch
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 from clutter_env.errors import LearningError
-from clutter_env.evaluation.score import held_out_seeds
 from clutter_env.policies.high_level.candidates import CandidateRule
 from clutter_env.policies.high_level.network import CandidateBatch, CandidateNetwork
 from clutter_env.policies.high_level.policy import LearnedHighLevelPolicy
 from clutter_env.policies.runs import DECISIONS_FILE
 from clutter_env.policies.weights import WeightsInfo, save_weights
+from clutter_env.seeds import held_out_seeds
 from clutter_env.training.descent import Report, RunLog, descend
 from clutter_env.training.high_level_examples import (
     CandidateExamples,

@@ -13,7 +13,7 @@ from torch.nn.functional import smooth_l1_loss
 from assets import RobotSpec
 from clutter_env.data.dataset import Dataset
 from clutter_env.errors import DatasetError
-from clutter_env.evaluation.score import held_out_seeds, success_rate
+from clutter_env.evaluation.score import success_rate
 from clutter_env.policies.experts import PLANNERS
 from clutter_env.policies.motion.arm import ArmKinematics, rotations_about
 from clutter_env.policies.motion.keep_out import keep_out_of_drives
@@ -33,6 +33,7 @@ from clutter_env.policies.planned import PlannedHighLevelPolicy
 from clutter_env.policies.runs import MOTIONS_FILE
 from clutter_env.policies.two_level import TwoLevelPolicy
 from clutter_env.policies.weights import WeightsInfo, save_weights
+from clutter_env.seeds import held_out_seeds
 from clutter_env.training.descent import Report, RunLog, descend
 from clutter_env.training.motion_examples import (
     KeyframeExamples,

@@ -12,7 +12,8 @@ from clutter_env.errors import LearningError
 from clutter_env.policies.runs import RUN_FILE, load_run
 from clutter_env.provenance import differences as made_differently
 from clutter_env.reporting.files import json_values, write_json
-from clutter_env.task import Task, training_seeds
+from clutter_env.seeds import training_seeds
+from clutter_env.task import Task
 from clutter_env.training.settings import SETTINGS, Settings
 
 

@@ -11,8 +11,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import ClassVar, Literal
 
+from clutter_env import GOAL_FAMILIES
 from clutter_env.errors import LearningError
-from clutter_env.task import GOAL_FAMILIES, training_seeds
+from clutter_env.seeds import training_seeds
 
 DECISION_SEEDS, PLAN_SEEDS, DAGGER_SEEDS = 10_000, 100_000, 500_000
 """First seeds of the scenes for decisions, for plans that are cloned, and of the learner's own episodes in DAgger."""

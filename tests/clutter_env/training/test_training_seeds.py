@@ -11,7 +11,8 @@ import clutter_env
 from clutter_env.cli.main import main
 from clutter_env.data.collect import make_job
 from clutter_env.errors import LearningError
-from clutter_env.task import HELD_OUT, Task, training_seeds
+from clutter_env.seeds import HELD_OUT, training_seeds
+from clutter_env.task import Task
 from clutter_env.training.run import Run
 from clutter_env.training.settings import SETTINGS, Keyframes, Settings
 
