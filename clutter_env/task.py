@@ -50,7 +50,7 @@ class Task:
 
     @property
     def family(self) -> str:
-        """The family of the environment: "retrieve", "skill" or one of `GOAL_FAMILIES`."""
+        """The family of the environment: "retrieve", "rearrange", "skill" or one of `GOAL_FAMILIES`."""
         return family(self.env_id)
 
     @property

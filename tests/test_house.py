@@ -25,6 +25,7 @@ CASES = [
     ("clutter_env", ("numba", "planners", "irm", *GL, *LEARNING)),
     ("clutter_env.envs.retrieve", ("numba", "planners", "irm", *GL, *LEARNING)),
     ("clutter_env.envs.goal", ("numba", "planners", "irm", *GL, *LEARNING)),
+    ("clutter_env.envs.rearrange", ("numba", *GL, *LEARNING)),
     ("clutter_env.cli.main", ("numba", "planners", "irm", *GL, *LEARNING)),
 ]
 SOURCES = sorted(file for package in PACKAGES for file in (ROOT / package).rglob("*.py"))

@@ -19,7 +19,11 @@ from clutter_env.reporting.files import json_text
 from clutter_env.suites import Floor
 
 CONTROLS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {"retrieve": ("greedy", "random-skills", "direct-approach"), **dict.fromkeys(GOAL_FAMILIES, ("random",))}
+    {
+        "retrieve": ("greedy", "random-skills", "direct-approach"),
+        "rearrange": ("random",),
+        **dict.fromkeys(GOAL_FAMILIES, ("random",)),
+    }
 )
 """Policies without training that play in every comparison, by the family of the environment."""
 

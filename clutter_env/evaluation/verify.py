@@ -149,6 +149,7 @@ def fresh_scenes(path: Path, count: int, first_seed: int, workers: int = 1) -> S
         obstructed=first.keywords.get("obstructed", False),
         layout=str(first.keywords.get("layout", "")),
         objects=first.keywords.get("num_objects", 0),
+        task=first.keywords.get("task", ""),
         count=count,
         first_seed=first_seed,
         max_steps=max((scene.max_steps for scene in suite(scenes.suite)), default=0) if scenes.suite else None,
@@ -164,7 +165,8 @@ def fresh_scenes(path: Path, count: int, first_seed: int, workers: int = 1) -> S
 
 def least_bound(name: str) -> int:
     """The smallest lower bound for side grasps in a suite; 0 where a scene has none, and outside the suites."""
-    return min((scene.floor_side.count or 0 for scene in suite(name)), default=0) if name else 0
+    floors = (scene.floor_side for scene in suite(name)) if name else ()
+    return min((floor.count or 0 if floor else 0 for floor in floors), default=0)
 
 
 def fresh_success(evaluation: Evaluation) -> Interval:
@@ -234,7 +236,7 @@ def _evaluation(content: Mapping[str, Any], episodes: Sequence[Played]) -> Evalu
         traits=PolicyTraits(content["track"], {}, False, content["grasps"], "", ""),
         weights=content["weights"],
         episodes=tuple(episodes),
-        floors=lower_bounds(scenes, content["grasps"]) if scenes.suite else (),
+        floors=lower_bounds(scenes, content["grasps"]) if scenes.has_floors else (),
         provenance={"environment": content["environment"]},
         judged_in=content["judged_in"],
     )
@@ -250,6 +252,7 @@ def scenes_of(content: Mapping[str, Any]) -> SceneSet:
         obstructed=content["obstructed"],
         layout=content["layout"],
         objects=content["objects"],
+        task=content.get("task", ""),
         count=count,
         first_seed=content["first_seed"],
     )

@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from assets import ActingJoints, RobotSpec
 from clutter_env.config import PHYSICS_STEPS
-from clutter_env.scene.layout import TABLE_HEIGHT, Layout
+from clutter_env.scene.layout import TABLE_HEIGHT, Layout, lowest_support
 from clutter_env.scene.table_scene import TableScene, object_name
 from clutter_env.simulation.control import SEGMENTS, JointController
 from clutter_env.simulation.model import ModelIndex, compile_model
@@ -36,8 +37,9 @@ _ROBOT, _FURNITURE, _OBJECT = 1, 4, 16
 """Kinds of geoms. Two of them in contact have a sum that no other two have."""
 _AWAKE = -(1 + int(mujoco.mjMINAWAKE))
 """Entry of `tree_asleep` of a body that has just moved."""
-FALLEN_BELOW = TABLE_HEIGHT - 0.01
-"""[m] An object whose centre is lower has left the table; 1 cm below the top, more than any contact gives way."""
+_FALLEN_BELOW = 0.01
+"""[m] An object whose centre is so far below the lowest support has left the supports: more than any contact gives way.
+"""
 
 _TARGET_COLOUR = (0.87, 0.12, 0.10, 1.0)
 _HUES = (0.14, 0.92)
@@ -77,7 +79,7 @@ class Measurements:
     Attributes:
         poses: (n, 7) world poses of the objects.
         is_fallen: (n,) whether each has toppled or is off the table.
-        is_off: (n,) whether each is below the table top.
+        is_off: (n,) whether each is below the lowest support: the table top, unless the layout has a lower one.
         grip: what the grippers hold and touch.
     """
 
@@ -90,6 +92,22 @@ class Measurements:
     def held(self) -> int:
         """The slot in the gripper of the active arm, -1 for none."""
         return self.grip.held[0]
+
+
+class Mark(NamedTuple):
+    """A coloured rectangle that pictures show: where an object is to be put. Nothing touches it.
+
+    Attributes:
+        centre: (3,) [m] in the world.
+        half_extents: (2,) [m] along its own axes.
+        yaw: [rad]
+        rgba: (4,)
+    """
+
+    centre: NDArray[np.float64]
+    half_extents: NDArray[np.float64]
+    yaw: float
+    rgba: NDArray[np.float64]
 
 
 class World:
@@ -105,6 +123,7 @@ class World:
     ) -> None:
         self.robot = robot
         self.shapes = shapes
+        self._fallen_below = lowest_support(layout) - _FALLEN_BELOW
         self.model = compile_model(robot, layout, shapes, image_size, show_meshes)
         self.data = mujoco.MjData(self.model)
         self.index = ModelIndex.of(self.model, robot, len(shapes))
@@ -126,6 +145,7 @@ class World:
         self.furniture_force = 0.0
         self._contacts: list[list[list[int]]] = []  # pairs of geoms after each part of the last control step
         self.scene: TableScene | None = None
+        self.marks: tuple[Mark, ...] = ()
         self._last: tuple[bytes, Measurements] | None = None
 
     @cached_property
@@ -135,7 +155,7 @@ class World:
 
     def apply_scene(self, scene: TableScene) -> None:
         """Give the model's objects the sizes, masses, colours and start poses of `scene`; the data do not change."""
-        self.scene, self._last = scene, None
+        self.scene, self.marks, self._last = scene, (), None
         self._placed_tilt, self._toppled_change = np.where(scene.is_lying, np.array([_LYING]).T, np.array([_UPRIGHT]).T)
         model, index = self.model, self.index
         if not scene.num_objects:
@@ -143,8 +163,13 @@ class World:
         _apply_shapes(model, index, scene)
         _apply_masses(model, index, scene)
         model.geom_rgba[index.object_geoms] = _palette(scene.num_objects)
-        model.geom_rgba[index.object_geoms.start + scene.target] = _TARGET_COLOUR
-        model.qpos0[index.object_qpos] = _start_poses(scene).ravel()
+        if scene.target >= 0:
+            model.geom_rgba[index.object_geoms.start + scene.target] = _TARGET_COLOUR
+        model.qpos0[index.object_qpos] = start_poses(scene).ravel()
+
+    def colour(self, slot: int) -> NDArray[np.float64]:
+        """The colour (4,) of the object in a slot, which pictures show; may be written until the next scene."""
+        return np.asarray(self.model.geom_rgba[self.index.object_geoms.start + slot])
 
     def reset(self, scene: TableScene) -> None:
         """Start afresh: objects at rest on the table, the robot at rest at the scene's base pose, at home."""
@@ -226,7 +251,7 @@ class World:
             if content == before and grip == last.grip:
                 return last
         poses = np.frombuffer(content).reshape(-1, 7)
-        is_off = poses[:, 2] < FALLEN_BELOW
+        is_off = poses[:, 2] < self._fallen_below
         tilt = poses[:, 4:6] ** 2
         is_fallen = is_off | (np.abs(tilt[:, 0] + tilt[:, 1] - self._placed_tilt) > self._toppled_change)
         is_fallen[grip.carried] = False
@@ -333,7 +358,7 @@ def _apply_masses(model: mujoco.MjModel, index: ModelIndex, scene: TableScene) -
     model.dof_invweight0[dof].reshape(-1, 2, 3)[:] = mean[..., None]
 
 
-def _start_poses(scene: TableScene) -> NDArray[np.float64]:
+def start_poses(scene: TableScene) -> NDArray[np.float64]:
     """Free-joint positions (n, 7): exactly touching table or shelf; a lying cylinder's z axis is horizontal."""
     poses = np.zeros((scene.num_objects, 7))
     poses[:, :2] = scene.positions

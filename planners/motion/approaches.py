@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planners.collision.straight_lines import trace_by_torso, trace_straight
-from planners.collision.world import FINGER_GAP, CollisionWorld, with_clearance_below
+from planners.collision.world import FINGER_GAP, CollisionWorld, with_clearance_around
 from planners.motion.arm import ArmQuery, tcp_pose
 from planners.motion.path import on_base
 from planners.scene import Body, HeldObject, RobotState, Scene
@@ -89,7 +89,7 @@ class ContactQuery:
         """A grasp of an object where it stands, `ignore` a mask of objects that are no obstacles."""
         body = world.scene.body(name)
         held = HeldObject.grasped(body, _tcp_pose(world.scene, base, q))
-        return cls._of(world, with_clearance_below(world, name), base, q, held, ignore)
+        return cls._of(world, with_clearance_around(world, name), base, q, held, ignore)
 
     @classmethod
     def release(cls, world: CollisionWorld, base: ArrayLike, q: ArrayLike, held: HeldObject) -> ContactQuery:

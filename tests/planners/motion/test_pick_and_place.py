@@ -47,7 +47,7 @@ def under_a_shelf() -> Iterator[tuple[Scene, PickPlaceMotion]]:
         world, rng = CollisionWorld.from_scene(scene), np.random.default_rng(0)
         for grasp in PlanningContext.of(scene.robot, scene, grasps="side").grasps().for_object(scene, "object_00"):
             assert grasp.drives
-            start = np.concatenate((stand_off(scene, grasp.base, grasp.q), scene.state.q))
+            start = np.concatenate((stand_off(scene, grasp.base, grasp.q, scene.body("object_00")), scene.state.q))
             motion = plan_pick(world, grasp.base, start, grasp.q, "object_00", rng=rng)
             if isinstance(motion, PickPlaceMotion):
                 yield scene, motion
