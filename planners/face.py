@@ -1,6 +1,7 @@
 """The names of the package, from the modules that define them; `planners` itself loads them when one is asked for."""
 
 from planners.cause import Cause
+from planners.clearing.goal_bound import LowerBound
 from planners.clearing.lower_bound import ClearanceFloor
 from planners.collision.gjk import CYLINDER
 from planners.collision.scene_arrays import GeometryError, RobotArrays, robot_arrays
@@ -35,7 +36,7 @@ from planners.motion.arm import tcp_pose
 from planners.motion.path import NoPath
 from planners.motion.trajectory import CONTROL_STEP
 from planners.placing.locations import rotated, stand_at
-from planners.planner import Planner, clearance_floor, solve, warmup
+from planners.planner import Planner, clearance_floor, lower_bound, solve, warmup
 from planners.scene import Body, HeldObject, RobotState, Scene, SceneError
 from planners.scene.bodies import release_pitch
 from planners.scene.cover import BACK, drive_out, heading, is_covered
@@ -53,6 +54,7 @@ from planners.symbolic.problem import (
     format_plan,
 )
 from planners.symbolic.transitions import applicable_actions, apply_action
+from planners.tamp.joint_trajectory import JointTrajectory
 from planners.tamp.motion_layer import MotionLayer
 from planners.tamp.plan_file import PlanFileError
 from planners.tamp.solution import BoundAction, Infeasible, Solution
@@ -89,6 +91,8 @@ __all__ = [
     "GroundAction",
     "HeldObject",
     "Infeasible",
+    "JointTrajectory",
+    "LowerBound",
     "MonitorConfig",
     "MotionLayer",
     "NoPath",
@@ -134,6 +138,7 @@ __all__ = [
     "held_object",
     "is_covered",
     "label_of",
+    "lower_bound",
     "map_parameters",
     "plan_contact",
     "release_pitch",

@@ -82,6 +82,15 @@ class Region:
         """World points (..., 2) [m] in the frame of its centre."""
         return np.asarray((np.asarray(points, dtype=float) - self.centre) @ self._axes)
 
+    def contains_points(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """Which world points (..., 2) [m] lie in it: (...)."""
+        return np.asarray((np.abs(self.local(points)) <= self.half_extents).all(axis=-1))
+
+    def touches_disc(self, points: ArrayLike, radius: float) -> NDArray[np.bool_]:
+        """Whether discs of that radius [m] at world points (..., 2) overlap it: (...)."""
+        away = np.maximum(np.abs(self.local(points)) - self.half_extents, 0.0)
+        return np.asarray(np.hypot(away[..., 0], away[..., 1]) < radius)
+
     def contains(self, body: Body, margin: float = EDGE) -> bool:
         """Whether the footprint of an object lies within it, but for `margin` [m]."""
         half = np.array(self.half_extents) + margin
@@ -343,9 +352,10 @@ class Goal:
         ends = [*self.held, *(fact.object for fact in self.placed)]
         if twice := sorted({name for name in ends if ends.count(name) > 1}):
             raise GoalError(f"an object can be held or placed once only; the goal says where twice: {', '.join(twice)}")
-        if len(self.held) > len(scene.robot.acting_arms):
-            arms = len(scene.robot.acting_arms)
-            raise GoalError(f"{len(self.held)} objects to hold, but {scene.robot.name!r} acts with {arms} of its arms")
+        if len(self.held) > 1:
+            raise GoalError(
+                f"{len(self.held)} objects to hold ({', '.join(self.held)}); at the end of a plan one can be"
+            )
         places = {fact.object: _place_of(fact) for fact in self.placed}
         for name, place in places.items():
             if place in self.cleared or (place in region_names(scene) and _lies_on(scene, place, self.cleared)):

@@ -10,11 +10,13 @@ import numpy as np
 from assets.robots import FETCH, RobotSpec
 from assets.robots import robot as find_robot
 from planners.cause import Cause
+from planners.clearing.goal_bound import LowerBound, fewest_picks
 from planners.clearing.lower_bound import MAX_EXPANSIONS, ClearanceFloor, smallest_set
 from planners.clock import NO_DEADLINE, Deadline, cpu_seconds
 from planners.collision.ground_map import GroundMap
 from planners.collision.world import CompiledScenes, validate
 from planners.context import PlanningContext, check_arms
+from planners.goals import Goal, holding
 from planners.grasping.grasp_poses import Grasps, find_grasp_set
 from planners.motion.base import BaseRoadmap
 from planners.motion.path import on_base
@@ -33,7 +35,7 @@ from planners.warming import warm_once
 
 def solve(
     scene: Scene,
-    target: str,
+    goal: str | Goal,
     strategy: str | Strategy = "lookahead",
     rng: np.random.Generator | None = None,
     time_limit: float | None = None,
@@ -42,11 +44,11 @@ def solve(
     supports: Supports = None,
     hold_aside: bool = False,
 ) -> Solution | Infeasible:
-    """Plan to take `target` out of the clutter.
+    """Plan for a goal: to take an object out of the clutter, or to put objects where they are wanted.
 
     Args:
         scene: the world, the robot in its home configuration; an object may be held.
-        target: name of the object wanted.
+        goal: name of the object to take, a `planners.goals.Goal`, or its PDDL text.
         strategy: "lookahead" (default), "ngr" (Lee & Kim 2019), "dogar", "srivastava", or a `Strategy`.
         rng: for sampling; the same generator state gives the same plan. Seed 0 if not given.
         time_limit: [s] of wall time, None for none. It ends a solve: with the best plan of the attempts made by then,
@@ -55,7 +57,7 @@ def solve(
         grasps: the grasp set to choose from: "side" (level; the paper's experiment), "tilted", "top", "all", or a tuple
             of `GraspFamily`. Refusals hold for this grasp set, and name it.
         supports: where objects may be put: names of the scene's supports, "all" that it declares, or None: with side
-            grasps the first alone, R_plane of the paper, with other grasp sets all.
+            grasps the first alone, R_plane of the paper, with other grasp sets all. What the goal names is allowed.
         hold_aside: of a robot that acts with several arms: whether one may hold an obstacle while another one takes the
             target. The paper forbids it: there every obstacle is put down.
 
@@ -64,6 +66,7 @@ def solve(
 
     Raises:
         UnknownObject: no object of that name.
+        GoalError: the goal means nothing in the scene, or contradicts itself.
         UnknownStrategy: neither the name of a strategy nor a `Strategy`.
         TimeLimitError: the time limit is not a number, or is negative.
         UnknownGraspSet: neither the name of a grasp set nor families.
@@ -72,7 +75,26 @@ def solve(
         ArmsError: `hold_aside` with a robot that acts with one arm.
     """
     planner = Planner(_robot_of(scene), grasps=grasps, supports=supports, hold_aside=hold_aside)
-    return planner.solve(scene, target, strategy, rng, time_limit)
+    return planner.solve(scene, goal, strategy, rng, time_limit)
+
+
+def lower_bound(scene: Scene, goal: str | Goal, expansions: int = MAX_EXPANSIONS, *, grasps: str = "all") -> LowerBound:
+    """The fewest picks of any plan for a goal, for one grasp set, what must be put aside and picked again among them.
+
+    It holds for the grasps of that set, and for the base poses and arm configurations that all strategies choose from.
+
+    Args:
+        scene: as for `solve`.
+        goal: as for `solve`.
+        expansions: search nodes after which the proof is given up.
+        grasps: as for `solve`.
+
+    Raises:
+        UnknownObject: no object of that name.
+        GoalError: the goal means nothing in the scene, or contradicts itself.
+        UnknownGraspSet: no grasp set of that name.
+    """
+    return Planner(_robot_of(scene), grasps=grasps).lower_bound(scene, goal, expansions)
 
 
 def clearance_floor(
@@ -154,20 +176,30 @@ class Planner:
     def solve(
         self,
         scene: Scene,
-        target: str,
+        goal: str | Goal,
         strategy: str | Strategy = "lookahead",
         rng: np.random.Generator | None = None,
         time_limit: float | None = None,
     ) -> Solution | Infeasible:
-        """Plan to take `target`; see the function `solve`."""
-        _robot_of(scene)
-        scene.index(target)
+        """Plan for a goal; see the function `solve`."""
+        wanted = _goal_in(scene, goal)
         chosen = find_strategy(strategy)
         deadline = warm_once(self.robot, self.follower, self._exercise, Deadline.after(time_limit))
         if deadline.is_over:
             detail = "the time was up before planning began; planners.warmup() loads what a solve needs beforehand"
-            return Infeasible(Cause.TIME_LIMIT, detail, target=target, strategy=chosen)
-        return self._solve(scene, target, chosen, rng or np.random.default_rng(0), deadline)
+            return Infeasible(Cause.TIME_LIMIT, detail, target=wanted.target, strategy=chosen, goal=wanted)
+        return self._solve(scene, wanted, chosen, rng or np.random.default_rng(0), deadline)
+
+    def lower_bound(self, scene: Scene, goal: str | Goal, expansions: int = MAX_EXPANSIONS) -> LowerBound:
+        """The fewest picks for a goal; see the function `lower_bound`."""
+        wanted = _goal_in(scene, goal)
+        self.warmup()
+        grasps = PlanningContext.of(self.robot, scene, grasps=self.grasps).grasps()
+
+        def blockers(name: str) -> list[int]:
+            return [grasp.blockers for grasp in grasps.for_object(scene, name)]
+
+        return fewest_picks(scene, wanted, blockers, buffers=not self.hold_aside, expansions=expansions)
 
     def clearance_floor(self, scene: Scene, target: str, expansions: int = MAX_EXPANSIONS) -> ClearanceFloor:
         """The minimum number of clearances; see the function `clearance_floor`."""
@@ -211,13 +243,13 @@ class Planner:
         """Run what a solve runs; the task planner may be the user's own, so another one takes its place."""
         planner = replace(self, engine="astar", grasps="side", supports=None)
         for name in ("lookahead", "ngr"):
-            planner._solve(scene, target, STRATEGIES[name], np.random.default_rng(0), NO_DEADLINE)
+            planner._solve(scene, holding(target), STRATEGIES[name], np.random.default_rng(0), NO_DEADLINE)
         # A drive that no solve in an open scene needs.
         X, world = on_base([scene.state.base, scene.state.base - 0.3], scene.state.q), CompiledScenes().world(scene)
         BaseRoadmap(GroundMap(scene)).search(world, X, 0.0, None, np.random.default_rng(0))
 
     def _solve(
-        self, scene: Scene, target: str, strategy: Strategy, rng: np.random.Generator, deadline: Deadline
+        self, scene: Scene, goal: Goal, strategy: Strategy, rng: np.random.Generator, deadline: Deadline
     ) -> Solution | Infeasible:
         """Run Algorithm 1 several times, with other random choices, until another attempt could do no better."""
         started, compiled = cpu_seconds(), CompiledScenes()
@@ -230,11 +262,12 @@ class Planner:
         for attempt, chosen in enumerate([*first, *[context] * strategy.attempts]):
             draws = np.random.default_rng(attempt) if self.canonical else rng
             before = draws.bit_generator.state
+            bound = outcomes[-1].bound if outcomes and isinstance(outcomes[-1], Solution) else None
             # Where motions are shortened, MuJoCo checks them once, afterwards: it hardly ever refutes one.
             for checks_at_end in (True, False) if chosen.shortens else (False,):
                 draws.bit_generator.state = before
                 layer = MotionLayer(chosen, draws, compiled, deadline, checks_at_end)
-                search = Search(target, strategy, self._task_planner, layer, hold_aside=self.hold_aside)
+                search = Search(goal, strategy, self._task_planner, layer, self.hold_aside, bound)
                 outcome = task_and_motion_plan(search, scene)
                 if not layer.is_refuted:
                     break
@@ -254,13 +287,26 @@ def _robot_of(scene: Scene) -> RobotSpec:
     return scene.robot
 
 
+def _goal_in(scene: Scene, goal: str | Goal) -> Goal:
+    """A goal that means something in a scene; raises `UnknownObject` or `GoalError`."""
+    _robot_of(scene)
+    wanted = Goal.of(goal)
+    if wanted.target:
+        scene.index(wanted.target)
+    wanted.check(scene)
+    return wanted
+
+
 def is_final(outcome: Solution | Infeasible, near_home: bool) -> bool:
     """Whether another attempt could do no better.
 
-    A plan that clears an object twice can be improved on. A refusal cannot if it follows from all grasps, as it does
-    with two of the causes; configurations near home only are not all. At a limit there is no time for another attempt.
+    A plan that clears an object twice, or for a goal with places picks more often than the lower bound, can be improved
+    on. A refusal cannot if it follows from all grasps, as it does with two of the causes; configurations near home only
+    are not all. At a limit there is no time for another attempt.
     """
     if isinstance(outcome, Solution):
+        if outcome.bound is not None:
+            return outcome.picks <= outcome.bound.least
         return not outcome.duplicated
     is_over = outcome.cause in (Cause.TIME_LIMIT, Cause.NO_WAY_FOR_BASE)
     return (outcome.cause.lies_in_grasps and not near_home) or is_over
@@ -278,7 +324,7 @@ def best_outcome(
     """
     plans = [outcome for outcome in outcomes if isinstance(outcome, Solution)]
     if plans:
-        return min(plans, key=lambda plan: (len(plan.duplicated), len(plan.clearances)))
+        return min(plans, key=lambda plan: (len(plan.duplicated), len(plan.clearances), plan.picks))
     refusals = [outcome for outcome in outcomes if isinstance(outcome, Infeasible)]
     last = refusals[-1]
     is_cut_short = last.cause is Cause.TIME_LIMIT or (deadline.is_over and not is_proved)

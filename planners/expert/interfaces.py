@@ -36,7 +36,8 @@ class ControlledEnv(Protocol):
             `ee_action`.
         object_names: of the bodies that the robot may move, in the order of the bodies of `model`.
         support_name: of the geom on whose top face the objects stand.
-        target: name of the object to retrieve; raises a ValueError before the environment's first `reset`.
+        target: name of the object to retrieve, unless the environment has a `goal`, a `planners.goals.Goal`, and the
+            `regions` that it names; raises a ValueError before the environment's first `reset`.
         lift_height: [m] between the support that the target stood on and its lowest point, from which it counts as
             lifted.
     """
@@ -79,13 +80,19 @@ class ScenePlanner(Protocol):
     """A planner that the expert can use, such as `planners.Planner`."""
 
     def solve(
-        self, scene: Scene, target: str, strategy: Strategy, rng: np.random.Generator, time_limit: float | None, /
+        self,
+        scene: Scene,
+        goal: Any,
+        strategy: Strategy,
+        rng: np.random.Generator,
+        time_limit: float | None,
+        /,
     ) -> Solution | Infeasible:
-        """Plan to take an object.
+        """Plan for a goal.
 
         Args:
             scene: the world; an object may be in the gripper.
-            target: name of the object to take.
+            goal: name of the object to take, or a `planners.goals.Goal` if it is anything else.
             strategy: how to clear.
             rng: for sampling.
             time_limit: [s] of wall time, None for none.

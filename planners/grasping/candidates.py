@@ -162,6 +162,17 @@ class GraspCandidates:
             self._merged[name] = merged, by_arm
         return merged
 
+    def of_all_families(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
+        """Grasps of that object of all families, best first: others may fit the place where it is to be put."""
+        self.for_object(scene, name)
+        for view in self._views_of(scene).values():
+            key, body = (view.robot.arm_name, name), view.body(name)
+            known = self._known[key]
+            for stage in known.unseen:
+                known = known._replace(candidates=best_first((*known.candidates, *self._of_stage(view, body, stage))))
+            self._known[key] = known._replace(unseen=())
+        return self.for_object(scene, name)
+
     def from_base(self, scene: Scene, name: str, base: Array) -> tuple[GraspCandidate, ...]:
         """Grasps of that object from one base pose (3,), fewest blockers first; of each arm's first family."""
         self.for_object(scene, name)

@@ -11,11 +11,14 @@ from numpy.typing import NDArray
 
 from planners.cause import Cause
 from planners.clearing.commitments import ClearingProblem, Commitments, NoCommitment
+from planners.clearing.goal_bound import LowerBound, fewest_picks
+from planners.clearing.goal_plan import goal_plan, placements_of
 from planners.clearing.lookahead import ClearancePlan, commitments_for
 from planners.clearing.non_monotone import non_monotone_plan
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import CollisionWorld, CompiledScenes
 from planners.context import PlanningContext
+from planners.goals import Goal
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.motion.approaches import fewest_blockers, planned_approach, stand_off
 from planners.motion.arm import is_among_objects, is_at_home, plan_home
@@ -27,7 +30,8 @@ from planners.motion.pick_and_place import PickPlaceMotion, plan_pick, plan_plac
 from planners.motion.tcp_following import follow
 from planners.motion.timing import drive_trajectory, pick_trajectory, place_trajectory
 from planners.motion.trajectory import Trajectory, is_contact, join, phases_of
-from planners.placing.placements import Placement, PlacementSearch
+from planners.placing.goal_places import placed_fact, reserved_regions
+from planners.placing.placements import Placement, PlacementSearch, with_lowered
 from planners.placing.surfaces import KeepClear, Surface
 from planners.scene import RobotState, Scene
 from planners.scene.cover import is_covered
@@ -129,6 +133,36 @@ class MotionLayer:
                 return replace(found, cause=Cause.NO_WAY_FOR_BASE)
         # If motion planning refuted grasps, it is not the grasps alone that leave no commitments.
         return replace(found, cause=Cause.MOTION) if self.has_refuted and found.cause.lies_in_grasps else found
+
+    def plan_goal(
+        self, strategy: Strategy, scene: Scene, goal: Goal, start: Scene, not_placed: frozenset[str]
+    ) -> ClearancePlan | NoCommitment:
+        """The moves for a goal with places; see `planners.clearing.goal_plan.goal_plan`."""
+        return goal_plan(self._problem(strategy, scene), goal, start, not_placed)
+
+    def goal_placements(
+        self, scene: Scene, goal: Goal, keep_clear: KeepClear, strategy: Strategy, plan: ClearancePlan
+    ) -> Iterator[Placement]:
+        """Placements of the held object, as it is planned to be moved for a goal: the one planned, then others."""
+        assert scene.held is not None
+        name = scene.held.name
+        fact = placed_fact(goal, name) if name in plan.general else None
+        keep = replace(keep_clear, reserved=reserved_regions(scene, goal, name if name in plan.general else ""))
+        waiting = plan.commitments.grasps
+        others = placements_of(self._problem(strategy, scene), goal, scene, fact, keep, waiting)
+        return itertools.islice(itertools.chain((plan.placements[name],), others), strategy.placements)
+
+    def lower_bound(self, scene: Scene, goal: Goal, buffers: bool) -> LowerBound:
+        """The fewest picks for a goal, by the grasps known here."""
+
+        def blockers(name: str) -> list[int]:
+            return [grasp.blockers for grasp in self.candidates.for_object(scene, name)]
+
+        return fewest_picks(scene, goal, blockers, buffers=buffers, deadline=self.deadline)
+
+    def _problem(self, strategy: Strategy, scene: Scene) -> ClearingProblem:
+        search, rng, deadline = self.placement_search, self.rng, self.deadline
+        return ClearingProblem(self.candidates, search, scene, "", strategy, rng, deadline)
 
     def _reject(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Add to a grasp that is not usable what is in the way of its straight lines, or do not offer it again."""
@@ -256,6 +290,7 @@ class MotionLayer:
         """Put the held object down as planned."""
         assert scene.held is not None
         world, held, start = self.compiled.world(scene), scene.held, np.concatenate((scene.state.base, scene.state.q))
+        world = with_lowered(world, placement.below) if placement.below else world
         for _ in range(_TRIES):
             motion = plan_place(world, placement.base, start, placement.q, held, rng=self.rng, find_blockers=False)
             if not isinstance(motion, PickPlaceMotion):
@@ -287,12 +322,13 @@ class MotionLayer:
         state = RobotState(bound.scene.state.base, followed.end, bound.scene.state.finger_position)
         return replace(bound, scene=bound.scene.with_state(state))
 
-    def shortened(self, actions: Sequence[BoundAction]) -> tuple[BoundAction, ...]:
+    def shortened(self, actions: Sequence[BoundAction], end: Scene) -> tuple[BoundAction, ...]:
         """The same plan in less time: what its actions do between two contacts becomes one motion, where one is free.
 
         Actions keep their names, their order and their phases; where one ends and the next begins, the robot no longer
-        rests.
+        rests. `end` is the scene after them.
         """
+        scenes = [*(action.scene for action in actions[1:]), end]
         parts = [(index, phase) for index, action in enumerate(actions) for phase in phases_of(action.trajectory)]
 
         def kind(part: tuple[int, Trajectory]) -> tuple[str, bool]:
@@ -306,7 +342,11 @@ class MotionLayer:
             phases = [phase for _, phase in run]
             if not in_contact[k]:
                 before, after = k > 0 and in_contact[k - 1], k + 1 < len(runs) and in_contact[k + 1]
-                scene = actions[run[-1][0]].scene
+                last, after_last = actions[run[-1][0]], scenes[run[-1][0]]
+                scene = last.scene
+                if last.is_clearance and before and run[0][0] == run[-1][0]:
+                    # Nothing follows the release with this arm: what it has put down stands there.
+                    scene = scene.with_held(None).with_body(after_last.body(last.target))
                 found = merge_phases(self.compiled.world(scene), phases, before, after)
                 if found is not None and self.is_accepted(scene, [join(found)]):
                     phases = found

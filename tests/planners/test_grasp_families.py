@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from assets import FETCH, PR2
+from assets import FETCH, PR2, RobotSpec
 from planners import SIDE, Cause, GraspFamily, Infeasible, Planner, Scene, Solution, clearance_floor, solve
 from planners.grasping.grasp_poses import (
     GRASP_SETS,
@@ -27,7 +27,9 @@ STEEP = GraspFamily("steep", math.radians(70), directions=8, depth=0.03)
 @pytest.mark.parametrize("pitch", [0.0, 1e-9, math.radians(30), math.pi / 2])
 @pytest.mark.parametrize("depth", [0.0, 0.01, 0.05])
 @pytest.mark.parametrize("robot", [FETCH, PR2], ids=lambda robot: robot.name)
-def test_a_family_of_any_pitch_and_depth_holds_the_object_with_half_a_pad_at_least(robot, pitch, depth) -> None:  # type: ignore[no-untyped-def]
+def test_a_family_of_any_pitch_and_depth_holds_the_object_with_half_a_pad_at_least(
+    robot: RobotSpec, pitch: float, depth: float
+) -> None:
     body = cylinder("a", 0.0, 0.0)
     grasps = generate_grasps(body, robot, (GraspFamily("own", pitch, depth=depth),))
     assert grasps

@@ -29,6 +29,7 @@ def test_endurance_names_the_episode_of_every_warning(monkeypatch: pytest.Monkey
 
     monkeypatch.setattr(RetrieveEnv, "step", reset_then_explode)
     monkeypatch.setattr(soak, "EPISODE_STEPS", 1)
+    monkeypatch.setattr(soak, "SKILL_IDS", ())
     result = run_endurance(60, seed=0, report=done.append)
     left_out = 4  # o60 does not fit the layout "dense", nor o40, o50 and o60 the layout "cabinet"
     assert result.steps == sum(done) == 2 * (len(LAYOUTS) * len(IDS) - left_out)
