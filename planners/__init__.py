@@ -7,9 +7,9 @@ Example:
 A strategy and a task planner of your own are passed as objects: a `Strategy`, anything with the `TaskPlanner` protocol.
 """
 
+from irm.gjk import CYLINDER
 from planners.cause import Cause
 from planners.clearing.lower_bound import ClearanceFloor
-from planners.collision.gjk import CYLINDER
 from planners.collision.scene_arrays import GeometryError, RobotArrays, robot_arrays
 from planners.collision.world import CollisionWorld
 from planners.contact import Contact, StepLabel, contact_of, contacts, label_of

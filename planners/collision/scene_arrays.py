@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
 from irm.chain import BASE, ArmChain, link_of_body
+from irm.gjk import BOX, CYLINDER, ELLIPSOID, HULL, Solids
 from irm.ik.solvers import SolverArrays, solver_arrays
 from irm.kinematics import link_frames
-from planners.collision.gjk import BOX, CYLINDER, ELLIPSOID, HULL, Solids
 from planners.scene import AsideObject, Body, Scene, StaticObstacle
 
 Array = NDArray[np.float64]
