@@ -1,6 +1,6 @@
 """An arm on its base as arrays for kernels: from a robot, an MJCF or a URDF file.
 
-Robots offer the data of `Robot`; irm knows none by name or by type. This module needs neither the simulator nor numba.
+Robots offer the data of `Robot`; irm knows none by name or by type. This module does not need the simulator.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from irm.errors import ChainError
 from irm.rotations import frame_along
+from irm.shapes import BASE as BASE
+from irm.shapes import NO_SHAPES, Shapes
 
 if TYPE_CHECKING:
     import mujoco
@@ -23,8 +25,6 @@ Floats = NDArray[np.float64]
 PRISMATIC = 3
 """Added to the axis number (x 0, y 1, z 2) of a joint that slides along its axis."""
 Integers = NDArray[np.int64]
-BASE = -1
-"""Link number of what is fixed to the base; 0 is the torso with the head, 1 … n are the links of the arm."""
 FETCH_AXES = (2 + PRISMATIC, 2, 1, 0, 1, 0, 1, 0)
 _FULL_TURN_ROUNDING = 1e-4
 """[rad] A joint range shorter than a full turn by less counts as unlimited: model files have rounded numbers."""
@@ -100,6 +100,10 @@ class Robot(Hashable, Protocol):
         """Folder of maps that come with the robot, or None."""
 
     @property
+    def shapes(self) -> Shapes:
+        """Its collision shapes."""
+
+    @property
     def mjcf_path(self) -> Path:
         """Its MJCF file."""
 
@@ -132,7 +136,7 @@ class ArmChain:
         lower, upper: (1 + n,) joint limits [m], [rad].
         tip: (3,) TCP in the last link's frame [m]; (12,) with its orientation, as in `offsets`.
         joints: (1 + n) names, "" for an arm without a lift.
-        self_collisions: pairs of bodies of the model that may collide with each other, by their names.
+        shapes: collision shapes of the whole robot; none for an arm of which only the joints are known.
         home_torso: torso height of a map whose torso does not move [m].
         links: (7,) lengths for `irm.ik.closed_form`; empty for arms without the structure of Fetch's.
     """
@@ -144,7 +148,7 @@ class ArmChain:
     upper: Floats
     tip: Floats
     joints: tuple[str, ...] = ()
-    self_collisions: tuple[tuple[str, str], ...] = ()
+    shapes: Shapes = NO_SHAPES
     home_torso: float = 0.0
     links: Floats = field(default_factory=lambda: np.empty(0))
 
@@ -208,7 +212,8 @@ class ArmChain:
             upper,
             tip,
             tuple(link.joint for link in robot.chain),
-            home_torso=float(robot.home[0]),
+            robot.shapes,
+            float(robot.home[0]),
         )
         if robot.closed_form_ik not in ("", "fetch"):
             raise ChainError(f"{chain.robot}: no closed form {robot.closed_form_ik!r}; known: 'fetch', or '' for none")
@@ -252,7 +257,7 @@ class ArmChain:
     def from_urdf(path: str | Path, base: str, tip: str, approach: str = "x") -> ArmChain:
         """The chain of such an arm in a URDF file; arguments, names of links, and errors as of `from_mjcf`.
 
-        Meshes are not read, so their files may be missing, and `self_collisions` counts the other shapes alone.
+        Meshes are not read, so their files may be missing, and `shapes` are the other shapes alone.
         """
         from irm.model_reading import load_urdf, read_arm  # see `from_mjcf`
 

@@ -100,11 +100,13 @@ def _nothing(status: Status, positions: int) -> BasePlacement:
 
 
 class _Found(NamedTuple):
-    """k bases: `rows` (k, 5) of x, y, yaw, smallest μ, certain; `torsos` and approach `yaws` (k, m)."""
+    """k bases: `rows` (k, 5) of x, y, yaw, smallest μ, certain; `torsos` and approach `yaws` (k, m); and, of exact
+    answers, the `configurations` (k, m, 1 + n)."""
 
     rows: Floats
     torsos: Floats
     yaws: Floats
+    configurations: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,12 +136,12 @@ class _Search:
             kept = self._decided(found)
             if len(kept.rows) < len(found.rows):  # some were dropped: others may take their places
                 kept = self._decided(self._common_bases(k + SPARE_BASES))
-            found = _Found(*(column[:k] for column in kept))
+            found = _Found(*(column[:k] for column in kept))  # type: ignore[index]  # all four are arrays now
         if len(found.rows):
             status = Status.YES if found.rows[:, 4].any() else Status.UNKNOWN
         else:
             status = Status.NO if self._is_out_of_reach() else Status.UNKNOWN
-        return BasePlacement.of_multi_rows(*found, status)
+        return BasePlacement.of_multi_rows(*found[:3], status, found.configurations)
 
     def find_clear_of(self, solids: SolidBoxes, pivots: Floats) -> BasePlacement:
         """The same at those turns at which gripper and wrist are in no solid box.
@@ -188,12 +190,15 @@ class _Search:
         return _Found(rows[:found], torsos[:found, back], yaws[:found, back] + key.yaw_shift)
 
     def _decided(self, found: _Found) -> _Found:
-        """Those of the bases that may reach all positions, with exact torso heights and certainty."""
+        """Those of the bases that may reach all positions, with exact configurations, their μ, and certainty."""
         points = self.points[self._turn_numbers(found.yaws[:, self.reference])]
-        may_reach, certain, torso = self.table.decide(found.rows[:, :3], points, found.yaws, self.options)
+        decided = self.table.decide(found.rows[:, :3], points, found.yaws, self.options)
+        certain, q = decided.certain, decided.configurations
         found.rows[:, 4] = certain
-        found.torsos[certain] = torso[certain]
-        return _Found(*(column[may_reach] for column in found))
+        found.rows[certain, 3], found.torsos[certain] = decided.mu[certain], q[certain][..., 0]
+        kept = np.flatnonzero(decided.may_reach)
+        order = kept[np.lexsort((-found.rows[kept, 3], -found.rows[kept, 4]))]
+        return _Found(found.rows[order], found.torsos[order], found.yaws[order], q[order])
 
     def _turn_numbers(self, yaws: Floats) -> NDArray[np.int64]:
         """(k,) which of the turns belong to the approach yaws (k,) of the reference."""

@@ -106,19 +106,21 @@ class InverseReachabilityMap:
         if key is None or space.is_empty:
             return BasePlacement.nothing(Status.NO)
         place = TcpPlace(key.number, point[0], point[1], key.height_offset, key.exact)
-        window = yaw_window(grid, key, bounds, options.yaw_step)
+        window, configurations = yaw_window(grid, key, bounds, options.yaw_step), None
         if table.is_exact_wanted(options, by_default=False):
             # If none of the bases reaches, more of them are tried, closer together.
             tries = ((options.k + SPARE_BASES, options.separation), (options.k + _CLOSE_BASES, 0.0))
             for count, separation in tries:
                 rows = self._best_bases(place, window, space, count, separation)
-                rows = rows[self._decide(rows, np.tile(point, (len(rows), 1)), options)][: options.k]
+                kept, configurations = self._decide(rows, np.tile(point, (len(rows), 1)), options)
+                best = np.flatnonzero(kept)[np.lexsort((-rows[kept, 4], -rows[kept, 6]))][: options.k]
+                rows, configurations = rows[best], configurations[best]
                 if rows[:, 6].any():
                     break
         else:
             rows = self._best_bases(place, window, space, options.k, options.separation)
         if len(rows):
-            return BasePlacement.of_rows(rows)
+            return BasePlacement.of_rows(rows, configurations)
         possible = table.may_exist(point, options.pitch, key, bounds, space)
         return BasePlacement.nothing(Status.UNKNOWN if possible else Status.NO)
 
@@ -220,21 +222,25 @@ class InverseReachabilityMap:
             best_bases(self.tiles, place, window, space.raster, apart, rows, progress)
         return rows[: progress[0]]
 
-    def _decide(self, rows: Floats, points: Floats, options: QueryOptions) -> NDArray[np.bool_]:
-        """Whether the bases of rows (m, 7) may reach their points (m, 3); sets exact torso heights and certainty."""
-        may_reach, certain, torso = self._table.decide(rows[:, :3], points[:, None], rows[:, 3, None], options)
+    def _decide(self, rows: Floats, points: Floats, options: QueryOptions) -> tuple[NDArray[np.bool_], Floats]:
+        """Whether the bases of rows (m, 7) may reach their points (m, 3), and the configurations (m, 1 + n) that do.
+
+        Sets μ, torso heights and certainty of the rows to those of the configurations.
+        """
+        decided = self._table.decide(rows[:, :3], points[:, None], rows[:, 3, None], options)
+        certain, configurations = decided.certain, decided.configurations[:, 0]
         rows[:, 6] = certain
-        rows[certain, 5] = torso[certain, 0]
-        return may_reach
+        rows[certain, 4], rows[certain, 5] = decided.mu[certain], configurations[certain, 0]
+        return decided.may_reach, configurations
 
     def _decide_batch(self, rows: Floats, counts: Integers, points: Floats, options: QueryOptions) -> None:
         """Decide the bases (n, k, 7) of a batch exactly, in place; those that do not reach are dropped."""
         rank = np.arange(options.k)
         kept = rank < counts[:, None]
         found, some = rows[kept], points[np.nonzero(kept)[0]]
-        kept[kept] = self._decide(found, some, options)
+        kept[kept] = self._decide(found, some, options)[0]
         rows[rank < counts[:, None]] = found
-        order = np.argsort(np.logical_not(kept), axis=1, kind="stable")
+        order = np.lexsort((-rows[..., 4], -rows[..., 6], ~kept), axis=1)
         rows[:] = np.take_along_axis(rows, order[..., None], axis=1)
         counts[:] = kept.sum(axis=1)
         rows[rank >= counts[:, None]] = (*[np.nan] * 6, 0.0)
@@ -273,9 +279,9 @@ class ClassicalInverseReachabilityMap:
     """
 
     def __init__(self, reachability_map: ReachabilityMap) -> None:
-        self.reachability_map = reachability_map
-        T = _inverse_transforms(reachability_map)
-        self._blocks = [np.ascontiguousarray(T[:, k : k + _BLOCK]) for k in range(0, len(reachability_map), _BLOCK)]
+        self.reachability_map = rm = reachability_map.subset(reachability_map.manipulability > 0)
+        T = _inverse_transforms(rm)
+        self._blocks = [np.ascontiguousarray(T[:, k : k + _BLOCK]) for k in range(0, len(rm), _BLOCK)]
 
     def __len__(self) -> int:
         return len(self.reachability_map)

@@ -23,6 +23,7 @@ from irm.answers import NO, YES
 from irm.errors import QueryError
 from irm.free_space import FreeSpace
 from irm.ik.solvers import ExactSolver
+from irm.kinematics import manipulabilities
 from irm.query_kernels import (
     PARTS,
     RADIUS_STEP,
@@ -64,6 +65,19 @@ class GroupField(NamedTuple):
     z0: float
     voxel: float
     thickness: float
+
+
+class Decided(NamedTuple):
+    """Exact answers for k bases, with m TCP poses of each.
+
+    `may_reach` (k,): false where a pose is certainly out of reach; `certain` (k,): whether a configuration is known for
+    all; these `configurations` (k, m, 1 + n), NaN where there is none; and the smallest `mu` (k,) of theirs.
+    """
+
+    may_reach: NDArray[np.bool_]
+    certain: NDArray[np.bool_]
+    configurations: Floats
+    mu: Floats
 
 
 class InverseTable:
@@ -158,9 +172,7 @@ class InverseTable:
             return by_default and chain is not None and chain.has_closed_form
         return options.exact
 
-    def decide(
-        self, bases: Floats, points: Floats, yaws: Floats, options: QueryOptions
-    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Floats]:
+    def decide(self, bases: Floats, points: Floats, yaws: Floats, options: QueryOptions) -> Decided:
         """Exact answers for k bases and m TCP poses of each.
 
         Args:
@@ -168,20 +180,17 @@ class InverseTable:
             points: (k, m, 3) TCP positions in the world [m].
             yaws: (k, m) approach yaws in the world [rad].
             options: with pitch and roll of the TCP.
-
-        Returns:
-            Whether each base may reach (k,): false where a pose is certainly out of reach; whether it certainly reaches
-            all poses (k,); and torso heights of configurations that reach (k, m), NaN where there is none [m].
         """
         T = np.zeros((*yaws.shape, 4, 4))
         T[..., :3, :3] = _about_z(yaws - bases[:, None, 2]) @ rotation(0.0, options.pitch, options.roll)
         offset = points - np.concatenate([bases[:, None, :2], np.zeros((len(bases), 1, 1))], axis=2)
         T[..., :3, 3] = np.einsum("kij,kmj->kmi", _about_z(-bases[:, 2]), offset)
         T[..., 3, 3] = 1.0
-        answers, configurations = self._solver.solve(T.reshape(-1, 4, 4))
-        answers = answers.reshape(yaws.shape)
-        torso = configurations[:, 0].reshape(yaws.shape)
-        return np.all(answers != NO, axis=1), np.all(answers == YES, axis=1), torso
+        answers, q = self._solver.solve(T.reshape(-1, 4, 4))
+        answers, mu = answers.reshape(yaws.shape), manipulabilities(self._solver.chain, q).reshape(yaws.shape)
+        return Decided(
+            np.all(answers != NO, axis=1), np.all(answers == YES, axis=1), q.reshape(*yaws.shape, -1), mu.min(axis=1)
+        )
 
     @cached_property
     def _solver(self) -> ExactSolver:
@@ -230,9 +239,10 @@ def invert_map(rm: ReachabilityMap) -> Tiles:
     voxel = voxel[order]
     by_voxel = _sorted_descending(voxel, bases[3])
     best: Integers = by_voxel[np.flatnonzero(np.diff(voxel[by_voxel], prepend=-1))]  # of each voxel
+    free = bases[3] > 0.0  # the others are in the tiles alone, where it is asked whether there is certainly no base
     base_first = np.searchsorted(key[order], np.arange(keys + 1))
     arrays = [*bases, rm.flags[order], *tiles, base_first]
-    rankings = [_ranking(some, key[order], keys, bases) for some in (np.arange(len(order)), best)]
+    rankings = [_ranking(some, key[order], keys, bases) for some in (np.flatnonzero(free), best[free[best]])]
     for array in (*arrays, *rankings[0], *rankings[1]):
         array.setflags(write=False)
     return Tiles._make([*arrays, *rankings, *grid.torso_range])
