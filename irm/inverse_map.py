@@ -12,10 +12,11 @@ from irm.answers import BasePlacement, PlacementBatch, Status
 from irm.common_bases import place_for_path, place_for_targets
 from irm.errors import QueryError
 from irm.free_space import FreeSpace
-from irm.inverse_table import SPARE_BASES, InverseTable
+from irm.inverse_table import SPARE_BASES, InverseTable, best_first
 from irm.query_kernels import SAME_PLACE, PlaceQueries, TcpPlace, Tiles, base_turns, best_bases, best_bases_batch
 from irm.query_keys import (
     FULL_TURN,
+    MOST_BASES,
     Key,
     QueryKeywords,
     QueryOptions,
@@ -112,9 +113,8 @@ class InverseReachabilityMap:
             tries = ((options.k + SPARE_BASES, options.separation), (options.k + _CLOSE_BASES, 0.0))
             for count, separation in tries:
                 rows = self._best_bases(place, window, space, count, separation)
-                kept, configurations = self._decide(rows, np.tile(point, (len(rows), 1)), options)
-                best = np.flatnonzero(kept)[np.lexsort((-rows[kept, 4], -rows[kept, 6]))][: options.k]
-                rows, configurations = rows[best], configurations[best]
+                kept, configurations = self._decide(rows, np.tile(point, (len(rows), 1)), options, options.k)
+                rows, configurations = rows[kept], configurations[kept]
                 if rows[:, 6].any():
                     break
         else:
@@ -222,23 +222,28 @@ class InverseReachabilityMap:
             best_bases(self.tiles, place, window, space.raster, apart, rows, progress)
         return rows[: progress[0]]
 
-    def _decide(self, rows: Floats, points: Floats, options: QueryOptions) -> tuple[NDArray[np.bool_], Floats]:
-        """Whether the bases of rows (m, 7) may reach their points (m, 3), and the configurations (m, 1 + n) that do.
-
-        Sets μ, torso heights and certainty of the rows to those of the configurations.
-        """
+    def _decide(
+        self, rows: Floats, points: Floats, options: QueryOptions, most: int = MOST_BASES
+    ) -> tuple[Integers, Floats]:
+        """Which of the bases of rows (m, 7) may reach their points (m, 3): `most` at most, the certain and best first;
+        and configurations (m, 1 + n) that do. Sets certainty, torso height and μ of the rows to those of these."""
         decided = self._table.decide(rows[:, :3], points[:, None], rows[:, 3, None], options)
-        certain, configurations = decided.certain, decided.configurations[:, 0]
+        certain, q = decided.certain, decided.configurations[:, 0].copy()
         rows[:, 6] = certain
-        rows[certain, 4], rows[certain, 5] = decided.mu[certain], configurations[certain, 0]
-        return decided.may_reach, configurations
+        kept = best_first(rows[:, 4], certain, decided.may_reach)[:most]
+        sure = kept[certain[kept]]
+        better, mu = self._table.improve(decided, sure, rows[sure, 5, None])
+        q[sure], rows[sure, 4], rows[sure, 5] = better[:, 0], mu[:, 0], better[:, 0, 0]
+        return kept[best_first(rows[kept, 4], certain[kept], np.ones(len(kept), dtype=bool))], q
 
     def _decide_batch(self, rows: Floats, counts: Integers, points: Floats, options: QueryOptions) -> None:
         """Decide the bases (n, k, 7) of a batch exactly, in place; those that do not reach are dropped."""
         rank = np.arange(options.k)
         kept = rank < counts[:, None]
         found, some = rows[kept], points[np.nonzero(kept)[0]]
-        kept[kept] = self._decide(found, some, options)[0]
+        may_reach = np.zeros(len(found), dtype=bool)
+        may_reach[self._decide(found, some, options)[0]] = True
+        kept[kept] = may_reach
         rows[rank < counts[:, None]] = found
         order = np.lexsort((-rows[..., 4], -rows[..., 6], ~kept), axis=1)
         rows[:] = np.take_along_axis(rows, order[..., None], axis=1)

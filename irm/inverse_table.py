@@ -23,7 +23,6 @@ from irm.answers import NO, YES
 from irm.errors import QueryError
 from irm.free_space import FreeSpace
 from irm.ik.solvers import ExactSolver
-from irm.kinematics import manipulabilities
 from irm.query_kernels import (
     PARTS,
     RADIUS_STEP,
@@ -71,13 +70,13 @@ class Decided(NamedTuple):
     """Exact answers for k bases, with m TCP poses of each.
 
     `may_reach` (k,): false where a pose is certainly out of reach; `certain` (k,): whether a configuration is known for
-    all; these `configurations` (k, m, 1 + n), NaN where there is none; and the smallest `mu` (k,) of theirs.
+    all; these `configurations` (k, m, 1 + n), NaN where there is none; and the poses, `T_base_tcp` (k, m, 4, 4).
     """
 
     may_reach: NDArray[np.bool_]
     certain: NDArray[np.bool_]
     configurations: Floats
-    mu: Floats
+    T_base_tcp: Floats
 
 
 class InverseTable:
@@ -187,15 +186,26 @@ class InverseTable:
         T[..., :3, 3] = np.einsum("kij,kmj->kmi", _about_z(-bases[:, 2]), offset)
         T[..., 3, 3] = 1.0
         answers, q = self._solver.solve(T.reshape(-1, 4, 4))
-        answers, mu = answers.reshape(yaws.shape), manipulabilities(self._solver.chain, q).reshape(yaws.shape)
-        return Decided(
-            np.all(answers != NO, axis=1), np.all(answers == YES, axis=1), q.reshape(*yaws.shape, -1), mu.min(axis=1)
-        )
+        answers = answers.reshape(yaws.shape)
+        configurations = q.reshape(*yaws.shape, self._solver.chain.size)
+        return Decided(np.all(answers != NO, axis=1), np.all(answers == YES, axis=1), configurations, T)
+
+    def improve(self, decided: Decided, rows: NDArray[np.int64], torsos: Floats) -> tuple[Floats, Floats]:
+        """The best configurations (r, m, 1 + n) of some bases near the map's torso heights (r, m) [m], and their μ."""
+        found = decided.configurations[rows]
+        T, n = decided.T_base_tcp[rows].reshape(-1, 4, 4), found.shape[-1]
+        q, mu = self._solver.improve(T, found.reshape(-1, n), torsos.reshape(-1))
+        return q.reshape(found.shape), mu.reshape(found.shape[:-1])
 
     @cached_property
     def _solver(self) -> ExactSolver:
         assert self.reachability_map.chain is not None
         return ExactSolver(self.reachability_map.chain, self.reachability_map.grid.torso_range)
+
+
+def best_first(mu: Floats, certain: NDArray[np.bool_], kept: NDArray[np.bool_]) -> Integers:
+    """Indices of those kept, the certain ones first, then by μ."""
+    return np.flatnonzero(kept)[np.lexsort((-mu[kept], ~certain[kept]))]
 
 
 def _about_z(angle: Floats) -> Floats:

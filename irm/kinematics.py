@@ -237,8 +237,3 @@ def manipulability(J: ArrayLike) -> float:
     matrix = np.ascontiguousarray(J, dtype=float)
     rows = matrix.shape[0]
     return float(condition(matrix, np.empty((rows, rows)), np.empty(rows), np.empty(rows)))
-
-
-def manipulabilities(chain: ArmChain, Q: Floats) -> Floats:
-    """μ of configurations (k, 1 + n): (k,), NaN for rows of NaN."""
-    return np.array([np.nan if np.isnan(q[0]) else manipulability(jacobian(chain, q)) for q in Q])

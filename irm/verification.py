@@ -350,7 +350,7 @@ class SelfCollision:
         self._chain, self._placed = chain_arrays(chain), make_placed(chain.shapes)
         self._shapes = chain.shapes
 
-    def __call__(self, _base: Floats, q: Floats) -> bool:
+    def __call__(self, _base: Floats | None, q: ArrayLike) -> bool:
         """Whether no pair of shapes touches in the configuration `q` (1 + n,); the base pose does not matter."""
         return bool(are_free(self._chain, self._shapes, self._placed, np.asarray(q, dtype=float)[None])[0])
 

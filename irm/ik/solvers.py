@@ -27,7 +27,7 @@ from irm.ik.numerical import random_seeds, refine
 from irm.ik.structure import ParallelArm, SphericalArm, find_structure
 from irm.ik.structured import parallel_excess, parallel_solutions, scan_free_joint, spherical_solutions
 from irm.kernel_arguments import leaf_kernel, pointer_to
-from irm.kinematics import fk_frames
+from irm.kinematics import arm_jacobian, condition, fk_frames
 from irm.shapes import CLEARANCE, Placed, Shapes, any_near, is_free, make_placed, place_shapes
 
 Floats = NDArray[np.float64]
@@ -50,6 +50,8 @@ _SEEDS = 200
 """Configurations from which an arm without a closed form is solved."""
 FREE_SEARCHES = ((0.05, 24), (0.015, 144))
 """Steps of the lift [m] and angles of the free joint at which a configuration free of self-collision is looked for."""
+IMPROVING_ANGLES = 72
+"""Angles of the free joint of which the best one is taken."""
 _EXACT = 1e-8
 """[rad] Solutions of an arm with less slack need no refinement."""
 
@@ -99,6 +101,20 @@ class ExactSolver:
                 status[n] = _find_free(self._arrays, shapes, self._placed, R, p, torsos[nearest], angles, q[n])
         q[status != YES] = np.nan
         return status, q
+
+    def improve(self, T_base_tcp: Floats, q: Floats, torsos: Floats) -> tuple[Floats, Floats]:
+        """Configurations of higher μ for poses (n, 4, 4), given one for each (n, 1 + dof), NaN for none.
+
+        Of free ones at the `torsos` (n,) [m] that are given, at `IMPROVING_ANGLES` angles of the free joint.
+
+        Returns:
+            (n, 1 + dof) the best of these and of those given, and (n,) their μ; NaN where none was given.
+        """
+        q, mu, angles = q.copy(), np.full(len(q), np.nan), free_angles(self.chain, IMPROVING_ANGLES)
+        for n in np.flatnonzero(~np.isnan(q[:, 0])):
+            R, p = T_base_tcp[n, :3, :3].copy(), T_base_tcp[n, :3, 3].copy()
+            mu[n] = _improve(self._arrays, self.chain.shapes, self._placed, R, p, float(torsos[n]), angles, q[n])
+        return q, mu
 
     def reach(self, T_base_tcp: Floats) -> tuple[NDArray[np.int8], Floats]:
         """The same without regard to self-collision."""
@@ -347,6 +363,28 @@ def _find_free(
                 continue
             break
     return UNKNOWN
+
+
+@njit(cache=True)
+def _improve(
+    arm: SolverArrays, shapes: Shapes, placed: Placed, R: Floats, p: Floats, torso: float, angles: Floats, q: Floats
+) -> float:
+    """μ of the best free configuration for a TCP pose at a torso height, or of `q` if it is better; it is then `q`."""
+    some, memory, n, chain = pointer_to(shapes), pointer_to(placed), q.shape[0], arm.chain
+    frames, origins, found = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((8, n))
+    J, A, d, e = np.empty((6, n - 1)), np.empty((6, 6)), np.empty(6), np.empty(6)
+    fk_frames(chain.offsets, chain.axes, chain.tip, q, frames, origins)
+    arm_jacobian(chain.axes, frames, origins, J)
+    best = condition(J, A, d, e)
+    for angle in angles:
+        for k in range(arm_solutions(arm, R, p, torso, angle, found)):
+            fk_frames(chain.offsets, chain.axes, chain.tip, found[k], frames, origins)
+            arm_jacobian(chain.axes, frames, origins, J)
+            mu = condition(J, A, d, e)
+            if mu > best and is_free(some, memory, frames, origins):
+                best = mu
+                q[:] = found[k]
+    return best
 
 
 @leaf_kernel

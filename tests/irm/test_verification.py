@@ -8,7 +8,7 @@ import pytest
 from irm.errors import QueryError
 from irm.kinematics import forward
 from irm.verification import LARGEST_STEP, NotVerified, SelfCollision, Verified, tcp_poses, verify
-from tests.irm.arms import CHAIN, PATH, arm_chain, arm_model, in_base, in_world
+from tests.irm.arms import CHAIN, PATH, arm_chain, in_base, in_world
 
 
 def path_of(placement, cup):
