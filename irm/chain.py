@@ -64,6 +64,31 @@ class Joint(Protocol):
         """Whether the joint slides along its axis."""
 
 
+_NO_TURN = np.eye(3)
+_NO_TURN.setflags(write=False)
+
+
+class JointRow(NamedTuple):
+    """One joint of a table of joints; fields as of `Joint`. `direction` is (1, 0, 0), (0, 1, 0), (0, 0, 1), or any unit
+    vector."""
+
+    joint: str
+    offset: Sequence[float]
+    direction: Sequence[float]
+    lower: float
+    upper: float
+    prismatic: bool = False
+    rotation: NDArray[np.float64] = _NO_TURN
+
+
+class _Table(NamedTuple):
+    """What `frames_of` reads."""
+
+    chain: Sequence[Joint]
+    tcp_offset: Sequence[float]
+    tcp_rotation: NDArray[np.float64]
+
+
 class Robot(Hashable, Protocol):
     """A mobile manipulator; attributes as of `assets.RobotSpec`, which says what they mean."""
 
@@ -227,6 +252,40 @@ class ArmChain:
         return _with_links(chain, links)
 
     @staticmethod
+    def from_joints(
+        joints: Sequence[JointRow], tcp_offset: Sequence[float], tcp_rotation: Floats = _NO_TURN, name: str = "arm"
+    ) -> ArmChain:
+        """The chain of a table of joints, one row for each from the base on: no file, and no model, is needed.
+
+        The lift, a slide along z, comes first if there is one. Nothing is known of the shapes, so that every
+        configuration counts as free of self-collision.
+
+        Args:
+            joints: of the arm.
+            tcp_offset: (3,) origin of the TCP in the last joint's frame [m]; its x axis is the approach.
+            tcp_rotation: (3, 3) its orientation there.
+            name: of the arm.
+
+        Raises:
+            ChainError: these are not the joints of an arm.
+        """
+        rows = list(joints)
+        if not rows or not rows[0].prismatic:
+            rows.insert(0, JointRow("", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.0, 0.0, True))
+        hinges = [row for row in rows[1:] if not row.prismatic]
+        if len(hinges) not in (6, 7) or len(hinges) != len(rows) - 1:
+            raise ChainError(f"{name}: an arm has 6 or 7 hinges, after one vertical slide if it stands on a lift")
+        if not all(np.isfinite((row.lower, row.upper)).all() and row.lower <= row.upper for row in rows):
+            raise ChainError(f"{name}: every joint needs finite limits, the lower one first")
+        table = _Table(tuple(rows), tcp_offset, np.asarray(tcp_rotation, dtype=float))
+        offsets, axes, tip = frames_of(table)
+        if axes[0] != 2 + PRISMATIC or not np.array_equal(rows[0].rotation, np.eye(3)):
+            raise ChainError(f"{name}: the lift must slide along the base frame's z axis")
+        limits = np.array([(row.lower, row.upper) for row in rows], dtype=float).T.copy()
+        chain = ArmChain(name, offsets, axes, limits[0].copy(), limits[1].copy(), tip, tuple(row.joint for row in rows))
+        return _with_links(chain, _fetch_links(chain))
+
+    @staticmethod
     def from_mjcf(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: str = "x") -> ArmChain:
         """The chain of any serial arm of 6 or 7 hinges, on a vertical lift if there is one.
 
@@ -235,7 +294,7 @@ class ArmChain:
         stay at their initial positions.
 
         Args:
-            model: a compiled model, or the path of its file.
+            model: a compiled model, or the path of its file; a URDF file is read as by `from_urdf`.
             base: name of the body whose frame is the base frame; z is up. "world" is the fixed one.
             tip: name of the site or body whose frame is the TCP frame.
             approach: the axis of that frame along which the gripper approaches: "x", "-x", "y", "-y", "z" or "-z".
@@ -248,8 +307,10 @@ class ArmChain:
             chain = ArmChain.from_mjcf("panda.xml", base="link0", tip="grip_site", approach="z")
             rm = ReachabilityMap.build(chain)
         """
-        from irm.model_reading import read_arm  # needs the simulator, which the package does not
+        from irm.model_reading import load_urdf, read_arm  # needs the simulator, which the package does not
 
+        if isinstance(model, str | Path) and Path(model).suffix == ".urdf":
+            model = load_urdf(Path(model))
         chain = ArmChain(**read_arm(model, base, tip, approach))
         return _with_links(chain, _fetch_links(chain))
 
@@ -344,7 +405,7 @@ def pose_of(place: Floats) -> Floats:
     return T
 
 
-def frames_of(robot: Robot) -> tuple[Floats, NDArray[np.int64], Floats]:
+def frames_of(robot: Robot | _Table) -> tuple[Floats, NDArray[np.int64], Floats]:
     """Offsets (1 + n, 3 or 12), axes (1 + n,) and tip (3,) or (12,) of a robot's chain, as in `ArmChain`.
 
     A joint about an axis of its own frame keeps that frame; any other is given one with z along its axis.

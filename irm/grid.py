@@ -47,6 +47,8 @@ class MapParameters:
         heights: lowest and highest TCP position to cover [m], all by default; limited by the reach of the arm.
         lift: whether the torso is a free parameter of the map; if not, it stays at the height it has at home.
         torso_margin: distance that the torso keeps from both ends of its lift [m].
+        self_collision: whether cells and μ are those of configurations free of self-collision; if not, those of the
+            joints alone, for those who check every configuration themselves.
         samples: random configurations, for arms without a closed form.
         seed: of those configurations.
     """
@@ -58,6 +60,7 @@ class MapParameters:
     heights: tuple[float, float] = (-10.0, 10.0)
     lift: bool = True
     torso_margin: float = 0.0
+    self_collision: bool = True
     samples: int = 400_000
     seed: int = 0
 
@@ -68,7 +71,8 @@ class MapParameters:
             pairs = {name: tuple(float(v) for v in getattr(self, name)) for name in ("pitches", "heights")}
         except (TypeError, ValueError) as problem:
             raise ReachabilityError(f"parameters of a map are numbers, pitches and heights tuples: {self}") from problem
-        for name, value in {**numbers, **pairs, "lift": bool(self.lift)}.items():
+        flags = {name: bool(getattr(self, name)) for name in ("lift", "self_collision")}
+        for name, value in {**numbers, **pairs, **flags}.items():
             object.__setattr__(self, name, value)
         if not all(np.isfinite((self.voxel, *self.heights, *self.pitches))) or not 0.005 <= self.voxel <= 0.5:
             raise ReachabilityError(f"voxel must be 0.005 to 0.5 m and every number finite: {self}")

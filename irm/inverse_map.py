@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Unpack
 
 import numpy as np
@@ -33,6 +33,7 @@ from irm.query_keys import (
 from irm.reachability_map import CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH, ReachabilityMap
 from irm.robot_shape import SolidBoxes
 from irm.rotations import rotation, wrap_to_pi
+from irm.several_arms import place_for_arms
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -197,18 +198,31 @@ class InverseReachabilityMap:
         return place_for_path(self._table, points, origin, bounds, options, solids)
 
     def query_multi(
-        self, targets: ArrayLike, *, yaw_ranges: ArrayLike = FULL_TURN, **keywords: Unpack[QueryKeywords]
+        self,
+        targets: ArrayLike,
+        *,
+        yaw_ranges: ArrayLike = FULL_TURN,
+        arms: Sequence[InverseReachabilityMap] = (),
+        **keywords: Unpack[QueryKeywords],
     ) -> BasePlacement:
         """Bases from which the TCP reaches each of several targets; μ of a base is the smallest one of the targets.
 
         Args:
             targets: (m, 3) TCP positions [m].
             yaw_ranges: (2,) for all targets, or (m, 2) one for each [rad].
+            arms: m maps, the arm for each target at the same time, with the torso at one height; answers are then
+                exact. By default this map's arm reaches all of them, one after another.
             **keywords: of all queries.
 
         Returns:
             Bases whose `torso` and `approach_yaw` are (k, m), one for each target.
+
+        Example:
+            both = left.query_multi([tray_left, tray_right], arms=(left, right), free_space=floor)
         """
+        if arms:
+            tables = [arm._table for arm in arms]
+            return place_for_arms(tables, as_positions(targets), yaw_ranges, checked_options(keywords))
         return place_for_targets(self._table, as_positions(targets), yaw_ranges, checked_options(keywords))
 
     def _best_bases(

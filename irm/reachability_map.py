@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import platformdirs
 from numpy.typing import ArrayLike, NDArray
 
 from irm.chain import ArmChain, Robot
@@ -28,6 +27,7 @@ from irm.errors import MapFileError, MapMismatchError, ReachabilityError
 from irm.grid import MapGrid, MapParameters, Orientations, nearest_orientation
 from irm.map_kernels import Layer, closed_form_layers, sampled_layers
 from irm.rotations import as_poses, wrap_to_pi
+from irm.shapes import NO_SHAPES
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -91,7 +91,8 @@ class ReachabilityMap:
         Raises:
             ReachabilityError: the robot or the parameters make no sense.
         """
-        wanted, chain = MapParameters(**parameters), ArmChain.of(robot)
+        wanted = MapParameters(**parameters)
+        chain = _chain_of(robot, wanted)
         if not (progress is None or callable(progress)):
             raise ReachabilityError(f"progress={progress!r} must be None or a function that shows progress: tqdm.tqdm")
         grid = MapGrid.of(chain, wanted)
@@ -182,7 +183,6 @@ class ReachabilityMap:
             MapFileError: the file is damaged or is no map.
             MapMismatchError: it is the map of another robot, or of this robot before it was changed.
         """
-        chain = None if robot is None else ArmChain.of(robot)
         about, columns = _read(Path(path))
         name, key, extent = about.get("robot"), about.get("key"), about.get("grid")
         try:
@@ -190,6 +190,7 @@ class ReachabilityMap:
             parameters = MapParameters(**fields)
         except (KeyError, TypeError, AttributeError, ReachabilityError) as error:
             raise MapFileError(f"{path} has no valid parameters ({error}); build it again") from error
+        chain = None if robot is None else _chain_of(robot, parameters)
         if not isinstance(name, str) or not isinstance(key, str):
             raise MapFileError(f"{path} does not name its robot; build it again")
         if chain is not None and extent is not None:
@@ -279,7 +280,11 @@ class ReachabilityMap:
 
 def cache_folder() -> Path:
     """The directory `CLUTTER_ENV_CACHE` if set, else the user's cache directory."""
-    return Path(os.environ.get("CLUTTER_ENV_CACHE") or platformdirs.user_cache_dir("clutter-env"))
+    if own := os.environ.get("CLUTTER_ENV_CACHE"):
+        return Path(own)
+    import platformdirs  # maps are built and queried without it
+
+    return Path(platformdirs.user_cache_dir("clutter-env"))
 
 
 def cache_file(robot: Robot | ArmChain, **parameters: Any) -> Path:
@@ -288,8 +293,9 @@ def cache_file(robot: Robot | ArmChain, **parameters: Any) -> Path:
     Its name contains the digest of all that a map depends on: after a change of the robot, the parameters or the format
     the file has another name, and the old one is no longer used.
     """
-    chain = ArmChain.of(robot)
-    return cache_folder() / f"{chain.robot}-{map_key(chain, MapParameters(**parameters))}.npz"
+    wanted = MapParameters(**parameters)
+    chain = _chain_of(robot, wanted)
+    return cache_folder() / f"{chain.robot}-{map_key(chain, wanted)}.npz"
 
 
 def shipped_file(robot: Robot | ArmChain, **parameters: Any) -> Path | None:
@@ -327,6 +333,12 @@ def cached_map(robot: Robot | ArmChain, *, progress: ProgressBar | None = None, 
     except OSError as error:
         _LOG.warning("the map could not be kept in %s: %s", file, error)
     return built
+
+
+def _chain_of(robot: Robot | ArmChain, parameters: MapParameters) -> ArmChain:
+    """The arm as a map with these parameters knows it: without shapes if self-collision does not count."""
+    chain = ArmChain.of(robot)
+    return chain if parameters.self_collision else replace(chain, shapes=NO_SHAPES)
 
 
 def map_key(chain: ArmChain, parameters: MapParameters) -> str:
