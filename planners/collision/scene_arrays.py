@@ -212,7 +212,7 @@ def robot_arrays(robot: RobotSpec) -> RobotArrays:
     """
     chain, shapes = ArmChain.from_robot(robot), robot.shapes
     if np.any(shapes.core > CYLINDER):
-        raise GeometryError(f"{robot.name} has meshes or ellipsoids; a planner's robot has {', '.join(_KNOWN)}")
+        raise GeometryError(f"{robot.name} has a mesh or an ellipsoid, which is none of {', '.join(_KNOWN)}")
     link, bound, slides = shapes.link, shapes.bound, (shapes.opened != 0).any(axis=1)
     return RobotArrays(
         offsets=chain.offsets,

@@ -156,6 +156,20 @@ def test_a_chain_is_that_of_its_file_and_meshes_may_be_missing(tmp_path):
     np.testing.assert_allclose(forward(chain, np.zeros(7))[:3, 0], (0.0, 0.0, 1.0), atol=1e-12)
 
 
+def test_fixed_links_of_a_urdf_file_are_frames_either_way(tmp_path):
+    """`from_mjcf` lost them: MuJoCo joins what is fixed to its parent."""
+    text = urdf().replace('<link name="l0">', '<link name="root"/><link name="l0">', 1)
+    fixed = (
+        '<joint name="b" type="fixed"><parent link="root"/><child link="l0"/><origin xyz="0 0 0.3"/></joint></robot>'
+    )
+    file = tmp_path / "six.urdf"
+    file.write_text(text.replace("</robot>", fixed).replace(MESH, ""))
+    for read in (ArmChain.from_urdf, ArmChain.from_mjcf):
+        for base, height in (("root", 1.6), ("l0", 1.3)):
+            chain = read(file, base, "tip", "z")
+            np.testing.assert_allclose(forward(chain, np.zeros(7))[:3, 3], (0.0, 0.0, height), atol=1e-12)
+
+
 def test_what_is_no_urdf_file_is_refused(tmp_path):
     file = tmp_path / "none.urdf"
     file.write_text("<robot")
