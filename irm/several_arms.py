@@ -33,7 +33,8 @@ def place_for_arms(
     ranges = as_yaw_ranges(yaw_ranges)
     if len(tables) != len(targets) or len(ranges) not in (1, len(targets)):
         raise QueryError(f"{len(tables)} arms and {len(ranges)} yaw ranges do not go with {len(targets)} targets")
-    if any(table.reachability_map.chain is None for table in tables):
+    chains = [table.reachability_map.chain for table in tables]
+    if any(chain is None for chain in chains):
         raise QueryError("several arms need maps that know their arms, not maps made from poses")
     windows = np.array(np.broadcast_to(ranges, (len(targets), 2)))
     keys: list[Key] = []
@@ -48,7 +49,7 @@ def place_for_arms(
     rows = np.column_stack([x, y, wrap_to_pi(yaw), mu, np.zeros(len(x))])[chosen]
     if not len(rows):
         return _nothing(Status.UNKNOWN, len(targets))
-    yaws, size = approach[chosen], max(table.reachability_map.chain.size for table in tables)  # type: ignore[union-attr]
+    yaws, size = approach[chosen], max(chain.size for chain in chains if chain is not None)
     q = np.full((len(rows), len(targets), size), np.nan)
     for row, base in enumerate(rows):
         T = np.zeros((len(targets), 4, 4))

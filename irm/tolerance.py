@@ -57,8 +57,9 @@ def query_tolerant(
         placement, probability = query_tolerant(bases, cup, np.diag([0.03, 0.03, 0.05]) ** 2, rng, k=5)
     """
     wanted = int(keywords.get("k", 1))
-    many = {**keywords, "k": _CANDIDATES * wanted}
-    found = inverse_map.query(np.asarray(position, dtype=float), yaw_range=yaw_range, **many)  # type: ignore[arg-type]
+    many = keywords.copy()
+    many["k"] = _CANDIDATES * wanted
+    found = inverse_map.query(np.asarray(position, dtype=float), yaw_range=yaw_range, **many)
     errors = _errors(covariance, rng)
     pitch, roll = float(keywords.get("pitch", 0.0)), float(keywords.get("roll", 0.0))
     T = np.tile(np.eye(4), (len(found), 1, 1))

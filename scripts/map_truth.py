@@ -3,7 +3,8 @@
     python scripts/map_truth.py --arms fetch pr2:left pr2:right tests/data/arms/panda.xml:base:tcp:z
 
 An arm is a robot of the package by name, with the arm after a colon, or an MJCF or URDF file with base, tip and
-approach axis. The judge is MuJoCo: its kinematics, and its distances between the geoms whose pairs count (`Shapes.pairs`).
+approach axis. The judge is MuJoCo: its kinematics, and its distances between the
+geoms of the pairs that count (`Shapes.pairs`).
 """
 
 from __future__ import annotations
