@@ -18,9 +18,11 @@ from clutter_env.suites import suite, suite_names  # noqa: E402
 
 __all__ = [
     "OBJECT_COUNTS",
+    "REARRANGE_COUNTS",
     "SKILL_OBJECT_COUNTS",
     "Box",
     "Layout",
+    "rearrange_time_limit",
     "skill_budget",
     "suite",
     "suite_names",
@@ -28,6 +30,7 @@ __all__ = [
 ]
 
 OBJECT_COUNTS = (1, 5, 10, 15, 20, 25, 30, 35, 40, 50, 60)
+REARRANGE_COUNTS = (4, 8, 12, 20)
 SKILL_OBJECT_COUNTS = (5, 10, 15, 20)
 
 
@@ -37,6 +40,11 @@ def time_limit(num_objects: int) -> int:
     About 2.5 times the 95% quantile of the expert's episodes; docs/retrieve.md has the measurement and its command.
     """
     return 400 + 220 * num_objects
+
+
+def rearrange_time_limit(num_objects: int) -> int:
+    """Control steps in an episode of Rearrange: 20 s, and 50 s for each object."""
+    return 400 + 1000 * num_objects
 
 
 def skill_budget(num_objects: int) -> int:
@@ -58,6 +66,14 @@ for _name in ("Reach", "Pick"):
         entry_point=f"clutter_env.envs.goal:{_name}Env",
         max_episode_steps=100,
         additional_wrappers=(WrapperSpec("GoalInterface", "clutter_env.envs.goal:GoalInterface", {}),),
+    )
+
+for _count in REARRANGE_COUNTS:
+    register(
+        id=f"clutter_env/Rearrange-o{_count}-v0",
+        entry_point="clutter_env.envs.rearrange:RearrangeEnv",
+        kwargs={"num_objects": _count},
+        max_episode_steps=rearrange_time_limit(_count),
     )
 
 for _count in SKILL_OBJECT_COUNTS:

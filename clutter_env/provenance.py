@@ -145,7 +145,8 @@ def _digest(env: gym.Env[Any, Any]) -> dict[str, Any]:
     kinds = {
         kind.__module__: kind for kind in (*type(outer).__mro__, *type(inner).__mro__) if issubclass(kind, gym.Env)
     }
-    files = [getattr(sys.modules[module], "__file__", None) for module in kinds if not module.startswith(_NO_TASKS)]
+    modules = (*(name for name in kinds if not name.startswith(_NO_TASKS)), *inner.task_modules)
+    files = [getattr(sys.modules[module], "__file__", None) for module in modules]
     return {
         "task": type(outer).__name__,
         "settings": json.loads(json.dumps(settings, default=int)),  # integers of NumPy's become Python's

@@ -71,8 +71,8 @@ class SuiteScene:
         max_steps: control steps after which an episode is over, see docs/suites.md.
         seed, options: of the reset.
         target: name of the target.
-        floor_side: for side grasps.
-        floor_all: for grasps of all kinds, None if it has not been computed.
+        floor_side: for side grasps, None in suites of Rearrange.
+        floor_all: for grasps of all kinds, None if it has not been computed, and in suites of Rearrange.
         digests: of each part of the first state, see `scene_digests`.
     """
 
@@ -85,7 +85,7 @@ class SuiteScene:
     seed: int
     options: Mapping[str, Any]
     target: str
-    floor_side: Floor
+    floor_side: Floor | None
     floor_all: Floor | None
     digests: Mapping[str, str]
 
@@ -99,9 +99,7 @@ class SuiteScene:
             raise SuiteError(f"no floors for grasps={grasps!r}; the suites have them for: {', '.join(GRASPS)}")
         found = self.floor_side if grasps == "side" else self.floor_all
         if found is None:
-            raise SuiteError(
-                f"suite {self.suite!r} has no floors for grasps={grasps!r} yet; make them with make_suites"
-            )
+            raise SuiteError(f"suite {self.suite!r} has no floors for grasps={grasps!r}")
         return found
 
     def make(self, **keywords: Any) -> gym.Env[Any, Any]:
@@ -245,7 +243,7 @@ def content_digest(content: Mapping[str, Any]) -> str:
 
 
 def scene_digests(env: gym.Env[Any, Any]) -> dict[str, str]:
-    """Digests of the scene's numbers and of the positions of all joints in the present state of an environment.
+    """Digests of the scene's numbers, its goal in Rearrange, and the positions of all joints in the present state.
 
     The numbers are digested as they are, 64 bits each, so that a difference in the last bit shows.
     """
@@ -254,7 +252,11 @@ def scene_digests(env: gym.Env[Any, Any]) -> dict[str, str]:
     scene = inner.world.scene
     parts = {name: getattr(scene, name) for name in _ARRAYS}
     parts |= {"shapes": scene.is_box, "target": scene.target, "joint_positions": inner.data.qpos}
-    return {name: _digest(np.asarray(value, "<f8")) for name, value in parts.items()}
+    digests = {name: _digest(np.asarray(value, "<f8")) for name, value in parts.items()}
+    if "goal" in inner.info:
+        words = [inner.info["goal"], *(repr(region) for region in inner.regions)]
+        digests["goal"] = hashlib.sha256("\n".join(words).encode()).hexdigest()[:_DIGITS]
+    return digests
 
 
 def _digest(numbers: np.ndarray[Any, Any]) -> str:
@@ -272,7 +274,7 @@ def _scene(content: Mapping[str, Any], split: str, index: int, entry: Mapping[st
         seed=_entry(entry, "seed", int),
         options=MappingProxyType(_entry(content, "options", dict)),
         target=_entry(entry, "target", str),
-        floor_side=Floor.read(entry["floor_side"]),
+        floor_side=None if entry["floor_side"] is None else Floor.read(entry["floor_side"]),
         floor_all=None if entry["floor_all"] is None else Floor.read(entry["floor_all"]),
         digests=MappingProxyType(_entry(entry, "digests", dict)),
     )

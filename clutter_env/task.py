@@ -53,7 +53,7 @@ class Task:
 
     @property
     def family(self) -> str:
-        """The family of the environment: "retrieve", "skill", "reach" or "pick"."""
+        """The family of the environment: "retrieve", "rearrange", "skill", "reach" or "pick"."""
         return family(self.env_id)
 
     @property

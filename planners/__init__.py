@@ -5,136 +5,28 @@ Example:
     solution = solve(scene, "object_03")
 
 A strategy and a task planner of your own are passed as objects: a `Strategy`, anything with the `TaskPlanner` protocol.
+
+Names are loaded when they are first asked for, so that `planners.goals` costs no compiled code.
 """
 
-from irm.gjk import CYLINDER
-from planners.cause import Cause
-from planners.clearing.lower_bound import ClearanceFloor
-from planners.collision.scene_arrays import GeometryError, RobotArrays, robot_arrays
-from planners.collision.world import CollisionWorld
-from planners.contact import Contact, StepLabel, contact_of, contacts, label_of
-from planners.context import ArmsError, PlanningContext
-from planners.expert.config import ExpertConfig, ExpertError, MonitorConfig
-from planners.expert.execute import ExecutionResult, execute, follow
-from planners.expert.executor import Command, Executor
-from planners.expert.expert import TampExpert
-from planners.expert.interfaces import ControlledEnv, controlled_env
-from planners.expert.monitor import Sensor, held_object
-from planners.expert.report import EpisodeReport
-from planners.grasping.arm_configurations import (
-    ConfigurationGrid,
-    GripperPoses,
-    scan_configurations,
-)
-from planners.grasping.base_placement import map_parameters
-from planners.grasping.candidates import gripper_poses
-from planners.grasping.grasp_poses import SIDE, find_grasp_set, generate_grasps, gripper_clearances, gripper_opening
-from planners.motion.arm import tcp_pose
-from planners.motion.path import NoPath
-from planners.motion.trajectory import CONTROL_STEP
-from planners.placing.locations import rotated, stand_at
-from planners.planner import Planner, clearance_floor, solve, warmup
-from planners.scene import Body, HeldObject, RobotState, Scene, SceneError
-from planners.scene.bodies import release_pitch
-from planners.scene.cover import BACK, drive_out, heading, is_covered
-from planners.scene.static_obstacle import StaticObstacle
-from planners.skills import DIRECTIONS, Skill, SkillFailure, SkillPlanner, plan_contact
-from planners.strategies import STRATEGIES, Strategy, find_strategy
-from planners.symbolic.astar import AStar
-from planners.symbolic.problem import (
-    GroundAction,
-    NoPlan,
-    SymbolicState,
-    TaskPlan,
-    TaskPlanner,
-    TaskProblem,
-    format_plan,
-)
-from planners.symbolic.transitions import applicable_actions, apply_action
-from planners.tamp.motion_layer import MotionLayer
-from planners.tamp.plan_file import PlanFileError
-from planners.tamp.solution import BoundAction, Infeasible, Solution
+from importlib import import_module
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
 
-__all__ = [
-    "BACK",
-    "CONTROL_STEP",
-    "CYLINDER",
-    "DIRECTIONS",
-    "SIDE",
-    "STRATEGIES",
-    "AStar",
-    "ArmsError",
-    "Body",
-    "BoundAction",
-    "Cause",
-    "ClearanceFloor",
-    "CollisionWorld",
-    "Command",
-    "ConfigurationGrid",
-    "Contact",
-    "ControlledEnv",
-    "EpisodeReport",
-    "ExecutionResult",
-    "Executor",
-    "ExpertConfig",
-    "ExpertError",
-    "GeometryError",
-    "GripperPoses",
-    "GroundAction",
-    "HeldObject",
-    "Infeasible",
-    "MonitorConfig",
-    "MotionLayer",
-    "NoPath",
-    "NoPlan",
-    "PlanFileError",
-    "Planner",
-    "PlanningContext",
-    "RobotArrays",
-    "RobotState",
-    "Scene",
-    "SceneError",
-    "Sensor",
-    "Skill",
-    "SkillFailure",
-    "SkillPlanner",
-    "Solution",
-    "StaticObstacle",
-    "StepLabel",
-    "Strategy",
-    "SymbolicState",
-    "TampExpert",
-    "TaskPlan",
-    "TaskPlanner",
-    "TaskProblem",
-    "applicable_actions",
-    "apply_action",
-    "clearance_floor",
-    "contact_of",
-    "contacts",
-    "controlled_env",
-    "drive_out",
-    "execute",
-    "find_grasp_set",
-    "find_strategy",
-    "follow",
-    "format_plan",
-    "generate_grasps",
-    "gripper_clearances",
-    "gripper_opening",
-    "gripper_poses",
-    "heading",
-    "held_object",
-    "is_covered",
-    "label_of",
-    "map_parameters",
-    "plan_contact",
-    "release_pitch",
-    "robot_arrays",
-    "rotated",
-    "scan_configurations",
-    "solve",
-    "stand_at",
-    "tcp_pose",
-    "warmup",
-]
+if TYPE_CHECKING:
+    from planners.face import *  # noqa: F403  its __all__ says what
+    from planners.face import __all__ as __all__
+
+
+def __getattr__(name: str) -> Any:
+    """A name of `planners.face`; modules of this package are left to the import system."""
+    if name != "__all__" and (name.startswith("_") or find_spec(f"{__name__}.{name}")):
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    found = getattr(import_module("planners.face"), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    """The names of the package."""
+    return sorted({*globals(), *import_module("planners.face").__all__})

@@ -11,6 +11,8 @@ class Cause(StrEnum):
     Attributes:
         NO_SELF_CLEARABLE_SET: whatever is removed first, some object that must go before the target blocks itself.
         UNREACHABLE: no free base pose and arm configuration reach the target.
+        TOO_WIDE: no grasp of the grasp set fits around the target.
+        NO_WAY_FOR_BASE: some do, but the base can drive to none of them.
         NO_CLEARANCE_LOCATION: an object must be put down, but no location keeps clear of what remains to be done.
         MOTION: grasps exist, but motion planning refuted so many, or objects were put aside so, that no way to clear
             and take the target is left.
@@ -19,6 +21,8 @@ class Cause(StrEnum):
 
     NO_SELF_CLEARABLE_SET = "no self-clearable set"
     UNREACHABLE = "unreachable"
+    TOO_WIDE = "too wide"
+    NO_WAY_FOR_BASE = "no way for the base"
     NO_CLEARANCE_LOCATION = "no clearance location"
     MOTION = "motion"
     TIME_LIMIT = "time limit"
@@ -26,4 +30,4 @@ class Cause(StrEnum):
     @property
     def lies_in_grasps(self) -> bool:
         """Whether it follows from the grasps alone, before any motion is planned."""
-        return self in (Cause.NO_SELF_CLEARABLE_SET, Cause.UNREACHABLE)
+        return self in (Cause.NO_SELF_CLEARABLE_SET, Cause.UNREACHABLE, Cause.TOO_WIDE)

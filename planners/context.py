@@ -11,10 +11,12 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from assets.robots import RobotSpec
+from planners.collision.ground_map import GroundMap
 from planners.collision.world import CompiledScenes
 from planners.grasping.base_placement import MapPlacer
 from planners.grasping.candidates import GraspCandidates
-from planners.grasping.grasp_poses import GraspFamily, find_grasp_set
+from planners.grasping.grasp_poses import GraspFamily, Grasps, find_grasp_set, grasp_set_name, too_wide
+from planners.motion.base import BaseRoadmap
 from planners.motion.tcp_following import TcpFollower
 from planners.placing.placements import PlacementSearch
 from planners.placing.surfaces import Supports, find_supports
@@ -36,6 +38,7 @@ class PlanningContext:
         arms: base poses for each arm that acts, by its name.
         families: the grasp set.
         supports: names of the supports where objects may be put.
+        roadmap: where the base can drive.
         canonical: whether grasps and placements are canonical, so that plans can be learned.
         near_home: whether only arm configurations near home count, for robots that follow TCP poses.
         follower: model of how the joints follow, for an end-effector-controlled robot.
@@ -45,6 +48,7 @@ class PlanningContext:
     arms: Mapping[str, MapPlacer]
     families: tuple[GraspFamily, ...]
     supports: tuple[str, ...]
+    roadmap: BaseRoadmap
     canonical: bool = False
     near_home: bool = False
     follower: TcpFollower | None = None
@@ -56,7 +60,7 @@ class PlanningContext:
         robot: RobotSpec,
         scene: Scene,
         *,
-        grasps: str = "all",
+        grasps: Grasps = "all",
         supports: Supports = None,
         canonical: bool = False,
         follower: TcpFollower | None = None,
@@ -71,27 +75,49 @@ class PlanningContext:
             canonical, follower, saves_time: as for `planners.Planner`.
 
         Raises:
-            UnknownGraspSet: no grasp set of that name.
+            UnknownGraspSet: neither the name of a grasp set nor families.
             UnknownSupport: the scene declares no support of a name.
         """
-        arms = {name: MapPlacer.of_scene(scene.using(name), _BASES) for name in robot.acting_arms}
+        ground = GroundMap(scene)
+        arms = {name: MapPlacer.of_scene(scene.using(name), _BASES, ground) for name in robot.acting_arms}
         return cls(
             MappingProxyType(arms),
             find_grasp_set(grasps),
             find_supports(scene, supports),
+            BaseRoadmap(ground),
             canonical,
             follower=follower,
             saves_time=robot.acts_with_all_arms if saves_time is None else saves_time,
         )
+
+    @property
+    def shortens(self) -> bool:
+        """Whether motions between contacts become one: not under end-effector control, nor in canonical plans."""
+        return self.follower is None and not self.canonical
 
     def only_near_home(self) -> PlanningContext:
         """The same with arm configurations near home only, from more base poses."""
         arms = {name: replace(arm, per_gripper_pose=_BASES_NEAR_HOME) for name, arm in self.arms.items()}
         return replace(self, arms=MappingProxyType(arms), near_home=True)
 
+    def anywhere(self) -> PlanningContext:
+        """The same as if the base could drive everywhere, through walls too: to find out why there is no grasp."""
+        arms = {name: replace(arm, ground_map=None) for name, arm in self.arms.items()}
+        return replace(self, arms=MappingProxyType(arms))
+
     def grasps(self, compiled: CompiledScenes | None = None) -> GraspCandidates:
         """A new cache of grasps, nothing known of any state; `compiled`: collision worlds to share with others."""
         return GraspCandidates(self.arms, self.families, self.canonical, self.near_home, compiled or CompiledScenes())
+
+    @property
+    def catalogue(self) -> str:
+        """The grasps that an answer holds for, in words."""
+        return f"with the grasps of {grasp_set_name(self.families)}"
+
+    def too_wide(self, scene: Scene, name: str) -> str:
+        """Why no grasp fits around an object with any arm, "" if one does."""
+        reasons = [too_wide(scene.body(name), placer.robot, self.families) for placer in self.arms.values()]
+        return "" if "" in reasons else reasons[0]
 
     def placements(self) -> PlacementSearch:
         """A new search for placements, with a cache of what grasps sweep."""

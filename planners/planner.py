@@ -10,11 +10,16 @@ import numpy as np
 from assets.robots import FETCH, RobotSpec
 from assets.robots import robot as find_robot
 from planners.cause import Cause
+from planners.clearing.goal_bound import LowerBound, fewest_picks
 from planners.clearing.lower_bound import MAX_EXPANSIONS, ClearanceFloor, smallest_set
 from planners.clock import NO_DEADLINE, Deadline, cpu_seconds
+from planners.collision.ground_map import GroundMap
 from planners.collision.world import CompiledScenes, validate
 from planners.context import PlanningContext, check_arms
-from planners.grasping.grasp_poses import find_grasp_set
+from planners.goals import Goal, holding
+from planners.grasping.grasp_poses import Grasps, find_grasp_set
+from planners.motion.base import BaseRoadmap
+from planners.motion.path import on_base
 from planners.motion.tcp_following import TcpFollower
 from planners.placing.surfaces import Supports
 from planners.scene import Scene, SceneError
@@ -30,28 +35,29 @@ from planners.warming import warm_once
 
 def solve(
     scene: Scene,
-    target: str,
+    goal: str | Goal,
     strategy: str | Strategy = "lookahead",
     rng: np.random.Generator | None = None,
     time_limit: float | None = None,
     *,
-    grasps: str = "all",
+    grasps: Grasps = "all",
     supports: Supports = None,
     hold_aside: bool = False,
 ) -> Solution | Infeasible:
-    """Plan to take `target` out of the clutter.
+    """Plan for a goal: to take an object out of the clutter, or to put objects where they are wanted.
 
     Args:
         scene: the world, the robot in its home configuration; an object may be held.
-        target: name of the object wanted.
+        goal: name of the object to take, a `planners.goals.Goal`, or its PDDL text.
         strategy: "lookahead" (default), "ngr" (Lee & Kim 2019), "dogar", "srivastava", or a `Strategy`.
         rng: for sampling; the same generator state gives the same plan. Seed 0 if not given.
         time_limit: [s] of wall time, None for none. It ends a solve: with the best plan of the attempts made by then,
             else with the cause "time limit". Loading the kernels in a new process counts, compiling them on the first
             run of a machine does not; see `warmup`.
-        grasps: name of the grasp set to choose from: "side" (level; the paper's experiment), "tilted", "top" or "all".
+        grasps: the grasp set to choose from: "side" (level; the paper's experiment), "tilted", "top", "all", or a tuple
+            of `GraspFamily`. Refusals hold for this grasp set, and name it.
         supports: where objects may be put: names of the scene's supports, "all" that it declares, or None: with side
-            grasps the first alone, R_plane of the paper, with other grasp sets all.
+            grasps the first alone, R_plane of the paper, with other grasp sets all. What the goal names is allowed.
         hold_aside: of a robot that acts with several arms: whether one may hold an obstacle while another one takes the
             target. The paper forbids it: there every obstacle is put down.
 
@@ -60,19 +66,39 @@ def solve(
 
     Raises:
         UnknownObject: no object of that name.
+        GoalError: the goal means nothing in the scene, or contradicts itself.
         UnknownStrategy: neither the name of a strategy nor a `Strategy`.
         TimeLimitError: the time limit is not a number, or is negative.
-        UnknownGraspSet: no grasp set of that name.
+        UnknownGraspSet: neither the name of a grasp set nor families.
         SceneError: not a `Scene`; objects overlap, or the robot is inside a static obstacle.
         UnknownSupport: the scene declares no support of a name.
         ArmsError: `hold_aside` with a robot that acts with one arm.
     """
     planner = Planner(_robot_of(scene), grasps=grasps, supports=supports, hold_aside=hold_aside)
-    return planner.solve(scene, target, strategy, rng, time_limit)
+    return planner.solve(scene, goal, strategy, rng, time_limit)
+
+
+def lower_bound(scene: Scene, goal: str | Goal, expansions: int = MAX_EXPANSIONS, *, grasps: str = "all") -> LowerBound:
+    """The fewest picks of any plan for a goal, for one grasp set, what must be put aside and picked again among them.
+
+    It holds for the grasps of that set, and for the base poses and arm configurations that all strategies choose from.
+
+    Args:
+        scene: as for `solve`.
+        goal: as for `solve`.
+        expansions: search nodes after which the proof is given up.
+        grasps: as for `solve`.
+
+    Raises:
+        UnknownObject: no object of that name.
+        GoalError: the goal means nothing in the scene, or contradicts itself.
+        UnknownGraspSet: no grasp set of that name.
+    """
+    return Planner(_robot_of(scene), grasps=grasps).lower_bound(scene, goal, expansions)
 
 
 def clearance_floor(
-    scene: Scene, target: str, expansions: int = MAX_EXPANSIONS, *, grasps: str = "all"
+    scene: Scene, target: str, expansions: int = MAX_EXPANSIONS, *, grasps: Grasps = "all"
 ) -> ClearanceFloor:
     """The exact minimum number of objects any plan must clear before it can take `target`, for one grasp set.
 
@@ -88,7 +114,7 @@ def clearance_floor(
 
     Raises:
         UnknownObject: no object of that name.
-        UnknownGraspSet: no grasp set of that name.
+        UnknownGraspSet: neither the name of a grasp set nor families.
     """
     return Planner(_robot_of(scene), grasps=grasps).clearance_floor(scene, target, expansions)
 
@@ -112,8 +138,8 @@ class Planner:
         engine: name of the task planner (see `planners.symbolic.engines`), or any object with the `TaskPlanner`
             protocol; None for the default.
         follower: model of how the joints follow, for an end-effector-controlled robot; None for joint control.
-        grasps: name of the grasp set that plans and minimum numbers of clearances are made of: "side" (level, the
-            paper's), "tilted", "top" or "all" (default).
+        grasps: the grasp set that plans and minimum numbers of clearances are made of: "side" (level, the paper's),
+            "tilted", "top" or "all" (default), or a tuple of `GraspFamily`.
         supports: where objects may be put, as for `solve`.
         canonical: make plans to learn from: in similar scenes the same contacts, chosen without random numbers. Every
             phase of a motion ends at rest; see `planners.grasping.candidates` and `planners.placing.placements`.
@@ -123,7 +149,7 @@ class Planner:
 
     Raises:
         UnknownRobot: no robot of that name; the message lists the valid ones.
-        UnknownGraspSet: no grasp set of that name; the message lists the valid ones.
+        UnknownGraspSet: neither the name of a grasp set nor families; the message lists the valid names.
         UnknownEngineError: `engine` is neither; the message lists the names and says what an object must have.
         MissingEngineError: the task planner is not installed.
         ArmsError: `hold_aside`, or several arms that act, together with what they cannot be combined with.
@@ -132,7 +158,7 @@ class Planner:
     robot: RobotSpec
     engine: str | TaskPlanner | None = None
     follower: TcpFollower | None = None
-    grasps: str = "all"
+    grasps: Grasps = "all"
     supports: Supports = None
     canonical: bool = False
     hold_aside: bool = False
@@ -141,39 +167,54 @@ class Planner:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "robot", find_robot(self.robot))
-        find_grasp_set(self.grasps)
+        families = find_grasp_set(self.grasps)
+        if not isinstance(self.grasps, str):
+            object.__setattr__(self, "grasps", families)
         check_arms(self.robot, self.hold_aside, self.follower is not None, self.canonical)
         object.__setattr__(self, "_task_planner", task_planner(self.engine))
 
     def solve(
         self,
         scene: Scene,
-        target: str,
+        goal: str | Goal,
         strategy: str | Strategy = "lookahead",
         rng: np.random.Generator | None = None,
         time_limit: float | None = None,
     ) -> Solution | Infeasible:
-        """Plan to take `target`; see the function `solve`."""
-        _robot_of(scene)
-        scene.index(target)
+        """Plan for a goal; see the function `solve`."""
+        wanted = _goal_in(scene, goal)
         chosen = find_strategy(strategy)
         deadline = warm_once(self.robot, self.follower, self._exercise, Deadline.after(time_limit))
         if deadline.is_over:
             detail = "the time was up before planning began; planners.warmup() loads what a solve needs beforehand"
-            return Infeasible(Cause.TIME_LIMIT, detail, target=target, strategy=chosen)
-        return self._solve(scene, target, chosen, rng or np.random.default_rng(0), deadline)
+            return Infeasible(Cause.TIME_LIMIT, detail, target=wanted.target, strategy=chosen, goal=wanted)
+        return self._solve(scene, wanted, chosen, rng or np.random.default_rng(0), deadline)
+
+    def lower_bound(self, scene: Scene, goal: str | Goal, expansions: int = MAX_EXPANSIONS) -> LowerBound:
+        """The fewest picks for a goal; see the function `lower_bound`."""
+        wanted = _goal_in(scene, goal)
+        self.warmup()
+        grasps = PlanningContext.of(self.robot, scene, grasps=self.grasps).grasps()
+
+        def blockers(name: str) -> list[int]:
+            return [grasp.blockers for grasp in grasps.for_object(scene, name)]
+
+        return fewest_picks(scene, wanted, blockers, buffers=not self.hold_aside, expansions=expansions)
 
     def clearance_floor(self, scene: Scene, target: str, expansions: int = MAX_EXPANSIONS) -> ClearanceFloor:
         """The minimum number of clearances; see the function `clearance_floor`."""
         _robot_of(scene)
         scene.index(target)
         self.warmup()
-        grasps = PlanningContext.of(self.robot, scene, grasps=self.grasps).grasps()
+        context = PlanningContext.of(self.robot, scene, grasps=self.grasps)
         if target in scene.held_names:
-            return ClearanceFloor(0, (), True, 0)
-        return smallest_set(
+            return ClearanceFloor(0, (), True, 0, grasps=context.catalogue)
+        grasps = context.grasps()
+        found = smallest_set(
             lambda name: [grasp.blockers for grasp in grasps.for_object(scene, name)], target, scene.names, expansions
         )
+        is_too_wide = found.cause == Cause.UNREACHABLE and context.too_wide(scene, target)
+        return replace(found, cause=Cause.TOO_WIDE if is_too_wide else found.cause, grasps=context.catalogue)
 
     def warmup(self) -> None:
         """Load or compile everything that a solve uses; see the function `warmup`."""
@@ -202,10 +243,13 @@ class Planner:
         """Run what a solve runs; the task planner may be the user's own, so another one takes its place."""
         planner = replace(self, engine="astar", grasps="side", supports=None)
         for name in ("lookahead", "ngr"):
-            planner._solve(scene, target, STRATEGIES[name], np.random.default_rng(0), NO_DEADLINE)
+            planner._solve(scene, holding(target), STRATEGIES[name], np.random.default_rng(0), NO_DEADLINE)
+        # A drive that no solve in an open scene needs.
+        X, world = on_base([scene.state.base, scene.state.base - 0.3], scene.state.q), CompiledScenes().world(scene)
+        BaseRoadmap(GroundMap(scene)).search(world, X, 0.0, None, np.random.default_rng(0))
 
     def _solve(
-        self, scene: Scene, target: str, strategy: Strategy, rng: np.random.Generator, deadline: Deadline
+        self, scene: Scene, goal: Goal, strategy: Strategy, rng: np.random.Generator, deadline: Deadline
     ) -> Solution | Infeasible:
         """Run Algorithm 1 several times, with other random choices, until another attempt could do no better."""
         started, compiled = cpu_seconds(), CompiledScenes()
@@ -217,9 +261,17 @@ class Planner:
         is_proved = False
         for attempt, chosen in enumerate([*first, *[context] * strategy.attempts]):
             draws = np.random.default_rng(attempt) if self.canonical else rng
-            layer = MotionLayer(chosen, draws, compiled, deadline)
-            search = Search(target, strategy, self._task_planner, layer, hold_aside=self.hold_aside)
-            outcomes.append(task_and_motion_plan(search, scene))
+            before = draws.bit_generator.state
+            bound = outcomes[-1].bound if outcomes and isinstance(outcomes[-1], Solution) else None
+            # Where motions are shortened, MuJoCo checks them once, afterwards: it hardly ever refutes one.
+            for checks_at_end in (True, False) if chosen.shortens else (False,):
+                draws.bit_generator.state = before
+                layer = MotionLayer(chosen, draws, compiled, deadline, checks_at_end)
+                search = Search(goal, strategy, self._task_planner, layer, self.hold_aside, bound)
+                outcome = task_and_motion_plan(search, scene)
+                if not layer.is_refuted:
+                    break
+            outcomes.append(outcome)
             is_proved = is_final(outcomes[-1], chosen.near_home)
             if deadline.is_over or is_proved:
                 break
@@ -235,15 +287,29 @@ def _robot_of(scene: Scene) -> RobotSpec:
     return scene.robot
 
 
+def _goal_in(scene: Scene, goal: str | Goal) -> Goal:
+    """A goal that means something in a scene; raises `UnknownObject` or `GoalError`."""
+    _robot_of(scene)
+    wanted = Goal.of(goal)
+    if wanted.target:
+        scene.index(wanted.target)
+    wanted.check(scene)
+    return wanted
+
+
 def is_final(outcome: Solution | Infeasible, near_home: bool) -> bool:
     """Whether another attempt could do no better.
 
-    A plan that clears an object twice can be improved on. A refusal cannot if it follows from all grasps, as it does
-    with two of the causes; configurations near home only are not all. At a limit there is no time for another attempt.
+    A plan that clears an object twice, or for a goal with places picks more often than the lower bound, can be improved
+    on. A refusal cannot if it follows from all grasps, as it does with two of the causes; configurations near home only
+    are not all. At a limit there is no time for another attempt.
     """
     if isinstance(outcome, Solution):
+        if outcome.bound is not None:
+            return outcome.picks <= outcome.bound.least
         return not outcome.duplicated
-    return (outcome.cause.lies_in_grasps and not near_home) or outcome.cause is Cause.TIME_LIMIT
+    is_over = outcome.cause in (Cause.TIME_LIMIT, Cause.NO_WAY_FOR_BASE)
+    return (outcome.cause.lies_in_grasps and not near_home) or is_over
 
 
 def best_outcome(
@@ -258,7 +324,7 @@ def best_outcome(
     """
     plans = [outcome for outcome in outcomes if isinstance(outcome, Solution)]
     if plans:
-        return min(plans, key=lambda plan: (len(plan.duplicated), len(plan.clearances)))
+        return min(plans, key=lambda plan: (len(plan.duplicated), len(plan.clearances), plan.picks))
     refusals = [outcome for outcome in outcomes if isinstance(outcome, Infeasible)]
     last = refusals[-1]
     is_cut_short = last.cause is Cause.TIME_LIMIT or (deadline.is_over and not is_proved)

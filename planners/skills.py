@@ -24,7 +24,7 @@ from planners.grasping.arm_configurations import (
     GripperPoses,
     scan_configurations,
 )
-from planners.grasping.candidates import OFF_TABLE, GraspCandidate, as_candidates, gripper_poses
+from planners.grasping.candidates import GraspCandidate, as_candidates, gripper_poses
 from planners.grasping.grasp_poses import GraspPose, generate_grasps, gripper_opening
 from planners.motion.path import BlockedBy, NoPath
 from planners.placing.locations import put_down
@@ -116,8 +116,8 @@ class SkillPlanner:
         return self.candidates(scene, body, grasps)
 
     def candidates(self, scene: Scene, body: Body, grasps: Sequence[GraspPose]) -> list[GraspCandidate]:
-        """Grasps of an object at some gripper poses, with what is in the way of each; none off the table."""
-        if not grasps or body.bottom < scene.support.top - OFF_TABLE:
+        """Grasps of an object at some gripper poses, with what is in the way of each."""
+        if not grasps:
             return []
         world = self.compiled.world(scene)
         wanted = gripper_poses(grasps)

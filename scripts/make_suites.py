@@ -22,6 +22,7 @@ import tyro
 import assets
 from assets.robots import robot as find_robot
 from clutter_env import OBJECT_COUNTS
+from clutter_env.envs.rearrange_tasks import TASKS
 from clutter_env.parallel import Crash, Killed, run_jobs
 from clutter_env.reporting.files import json_text, write_atomically
 from clutter_env.reporting.progress import progress_bar
@@ -44,15 +45,21 @@ class SuitePlan:
     keywords: dict[str, Any] = field(default_factory=dict)
     clearances: int = 1
     """Only scenes with a proved lower bound of at least so many clearances for side grasps; 0: all scenes."""
+    task: str = ""
+    """Of Rearrange; "" for Retrieve."""
 
     @property
     def env_id(self) -> str:
         """The environment with as many objects, or else the next smaller one."""
+        if self.task:
+            return f"clutter_env/Rearrange-o{self.objects}-v0"
         return f"clutter_env/Retrieve-o{max(n for n in OBJECT_COUNTS if n <= self.objects)}-v0"
 
     @property
     def env_keywords(self) -> dict[str, Any]:
         """`keywords`, and what the environment's id does not say."""
+        if self.task:
+            return {"task": self.task, "layout": TASKS[self.task].layout, **self.keywords}
         number = {} if self.objects in OBJECT_COUNTS else {"num_objects": self.objects}
         return {**self.keywords, "layout": self.keywords.get("layout", "paper"), **number}
 
@@ -70,6 +77,12 @@ PLANS = (
     SuitePlan("deep-15-v1", "15 objects on the paper's table, 3 or more to clear", 15, _BLOCKED, clearances=3),
     SuitePlan("deep-25-v1", "25 objects on the paper's table, 3 or more to clear", 25, _BLOCKED, clearances=3),
     SuitePlan("deep-shelf-12-v1", "12 objects in the shelf, 2 or more to clear", 12, _IN_SHELF, clearances=2),
+    SuitePlan("sort-8-v1", "8 objects to be sorted into three trays", 8, clearances=0, task="sort"),
+    SuitePlan("sort-20-v1", "20 objects to be sorted into three trays", 20, clearances=0, task="sort"),
+    SuitePlan("set-12-v1", "6 of 12 objects to be put into places of their own", 12, clearances=0, task="set"),
+    SuitePlan("swap-8-v1", "2 to 6 of 8 objects to change places", 8, clearances=0, task="swap"),
+    SuitePlan("stack-8-v1", "3 of 8 blocks to be stacked, 3 stand in a stack", 8, clearances=0, task="stack"),
+    SuitePlan("fetch-8-v1", "3 of 8 objects to be brought to a second table", 8, clearances=0, task="fetch"),
 )
 """All suites. Their seeds follow from their places in this list: append, never insert."""
 NAMES = tuple(plan.name for plan in PLANS)
@@ -77,6 +90,8 @@ FIRST_SEED = 2_000_000
 STEPS_PER_PICK = 1500
 """Control steps that a time limit allows for taking the target, and as many for each clearance of the lower bound; more
 than three times what the expert needs, see docs/suites.md."""
+STEPS_PER_FACT = 1000
+"""The same of Rearrange, for every fact of the goal that does not hold at the start, and once more."""
 
 
 class _Job(NamedTuple):
@@ -192,6 +207,11 @@ def _entry(job: _Job) -> dict[str, Any] | None:
     env = _env(job.env_id, job.keywords)
     _, info = env.reset(seed=job.seed)
     inner: Any = env.unwrapped
+    entry = {"seed": job.seed, "target": info["target"]}
+    if "unmet" in info:
+        limit = STEPS_PER_FACT * (1 + info["unmet"])
+        none = {f"floor_{grasps}": None for grasps in GRASPS}
+        return {**entry, "max_steps": limit, **none, "digests": scene_digests(env)} if info["unmet"] else None
     scene = Scene.from_mujoco(inner.model, inner.data, inner.robot)
     floors = {}
     for grasps in GRASPS:
@@ -201,8 +221,7 @@ def _entry(job: _Job) -> dict[str, Any] | None:
         floors[grasps] = floor
     counts = [floor.count for floor in floors.values() if floor.count is not None]
     return {
-        "seed": job.seed,
-        "target": info["target"],
+        **entry,
         "max_steps": step_limit(max(counts, default=0)),
         **{
             f"floor_{grasps}": {"count": floor.count, "is_proved": floor.proved, "cause": str(floor.cause)}

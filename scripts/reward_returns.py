@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Generator, Iterator, Mapping
 from itertools import chain, repeat
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -20,15 +21,13 @@ from numpy.typing import NDArray
 import clutter_env
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.parallel import Crash, Killed, run_jobs
+from clutter_env.reporting.files import JsonLines
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.reporting.tables import markdown_table
 from clutter_env.scene.layout import TABLE_HEIGHT
 from planners import TampExpert
 
 DISCOUNTS = (0.95, 0.99, 1.0)
-SCENES = {"side-15-v2": 50}
-"""Scenes of each suite, the first ones of its test split; `OTHER_SCENES` of those not named."""
-OTHER_SCENES = 8
 FINISHING = "finishing"
 HEAD = (
     "suite",
@@ -55,24 +54,27 @@ Actions = Iterator[Array]
 
 
 def main(
-    grasps: str = "side", scenes: Mapping[str, int] = SCENES, others: int = OTHER_SCENES, workers: int = 2
+    scenes: int = 50, grasps: str = "side", workers: int = 2, file: Path = Path("outputs/reward_returns.jsonl")
 ) -> None:
     """Play the behaviours and print the table.
 
     Args:
+        scenes: Number of scenes of each suite, the first ones of its test split.
         grasps: Grasp set of the expert: with "side" it has to clear in most of the scenes.
-        scenes: Number of scenes of a suite.
-        others: Number of scenes of each suite that is not in `scenes`.
         workers: Number of processes.
+        file: Returns of each scene; those that stand in it are not played again.
     """
-    jobs = [(name, index, grasps) for name in clutter_env.suite_names() for index in range(scenes.get(name, others))]
-    found: dict[str, list[dict[str, list[float]]]] = {name: [] for name in clutter_env.suite_names()}
-    for job, returns in progress_bar(run_jobs(play, jobs, workers), total=len(jobs), unit="scene"):
+    records = JsonLines(file)
+    known = {tuple(record["job"]) for record in records.values}
+    jobs = [(name, index, grasps) for index in range(scenes) for name in clutter_env.suite_names()]
+    todo = [job for job in jobs if job not in known]
+    for job, returns in progress_bar(run_jobs(play, todo, workers), total=len(todo), unit="scene"):
         if isinstance(returns, Crash | Killed):
             raise RuntimeError(f"{job}: {returns}")
-        if returns is not None:
-            found[job[0]].append(returns)
-    print(markdown_table(HEAD, list(chain.from_iterable(rows(*item) for item in found.items()))), end="")
+        records.append({"job": job, "returns": returns})
+    found = {tuple(record["job"]): record["returns"] for record in records.values}
+    suites = {name: [found[job] for job in jobs if job[0] == name and found[job]] for name in clutter_env.suite_names()}
+    print(markdown_table(HEAD, list(chain.from_iterable(rows(*item) for item in suites.items()))), end="")
 
 
 def rows(name: str, scenes: list[dict[str, list[float]]]) -> Iterator[tuple[str, ...]]:

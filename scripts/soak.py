@@ -1,4 +1,5 @@
-"""Random steps through every environment: no warning, no exception, no number out of range, no growing memory.
+"""Steps through every environment, random ones and blind grasps: no warning, no exception, no number out of range, no
+growing memory.
 
 python scripts/soak.py --steps 2000000
 """
@@ -7,7 +8,7 @@ from __future__ import annotations
 
 import resource
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
@@ -19,19 +20,20 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-import clutter_env
+import clutter_env  # noqa: F401  registers the environments
 from clutter_env.config import CONTROL_MODES, EnvConfig
 from clutter_env.envs.base import BaseEnv
+from clutter_env.envs.skill import SkillEnv
 from clutter_env.errors import ConfigError
 from clutter_env.reporting.files import write_json
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.layout import LAYOUTS
 
-IDS = (
-    *(f"clutter_env/Retrieve-o{count}-v0" for count in clutter_env.OBJECT_COUNTS),
-    "clutter_env/Reach-v0",
-    "clutter_env/Pick-v0",
-)
+ALL_IDS = tuple(name for name in gym.registry if name.startswith("clutter_env/"))
+SKILL_IDS = tuple(name for name in ALL_IDS if "/Skill-" in name)
+IDS = tuple(name for name in ALL_IDS if name not in SKILL_IDS)
+ROBOTS = ("fetch", "pr2", "panda_mobile")
+"""The robots, which the environments have in turn."""
 VARIANTS: tuple[dict[str, Any], ...] = (
     {},
     {"object_set": "lying", "shapes": "mixed"},
@@ -49,6 +51,19 @@ ACTION_STEPS = 5
 """Steps for which a random action is kept, so that the robot gets somewhere."""
 FORWARD_RANGE = (-0.3, 0.7)
 """Random base velocity forward: towards the table on average, so that the robot reaches the objects."""
+STAND_OFF = 0.85
+"""[m] from the base to an object that the gripper grasps."""
+_GRASP = (
+    (-1.2, -0.4, 0.1, True, 60),
+    (-STAND_OFF, -0.14, 0.0, True, 50),
+    (-STAND_OFF, 0.0, 0.0, True, 40),
+    (-STAND_OFF, 0.0, 0.0, False, 15),
+    (-STAND_OFF, 0.0, 0.15, False, 30),
+    (-1.6, -0.75, 0.15, False, 60),
+    (-1.6, -0.75, 0.15, True, 20),
+)
+"""Goals of a blind grasp: x [m] of the base, x and z [m] of the TCP, all from the object's centre; whether the gripper
+is to be open; for how many steps."""
 REPORT_STEPS = 1000
 PAGE = resource.getpagesize()
 
@@ -59,7 +74,7 @@ class EnduranceError(ValueError):
 
 @dataclass
 class EnduranceResult:
-    """Counts of a run, MuJoCo's warnings (kind, environment, seed, step), resident memory [MB] by environment."""
+    """Counts of a run, MuJoCo's warnings (kind, environment, seed, step), resident memory [MB] after each round."""
 
     steps: int = 0
     episodes: int = 0
@@ -68,13 +83,12 @@ class EnduranceResult:
 
     def summary(self) -> str:
         """The counts in words."""
-        half = len(self.memory_mb) // 2
-        first, second = self.memory_mb[: half + 1], self.memory_mb[half:]
         lines = "".join(f"  {line}\n" for line in self.warnings)
+        memory = ", ".join(f"{value:.0f}" for value in self.memory_mb)
         return (
             f"{self.steps} steps, {self.episodes} episodes\n"
             f"warnings from MuJoCo: {len(self.warnings)}\n{lines}"
-            f"resident memory: at most {max(first):.0f} MB in the first half, {max(second):.0f} MB in the second"
+            f"resident memory after each round: {memory} MB"
         )
 
 
@@ -95,10 +109,13 @@ def main(steps: int = 1_000_000, seed: int = 0, json: Path | None = None) -> Non
 
 
 def run_endurance(steps: int, seed: int, report: Callable[[int], None] = lambda _: None) -> EnduranceResult:
-    """Step all ids in both control modes and all layouts, one after the other in this process.
+    """Step all ids in both control modes and all layouts, in rounds of about one episode each, in this process.
+
+    Every round has other scenes and actions; every second one makes blind grasps in place of random actions.
 
     Args:
-        steps: control steps in all, shared equally; rounded up to a whole number for each environment.
+        steps: control steps in all, shared equally; rounded up to a whole number for each environment. The motions of
+            skills come on top.
         seed: of scenes and actions.
         report: called with the number of steps done since the last call.
 
@@ -109,13 +126,20 @@ def run_endurance(steps: int, seed: int, report: Callable[[int], None] = lambda 
     if steps < 1:
         raise ValueError(f"steps={steps} must be at least 1")
     kinds = _kinds()
-    share = -(-steps // len(kinds))
+    rounds = max(round(steps / (EPISODE_STEPS * len(kinds))), 1)
+    share = -(-steps // (rounds * len(kinds)))
     result = EnduranceResult()
-    for number, (env_id, keywords) in enumerate(kinds):
-        env = gym.make(env_id, reward_mode="dense", max_episode_steps=EPISODE_STEPS, **keywords)
-        _run_one(env, share, seed + number, result, report)
-        env.close()
+    for turn in range(rounds):
+        for number, (env_id, keywords) in enumerate(kinds):
+            robot = next(robot for robot in _from(ROBOTS, turn + number) if _can_be_drawn(keywords | {"robot": robot}))
+            env = gym.make(env_id, reward_mode="dense", max_episode_steps=EPISODE_STEPS, **keywords, robot=robot)
+            _run_one(env, share, seed + turn * len(kinds) + number, bool(turn % 2), result, report)
+            env.close()
+        if share == EPISODE_STEPS:
+            for number, env_id in enumerate(SKILL_IDS):
+                _run_skills(gym.make(env_id, robot=ROBOTS[0]), seed + turn * len(SKILL_IDS) + number, result)
         result.memory_mb.append(int(Path("/proc/self/statm").read_text().split()[1]) * PAGE / 2**20)
+        print(f"round {turn + 1} of {rounds}: {result.summary()}", flush=True)
     return result
 
 
@@ -144,24 +168,28 @@ def _can_be_drawn(keywords: dict[str, Any]) -> bool:
     return not config.obstructed or config.num_objects >= OBSTRUCTED_OBJECTS
 
 
-def _run_one(env: gym.Env, steps: int, seed: int, result: EnduranceResult, report: Callable[[int], None]) -> None:
+def _from(values: tuple[str, ...], first: int) -> tuple[str, ...]:
+    """The values in turn, the one of this number first."""
+    return tuple(values[(first + index) % len(values)] for index in range(len(values)))
+
+
+def _run_one(
+    env: gym.Env, steps: int, seed: int, is_grasping: bool, result: EnduranceResult, report: Callable[[int], None]
+) -> None:
     base = env.unwrapped
     assert isinstance(base, BaseEnv)
     rng = np.random.default_rng(seed)
+    motions = blind_grasps if is_grasping and base.world.shapes else _random_actions
     has_ended, episode_seed, first_step = True, seed, 0
-    action: NDArray[np.float64] = np.zeros(base.action_size)
+    actions: Iterator[NDArray[np.float64]] = iter(())
     for step in range(steps):
         if has_ended:
             episode_seed, first_step = int(rng.integers(2**31)), step
             env.reset(seed=episode_seed)
+            actions = motions(base, rng)
             result.episodes += 1
-        if step % ACTION_STEPS == 0 or has_ended:
-            action = rng.uniform(-1, 1, base.action_size)
-            action[0] = rng.uniform(*FORWARD_RANGE)
-        observation, reward, terminated, truncated, _ = env.step(action)
-        # Every reset clears the counters, so that these are warnings of this episode.
-        kinds = np.flatnonzero(base.data.warning.number).tolist()
-        warned = [mujoco.mjtWarning(kind).name.removeprefix("mjWARN_") for kind in kinds]
+        observation, reward, terminated, truncated, _ = env.step(next(actions))
+        warned = _warnings(base)
         result.warnings += [f"{name}: {env.spec}, seed {episode_seed}, step {step - first_step}" for name in warned]
         has_ended = terminated or truncated or bool(warned)
         if observation not in env.observation_space:
@@ -171,6 +199,52 @@ def _run_one(env: gym.Env, steps: int, seed: int, result: EnduranceResult, repor
         if step % REPORT_STEPS == 0:
             report(min(REPORT_STEPS, steps - step))
     result.steps += steps
+
+
+def _run_skills(env: gym.Env, seed: int, result: EnduranceResult) -> None:
+    """One episode of random skills."""
+    skills = env.unwrapped
+    assert isinstance(skills, SkillEnv)
+    rng, has_ended = np.random.default_rng(seed), False
+    env.reset(seed=seed)
+    result.episodes += 1
+    while not has_ended:
+        observation, _, terminated, truncated, _ = env.step(rng.choice(np.flatnonzero(skills.action_masks())))
+        result.warnings += [f"{name}: {env.spec}, seed {seed}" for name in _warnings(skills.physics_env)]
+        has_ended = terminated or truncated
+        if observation not in env.observation_space:
+            raise EnduranceError(f"{env.spec}: observation outside its space, seed {seed}")
+    result.steps += len(skills.physics_env.actions)
+
+
+def _warnings(base: BaseEnv) -> list[str]:
+    """Kinds of MuJoCo's warnings in this episode: every reset clears the counters."""
+    return [mujoco.mjtWarning(kind).name.removeprefix("mjWARN_") for kind in np.flatnonzero(base.data.warning.number)]
+
+
+def _random_actions(base: BaseEnv, rng: np.random.Generator) -> Iterator[NDArray[np.float64]]:
+    while True:
+        action = rng.uniform(-1, 1, base.action_size)
+        action[0] = rng.uniform(*FORWARD_RANGE)
+        yield from [action] * ACTION_STEPS
+
+
+def blind_grasps(base: BaseEnv, rng: np.random.Generator) -> Iterator[NDArray[np.float64]]:
+    """Grasp random objects from the front, whatever is in the way: approach, close, lift, drive back, open."""
+    follower = base.tcp_follower()
+    follower.reset(base.world.controller.state.target[3:])
+    while True:
+        x, y, z = base.measurements.poses[rng.integers(len(base.measurements.poses)), :3]
+        for base_x, tcp_x, tcp_z, is_open, steps in _GRASP:
+            pose, width = np.eye(4), base.robot.max_opening * is_open
+            for _ in range(steps):
+                stand = np.array([x + base_x, y, 0.0])
+                if base.control_mode == "ee":
+                    pose[:3, 3] = x + tcp_x, y, z + tcp_z
+                    yield base.ee_action(stand, pose, width)
+                else:
+                    pose[:3, 3] = tcp_x - base_x, 0.0, z + tcp_z
+                    yield base.joint_action(np.concatenate((stand, follower.step(pose))), width)
 
 
 if __name__ == "__main__":

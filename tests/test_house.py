@@ -19,10 +19,13 @@ LEARNING = ("torch", "stable_baselines3", "ray", "minari")
 CASES = [
     ("assets", ("mujoco", "gymnasium", "numba", *LEARNING)),
     ("irm", ("mujoco", "mink", "gymnasium", "matplotlib", *GL, *LEARNING)),
-    ("planners", ("gymnasium", "matplotlib", *GL, *LEARNING)),
+    ("planners.goals", ("numba", "irm", "mujoco", "gymnasium", "matplotlib", *GL, *LEARNING)),
+    ("planners.scene", ("numba", "gymnasium", "matplotlib", *GL, *LEARNING)),
+    ("planners.face", ("gymnasium", "matplotlib", *GL, *LEARNING)),
     ("clutter_env", ("numba", "planners", "irm", *GL, *LEARNING)),
     ("clutter_env.envs.retrieve", ("numba", "planners", "irm", *GL, *LEARNING)),
     ("clutter_env.envs.goal", ("numba", "planners", "irm", *GL, *LEARNING)),
+    ("clutter_env.envs.rearrange", ("numba", *GL, *LEARNING)),
     ("clutter_env.cli.main", ("numba", "planners", "irm", *GL, *LEARNING)),
 ]
 SOURCES = sorted(file for package in PACKAGES for file in (ROOT / package).rglob("*.py"))

@@ -16,6 +16,7 @@
 ;; [7] PickUp asks that every gripper be empty. In the figure only its own: with two, the shortest plan then hides an
 ;;     obstacle in the other hand and never puts it down. The option hold_aside restores the figure's precondition.
 ;; [8] A gripper takes an object through grasp poses of its own arm.
+;; [9] Where objects are to be put at places of a goal, the order that motion planning has found is a fact.
 (define (domain obstructed-grasp)
   (:requirements :strips :typing :negative-preconditions :universal-preconditions :conditional-effects)
   (:types
@@ -37,7 +38,8 @@
     (isBaseMotion ?t - base-traj ?to - base-pose)
     ;; Known from motion planning alone.
     (obstructs ?blocker - obj ?t - arm-traj ?blocked - obj)
-    (obstacle ?o - obj))
+    (obstacle ?o - obj)
+    (waitsFor ?o - obj ?first - obj)) ; [9]
 
   ;; From the base pose ?pose1 the arm follows ?traj to the grasp pose ?pose2; no object may stand in its way.
   (:action PickUp
@@ -49,7 +51,8 @@
       (isGrasp ?pose2 ?obj ?objLoc)
       (not (outOfReach ?gripper ?pose2)) ; [8]
       (isMotion ?traj ?pose1 ?pose2)
-      (forall (?other - obj) (not (obstructs ?other ?traj ?obj))))
+      (forall (?other - obj) (not (obstructs ?other ?traj ?obj)))
+      (forall (?first - obj) (not (waitsFor ?obj ?first)))) ; [9]
     :effect (and
       (graspedBy ?obj ?gripper)
       (not (empty ?gripper))
@@ -73,7 +76,8 @@
       (not (graspedBy ?obj ?gripper))
       (empty ?gripper)               ; [1]
       (objectAt ?obj ?targetLoc)
-      (occupied ?targetLoc)))
+      (occupied ?targetLoc)
+      (forall (?next - obj) (not (waitsFor ?next ?obj))))) ; [9]
 
   ;; Put down an obstacle where it no longer obstructs ?tar; naming ?tar is what makes it a clearance.
   (:action PutDownForClearance
@@ -93,6 +97,7 @@
       (empty ?gripper)               ; [1]
       (objectAt ?obs ?targetLoc)
       (occupied ?targetLoc)
+      (forall (?next - obj) (not (waitsFor ?next ?obs))) ; [9]
       (not (obstacle ?obs))
       (not (isClearanceLocation ?targetLoc ?obs ?tar))))
 

@@ -32,6 +32,8 @@ class Arguments:
     """Control mode; empty for the environment's own."""
     layout: str = ""
     """Layout; empty for the environment's own."""
+    task: str = ""
+    """Task of a Rearrange environment; empty for the environment's own."""
     obstructed: bool = False
     """Collect on scenes whose target no side grasp reaches without moving something."""
     obs_mode: Literal["state", "rgbd"] = "state"
@@ -70,12 +72,13 @@ def run(arguments: Arguments) -> None:
     from clutter_env.reporting.progress import progress_bar
     from clutter_env.task import Task
 
-    chosen = {name: getattr(arguments, name) for name in ("control_mode", "layout", "obstructed")}
+    chosen = {name: getattr(arguments, name) for name in ("control_mode", "layout", "obstructed", "task")}
     task = Task(arguments.env, {name: value for name, value in chosen.items() if value})
     check_integer("image_size", arguments.image_size, *IMAGE_SIZE_RANGE)
     image_size = arguments.image_size if arguments.obs_mode == "rgbd" else 0
     job = make_job(task, arguments.strategy, arguments.episodes, arguments.seed, image_size)
-    name = f"{arguments.env.rpartition('/')[2].removesuffix('-v0').lower()}-{job.expert}"
+    kind = "-".join(filter(None, (arguments.env.rpartition("/")[2].removesuffix("-v0").lower(), arguments.task)))
+    name = f"{kind}-{job.expert}"
     dataset = Dataset.open_for(job, arguments.out or Path("outputs/demos") / name)
     there = len(list(dataset.episodes_directory.glob("*.hdf5")))
     started, made = time.perf_counter(), 0

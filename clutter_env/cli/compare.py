@@ -2,6 +2,7 @@
 
     clutter-env compare --suites side-15-v2 --policies lookahead --runs outputs/runs/maskable_ppo-skill-o15/*
     clutter-env compare --envs clutter_env/Retrieve-o15-v0 --obstructed 1 --policies lookahead my_module:Mine
+    clutter-env compare --files outputs/evaluate/side-15-v2_*.json
 
 The controls (greedy and random skills, the direct approach) always play. Runs of one algorithm that differ in their
 seed form one row. Two Markdown tables and a picture are written to the output directory. Every score is written there
@@ -18,6 +19,7 @@ from clutter_env.cli.main import command_line
 
 if TYPE_CHECKING:
     from clutter_env.evaluation.scenes import SceneSet
+    from clutter_env.evaluation.tables import Row
 
 WHEN_INTERRUPTED = "run the same command again to go on"
 
@@ -36,6 +38,8 @@ class Arguments:
     """Environments: least number of objects in the way of every side grasp of the target."""
     policies: tuple[str, ...] = ("lookahead",)
     """Names of policies, as for `clutter-env evaluate`; or module:Class."""
+    files: tuple[Path, ...] = ()
+    """Results files of `clutter-env evaluate`, whose scores are tabled too as they stand there; see `verify`."""
     runs: tuple[Path, ...] = ()
     """Directories of training runs; each plays the scenes of its kind with as many objects."""
     scenes: int | None = None
@@ -60,11 +64,29 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Play, summarise, print."""
+    from clutter_env.evaluation.picture import plot
+    from clutter_env.evaluation.tables import markdown, markdown_by_floor, summarise
+    from clutter_env.evaluation.verify import claimed
+    from clutter_env.reporting.files import write_json
+
+    read = [claimed(file) for file in arguments.files]
+    rows = [summarise(found.policy, [found], arguments.seed) for found in read]
+    if arguments.suites or arguments.envs or not rows:
+        rows = play(arguments) + rows
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    tables = f"{markdown(rows)}\n{markdown_by_floor(rows)}"
+    print(tables)
+    command = command_line("clutter-env compare", arguments, leave_out=("workers", "ray", "out", "json"))
+    (arguments.out / "table.md").write_text(f"```sh\n{command}\n```\n\n{tables}")
+    plot(rows, arguments.out / "plot.png")
+    if arguments.json is not None:
+        write_json(arguments.json, rows)
+
+
+def play(arguments: Arguments) -> list[Row]:
+    """Play what has not been played; the rows of the table."""
     from clutter_env.evaluation.compare import Comparison, compare
     from clutter_env.evaluation.evaluate import ResultRecords
-    from clutter_env.evaluation.picture import plot
-    from clutter_env.evaluation.tables import markdown, markdown_by_floor
-    from clutter_env.reporting.files import write_json
     from clutter_env.reporting.progress import progress_bar
 
     comparison = Comparison(
@@ -77,7 +99,7 @@ def run(arguments: Arguments) -> None:
     )
     records = ResultRecords(arguments.out / "results.jsonl")
     with progress_bar(total=comparison.num_episodes, unit="episode") as bar:
-        rows = compare(
+        return compare(
             comparison,
             records,
             workers=arguments.workers,
@@ -85,13 +107,6 @@ def run(arguments: Arguments) -> None:
             count_crashes=arguments.count_crashes,
             tick=bar.update,
         )
-    tables = f"{markdown(rows)}\n{markdown_by_floor(rows)}"
-    print(tables)
-    command = command_line("clutter-env compare", arguments, leave_out=("workers", "ray", "out", "json"))
-    (arguments.out / "table.md").write_text(f"```sh\n{command}\n```\n\n{tables}")
-    plot(rows, arguments.out / "plot.png")
-    if arguments.json is not None:
-        write_json(arguments.json, rows)
 
 
 def scene_sets(arguments: Arguments) -> list[SceneSet]:
@@ -105,7 +120,7 @@ def scene_sets(arguments: Arguments) -> list[SceneSet]:
     from clutter_env.evaluation.scenes import SceneSet
 
     if not arguments.suites and not arguments.envs:
-        raise LearningError("name scenes: --suites, or --envs with --obstructed and --scenes")
+        raise LearningError("name scenes: --suites, or --envs with --obstructed and --scenes; or --files of results")
     obstructed = True if arguments.obstructed == 1 else arguments.obstructed or False
     of_suites = [SceneSet(name, arguments.split, count=arguments.scenes) for name in arguments.suites]
     count = 50 if arguments.scenes is None else arguments.scenes

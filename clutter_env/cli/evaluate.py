@@ -66,7 +66,9 @@ def run(arguments: Arguments) -> None:
             tick=bar.update,
         )
     content, row = results(evaluation), summarise(arguments.policy, [evaluation])
-    print(f"{markdown([row])}\nLower bounds are for {evaluation.traits.grasps} grasps.\n\n{markdown_by_floor([row])}")
+    print(markdown([row]))
+    if evaluation.floors:
+        print(f"Lower bounds are for {evaluation.traits.grasps} grasps.\n\n{markdown_by_floor([row])}")
     print(f"objects moved {row.moved.mean:.2f}, cleared {row.cleared.mean:.2f}, on average over all episodes")
     if content["crashes"]:
         print(f"\n{content['crashes']} episodes, counted as failures, ended with an exception of the policy")

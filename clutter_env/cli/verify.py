@@ -56,12 +56,14 @@ def run(arguments: Arguments) -> int:
         other = () if fresh.traits.track == found.track else (f"the policy is of the {fresh.traits.track} track",)
         found = replace(found, fresh=fresh_success(fresh), differences=found.differences + other)
     said = f"{found.clean} clean successes in {found.episodes} episodes of {found.scenes}"
-    if found.not_comparable:
-        _show("not comparable on this machine:", *found.not_comparable)
-    if found.differences:
-        _show(f"NOT confirmed: {said}", *found.differences)
-    elif not found.not_comparable:
+    if found.is_confirmed:
         _show(f"confirmed: {said}, by replay of the recorded actions")
+        if found.other_than:
+            _show("with the same digits, although the file was made with something else:", *found.other_than)
+    else:
+        _show(f"NOT confirmed: {said}", *found.differences)
+        if found.other_than:
+            _show("not comparable: the differences may come from what the file was made with:", *found.other_than)
     _show(f"claimed: policy {found.policy}, of the {found.track} track; its files are {found.weights}")
     if found.fresh is not None:
         _show(f"{arguments.policy} on {arguments.scenes} fresh scenes from seed {seed}: clean success {found.fresh}")

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 
 from assets import RobotSpec
-from clutter_env.envs.observation import Column, EntryLayout, observation_layout
+from clutter_env.envs.observation import Column, EntryLayout
 
 
 class Columns(NamedTuple):
@@ -37,7 +37,7 @@ def episode_columns(env: gym.Env, observation: Mapping[str, Any]) -> dict[str, C
         observation: any one of it.
     """
     robot: RobotSpec = env.get_wrapper_attr("robot")
-    layout = observation_layout(robot)
+    layout: Mapping[str, EntryLayout] = env.get_wrapper_attr("observation_layout")
     found = {f"observations/{name}": _observation(name, layout, value) for name, value in observation.items()}
     joints = [link.joint.removesuffix("_joint") for link in robot.chain]
     keyframe = ("base_x", "base_y", "base_yaw", *joints, "finger_position")
@@ -84,10 +84,12 @@ def _observation(name: str, layout: Mapping[str, EntryLayout], value: Any) -> Co
         rows = (len(value) - sum(layout[entry].size for entry in _OWN)) // layout["objects"].size
         parts = [column._replace(name=f"{entry}.{column.name}") for entry in _OWN for column in layout[entry].columns]
         return _named(
-            "the entries robot, tcp, gripper and objects, one after the other", [*parts, *_rows(layout, rows)]
+            "the entries robot, tcp, gripper and objects, one after the other",
+            [*parts, *_rows(layout, "objects", rows)],
         )
-    if name == "objects":
-        return _named("one row of each object, one after the other", _rows(layout, len(value) // layout[name].size))
+    if name in ("objects", "goals"):
+        rows = len(value) // layout[name].size
+        return _named("one row of each object, one after the other", _rows(layout, name, rows))
     if name in layout:
         return _named(f"observation entry {name}, relative to the base", layout[name].columns)
     return Columns(f"image {name}")
@@ -96,8 +98,8 @@ def _observation(name: str, layout: Mapping[str, EntryLayout], value: Any) -> Co
 _OWN = ("robot", "tcp", "gripper")
 
 
-def _rows(layout: Mapping[str, EntryLayout], rows: int) -> list[Column]:
-    columns = layout["objects"].columns
+def _rows(layout: Mapping[str, EntryLayout], entry: str, rows: int) -> list[Column]:
+    columns = layout[entry].columns
     return [column._replace(name=f"object_{row}.{column.name}") for row in range(rows) for column in columns]
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, fields
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import mujoco
@@ -22,11 +22,11 @@ from assets import robot as find_robot
 from clutter_env.config import CONTROL_HZ, RENDER_MODES, EnvConfig
 from clutter_env.envs.observation import EntryLayout, Observer
 from clutter_env.envs.reset_options import ResetOptions, draw_scene
-from clutter_env.envs.success import SuccessMonitor, checked_memory
+from clutter_env.envs.success import LIFT_HEIGHT, SuccessMonitor, checked_memory
 from clutter_env.errors import ActionError, StateError
 from clutter_env.rendering.cameras import EnvRenderer
 from clutter_env.rendering.renderer import has_display
-from clutter_env.scene.layout import LAYOUTS, Layout
+from clutter_env.scene.layout import LAYOUTS, TABLE, Layout
 from clutter_env.scene.object_sets import slot_shapes
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.control import ControlState, checked_action, checked_vector
@@ -73,6 +73,10 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
     measurements: Measurements
     _monitor: SuccessMonitor
 
+    has_target: ClassVar[bool] = True
+    """Whether one of the objects, if there are any, is the target."""
+    task_modules: ClassVar[tuple[str, ...]] = ()
+    """Modules whose code decides what the task is, beside those of the class and its bases."""
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": CONTROL_HZ}  # noqa: RUF012
     """An instance on a machine without a display leaves out "human": checkers try every mode that is listed."""
 
@@ -117,7 +121,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             OptionError: an unknown or invalid option.
             StateError: the option `state` is not a saved state of this environment.
         """
-        checked = ResetOptions.of(options)
+        checked = self._check_options(options)
         with restored_generator(self):
             super().reset(seed=seed)
             if checked.state is not None:
@@ -137,9 +141,10 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         Raises:
             ActionError: the action is not a finite vector of the right shape; nothing has changed.
         """
-        checked = checked_action(action, self.action_size)
+        recorded = checked_action(action, self.action_size)
         self.check_started("step()")
-        self._actions.append(checked.astype(np.float32))
+        self._actions.append(recorded)
+        checked = recorded.astype(np.float64)
         grips = checked[-self.world.controller.num_grippers :].tolist()
         self.measurements = self.world.advance(self.measurements, self._joint_velocity(checked), grips)
         self._monitor.update(self.measurements)
@@ -192,6 +197,21 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """
         self.check_started("target")
         return self.world.names[self.target_slot] if self.target_slot >= 0 else ""
+
+    @property
+    def object_names(self) -> tuple[str, ...]:
+        """Names of the objects' bodies."""
+        return self.world.names
+
+    @property
+    def support_name(self) -> str:
+        """Name of the geom on whose top face the objects stand."""
+        return TABLE
+
+    @property
+    def lift_height(self) -> float:
+        """[m] between the support and the lowest point of the target from which the target counts as lifted."""
+        return LIFT_HEIGHT
 
     @property
     def info(self) -> dict[str, Any]:
@@ -288,7 +308,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         Raises:
             StateError: not a valid saved state of an environment like this one; nothing has changed.
         """
-        scene, saved_physics, remembered = unpack(state, self._kind)
+        scene, saved_physics, remembered = unpack(state, self._kind, self.has_target)
         world, arm = self._world_for(scene), self._end_effector
         size, grippers = len(world.controller.state.target), world.controller.num_grippers
         memory = Fields(remembered, "memory", _MEMORY)
@@ -316,7 +336,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         furniture_force = memory.number("furniture_force", 0.0)
         check_generator(self.np_random, memory["rng"])
         watched = checked_memory(memory["monitor"], scene.num_objects, grippers)
-        bookkeeping = self._read_memory(memory["task"])
+        bookkeeping = self._read_memory(memory["task"], scene)
         restore_physics(world, scene, physics)  # the last that may refuse the state
         self.world, world.furniture_force = world, furniture_force
         world.controller.state = control
@@ -336,6 +356,10 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         return _unpickled, (type(self), self.config.keywords(), attributes, saved)
 
     # What a task defines.
+
+    def _check_options(self, options: object) -> ResetOptions:
+        """The options of a reset, checked; raises OptionError."""
+        return ResetOptions.of(options)
 
     def _draw_scene(self, options: ResetOptions) -> TableScene:
         """The scene of a new episode."""
@@ -361,7 +385,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """The task's bookkeeping as JSON values; nothing if it follows from the present state."""
         return {}
 
-    def _read_memory(self, memory: Any) -> Any:
+    def _read_memory(self, memory: Any, scene: TableScene) -> Any:  # noqa: ARG002  of the saved state
         """The bookkeeping in what `_memory` returned, for `_recall`; StateError where it is not valid."""
         return Fields(memory, "memory task", ())
 

@@ -119,7 +119,7 @@ class GoalEnv(BaseEnv):
     def _memory(self) -> dict[str, Any]:
         return {"goal": self._goal.tolist()}
 
-    def _read_memory(self, memory: Any) -> NDArray[np.float64]:
+    def _read_memory(self, memory: Any, scene: TableScene) -> NDArray[np.float64]:  # noqa: ARG002  as of other tasks
         return Fields(memory, "memory task", ("goal",)).numbers("goal", (3,), -GOAL_BOUND, GOAL_BOUND)
 
     def _recall(self, bookkeeping: NDArray[np.float64]) -> None:

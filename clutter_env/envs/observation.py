@@ -150,7 +150,6 @@ def entry_slices(layout: Mapping[str, EntryLayout], entries: Sequence[str], num_
 _ROW = OBSERVATION_LAYOUT["objects"]
 _POSE = slice(_ROW["position"].start, _ROW["quaternion"].stop)
 _HELD = _ROW.index("held")
-_GOAL = OBSERVATION_LAYOUT["goal"]
 
 _0, _1, _C, _S, _MS, _HC, _HS, _MHS = range(8)
 _TURN = np.array(
@@ -183,6 +182,7 @@ class Observer:
         self._bounds = np.concatenate([np.tile(self.layout[name].bounds, rows[name]) for name in names])
         self._lowest = -self._bounds
         self._own = slice(0, self._slices["gripper"].stop)
+        self._own_qpos = np.concatenate((world.index.drive_qpos, world.index.finger_qpos))
         self._shows_objects, self._shows_goal = shows_objects, shows_goal
         self._constant = np.zeros_like(self._bounds)
         self._constant_scene: TableScene | None = None
@@ -215,20 +215,23 @@ class Observer:
             hold_progress: share of the holding time that success needs, 0 to 1.
             lift_left: height [m] by which the target must still rise.
         """
-        base_x, base_y, yaw, *joints = world.data.qpos[world.index.drive_qpos].tolist()
+        data, index, num_joints = world.data, world.index, len(world.index.drive_qpos)
+        positions = data.qpos[self._own_qpos].tolist()
+        base_x, base_y, yaw, *joints = positions[:num_joints]
         cosine, sine = math.cos(yaw), math.sin(yaw)
-        tcp, site = np.empty((1, 7)), world.index.tcp_site
-        tcp[0, :3] = world.data.site_xpos[site]
-        mujoco.mju_mat2Quat(tcp[0, 3:], world.data.site_xmat[site])
-        poses = _poses_in_base(base_x, base_y, yaw, np.concatenate((tcp, measurements.poses)))
-        forward, sideways, *rates = world.data.qvel[world.index.drive_dof].tolist()
+        poses = np.empty((1 + len(measurements.poses), 7))  # of the TCP, then of the objects
+        poses[0, :3] = data.site_xpos[index.tcp_site]
+        mujoco.mju_mat2Quat(poses[0, 3:], data.site_xmat[index.tcp_site])
+        poses[1:] = measurements.poses
+        poses = _poses_in_base(base_x, base_y, yaw, poses)
+        tcp = poses[0].tolist()
+        forward, sideways, *rates = data.qvel[index.drive_dof].tolist()
         ahead, left = cosine * forward + sine * sideways, cosine * sideways - sine * forward
-        fingers, gap = world.data.qpos[world.index.finger_qpos].tolist(), world.robot.finger_gap_closed
+        fingers, gap = positions[num_joints:], world.robot.finger_gap_closed
         widths = [one + other + gap for one, other in zip(fingers[::2], fingers[1::2], strict=True)]
         commanded = map(world.robot.opening, world.controller.state.fingers)
-        robot = base_x, base_y, sine, cosine, *joints, ahead, left, *rates
         flat = self._constant_part(world, target).copy()
-        flat[self._own] = [*robot, *poses[0].tolist(), *widths, *commanded]
+        flat[self._own] = [base_x, base_y, sine, cosine, *joints, ahead, left, *rates, *tcp, *widths, *commanded]
         if self._shows_objects:
             rows = flat[self._slices["objects"]].reshape(self._num_slots, len(OBJECT_FIELDS))
             rows[: len(measurements.poses), _POSE] = poses[1:]
@@ -236,10 +239,8 @@ class Observer:
                 if slot >= 0:
                     rows[slot, _HELD] = 1.0
         if self._shows_goal:
-            goal = flat[self._slices["goal"]]
-            goal[_GOAL["tcp_to_target"]] = poses[1 + target, :3] - poses[0, :3]
-            goal[_GOAL["lift_left"]] = lift_left
-            goal[_GOAL["hold_progress"]] = hold_progress
+            x, y, z, *_ = poses[1 + target].tolist()
+            flat[self._slices["goal"]] = [x - tcp[0], y - tcp[1], z - tcp[2], lift_left, hold_progress]
         np.minimum(np.maximum(flat, self._lowest, out=flat), self._bounds, out=flat)
         small = flat.astype(np.float32)
         return {name: small[place] for name, place in self._slices.items()}
@@ -264,13 +265,10 @@ class Observer:
 def _poses_in_base(x: float, y: float, yaw: float, poses: Vector) -> Vector:
     """World poses (n, 7) relative to a base at x, y [m], yaw [rad], (n, 7); quaternions get w >= 0.
 
-    A pose is linear in position and quaternion: one product turns both, by the yaw and by half of it. Poses are columns
-    here, because NumPy is faster on rows of one quantity.
+    A pose is linear in position and quaternion: one product turns both, by the yaw and by half of it.
     """
     c, s, hc, hs = math.cos(yaw), math.sin(yaw), math.cos(yaw / 2), math.sin(yaw / 2)
-    turn = np.array((0.0, 1.0, c, s, -s, hc, hs, -hs))[_TURN]
-    relative: Vector = turn @ poses.T
-    relative[0] -= c * x + s * y
-    relative[1] -= c * y - s * x
-    relative[3:] *= np.copysign(1.0, relative[3])
-    return relative.T
+    relative: Vector = (np.array((0.0, 1.0, c, s, -s, hc, hs, -hs)).take(_TURN) @ poses.T).T
+    relative -= (c * x + s * y, c * y - s * x, 0.0, 0.0, 0.0, 0.0, 0.0)
+    relative[:, 3:] *= np.copysign(1.0, relative[:, 3:4])
+    return relative

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,7 +99,7 @@ class ResetOptions:
     obstructed: bool | int | None = None
 
     @classmethod
-    def of(cls, options: object) -> ResetOptions:
+    def of(cls, options: object) -> Self:
         """Check the dictionary given to `reset`.
 
         Raises:

@@ -9,7 +9,6 @@ from clutter_env.envs.base import BaseEnv
 from clutter_env.envs.reward import Way, dense_reward, event_terms, potential, potential_terms
 from clutter_env.envs.success import HOLD_STEPS, LIFT_HEIGHT
 from clutter_env.errors import check_integer
-from clutter_env.scene.layout import TABLE
 
 
 class RetrieveEnv(BaseEnv):
@@ -42,21 +41,6 @@ class RetrieveEnv(BaseEnv):
         check_integer("num_objects", keywords.get("num_objects", 1), 1)
         super().__init__(EnvConfig.from_keywords(keywords))
         self._potential, self._way = 0.0, Way(self.robot.full_name, self.layout)
-
-    @property
-    def object_names(self) -> tuple[str, ...]:
-        """Names of the objects' bodies."""
-        return self.world.names
-
-    @property
-    def support_name(self) -> str:
-        """Name of the geom on whose top face the objects stand."""
-        return TABLE
-
-    @property
-    def lift_height(self) -> float:
-        """[m] between the support and the lowest point of the target from which the target counts as lifted."""
-        return LIFT_HEIGHT
 
     def _begin(self) -> None:
         self._potential = self._measure_potential()

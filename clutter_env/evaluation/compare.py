@@ -18,7 +18,12 @@ from clutter_env.reporting.files import json_text
 from clutter_env.suites import Floor
 
 CONTROLS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {"retrieve": ("greedy", "random-skills", "direct-approach"), "reach": ("random",), "pick": ("random",)}
+    {
+        "retrieve": ("greedy", "random-skills", "direct-approach"),
+        "rearrange": ("random",),
+        "reach": ("random",),
+        "pick": ("random",),
+    }
 )
 """Policies without training that play in every comparison, by the family of the environment."""
 

@@ -135,7 +135,7 @@ def evaluate(
     try:
         traits = _checked(next(stream)[1], job.policy) if isinstance(policy, str) else PolicyTraits.of(policy)
         assert isinstance(traits, PolicyTraits)
-        floors = lower_bounds(scenes, traits.grasps) if scenes.suite else ()
+        floors = lower_bounds(scenes, traits.grasps) if scenes.has_floors else ()
         env = scene_for(scenes.scenes[0], traits.acts_by_skills, feasibility).make(**traits.env_keywords)
 
         def play(missing: Iterable[int]) -> Iterator[tuple[int, Played]]:

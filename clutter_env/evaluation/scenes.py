@@ -57,8 +57,11 @@ class SceneSet:
         env_id: of the environment; "" for a suite.
         obstructed, layout: the environment's keyword arguments of these names; a suite has its own.
         objects: number of objects; 0 for that of the environment.
+        task: of Rearrange; "" for that of the environment.
         count: number of scenes; None for all of a suite.
         first_seed: of the environment's scenes.
+        seeds: of the environment's scenes, `count` of them, where they are not consecutive.
+        max_steps: of the environment's scenes, see `SeededScene`.
 
     Raises:
         LearningError: neither a suite nor an environment is named, or both; fewer than one scene, or more than there
@@ -71,8 +74,11 @@ class SceneSet:
     obstructed: bool | int = False
     layout: str = ""
     objects: int = 0
+    task: str = ""
     count: int | None = None
     first_seed: int = HELD_OUT
+    seeds: tuple[int, ...] = ()
+    max_steps: int | None = None
 
     def __post_init__(self) -> None:
         if bool(self.suite) == bool(self.env_id):
@@ -87,19 +93,27 @@ class SceneSet:
 
     @property
     def name(self) -> str:
-        """As in a table: "side-15-v2", "side-15-v2 (validation)", "o15", "o15 obstructed 2", "reach"."""
+        """As in a table: "side-15-v2", "side-15-v2 (validation)", "o15", "o15 obstructed 2", "swap-o8", "reach"."""
         if self.suite:
             return self.suite if self.split == "test" else f"{self.suite} ({self.split})"
         name = self.env_id.rpartition("/")[2].removesuffix("-v0")
         short = f"o{self.objects}" if self.objects else name.partition("-")[2] or name.lower()
+        if self.family == "rearrange":
+            short = f"{self.task or family(self.env_id)}-{short}"
         degree = "" if self.obstructed is True else f" {self.obstructed}"
         layout = f" {self.layout}" if self.layout else ""
         return f"{short}{layout} obstructed{degree}" if self.obstructed else f"{short}{layout}"
 
     @property
     def family(self) -> str:
-        """The family of the environment: "retrieve", "skill", "reach" or "pick"; a suite's scenes are of "retrieve"."""
+        """The family of the environment: "retrieve", "rearrange", "skill", "reach" or "pick"."""
         return family(self.scenes[0].env_id)
+
+    @property
+    def has_floors(self) -> bool:
+        """Whether it is a suite that knows lower bounds."""
+        first = self.scenes[0]
+        return isinstance(first, SuiteScene) and first.floor_side is not None
 
     @property
     def num_objects(self) -> int:
@@ -117,11 +131,16 @@ def _scenes(wanted: SceneSet) -> tuple[Scene, ...]:
     if wanted.suite:
         return suite(wanted.suite).split(wanted.split)[: wanted.count]
     assert wanted.count is not None
-    chosen = {"obstructed": wanted.obstructed, "layout": wanted.layout, "num_objects": wanted.objects}
+    chosen = {
+        "obstructed": wanted.obstructed,
+        "layout": wanted.layout,
+        "num_objects": wanted.objects,
+        "task": wanted.task,
+    }
     keywords = {name: value for name, value in chosen.items() if value}
     Task(wanted.env_id, keywords).make().close()
-    seeds = range(wanted.first_seed, wanted.first_seed + wanted.count)
-    return tuple(SeededScene(wanted.env_id, keywords, seed) for seed in seeds)
+    seeds = wanted.seeds or range(wanted.first_seed, wanted.first_seed + wanted.count)
+    return tuple(SeededScene(wanted.env_id, keywords, seed, wanted.max_steps) for seed in seeds)
 
 
 def skill_scene(scene: Scene, feasibility: str) -> Scene:

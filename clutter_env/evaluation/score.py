@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import gymnasium as gym
 import numpy as np
 
-from clutter_env.envs.retrieve import RetrieveEnv
+from clutter_env.envs.goal import GoalEnv
 from clutter_env.errors import ActionError
 from clutter_env.policies.protocol import AnyPolicy, begin_episode
 from clutter_env.policies.registry import PolicyTraits
@@ -34,7 +34,7 @@ class Score:
     Attributes:
         seed: of the scene.
         clean: success, as the environment's info says at the end.
-        lifted: the target was lifted, whatever else has moved.
+        lifted: the target was lifted, or the goal of Rearrange reached, whatever else has moved.
         steps: of the environment: control steps, or skills.
         sim_s: simulated time [s].
         moved: number of objects other than the target that ended elsewhere; see `MOVED`.
@@ -78,7 +78,8 @@ class Score:
 def play_scene(
     scene: Any, env: gym.Env, policy: AnyPolicy, max_steps: int | None = None, watch: Watch = lambda *_: None
 ) -> Score:
-    """One episode: until the target has been lifted, cleanly or not, or is lost; the policy gives up; or time is up.
+    """One episode: until the target has been lifted, or the goal of Rearrange reached, cleanly or not; until that is no
+    longer possible; the policy gives up; or time is up.
 
     In Reach and Pick an episode ends with its time alone.
 
@@ -98,7 +99,7 @@ def play_scene(
     started = time.perf_counter()
     observation, info = env.reset(seed=scene) if isinstance(scene, int) else scene.reset(env)
     physics_env: Any = getattr(env.unwrapped, "physics_env", env.unwrapped)  # Skill contains one
-    is_retrieval, target = isinstance(physics_env, RetrieveEnv), physics_env.target_slot
+    ends_lifted, target = not isinstance(physics_env, GoalEnv), physics_env.target_slot
     before = np.array(physics_env.measurements.poses[:, :3])
     begin_episode(policy, info, env)
     watch(env, policy)
@@ -110,8 +111,8 @@ def play_scene(
         except ActionError as problem:  # the traceback shows nothing of the policy's own code
             raise PolicyCrashed(f"{_place(policy)} returned no valid action: {problem}") from problem
         steps += 1
-        # A lifted target is a success or can never become one.
-        is_over = terminated or truncated or steps == max_steps or (is_retrieval and bool(info["lifted"]))
+        # A lifted target is a success or can never become one; so is a goal that has been reached.
+        is_over = terminated or truncated or steps == max_steps or (ends_lifted and bool(info["lifted"]))
         watch(env, policy)
     is_moved = np.linalg.norm(physics_env.measurements.poses[:, :3] - before, axis=1) > MOVED
     is_moved[target : target + 1] = False

@@ -135,6 +135,7 @@ def results(evaluation: Evaluation) -> dict[str, Any]:
         "obstructed": scenes.obstructed,
         "layout": scenes.layout,
         "objects": scenes.objects,
+        **({"task": scenes.task} if scenes.task else {}),
         "first_seed": scenes.first_seed,
         "episodes": [
             {

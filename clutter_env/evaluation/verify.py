@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from clutter_env.policies.runs import run_directories
 from clutter_env.provenance import differences, provenance
 from clutter_env.reporting.files import json_text
 from clutter_env.reporting.intervals import Interval, wilson
+from clutter_env.suites import suite
 
 _TYPES: Mapping[str, type | tuple[type, ...]] = {
     **dict.fromkeys(("suite", "split", "env_id", "layout", "policy", "track", "grasps", "feasibility"), str),
@@ -48,7 +49,8 @@ class Verification:
         episodes: number of episodes.
         clean: claimed successes.
         differences: one sentence for everything in the file that is not as a replay gives it; empty if all is.
-        not_comparable: why a replay on this machine says nothing, such as another version of MuJoCo; empty if it does.
+        other_than: in what the environment here is other than that of the file, such as its version of MuJoCo. Replays
+            that agree all the same confirm the scores; of those that do not, nobody can say why.
         fresh: success of the policy itself on fresh scenes, None if it was not run.
         weights: "the same", "different" from those that the file names, or "not here".
     """
@@ -59,14 +61,14 @@ class Verification:
     episodes: int
     clean: int
     differences: tuple[str, ...]
-    not_comparable: tuple[str, ...]
+    other_than: tuple[str, ...]
     fresh: Interval | None = None
     weights: str = "not here"
 
     @property
     def is_confirmed(self) -> bool:
-        """Whether every score of the file is that of its actions."""
-        return not self.differences and not self.not_comparable
+        """Whether every score of the file is that of its actions, by the rules that hold here."""
+        return not self.differences
 
 
 def verify(path: Path, workers: int = 1, tick: Callable[[], object] = lambda: None) -> Verification:
@@ -102,21 +104,7 @@ def verify(path: Path, workers: int = 1, tick: Callable[[], object] = lambda: No
         else:
             found.append(f"episode {index}: {result}")
         tick()
-    traits = PolicyTraits(content["track"], {}, False, content["grasps"], "", "")
-    made_again = results(
-        Evaluation(
-            policy=content["policy"],
-            scenes=scenes,
-            seed=content["seed"],
-            feasibility=content["feasibility"],
-            traits=traits,
-            weights=content["weights"],
-            episodes=tuple(replayed),
-            floors=lower_bounds(scenes, traits.grasps) if scenes.suite else (),
-            provenance={"environment": content["environment"]},
-            judged_in=content["judged_in"],
-        )
-    )
+    made_again = results(_evaluation(content, replayed))
     found += _differences("", {name: value for name, value in content.items() if name not in _CLAIMED}, made_again)
     if content["policy"] in BUILT_IN and PolicyTraits.of(load_policy(content["policy"], 0)).track != content["track"]:
         found.append(f"{content['policy']} is no policy of the {content['track']} track")
@@ -130,7 +118,7 @@ def verify(path: Path, workers: int = 1, tick: Callable[[], object] = lambda: No
         episodes=len(claims),
         clean=sum(bool(claim.get("clean")) for claim in claims),
         differences=tuple(found),
-        not_comparable=tuple(_other_machine(content, judge)),
+        other_than=tuple(_other_machine(content, judge)),
         weights="not here" if not weights else "the same" if weights == content["weights"] else "different",
     )
 
@@ -149,20 +137,36 @@ def play_fresh(
     Raises:
         See `evaluate`.
     """
-    return evaluate(policy, fresh_scenes(path, count, first_seed), trust=trust, workers=workers, tick=tick)
+    return evaluate(policy, fresh_scenes(path, count, first_seed, workers), trust=trust, workers=workers, tick=tick)
 
 
-def fresh_scenes(path: Path, count: int, first_seed: int) -> SceneSet:
-    """Scenes of the kind of those of a results file; a suite's lower bounds do not choose among them."""
-    first = scenes_of(read_results(path)).scenes[0]
-    return SceneSet(
+def fresh_scenes(path: Path, count: int, first_seed: int, workers: int = 1) -> SceneSet:
+    """Scenes of the kind of those of a results file: of a suite, the first whose lower bounds it would admit."""
+    scenes = scenes_of(read_results(path))
+    first, least = scenes.scenes[0], least_bound(scenes.suite)
+    kind = SceneSet(
         env_id=first.env_id,
         obstructed=first.keywords.get("obstructed", False),
         layout=str(first.keywords.get("layout", "")),
         objects=first.keywords.get("num_objects", 0),
+        task=first.keywords.get("task", ""),
         count=count,
         first_seed=first_seed,
+        max_steps=max((scene.max_steps for scene in suite(scenes.suite)), default=0) if scenes.suite else None,
     )
+    seeds: list[int] = []
+    while least and len(seeds) < count:
+        floors = lower_bounds(kind, "side", workers=workers)
+        is_admitted = [floor.is_proved and (floor.count or 0) >= least for floor in floors]
+        seeds += [scene.seed for scene, admitted in zip(kind.scenes, is_admitted, strict=True) if admitted]
+        kind = replace(kind, first_seed=kind.first_seed + len(floors), count=2 * len(floors))
+    return replace(kind, count=count, first_seed=first_seed, seeds=tuple(seeds[:count]))
+
+
+def least_bound(name: str) -> int:
+    """The smallest lower bound for side grasps in a suite; 0 where a scene has none, and outside the suites."""
+    floors = (scene.floor_side for scene in suite(name)) if name else ()
+    return min((floor.count or 0 if floor else 0 for floor in floors), default=0)
 
 
 def fresh_success(evaluation: Evaluation) -> Interval:
@@ -202,6 +206,42 @@ def read_results(path: Path) -> dict[str, Any]:
     return content
 
 
+def claimed(path: Path) -> Evaluation:
+    """What a results file says, for tables; nothing is played again.
+
+    Raises:
+        LearningError: the file is no results file of this version, or it is damaged.
+        SuiteError: there is no such suite, or no lower bounds for the grasps that the file names.
+    """
+    content = read_results(path)
+    names = {field.name for field in fields(Score)} - {"wall_s"}
+    try:
+        scores = [
+            Score(wall_s=values["wall_s"] if values else 0.0, **{name: claim[name] for name in names})
+            for claim, values in zip(content["episodes"], content["recordings"], strict=True)
+        ]
+    except (KeyError, TypeError) as problem:
+        raise LearningError(f"{path} is no results file: an episode lacks {problem}") from None
+    return _evaluation(content, [Played(score, None) for score in scores])
+
+
+def _evaluation(content: Mapping[str, Any], episodes: Sequence[Played]) -> Evaluation:
+    """The evaluation of a results file, with these episodes."""
+    scenes = scenes_of(content)
+    return Evaluation(
+        policy=content["policy"],
+        scenes=scenes,
+        seed=content["seed"],
+        feasibility=content["feasibility"],
+        traits=PolicyTraits(content["track"], {}, False, content["grasps"], "", ""),
+        weights=content["weights"],
+        episodes=tuple(episodes),
+        floors=lower_bounds(scenes, content["grasps"]) if scenes.has_floors else (),
+        provenance={"environment": content["environment"]},
+        judged_in=content["judged_in"],
+    )
+
+
 def scenes_of(content: Mapping[str, Any]) -> SceneSet:
     """The scenes of a results file."""
     count = len(content["episodes"])
@@ -212,6 +252,7 @@ def scenes_of(content: Mapping[str, Any]) -> SceneSet:
         obstructed=content["obstructed"],
         layout=content["layout"],
         objects=content["objects"],
+        task=content.get("task", ""),
         count=count,
         first_seed=content["first_seed"],
     )

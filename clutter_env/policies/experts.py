@@ -58,6 +58,8 @@ def expert_names(env_id: str) -> tuple[str, ...]:
     kind = family(env_id)
     if kind == "skill":
         return ()
+    if kind == "rearrange":  # blocks are taken from above, and trays and other tables are supports
+        return tuple(name for name in PLANNERS if name.endswith("-all"))
     return (kind,) if kind in SCRIPTS else (*PLANNERS, "scripted")
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from clutter_env.policies.experts import EXPERTS, GreedyPolicy, RandomPolicy, ScriptedExpert, make_expert
+from clutter_env.policies.experts import EXPERTS, PLANNERS, GreedyPolicy, RandomPolicy, ScriptedExpert, make_expert
 from clutter_env.policies.protocol import AnyPolicy, Policy, PolicyError, PublicInfo, check_public
 from clutter_env.policies.runs import CLONERS, TWO_LEVEL_LEARNERS, load_run, run_directories
 from clutter_env.policies.scripted import direct_approach
@@ -224,12 +224,14 @@ def check_policy(policy: AnyPolicy, name: str = "") -> None:
 
 def policy_families(name: str) -> tuple[str, ...]:
     """The families of environments whose scenes a policy can play; of other people's policies all."""
-    every = ("retrieve", *_GOAL_FAMILIES)
+    every = ("retrieve", "rearrange", *_GOAL_FAMILIES)
     if name in _GOAL_FAMILIES:
         return (name,)
     if directories := run_directories(name):
         own = family(load_run(directories[0])["task"]["env_id"])
         return ("retrieve" if own == "skill" else own,)
+    if name in PLANNERS:
+        return ("retrieve", "rearrange")
     return ("retrieve",) if name in BUILT_IN and name != "random" else every
 
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from clutter_env.config import EnvConfig
 from clutter_env.errors import RenderingUnavailable
 from clutter_env.rendering.framing import FRAMED_CAMERA, across, whole_scene
-from clutter_env.rendering.renderer import Renderer, has_display
+from clutter_env.rendering.renderer import Renderer, add_marks, has_display
 from clutter_env.scene.layout import Layout
-from clutter_env.simulation.world import World
+from clutter_env.simulation.world import Mark, World
 
 MAX_DEPTH = 8.0
 """[m] Clip of the depth images in observations."""
@@ -53,7 +53,7 @@ class EnvRenderer:
             self._use(world)
             if self._window is None:
                 self._window = Window(world.model, world.data, self._layout, self._config.camera)
-            self._window.show()
+            self._window.show(world.marks)
             return None
         width, height = self._config.width, self._config.height
         renderer, camera = self._renderer(world, width, height), self._config.camera
@@ -101,7 +101,9 @@ class EnvRenderer:
         mujoco.mj_camlight(world.model, world.data)
         if (width, height) not in self._renderers:
             self._renderers[width, height] = Renderer(world.model, width, height)
-        return self._renderers[width, height]
+        renderer = self._renderers[width, height]
+        renderer.marks = world.marks
+        return renderer
 
     def _use(self, world: World) -> None:
         """Close what was opened for another world."""
@@ -132,8 +134,9 @@ class Window:
                 view.type, view.lookat[:] = framed.type, framed.lookat
                 view.azimuth, view.elevation, view.distance = framed.azimuth, framed.elevation, framed.distance
         self._shown, self._due = data.time, time.monotonic()
+        self._marks: tuple[Mark, ...] = ()
 
-    def show(self) -> None:
+    def show(self, marks: tuple[Mark, ...] = ()) -> None:
         """Show the present state when its time has come; nothing once the window has been closed."""
         if not self._viewer.is_running():
             return
@@ -142,6 +145,11 @@ class Window:
         self._due = max(self._due, now - _MOST_LAG) + passed if passed >= 0 else now
         self._shown = self._data.time
         time.sleep(max(self._due - now, 0.0))
+        if marks is not self._marks:
+            with self._viewer.lock():
+                self._viewer.user_scn.ngeom = 0
+                add_marks(self._viewer.user_scn, marks)
+            self._marks = marks
         self._viewer.sync()
 
     def wait(self) -> None:

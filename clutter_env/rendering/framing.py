@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from clutter_env.scene.layout import TABLE_HEIGHT, Layout
+from clutter_env.scene.layout import TABLE_HEIGHT, Layout, top_of
 
 FRAMED_CAMERA = "scene"
 """Name of the view of the whole scene; all other cameras are in the model and stay where they are."""
@@ -103,7 +103,12 @@ def _centred(across: Points, forward: Points, slope: float) -> tuple[float, floa
 
 
 def _table_points(layout: Layout, around: float) -> Points:
-    """Corners (8, 3) [m] of the table with what stands on it, and so far around it."""
+    """Corners (n, 3) [m] of the table and the layout's own supports with what stands on them, and so far around it."""
     half_x, half_y = layout.depth / 2 + around, layout.width / 2 + around
     top = TABLE_HEIGHT + max(layout.levels) + _OBJECT_HEIGHT
-    return np.array(list(product((-half_x, half_x), (-half_y, half_y), (TABLE_HEIGHT, top))))
+    corners = list(product((-half_x, half_x), (-half_y, half_y), (TABLE_HEIGHT, top)))
+    for box in layout.boxes:
+        if box.name in (layout.supports or ()):
+            (x, y, _), (box_x, box_y, _), level = box.position, box.half_extents, top_of(box)
+            corners += product((x - box_x, x + box_x), (y - box_y, y + box_y), (level, level + _OBJECT_HEIGHT))
+    return np.array(corners)

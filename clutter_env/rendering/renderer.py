@@ -7,9 +7,11 @@ copy of the driver's memory without its threads, and hangs in its first call.
 from __future__ import annotations
 
 import importlib
+import math
 import os
 import sys
 import threading
+from collections.abc import Iterable
 from typing import Any
 
 import mujoco
@@ -17,12 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.errors import RenderingUnavailable
+from clutter_env.simulation.world import Mark
 
 _DEBIAN_PACKAGES = (
     "on Debian or Ubuntu install libegl1 libegl-mesa0 libgl1-mesa-dri (EGL), or libosmesa6 (OSMesa, software only)"
 )
 _OFF = ("disable", "disabled", "off", "false", "0")
 _MAX_GEOMS = 2000
+_MARK_HALF_HEIGHT = 0.001
+"""[m] of the drawn marks."""
 _GEOM_GROUPS = (1, 1, 1, 0, 0, 0)
 """Rendered: the scene (0), the meshes (1) and the primitives (2) that no mesh replaces."""
 _opened_by: set[int] = set()
@@ -79,6 +84,16 @@ def _check_no_fork() -> None:
         )
 
 
+def add_marks(scene: mujoco.MjvScene, marks: Iterable[Mark]) -> None:
+    """Add marks to what is about to be drawn."""
+    for mark in marks:
+        cosine, sine = math.cos(mark.yaw), math.sin(mark.yaw)
+        turn = np.array((cosine, -sine, 0.0, sine, cosine, 0.0, 0.0, 0.0, 1.0))
+        size, box = np.append(mark.half_extents, _MARK_HALF_HEIGHT), mujoco.mjtGeom.mjGEOM_BOX
+        mujoco.mjv_initGeom(scene.geoms[scene.ngeom], box, size, mark.centre, turn, np.asarray(mark.rgba, np.float32))
+        scene.ngeom += 1
+
+
 class Renderer:
     """Renders one model through any of its cameras, colour or depth; without shadows and multisampling.
 
@@ -103,6 +118,9 @@ class Renderer:
         self._device = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._device)
         self._device.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
+
+    marks: tuple[Mark, ...] = ()
+    """Shown from the next image on."""
 
     def colour(self, data: mujoco.MjData, camera: str | mujoco.MjvCamera) -> NDArray[np.uint8]:
         """(height, width, 3) uint8; `camera` is the name of a camera of the model, or a free camera."""
@@ -146,6 +164,7 @@ class Renderer:
             view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, self._model.camera(camera).id
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(self._model, data, self._option, None, view, everything, self._scene)
+        add_marks(self._scene, self.marks)
         viewport = mujoco.MjrRect(0, 0, *self._size)
         mujoco.mjr_render(viewport, self._scene, self._device)
         mujoco.mjr_readPixels(picture, depth, viewport, self._device)

@@ -38,6 +38,8 @@ BOX_POSITION_RANGE = (-10.0, 10.0)
 """[m]"""
 START_DISTANCE = (0.6, 1.1)
 """[m] from the table's front edge to the base centre at the start."""
+LOWEST_SUPPORT = 0.4
+"""[m] Height of the lowest face on which objects may be put, above the ground: lower ones are not within reach."""
 SHELF_START_DISTANCE = (0.95, 1.3)
 """[m]; farther away, because the carried gripper is about as high as the shelf."""
 START_SIDE_MARGIN = 0.1
@@ -114,13 +116,17 @@ class Layout:
                     f"y from {low[1]:.3g} to {high[1]:.3g} m, where the robot starts"
                 )
         if self.supports is not None:
-            known = [box.name for box in furniture(self) if box.position[2] + box.half_extents[2] >= TABLE_HEIGHT]
+            known = [
+                box.name
+                for box in furniture(self)
+                if top_of(box) >= (LOWEST_SUPPORT if box in self.boxes else TABLE_HEIGHT)
+            ]
             # JSON makes lists of tuples.
             chosen = tuple(self.supports) if isinstance(self.supports, list | tuple) else ()
             chosen = chosen if all(isinstance(name, str) for name in chosen) else ()
             if chosen[:1] != (TABLE,) or len(set(chosen)) < len(chosen) or not set(chosen) <= set(known):
                 raise ConfigError(
-                    f"{place}: supports={self.supports!r} must be names of boxes as high as the table, "
+                    f"{place}: supports={self.supports!r} must be names of boxes at least {LOWEST_SUPPORT} m high, "
                     f"{TABLE!r} first; valid names: {', '.join(known)}"
                 )
             object.__setattr__(self, "supports", chosen)
@@ -216,12 +222,73 @@ def furniture(layout: Layout) -> tuple[Box, ...]:
     return (*boxes, *layout.boxes)
 
 
+def top_of(box: Box) -> float:
+    """Height [m] of a box's top face above the ground."""
+    return box.position[2] + box.half_extents[2]
+
+
 def supports_of(layout: Layout) -> tuple[str, ...]:
     """Names of the boxes on whose top faces objects may be put, the table's first."""
     if layout.supports is not None:
         return layout.supports
     names = (TABLE, *_COUNTERS) if len(layout.levels) == 1 else (TABLE, *_COUNTERS, _BOARD)
     return tuple(box.name for box in furniture(layout) if box.name in names)
+
+
+TRAY = "tray_"
+"""With which the names of the supports begin into which objects are sorted; what follows is the tray's colour."""
+_TRAY_HALF_X, _TRAY_HALF_Y = 0.21, 0.135
+"""[m] Half of a tray's floor along x and y: for seven of the largest random objects, with fingers between them."""
+_TRAY_FLOOR, _TRAY_RIM, _RIM_WIDTH = 0.005, 0.02, 0.01
+"""[m] Thickness of a tray's floor, height of its rim above what the tray stands on, and thickness of the rim. Fingers
+that hold an object by its middle stay above the rim."""
+
+
+def tray(colour: str, x: float, y: float) -> tuple[Box, ...]:
+    """A tray at (x, y) [m] on a counter: its floor, named "tray_" and its colour, and four low rims."""
+    name, half_floor, half_rim = f"{TRAY}{colour}", _TRAY_FLOOR / 2, _TRAY_RIM / 2
+    half = half_x, half_y = _TRAY_HALF_X, _TRAY_HALF_Y
+    rims = [(side * (half_x + _RIM_WIDTH / 2), 0.0, _RIM_WIDTH / 2, half_y + _RIM_WIDTH) for side in (-1, 1)] + [
+        (0.0, side * (half_y + _RIM_WIDTH / 2), half_x, _RIM_WIDTH / 2) for side in (-1, 1)
+    ]
+    return (
+        Box(name, (x, y, TABLE_HEIGHT + half_floor), (*half, half_floor)),
+        *(
+            Box(f"{name}_rim_{i}", (x + dx, y + dy, TABLE_HEIGHT + half_rim), (rim_x, rim_y, half_rim))
+            for i, (dx, dy, rim_x, rim_y) in enumerate(rims)
+        ),
+    )
+
+
+SECOND_TABLE = "second_table"
+"""Name of the table in the next room."""
+_STEP_DOWN = 0.15
+"""[m] by which the second table is lower than the first."""
+_DOOR_WIDTH, _DOOR_X, _PARTITION_Y = 0.9, -1.2, 1.6
+"""[m] Width and middle of the door between the rooms, and where the wall that has it stands."""
+_GROUND_END = 4.5
+"""[m] to which the wall reaches along x: farther than the base can drive."""
+
+
+def _next_room() -> tuple[Box, ...]:
+    """A second, lower table to the left of the first one, and a wall with a door in between."""
+    ends = ((-_GROUND_END, _DOOR_X - _DOOR_WIDTH / 2), (_DOOR_X + _DOOR_WIDTH / 2, _GROUND_END))
+    walls = tuple(
+        Box(
+            f"partition_{name}",
+            ((low + high) / 2, _PARTITION_Y, _WALL_HEIGHT / 2),
+            ((high - low) / 2, _WALL_THICKNESS / 2, _WALL_HEIGHT / 2),
+        )
+        for name, (low, high) in zip(("front", "back"), ends, strict=True)
+    )
+    height = TABLE_HEIGHT - _STEP_DOWN
+    return (Box(SECOND_TABLE, (0.2, 3.0, height / 2), (0.3, 0.5, height / 2)), *walls)
+
+
+def lowest_support(layout: Layout) -> float:
+    """Height [m] above the ground of the lowest face on which objects may be put."""
+    names = layout.supports or ()
+    return min((TABLE_HEIGHT, *(top_of(box) for box in layout.boxes if box.name in names)))
 
 
 LAYOUTS: Mapping[str, Layout] = MappingProxyType(
@@ -233,6 +300,16 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
         "two_boards": Layout("two_boards", depth=0.7, width=1.0, board_height=0.35, second_board_height=0.35),
         "cabinet": Layout("cabinet", depth=0.45, width=0.8, board_height=0.40),
         "island": Layout("island", depth=0.8, width=1.2, is_front_only=False),
+        "trays": Layout(
+            "trays",
+            depth=0.7,
+            width=1.0,
+            boxes=(*tray("red", -0.11, 0.65), *tray("green", -0.11, 0.95), *tray("blue", -0.11, -0.8)),
+            supports=(TABLE, "tray_red", "tray_green", "tray_blue"),
+        ),
+        "two_tables": Layout(
+            "two_tables", depth=0.7, width=1.0, boxes=_next_room(), supports=(TABLE, *_COUNTERS, SECOND_TABLE)
+        ),
     }
 )
 

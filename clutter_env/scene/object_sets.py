@@ -72,6 +72,13 @@ OBJECT_SETS: Mapping[str, ObjectSet] = MappingProxyType(
         ),
         "tall": ObjectSet(height=(0.20, 0.30)),
         "heavy": ObjectSet(mass=(0.5, 2.0)),
+        "blocks": ObjectSet(
+            radius=(0.024, 0.028),
+            half_depth=(0.022, 0.028),
+            half_width=(0.022, 0.028),
+            height=(0.05, 0.06),
+            has_side_grasps=False,
+        ),
     }
 )
 """Upright cylinders and boxes but for "lying": cylinders and boxes on one of their long sides."""

@@ -14,9 +14,9 @@ class TableScene:
     """Objects, target and robot as a reset puts them into the world. Arrays are read-only.
 
     `half_extents` (n, 3) [m] (a cylinder: radius, radius, half height), `is_box` (n,), `positions` (n, 2) [m] on the
-    table, `yaws` (n,) [rad], `masses` (n,) [kg], `base` (3,) x [m], y [m], yaw [rad], `target` an index, `is_lying`
-    (n,) whether an object is a cylinder on its side, its axis along its yaw, `levels` (n,) [m] the height above the
-    table of the surface that each object stands on: 0, the default, for the table itself.
+    table, `yaws` (n,) [rad], `masses` (n,) [kg], `base` (3,) x [m], y [m], yaw [rad], `target` an index, -1 without
+    one, `is_lying` (n,) whether an object is a cylinder on its side, its axis along its yaw, `levels` (n,) [m] the
+    height above the table of the surface that each object stands on: 0, the default, for the table itself.
     """
 
     half_extents: NDArray[np.float64]

@@ -36,7 +36,8 @@ _SOLVER_TOLERANCE = 1e-10
 _LIMIT_MARGIN = 1e-6
 """[rad], [m] The start of a solve is kept this far inside the joint limits."""
 
-_UP_AND_DOWN = np.array([[1.0], [-1.0]])
+_TWIST = 6
+"""Rows of the TCP's Jacobian."""
 
 
 class EndEffectorController:
@@ -62,23 +63,22 @@ class EndEffectorController:
             gain=_FRAME_GAIN,
             lm_damping=_FRAME_DAMPING,
         )
-        costs = [_TORSO_COST, *[_CONFIGURATION_COST] * (len(robot.chain) - 1)]
-        configuration_task = mink.PostureTask(model, cost=costs, gain=_CONFIGURATION_GAIN)
-        configuration_task.set_target(np.array(robot.home))
-        self._tasks = [self._frame_task, configuration_task]
+        self._home, self._costs = np.array(robot.home), np.full(len(robot.chain), _CONFIGURATION_COST)
+        self._costs[0] = _TORSO_COST
+        self._jacobians = np.vstack((np.zeros((_TWIST, len(self._costs))), np.diag(self._costs)))
         self._limit = _MotionLimit(robot)
-        self._wanted = mink.SE3.identity()
+        self._wanted = mink.SE3.identity().wxyz_xyz.copy()
         self.failures = 0
 
     @property
     def wanted(self) -> list[float]:
         """The wanted TCP pose in the base frame, (7,): quaternion wxyz, position [m]."""
-        return self._wanted.wxyz_xyz.tolist()
+        return self._wanted.tolist()
 
     @wanted.setter
     def wanted(self, pose: list[float]) -> None:
         """Set the wanted pose, for example that of a saved state."""
-        self._wanted = mink.SE3(np.array(pose))
+        self._wanted = np.array(pose)
 
     def reset(self, q: Vector) -> None:
         """Take the TCP pose at the joint positions (1 + n,) as the wanted pose."""
@@ -95,20 +95,20 @@ class EndEffectorController:
         present = self._tcp_at(q)
         step = twist * self._max_step
         # Translation and rotation apart, both along the axes of the base: not the screw motion of SE3.exp.
-        position = self._wanted.translation() + step[:3]
-        rotation = mink.SO3.exp(step[3:]) @ self._wanted.rotation()
-        lead = position - present.translation()
-        if (distance := math.hypot(*lead)) > POSITION_LEAD:
-            position = present.translation() + lead * (POSITION_LEAD / distance)
-        turn = (rotation @ present.rotation().inverse()).log()
-        if (angle := math.hypot(*turn)) > ROTATION_LEAD:
-            rotation = mink.SO3.exp(turn * (ROTATION_LEAD / angle)) @ present.rotation()
-        self._wanted = mink.SE3.from_rotation_and_translation(rotation.normalize(), position)
-        self._frame_task.set_target(self._wanted)
-        problem = mink.build_ik(self._configuration, self._tasks, CONTROL_STEP, _SOLVER_DAMPING, limits=[])
-        # `mink.solve_ik` does the same, with copies and checks that take a third of the whole.
+        self._wanted[:4] = _turned(self._wanted[:4], step[3:])
+        self._wanted[4:] += step[:3]
+        lead = self._wanted[4:] - present[4:]
+        if (distance := math.hypot(*lead.tolist())) > POSITION_LEAD:
+            self._wanted[4:] = present[4:] + lead * (POSITION_LEAD / distance)
+        turn = _rotation_between(present[:4], self._wanted[:4])
+        if (angle := math.hypot(*turn.tolist())) > ROTATION_LEAD:
+            self._wanted[:4] = _turned(present[:4], turn * (ROTATION_LEAD / angle))
+        mujoco.mju_normalize4(self._wanted[:4])
+        self._frame_task.set_target(mink.SE3(self._wanted))
+        q = self._configuration.q
+        # `mink.solve_ik` does the same, with copies and checks that take more than half of the whole.
         displacement, _, outcome, _ = daqp.solve(
-            problem.P, problem.q, *self._limit.inequalities(self._configuration.q, qd), primal_tol=_SOLVER_TOLERANCE
+            *self._objective(q), *self._limit.inequalities(q.tolist(), qd.tolist()), primal_tol=_SOLVER_TOLERANCE
         )
         if outcome <= 0:
             self.failures += 1
@@ -118,15 +118,27 @@ class EndEffectorController:
 
     def twist_towards(self, T_base_tcp: Vector) -> Vector:
         """The (6,) part of an action that moves the wanted pose towards `T_base_tcp` (4, 4); in one step if near."""
-        goal = mink.SE3.from_matrix(T_base_tcp)
-        turn = (goal.rotation() @ self._wanted.rotation().inverse()).log()
-        twist: Vector = np.concatenate((goal.translation() - self._wanted.translation(), turn)) / self._max_step
+        goal = mink.SE3.from_matrix(T_base_tcp).wxyz_xyz
+        turn = _rotation_between(self._wanted[:4], goal[:4])
+        twist: Vector = np.concatenate((goal[4:] - self._wanted[4:], turn)) / self._max_step
         return twist / max(1.0, float(np.abs(twist).max()))
 
-    def _tcp_at(self, q: Vector) -> mink.SE3:
+    def _tcp_at(self, q: Vector) -> Vector:
         """The TCP pose in the base frame at the joint positions (1 + n,), from which the next solve starts."""
         self._configuration.update(self._limit.inside(q))
-        return self._configuration.get_transform_frame_to_world(self._site, "site")
+        return self._configuration.get_transform_frame_to_world(self._site, "site").wxyz_xyz
+
+    def _objective(self, q: Vector) -> tuple[Vector, Vector]:
+        """The quadratic and the linear part of the cost of a displacement from `q`, as `mink.build_ik` assembles them.
+
+        The task for the configuration differs by its error alone, and mink would make all of it again.
+        """
+        jacobian, error, damping = self._frame_task.compute_qp_residual(self._configuration)
+        self._jacobians[: len(error)] = jacobian
+        errors = np.concatenate((error, self._costs * (-_CONFIGURATION_GAIN * (q - self._home))))
+        hessian = self._jacobians.T @ self._jacobians
+        hessian.flat[:: len(q) + 1] += _SOLVER_DAMPING + damping
+        return hessian, -(errors @ self._jacobians)
 
 
 class TcpFollower:
@@ -160,11 +172,11 @@ class _MotionLimit:
     def __init__(self, robot: RobotSpec) -> None:
         lower, upper = np.array([(link.lower, link.upper) for link in robot.chain]).T
         self._first, self._last = lower + _LIMIT_MARGIN, upper - _LIMIT_MARGIN
-        self._ends = np.stack((upper, -lower))
-        self._max_velocity = np.array(robot.max_velocity[3:])
-        self._twice_acceleration = 2 * np.array(robot.max_acceleration[3:])
-        self._change = self._twice_acceleration / 2 * CONTROL_STEP
-        self._half, self._half_squared = self._change / 2, (self._change / 2) ** 2
+        limits = zip(robot.max_velocity[3:], robot.max_acceleration[3:], strict=True)
+        self._joints = [
+            (*ends, *limit)
+            for ends, limit in zip(zip(lower.tolist(), upper.tolist(), strict=True), limits, strict=True)
+        ]
         self._rows = np.vstack((np.eye(len(lower)), -np.eye(len(lower))))
         # DAQP's other two arguments: no lower bounds, and every row an inequality.
         self._no_bound, self._sense = np.full(len(self._rows), -1e30), np.zeros(len(self._rows), c_int)
@@ -173,18 +185,38 @@ class _MotionLimit:
         """The configuration (1 + n,), clipped to the joint limits less a margin."""
         return np.minimum(np.maximum(q, self._first), self._last)
 
-    def inequalities(self, q: Vector, qd: Vector) -> tuple[NDArray[Any], ...]:
+    def inequalities(self, q: list[float], qd: list[float]) -> tuple[NDArray[Any], ...]:
         """Bounds on a step's displacement from `q` with the velocities `qd`, as DAQP takes them.
 
         Rows (2 (1 + n), 1 + n), their upper and lower bounds and their kinds, each (2 (1 + n),).
         """
-        # From these velocities, up and down, the joints can still stop within the distances to their limits.
-        distances = np.maximum(self._ends - _UP_AND_DOWN * q, 0.0)
-        braking = np.sqrt(self._half_squared + self._twice_acceleration * distances) - self._half
-        upwards, downwards = np.minimum(braking, self._max_velocity)
-        lowest = np.maximum(qd - self._change, -downwards)
-        highest = np.maximum(np.minimum(qd + self._change, upwards), lowest)
-        return self._rows, np.concatenate((highest, -lowest)) * CONTROL_STEP, self._no_bound, self._sense
+        upwards, downwards = [], []
+        for position, velocity, (lower, upper, fastest, acceleration) in zip(q, qd, self._joints, strict=True):
+            # From these velocities, up and down, the joint can still stop within the distances to its limits.
+            change = acceleration * CONTROL_STEP
+            half, double = change / 2, 2 * acceleration
+            up = min(math.sqrt(half**2 + double * max(upper - position, 0.0)) - half, fastest)
+            down = min(math.sqrt(half**2 + double * max(position - lower, 0.0)) - half, fastest)
+            lowest = max(velocity - change, -down)
+            upwards.append(max(min(velocity + change, up), lowest) * CONTROL_STEP)
+            downwards.append(-lowest * CONTROL_STEP)
+        return self._rows, np.array(upwards + downwards), self._no_bound, self._sense
+
+
+def _turned(quaternion: Vector, turn: Vector) -> Vector:
+    """The quaternion wxyz, turned by a rotation vector (3,) [rad] about the fixed axes."""
+    axis, rotation, turned = turn.copy(), np.empty(4), np.empty(4)
+    mujoco.mju_axisAngle2Quat(rotation, axis, mujoco.mju_normalize3(axis))
+    mujoco.mju_mulQuat(turned, rotation, quaternion)
+    return turned
+
+
+def _rotation_between(start: Vector, end: Vector) -> Vector:
+    """The rotation vector (3,) [rad] about the fixed axes from one quaternion wxyz to another."""
+    inverse, difference = np.empty((2, 4))
+    mujoco.mju_negQuat(inverse, start)
+    mujoco.mju_mulQuat(difference, end, inverse)
+    return mink.SO3(difference).log()
 
 
 def _arm_model(robot: RobotSpec) -> mujoco.MjModel:

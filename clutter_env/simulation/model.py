@@ -33,7 +33,15 @@ _FURNITURE_COLOURS = {
     "counter": (0.83, 0.84, 0.85, 1.0),
     "wall": (0.90, 0.90, 0.88, 1.0),
     "shelf": (0.66, 0.54, 0.41, 1.0),
+    "partition": (0.90, 0.90, 0.88, 0.35),
+    "second": (0.80, 0.68, 0.53, 1.0),
 }
+TRAY_COLOURS = {
+    "tray_red": (0.80, 0.25, 0.22, 1.0),
+    "tray_green": (0.30, 0.62, 0.33, 1.0),
+    "tray_blue": (0.25, 0.42, 0.78, 1.0),
+}
+"""Colours of the trays of layout "trays", and of the objects that belong in them."""
 _OTHER_COLOUR = (0.72, 0.74, 0.76, 1.0)
 """Colour of furniture that a layout brings itself."""
 _SHELVES_ALPHA = 0.2
@@ -184,7 +192,8 @@ def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
     contype, conaffinity = ENVIRONMENT_BITS
     boards = [box.name for box in furniture(layout) if box.name.startswith("shelf_board")]
     for box in furniture(layout):
-        colour = list(_FURNITURE_COLOURS.get(box.name.split("_")[0], _OTHER_COLOUR))
+        kind, tray = box.name.partition("_")[0], box.name.partition("_rim")[0]
+        colour = list(TRAY_COLOURS.get(tray) or _FURNITURE_COLOURS.get(kind, _OTHER_COLOUR))
         if box.name in boards:
             colour[3] = _SHELVES_ALPHA / len(boards)
         world.add_body().add_geom(

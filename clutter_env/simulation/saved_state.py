@@ -54,8 +54,10 @@ def pack(kind: Mapping[str, Any], scene: TableScene, physics: Mapping[str, Any],
     return _MAGIC + hashlib.sha256(body).digest() + body
 
 
-def unpack(state: object, kind: dict[str, Any]) -> tuple[TableScene, Any, Any]:
+def unpack(state: object, kind: dict[str, Any], has_target: bool = True) -> tuple[TableScene, Any, Any]:
     """Scene, physics and memory from the bytes of `pack`: kind and scene are checked, the others are not yet.
+
+    In a scene with objects one is the target, unless `has_target` is False: then none is.
 
     Raises:
         StateError: not bytes, damaged, of an environment or a MuJoCo version of another kind, or not valid.
@@ -65,7 +67,7 @@ def unpack(state: object, kind: dict[str, Any]) -> tuple[TableScene, Any, Any]:
     for name, value in kind.items():
         if json.dumps(there[name], sort_keys=True) != json.dumps(value, sort_keys=True):
             raise StateError(f"the state was saved with {name}={there[name]!r}; this one has {value!r}")
-    return _read_scene(content["scene"], kind["num_objects"]), content["physics"], content["memory"]
+    return _read_scene(content["scene"], kind["num_objects"], has_target), content["physics"], content["memory"]
 
 
 def check_generator(generator: np.random.Generator, state: Any) -> None:
@@ -101,7 +103,7 @@ def _decode(state: object) -> Any:
         raise StateError(f"the state cannot be decoded: {problem}") from None
 
 
-def _read_scene(value: object, most_objects: int) -> TableScene:
+def _read_scene(value: object, most_objects: int, has_target: bool) -> TableScene:
     """The scene in a state of an environment with at most so many objects."""
     read = Fields(value, "scene", [entry.name for entry in fields(TableScene)])
     count = len(read["yaws"]) if isinstance(read["yaws"], list) else 0
@@ -116,7 +118,7 @@ def _read_scene(value: object, most_objects: int) -> TableScene:
         yaws=read.numbers("yaws", (count,), -_PLACE_RANGE, _PLACE_RANGE),
         masses=read.numbers("masses", (count,), *_MASS_RANGE),
         base=read.numbers("base", (3,), -_PLACE_RANGE, _PLACE_RANGE),
-        target=read.integer("target", 0, count - 1) if count else read.integer("target", -1, -1),
+        target=read.integer("target", 0, count - 1) if count and has_target else read.integer("target", -1, -1),
         is_lying=read.flags("is_lying", count),
         levels=read.numbers("levels", (count,), 0.0, _PLACE_RANGE),
     )

@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from assets import ActingJoints, RobotSpec
 from clutter_env.config import PHYSICS_STEPS
-from clutter_env.scene.layout import TABLE_HEIGHT, Layout
+from clutter_env.scene.layout import TABLE_HEIGHT, Layout, lowest_support
 from clutter_env.scene.table_scene import TableScene, object_name
 from clutter_env.simulation.control import SEGMENTS, JointController
 from clutter_env.simulation.model import ModelIndex, compile_model
@@ -36,8 +37,9 @@ _ROBOT, _FURNITURE, _OBJECT = 1, 4, 16
 """Kinds of geoms. Two of them in contact have a sum that no other two have."""
 _AWAKE = -(1 + int(mujoco.mjMINAWAKE))
 """Entry of `tree_asleep` of a body that has just moved."""
-FALLEN_BELOW = TABLE_HEIGHT - 0.01
-"""[m] An object whose centre is lower has left the table; 1 cm below the top, more than any contact gives way."""
+_FALLEN_BELOW = 0.01
+"""[m] An object whose centre is so far below the lowest support has left the supports: more than any contact gives way.
+"""
 
 _TARGET_COLOUR = (0.87, 0.12, 0.10, 1.0)
 _HUES = (0.14, 0.92)
@@ -77,7 +79,7 @@ class Measurements:
     Attributes:
         poses: (n, 7) world poses of the objects.
         is_fallen: (n,) whether each has toppled or is off the table.
-        is_off: (n,) whether each is below the table top.
+        is_off: (n,) whether each is below the lowest support: the table top, unless the layout has a lower one.
         grip: what the grippers hold and touch.
     """
 
@@ -90,6 +92,22 @@ class Measurements:
     def held(self) -> int:
         """The slot in the gripper of the active arm, -1 for none."""
         return self.grip.held[0]
+
+
+class Mark(NamedTuple):
+    """A coloured rectangle that pictures show: where an object is to be put. Nothing touches it.
+
+    Attributes:
+        centre: (3,) [m] in the world.
+        half_extents: (2,) [m] along its own axes.
+        yaw: [rad]
+        rgba: (4,)
+    """
+
+    centre: NDArray[np.float64]
+    half_extents: NDArray[np.float64]
+    yaw: float
+    rgba: NDArray[np.float64]
 
 
 class World:
@@ -105,6 +123,7 @@ class World:
     ) -> None:
         self.robot = robot
         self.shapes = shapes
+        self._fallen_below = lowest_support(layout) - _FALLEN_BELOW
         self.model = compile_model(robot, layout, shapes, image_size, show_meshes)
         self.data = mujoco.MjData(self.model)
         self.index = ModelIndex.of(self.model, robot, len(shapes))
@@ -114,11 +133,19 @@ class World:
         self._slot_of_geom[self.index.object_geoms] = range(len(shapes))
         self._kinds = self._kinds_of_geoms()
         self._grippers = [self._gripper_geoms(pads) for pads in self.index.finger_geoms]
+        self._pads = {pad for pads in self.index.finger_geoms for pad in pads}
+        self._empty_grip = Grip((-1,) * len(self._grippers), (False,) * len(self._grippers), False)
         self._robot_tree = int(self.model.body_treeid[self.index.base_body])
         self._warnings = self.data.warning.number
+        self._home = self.model.qpos0.copy()
+        self._home[self.index.drive_qpos[3:]] = ActingJoints.of(robot).home
+        self._home[self.index.finger_qpos[:2]] = robot.max_finger_position
+        self._home[self.index.still_qpos] = robot.still_configuration
+        self._home = self._home[: self.index.object_qpos.start]
         self.furniture_force = 0.0
         self._contacts: list[list[list[int]]] = []  # pairs of geoms after each part of the last control step
         self.scene: TableScene | None = None
+        self.marks: tuple[Mark, ...] = ()
         self._last: tuple[bytes, Measurements] | None = None
 
     @cached_property
@@ -128,7 +155,7 @@ class World:
 
     def apply_scene(self, scene: TableScene) -> None:
         """Give the model's objects the sizes, masses, colours and start poses of `scene`; the data do not change."""
-        self.scene, self._last = scene, None
+        self.scene, self.marks, self._last = scene, (), None
         self._placed_tilt, self._toppled_change = np.where(scene.is_lying, np.array([_LYING]).T, np.array([_UPRIGHT]).T)
         model, index = self.model, self.index
         if not scene.num_objects:
@@ -136,17 +163,21 @@ class World:
         _apply_shapes(model, index, scene)
         _apply_masses(model, index, scene)
         model.geom_rgba[index.object_geoms] = _palette(scene.num_objects)
-        model.geom_rgba[index.object_geoms.start + scene.target] = _TARGET_COLOUR
-        model.qpos0[index.object_qpos] = _start_poses(scene).ravel()
+        if scene.target >= 0:
+            model.geom_rgba[index.object_geoms.start + scene.target] = _TARGET_COLOUR
+        model.qpos0[index.object_qpos] = start_poses(scene).ravel()
+
+    def colour(self, slot: int) -> NDArray[np.float64]:
+        """The colour (4,) of the object in a slot, which pictures show; may be written until the next scene."""
+        return np.asarray(self.model.geom_rgba[self.index.object_geoms.start + slot])
 
     def reset(self, scene: TableScene) -> None:
         """Start afresh: objects at rest on the table, the robot at rest at the scene's base pose, at home."""
         self.apply_scene(scene)
         model, data, index = self.model, self.data, self.index
         mujoco.mj_resetData(model, data)
-        data.qpos[index.drive_qpos] = (*scene.base, *ActingJoints.of(self.robot).home)
-        data.qpos[index.finger_qpos[:2]] = self.robot.max_finger_position
-        data.qpos[index.still_qpos] = self.robot.still_configuration
+        data.qpos[: index.object_qpos.start] = self._home
+        data.qpos[index.drive_qpos[:3]] = scene.base
         self.controller.reset(data)
         self.furniture_force = 0.0
         self._contacts = []
@@ -172,15 +203,15 @@ class World:
         """
         model, data, grip = self.model, self.data, measurements.grip
         data.eq_active[self.index.finger_couplings] = grip.is_touching
-        self._contacts = []
+        self._contacts, ctrl = [], data.ctrl
         for command in self.controller.advance(data, velocity, grips, is_loaded=grip.is_holding):
-            data.ctrl[:] = command
+            ctrl[:] = command
             mujoco.mj_step(model, data, nstep=PHYSICS_STEPS // SEGMENTS)
             if data.ncon:
                 self._watch_contacts()
         # A physics step leaves body and site poses at the positions from which it started.
         mujoco.mj_kinematics(model, data)
-        return self.measure()
+        return self.measure_objects(self._measure_grip(self._contacts[-1] if data.ncon else []))
 
     def _watch_contacts(self) -> None:
         """Note the robot's force on furniture, and keep awake what the robot touches, with all that lies on it.
@@ -207,7 +238,7 @@ class World:
 
     def measure(self) -> Measurements:
         """The present state of the objects."""
-        return self.measure_objects(self._measure_grip())
+        return self.measure_objects(self._measure_grip(self.data.contact.geom.tolist()))
 
     def measure_objects(self, grip: Grip) -> Measurements:
         """The present state of the objects, where it is known what the fingers hold and touch.
@@ -220,7 +251,7 @@ class World:
             if content == before and grip == last.grip:
                 return last
         poses = np.frombuffer(content).reshape(-1, 7)
-        is_off = poses[:, 2] < FALLEN_BELOW
+        is_off = poses[:, 2] < self._fallen_below
         tilt = poses[:, 4:6] ** 2
         is_fallen = is_off | (np.abs(tilt[:, 0] + tilt[:, 1] - self._placed_tilt) > self._toppled_change)
         is_fallen[grip.carried] = False
@@ -240,26 +271,23 @@ class World:
             side = half_x * math.sqrt(max(1 - down_z * down_z, 0.0))
         return height - side - half_z * abs(down_z)
 
-    def _measure_grip(self) -> Grip:
-        """What the grippers hold and touch, from the contacts of the last physics step.
+    def _measure_grip(self, pairs: list[list[int]]) -> Grip:
+        """What the grippers hold and touch, from the pairs of geoms in contact after the last physics step.
 
         Those after the other parts of the control step say whether what is held is carried: an object that vibrates in
         the grip touches the table in between.
         """
-        nothing = (-1,) * len(self._grippers)
-        if not self.data.ncon:
-            return Grip(nothing, (False,) * len(nothing), False)
-        pairs, slot_of = self.data.contact.geom.tolist(), self._slot_of_geom
-        held, is_carried, is_touching = [], [], False
+        if not any(one in self._pads or other in self._pads for one, other in pairs):
+            return self._empty_grip
+        slot_of, held, is_carried = self._slot_of_geom, [], []
         for pads, gripper in zip(self.index.finger_geoms, self._grippers, strict=True):
             right, left = (
                 {max(slot_of[one], slot_of[other]) for one, other in pairs if pad in (one, other)} for pad in pads
             )
-            is_touching |= bool(right or left)
             slot = next((slot for slot in sorted(right & left) if slot >= 0 and self._is_pressed(slot, pads)), -1)
             held.append(slot)
             is_carried.append(slot >= 0 and all(self._touches_only(slot, gripper, pairs) for pairs in self._contacts))
-        return Grip(tuple(held), tuple(is_carried), is_touching)
+        return Grip(tuple(held), tuple(is_carried), is_touching=True)
 
     def _is_pressed(self, slot: int, pads: tuple[int, int]) -> bool:
         """Whether two pads press on an object from opposite sides."""
@@ -330,7 +358,7 @@ def _apply_masses(model: mujoco.MjModel, index: ModelIndex, scene: TableScene) -
     model.dof_invweight0[dof].reshape(-1, 2, 3)[:] = mean[..., None]
 
 
-def _start_poses(scene: TableScene) -> NDArray[np.float64]:
+def start_poses(scene: TableScene) -> NDArray[np.float64]:
     """Free-joint positions (n, 7): exactly touching table or shelf; a lying cylinder's z axis is horizontal."""
     poses = np.zeros((scene.num_objects, 7))
     poses[:, :2] = scene.positions

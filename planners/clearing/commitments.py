@@ -20,7 +20,7 @@ from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.motion.arm import tcp_pose
 from planners.placing.placements import PlacementSearch
 from planners.scene import HeldObject, RobotState, Scene
-from planners.scene.cover import drive_out
+from planners.scene.cover import drive_out, driven_out_of
 from planners.strategies import Strategy
 
 
@@ -107,7 +107,11 @@ def grasped(scene: Scene, grasp: GraspCandidate) -> Scene:
     scene = scene.using(grasp.arm)
     T_world_tcp = tcp_pose(scene.robot, RobotState(grasp.base, grasp.q, 0.0))
     held = HeldObject.grasped(scene.body(grasp.object), T_world_tcp)
-    base = drive_out(scene.support, grasp.base, T_world_tcp)[-1] if grasp.drives else grasp.base
+    base = (
+        drive_out(driven_out_of(scene, scene.body(grasp.object)), grasp.base, T_world_tcp)[-1]
+        if grasp.drives
+        else grasp.base
+    )
     state = RobotState(base, np.array(scene.robot.home), scene.state.finger_position)
     return scene.with_state(state).with_held(held)
 

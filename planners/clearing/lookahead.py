@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -49,6 +49,8 @@ class ClearancePlan:
             chosen anew. "" for none.
         moves: put-downs until the target can be taken, as far as they are planned.
         aside: the object that stays in a gripper while another one takes the target, "" for none.
+        general: objects that are put down for the goal, where it wants them.
+        until: objects in the order in which they are moved, for goals that name places.
     """
 
     commitments: Commitments
@@ -56,11 +58,14 @@ class ClearancePlan:
     provisional: str = ""
     moves: int = 0
     aside: str = ""
+    general: frozenset[str] = frozenset()
+    until: tuple[str, ...] = ()
 
     def without(self, name: str) -> ClearancePlan:
         """The plan that remains once that object has been cleared."""
         kept = MappingProxyType({other: place for other, place in self.placements.items() if other != name})
-        return ClearancePlan(self.commitments.without(name), kept, self.provisional, max(self.moves - 1, 0), self.aside)
+        moves = max(self.moves - 1, 0)
+        return replace(self, commitments=self.commitments.without(name), placements=kept, moves=moves)
 
 
 class Turn(NamedTuple):
@@ -154,7 +159,7 @@ def keep_clear(strategy: Strategy, commitments: Commitments, moving: str) -> Kee
     """The grasps that a cleared object must keep clear of: those of NGR1, of NGR1 + NGR2, or none (eq. 1-3)."""
     if strategy.region == "none":
         return KeepClear()
-    target = commitments.grasps[commitments.target]
+    target = commitments.grasps.get(commitments.target)
     if strategy.region == "ngr1":
         return KeepClear(target)
     others = (grasp for name, grasp in commitments.grasps.items() if name not in (moving, commitments.target))

@@ -45,8 +45,10 @@ class ClearanceFloor:
         proved: `count` is exact; otherwise it is an upper bound and `lower_bound` the other one.
         lower_bound: no plan clears fewer.
         options: which option each of `objects`, and last the target, is taken through: the first that is free by then.
-        cause: "" or why there is none: "unreachable", "no self-clearable set", or "time limit" if it was aborted.
+        cause: "" or why there is none: "unreachable", "too wide", "no self-clearable set", or "time limit" if it was
+            aborted.
         expansions: search nodes visited.
+        grasps: what it holds for, in words: "with the grasps of 'side'".
     """
 
     count: int | None
@@ -56,6 +58,7 @@ class ClearanceFloor:
     options: tuple[int, ...] = ()
     cause: str = ""
     expansions: int = 0
+    grasps: str = ""
 
     @property
     def is_infeasible(self) -> bool:

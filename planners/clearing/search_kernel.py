@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irm.compilation import njit
-from planners.scene.masks import Mask, bit_count
+from planners.scene.masks import Mask
 
 EXHAUSTED, FOUND, PAUSED = 0, 1, 2
 """No further set within the budget; one was found; the node limit of this call was reached. The search can go on."""
@@ -48,6 +48,16 @@ class SearchStack:
     def next_budget(self) -> int:
         """The smallest size that a set beyond the budget can have; 0 if there is none. Known once exhausted."""
         return int(self.registers[2]) if self.registers[2] <= _BITS else 0
+
+
+@njit(cache=True)
+def bit_count(mask: Mask) -> int:
+    """Number of set bits of a non-negative int64."""
+    count = 0
+    while mask:
+        mask &= mask - 1
+        count += 1
+    return count
 
 
 @njit(cache=True)

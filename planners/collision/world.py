@@ -45,6 +45,8 @@ _CONTACT = 0.002
 """[m] Objects nearer than this touch each other."""
 _LEAN = 0.005
 """[m] that the lowest point of an object may be below the highest point of the one it stands on: one of them leans."""
+_SIZES = 19
+"""Sizes tried by which an object that is lifted beside others counts as smaller: 0.25 mm apart."""
 OVERLAP = 0.002
 """[m] by which objects may overlap, and the robot may overlap static obstacles: more than soft contacts allow."""
 
@@ -70,12 +72,14 @@ class CollisionWorld:
         scene: the scene it was compiled from.
         robot, obstacles: the same as arrays for kernels.
         padding: [m] Nearer counts as a hit.
+        yields: [m] by which the held object counts as smaller among objects; see `with_clearance_around`.
     """
 
     scene: Scene
     robot: RobotArrays
     obstacles: Obstacles
     padding: float = PADDING
+    yields: float = 0.0
     _carried: dict[int, _Carried] = field(init=False, repr=False, default_factory=dict)
 
     @classmethod
@@ -136,7 +140,7 @@ class CollisionWorld:
         return Attached(
             bit=self.scene.index(held.name),
             core=CORES[body.shape],
-            half=np.stack([body.half_extents, body.half_extents - shrunk]),
+            half=np.stack([np.maximum(body.half_extents - self.yields, 0.0), body.half_extents - shrunk]),
             bound=bound,
             position=np.stack([position, position + rotation @ up]),
             rotation=np.stack([rotation, rotation]),
@@ -246,13 +250,29 @@ def objects_on(world: CollisionWorld, name: str) -> int:
     return found
 
 
-def with_clearance_below(world: CollisionWorld, name: str) -> CollisionWorld:
-    """The same world with the objects under that one lowered by the padding, so that it can be lifted from them."""
-    body = world.scene.body(name)
-    for other in world.scene.objects:
+def with_clearance_around(world: CollisionWorld, name: str) -> CollisionWorld:
+    """The same world in which that object can be lifted although others are nearer to it than the padding already.
+
+    Objects under it are lowered by the padding. Beside others it counts, once held, as smaller by what lacks, so that
+    the lift may come nearer to them by `SUPPORT_SLACK` at most. What the robot keeps from them stays the padding.
+    """
+    body, scene, gap = world.scene.body(name), world.scene, world.padding + SUPPORT_SLACK
+    index, solids, yields = scene.index(name), world.obstacles.objects, 0.0
+    for row, other in enumerate(scene.objects):
+        if row == index or other.name in scene.held_names:
+            continue
         if _stands_on(world, body, other):
-            world = world.with_body(other.at(other.position - [0.0, 0.0, world.padding + SUPPORT_SLACK]))
-    return world
+            world = world.with_body(other.at(other.position - [0.0, 0.0, gap]))
+        elif (
+            np.linalg.norm(solids.position[index] - solids.position[row])
+            < solids.bound[index] + solids.bound[row] + gap
+        ):
+            # Even overlaps of `OVERLAP` are mended; what overlaps more stays in the way.
+            sizes = np.linspace(0.0, gap + OVERLAP, _SIZES)
+            smaller = (solids._replace(half=np.maximum(solids.half - size, 0.0)) for size in sizes)
+            apart = [not are_within(shrunk, index, solids, row, gap, np.empty((4, 3))) for shrunk in smaller]
+            yields = max(yields, float(sizes[np.argmax(apart)])) if any(apart) else yields
+    return replace(world, yields=yields) if yields else world
 
 
 def _stands_on(world: CollisionWorld, body: Body, supporter: Body) -> bool:

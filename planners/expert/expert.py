@@ -21,8 +21,10 @@ from planners.contact import StepLabel, contacts
 from planners.expert.config import ExpertConfig, ExpertError
 from planners.expert.executor import Command, Executor
 from planners.expert.interfaces import ScenePlanner, controlled_env, num_disturbances, planner_for
-from planners.expert.monitor import Sensor, height_below, held_object
+from planners.expert.monitor import Sensor, held_object
 from planners.expert.report import EpisodeReport, Recorder, Recording
+from planners.goals import Goal, height_below, holding
+from planners.grasping.grasp_poses import Grasps
 from planners.motion.arm import tcp_pose, unwrap_joints
 from planners.motion.trajectory import CONTROL_STEP
 from planners.placing.surfaces import Supports
@@ -64,7 +66,7 @@ class TampExpert:
         strategy: str | Strategy = "lookahead",
         *,
         planner: ScenePlanner | None = None,
-        grasps: str | None = None,
+        grasps: Grasps | None = None,
         supports: Supports = None,
         canonical: bool | None = None,
         seed: int = 0,
@@ -78,8 +80,8 @@ class TampExpert:
             strategy: how to clear: a name of `planners.STRATEGIES`, or a `Strategy`.
             planner: a `Planner`, or any object with `solve(scene, target, strategy, rng, time_limit)`, which gets the
                 `Strategy`; a new `Planner` if not given.
-            grasps: name of the grasp set to choose from: "side", "tilted", "top" or "all"; that of the planner if not
-                given, which is "all" for a new one.
+            grasps: the grasp set to choose from: "side", "tilted", "top", "all", or a tuple of `GraspFamily`; that of
+                the planner if not given, which is "all" for a new one.
             supports: where objects may be put, as for `solve`; for a `Planner` only.
             canonical: whether to plan canonically: the same grasps and releases in similar scenes, without random
                 numbers, every phase ending at rest, so that plans can be learned; as the planner does if not given.
@@ -90,7 +92,7 @@ class TampExpert:
         Raises:
             ExpertError: an environment, planner or config that cannot be used; the message says why.
             UnknownStrategy: neither the name of a strategy nor a `Strategy`.
-            UnknownGraspSet: no grasp set of that name.
+            UnknownGraspSet: neither the name of a grasp set nor families.
             ArmsError: `config.hold_aside` with a robot that acts with one arm.
         """
         if not isinstance(config, ExpertConfig | None):
@@ -107,29 +109,36 @@ class TampExpert:
         self._has_begun = False
         self._solution: Solution | Infeasible | None = None
 
-    def reset(self, target: str | None = None) -> None:
+    def reset(self, goal: str | Goal | None = None) -> None:
         """Read the scene and plan; the environment may be in any state after its own reset.
 
         Args:
-            target: name of the object to retrieve; the environment's own target if not given.
+            goal: name of the object to retrieve, a `planners.goals.Goal` or its PDDL text; the environment's own if not
+                given: its `goal`, if it has one, else its target.
 
         Raises:
             ExpertError: the environment has not been reset.
             UnknownObject: no object of that name; the episode before goes on.
+            GoalError: the goal means nothing in the scene; the episode before goes on.
         """
         try:
-            own_target = self._env.target
+            own = getattr(self._env, "goal", None)
+            own = own if isinstance(own, Goal) else holding(self._env.target)
         except ValueError as error:
             raise ExpertError(f"reset the environment before the expert: {error}") from error
         env, planner = self._env, self._planner
         if isinstance(planner, Planner):
             planner.warmup()  # compiles kernels before any clock is started
         scene = self._read_scene()
-        wanted = scene.body(own_target if target is None else target)
+        wanted = own if goal is None else Goal.of(goal)
+        if wanted.target:
+            scene.index(wanted.target)
+        wanted.check(scene)
         # From here on this is another episode.
-        self._has_begun, self._done, self._solution, self._target = False, False, None, wanted.name
+        self._has_begun, self._done, self._solution = False, False, None
+        self._goal, self._start_scene = wanted, scene
         self._rng = np.random.default_rng(self._seed)
-        self._recorder = Recorder(env, wanted.name)
+        self._recorder = Recorder(env, wanted.target)
         self._data = env.data
         self._started = self._now = float(env.data.time)
         self._sensors = {
@@ -140,15 +149,14 @@ class TampExpert:
         # hold the target up or for objects to settle, and what comes next is decided after that.
         self._executor: Executor | None = None
         self._wait = 0
-        self._stood_at = height_below(scene, wanted)
         arm = scene.robot.arm_name
         self._arm_targets = {one.name: np.array(one.home) for one in env.robot.arms}
         self._last = Command(self._sensors[arm].read().drive, env.robot.opening(scene.state.finger_position), arm)
         self._arm_targets[arm] = self._last.drive[4:]
-        if self._config.with_floor:
+        if self._config.with_floor and wanted.target:
             before = time.process_time()
-            own = planner if isinstance(planner, Planner) else Planner(scene.robot)
-            floor = own.clearance_floor(scene, wanted.name)
+            bounding = planner if isinstance(planner, Planner) else Planner(scene.robot)
+            floor = bounding.clearance_floor(scene, wanted.target)
             spent = time.process_time() - before
             self._report = EpisodeReport(floor=floor.count if floor.proved else None, planning_s=spent)
         self._plan(scene)
@@ -211,9 +219,15 @@ class TampExpert:
 
     @property
     def target(self) -> str:
-        """Name of the object to retrieve; raises `ExpertError` before `reset`."""
+        """Name of the object to retrieve, "" if the goal is another one; raises `ExpertError` before `reset`."""
         self._check_begun("target")
-        return self._target
+        return self._goal.target
+
+    @property
+    def goal(self) -> Goal:
+        """The goal of the episode; raises `ExpertError` before `reset`."""
+        self._check_begun("goal")
+        return self._goal
 
     @property
     def phase(self) -> str:
@@ -294,7 +308,8 @@ class TampExpert:
         """Solve and begin to execute, or end the episode with the reason for failure."""
         before = time.process_time()
         try:
-            solution = self._planner.solve(scene, self._target, self._strategy, self._rng, self._config.planning_s)
+            goal = self._goal.target or self._goal
+            solution = self._planner.solve(scene, goal, self._strategy, self._rng, self._config.planning_s)
         except SceneError as error:
             self._end(f"the scene is not valid for planning: {error}")
             return
@@ -337,8 +352,9 @@ class TampExpert:
             return
         if self._report.executed:
             self._report = replace(self._report, executed=False)
-            self._note("target not held")
-            if not self._may_replan("the target was not held at the end of the plan"):
+            self._note("target not held" if self._goal.target else "goal not reached")
+            end = "the target was not held" if self._goal.target else "the goal was not reached"
+            if not self._may_replan(f"{end} at the end of the plan"):
                 return
         try:
             scene = self._read_scene()
@@ -401,14 +417,20 @@ class TampExpert:
     def _measure(self, arm: str = "", held: str = "") -> Scene:
         """The scene as it is now, with an arm active and this object in its gripper."""
         env, robot = self._env, self._robots.get(arm, self._env.robot)
-        return Scene.from_mujoco(env.model, env.data, robot, held, movable=env.object_names, support=env.support_name)
+        regions = getattr(env, "regions", ())
+        names, support = env.object_names, env.support_name
+        return Scene.from_mujoco(env.model, env.data, robot, held, movable=names, support=support, regions=regions)
 
     def _is_retrieved(self) -> bool:
-        """Whether the target is held, high enough above the support that it stood on for success."""
-        height = self._measure().body(self._target).bottom - self._stood_at
-        if height <= self._env.lift_height:
-            return False
-        return any(held_object(self._measure(arm)) == self._target for arm in self._robots)
+        """Whether the goal is reached: the target held, high enough above the support that it stood on for success."""
+        in_hand = {arm: held_object(self._measure(arm)) for arm in self._robots}
+        target = self._goal.target
+        if not target:
+            arm, held = next((one for one in in_hand.items() if one[1]), ("", ""))
+            return self._goal.holds(self._measure(arm, held), self._start_scene)
+        stood_at = height_below(self._start_scene, self._start_scene.body(target))
+        height = self._measure().body(target).bottom - stood_at
+        return height > self._env.lift_height and target in in_hand.values()
 
 
 def _home_of(scene: Scene) -> Array:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from planners.expert.config import ExpertError
+from planners.grasping.grasp_poses import Grasps
 from planners.motion.tcp_following import TcpFollower
 from planners.placing.surfaces import Supports
 from planners.planner import Planner
@@ -35,7 +36,8 @@ class ControlledEnv(Protocol):
             `ee_action`.
         object_names: of the bodies that the robot may move, in the order of the bodies of `model`.
         support_name: of the geom on whose top face the objects stand.
-        target: name of the object to retrieve; raises a ValueError before the environment's first `reset`.
+        target: name of the object to retrieve, unless the environment has a `goal`, a `planners.goals.Goal`, and the
+            `regions` that it names; raises a ValueError before the environment's first `reset`.
         lift_height: [m] between the support that the target stood on and its lowest point, from which it counts as
             lifted.
     """
@@ -78,13 +80,19 @@ class ScenePlanner(Protocol):
     """A planner that the expert can use, such as `planners.Planner`."""
 
     def solve(
-        self, scene: Scene, target: str, strategy: Strategy, rng: np.random.Generator, time_limit: float | None, /
+        self,
+        scene: Scene,
+        goal: Any,
+        strategy: Strategy,
+        rng: np.random.Generator,
+        time_limit: float | None,
+        /,
     ) -> Solution | Infeasible:
-        """Plan to take an object.
+        """Plan for a goal.
 
         Args:
             scene: the world; an object may be in the gripper.
-            target: name of the object to take.
+            goal: name of the object to take, or a `planners.goals.Goal` if it is anything else.
             strategy: how to clear.
             rng: for sampling.
             time_limit: [s] of wall time, None for none.
@@ -127,7 +135,7 @@ def controlled_env(env: Any) -> ControlledEnv:
 
 
 def planner_for(
-    env: ControlledEnv, planner: Any, grasps: str | None, supports: Supports, **choices: bool | None
+    env: ControlledEnv, planner: Any, grasps: Grasps | None, supports: Supports, **choices: bool | None
 ) -> Any:
     """The planner to use in an environment; arguments and errors are those of `TampExpert`.
 

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from planners.expert.config import MonitorConfig
+from planners.goals import height_below
 from planners.motion.arm import tcp_pose
-from planners.scene import Body, Scene
+from planners.scene import Scene
 from planners.scene.bodies import pose_matrix
 from planners.scene.mujoco_reading import MovableBodies, RobotJoints
 
@@ -22,8 +23,6 @@ Array = NDArray[np.float64]
 
 _OFF_SUPPORT = 0.01
 """[m] above the support; a lower object may still stand on it."""
-_SUNK = 0.005
-"""[m] below the top of a support that the lowest point of an object on it may be: it leans, or sinks in."""
 _BETWEEN_PADS = 0.01
 """[m] wider than the object the fingers may be: they touch it, or are about to."""
 _REACH = 0.02
@@ -136,13 +135,3 @@ def held_object(scene: Scene) -> str:
         if is_around_tcp and is_gripped and body.bottom > height_below(scene, body) + _OFF_SUPPORT:
             return body.name
     return ""
-
-
-def height_below(scene: Scene, body: Body) -> float:
-    """[m] of the highest support under the centre of an object, on which it stands or would fall.
-
-    Beside the supports it is the height of the first one.
-    """
-    supports = [scene.support, *(scene.support_named(name) for name in scene.supports[1:])]
-    under = [support for support in supports if support.is_under(body.position[:2])]
-    return max((support.top for support in under if support.top <= body.bottom + _SUNK), default=scene.support.top)

@@ -17,8 +17,16 @@ from planners.collision.hit_kernels import make_scratch
 from planners.collision.scene_arrays import RobotArrays, robot_arrays
 from planners.collision.world import CollisionWorld
 from planners.grasping.scan_kernel import make_memory, many_gripper_hits, scan
-from planners.scene import SELF_BIT, Body, HeldObject, Scene
-from planners.scene.cover import BACK, LEAST_LIFT, direction_out, distance_out, is_covered, objects_before
+from planners.scene import SELF_BIT, Body, HeldObject, StaticObstacle
+from planners.scene.cover import (
+    BACK,
+    LEAST_LIFT,
+    direction_out,
+    distance_out,
+    driven_out_of,
+    is_covered,
+    objects_before,
+)
 from planners.scene.masks import FIXED_BITS
 
 Array = NDArray[np.float64]
@@ -137,7 +145,7 @@ def scan_configurations(
     none = np.zeros(0, np.int64)
     parts = [ArmConfigurations(np.zeros((0, len(world.robot.lower))), none, np.zeros(0, np.uint64), np.zeros(0))]
     extents: dict[bytes, Extents] = {}
-    for drive, rows in _drives(world.scene, poses):
+    for drive, rows in _drives(driven_out_of(world.scene, body), poses):
         chosen = GripperPoses(poses.bases[rows], poses.gripper_poses[rows])
         backed_off = body.at(body.position + [*drive.offset, 0.0])
         before = objects_before(world.scene, backed_off, drive.direction) & ~ignore
@@ -234,14 +242,14 @@ def gripper_arrays(robot: RobotSpec) -> RobotArrays:
     )
 
 
-def _drives(scene: Scene, poses: GripperPoses) -> Iterator[tuple[Drive, NDArray[np.int64]]]:
+def _drives(support: StaticObstacle, poses: GripperPoses) -> Iterator[tuple[Drive, NDArray[np.int64]]]:
     """The straight drives out after backing off, and the rows of the pairs of base and gripper pose for each."""
-    yaws, directions = poses.gripper_poses[:, 3], direction_out(scene.support, poses.bases)
+    yaws, directions = poses.gripper_poses[:, 3], direction_out(support, poses.bases)
     drives = np.column_stack((yaws, directions)).round(_SAME_DRIVE)
     for same in np.unique(drives, axis=0):
         rows = np.flatnonzero((drives == same).all(axis=1))
         yaw, direction = yaws[rows[0]], directions[rows[0]]
         offset = -BACK * np.array([np.cos(yaw), np.sin(yaw)])
         starts = poses.gripper_poses[rows, :2] + offset
-        farthest = max(distance_out(scene.support, start, direction) for start in starts)
+        farthest = max(distance_out(support, start, direction) for start in starts)
         yield Drive(offset, direction, farthest, LEAST_LIFT), rows

@@ -17,6 +17,7 @@ from irm.chain import BASE, ArmChain
 from irm.free_space import FreeSpace
 from irm.inverse_map import InverseReachabilityMap
 from irm.reachability_map import cached_map
+from planners.collision.ground_map import GroundMap
 from planners.collision.scene_arrays import robot_arrays
 from planners.grasping.grasp_poses import wrap_to_pi
 from planners.scene import Scene, StaticObstacle
@@ -30,11 +31,14 @@ _DOWNWARD = (0.0, math.pi / 6, math.pi / 3, math.pi / 2)
 GROUND_MARGIN = 0.02
 """[m] that the base keeps from static obstacles."""
 GROUND_SIZE = 2.5
-"""[m] from the centre of the support to the edges of the ground that is used."""
+"""[m] from the centre of the first support to the edges of the ground that is used."""
+_AROUND, _FARTHEST = 1.6, 12.0
+"""[m] of ground around every other support and object, from where the arm reaches it; and no farther than that."""
 _YAW_TOLERANCE = 1e-6
 """[rad] by which the yaw of the map's approach may differ from the gripper's: rounding."""
-_SPARE = 6
-"""Base poses looked at for each one wanted, of a base that is not round."""
+_SPARE, _SPARE_MORE = 6, 64
+"""Base poses looked at for each one wanted: of a base that is not round; for gripper poses beside the base, and where
+the robot cannot drive to some."""
 WALL_HEIGHT = 0.5
 """[m] above the support: across an obstacle as tall as that no arm reaches it."""
 STRAIGHT = (0.0,)
@@ -68,16 +72,19 @@ def map_parameters(robot: RobotSpec) -> dict[str, Any]:
 
 
 def free_ground(scene: Scene, with_shadows: bool = False) -> FreeSpace:
-    """The ground around the support where the base may stand: clear of the outlines of static obstacles.
+    """The ground around supports and objects where the base may stand: clear of the outlines of static obstacles.
 
     Obstacles lower than the base, such as a slab that is the ground, and those above the robot do not count. Of
     a base that is not round, the largest circle in its outline is clear of them; `fits` says whether all of it is.
-    With shadows, what lies behind walls as seen from the support is left out too.
+    With shadows, what lies behind walls as seen from the first support is left out too, unless objects or other
+    supports are there.
 
     Raises:
-        SceneError: the scene has no support.
+        SceneError: a support is missing, or has no level top.
     """
     top, centre, outlines = scene.support.top, scene.support.position[:2], []
+    supports = (scene.support, *map(scene.support_named, scene.supports[1:]))
+    places = np.array([*(one.position[:2] for one in supports), *(one.position[:2] for one in scene.objects)])
     for obstacle in _beside_base(scene):
         outline = obstacle.outline
         is_tall = obstacle.lower[2] < top and obstacle.upper[2] > top + WALL_HEIGHT
@@ -86,10 +93,14 @@ def free_ground(scene: Scene, with_shadows: bool = False) -> FreeSpace:
             away = outline - centre
             far = away * (3 * GROUND_SIZE / np.linalg.norm(away, axis=1, keepdims=True))
             corners = centre + np.concatenate((away, far))
-            outline = corners[ConvexHull(corners).vertices]
+            shadow = ConvexHull(corners)
+            if not ((places @ shadow.equations[:, :2].T + shadow.equations[:, 2]) < 0).all(axis=1).any():
+                outline = corners[shadow.vertices]
         outlines.append(outline)
-    x, y = centre
-    bounds = (x - GROUND_SIZE, y - GROUND_SIZE, x + GROUND_SIZE, y + GROUND_SIZE)
+    low = np.minimum(centre - GROUND_SIZE, places.min(axis=0) - _AROUND)
+    high = np.maximum(centre + GROUND_SIZE, places.max(axis=0) + _AROUND)
+    # Farther away no ground is used, so that there are not too many cells.
+    bounds = (*np.maximum(low, centre - _FARTHEST), *np.minimum(high, centre + _FARTHEST))
     return FreeSpace.from_polygons(outlines, inner_radius(scene.robot) + GROUND_MARGIN, bounds)
 
 
@@ -109,6 +120,15 @@ def _trunk_heights(robot: RobotSpec) -> tuple[float, float]:
     corners = np.abs(arrays.rotation[:, 2]) * arrays.half
     bottom = (arrays.position[:, 2] - corners.sum(axis=1) - arrays.radius)[is_base].min()
     return float(bottom), float(top)
+
+
+@cache
+def _base_height(robot: RobotSpec) -> float:
+    """[m] of the base's highest point."""
+    arrays = robot_arrays(robot)
+    of_base = arrays.link == BASE
+    up = (np.abs(arrays.rotation[:, 2]) * arrays.half).sum(axis=1) + arrays.radius
+    return float((arrays.position[:, 2] + up)[of_base].max())
 
 
 def farthest_reach(robot: RobotSpec) -> float:
@@ -132,6 +152,7 @@ class MapPlacer:
         ground: where the base may stand for a level gripper; the lower bounds of the frozen suites rest on it.
         open_ground: where it may stand for a tilted gripper: not behind walls.
         outlines: corners (v, 2) of the obstacles that an outline must fit between.
+        ground_map: tells to which base poses the robot cannot drive; these are left out. None: to all.
         per_gripper_pose: base poses returned for each gripper pose at most.
     """
 
@@ -140,14 +161,17 @@ class MapPlacer:
     ground: FreeSpace
     open_ground: FreeSpace
     outlines: tuple[Array, ...]
+    ground_map: GroundMap | None
     per_gripper_pose: int
 
     @classmethod
-    def of_scene(cls, scene: Scene, per_gripper_pose: int = 3) -> MapPlacer:
-        """Base poses for the active arm among the static obstacles of a scene."""
+    def of_scene(cls, scene: Scene, per_gripper_pose: int = 3, ground_map: GroundMap | None = None) -> MapPlacer:
+        """Base poses for the active arm among the static obstacles of a scene; its map is made if not given."""
         robot, outlines = scene.robot, tuple(one.outline for one in _beside_base(scene))
         free, in_the_open = free_ground(scene), free_ground(scene, with_shadows=True)
-        return cls(robot, inverse_map(robot), free, in_the_open, outlines, per_gripper_pose)
+        return cls(
+            robot, inverse_map(robot), free, in_the_open, outlines, ground_map or GroundMap(scene), per_gripper_pose
+        )
 
     @cached_property
     def chain(self) -> ArmChain:
@@ -165,37 +189,56 @@ class MapPlacer:
             base poses (m, 3) x [m], y [m], yaw [rad]; index of the gripper pose of each (m,).
         """
         bases, index = [np.empty((0, 3))], [np.empty(0, dtype=np.int64)]
-        for pitch in np.unique(gripper_poses[:, 4]):
-            rows = np.flatnonzero(gripper_poses[:, 4] == pitch)
-            found = self._bases_at_pitch(gripper_poses[rows], float(pitch), most)
+        low = gripper_poses[:, 2] < _base_height(self.robot)
+        for pitch, is_low in np.unique(np.column_stack((gripper_poses[:, 4], low)), axis=0):
+            rows = np.flatnonzero((gripper_poses[:, 4] == pitch) & (low == is_low))
+            found = self._bases_at_pitch(gripper_poses[rows], float(pitch), most, bool(is_low))
             bases.append(found[0])
             index.append(rows[found[1]])
         order = np.argsort(np.concatenate(index), kind="stable")
         return np.ascontiguousarray(np.concatenate(bases)[order]), np.concatenate(index)[order]
 
-    def _bases_at_pitch(self, gripper_poses: Array, pitch: float, most: int) -> tuple[Array, NDArray[np.int64]]:
+    def _bases_at_pitch(
+        self, gripper_poses: Array, pitch: float, most: int, is_low: bool
+    ) -> tuple[Array, NDArray[np.int64]]:
         """As `bases`, for gripper poses of one pitch [rad]: the map's ring nearest to it answers.
 
+        To poses lower than the base the map may say yes with the gripper inside the base: these are left out.
         An object that has slipped in the gripper may have to be released a little beyond straight down.
         """
-        yaws, wanted = gripper_poses[:, 3], max(self.per_gripper_pose, most)
-        ranges = np.column_stack((yaws - _YAW_TOLERANCE, yaws + _YAW_TOLERANCE))
+        wanted, is_round = max(self.per_gripper_pose, most), not self.robot.base_outline
+        spare = _SPARE_MORE if is_low else 1 if is_round else _SPARE
+        bases, index = self._from_map(gripper_poses, pitch, spare * wanted)
+        usable = self.can_drive_to(bases)
+        if not usable.all() and spare < _SPARE_MORE:
+            bases, index = self._from_map(gripper_poses, pitch, _SPARE_MORE * wanted)
+            usable = self.can_drive_to(bases)
+        if not is_round:
+            usable &= fits(self.robot, bases, self.outlines, GROUND_MARGIN)
+        if is_low:
+            away = np.linalg.norm(bases[:, :2] - gripper_poses[index, :2], axis=1)
+            usable &= away > inner_radius(self.robot) + GROUND_MARGIN
+        bases, index = bases[usable], index[usable]
+        kept = np.arange(len(index)) - np.searchsorted(index, index) < wanted
+        return bases[kept], index[kept]
+
+    def can_drive_to(self, bases: Array) -> NDArray[np.bool_]:
+        """Which base poses (k, 3) are not proved to be out of the robot's reach."""
+        return np.ones(len(bases), np.bool_) if self.ground_map is None else self.ground_map.can_reach(bases)
+
+    def _from_map(self, gripper_poses: Array, pitch: float, most: int) -> tuple[Array, NDArray[np.int64]]:
+        """The map's base poses (m, 3) on free ground, `most` for each gripper pose at most, and its index (m,)."""
+        yaws = gripper_poses[:, 3]
         found = self.map.query_batch(
             gripper_poses[:, :3],
-            yaw_ranges=ranges,
+            yaw_ranges=np.column_stack((yaws - _YAW_TOLERANCE, yaws + _YAW_TOLERANCE)),
             pitch=min(max(pitch, float(self.map.reachability_map.grid.orientations.pitch.min())), math.pi / 2),
             free_space=self.open_ground if pitch else self.ground,
-            k=_SPARE * wanted if self.robot.base_outline else wanted,
+            k=most,
         )
         rank = np.concatenate([np.arange(count) for count in found.count])
         index = np.repeat(np.arange(len(gripper_poses)), found.count)
-        if not self.robot.base_outline:
-            return found.poses[index, rank], index
-        fitting = fits(self.robot, found.poses[index, rank], self.outlines, GROUND_MARGIN)
-        index, rank = index[fitting], rank[fitting]
-        first = np.searchsorted(index, index)
-        kept = np.arange(len(index)) - first < wanted
-        return found.poses[index[kept], rank[kept]], index[kept]
+        return found.poses[index, rank], index
 
 
 def inner_radius(robot: RobotSpec) -> float:
@@ -261,7 +304,8 @@ def facing_bases(
     index, turn = np.nonzero(np.isfinite(distance))
     order = np.argsort(cost[index, turn], kind="stable")
     found = np.stack((x, y, yaw), axis=-1)[index, turn][order]
-    return np.ascontiguousarray(found), index[order].astype(np.int64)
+    usable = placer.can_drive_to(found)
+    return np.ascontiguousarray(found[usable]), index[order][usable].astype(np.int64)
 
 
 def _distance_behind(ground: FreeSpace, gripper_poses: Array, yaw: Array, reach: float) -> Array:

@@ -35,8 +35,6 @@ _BASES = (0, 8)
 grasp with nothing in its way."""
 _REFILLS = 8
 """Times that grasps are looked for again once all of one kind are refuted, before an object counts as without more."""
-OFF_TABLE = 0.02
-"""[m] An object whose lowest point is this far below the table top does not stand on it."""
 _MAP: tuple[float, ...] = ()
 """Instead of the gripper's yaws relative to the base: bases of the reachability map, which may stand anyhow."""
 _WORSE = 100.0
@@ -155,7 +153,7 @@ class GraspCandidates:
     _merged: dict[str, tuple[_Grasps, list[_Grasps]]] = field(default_factory=dict)
 
     def for_object(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
-        """Grasps of that object where it stands, fewest blockers first; none if it has fallen off the table."""
+        """Grasps of that object where it stands, fewest blockers first."""
         by_arm = [self._through_arm(view, name) for view in self._views_of(scene).values()]
         merged, before = self._merged.get(name, ((), []))
         # Sorting takes longer than all else here, and most calls ask again for what has not changed.
@@ -163,6 +161,17 @@ class GraspCandidates:
             merged = best_first(itertools.chain(*by_arm))
             self._merged[name] = merged, by_arm
         return merged
+
+    def of_all_families(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
+        """Grasps of that object of all families, best first: others may fit the place where it is to be put."""
+        self.for_object(scene, name)
+        for view in self._views_of(scene).values():
+            key, body = (view.robot.arm_name, name), view.body(name)
+            known = self._known[key]
+            for stage in known.unseen:
+                known = known._replace(candidates=best_first((*known.candidates, *self._of_stage(view, body, stage))))
+            self._known[key] = known._replace(unseen=())
+        return self.for_object(scene, name)
 
     def from_base(self, scene: Scene, name: str, base: Array) -> tuple[GraspCandidate, ...]:
         """Grasps of that object from one base pose (3,), fewest blockers first; of each arm's first family."""
@@ -207,8 +216,7 @@ class GraspCandidates:
         key, body = (scene.robot.arm_name, name), scene.body(name)
         known = self._known.get(key)
         if known is None:
-            is_off_support = body.bottom < scene.support.top - OFF_TABLE
-            known = self._known[key] = _Known((), () if is_off_support else self._stages())
+            known = self._known[key] = _Known((), self._stages())
         while known.unseen and not any(grasp.blockers == 0 for grasp in known.candidates):
             found = self._of_stage(scene, body, known.unseen[0])
             known = known._replace(candidates=best_first((*known.candidates, *found)), unseen=known.unseen[1:])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from types import MappingProxyType
 from typing import TypeAlias
@@ -26,33 +26,66 @@ _PALM_CLEARANCE, _PALM_SIDE, _TIP_CLEARANCE, _PAD_CLEARANCE = 0.003, 0.002, 0.00
 _DECIMALS = 6
 Array: TypeAlias = NDArray[np.float64]
 _STRAIGHT_DOWN = 1e-6
-"""Cosine of a pitch below which the gripper points straight down."""
+"""Cosine of a pitch below which the gripper points straight down, and sine below which it is level."""
 
 
 class UnknownGraspSet(ValueError):
-    """There is no grasp set of that name; the message lists the valid ones."""
+    """Neither the name of a grasp set nor families of grasps; the message lists the valid names."""
+
+
+class InvalidGraspFamily(ValueError):
+    """A family of grasps with a value out of range; the message says which."""
 
 
 @dataclass(frozen=True)
 class GraspFamily:
-    """Grasps that differ only in the direction they come from.
+    """Grasps that differ only in the direction they come from. A grasp set is a tuple of families.
 
-    The TCP is δ above the object's lowest point and ε short of its main axis (Fig. 5). ε is the robot's
-    `grasp_axis_offset`, more where the palm would touch the object.
+    The TCP is δ above the object's lowest point and ε short of its main axis (Fig. 5), as far as palm and fingertips
+    permit. What is None is the robot's own.
+
+    Example:
+        steep = GraspFamily("steep", pitch=math.radians(70), depth=0.03, directions=36)
+        solve(scene, "object_03", grasps=(SIDE, steep))
 
     Attributes:
         name: for messages.
         pitch: [rad] of the gripper; 0 is level, π/2 points straight down.
         directions: n of the paper: grasps of a round object, 360°/n apart. Half of them differ where the gripper points
             straight down.
-        depth: [m] of the TCP below the object's highest point, as far as palm and fingertips permit; None for the δ of
-            the paper, which is the robot's `grasp_height`.
+        depth: [m] of the TCP below the object's highest point, in place of δ.
+        height: δ [m], by default the robot's `grasp_height`.
+        axis_offset: ε [m], by default the robot's `grasp_axis_offset`; more where the palm would touch the object.
+        max_width: [m] between the fingers of what is grasped so, by default what the gripper spans.
+
+    Raises:
+        InvalidGraspFamily: a value out of range, or both `depth` and `height`.
     """
 
     name: str
     pitch: float
     directions: int = 24
     depth: float | None = None
+    height: float | None = None
+    axis_offset: float | None = None
+    max_width: float | None = None
+
+    def __post_init__(self) -> None:
+        lengths = {name: getattr(self, name) for name in ("depth", "height", "max_width")}
+        wrong = [f"{name}={length!r}" for name, length in lengths.items() if length is not None and not length >= 0]
+        if not 0 <= self.pitch <= math.pi / 2:
+            wrong.append(f"pitch={self.pitch!r}")
+        if self.directions < 1:
+            wrong.append(f"directions={self.directions!r}")
+        if self.axis_offset is not None and not math.isfinite(self.axis_offset):
+            wrong.append(f"axis_offset={self.axis_offset!r}")
+        if None not in (self.depth, self.height):
+            wrong.append("depth together with height")
+        if wrong:
+            raise InvalidGraspFamily(
+                f"grasp family {self.name!r} has {', '.join(wrong)}; valid: pitch from 0 (level) to π/2 (down) rad, "
+                "directions from 1, lengths from 0 m, depth or height"
+            )
 
 
 SIDE = GraspFamily("side", 0.0)
@@ -60,26 +93,49 @@ SIDE = GraspFamily("side", 0.0)
 _TILTED = {degrees: GraspFamily(f"tilted {degrees}°", math.radians(degrees), depth=0.02) for degrees in (20, 40, 60)}
 TOP = GraspFamily("top", math.pi / 2, depth=0.02)
 """The gripper points straight down."""
+_CENTRED = (SIDE, _TILTED[60], _TILTED[40], TOP, _TILTED[20])
+_SHORT_OF = tuple(
+    replace(family, name=f"{family.name}, 10 mm short of the axis", axis_offset=0.01) for family in (SIDE, _TILTED[60])
+)
+"""The fingertips of these reach less far past the object, so that they touch fewer of those behind it. More families
+of this kind lowered the minimum in one of 290 scenes."""
 GRASP_SETS: Mapping[str, tuple[GraspFamily, ...]] = MappingProxyType(
     {
         "side": (SIDE,),
         "tilted": (_TILTED[60], _TILTED[40], _TILTED[20]),
         "top": (TOP,),
-        "all": (SIDE, _TILTED[60], _TILTED[40], TOP, _TILTED[20]),
+        "all": (*_CENTRED, *_SHORT_OF),
     }
 )
 """By name; the families of a set come in the order in which they are tried."""
 
 
-def find_grasp_set(name: str) -> tuple[GraspFamily, ...]:
+Grasps: TypeAlias = str | Sequence[GraspFamily]
+"""A grasp set: its name, or families."""
+
+
+def find_grasp_set(grasps: Grasps) -> tuple[GraspFamily, ...]:
     """The families of a grasp set.
 
     Raises:
-        UnknownGraspSet: no set of that name; the message lists the valid ones.
+        UnknownGraspSet: neither the name of a set nor families; the message lists the valid names.
     """
-    if name not in GRASP_SETS:
-        raise UnknownGraspSet(f"no grasp set {name!r}; valid grasp sets: {', '.join(GRASP_SETS)}")
-    return GRASP_SETS[name]
+    if isinstance(grasps, str) and grasps in GRASP_SETS:
+        return GRASP_SETS[grasps]
+    families: tuple[GraspFamily, ...] = ()
+    if isinstance(grasps, Sequence) and not isinstance(grasps, str):
+        families = tuple(grasps)
+    if not families or not all(isinstance(family, GraspFamily) for family in families):
+        raise UnknownGraspSet(
+            f"no grasp set {grasps!r}; valid grasp sets: {', '.join(GRASP_SETS)}, or a tuple of GraspFamily"
+        )
+    return families
+
+
+def grasp_set_name(families: Sequence[GraspFamily]) -> str:
+    """A grasp set in words: its name, or those of its families."""
+    named = (repr(name) for name, known in GRASP_SETS.items() if known == tuple(families))
+    return next(named, f"families {', '.join(repr(family.name) for family in families)}")
 
 
 @dataclass(frozen=True)
@@ -158,8 +214,25 @@ def generate_grasps(body: Body, robot: RobotSpec, families: Sequence[GraspFamily
         GraspPose(float(yaw), family.pitch, _pose(body, robot, family, yaw), gripper_opening(robot, half))
         for family in families
         for yaw, half in zip(*_yaws(body, family), strict=True)
-        if 2 * half < robot.max_opening
+        if 2 * half < _widest(robot, family)
     )
+
+
+def too_wide(body: Body, robot: RobotSpec, families: Sequence[GraspFamily]) -> str:
+    """Why no grasp of some families fits around an object, "" if one does."""
+    spans = [2 * float(half) for family in families for half in _yaws(body, family)[1]]
+    widest = max(_widest(robot, family) for family in families)
+    if any(2 * half < _widest(robot, family) for family in families for half in _yaws(body, family)[1]):
+        return ""
+    across = f"{body.name} is {1000 * min(spans):.0f} mm wide"
+    if widest < robot.max_opening:
+        return f"{across}, and the families of grasps take {1000 * widest:.0f} mm at most"
+    return f"{across}, and the gripper opens {1000 * widest:.0f} mm"
+
+
+def _widest(robot: RobotSpec, family: GraspFamily) -> float:
+    """[m] Objects are grasped by the family if they are less wide."""
+    return robot.max_opening if family.max_width is None else min(family.max_width, robot.max_opening)
 
 
 def even_yaws(count: int) -> Array:
@@ -202,15 +275,16 @@ def _pose(body: Body, robot: RobotSpec, family: GraspFamily, yaw: float) -> Arra
     behind = body.half_extent_along(approach) - gripper.palm_reach
     height = body.top - body.bottom
     if family.depth is not None:
-        deepest = height / 2 - behind / down
-        delta = height - min(max(deepest, gripper.least_depth), family.depth)
+        # Level, the palm is behind the object, however deep the fingers are.
+        deepest = height / 2 - behind / down if down > _STRAIGHT_DOWN else math.inf
+        delta = height - min(max(deepest, gripper.least_depth), max(family.depth, gripper.pad_half_height))
     else:
-        delta = min(robot.grasp_height, height - gripper.pad_half_height)
+        delta = min(robot.grasp_height if family.height is None else family.height, height - gripper.pad_half_height)
         delta = delta if body.is_upright else min(delta, height / 2)
     delta = max(delta, gripper.above_support(family.pitch))
-    epsilon = robot.grasp_axis_offset
-    if level > _STRAIGHT_DOWN:
-        epsilon = max(epsilon, (behind - (delta - height / 2) * down) / level)
+    epsilon = robot.grasp_axis_offset if family.axis_offset is None else family.axis_offset
+    # Straight down no heading leads away from the axis.
+    epsilon = max(epsilon, (behind - (delta - height / 2) * down) / level) if level > _STRAIGHT_DOWN else 0.0
     T = np.eye(4)
     T[:3, 0] = approach
     T[:3, 1] = (-heading[1], heading[0], 0.0)

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planners.collision.straight_lines import trace_by_torso, trace_straight
-from planners.collision.world import FINGER_GAP, CollisionWorld, with_clearance_below
+from planners.collision.world import FINGER_GAP, CollisionWorld, with_clearance_around
 from planners.motion.arm import ArmQuery, tcp_pose
 from planners.motion.path import on_base
 from planners.scene import Body, HeldObject, RobotState, Scene
-from planners.scene.cover import LEAST_LIFT, drive_out, is_covered
+from planners.scene.cover import LEAST_LIFT, drive_out, driven_out_of, is_covered
 from planners.scene.masks import FIXED_BITS
 
 Array = NDArray[np.float64]
@@ -89,7 +89,7 @@ class ContactQuery:
         """A grasp of an object where it stands, `ignore` a mask of objects that are no obstacles."""
         body = world.scene.body(name)
         held = HeldObject.grasped(body, _tcp_pose(world.scene, base, q))
-        return cls._of(world, with_clearance_below(world, name), base, q, held, ignore)
+        return cls._of(world, with_clearance_around(world, name), base, q, held, ignore)
 
     @classmethod
     def release(cls, world: CollisionWorld, base: ArrayLike, q: ArrayLike, held: HeldObject) -> ContactQuery:
@@ -186,9 +186,9 @@ def _traced(query: ContactQuery) -> Iterator[Approach]:
     return (found for pattern in query.likely_patterns if isinstance(found := trace(query, pattern), Approach))
 
 
-def stand_off(scene: Scene, base: ArrayLike, q: ArrayLike) -> Array:
-    """The base pose (3,) outside from which the base drives straight in to one under a shelf; see `drive_out`."""
-    return drive_out(scene.support, base, _tcp_pose(scene, base, q))[-1]
+def stand_off(scene: Scene, base: ArrayLike, q: ArrayLike, body: Body) -> Array:
+    """The base pose (3,) outside from which the base drives straight in to an object; see `drive_out`."""
+    return drive_out(driven_out_of(scene, body), base, _tcp_pose(scene, base, q))[-1]
 
 
 def free_approach(query: ContactQuery, pattern: ApproachPattern) -> Approach | None:
@@ -238,7 +238,7 @@ def _follow(query: ContactQuery, lines: tuple[tuple[Array, float], ...], pattern
     standing = on_base(base, waypoints)
     if not pattern.drives:
         return standing
-    drive = drive_out(world.scene.support, base, query.T_world_tcp)
+    drive = drive_out(driven_out_of(world.scene, query.body), base, query.T_world_tcp)
     return np.vstack([standing, *(np.concatenate((outside, waypoints[-1])) for outside in drive[1:])])
 
 

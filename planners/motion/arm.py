@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
 from irm.chain import ArmChain
-from irm.kinematics import forward
+from irm.compilation import njit
+from irm.kinematics import fk_frames, forward
 from planners.collision.scene_arrays import RobotArrays
 from planners.collision.straight_lines import trace_by_torso, trace_straight
 from planners.collision.world import FINGER_GAP, OVERLAP, STEP, CollisionWorld
@@ -77,6 +78,30 @@ def tcp_pose(robot: RobotSpec, state: RobotState) -> Array:
     T_world_base[:2, :2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
     T_world_base[:2, 3] = x, y
     return np.asarray(T_world_base @ forward(_chain(robot), state.q))
+
+
+def tcp_poses(robot: RobotArrays, X: Array) -> Array:
+    """T_world_tcp (n, 4, 4) of whole-body configurations (n, 11)."""
+    return np.asarray(_tcp_poses(robot.offsets, robot.axes, robot.tip, np.ascontiguousarray(X)))
+
+
+@njit(cache=True)
+def _tcp_poses(offsets: Array, axes: NDArray[np.int64], tip: Array, X: Array) -> Array:
+    """As `tcp_poses`, of a chain of joints."""
+    n, T = axes.shape[0], np.zeros((X.shape[0], 4, 4))
+    R, p = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+    for row in range(X.shape[0]):
+        fk_frames(offsets, axes, tip, X[row, 3:], R, p)
+        c, s = math.cos(X[row, 2]), math.sin(X[row, 2])
+        for column in range(4):
+            x = p[n, 0] if column == 3 else R[n, 0, column]
+            y = p[n, 1] if column == 3 else R[n, 1, column]
+            T[row, 0, column], T[row, 1, column] = c * x - s * y, s * x + c * y
+            T[row, 2, column] = p[n, 2] if column == 3 else R[n, 2, column]
+        T[row, 0, 3] += X[row, 0]
+        T[row, 1, 3] += X[row, 1]
+        T[row, 3, 3] = 1.0
+    return T
 
 
 def unwrap_joints(robot: RobotArrays, q: ArrayLike, goals: ArrayLike) -> Array:

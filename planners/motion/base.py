@@ -4,24 +4,77 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planners.collision.ground_map import GroundMap
 from planners.collision.world import STEP, CollisionWorld
 from planners.motion.arm import SHORTCUTS
-from planners.motion.path import CLEARANCE, NoPath, WholeBodyPath, on_base
-from planners.motion.rrt import rrt_connect, shortcut
+from planners.motion.lattice import NEAR, search_lattice, ways_to
+from planners.motion.path import CLEARANCE, NO_WAY, NoPath, WholeBodyPath, on_base
+from planners.motion.rrt import shortcut
 from planners.scene import HeldObject
 
-_ITERATIONS, _NEAR = 2400, 0.0
-"""As for the arm, but detours around static obstacles are far from the straight line: no targets are drawn near it."""
 _RETREATS = (0.0, 0.15, 0.35, 0.6, 0.9)
 """[m] that the base backs away from the table before it drives along, tried in this order."""
-_ROAM = 1.0
-"""[m] beyond start and goal within which a detour is searched for."""
+_SPACING, _TURNS = 0.06, 16
+"""[m] between base poses of the lattice, and their yaws: passages 0.1 m wider than the robot are found."""
+_COARSE_STEP = 0.015
+"""[m] between checks on the lattice; accepted drives are checked again at `collision.world.STEP`."""
+_MOST_NODES = 100_000
+"""Nodes of the lattice reached at most."""
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class BaseRoadmap:
+    """The ground of a scene, and what searches for drives have explored to the end.
+
+    Attributes:
+        ground: its parts that are connected for the base, whatever the arm does.
+    """
+
+    ground: GroundMap
+    _explored: dict[tuple[object, ...], tuple[object, Array]] = field(default_factory=dict, repr=False)
+
+    def search(
+        self, world: CollisionWorld, X: Array, opening: float, held: HeldObject | None, rng: np.random.Generator
+    ) -> Array | None:
+        """A drive (k, 11) between two whole-body configurations (2, 11), None if there is none on the lattice.
+
+        Where one search has reached all that can be reached from a start, the next one from there is answered at once.
+        """
+        start, goal, ground = X[0], X[1, :3], self.ground
+        # What ids stand for is kept, so that they stay its own.
+        key, kept = (id(world.obstacles), world.padding, start.tobytes(), opening, id(held)), (world.obstacles, held)
+        if key in self._explored and not _is_near(self._explored[key][1], goal):
+            return None
+        checks, ways = (
+            world.query(opening, held, first_only=True),
+            ways_to(goal, ground.parts, ground.origin, ground.cell),
+        )
+        path, reached = search_lattice(
+            checks, start, goal, ways, ground.origin, ground.cell, _SPACING, _TURNS, _COARSE_STEP, _MOST_NODES
+        )
+        if not len(path):
+            self._explored[key] = kept, reached
+            return None
+        return np.asarray(shortcut(checks, path, STEP, SHORTCUTS, rng))
+
+    def excludes(self, start: Array, base: Array) -> bool:
+        """Whether all that was explored from a base pose (3,) leaves out another one, and something was explored."""
+        explored = [poses for _, poses in self._explored.values() if np.array_equal(poses[0], start)]
+        return bool(explored) and not any(_is_near(poses, base) for poses in explored)
+
+
+def _is_near(reached: Array, goal: Array) -> bool:
+    """Whether a base pose (3,) can be tried from one of those reached (m, 3)."""
+    away = np.abs(reached - goal)
+    turn = np.abs(np.remainder(away[:, 2] + math.pi, 2 * math.pi) - math.pi)
+    return bool(((away[:, :2] <= NEAR * _SPACING).all(axis=1) & (turn <= NEAR * 2 * math.pi / _TURNS)).any())
 
 
 def plan_base(
@@ -33,8 +86,9 @@ def plan_base(
     opening: float | None = None,
     held: HeldObject | None = None,
     rng: np.random.Generator | None = None,
+    roadmap: BaseRoadmap | None = None,
 ) -> WholeBodyPath | NoPath:
-    """A collision-free motion of the base: straight if possible, else backing away first, else by RRT-Connect.
+    """A collision-free motion of the base: straight if possible, else backing away first, else on a lattice.
 
     Motions at a distance of `CLEARANCE` from everything come first.
 
@@ -45,16 +99,18 @@ def plan_base(
         q: (8,) configuration of torso and arm on the way.
         opening: of the gripper [m]; by default closed around the held object, fully open without one.
         held: the held object.
-        rng: for the random trees; seed 0 if not given.
+        rng: for shortcuts of drives on the lattice; seed 0 if not given.
+        roadmap: of the scene's static obstacles; made when it is needed if not given.
 
     Returns:
-        the path, or why there is none.
+        the path, or why there is none: `NO_WAY` if start and goal are free, but not connected.
     """
     here, there, configuration = (np.array(v, dtype=float) for v in (start, goal, q))
     if opening is None:
         opening = 0.0 if held is not None else world.scene.robot.max_opening
     there[2] = unwrap_yaw(there[2], here[2])
-    for padded in (world.with_padding(CLEARANCE), world):
+    wide = world.with_padding(CLEARANCE)
+    for padded in (wide, world):
         for waypoints in _simple_paths(here, there):
             X = on_base(waypoints, configuration)
             if not padded.path_hits(X, opening, held, first_only=True):
@@ -63,17 +119,17 @@ def plan_base(
         touched = world.hits(place, configuration, opening, held)
         if touched:
             return NoPath(f"drive: the {name} touches {' and '.join(world.names_of(touched))}")
+    roadmap, rng = roadmap or BaseRoadmap(GroundMap(world.scene)), rng or np.random.default_rng(0)
+    if not roadmap.ground.are_connected(here, there)[0]:
+        return NO_WAY
     X = on_base(np.stack((here, there)), configuration)
-    lower, upper = X.min(axis=0), X.max(axis=0)
-    lower[:3] -= (_ROAM, _ROAM, math.pi)
-    upper[:3] += (_ROAM, _ROAM, math.pi)
-    checks, rng = world.query(opening, held, first_only=True), rng or np.random.default_rng(0)
-    path = rrt_connect(checks, X[0], X[1:], lower, upper, STEP, _ITERATIONS, _NEAR, rng)
-    if len(path):
-        path = shortcut(checks, path, STEP, SHORTCUTS, rng)
-        if not world.path_hits(path, opening, held):
+    for padded in (wide, world):
+        if any(padded.hits(place, configuration, opening, held) for place in (here, there)):
+            continue
+        path = roadmap.search(padded, X, opening, held, rng)
+        if path is not None and not world.path_hits(path, opening, held):
             return WholeBodyPath(path, opening, held)
-    return NoPath("drive: no path around the static obstacles found")
+    return NO_WAY
 
 
 def unwrap_yaw(yaw: float, near: float) -> float:

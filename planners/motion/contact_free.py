@@ -15,13 +15,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from assets.robots import RobotSpec
+from planners.collision.scene_arrays import RobotArrays
 from planners.collision.world import CollisionWorld
-from planners.motion.arm import tcp_pose
+from planners.motion.arm import tcp_poses
 from planners.motion.path import CLEARANCE, SAME_BASE
 from planners.motion.timing import finger_ramp, round_corners, time_parametrise
 from planners.motion.trajectory import Phase, Trajectory
-from planners.scene import SELF_BIT, HeldObject, RobotState
+from planners.scene import SELF_BIT, HeldObject
 
 Array = NDArray[np.float64]
 
@@ -87,9 +87,10 @@ def _shorter_path(
     # The checks: with the widest opening of the motion, or what is held throughout.
     robot, first = world.scene.robot, phases[0].phases[0]
     widest = max(float(phase.finger_position.max()) for phase in phases)
-    checks = _Checks(world, robot.opening(widest), first.touched if first.held else None)
-    starts = list(_lines(robot, phases[0].states, begins_in_contact))
-    ends = [line[::-1] for line in _lines(robot, phases[-1].states[::-1], ends_in_contact)]
+    wide = world.with_padding(CLEARANCE)
+    checks = _Checks(world, wide, robot.opening(widest), first.touched if first.held else None)
+    starts = list(_lines(world.robot, phases[0].states, begins_in_contact))
+    ends = [line[::-1] for line in _lines(world.robot, phases[-1].states[::-1], ends_in_contact)]
     for i, j in sorted(itertools.product(range(len(starts)), range(len(ends))), key=sum):
         if checks.is_free(np.stack([starts[i][-1], ends[j][0]])):
             path = checks.rounded(starts[i], np.empty((0, starts[i].shape[1])), ends[j])
@@ -105,13 +106,13 @@ class _Checks(NamedTuple):
     """The collision checks of one motion: the gripper opened by `opening` [m], or `held` in it."""
 
     world: CollisionWorld
+    wide: CollisionWorld  # the same with `CLEARANCE` as its padding
     opening: float
     held: HeldObject | None
 
     def is_free(self, path: Array) -> bool:
         """Whether a path keeps `CLEARANCE` from all but the robot itself."""
-        wide = self.world.with_padding(CLEARANCE)
-        return not wide.path_hits(path, self.opening, self.held, 1 << SELF_BIT, first_only=True)
+        return not self.wide.path_hits(path, self.opening, self.held, 1 << SELF_BIT, first_only=True)
 
     def rounded(self, start: Array, corners: Array, end: Array) -> Array | None:
         """The path along two lines and by corners between them, its corners rounded; None if it is not free.
@@ -152,7 +153,7 @@ def _corners(checks: _Checks, path: Array) -> Array | None:
     return np.array(corners)
 
 
-def _lines(robot: RobotSpec, states: Array, in_contact: bool) -> Iterator[Array]:
+def _lines(robot: RobotArrays, states: Array, in_contact: bool) -> Iterator[Array]:
     """Parts of a phase beside a contact that may be kept: configurations (n, 11) from the contact on, shortest first.
 
     The last configuration is the corner. Without contact nothing but the first configuration is kept.
@@ -161,7 +162,7 @@ def _lines(robot: RobotSpec, states: Array, in_contact: bool) -> Iterator[Array]
     if not in_contact:
         yield X[:1]
         return
-    points = np.array([tcp_pose(robot, RobotState(x[:3], x[3:], 0.0))[:3, 3] for x in X])
+    points = tcp_poses(robot, X)[:, :3, 3]
     away = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     for share in _KEPT:
         straight, corner = np.searchsorted(away, np.array([_STRAIGHT, 1.0]) * share * away[-1] - 1e-9)

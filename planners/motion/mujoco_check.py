@@ -13,14 +13,20 @@ from numpy.typing import NDArray
 from assets.robot_reading import collision_geoms
 from assets.robots import RobotSpec
 from irm.chain import link_of_body
-from planners.collision.scene_arrays import robot_arrays
+from planners.collision.scene_arrays import robot_of
+from planners.collision.world import OVERLAP
 from planners.motion.path import WholeBodyPath
 from planners.motion.trajectory import Trajectory, phases_of
+from planners.motion.travel import count_kinds, link_radii, nearest_of_kinds, pair_kind, travelled
 from planners.scene import HeldObject, Scene, SceneError, StaticObstacle
 
 _ROBOT, _OTHER = 1, 2
 """Collision bits: the robot collides with itself and all other geoms; of these only held objects with others."""
-_OTHER_BITS = {"contype": _OTHER, "conaffinity": 0}
+_ROBOT_MARGIN, _OTHER_MARGIN = 0.02, 0.03
+"""[m] The sum of two geoms' margins is the distance at which MuJoCo begins to report that of a pair."""
+_OTHER_GEOM = {"contype": _OTHER, "conaffinity": 0, "margin": _OTHER_MARGIN}
+_MEMORY = 1 << 25
+"""[bytes] for contacts, far more than there can be."""
 OBJECT, _OBSTACLE = "object/", "obstacle/"
 """Prefixes of names in the model, so that an object or obstacle may have the name of a geom or joint of the robot."""
 _GEOMS = {
@@ -40,11 +46,12 @@ STEP = 0.01
 def scene_model(scene: Scene) -> mujoco.MjModel:
     """Robot, ground, static obstacles and free bodies for the objects, with the collision bits of this module."""
     spec = mujoco.MjSpec.from_file(str(scene.robot.mjcf_path))
+    spec.memory = _MEMORY
     for geom in spec.geoms:
         if geom.contype or geom.conaffinity:
-            geom.contype, geom.conaffinity = _ROBOT, _ROBOT | _OTHER
+            geom.contype, geom.conaffinity, geom.margin = _ROBOT, _ROBOT | _OTHER, _ROBOT_MARGIN
     _exclude_neighbours(spec, scene)
-    spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], **_OTHER_BITS)
+    spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], **_OTHER_GEOM)
     for obstacle in scene.static_obstacles:
         _add_obstacle(spec, obstacle)
     for body in scene.objects:
@@ -52,7 +59,7 @@ def scene_model(scene: Scene) -> mujoco.MjModel:
         size = half if body.shape == "box" else [half[0], half[2], 0.0]
         added = spec.worldbody.add_body(name=name)
         added.add_freejoint(name=name)
-        added.add_geom(name=name, type=_GEOMS[body.shape], size=size, **_OTHER_BITS)
+        added.add_geom(name=name, type=_GEOMS[body.shape], size=size, **_OTHER_GEOM)
     return spec.compile()
 
 
@@ -72,7 +79,7 @@ def _add_obstacle(spec: mujoco.MjSpec, obstacle: StaticObstacle) -> None:
         shape["size"] = [half[0], half[2], 0.0]
     else:
         shape["size"] = half
-    spec.worldbody.add_geom(name=name, pos=obstacle.position, quat=quaternion, **shape, **_OTHER_BITS)
+    spec.worldbody.add_geom(name=name, pos=obstacle.position, quat=quaternion, **shape, **_OTHER_GEOM)
 
 
 def _exclude_neighbours(spec: mujoco.MjSpec, scene: Scene) -> None:
@@ -141,44 +148,77 @@ class MujocoCollisionChecker:
         self._model = model = scene_model(scene)
         self._data = mujoco.MjData(model)
         self._positions = ModelPositions(model, scene, self._data.qpos)
-        self._tcp = model.site(robot.tcp_site).id
+        data, self._tcp = self._data, model.site(robot.tcp_site).id
+        # Views of MuJoCo's memory: to make them takes longer than to use them.
+        self._geom_xpos, self._geom_axes = data.geom_xpos, data.geom_xmat.reshape(-1, 3, 3)
+        self._site_xpos, self._site_axes = data.site_xpos, data.site_xmat.reshape(-1, 3, 3)
         self._gripper = _gripper_geoms(model, robot)
         self._geoms = {body.name: int(model.geom(OBJECT + body.name).id) for body in scene.objects}
+        self._robot = robot_of(scene)
+        self._radii, links = link_radii(self._robot), len(robot.chain) + 1
+        # Links as in `planners.motion.travel`, -1 for what is not of the robot.
+        of_bodies, geoms = link_of_body(model, robot), set(collision_geoms(model, robot))
+        self._link = [of_bodies[int(model.geom_bodyid[g])] + 1 if g in geoms else -1 for g in range(model.ngeom)]
+        self._pair_kinds = np.array([[_kind(a, b, links) for b in self._link] for a in self._link])
+        self._margins = np.full(count_kinds(links) + 1, 2 * _ROBOT_MARGIN)
+        self._margins[:links] = _ROBOT_MARGIN + _OTHER_MARGIN
+        self._margins[-1] = np.inf
 
     def move_to(self, scene: Scene) -> None:
         """Put the objects where another scene has them; raises `SceneError` if it differs in more than their poses."""
         if _signature(scene) != _signature(self.scene):
             raise SceneError("a collision checker serves scenes with the same robot, static obstacles and objects only")
+        if scene.aside or self.scene.aside:
+            self._robot = robot_of(scene)
+            self._radii = link_radii(self._robot)
         self.scene = scene
         for body in scene.objects:
             self._positions.put(body.name, body.position, body.quaternion)
 
     def accepts(self, motion: WholeBodyPath | Trajectory, step: float = STEP) -> bool:
         """Whether nothing penetrates deeper than `TOLERANCE`; see `deepest_penetration`."""
-        return self.deepest_penetration(motion, step).penetration <= TOLERANCE
+        return self.deepest_penetration(motion, step, TOLERANCE).penetration <= TOLERANCE
 
-    def deepest_penetration(self, motion: WholeBodyPath | Trajectory, step: float = STEP) -> PenetrationReport:
+    def deepest_penetration(
+        self, motion: WholeBodyPath | Trajectory, step: float = STEP, enough: float = np.inf
+    ) -> PenetrationReport:
         """The deepest penetration of a motion.
+
+        What touches others when it is taken counts as far as it gets deeper into them. States are left
+        out where the distances found in others prove that nothing is touched.
 
         Args:
             motion: a path, or a trajectory: its phases say what is held, and a released object stays where it is.
-            step: [m] that a point of the robot may move between two checked configurations.
+            step: [m] that a point of the robot may move between two configurations.
+            enough: [m] A deeper one ends the check.
         """
         worst = PenetrationReport(0.0, ("", ""), np.zeros(len(self.scene.robot.drive_joints)))
         for segment in self._segments(motion):
-            held_geom = -1 if segment.held is None else self._geoms[segment.held.name]
-            ignored = {self._geoms[name] for name in self.scene.names_of(segment.ignore)}
-            # The geoms of held objects, each with those of the gripper that holds it, which may touch it.
-            grips = {} if held_geom < 0 else {held_geom: self._gripper}
-            for one in self.scene.aside:
-                grips[self._geoms[one.held.name]] = _gripper_geoms(self._model, self.scene.robot.using(one.arm))
+            grips = self._grips(segment.held)
             for geom in grips:
                 self._let_collide(geom, _OTHER)
-            for state in self._refine(segment, step):
-                self._place(state, segment.held)
-                worst = self._worse(worst, state, grips, ignored)
+            states = self._refine(segment, step)
+            bounds, kinds = self._travelled(states, segment.held), self._kinds(segment, grips)
+            # What is not deeper than enough need not be found.
+            slack = 2.0 * enough if np.isfinite(enough) else 0.0
+            nearest: dict[int, NDArray[np.float64]] = {}
+            before: dict[tuple[int, int], float] = {}
+            open_ended = [(0, len(states) - 1)]
+            while open_ended and worst.penetration <= enough:
+                first, last = open_ended.pop()
+                for row in (first, last):
+                    if row not in nearest:
+                        self._place(states[row], segment.held)
+                        before = self._depths(segment.held) if row == 0 else before
+                        distances = self._distances(before)
+                        nearest[row] = self._nearest(kinds, distances)
+                        worst = self._worse(worst, states[row], kinds, distances, nearest[row])
+                if last - first > 1 and (bounds[last] - bounds[first] > nearest[first] + nearest[last] + slack).any():
+                    middle = (first + last) // 2
+                    open_ended += [(first, middle), (middle, last)]
             if segment.held is not None:
-                # From now on the object stays where it was placed last.
+                # From now on the object stays where it is placed last.
+                self._place(states[-1], segment.held)
                 geom, quaternion = self._geoms[segment.held.name], np.empty(4)
                 mujoco.mju_mat2Quat(quaternion, self._data.geom_xmat[geom])
                 self._positions.put(segment.held.name, self._data.geom_xpos[geom], quaternion)
@@ -186,6 +226,73 @@ class MujocoCollisionChecker:
                 self._let_collide(geom, 0)
         self.move_to(self.scene)
         return worst
+
+    def _grips(self, held: HeldObject | None) -> dict[int, set[int]]:
+        """The geoms of held objects, each with those of the gripper that holds it, which may touch it."""
+        grips = {} if held is None else {self._geoms[held.name]: self._gripper}
+        for one in self.scene.aside:
+            grips[self._geoms[one.held.name]] = _gripper_geoms(self._model, self.scene.robot.using(one.arm))
+        return grips
+
+    def _kinds(self, segment: _Segment, grips: dict[int, set[int]]) -> NDArray[np.int64]:
+        """The kind (ngeom, ngeom) of each pair of geoms, see `planners.motion.travel`; the last one does not count."""
+        kinds, links = self._pair_kinds, len(self.scene.robot.chain) + 1
+        uncounted = count_kinds(links)
+        names, in_hand = self.scene.names_of(segment.ignore), [self._geoms[one.held.name] for one in self.scene.aside]
+        if not names and not grips:
+            return kinds
+        kinds = kinds.copy()
+        for geom, gripper in grips.items():
+            # What idle arms hold moves with the torso.
+            link, others = 1 if geom in in_hand else links - 1, self._link
+            kinds[geom] = [link if other < 0 else pair_kind(link, other, links) for other in others]
+            kinds[geom, in_hand] = pair_kind(link, 1, links)
+            kinds[geom, list(gripper)] = uncounted
+            kinds[:, geom] = kinds[geom]
+        for name in names:
+            kinds[self._geoms[name]] = kinds[:, self._geoms[name]] = uncounted
+        return kinds
+
+    def _travelled(self, states: NDArray[np.float64], held: HeldObject | None) -> NDArray[np.float64]:
+        """Bounds (m, kinds + 1) [m] of how far pairs of each kind have moved since the first state."""
+        robot, radii, reach = self._robot, self._radii, self._robot.reach
+        if held is not None:
+            swing, radii = self._swing(held), radii.copy()
+            radii[-1] = max(radii[-1], np.linalg.norm(robot.tip[:3]) + swing)
+            reach = np.maximum(reach, robot.tip_reach + swing)
+        bounds = travelled(robot.offsets, robot.axes, robot.tip, radii, reach, states)
+        return np.column_stack((bounds, np.zeros(len(states))))
+
+    def _swing(self, held: HeldObject) -> float:
+        """[m] from the TCP to the farthest point of a held object."""
+        half = self.scene.body(held.name).half_extents
+        return float(np.linalg.norm(held.T_tcp_object[:3, 3]) + np.linalg.norm(half))
+
+    def _depths(self, held: HeldObject | None) -> dict[tuple[int, int], float]:
+        """How deep a held object is in others, in the contacts found last [m]: no deeper than in a possible scene."""
+        if held is None:
+            return {}
+        contact, geom, depths = self._data.contact, self._geoms[held.name], dict[tuple[int, int], float]()
+        for distance, (one, other) in zip(contact.dist, contact.geom.tolist(), strict=True):
+            if geom in (one, other):
+                depths[one, other] = max(depths.get((one, other), 0.0), -float(distance))
+        return {pair: depth for pair, depth in depths.items() if 0.0 < depth <= OVERLAP}
+
+    def _distances(self, before: dict[tuple[int, int], float]) -> NDArray[np.float64]:
+        """Distance (k,) [m] of every contact found last, negative as far as it is deeper than `before`."""
+        distances = self._data.contact.dist
+        if not before:
+            return distances
+        pairs = map(tuple, self._data.contact.geom.tolist())
+        return distances + np.array([before.get(pair, 0.0) for pair in pairs])
+
+    def _nearest(self, kinds: NDArray[np.int64], distances: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The least distance (kinds + 1,) [m] of pairs of each kind in the state placed last, their margin at most."""
+        nearest = self._margins.copy()
+        if len(distances):
+            nearest_of_kinds(distances, self._data.contact.geom, kinds, nearest)
+            nearest[-1] = np.inf
+        return nearest
 
     def _segments(self, motion: WholeBodyPath | Trajectory) -> Iterator[_Segment]:
         if not isinstance(motion, Trajectory):
@@ -201,35 +308,33 @@ class MujocoCollisionChecker:
 
     def _refine(self, segment: _Segment, step: float) -> NDArray[np.float64]:
         """States (m, 12) at most `step` [m] apart for any point of the robot; fingers stay at a held object's width."""
-        robot, held, states = robot_arrays(self.scene.robot), segment.held, segment.states.copy()
+        robot, held, states = self._robot, segment.held, segment.states.copy()
         reach = robot.reach
         if held is not None:
             body = self.scene.body(held.name)
             states[:, -1] = states[:, -1].clip(
                 self.scene.robot.finger_position(body.width_in_gripper(held.T_tcp_object))
             )
-            swing = np.linalg.norm(held.T_tcp_object[:3, 3]) + np.linalg.norm(body.half_extents)
-            reach = np.maximum(reach, robot.tip_reach + swing)
+            reach = np.maximum(reach, robot.tip_reach + self._swing(held))
         parts = np.ceil(np.abs(np.diff(states, axis=0)) @ np.append(reach, 1.0) / step).astype(int)
         at = np.concatenate([[0.0], *(i + np.arange(1, max(n, 1) + 1) / max(n, 1) for i, n in enumerate(parts))])
         return np.column_stack([np.interp(at, np.arange(len(states)), column) for column in states.T])
 
     def _place(self, state: NDArray[np.float64], held: HeldObject | None) -> None:
         """Place the robot and what its grippers hold, and find contacts."""
-        model, data = self._model, self._data
         self._positions.move(state)
-        mujoco.mj_kinematics(model, data)
+        mujoco.mj_kinematics(self._model, self._data)
         if held is not None:
             self._place_held(held, self._tcp)
         for one in self.scene.aside:
-            self._place_held(one.held, model.site(self.scene.robot.using(one.arm).tcp_site).id)
-        mujoco.mj_collision(model, data)
+            self._place_held(one.held, self._model.site(self.scene.robot.using(one.arm).tcp_site).id)
+        mujoco.mj_collision(self._model, self._data)
 
     def _place_held(self, held: HeldObject, tcp: int) -> None:
         """Place an object in the gripper with this TCP site."""
-        data, geom, R = self._data, self._geoms[held.name], self._data.site_xmat[tcp].reshape(3, 3)
-        data.geom_xpos[geom] = data.site_xpos[tcp] + R @ held.T_tcp_object[:3, 3]
-        data.geom_xmat[geom] = (R @ held.T_tcp_object[:3, :3]).ravel()
+        geom, R = self._geoms[held.name], self._site_axes[tcp]
+        self._geom_xpos[geom] = R @ held.T_tcp_object[:3, 3] + self._site_xpos[tcp]
+        self._geom_axes[geom] = R @ held.T_tcp_object[:3, :3]
 
     def _let_collide(self, geom: int, bits: int) -> None:
         """Let a held object collide with others, or not; MuJoCo keeps the bits of geoms once more per body."""
@@ -237,22 +342,29 @@ class MujocoCollisionChecker:
         self._model.body_conaffinity[self._model.geom_bodyid[geom]] = bits
 
     def _worse(
-        self, worst: PenetrationReport, state: NDArray[np.float64], grips: dict[int, set[int]], ignored: set[int]
+        self,
+        worst: PenetrationReport,
+        state: NDArray[np.float64],
+        kinds: NDArray[np.int64],
+        distances: NDArray[np.float64],
+        nearest: NDArray[np.float64],
     ) -> PenetrationReport:
-        """The deeper of a report and the contacts found last; a gripper may touch the object that it holds."""
-        if self._data.ncon == 0:
+        """The deeper of a report and the contacts found last; their distances and the least of each kind are known."""
+        if -nearest.min() <= worst.penetration:
             return worst
-        contact = self._data.contact
-        for distance, geoms in zip(contact.dist, contact.geom, strict=True):
-            if -distance <= worst.penetration:
-                continue
-            pair = {int(geoms[0]), int(geoms[1])}
-            is_grip = any(pair & grips[geom] for geom in pair & grips.keys())
-            if not is_grip and not pair & ignored:
-                names = (self._model.geom(geom).name for geom in geoms)
-                first, second = (name.removeprefix(OBJECT).removeprefix(_OBSTACLE) for name in names)
-                worst = PenetrationReport(-float(distance), (first, second), state[:-1].copy())
-        return worst
+        geoms = self._data.contact.geom
+        counted = kinds[geoms[:, 0], geoms[:, 1]] < len(nearest) - 1
+        deepest = int(np.argmin(np.where(counted, distances, np.inf)))
+        names = (self._model.geom(geom).name for geom in geoms[deepest])
+        first, second = (name.removeprefix(OBJECT).removeprefix(_OBSTACLE) for name in names)
+        return PenetrationReport(-float(distances[deepest]), (first, second), state[:-1].copy())
+
+
+def _kind(first: int, second: int, links: int) -> int:
+    """The kind of a pair of links, -1 for what does not move; two of these are never compared."""
+    if min(first, second) < 0:
+        return max(first, second, 0)
+    return pair_kind(first, second, links)
 
 
 def _signature(scene: Scene) -> tuple[object, ...]:

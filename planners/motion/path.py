@@ -78,6 +78,10 @@ class NoPath:
     reason: str
 
 
+NO_WAY = NoPath("drive: no way for the base")
+"""No drive between two base poses, each of which is free."""
+
+
 def on_base(bases: ArrayLike, waypoints: ArrayLike) -> Array:
     """Whole-body configurations (n, 11): base poses (n, 3) with torso and arm (n, 8); one of either is that of all."""
     bases, waypoints = np.atleast_2d(bases), np.atleast_2d(waypoints)

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planners.collision.world import CollisionWorld
+from planners.goals import LIFTED
 from planners.motion.approaches import Approach, ContactQuery, free_approach, trace
-from planners.motion.arm import ArmQuery, plan_arm, tcp_pose, unwrap_joints
+from planners.motion.arm import ArmQuery, plan_arm, tcp_poses, unwrap_joints
 from planners.motion.base import plan_base, unwrap_yaw
-from planners.motion.path import SAME_BASE, BlockedBy, NoPath, WholeBodyPath
-from planners.scene import Body, HeldObject, RobotState
+from planners.motion.path import SAME_BASE, BlockedBy, NoPath, WholeBodyPath, on_base
+from planners.scene import Body, HeldObject
 from planners.scene.masks import FIXED_BITS
 
 Array = NDArray[np.float64]
@@ -29,9 +30,6 @@ _RISES = (0.25, 0.15, 0.05, 0.0)
 """[m] that the torso rises for carrying in the configuration of the arm at hand."""
 _SAMPLING = 0.1
 """[m], [rad] of a joint between configurations at which the height of a held object is computed: 1 mm is missed."""
-
-LIFTED = 0.10
-"""[m] above where it stood that an object is carried, where that is possible: a target then counts as lifted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,8 +203,8 @@ class _FreePaths:
                     continue
                 X = path.configurations[:, 3:]
                 steps = np.maximum(np.ceil(np.abs(np.diff(X, axis=0)).max(axis=1) / _SAMPLING), 1).astype(int)
-                lines = (np.linspace(a, b, n + 1) for a, b, n in zip(X[:-1], X[1:], steps, strict=True))
-                if all(_held_height(query, q) >= scene.support.top for line in lines for q in line):
+                lines = [np.linspace(a, b, n + 1) for a, b, n in zip(X[:-1], X[1:], steps, strict=True)]
+                if (_held_heights(query, np.vstack(lines)) >= scene.support.top).all():
                     return path
                 low = low or path
             if low is None:
@@ -270,20 +268,22 @@ def _carry_configurations(
 
     robot = query.world.robot
     home = unwrap_joints(robot, q_grasp, query.world.scene.robot.home)
-    if only_home and fits(home) and _held_height(query, home) >= least_height:
+    if only_home and fits(home) and _held_heights(query, home[None])[0] >= least_height:
         return home[None]
     torsos = [robot.lower[0] + share * (robot.upper[0] - robot.lower[0]) for share in _TORSO_SHARES]
     rises = [min(q_hover[0] + rise, robot.upper[0]) for rise in _RISES]
     others = [np.array([torso, *home[1:]]) for torso in torsos] + [np.array([torso, *q_hover[1:]]) for torso in rises]
     fitting = [q for q in (home, *others) if fits(q)]
-    fitting.sort(key=lambda q: _held_height(query, q) < least_height)
+    fitting.sort(key=lambda q: _held_heights(query, q[None])[0] < least_height)
     return np.array(fitting or [home])
 
 
-def _held_height(query: ArmQuery, q: Array) -> float:
-    """[m] of the held object's lowest point; infinite without one."""
+def _held_heights(query: ArmQuery, Q: Array) -> Array:
+    """(k,) [m] of the held object's lowest point in configurations (k, 8); infinite without one."""
     if query.held is None:
-        return np.inf
-    scene = query.world.scene
-    T_world_tcp = tcp_pose(scene.robot, RobotState(query.base, q, 0.0))
-    return scene.body(query.held.name).at_pose(T_world_tcp @ query.held.T_tcp_object).bottom
+        return np.full(len(Q), np.inf)
+    world, body = query.world, query.world.scene.body(query.held.name)
+    vertical = (tcp_poses(world.robot, on_base(query.base, Q)) @ query.held.T_tcp_object)[:, 2]
+    half, (x, y, z) = body.half_extents, np.abs(vertical[:, :3].T)
+    below = half[0] * x + half[1] * y if body.shape == "box" else half[0] * np.hypot(x, y)
+    return np.asarray(vertical[:, 3] - below - half[2] * z)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from planners.clock import NO_DEADLINE, Deadline
-from planners.collision.world import CollisionWorld
+from planners.collision.world import SUPPORT_SLACK, CollisionWorld
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits, scan_configurations
 from planners.grasping.base_placement import MapPlacer, facing_bases, farthest_reach
 from planners.grasping.grasp_poses import gripper_opening
 from planners.motion.approaches import can_put_down
+from planners.placing.goal_places import Place, locations_in
 from planners.placing.locations import placement_cells, placement_levels, put_down, rotated
-from planners.placing.negative_goal_region import SweptVolume
+from planners.placing.negative_goal_region import SweptVolume, is_free
 from planners.placing.surfaces import KeepClear, Surface
 from planners.placing.swept_volume import grasp_volume
 from planners.scene import Body, HeldObject, Scene, StaticObstacle
@@ -35,6 +36,9 @@ Array = NDArray[np.float64]
 
 _YAWS, _TORSOS, _ROLLS = 24, 4, 12
 """Directions of the gripper tried at each location; torso heights and upper-arm rolls tried for each."""
+_FAILURES, _NEAR_FAILURE = 12, 0.03
+"""Locations in a place at which an object cannot be put before no more are tried, and how near [m] to one of these no
+location is tried either."""
 _GAP = 0.001
 """[m] between the object and the table when the fingers open."""
 _FACES_DOWN = math.radians(75)
@@ -56,6 +60,7 @@ class Placement:
         yaw, pitch: [rad] of the gripper.
         opening: of the gripper [m] after the release.
         surfaces: the supports that were looked at, with the regions that the object keeps out of.
+        below: name of the object that it will stand on, "" for none.
     """
 
     body: Body
@@ -65,6 +70,7 @@ class Placement:
     pitch: float
     opening: float
     surfaces: tuple[Surface, ...] = field(default=(), repr=False)
+    below: str = ""
 
     @property
     def location(self) -> Array:
@@ -124,17 +130,72 @@ class PlacementSearch:
                 for location in itertools.takewhile(lambda _: not deadline.is_over, locations):
                     yield from (replace(found, surfaces=surfaces) for found in look(world, location))
 
-    def surfaces(self, world: CollisionWorld, keep_clear: KeepClear) -> tuple[Surface, ...]:
-        """The supports as the held object may use them."""
+    def find_at(
+        self,
+        world: CollisionWorld,
+        place: Place,
+        keep_clear: KeepClear,
+        leaving: Collection[str] = (),
+        others: Sequence[Body] = (),
+        failed: list[Array] | None = None,
+        deadline: Deadline = NO_DEADLINE,
+    ) -> Iterator[Placement]:
+        """Placements of the held object at a place of a goal; lazily, as `find`.
+
+        Args:
+            world: the scene, compiled, with an object held.
+            place: where.
+            keep_clear: grasps that the object must not stand in the way of, and regions of others.
+            leaving: names of objects that will be gone once the others come.
+            others: that are to come there later, for which room is left.
+            failed: locations (2,) [m] at which none was found, to which more are added; others near them are passed
+                over, and after `_FAILURES` of them the search ends.
+            deadline: when to stop.
+        """
+        scene, (_, body), radius = world.scene, _in_hand(world.scene), _radius(world.scene)
+        surfaces: tuple[Surface, ...] = ()
+        if place.below:
+            world = with_lowered(world, place.below)
+        else:
+            surfaces = self.surfaces(world, keep_clear, (place.face,))
+
+        def allowed(points: Array) -> NDArray[np.bool_]:
+            """Whether an object at points (n, 2) is in nobody's way and in nobody's region: (n,)."""
+            free = np.ones(len(points), dtype=np.bool_)
+            for surface in surfaces if keep_clear.grasps else ():
+                free &= is_free(surface.grid, surface.region.mask, points, radius)
+            for region in keep_clear.reserved:
+                if region.support == place.face.name:
+                    free &= ~region.touches_disc(points, radius)
+            return free
+
+        failed = [] if failed is None else failed
+        for point in locations_in(scene, body, place, leaving, others, allowed):
+            if any(np.hypot(*(point - other)) < _NEAR_FAILURE for other in failed):
+                continue
+            if deadline.is_over or len(failed) >= _FAILURES:
+                return
+            location, has_any = np.array([*point, place.face.top]), False
+            for look in (self._from_here, self._after_a_drive):
+                for found in look(world, location, place.yaw):
+                    has_any = True
+                    yield replace(found, surfaces=surfaces, below=place.below)
+            if not has_any:
+                failed.append(point)
+
+    def surfaces(
+        self, world: CollisionWorld, keep_clear: KeepClear, supports: Sequence[StaticObstacle] = ()
+    ) -> tuple[Surface, ...]:
+        """Supports, those where objects are put aside unless others are named, as the held object may use them."""
         _, body = _in_hand(world.scene)
-        height, supports = body.top - body.bottom + 2 * _GAP, self.supports_in(world.scene)
-        grasps = (*(() if keep_clear.target is None else (keep_clear.target,)), *keep_clear.obstacles)
-        for grasp in grasps:
+        height, supports = body.top - body.bottom + 2 * _GAP, supports or self.supports_in(world.scene)
+        for grasp in keep_clear.grasps:
             if grasp.key not in self._volumes:  # the other objects of the world do not matter
                 self._volumes[grasp.key] = grasp_volume(world, grasp)
         target = SweptVolume() if keep_clear.target is None else self._volumes[keep_clear.target.key]
         obstacles = [self._volumes[grasp.key] for grasp in keep_clear.obstacles]
-        return tuple(Surface.of(world.scene, support, body, height, target, obstacles) for support in supports)
+        reserved = keep_clear.reserved
+        return tuple(Surface.of(world.scene, one, body, height, target, obstacles, reserved) for one in supports)
 
     def _straight(self, world: CollisionWorld, locations: Array, deadline: Deadline) -> Iterator[Placement]:
         """The canonical placements of the held object at locations (n, 3) [m], the base least turned first."""
@@ -181,17 +242,17 @@ class PlacementSearch:
             within_reach = nearest_first[_is_within_reach(scene, nearest_first)]
             yield within_reach[::-1][:most], nearest_first[:most]
 
-    def _from_here(self, world: CollisionWorld, location: Array) -> Iterator[Placement]:
-        """The placement at a location (3,) from where the base stands, if there is one."""
+    def _from_here(self, world: CollisionWorld, location: Array, yaw: float | None = None) -> Iterator[Placement]:
+        """The placement at a location (3,) from where the base stands, if there is one; `yaw` is the object's."""
         scene = world.scene
-        gripper_poses = _free(world, _gripper_poses(scene, location))
+        gripper_poses = _free(world, _gripper_poses(scene, location, yaw))
         near = gripper_poses[_can_reach(scene, gripper_poses)]
         bases = np.tile(np.array(scene.state.base), (len(near), 1))
         return self._configurations(world, GripperPoses(bases, near), location[2])
 
-    def _after_a_drive(self, world: CollisionWorld, location: Array) -> Iterator[Placement]:
-        """The placement at a location (3,) from wherever the base may stand, if there is one."""
-        gripper_poses = _free(world, _gripper_poses(world.scene, location))
+    def _after_a_drive(self, world: CollisionWorld, location: Array, yaw: float | None = None) -> Iterator[Placement]:
+        """The placement at a location (3,) from wherever the base may stand, if there is one; `yaw` as above."""
+        gripper_poses = _free(world, _gripper_poses(world.scene, location, yaw))
         bases, index = self.arms[world.scene.robot.arm_name].bases(gripper_poses)
         return self._configurations(world, GripperPoses(bases, gripper_poses[index]), location[2])
 
@@ -229,13 +290,25 @@ def _radius(scene: Scene) -> float:
     return _in_hand(scene)[1].radius + _GAP
 
 
-def _gripper_poses(scene: Scene, location: Array) -> Array:
-    """Gripper poses (24, 5) that hold the object just above a location: x, y, z [m], yaw and pitch [rad]."""
+def with_lowered(world: CollisionWorld, name: str) -> CollisionWorld:
+    """The same world with an object lowered by the padding, so that another one can be put down on it."""
+    body = world.scene.body(name)
+    return world.with_body(body.at(body.position - [0.0, 0.0, world.padding + SUPPORT_SLACK]))
+
+
+def _gripper_poses(scene: Scene, location: Array, yaw: float | None = None) -> Array:
+    """Gripper poses (24, 5) that hold the object just above a location: x, y, z [m], yaw and pitch [rad].
+
+    With a `yaw` [rad] of the object, the one pose (1, 5) from which it comes to rest so.
+    """
     held, body = _in_hand(scene)
     pitch = release_pitch(body, held)
     T_release_object = rotated(0.0, pitch) @ held.T_tcp_object
     offset, half_height = T_release_object[:3, 3], body.at_pose(T_release_object).half_extent_along((0.0, 0.0, 1.0))
     yaws = np.arange(_YAWS) * (2 * np.pi / _YAWS)
+    if yaw is not None:
+        resting = put_down(scene, np.array([0.0, 0.0, 0.0, 0.0, pitch]), 0.0)
+        yaws = np.array([np.remainder(yaw - resting.yaw + np.pi, 2 * np.pi) - np.pi])
     c, s = np.cos(yaws), np.sin(yaws)
     shift = np.stack((c * offset[0] - s * offset[1], s * offset[0] + c * offset[1]), axis=-1)
     height = location[2] + half_height + _GAP - offset[2]

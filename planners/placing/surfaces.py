@@ -9,6 +9,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.goals import Region
 from planners.grasping.candidates import GraspCandidate
 from planners.placing.negative_goal_region import (
     NegativeGoalRegion,
@@ -19,11 +20,11 @@ from planners.placing.negative_goal_region import (
     negative_goal_region,
     swept_mask,
 )
-from planners.scene import Body, Scene, StaticObstacle
+from planners.scene import FLOOR, Body, Scene, StaticObstacle
 
 Array: TypeAlias = NDArray[np.float64]
 Supports: TypeAlias = Literal["all"] | Sequence[str] | None
-"""Choice of supports: names of supports, "all" that the scene declares, or None for the first alone."""
+"""Choice of supports: names, "floor" among them; "all" that the scene declares; or None for the first alone."""
 
 _MARGIN = 0.006
 """[m] kept between the object put down and whatever stands around."""
@@ -45,11 +46,11 @@ def find_supports(scene: Scene, choice: Supports) -> tuple[str, ...]:
     """
     if choice is None:
         return (scene.support.name,)
-    names = scene.supports if choice == "all" else (choice,) if isinstance(choice, str) else tuple(choice)
-    unknown = [name for name in names if name not in scene.supports]
+    names = scene.supports or (FLOOR,) if choice == "all" else (choice,) if isinstance(choice, str) else tuple(choice)
+    unknown = [name for name in names if name not in (*scene.supports, FLOOR)]
     if unknown or not names:
         raise UnknownSupport(
-            f"supports={choice!r} is not valid; it must be None, 'all' or some of {', '.join(scene.supports)}"
+            f"supports={choice!r} is not valid; it must be None, 'all' or some of {', '.join((*scene.supports, FLOOR))}"
         )
     return tuple(dict.fromkeys(names))
 
@@ -61,10 +62,17 @@ class KeepClear:
     Attributes:
         target: through which the target is taken in the end, the source of NGR1; None if nothing is kept clear.
         obstacles: through which the objects still to be cleared are taken, the sources of NGR2.
+        reserved: regions of the goal, which are for other objects.
     """
 
     target: GraspCandidate | None = None
     obstacles: tuple[GraspCandidate, ...] = ()
+    reserved: tuple[Region, ...] = ()
+
+    @property
+    def grasps(self) -> tuple[GraspCandidate, ...]:
+        """All of them."""
+        return self.obstacles if self.target is None else (self.target, *self.obstacles)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,15 +100,18 @@ class Surface:
         height: float,
         target: SweptVolume,
         obstacles: Iterable[SweptVolume],
+        reserved: Iterable[Region] = (),
     ) -> Surface:
         """The surface of a support for an object to be put down, which keeps out of the volumes of later grasps.
 
-        `height` [m] is the object's own, and what it needs above it.
+        `height` [m] is the object's own, and what it needs above it. Regions that are `reserved` count as occupied.
         """
         grid = SupportGrid.over(support)
         beside = (other for other in scene.objects if other.bottom < support.top + height and other.top > support.top)
         standing = [other for other in beside if other.name != body.name]
         occupied = footprint_mask(grid, standing, _MARGIN) | static_mask(scene, support, grid, height, _MARGIN)
+        for region in (one for one in reserved if one.support == support.name):
+            occupied |= region.contains_points(grid.centres())
         return cls(support, grid, negative_goal_region(grid, height, target, obstacles), occupied)
 
     @property

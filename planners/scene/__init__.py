@@ -3,9 +3,10 @@
 from planners.scene.bodies import AsideObject, Body, HeldObject, ParkedArm, RobotState, SceneError, UnknownObject
 from planners.scene.masks import MAX_OBJECTS, SELF_BIT, STATIC_BIT
 from planners.scene.scene import SUPPORT, Scene
-from planners.scene.static_obstacle import StaticObstacle
+from planners.scene.static_obstacle import FLOOR, StaticObstacle
 
 __all__ = [
+    "FLOOR",
     "MAX_OBJECTS",
     "SELF_BIT",
     "STATIC_BIT",

@@ -28,12 +28,21 @@ _REACH = 0.10
 
 def is_covered(scene: Scene, point: ArrayLike) -> bool:
     """Whether a static obstacle hangs over a point (3,) [m] on a support, in the way of a gripper from above."""
-    x, y, z = np.asarray(point, dtype=float)
-    return any(
-        z < obstacle.lower[2] < z + _HEADROOM
-        and (np.abs(obstacle.position[:2] - (x, y)) < obstacle.extent[:2] + _REACH).all()
-        for obstacle in scene.static_obstacles
-    )
+    return any(_hangs_over(obstacle, np.asarray(point, dtype=float)) for obstacle in scene.static_obstacles)
+
+
+def _hangs_over(obstacle: StaticObstacle, point: Array) -> bool:
+    is_near = (np.abs(obstacle.position[:2] - point[:2]) < obstacle.extent[:2] + _REACH).all()
+    return bool(is_near and point[2] < obstacle.lower[2] < point[2] + _HEADROOM)
+
+
+def driven_out_of(scene: Scene, body: Body) -> StaticObstacle:
+    """What the base drives out of with an object under a shelf: its support, or, on the floor, what hangs over it."""
+    support = scene.support_under(body)
+    if support in scene.static_obstacles:
+        return support
+    above = [one for one in scene.static_obstacles if _hangs_over(one, body.foot)]
+    return max(above, key=lambda one: float(np.prod(one.extent[:2])), default=support)
 
 
 def direction_out(support: StaticObstacle, bases: ArrayLike) -> Array:
@@ -53,7 +62,7 @@ def drive_out(support: StaticObstacle, base: ArrayLike, T_world_tcp: Array) -> A
     out of the support. The drive in is the same in reverse.
 
     Args:
-        support: what the object stands on.
+        support: what the base drives out of; see `driven_out_of`.
         base: (3,) x [m], y [m], yaw [rad] inside.
         T_world_tcp: (4, 4) of the gripper then; its y axis is level.
     """

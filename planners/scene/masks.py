@@ -6,8 +6,6 @@ from typing import TypeAlias
 
 import numpy as np
 
-from irm.compilation import njit
-
 STATIC_BIT = 63
 """Bit of a hit mask for static obstacles and the ground."""
 SELF_BIT = 62
@@ -19,13 +17,3 @@ MAX_OBJECTS = 60
 
 Mask: TypeAlias = int | np.int64
 """A set of objects; a Python int outside compiled code."""
-
-
-@njit(cache=True)
-def bit_count(mask: Mask) -> int:
-    """Number of set bits of a non-negative int64."""
-    count = 0
-    while mask:
-        mask &= mask - 1
-        count += 1
-    return count

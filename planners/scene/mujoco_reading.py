@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from planners.scene.bodies import Body, RobotState, SceneError, Shape
-from planners.scene.static_obstacle import StaticObstacle
+from planners.scene.static_obstacle import FLOOR, StaticObstacle
 
 Array: TypeAlias = NDArray[np.float64]
 Movable: TypeAlias = Collection[str] | Callable[[str], bool]
@@ -367,6 +367,9 @@ def find_supports(found: Sequence[FoundObstacle], wanted: Iterable[str]) -> tupl
     for name in wanted:
         tops = [one.obstacle for one in level if name == one.obstacle.name]
         tops = tops or [one.obstacle for one in level if name == one.body]
+        if not tops and name == FLOOR:
+            names.append(name)
+            continue
         if not tops:
             both = (known for one in level for known in (one.obstacle.name, one.body) if known != "world")
             known = ", ".join(dict.fromkeys(both)) or "none"

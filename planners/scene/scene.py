@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from assets.robots import RobotSpec
+from planners.goals import Region
 from planners.scene.bodies import (
     AsideObject,
     Body,
@@ -34,10 +35,14 @@ from planners.scene.mujoco_reading import (
     robot_state_of,
     static_obstacles_of,
 )
-from planners.scene.static_obstacle import StaticObstacle
+from planners.scene.static_obstacle import FLOOR, StaticObstacle
 
 SUPPORT = "table_top"
 """Name of the support in the scenes of this package."""
+_FLOOR_SIZE = np.array([1.5, 1.5, 0.5])
+"""[m] Half extents of the box under the floor, about the robot, that the floor is as a support."""
+_SUNK = 0.02
+"""[m] that the lowest point of an object may be below the top of what it stands on: soft contacts, rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,11 +58,13 @@ class Scene:
             position `state` was given with.
         aside: objects that idle arms hold in their home configuration, by arm; they move with the robot.
         parked: where arms that were active before were left; the others are at home.
-        supports: names of the static obstacles on whose level top faces objects may be put; objects stand on the first,
-            R_plane of the paper.
+        supports: names of the static obstacles on whose level top faces objects may be put, the first of them R_plane
+            of the paper; "floor" is the floor, and () the floor alone. Objects may stand anywhere: see `support_under`.
+        regions: named rectangles on supports, for goals.
 
     Raises:
-        SceneError: two objects or two static obstacles have the same name, or there are too many objects for a mask.
+        SceneError: two objects, static obstacles or regions have the same name, there are too many objects for a mask,
+            or a region lies on no support.
         UnknownObject: the object in the gripper is not among the objects.
     """
 
@@ -69,22 +76,38 @@ class Scene:
     supports: tuple[str, ...] = (SUPPORT,)
     aside: tuple[AsideObject, ...] = ()
     parked: tuple[ParkedArm, ...] = ()
+    regions: tuple[Region, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "objects", tuple(self.objects))
         object.__setattr__(self, "static_obstacles", tuple(self.static_obstacles))
         object.__setattr__(self, "supports", tuple(self.supports))
+        object.__setattr__(self, "regions", tuple(self.regions))
         if len(self.objects) > MAX_OBJECTS:
             raise SceneError(f"{len(self.objects)} objects; at most {MAX_OBJECTS} fit a mask")
         for kind in (self.names, tuple(obstacle.name for obstacle in self.static_obstacles), self.supports):
             if len(set(kind)) != len(kind):
                 raise SceneError(f"duplicate names among {', '.join(kind)}")
+        self._check_regions()
         if self.held is not None:
             self.index(self.held.name)
             # Commanded to close completely, the fingers press on what is between them.
             object.__setattr__(self, "state", replace(self.state, finger_position=0.0))
         for one in self.aside:
             self.index(one.held.name)
+
+    def _check_regions(self) -> None:
+        """Raise `SceneError` if a region has the name of something else, or lies on no support."""
+        taken = {*self.names, *self.supports}
+        for region in self.regions:
+            if region.name in taken:
+                raise SceneError(f"region {region.name!r} has the name of another region, a support or an object")
+            if region.support not in self.supports:
+                known = ", ".join(self.supports) or "none"
+                raise SceneError(
+                    f"region {region.name!r} is on {region.support!r}, which is no support; known: {known}"
+                )
+            taken.add(region.name)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -104,10 +127,22 @@ class Scene:
 
     @property
     def support(self) -> StaticObstacle:
-        """The first support, R_plane of the paper; raises `SceneError` if there is none with a level top."""
-        if not self.supports:
-            raise SceneError("the scene has no support")
-        return self.support_named(self.supports[0])
+        """The first support, R_plane of the paper, else the floor; raises `SceneError` if it has no level top."""
+        return self.support_named(self.supports[0] if self.supports else FLOOR)
+
+    def support_under(self, body: Body) -> StaticObstacle:
+        """What carries an object, other objects aside: the highest level top under its centre, or the floor.
+
+        An object in the air is over the support that it would fall on.
+        """
+        level = (one for one in self.static_obstacles if one.has_level_top and one.top <= body.bottom + _SUNK)
+        under = [one for one in level if one.is_under(body.position[:2])]
+        return max(under, key=lambda one: one.top, default=self._floor)
+
+    @cached_property
+    def _floor(self) -> StaticObstacle:
+        """The floor near the robot, as a support."""
+        return StaticObstacle(FLOOR, np.append(self.state.base[:2], -_FLOOR_SIZE[2]), _FLOOR_SIZE)
 
     def support_named(self, name: str) -> StaticObstacle:
         """The static obstacle of that name, on which objects can be put.
@@ -118,6 +153,8 @@ class Scene:
         for obstacle in self.static_obstacles:
             if obstacle.name == name and obstacle.has_level_top:
                 return obstacle
+        if name == FLOOR:
+            return self._floor
         known = ", ".join(obstacle.name for obstacle in self.static_obstacles if obstacle.has_level_top)
         raise SceneError(f"no support {name!r}; static obstacles with a level top: {known or 'none'}")
 
@@ -184,6 +221,7 @@ class Scene:
         support: str = SUPPORT,
         more_supports: Collection[str] | None = None,
         obstacles: IsObstacle | None = None,
+        regions: Iterable[Region] = (),
     ) -> Scene:
         """A snapshot of a simulation; neither `model` nor `data` is written.
 
@@ -197,11 +235,13 @@ class Scene:
             held: name of the object in the gripper, "" for none.
             movable: names of the bodies that may be moved, or a predicate on the names of free bodies; by default
                 names that begin with "object_". Each has one free joint and one cylinder or box that can touch.
-            support: name of the geom on whose level top face objects stand, or of the body that it belongs to.
+            support: name of the geom on whose level top face objects are put, or of the body that it belongs to;
+                "floor" for the floor.
             more_supports: names of other geoms or bodies on which objects may be put; by default those that the model
                 declares, the geoms of its custom tuple "supports".
             obstacles: predicate that is asked with `model.geom(id)` for every geom that is neither on the robot nor on
                 a movable body; by default geoms that can touch something are static obstacles.
+            regions: named rectangles on supports, for goals.
 
         Raises:
             SceneError: a movable body that is neither a cylinder nor a box, a static geom that cannot be represented, a
@@ -219,6 +259,7 @@ class Scene:
             bodies.read(model, data),
             tuple(one.obstacle for one in found),
             supports=find_supports(found, (support, *others)),
+            regions=tuple(regions),
         )
         if not held:
             return scene

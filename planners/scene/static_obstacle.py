@@ -16,6 +16,8 @@ from planners.scene.bodies import SceneError, frozen
 Array = NDArray[np.float64]
 StaticShape = Literal["box", "cylinder", "capsule", "sphere", "ellipsoid", "hull"]
 
+FLOOR = "floor"
+"""Name of the floor as a support, which is no static obstacle: every scene has it."""
 _EQUAL_EXTENTS = {"cylinder": (0, 1), "capsule": (0, 1), "sphere": (0, 1, 2)}
 """Half extents that must be equal, since the solid is round about its z axis or about every axis."""
 _SAME = 1e-9

@@ -35,7 +35,7 @@ class AStar:
                 return NoPlan("gave up")
             state = heappop(queue)[-1]
             facts = state.facts
-            if problem.goal in facts:
+            if problem.goals <= facts:
                 steps: tuple[GroundAction, ...] = ()
                 while facts in came_from:
                     facts, actions = came_from[facts]
@@ -84,7 +84,7 @@ class LowerBound:
 
     def __call__(self, state: SymbolicState) -> float:
         """The bound at this state of the problem."""
-        if self._problem.goal in state.facts:
+        if self._problem.goals <= state.facts:
             return 0
         held = state.all_held
         stands_at = {name: location for _, name, location in state.find("objectAt", None, None)}
@@ -99,10 +99,11 @@ class LowerBound:
         return len(steps) + _number_of_groups(steps) - is_standing_right
 
     def _necessary(self, state: SymbolicState, stands_at: dict[str, str]) -> set[str]:
-        """The target and every object that obstructs all grasps of a necessary object."""
+        """The target, what is not yet placed, and every object that obstructs all grasps of a necessary object."""
         necessary: set[str] = set()
         blockers = state.blockers()
-        frontier = [self._problem.target]
+        frontier = [self._problem.target] if self._problem.target else []
+        frontier += [fact[1] for fact in self._problem.placed if fact not in state.facts]
         while frontier:
             name = frontier.pop()
             if name in necessary:

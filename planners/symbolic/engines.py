@@ -13,7 +13,16 @@ from importlib.util import find_spec
 from typing import Any, get_args
 
 from planners.symbolic.astar import AStar
-from planners.symbolic.problem import GroundAction, NoPlan, Reason, SymbolicState, TaskPlan, TaskPlanner, TaskProblem
+from planners.symbolic.problem import (
+    GroundAction,
+    NoPlan,
+    Reason,
+    SymbolicState,
+    TaskPlan,
+    TaskPlanner,
+    TaskProblem,
+    format_atom,
+)
 from planners.symbolic.transitions import InapplicableActionError, update_from_action
 
 ENGINES = ("kairos", "astar", "fast-downward", "up:NAME")
@@ -174,8 +183,8 @@ def checked_answer(problem: TaskProblem, answer: TaskPlan | NoPlan, planner: Tas
             state = update_from_action(state, action)
         except InapplicableActionError as error:
             raise InvalidAnswerError(f"step {number} of the plan of {name}: {error}") from error
-    if problem.goal not in state.facts:
-        raise InvalidAnswerError(f"the plan of {name} ends before {problem.target} is held")
+    if missing := sorted(problem.goals - state.facts):
+        raise InvalidAnswerError(f"the plan of {name} ends without {', '.join(map(format_atom, missing))}")
     return TaskPlan(actions, answer.engine or name)
 
 
@@ -214,8 +223,11 @@ def why_unsolvable(problem: TaskProblem) -> tuple[Reason, tuple[str, ...]] | Non
     """Why no plan can exist, with the names of the objects concerned; None if none of the usual causes holds.
 
     Removes, one by one, the objects that can be grasped, first as if there were always a location to put them. If the
-    target is not removed, it waits for objects that wait for each other, or for one that cannot be grasped at all.
+    target is not removed, it waits for objects that wait for each other, or for one that cannot be grasped at all. Of
+    goals with places none is looked for: their order is a fact.
     """
+    if problem.placed:
+        return None
     state = problem.state
     held = state.all_held
     stuck = () if state.holds_aside else [name for name in held if name != problem.target]

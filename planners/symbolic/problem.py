@@ -32,6 +32,7 @@ _DECIDES = {
     "outOfReach": 2,
     "isPlacementLocation": 2,
     "isClearanceLocation": 2,
+    "waitsFor": 1,
     "isMotion": 3,
     "obstructs": 3,
 }
@@ -115,10 +116,17 @@ class SymbolicState:
 
 @dataclass(frozen=True)
 class TaskProblem:
-    """Reach a state in which a gripper holds the target: the one that reaches the grasp chosen for it."""
+    """Reach a state in which a gripper holds the target, and objects are where they are to be.
+
+    Attributes:
+        state: the facts at the start.
+        target: name of the object to hold, by the gripper that reaches the grasp chosen for it; "" for none.
+        placed: the facts `objectAt` wanted.
+    """
 
     state: SymbolicState
     target: str
+    placed: tuple[Atom, ...] = ()
 
     @property
     def domain(self) -> str:
@@ -127,19 +135,24 @@ class TaskProblem:
 
     @property
     def goal(self) -> Atom:
-        """The one fact wanted."""
+        """The fact that the target is held."""
         return ("graspedBy", self.target, self.state.gripper_for(self.target))
 
     @property
+    def goals(self) -> frozenset[Atom]:
+        """All facts wanted."""
+        return frozenset((*self.placed, self.goal) if self.target else self.placed)
+
+    @property
     def is_solved(self) -> bool:
-        """Whether the goal holds already."""
-        return self.goal in self.state.facts
+        """Whether they all hold already."""
+        return self.goals <= self.state.facts
 
     def relevant_objects(self) -> frozenset[str]:
-        """The target, what obstructs it however indirectly, and what is held."""
+        """The target and what is to be placed, what obstructs these however indirectly, and what is held."""
         blockers = self.state.blockers()
-        relevant = {self.target}
-        frontier = [self.target]
+        relevant = {self.target, *(fact[1] for fact in self.placed)} - {""}
+        frontier = sorted(relevant)
         for held in self.state.all_held:
             relevant.add(held)
             frontier.append(held)
@@ -166,15 +179,17 @@ class TaskProblem:
         """
         objects = "\n".join(f"    {' '.join(names)} - {kind}" for kind, names in sorted(self._symbols().items()))
         facts = "\n".join(f"    {format_atom(fact)}" for fact in sorted(self.state.facts))
+        wanted = " ".join(format_atom(fact) for fact in sorted(self.goals))
+        wanted = wanted if len(self.goals) == 1 else f"(and {wanted})"
         return (
             "(define (problem take-target)\n  (:domain obstructed-grasp)\n"
-            f"  (:objects\n{objects})\n  (:init\n{facts})\n  (:goal {format_atom(self.goal)}))\n"
+            f"  (:objects\n{objects})\n  (:init\n{facts})\n  (:goal {wanted}))\n"
         )
 
     def _symbols(self) -> dict[str, list[str]]:
         kinds: dict[str, str] = {}
         known = _argument_types()
-        for predicate, *arguments in (*self.state.facts, self.goal):
+        for predicate, *arguments in (*self.state.facts, *self.goals):
             types = known.get(predicate, ())
             if len(types) != len(arguments):
                 raise SymbolError(f"no fact of the domain: {predicate}{tuple(arguments)}; known: {known}")

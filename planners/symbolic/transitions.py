@@ -10,7 +10,7 @@ that PDDL knows they rebind references: a fact about a path is dropped once that
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import NamedTuple
@@ -81,6 +81,52 @@ def initial_state(
     return state
 
 
+class Moved(NamedTuple):
+    """One move of a plan for a goal with places.
+
+    Attributes:
+        object: its name.
+        blockers: names of what is in the way of its grasp.
+        is_put_down: whether it is put down again, rather than held.
+        obstructs: the object that it is put aside for; "" if it is put where the goal wants it.
+    """
+
+    object: str
+    blockers: tuple[str, ...]
+    is_put_down: bool
+    obstructs: str = ""
+
+
+def with_moves(state: SymbolicState, moves: Sequence[Moved]) -> tuple[SymbolicState, tuple[Atom, ...]]:
+    """The state with the references of these moves, in this order, and without those of others; the facts wanted.
+
+    A goal with places is a conjunction of such facts: `objectAt` a location for placement, or for clearance.
+    """
+    stale = {fact for fact in state.facts if fact[0] in ("obstructs", "obstacle", "waitsFor")}
+    offers = {fact[1:3] for fact in state.find("isClearanceLocation", None, None, None)}
+    offers |= {fact[1:3] for fact in state.find("isPlacementLocation", None, None)}
+    for location, name in offers:
+        stale |= {*state.find("isClearanceLocation", location, name, None), ("isPlacementLocation", location, name)}
+        if ("objectAt", name, location) not in state.facts:
+            stale |= set(state.find("isGrasp", None, name, location))
+    state = state.changed(remove=stale)
+    wanted: list[Atom] = []
+    for index, (name, blockers, is_put_down, obstructs) in enumerate(moves):
+        add: set[Atom] = {("obstructs", other, grasp_references(name).arm_trajectory, name) for other in blockers}
+        if index:
+            add.add(("waitsFor", name, moves[index - 1].object))
+        if is_put_down:
+            location = next_location(state, name)
+            add |= motion_facts(placement_references(location), name, location)
+            wanted.append(("objectAt", name, location))
+            if obstructs:
+                add |= {("obstacle", name), ("isClearanceLocation", location, name, obstructs)}
+            else:
+                add.add(("isPlacementLocation", location, name))
+        state = state.changed(add=add)
+    return state, tuple(wanted)
+
+
 def reached_by(state: SymbolicState, name: str, gripper: str) -> SymbolicState:
     """The state in which this gripper alone reaches the grasp that an object's references stand for."""
     pose = grasp_references(name).arm_pose
@@ -97,9 +143,9 @@ def motion_facts(references: References, name: str, location: str) -> set[Atom]:
     }
 
 
-def next_location(state: SymbolicState, name: str) -> str:
-    """A symbol for a new place on the table for object `name`: `table_loc_36`, `table_loc_36_2`, …"""
-    base = f"table_loc_{name.removeprefix('object_')}"
+def next_location(state: SymbolicState, name: str, where: str = "table") -> str:
+    """A symbol for a new place for object `name`: `table_loc_36`, `table_loc_36_2`, …"""
+    base = f"{where}_loc_{name.removeprefix('object_')}"
     taken = state.retired | {fact[3] for fact in state.facts if fact[0] == "isGrasp" and fact[2] != name}
     taken |= {fact[1] for fact in state.facts if fact[0] == "occupied"}
     suffix = 1
@@ -220,7 +266,7 @@ def _preconditions(state: SymbolicState, action: GroundAction) -> tuple[frozense
             empty = {gripper} if state.holds_aside else {gripper, *state.grippers}
             specific: set[Atom] = {("empty", one) for one in empty}
             specific.add(("objectAt", name, location))
-            forbidden: set[Atom] = {("outOfReach", gripper, pose2)}
+            forbidden: set[Atom] = {("outOfReach", gripper, pose2), *state.find("waitsFor", name, None)}
         case GroundAction("PutDownGeneral", (name, gripper, pose1, pose2, traj, location)):
             specific = {("graspedBy", name, gripper), ("isPlacementLocation", location, name)}
             forbidden = {("obstacle", name), ("occupied", location)}
@@ -245,6 +291,7 @@ def _effects(state: SymbolicState, action: GroundAction) -> tuple[set[Atom], set
     on_table: set[Atom] = {("empty", gripper), ("objectAt", name, location), ("occupied", location)}
     if action.name == "PickUp":
         return in_hand, on_table | set(state.find("obstructs", name, None, None))
+    in_hand |= set(state.find("waitsFor", None, name))
     if action.name == "PutDownForClearance":
         return on_table, in_hand | {("obstacle", name), ("isClearanceLocation", location, name, action.args[1])}
     return on_table, in_hand

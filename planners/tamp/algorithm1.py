@@ -11,8 +11,8 @@ from types import MappingProxyType
 
 from planners.cause import Cause
 from planners.clock import cpu_seconds
+from planners.goals import LIFTED
 from planners.motion.arm import tcp_pose
-from planners.motion.pick_and_place import LIFTED
 from planners.scene import Scene
 from planners.symbolic.problem import ROBOT_INIT_LOC, GroundAction, TaskPlan, TaskProblem, format_atom
 from planners.symbolic.transitions import GraspObstructed, grasp_references, update_from_action, update_from_error
@@ -20,7 +20,7 @@ from planners.symbolic.transitions import initial_state as symbolic_state
 from planners.tamp.binding import bind_action, bind_grasps, gripper_symbol, rebind_grasps, task_plan
 from planners.tamp.motion_layer import BoundMotion
 from planners.tamp.solution import BoundAction, Infeasible, ReplanRecord, Solution
-from planners.tamp.state import MAX_CLEARANCES, MAX_REPLANS, PlanState, Refutation, Search
+from planners.tamp.state import MAX_CLEARANCES, MAX_REPLANS, PlanState, Refutation, Search, as_seen
 
 _CAUSES = {
     "cyclic": Cause.NO_SELF_CLEARABLE_SET,
@@ -36,7 +36,7 @@ def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
     """Algorithm 1: plan with references, bind the actions one by one to motions, replan where motion planning fails.
 
     Args:
-        search: target, strategy, task planner and motion layer; its plan F is extended.
+        search: goal, strategy, task planner and motion layer; its plan F is extended.
         scene: where to start; the robot in its home configuration.
     """
     state = initial_state(search, scene)
@@ -59,15 +59,25 @@ def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
                 before, state = state, update_initial_state_from_error(search, state, motion)
                 record(search, plan, verified, motion, before, state)
                 break
+        else:
+            # All is done that was planned for. What a goal with places still lacks is planned for now.
+            if not is_goal(search, state):
+                state = rebind_grasps(search, state.symbols, state.scene)
     if isinstance(state, Infeasible):
         return state
-    actions = shorten_plan(search)
-    return Solution(actions, tuple(search.clearances), search.stats(), search.target, search.strategy)
+    actions, end = shorten_plan(search, state.scene), as_seen(state.scene)
+    clearances = tuple(search.clearances)
+    return Solution(actions, clearances, search.stats(), search.target, search.strategy, search.goal, search.bound, end)
 
 
 def initial_state(search: Search, scene: Scene) -> PlanState | Infeasible:
     """s0: the facts that the scene gives, and what the grasp references stand for."""
     robot = scene.robot
+    if not search.target and search.bound is None:
+        before = cpu_seconds()
+        search.bound = search.motion_layer.lower_bound(scene, search.goal, buffers=not search.hold_aside)
+        search.motion_planning_s += cpu_seconds() - before
+    search.start = search.start or scene
     held = {gripper_symbol(robot, one.arm): one.held.name for one in scene.aside}
     if scene.held is not None:
         held = {gripper_symbol(robot, robot.arm_name): scene.held.name, **held}
@@ -76,8 +86,10 @@ def initial_state(search: Search, scene: Scene) -> PlanState | Infeasible:
 
 
 def is_goal(search: Search, state: PlanState) -> bool:
-    """Whether the target is held."""
-    return TaskProblem(state.symbols, search.target).is_solved
+    """Whether s0 satisfies g: the target is held, or the facts of the goal hold by the geometry of the scene."""
+    if search.target:
+        return TaskProblem(state.symbols, search.target).is_solved
+    return search.goal.holds(as_seen(state.scene), search.start)
 
 
 def raise_target(search: Search, scene: Scene) -> None:
@@ -85,15 +97,17 @@ def raise_target(search: Search, scene: Scene) -> None:
 
     A plan that was ended on the way leaves it as low as where it stood.
     """
-    scene = scene.holding(search.target) or scene
+    target = search.target or next(iter(search.goal.held), "")
+    scene = scene.holding(target) or scene
     held = scene.held
-    assert held is not None
+    if held is None:
+        return
     in_hand = scene.body(held.name).at_pose(tcp_pose(scene.robot, scene.state) @ held.T_tcp_object)
     if in_hand.bottom >= scene.support.top + LIFTED:
         return
     motion = search.motion_layer.bring_home(scene)
     if isinstance(motion, BoundMotion):
-        symbols = (ROBOT_INIT_LOC, ROBOT_INIT_LOC, grasp_references(search.target).base_trajectory)
+        symbols = (ROBOT_INIT_LOC, ROBOT_INIT_LOC, grasp_references(target).base_trajectory)
         search.plan.append(BoundAction("MoveBase", symbols, motion.trajectory, scene))
 
 
@@ -101,7 +115,7 @@ def call_task_planning(search: Search, state: PlanState) -> TaskPlan | Infeasibl
     """T = callTaskPlanning(A, s0, g): the task plan, or why there is none."""
     if search.is_late or len(search.history) >= MAX_REPLANS or len(search.clearances) >= MAX_CLEARANCES:
         return search.out_of_time()
-    found = task_plan(search, state.symbols, state.clearance_plan.aside)
+    found = task_plan(search, state)
     if isinstance(found, TaskPlan):
         return found
     if found.reason == "gave up" and search.is_late:
@@ -127,8 +141,10 @@ def bind_references(search: Search, scene: Scene, action: GroundAction, motion: 
     """F ← F + action, its references bound in the scene before it."""
     moved, scene = action.object or "", motion.before or scene
     search.plan.append(BoundAction(action.name, action.args, motion.trajectory, scene, moved, motion.surfaces))
-    if action.name.startswith("PutDown"):
+    if action.name == "PutDownForClearance" or (action.name == "PutDownGeneral" and search.target):
         search.clearances.append(action.args[0])
+    if action.name.startswith("PutDown"):
+        search.not_placed = frozenset()
 
 
 def update_initial_state_from_action(state: PlanState, action: GroundAction, motion: BoundMotion) -> PlanState:
@@ -138,7 +154,13 @@ def update_initial_state_from_action(state: PlanState, action: GroundAction, mot
         clearance_plan = clearance_plan.without(action.args[0])
     if motion.put_down is not None:
         put_downs = MappingProxyType({**put_downs, motion.location: motion.put_down})
-    return PlanState(update_from_action(state.symbols, action), motion.scene, clearance_plan, put_downs)
+    return replace(
+        state,
+        symbols=update_from_action(state.symbols, action),
+        scene=motion.scene,
+        clearance_plan=clearance_plan,
+        put_downs=put_downs,
+    )
 
 
 def update_initial_state_from_error(
@@ -150,7 +172,7 @@ def update_initial_state_from_error(
     is_aside_in_hand = state.clearance_plan.aside in state.scene.held_names
     if is_aside_in_hand:
         search.hold_aside = False
-    if is_aside_in_hand or not error.blockers:
+    if is_aside_in_hand or not error.blockers or not search.target:
         return rebind_grasps(search, state.symbols, state.scene)
     obstructed = update_from_error(state.symbols, GraspObstructed(error.action.args[0], error.blockers))
     if error.blockers <= set(state.clearance_plan.commitments.grasps):
@@ -158,13 +180,12 @@ def update_initial_state_from_error(
     return rebind_grasps(search, obstructed, state.scene)
 
 
-def shorten_plan(search: Search) -> tuple[BoundAction, ...]:
+def shorten_plan(search: Search, end: Scene) -> tuple[BoundAction, ...]:
     """F in less simulated time; under end-effector control and in canonical plans the robot rests between actions."""
-    context = search.motion_layer.context
-    if context.follower is not None or context.canonical:
+    if not search.motion_layer.context.shortens:
         return tuple(search.plan)
     before = cpu_seconds()
-    actions = search.motion_layer.shortened(search.plan)
+    actions = search.motion_layer.shortened(search.plan, end)
     search.motion_planning_s += cpu_seconds() - before
     return actions
 

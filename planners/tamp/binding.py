@@ -7,8 +7,9 @@ from dataclasses import replace
 from assets.robots import RobotSpec
 from planners.cause import Cause
 from planners.clearing.commitments import Commitments, NoCommitment
-from planners.clearing.lookahead import keep_clear
+from planners.clearing.lookahead import ClearancePlan, keep_clear
 from planners.clock import cpu_seconds
+from planners.goals import Goal
 from planners.motion.path import NoPath
 from planners.scene import Scene
 from planners.symbolic.engines import checked_answer
@@ -21,21 +22,33 @@ from planners.symbolic.problem import (
     TaskPlan,
     TaskProblem,
 )
-from planners.symbolic.transitions import GraspObstructed, grasp_references, reached_by, update_from_error
+from planners.symbolic.transitions import (
+    GraspObstructed,
+    Moved,
+    grasp_references,
+    reached_by,
+    update_from_error,
+    with_moves,
+)
 from planners.tamp.motion_layer import BoundMotion
 from planners.tamp.solution import Infeasible
-from planners.tamp.state import TASK_PLANNING_S, PlanState, Refutation, Search
+from planners.tamp.state import TASK_PLANNING_S, PlanState, Refutation, Search, as_seen
 
 _GRASP_POSE, _PUT_DOWN_POSE = "robot_gp_", "robot_pdp_"
 
 
 def bind_grasps(search: Search, symbols: SymbolicState, scene: Scene) -> PlanState | Infeasible:
     """Choose what the grasp references stand for; a strategy that plans ahead adds what obstructs these grasps."""
+    if not search.target:
+        return _bind_moves(search, symbols, scene)
     before, task_planning_before = cpu_seconds(), search.task_planning_s
 
     def order_by_task_plan(commitments: Commitments) -> Commitments:
         """The commitments in the order in which the task planner clears."""
-        skeleton = task_plan(search, _with_obstructions(search, symbols, scene, commitments))
+        skeleton = task_plan(
+            search,
+            PlanState(_with_obstructions(search, symbols, scene, commitments), scene, ClearancePlan(commitments)),
+        )
         if isinstance(skeleton, NoPlan):
             return commitments
         picked = [action.args[0] for action in skeleton.actions if action.name == "PickUp"]
@@ -51,17 +64,58 @@ def bind_grasps(search: Search, symbols: SymbolicState, scene: Scene) -> PlanSta
     if search.has_given_up:
         return search.out_of_time()
     if isinstance(found, NoCommitment):
-        names = ", ".join(found.objects)
+        names, context, cause = ", ".join(found.objects), search.motion_layer.context, found.cause
+        too_wide = [reason for name in scene.names if (reason := context.too_wide(scene, name))]
+        if cause is Cause.UNREACHABLE and (of_these := [context.too_wide(scene, name) for name in found.objects])[0]:
+            return search.infeasible(Cause.TOO_WIDE, f"{'; '.join(of_these)}, {context.catalogue}", found.objects)
         detail = {
             Cause.UNREACHABLE: f"no free base pose and arm configuration reach {names}",
+            Cause.NO_WAY_FOR_BASE: f"from where the robot is, the base cannot drive to where it could take {names}",
             Cause.NO_SELF_CLEARABLE_SET: f"whatever is removed first, something that must go before {names} is blocked",
             Cause.MOTION: f"without the grasps that motion planning refuted, there is no way to clear and take {names}",
             Cause.NO_CLEARANCE_LOCATION: f"no location for {names} that keeps clear of what remains to be done",
             Cause.TIME_LIMIT: f"the time was up before a way to take {names} was found",
-        }[found.cause]
-        return search.infeasible(found.cause, detail, found.objects)
+        }[cause]
+        detail += f", {context.catalogue}"
+        if cause is Cause.NO_SELF_CLEARABLE_SET and too_wide:
+            detail += f"; cannot be taken: {'; '.join(too_wide)}"
+        return search.infeasible(cause, detail, found.objects)
     symbols = _with_obstructions(search, symbols, scene, found.commitments)
     return PlanState(replace(symbols, holds_aside=bool(found.aside)), scene, found)
+
+
+def _bind_moves(search: Search, symbols: SymbolicState, scene: Scene) -> PlanState | Infeasible:
+    """Choose the moves for a goal with places, as `bind_grasps` chooses grasps for a target."""
+    before = cpu_seconds()
+    assert search.start is not None
+    found = search.motion_layer.plan_goal(search.strategy, scene, search.goal, search.start, search.not_placed)
+    search.motion_planning_s += cpu_seconds() - before
+    if isinstance(found, NoCommitment):
+        names = ", ".join(found.objects)
+        detail = {
+            Cause.UNREACHABLE: f"no free base pose and arm configuration reach {names}",
+            Cause.NO_SELF_CLEARABLE_SET: f"whatever is moved first, something that must go before {names} is blocked",
+            Cause.TIME_LIMIT: f"the time was up before moves of {names} were found",
+        }.get(found.cause, f"neither their places nor locations aside were found for {names}")
+        return search.infeasible(found.cause, detail, found.objects)
+    lacking = () if found.until else search.goal.unmet(as_seen(scene), search.start)
+    if lacking:
+        unmet = " ".join(Goal((fact,)).to_pddl() for fact in lacking)
+        return search.infeasible(Cause.MOTION, f"the plan ends without {unmet}", ())
+    commitments = found.commitments
+    if scene.robot.acts_with_all_arms:
+        for name, grasp in commitments.grasps.items():
+            symbols = reached_by(symbols, name, gripper_symbol(scene.robot, grasp.arm))
+    blockers = {name: set(names) & set(found.until) for name, names in commitments.blockers(scene).items()}
+    moves: list[Moved] = []
+    rest = [fact.object for fact in search.goal.placed if fact.object not in found.until]
+    for index, name in enumerate(found.until):
+        later = found.until[index + 1 :]
+        blocked = (other for other in later if name in blockers.get(other, ()))
+        obstructs = "" if name in found.general else next(blocked, (*later, *rest, "")[0])
+        moves.append(Moved(name, tuple(sorted(blockers.get(name, ()))), name in found.placements, obstructs))
+    symbols, wanted = with_moves(symbols, moves)
+    return PlanState(symbols, scene, found, wanted=wanted)
 
 
 def rebind_grasps(search: Search, symbols: SymbolicState, scene: Scene) -> PlanState | Infeasible:
@@ -74,15 +128,17 @@ def rebind_grasps(search: Search, symbols: SymbolicState, scene: Scene) -> PlanS
     return bind_grasps(search, at_no_reference, scene)
 
 
-def task_plan(search: Search, symbols: SymbolicState, aside: str = "") -> TaskPlan | NoPlan:
-    """The task planner's answer for the target, checked; its time is counted. It does not put the object `aside` down.
+def task_plan(search: Search, state: PlanState) -> TaskPlan | NoPlan:
+    """The task planner's answer, checked; its time is counted. What is to stay in a hand it does not put down.
 
     Raises:
         InvalidAnswerError: the task planner returned no valid answer.
     """
     before = cpu_seconds()
+    symbols, aside = state.symbols, state.clearance_plan.aside
     offers = symbols.find("isClearanceLocation", None, aside, None) if aside else ()
-    problem = TaskProblem(symbols.changed(remove=offers), search.target).pruned()
+    target = search.target or state.clearance_plan.commitments.target
+    problem = TaskProblem(symbols.changed(remove=offers), target, state.wanted).pruned()
     time_limit = min(TASK_PLANNING_S, search.motion_layer.deadline.remaining)
     answer = search.task_planner.plan(problem, time_limit) if time_limit > 0 else NoPlan("gave up")
     search.task_planning_s += cpu_seconds() - before
@@ -123,7 +179,7 @@ def bind_action(search: Search, state: PlanState, action: GroundAction) -> Bound
         case GroundAction("MoveBase", (_, pose, _)) if pose.startswith(_GRASP_POSE):
             return _drive_to_grasp(search, state, action, pose.removeprefix(_GRASP_POSE))
         case GroundAction("MoveBase", (_, pose, _)):
-            return _drive_to_put_down(search, state, pose.removeprefix(_PUT_DOWN_POSE))
+            return _drive_to_put_down(search, state, action, pose.removeprefix(_PUT_DOWN_POSE))
         case GroundAction("PickUp", (name, *_)):
             return _pick_up(search, state, action, name)
         case _:
@@ -142,14 +198,20 @@ def _drive_to_grasp(search: Search, state: PlanState, action: GroundAction, name
     return Refutation(action, reason=driven.reason)
 
 
-def _drive_to_put_down(search: Search, state: PlanState, location: str) -> BoundMotion | Infeasible:
+def _drive_to_put_down(
+    search: Search, state: PlanState, action: GroundAction, location: str
+) -> BoundMotion | Refutation | Infeasible:
     """Drive to the base pose of the first placement that can be driven to and carried out."""
     name = next(name for _, _, name, _ in state.symbols.find("isGrasp", None, None, location))
     motion_layer, scene = search.motion_layer, state.scene.holding(name)
     assert scene is not None
-    clear_of = keep_clear(search.strategy, state.clearance_plan.commitments, name)
-    planned = state.clearance_plan.placements.get(name)
-    for placement in motion_layer.placements(scene, clear_of, search.strategy, planned):
+    plan = state.clearance_plan
+    clear_of = keep_clear(search.strategy, plan.commitments, name)
+    if search.target:
+        placements = motion_layer.placements(scene, clear_of, search.strategy, plan.placements.get(name))
+    else:
+        placements = motion_layer.goal_placements(scene, search.goal, clear_of, search.strategy, plan)
+    for placement in placements:
         if search.is_late:
             break
         driven = motion_layer.drive_to_placement(scene, placement)
@@ -159,6 +221,9 @@ def _drive_to_put_down(search: Search, state: PlanState, location: str) -> Bound
                 return replace(driven, location=location, put_down=put_down)
     if search.is_late:
         return search.out_of_time()
+    if name in plan.general and name not in search.not_placed:
+        search.not_placed |= {name}
+        return Refutation(action, reason=f"no motion puts {name} at its place")
     detail = f"no location for {name} that keeps clear of what remains to be done"
     return search.infeasible(Cause.NO_CLEARANCE_LOCATION, detail, (name,))
 
@@ -177,7 +242,7 @@ def _pick_up(search: Search, state: PlanState, action: GroundAction, name: str) 
         search.motion_layer.ban(state.scene, grasp)
         return Refutation(action, reason=picked.reason)
     reason = f"{picked.phase}: {', '.join(sorted(picked.blockers))} in the way"
-    if picked.phase == "grasp":
+    if picked.phase == "grasp" and search.target:
         return Refutation(action, frozenset(picked.blockers), reason)
     search.motion_layer.obstruct(state.scene, grasp, picked.blockers)
     return Refutation(action, reason=reason)

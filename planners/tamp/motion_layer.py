@@ -11,23 +11,27 @@ from numpy.typing import NDArray
 
 from planners.cause import Cause
 from planners.clearing.commitments import ClearingProblem, Commitments, NoCommitment
+from planners.clearing.goal_bound import LowerBound, fewest_picks
+from planners.clearing.goal_plan import goal_plan, placements_of
 from planners.clearing.lookahead import ClearancePlan, commitments_for
 from planners.clearing.non_monotone import non_monotone_plan
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import CollisionWorld, CompiledScenes
 from planners.context import PlanningContext
+from planners.goals import Goal
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.motion.approaches import fewest_blockers, planned_approach, stand_off
 from planners.motion.arm import is_among_objects, is_at_home, plan_home
 from planners.motion.base import plan_base
 from planners.motion.contact_free import merge_phases
 from planners.motion.mujoco_check import MujocoCollisionChecker
-from planners.motion.path import BlockedBy, NoPath, WholeBodyPath
+from planners.motion.path import NO_WAY, BlockedBy, NoPath, WholeBodyPath
 from planners.motion.pick_and_place import PickPlaceMotion, plan_pick, plan_place
 from planners.motion.tcp_following import follow
 from planners.motion.timing import drive_trajectory, pick_trajectory, place_trajectory
 from planners.motion.trajectory import Trajectory, is_contact, join, phases_of
-from planners.placing.placements import Placement, PlacementSearch
+from planners.placing.goal_places import placed_fact, reserved_regions
+from planners.placing.placements import Placement, PlacementSearch, with_lowered
 from planners.placing.surfaces import KeepClear, Surface
 from planners.scene import RobotState, Scene
 from planners.scene.cover import is_covered
@@ -67,7 +71,8 @@ class MotionLayer:
     """Answers Algorithm 1's questions for grasps, placements and motions; remembers what motion planning refuted.
 
     `compiled` are the collision worlds of the states so far, `candidates` the grasps known in the present one.
-    `has_refuted` says whether motion planning refuted a grasp.
+    `has_refuted` says whether motion planning refuted a grasp. With `checks_at_end` MuJoCo checks motions once, when
+    they are `shortened`; if it refutes one then, `is_refuted` is set, and the plan must be made again without.
     """
 
     context: PlanningContext
@@ -76,7 +81,9 @@ class MotionLayer:
     deadline: Deadline = NO_DEADLINE
     candidates: GraspCandidates = field(init=False, repr=False)
     placement_search: PlacementSearch = field(init=False, repr=False)
+    checks_at_end: bool = False
     has_refuted: bool = False
+    is_refuted: bool = False
     _checkers: dict[str, MujocoCollisionChecker] = field(default_factory=dict, repr=False)
     _can_leave: dict[tuple[tuple[str, bytes, bytes], bytes], bool] = field(default_factory=dict, repr=False)
 
@@ -120,8 +127,42 @@ class MotionLayer:
             return found
         if found.cause is Cause.NO_CLEARANCE_LOCATION:
             return non_monotone_plan(problem, strategy.non_monotone - (len(cleared) - len(set(cleared)))) or found
+        if found.cause is Cause.UNREACHABLE and not self.has_refuted:
+            anywhere = self.context.anywhere().grasps(self.compiled)
+            if any(anywhere.for_object(scene, name) for name in found.objects):
+                return replace(found, cause=Cause.NO_WAY_FOR_BASE)
         # If motion planning refuted grasps, it is not the grasps alone that leave no commitments.
         return replace(found, cause=Cause.MOTION) if self.has_refuted and found.cause.lies_in_grasps else found
+
+    def plan_goal(
+        self, strategy: Strategy, scene: Scene, goal: Goal, start: Scene, not_placed: frozenset[str]
+    ) -> ClearancePlan | NoCommitment:
+        """The moves for a goal with places; see `planners.clearing.goal_plan.goal_plan`."""
+        return goal_plan(self._problem(strategy, scene), goal, start, not_placed)
+
+    def goal_placements(
+        self, scene: Scene, goal: Goal, keep_clear: KeepClear, strategy: Strategy, plan: ClearancePlan
+    ) -> Iterator[Placement]:
+        """Placements of the held object, as it is planned to be moved for a goal: the one planned, then others."""
+        assert scene.held is not None
+        name = scene.held.name
+        fact = placed_fact(goal, name) if name in plan.general else None
+        keep = replace(keep_clear, reserved=reserved_regions(scene, goal, name if name in plan.general else ""))
+        waiting = plan.commitments.grasps
+        others = placements_of(self._problem(strategy, scene), goal, scene, fact, keep, waiting)
+        return itertools.islice(itertools.chain((plan.placements[name],), others), strategy.placements)
+
+    def lower_bound(self, scene: Scene, goal: Goal, buffers: bool) -> LowerBound:
+        """The fewest picks for a goal, by the grasps known here."""
+
+        def blockers(name: str) -> list[int]:
+            return [grasp.blockers for grasp in self.candidates.for_object(scene, name)]
+
+        return fewest_picks(scene, goal, blockers, buffers=buffers, deadline=self.deadline)
+
+    def _problem(self, strategy: Strategy, scene: Scene) -> ClearingProblem:
+        search, rng, deadline = self.placement_search, self.rng, self.deadline
+        return ClearingProblem(self.candidates, search, scene, "", strategy, rng, deadline)
 
     def _reject(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Add to a grasp that is not usable what is in the way of its straight lines, or do not offer it again."""
@@ -177,15 +218,25 @@ class MotionLayer:
     def drive_to_grasp(self, scene: Scene, grasp: GraspCandidate) -> BoundMotion | NoPath:
         """Drive to where the pick begins: the base pose of the grasp, or where the base leaves it to under a shelf.
 
-        Where another arm will take the object, the active one moves home first.
+        Where another arm will take the object, the active one moves home first. If there is no way, no grasp is offered
+        again to which there is none either.
         """
-        base = stand_off(scene.using(grasp.arm), grasp.base, grasp.q) if grasp.drives else grasp.base
-        return self.drive(scene, base, home_first=self._next_arm(scene, grasp.arm) is None)
+        base = (
+            stand_off(scene.using(grasp.arm), grasp.base, grasp.q, scene.body(grasp.object))
+            if grasp.drives
+            else grasp.base
+        )
+        driven = self.drive(scene, base, home_first=self._next_arm(scene, grasp.arm) is None)
+        if driven is NO_WAY:
+            for other in self.candidates.for_object(scene, grasp.object):
+                if other is not grasp and self.context.roadmap.excludes(scene.state.base, other.base):
+                    self.ban(scene, other)
+        return driven
 
     def drive_to_placement(self, scene: Scene, placement: Placement) -> BoundMotion | NoPath:
         """Drive to where the put-down begins; under a shelf, outside, where the base drives straight in from."""
         is_inside = is_covered(scene, placement.body.foot)
-        base = stand_off(scene, placement.base, placement.q) if is_inside else placement.base
+        base = stand_off(scene, placement.base, placement.q, placement.body) if is_inside else placement.base
         return self.drive(scene, base)
 
     def bring_home(self, scene: Scene) -> BoundMotion | NoPath:
@@ -196,10 +247,12 @@ class MotionLayer:
         """Drive to a base pose in the present configuration; among objects the arm moves home first, if it can."""
         world, state = self.compiled.world(scene), scene.state
         homing = self._home(scene) if home_first or is_among_objects(world, state) else None
-        found = plan_base(world, state.base, base, state.q if homing is None else homing.end, held=scene.held)
+        q, roadmap = state.q if homing is None else homing.end, self.context.roadmap
+        found = plan_base(world, state.base, base, q, held=scene.held, roadmap=roadmap)
         if isinstance(found, NoPath) and homing is None:
             homing = self._home(scene)
-            found = found if homing is None else plan_base(world, state.base, base, homing.end, held=scene.held)
+            if homing is not None:
+                found = plan_base(world, state.base, base, homing.end, held=scene.held, roadmap=roadmap)
         if isinstance(found, NoPath):
             return found
         trajectory = drive_trajectory(scene.robot, found, scene.state, homing)
@@ -227,7 +280,7 @@ class MotionLayer:
             motion = plan_pick(world, grasp.base, start, grasp.q, grasp.object, rng=self.rng)
             if not isinstance(motion, PickPlaceMotion):
                 return motion
-            if self.is_accepted(scene, motion.paths):
+            if self.checks_at_end or self.is_accepted(scene, motion.paths):
                 trajectory = pick_trajectory(scene.robot, motion, scene.state)
                 carrying = scene.with_state(_end_state(motion, trajectory)).with_held(motion.held)
                 return self._followed(scene, BoundMotion(trajectory, carrying), (grasp.object,))
@@ -237,12 +290,16 @@ class MotionLayer:
         """Put the held object down as planned."""
         assert scene.held is not None
         world, held, start = self.compiled.world(scene), scene.held, np.concatenate((scene.state.base, scene.state.q))
+        world = with_lowered(world, placement.below) if placement.below else world
         for _ in range(_TRIES):
             motion = plan_place(world, placement.base, start, placement.q, held, rng=self.rng, find_blockers=False)
             if not isinstance(motion, PickPlaceMotion):
                 return motion
             released = scene.with_held(None).with_body(motion.body)
-            if self.is_accepted(scene, motion.paths[:2]) and self.is_accepted(released, motion.paths[2:]):
+            are_accepted = self.checks_at_end or (
+                self.is_accepted(scene, motion.paths[:2]) and self.is_accepted(released, motion.paths[2:])
+            )
+            if are_accepted:
                 trajectory = place_trajectory(scene.robot, motion, scene.state)
                 left = released.with_state(_end_state(motion, trajectory))
                 return self._followed(scene, BoundMotion(trajectory, left, surfaces=placement.surfaces), (held.name,))
@@ -265,12 +322,13 @@ class MotionLayer:
         state = RobotState(bound.scene.state.base, followed.end, bound.scene.state.finger_position)
         return replace(bound, scene=bound.scene.with_state(state))
 
-    def shortened(self, actions: Sequence[BoundAction]) -> tuple[BoundAction, ...]:
+    def shortened(self, actions: Sequence[BoundAction], end: Scene) -> tuple[BoundAction, ...]:
         """The same plan in less time: what its actions do between two contacts becomes one motion, where one is free.
 
         Actions keep their names, their order and their phases; where one ends and the next begins, the robot no longer
-        rests.
+        rests. `end` is the scene after them.
         """
+        scenes = [*(action.scene for action in actions[1:]), end]
         parts = [(index, phase) for index, action in enumerate(actions) for phase in phases_of(action.trajectory)]
 
         def kind(part: tuple[int, Trajectory]) -> tuple[str, bool]:
@@ -284,9 +342,16 @@ class MotionLayer:
             phases = [phase for _, phase in run]
             if not in_contact[k]:
                 before, after = k > 0 and in_contact[k - 1], k + 1 < len(runs) and in_contact[k + 1]
-                scene = actions[run[-1][0]].scene
+                last, after_last = actions[run[-1][0]], scenes[run[-1][0]]
+                scene = last.scene
+                if last.is_clearance and before and run[0][0] == run[-1][0]:
+                    # Nothing follows the release with this arm: what it has put down stands there.
+                    scene = scene.with_held(None).with_body(after_last.body(last.target))
                 found = merge_phases(self.compiled.world(scene), phases, before, after)
-                phases = found if found is not None and self.is_accepted(scene, [join(found)]) else phases
+                if found is not None and self.is_accepted(scene, [join(found)]):
+                    phases = found
+                elif self.checks_at_end and not self.is_accepted(scene, [join(phases)]):
+                    self.is_refuted = True
             for (index, _), phase in zip(run, phases, strict=True):
                 shorter[index].append(phase)
         return tuple(_with_trajectory(action, join(pieces)) for action, pieces in zip(actions, shorter, strict=True))

@@ -6,7 +6,7 @@ import json
 import types
 import typing
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from enum import Enum
 from functools import cache
 from pathlib import Path
@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 FORMAT = "clutter-env plan"
-VERSION = 3
+VERSION = 4
 """Increased whenever the meaning of what is stored changes."""
-_RENAMED = {2: {"second_moves": "non_monotone"}}
-"""Older versions that are read, with the fields that have other names today."""
+_RENAMED: dict[int, dict[str, str]] = {2: {"second_moves": "non_monotone"}, 3: {}}
+"""Older versions that are read, with the fields that have other names today; fields they lack have their defaults."""
 
 
 class PlanFileError(ValueError):
@@ -148,7 +148,8 @@ def _decode(header: Mapping[str, Any], classes: Mapping[str, type], read_array: 
         kind = classes[stored["class"]]
         content = {renamed.get(name, name): decode(value) for name, value in stored["fields"].items()}
         for name, hint in _field_types(kind).items():
-            if not _fits(content.get(name), hint):
+            is_missing = name not in content and header["version"] != VERSION and name in _defaulted(kind)
+            if not is_missing and not _fits(content.get(name), hint):
                 raise TypeError(f"{name} of a {kind.__name__} is no {hint}")
         objects.append(kind(**content))
     return decode(header["plan"])
@@ -167,6 +168,11 @@ def _fits(value: Any, hint: Any) -> bool:
     if hint in (int, float):
         return isinstance(value, int | hint) and not isinstance(value, bool)
     return hint is Any or isinstance(value, origin or hint)
+
+
+def _defaulted(kind: type) -> set[str]:
+    """Names of the fields of a dataclass that have a default."""
+    return {one.name for one in fields(kind) if one.default is not MISSING} if is_dataclass(kind) else set()
 
 
 @cache

@@ -9,11 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from planners.cause import Cause
+from planners.clearing.goal_bound import LowerBound
+from planners.goals import Goal
 from planners.motion.arm import tcp_pose
 from planners.motion.trajectory import Trajectory, is_contact
 from planners.placing.surfaces import Surface
 from planners.scene import Body, HeldObject, RobotState, Scene
 from planners.strategies import Strategy
+from planners.tamp.joint_trajectory import JointTrajectory, joint_trajectory
 from planners.tamp.plan_file import Stored, is_same
 
 _EVIDENCE = 70
@@ -115,7 +118,7 @@ class SolveStats:
         }
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Solution(Stored):
     """A feasible plan F of Algorithm 1: every reference is bound to a verified motion.
 
@@ -131,8 +134,11 @@ class Solution(Stored):
         actions: bound actions in order.
         clearances: names of the objects put aside, in order; an object cleared twice is named twice.
         stats: counts and times.
-        target: name of the object that the plan takes.
+        target: name of the object that the plan takes; "" of a goal with places.
         strategy: the strategy that made the plan.
+        goal: what the plan brings about; None in files of older versions: the target is held.
+        bound: of a goal with places: the fewest picks of any plan.
+        end: the scene at the end, what is held at the pose at which it is held; None in files of older versions.
     """
 
     actions: tuple[BoundAction, ...]
@@ -140,10 +146,20 @@ class Solution(Stored):
     stats: SolveStats
     target: str
     strategy: Strategy
+    goal: Goal | None = None
+    bound: LowerBound | None = None
+    end: Scene | None = None
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Solution) and is_same(self, other)
+
+    def __hash__(self) -> int:
+        return hash((self.target, self.clearances, len(self.actions)))
 
     def __repr__(self) -> str:
+        wanted = f"target={reprlib.repr(self.target)}" if self.target else f"goal={reprlib.repr(str(self.goal))}"
         return (
-            f"Solution(target={reprlib.repr(self.target)}, strategy={reprlib.repr(self.strategy.name)}, "
+            f"Solution({wanted}, strategy={reprlib.repr(self.strategy.name)}, "
             f"actions={len(self.actions)}, clearances={len(self.clearances)}, duration={self.duration:.1f} s)"
         )
 
@@ -153,22 +169,54 @@ class Solution(Stored):
         return tuple(sorted({name for name in self.clearances if self.clearances.count(name) > 1}))
 
     @property
+    def picks(self) -> int:
+        """How often an object is taken."""
+        return sum(action.name == "PickUp" for action in self.actions)
+
+    @property
     def duration(self) -> float:
         """[s] of simulated time that the motions take."""
         return sum(action.trajectory.duration for action in self.actions)
 
     def summary(self) -> str:
-        """The plan in words, several lines: target, clearances and their locations, length, times."""
+        """The plan in words, several lines: goal, what is put down and where, picks, length, times."""
         puts = [action for action in self.actions if action.is_clearance]
-        lines = [f"Plan that takes {self.target}, made by strategy {self.strategy.name!r}"]
-        lines.append(f"Clearances: {len(puts) or 'none'}")
+        wanted = f"takes {self.target}" if self.target else f"reaches {self.goal}"
+        lines = [f"Plan that {wanted}, made by strategy {self.strategy.name!r}"]
+        lines.append(f"{'Clearances' if self.target else 'Put down'}: {len(puts) or 'none'}")
         lines += [f"  {number}. {_clearance(action)}" for number, action in enumerate(puts, start=1)]
+        picks = {} if self.bound is None else {"Picks": f"{self.picks}; no plan has fewer than {self.bound.least}"}
         rows = {
+            **picks,
             "Actions": str(len(self.actions)),
             "Simulated duration": f"{self.duration:.1f} s",
             **self.stats.rows(),
         }
         return "\n".join([*lines, *(f"{name}: {value}" for name, value in rows.items())])
+
+    def to_joint_trajectory(self) -> JointTrajectory:
+        """The plan as one trajectory of joints, base and grippers, for a robot's controllers.
+
+        Raises:
+            ValueError: the plan has no actions.
+        """
+        return joint_trajectory(self.actions)
+
+    def to_mcap(self, path: str | Path) -> None:
+        """Write the plan as ROS 2 messages to an MCAP file, which Foxglove, rerun and rosbag2 open.
+
+        It has the joint trajectory, joint states and transforms at every control step, and markers of robot, objects
+        and static obstacles; see `planners.drawing.mcap_file`. ROS is not needed, the extra "ros" is.
+
+        Raises:
+            ValueError: the plan has no actions.
+            ImportError: the extra "ros" is not installed; the message says how to install it.
+            OSError: the file cannot be written.
+        """
+        # As for `plot`: the file is drawn from the plan.
+        from planners.drawing.mcap_file import write_mcap
+
+        write_mcap(self, Path(path))
 
     def plot(self, ax: Any = None) -> Any:
         """Draw the plan from above: objects, clearances in order, the path of the base.
@@ -226,6 +274,7 @@ class Infeasible(Stored):
         stats: counts and times.
         target: name of the object that was to be taken.
         strategy: the strategy that was tried.
+        goal: what the plan was to bring about; None in files of older versions: the target is held.
     """
 
     cause: Cause
@@ -235,10 +284,13 @@ class Infeasible(Stored):
     stats: SolveStats = field(default_factory=SolveStats)
     target: str = ""
     strategy: Strategy | None = None
+    goal: Goal | None = None
 
     def __repr__(self) -> str:
         detail = textwrap.shorten(self.detail, _EVIDENCE, placeholder=" ...")
-        return f"Infeasible(target={reprlib.repr(self.target)}, cause={str(self.cause)!r}, detail={detail!r})"
+        is_place = self.goal is not None and not self.target
+        wanted = f"goal={reprlib.repr(str(self.goal))}" if is_place else f"target={reprlib.repr(self.target)}"
+        return f"Infeasible({wanted}, cause={str(self.cause)!r}, detail={detail!r})"
 
     def summary(self) -> str:
         """The failure in words, several lines: target, cause, evidence, times."""
@@ -250,7 +302,8 @@ class Infeasible(Stored):
             "Cleared before the failure": ", ".join(self.clearances) or "none",
             **self.stats.rows(),
         }
-        lines = [f"No plan takes {self.target or 'the target'}{by}"]
+        reaches = f"takes {self.target or 'the target'}" if self.goal is None or self.target else f"reaches {self.goal}"
+        lines = [f"No plan {reaches}{by}"]
         return "\n".join([*lines, *(f"{name}: {value}" for name, value in rows.items())])
 
 

@@ -8,11 +8,15 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from planners.cause import Cause
+from planners.clearing.goal_bound import LowerBound
 from planners.clearing.lookahead import ClearancePlan
 from planners.clock import cpu_seconds
+from planners.goals import Goal
+from planners.motion.arm import tcp_pose
+from planners.motion.path import NO_WAY
 from planners.scene import Scene
 from planners.strategies import Strategy
-from planners.symbolic.problem import GroundAction, SymbolicState, TaskPlanner
+from planners.symbolic.problem import Atom, GroundAction, SymbolicState, TaskPlanner
 from planners.tamp.motion_layer import BoundMotion, MotionLayer
 from planners.tamp.solution import BoundAction, Infeasible, ReplanRecord, SolveStats
 
@@ -31,12 +35,25 @@ class PlanState:
         scene: the scene they are about.
         clearance_plan: what the grasp references stand for, and where objects are planned to be put.
         put_downs: what the references of put-downs stand for, by location symbol, once the base stands there.
+        wanted: the facts `objectAt` that are planned for: the goal's, up to the first object that is put aside.
     """
 
     symbols: SymbolicState
     scene: Scene
     clearance_plan: ClearancePlan
     put_downs: Mapping[str, BoundMotion] = field(default_factory=lambda: MappingProxyType({}))
+    wanted: tuple[Atom, ...] = ()
+
+
+def as_seen(scene: Scene) -> Scene:
+    """The same scene, its held objects at the poses at which the grippers hold them."""
+    for name in scene.held_names:
+        view = scene.holding(name)
+        assert view is not None
+        assert view.held is not None
+        T_world_object = tcp_pose(view.robot, view.state) @ view.held.T_tcp_object
+        scene = scene.with_body(scene.body(name).at_pose(T_world_object))
+    return scene
 
 
 @dataclass(frozen=True)
@@ -59,14 +76,18 @@ class Search:
     """One run of Algorithm 1: what it was given, the plan F so far, and its counts.
 
     `has_given_up`: a call of the task planner reached its time limit. `hold_aside`: whether one arm may hold an
-    obstacle while another one takes the target.
+    obstacle while another one takes the target. `start` is the scene before anything was moved, `bound` the lower bound
+    there, of a goal with places. `not_placed`: objects in the hand for whose place no motion was found.
     """
 
-    target: str
+    goal: Goal
     strategy: Strategy
     task_planner: TaskPlanner
     motion_layer: MotionLayer
     hold_aside: bool = False
+    bound: LowerBound | None = None
+    start: Scene | None = None
+    not_placed: frozenset[str] = frozenset()
     plan: list[BoundAction] = field(default_factory=list)
     clearances: list[str] = field(default_factory=list)
     history: list[ReplanRecord] = field(default_factory=list)
@@ -75,6 +96,11 @@ class Search:
     task_planning_s: float = 0.0
     motion_planning_s: float = 0.0
     started_cpu: float = field(default_factory=cpu_seconds)
+
+    @property
+    def target(self) -> str:
+        """Name of the object that is to be held if that is the whole goal, else ""."""
+        return self.goal.target
 
     @property
     def is_late(self) -> bool:
@@ -92,9 +118,11 @@ class Search:
             cause = Cause.MOTION
         if cause in (Cause.MOTION, Cause.TIME_LIMIT):
             reasons = Counter(record.reason for record in self.history if record.reason)
+            if cause is Cause.MOTION and set(reasons) == {NO_WAY.reason}:
+                cause = Cause.NO_WAY_FOR_BASE
             for reason, count in reasons.most_common(1):
                 detail += f"; {count} of {len(self.history)} refutations: {reason}"
-        return Infeasible(cause, detail, objects, cleared, self.stats(), self.target, self.strategy)
+        return Infeasible(cause, detail, objects, cleared, self.stats(), self.target, self.strategy, self.goal)
 
     def out_of_time(self) -> Infeasible:
         """The end of the search at the time limit, or after too many replans or clearances."""

@@ -20,6 +20,22 @@ OBSTACLES = (
 )
 
 
+def wall(name: str, start: tuple[float, float], end: tuple[float, float]) -> StaticObstacle:
+    """A wall 0.1 m thick and 2 m high, along x or y."""
+    middle, half = np.add(start, end) / 2, np.abs(np.subtract(end, start)) / 2
+    return StaticObstacle(name, np.array([*middle, 1.0]), np.array([*np.maximum(half, 0.05), 1.0]))
+
+
+ROOM = (
+    wall("back", (-4.5, -2.0), (-4.5, 2.0)),
+    wall("left", (-4.5, 2.0), (-1.8, 2.0)),
+    wall("right", (-4.5, -2.0), (-1.8, -2.0)),
+    wall("front_left", (-1.8, 0.45), (-1.8, 2.0)),
+    wall("front_right", (-1.8, -2.0), (-1.8, -0.45)),
+)
+"""A room beside the table, its door 0.9 m wide."""
+
+
 def cylinder(name: str, x: float, y: float, radius: float = 0.03, height: float = 0.16) -> Body:
     """An upright cylinder on the table."""
     half = np.array([radius, radius, height / 2])

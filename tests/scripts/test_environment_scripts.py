@@ -13,7 +13,7 @@ from PIL import Image
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.scene.layout import LAYOUTS
 from scripts import soak
-from scripts.layout_pictures import layout_image, save_images
+from scripts.layout_pictures import save_images, scene_image
 from scripts.soak import IDS, EnduranceError, run_endurance
 
 
@@ -29,6 +29,7 @@ def test_endurance_names_the_episode_of_every_warning(monkeypatch: pytest.Monkey
 
     monkeypatch.setattr(RetrieveEnv, "step", reset_then_explode)
     monkeypatch.setattr(soak, "EPISODE_STEPS", 1)
+    monkeypatch.setattr(soak, "SKILL_IDS", ())
     result = run_endurance(60, seed=0, report=done.append)
     left_out = 4  # o60 does not fit the layout "dense", nor o40, o50 and o60 the layout "cabinet"
     assert result.steps == sum(done) == 2 * (len(LAYOUTS) * len(IDS) - left_out)
@@ -45,7 +46,10 @@ def test_endurance_stops_at_a_reward_that_is_not_finite(monkeypatch: pytest.Monk
 
 @pytest.mark.usefixtures("needs_gl")
 def test_layouts_are_rendered_side_by_side(tmp_path: Path) -> None:
-    images = [layout_image(layout, 3, "mixed", 1, 48) for layout in ("paper", "island")]
+    images = [
+        scene_image(RetrieveEnv(num_objects=3, layout=layout, render_mode="rgb_array"), layout, 1, 48)
+        for layout in ("paper", "island")
+    ]
     assert not np.array_equal(*images)
     save_images([*images, *images, images[1]], tmp_path / "new" / "layouts.png")
     assert Image.open(tmp_path / "new" / "layouts.png").size == (4 * 48 + 3 * 8, 2 * 72 + 8)

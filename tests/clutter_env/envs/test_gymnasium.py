@@ -6,6 +6,8 @@ import importlib.util
 import pickle
 import warnings
 from dataclasses import replace
+from itertools import product
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -15,10 +17,14 @@ from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 
 import clutter_env
 from assets import FETCH
+from assets import robot as find_robot
+from clutter_env.config import CONTROL_MODES, OBS_MODES
+from clutter_env.errors import ConfigError
 from clutter_env.scene.layout import Layout
 
 IDS = [
     *(f"clutter_env/Retrieve-o{n}-v0" for n in clutter_env.OBJECT_COUNTS),
+    *(f"clutter_env/Rearrange-o{n}-v0" for n in clutter_env.REARRANGE_COUNTS),
     "clutter_env/Reach-v0",
     "clutter_env/Pick-v0",
 ]
@@ -36,7 +42,7 @@ INFO_TYPES = {
 }
 
 
-FEW = ["clutter_env/Retrieve-o1-v0", "clutter_env/Retrieve-o60-v0", *IDS[-2:]]
+FEW = ["clutter_env/Retrieve-o1-v0", "clutter_env/Retrieve-o60-v0", "clutter_env/Rearrange-o4-v0", *IDS[-2:]]
 
 
 @pytest.mark.parametrize("env_id", FEW)
@@ -51,10 +57,42 @@ def test_gymnasium_checker_is_silent(env_id: str) -> None:
             check_for_sb3(gym.make(env_id).unwrapped)
 
 
+def _every_environment() -> list[dict[str, Any]]:
+    """Arguments of `gym.make` for every registered id with every robot, control mode and observation mode."""
+    robots, environments = [*("fetch", "pr2", "panda_mobile"), find_robot("pr2").with_all_arms()], []
+    for env_id, robot, obs_mode, mode in product(gym.registry, robots, OBS_MODES, CONTROL_MODES):
+        keywords = {"robot": robot, "control_mode": mode, "obs_mode": obs_mode}
+        if not env_id.startswith("clutter_env/"):
+            continue
+        if "/Skill-" in env_id:  # skills have their own observations, and end in joint control
+            del keywords["control_mode"], keywords["obs_mode"]
+        try:
+            env = gym.make(env_id, **keywords)
+        except ConfigError:  # no cameras, or two arms in "ee" mode
+            continue
+        env.close()
+        environments.append({"id": env_id, **keywords})
+    return [entry for index, entry in enumerate(environments) if entry not in environments[:index]]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("env_id", IDS)
-def test_gymnasium_checker_is_silent_for_every_id(env_id: str) -> None:
-    test_gymnasium_checker_is_silent(env_id)
+@pytest.mark.usefixtures("needs_gl")
+def test_checkers_are_silent_for_every_id_robot_control_mode_and_observation_mode() -> None:
+    """Gymnasium's, and that of Stable-Baselines3."""
+    from stable_baselines3.common.env_checker import check_env as check_for_sb3
+
+    complaints = []
+    for keywords in _every_environment():
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            # Advice about images, which are 8-bit colours for the checker.
+            warnings.filterwarnings("ignore", r"Your observation \w+_depth has an unconventional shape")
+            env = gym.make(**keywords)
+            check_env(env.unwrapped, skip_render_check=True)
+            check_for_sb3(env.unwrapped)
+            env.close()
+        complaints += [f"{keywords}: {entry.message}" for entry in caught]
+    assert not complaints
 
 
 @pytest.mark.usefixtures("needs_gl")

@@ -12,14 +12,14 @@ from clutter_env.cli.main import main
 from clutter_env.errors import LearningError
 from clutter_env.evaluation import compare as comparing
 from clutter_env.evaluation.compare import CONTROLS, Comparison, compare, run_names
-from clutter_env.evaluation.evaluate import Evaluation
+from clutter_env.evaluation.evaluate import Evaluation, evaluate
 from clutter_env.evaluation.picture import plot
 from clutter_env.evaluation.scenes import SceneSet
 from clutter_env.evaluation.score import PolicyCrashed
-from clutter_env.evaluation.tables import markdown, markdown_by_floor, stratum, summarise
+from clutter_env.evaluation.tables import markdown, markdown_by_floor, results, stratum, summarise
 from clutter_env.policies.protocol import PolicyError
 from clutter_env.policies.registry import BUILT_IN
-from clutter_env.reporting.files import json_text
+from clutter_env.reporting.files import json_text, write_json
 from clutter_env.reporting.intervals import wilson
 from clutter_env.suites import Floor
 from clutter_env.task import Task
@@ -106,6 +106,19 @@ def test_the_command_writes_tables_pictures_and_rows(tmp_path: Path) -> None:
     assert "clutter-env compare --envs clutter_env/Reach-v0" in (tmp_path / "table.md").read_text()
     with pytest.raises(SystemExit, match="name scenes"):
         main(["compare", "--out", str(tmp_path)])
+
+
+def test_results_files_are_tabled_as_they_stand(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "reach.json"
+    write_json(file, results(evaluate("reach", SceneSet(env_id="clutter_env/Reach-v0", count=2))))
+    main(["compare", "--files", str(file), str(file), "--out", str(tmp_path / "out")])
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("| reach | reach ")]
+    assert len(lines) == 2
+    assert lines[0].split("|")[4:7] == [" 1 × 2 ", " 1.00 [0.34, 1.00] ", " – "]
+    assert (tmp_path / "out" / "plot.png").exists()
+    file.write_text(file.read_text().replace('"sim_s"', '"seconds"'))
+    with pytest.raises(SystemExit, match="an episode lacks 'sim_s'"):
+        main(["compare", "--files", str(file)])
 
 
 def test_a_comparison_runs_no_code_of_a_policy_in_its_own_process(

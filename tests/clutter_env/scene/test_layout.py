@@ -32,6 +32,7 @@ def test_furniture_has_the_names_others_rely_on(name: str) -> None:
     expected = BOX_NAMES | (FRONT_NAMES if layout.is_front_only else set())
     expected |= SHELF_NAMES if layout.board_height else set()
     expected |= {"shelf_board_upper"} if layout.second_board_height else set()
+    expected |= {box.name for box in layout.boxes}
     assert set(boxes) == expected
     top = boxes["table_top"]
     assert top.position[2] + top.half_extents[2] == pytest.approx(TABLE_HEIGHT)
@@ -46,15 +47,16 @@ def test_the_model_declares_the_supports_of_its_layout(name: str) -> None:
     env = RetrieveEnv(num_objects=1, layout=name)
     others = ("counter_left", "counter_right") if LAYOUTS[name].is_front_only else ()
     others += ("shelf_board",) if len(LAYOUTS[name].levels) == 2 else ()
-    assert supports_of(LAYOUTS[name]) == ("table_top", *others)
-    assert Scene.from_mujoco(env.model, env.data, env.robot).supports == ("table_top", *others)
+    expected = LAYOUTS[name].supports or ("table_top", *others)
+    assert supports_of(LAYOUTS[name]) == expected
+    assert Scene.from_mujoco(env.model, env.data, env.robot).supports == expected
 
 
 @pytest.mark.parametrize(
     "supports",
     [("counter_left",), ("table_top", "desk"), "table_top", 3, (), ("table_top", ["desk"]), ("table_top", "step")],
 )
-def test_supports_are_boxes_as_high_as_the_table_which_is_the_first(supports: Any) -> None:
+def test_supports_are_boxes_within_reach_and_the_table_is_the_first(supports: Any) -> None:
     step = Box("step", (1.0, 0.0, 0.1), (0.2, 0.2, 0.1))
     with pytest.raises(ConfigError, match=r"supports=.*'table_top' first; valid names: table_top, counter_left"):
         Layout("own", 0.7, 1.0, boxes=(step,), supports=supports)

@@ -84,12 +84,13 @@ def test_targets_keep_velocity_and_acceleration_limits(mode: str) -> None:
         moved = (after.target - before.target) / CONTROL_STEP
         assert (np.abs(moved[2:]) <= MAX_VELOCITY[2:] * tolerance).all()
         assert np.linalg.norm(moved[:2]) <= math.sqrt(2) * MAX_VELOCITY[0] * tolerance
-        is_inside = (after.target > controller._lower + 1e-9) & (after.target < controller._upper - 1e-9)
+        lower, upper = np.array(controller._bounds)[:, :2].T
+        is_inside = (after.target > lower + 1e-9) & (after.target < upper - 1e-9)
         is_free = is_inside & (np.abs(after.target - env.data.qpos[env.world.index.drive_qpos]) < 0.02)
         change = np.abs(after.velocity - before.velocity) / CONTROL_STEP
         assert (change[2:][is_free[2:]] <= MAX_ACCELERATION[2:][is_free[2:]] * tolerance).all()
-        assert (after.target >= controller._lower).all()
-        assert (after.target <= controller._upper).all()
+        assert (after.target >= lower).all()
+        assert (after.target <= upper).all()
 
 
 def test_loaded_robots_turn_slowly() -> None:

@@ -9,7 +9,13 @@ import pytest
 from assets import FETCH
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.simulation.control import CONTROL_STEP
-from clutter_env.simulation.end_effector import EndEffectorController, TcpFollower, _MotionLimit
+from clutter_env.simulation.end_effector import (
+    _CONFIGURATION_GAIN,
+    _SOLVER_DAMPING,
+    EndEffectorController,
+    TcpFollower,
+    _MotionLimit,
+)
 
 LOWER = np.array([max(link.lower, -50.0) for link in FETCH.chain])
 UPPER = np.array([min(link.upper, 50.0) for link in FETCH.chain])
@@ -34,6 +40,22 @@ def test_joints_keep_their_limits_from_every_state() -> None:
             assert beyond.max() < 2e-3, "a joint brakes before its limit; the joint controller clips the rest"
             q, qd = np.clip(q + step, LOWER, UPPER), velocity
     assert controller.failures == 0
+
+
+def test_the_objective_is_the_one_that_mink_assembles_from_both_tasks() -> None:
+    rng, controller = np.random.default_rng(0), EndEffectorController(FETCH)
+    configuration = controller._configuration
+    keep_home = mink.PostureTask(configuration.model, cost=controller._costs, gain=_CONFIGURATION_GAIN)
+    keep_home.set_target(np.array(FETCH.home))
+    for _ in range(20):
+        q = rng.uniform(LOWER, UPPER)
+        controller.reset(q)
+        controller.joint_velocity(rng.uniform(-1, 1, 6), q, np.zeros_like(q))
+        tasks = [controller._frame_task, keep_home]
+        problem = mink.build_ik(configuration, tasks, CONTROL_STEP, _SOLVER_DAMPING, limits=[])
+        quadratic, linear = controller._objective(configuration.q)
+        assert np.array_equal(quadratic, problem.P)
+        assert np.array_equal(linear, problem.q)
 
 
 def test_the_follower_reaches_a_pose_near_home() -> None:

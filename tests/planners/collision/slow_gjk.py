@@ -131,7 +131,7 @@ def _placed(
         bound = float(np.linalg.norm(body.half_extents))
         for raised in (0.0, 0.5 * (world.padding + SUPPORT_SLACK)):
             position = held.T_tcp_object[:3, 3] + raised * rotation[:, 2]
-            half = body.half_extents - [0.0, 0.0, raised]
+            half = body.half_extents - ([0.0, 0.0, raised] if raised else world.yields)
             rows.append((core, half, 0.0, bound, origin + tcp @ position, tcp @ rotation))
     return Solids(
         *(np.array(column) for column in zip(*rows, strict=True)),

@@ -3,20 +3,37 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
 
 from assets.robots import FETCH
+from planners.collision.ground_map import GroundMap
 from planners.collision.world import STEP, CollisionWorld
-from planners.motion.base import plan_base
-from planners.motion.path import NoPath, WholeBodyPath
-from planners.scene import HeldObject
+from planners.motion.base import BaseRoadmap, plan_base
+from planners.motion.lattice import ways_to
+from planners.motion.path import NO_WAY, NoPath, WholeBodyPath
+from planners.scene import HeldObject, StaticObstacle
 from tests.planners.motion_scenes import mixed_scene
-from tests.planners.scenes import cylinder, table_scene
+from tests.planners.scenes import ROOM, cylinder, table_scene, wall
 
 HOME = np.array(FETCH.home)
 HANGING = HeldObject("object_00", np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.02], [0, 0, 0, 1.0]]))
+BEFORE_THE_TABLE = np.array([-0.9, 0.3, 0.4])
+
+
+def world_with(*walls: StaticObstacle) -> CollisionWorld:
+    """A table with one object, and walls."""
+    scene = table_scene(cylinder("object_00", 0.0, 0.0))
+    return CollisionWorld.from_scene(replace(scene, static_obstacles=(*scene.static_obstacles, *walls)))
+
+
+def is_free(world: CollisionWorld, path: WholeBodyPath, held: HeldObject | None) -> bool:
+    """Whether nothing is hit when it is checked finer."""
+    return not world.with_padding(0.0).path_hits(path.configurations, path.opening, held, step=STEP / 4)
 
 
 @pytest.mark.parametrize("held", [None, HANGING])
@@ -69,3 +86,64 @@ def test_standing_inside_an_obstacle_is_named(start: tuple[float, ...], goal: tu
     assert isinstance(found, NoPath)
     assert name in found.reason
     assert "static obstacle" in found.reason
+
+
+@pytest.mark.parametrize("held", [None, HANGING])
+def test_the_base_drives_around_a_long_wall(held: HeldObject | None) -> None:
+    world = world_with(wall("long", (-1.8, -2.2), (-1.8, 2.2)))
+    path = plan_base(world, [-2.9, 0.0, 0.0], BEFORE_THE_TABLE, HOME, held=held)
+    assert isinstance(path, WholeBodyPath)
+    assert np.abs(path.configurations[:, 1]).max() > 2.2
+    assert is_free(world, path, held)
+
+
+@pytest.mark.parametrize("held", [None, HANGING])
+@pytest.mark.parametrize("yaw", [0.0, 1.0, 2.0, 4.0])
+def test_the_base_drives_through_a_door_of_90_cm(held: HeldObject | None, yaw: float) -> None:
+    world = world_with(*ROOM)
+    path = plan_base(world, [-3.4, 0.5, yaw], BEFORE_THE_TABLE, HOME, held=held)
+    assert isinstance(path, WholeBodyPath)
+    assert is_free(world, path, held)
+    back = plan_base(world, BEFORE_THE_TABLE, [-3.4, 0.5, yaw], HOME, held=held)
+    assert isinstance(back, WholeBodyPath)
+
+
+def test_a_closed_room_is_refuted_by_the_ground_alone() -> None:
+    world = world_with(*ROOM, wall("door", (-1.8, -0.5), (-1.8, 0.5)))
+    roadmap = BaseRoadmap(GroundMap(world.scene))
+    assert plan_base(world, [-3.4, 0.5, 1.0], BEFORE_THE_TABLE, HOME, roadmap=roadmap) is NO_WAY
+    assert not roadmap.ground.are_connected([-3.4, 0.5], BEFORE_THE_TABLE)[0]
+    assert not roadmap.excludes(np.array([-3.4, 0.5, 1.0]), BEFORE_THE_TABLE), "nothing had to be explored"
+
+
+@pytest.mark.slow
+def test_where_the_base_fits_and_the_robot_does_not_the_answer_holds_for_all_goals_behind() -> None:
+    """A bar across the door, under which only the base fits."""
+    bar = StaticObstacle("bar", np.array([-1.8, 0.0, 1.1]), np.array([0.05, 0.6, 0.1]))
+    world, start = world_with(*ROOM, bar), np.array([-3.4, 0.5, 1.0])
+    roadmap = BaseRoadmap(GroundMap(world.scene))
+    assert roadmap.ground.are_connected(start, BEFORE_THE_TABLE)[0]
+    assert plan_base(world, start, BEFORE_THE_TABLE, HOME, roadmap=roadmap) is NO_WAY
+    assert roadmap.excludes(start, np.array([-1.0, -0.4, 0.0]))
+    assert not roadmap.excludes(start, np.array([-3.0, -0.5, 2.0]))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_ways_along_the_ground_are_shortest_ones(seed: int) -> None:
+    """Against Dijkstra's algorithm on the graph of neighbouring cells."""
+    rng = np.random.default_rng(seed)
+    parts, cell = (rng.random((23, 31)) > 0.35).astype(np.int64), 0.05
+    parts[4, 7] = 1
+    edges = [
+        (i * 31 + j, a * 31 + b, cell * math.hypot(a - i, b - j))
+        for i, j in np.argwhere(parts)
+        for a in range(i - 1, i + 2)
+        for b in range(j - 1, j + 2)
+        if (a, b) != (i, j) and 0 <= a < 23 and 0 <= b < 31 and parts[a, b]
+    ]
+    rows, columns, lengths = zip(*edges, strict=True)
+    graph = csr_array((lengths, (rows, columns)), shape=(23 * 31, 23 * 31))
+    expected = dijkstra(graph, indices=4 * 31 + 7).reshape(23, 31)
+    found = ways_to(np.array([0.22, 0.38, 0.0]), parts, np.zeros(2), cell)
+    assert np.array_equal(np.isinf(found), np.isinf(expected))
+    assert np.allclose(found[np.isfinite(found)], expected[np.isfinite(expected)])

@@ -12,11 +12,12 @@ from assets.robots import FETCH
 from planners import Planner, Solution
 from planners.collision.world import CollisionWorld
 from planners.context import PlanningContext
+from planners.goals import LIFTED
 from planners.motion.approaches import can_put_down, fewest_blockers, planned_approach, stand_off
 from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import TOLERANCE, MujocoCollisionChecker
 from planners.motion.path import BlockedBy
-from planners.motion.pick_and_place import LIFTED, PickPlaceMotion, plan_pick, plan_place
+from planners.motion.pick_and_place import PickPlaceMotion, plan_pick, plan_place
 from planners.motion.timing import pick_trajectory, place_trajectory
 from planners.scene import HeldObject, RobotState, Scene, UnknownObject
 from tests.planners.motion_scenes import grasp_configurations, mixed_scene
@@ -46,7 +47,7 @@ def under_a_shelf() -> Iterator[tuple[Scene, PickPlaceMotion]]:
         world, rng = CollisionWorld.from_scene(scene), np.random.default_rng(0)
         for grasp in PlanningContext.of(scene.robot, scene, grasps="side").grasps().for_object(scene, "object_00"):
             assert grasp.drives
-            start = np.concatenate((stand_off(scene, grasp.base, grasp.q), scene.state.q))
+            start = np.concatenate((stand_off(scene, grasp.base, grasp.q, scene.body("object_00")), scene.state.q))
             motion = plan_pick(world, grasp.base, start, grasp.q, "object_00", rng=rng)
             if isinstance(motion, PickPlaceMotion):
                 yield scene, motion

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from planners import Planner, Solution
+from planners import Planner, Solution, solve
 from planners.collision.world import STEP, CollisionWorld
-from planners.motion.path import CLEARANCE
+from planners.motion.path import CLEARANCE, WholeBodyPath
 from planners.motion.timing import round_corners
 from planners.motion.trajectory import CONTROL_STEP, Trajectory, is_contact, join, phases_of
 from planners.scene import SELF_BIT, Scene
@@ -18,7 +19,7 @@ from planners.tamp.motion_layer import MotionLayer
 from planners.tamp.solution import BoundAction
 from planners.warming import warmup_scene
 from tests.planners.plans import assert_free
-from tests.planners.scenes import random_shelf
+from tests.planners.scenes import random_scene, random_shelf
 
 TARGET = "object_00"
 OFF_LINE = 0.001
@@ -145,3 +146,22 @@ def test_a_straight_motion_has_no_corners_to_round() -> None:
     ends = np.vstack([np.zeros(11), np.linspace(0.1, 0.5, 11)])
     path, at = round_corners(FETCH, ends, 0.3)
     np.testing.assert_allclose(path, at[:, None] * ends[1], atol=1e-9)
+
+
+def test_a_plan_that_mujoco_refutes_at_the_end_is_made_again_with_every_motion_checked(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scene, accepts, asked = random_scene(25, 3), MotionLayer.is_accepted, []
+    expected = solve(scene, "object_07", grasps="side")
+    assert isinstance(expected, Solution)
+
+    def refuse_at_the_end(self: MotionLayer, scene: Scene, paths: Sequence[WholeBodyPath | Trajectory]) -> bool:
+        asked.append(self.checks_at_end)
+        return not self.checks_at_end and accepts(self, scene, paths)
+
+    monkeypatch.setattr(MotionLayer, "is_accepted", refuse_at_the_end)
+    again = solve(scene, "object_07", grasps="side")
+    assert set(asked) == {True, False}
+    assert isinstance(again, Solution)
+    for one, other in zip(expected.actions, again.actions, strict=True):
+        assert np.array_equal(one.trajectory.states, other.trajectory.states)

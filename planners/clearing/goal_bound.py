@@ -1,0 +1,128 @@
+"""The fewest picks of any plan for a goal, for a declared set of grasp options.
+
+The objects that a plan has moved by its end, each taken through an option whose blockers were gone, form a
+self-clearable set (see `planners.clearing.lower_bound`) for one more, imaginary object: the goal, which all objects
+block that must be moved. An object that goes straight to its place also waits for what stands there; one that is put
+aside first does not, but is picked twice: that is one more member of the set. So the smallest set counts the picks, and
+the buffers of swaps and cyclic shifts with them. Plans that move objects about otherwise need no fewer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+
+from planners.cause import Cause
+from planners.clearing.lower_bound import MAX_EXPANSIONS, self_clearable_sets
+from planners.clock import NO_DEADLINE, Deadline
+from planners.goals import Before, Clear, Goal, Holding, On, occupants
+from planners.placing.goal_places import must_go_first
+from planners.scene import MAX_OBJECTS, Scene
+
+_GOAL, _ASIDE = "goal", "aside "
+"""Names of the imaginary objects; no PDDL name has a space."""
+
+
+@dataclass(frozen=True)
+class LowerBound:
+    """The fewest picks of any plan for a goal, for the declared grasps.
+
+    Attributes:
+        picks: how many; None if no plan exists (see `cause`). Without a proof, of the best set found.
+        objects: the objects to be picked, in an order in which they can be taken.
+        aside: those of them that must be picked twice: put aside first, since others wait for them to leave.
+        proved: whether `picks` is exact for the places where objects stand; if not, `least` is what is proved.
+        least: no plan has fewer picks.
+        cause: "" or why there is no plan: "unreachable", "no self-clearable set", or "time limit" if it was aborted.
+        expansions: search nodes visited.
+    """
+
+    picks: int | None
+    objects: tuple[str, ...]
+    aside: tuple[str, ...]
+    proved: bool
+    least: int
+    cause: str = ""
+    expansions: int = 0
+
+
+def fewest_picks(
+    scene: Scene,
+    goal: Goal,
+    blockers: Callable[[str], Sequence[int]],
+    start: Scene | None = None,
+    *,
+    buffers: bool = True,
+    expansions: int = MAX_EXPANSIONS,
+    deadline: Deadline = NO_DEADLINE,
+) -> LowerBound:
+    """The lower bound for a goal in a scene.
+
+    Args:
+        scene: the world.
+        goal: what it is to be.
+        blockers: masks of what is in the way of each grasp option of an object.
+        start: the scene before anything was moved, if that is another one.
+        buffers: whether what is put aside must be put down, and so be picked again; not where it may stay in a hand.
+        expansions: search nodes after which the proof is given up.
+        deadline: when to stop.
+    """
+    to_move = must_move(scene, goal, start)
+    if not to_move:
+        return LowerBound(0, (), (), True, 0)
+    stuck = tuple(name for name in to_move if name not in scene.held_names and not blockers(name))
+    if stuck:
+        return LowerBound(None, stuck, (), True, 0, Cause.UNREACHABLE)
+    waits = {name: scene.mask(names) for name, names in waits_for(scene, goal, to_move).items()}
+    twice = [name for name, mask in waits.items() if mask and buffers][: MAX_OBJECTS - len(scene.names) - 1]
+    names = (*scene.names, *(f"{_ASIDE}{name}" for name in twice), _GOAL)
+    bit = {name: 1 << index for index, name in enumerate(names)}
+    held, wanted = scene.mask(scene.held_names), scene.mask(to_move)
+    for name in set(to_move) - set(goal.held):
+        wanted |= waits.get(name, 0)
+    earlier = {name: wanted & scene.mask(one for one, other in goal.order if other == name) for name in scene.names}
+
+    def options(name: str) -> Sequence[int]:
+        """The blockers of each option, what the object waits for among them."""
+        if name == _GOAL:
+            return [wanted & ~held]
+        if name.startswith(_ASIDE):
+            return [0]
+        masks = [(mask | earlier[name]) & ~held for mask in blockers(name)]
+        if name not in twice:
+            return masks
+        return [mask | waits[name] & ~held for mask in masks] + [mask | bit[f"{_ASIDE}{name}"] for mask in masks]
+
+    found = next(self_clearable_sets(options, _GOAL, names, expansions=expansions, deadline=deadline))
+    if found.count is None:
+        cause = found.cause if found.cause == Cause.TIME_LIMIT else Cause.NO_SELF_CLEARABLE_SET
+        return LowerBound(None, to_move, (), found.proved, found.lower_bound, cause, found.expansions)
+    # What is in a hand but not at its end yet is picked again if the hand is needed, or its place is not free.
+    rest = set(to_move) - set(scene.held_names)
+    again = sum(bool(waits.get(name, 0) & ~held) or (name in goal.held and bool(rest)) for name in scene.held_names)
+    again = again if buffers else 0
+    objects = tuple(name for name in found.objects if not name.startswith(_ASIDE))
+    aside = tuple(name.removeprefix(_ASIDE) for name in found.objects if name.startswith(_ASIDE))
+    picks, least = found.count + again, found.lower_bound + again
+    return LowerBound(picks, objects, aside, found.proved, least, "", found.expansions)
+
+
+def must_move(scene: Scene, goal: Goal, start: Scene | None = None) -> tuple[str, ...]:
+    """Names of the objects that must move for the facts that do not hold; those to be held last."""
+    unmet = goal.unmet(scene, start)
+    names = [fact.object for fact in unmet if not isinstance(fact, Clear | Before | Holding)]
+    for fact in unmet:
+        names += occupants(scene, fact.region) if isinstance(fact, Clear) else ()
+    names += [name for name in goal.held if name not in scene.held_names]
+    return tuple(dict.fromkeys(names))
+
+
+def waits_for(scene: Scene, goal: Goal, to_move: Collection[str]) -> dict[str, tuple[str, ...]]:
+    """Names of the objects that must have left before an object can go straight to its end, by its name."""
+    found: dict[str, tuple[str, ...]] = {}
+    for fact in goal.placed:
+        below = [fact.place] if isinstance(fact, On) and fact.place in to_move else []
+        found[fact.object] = (*must_go_first(scene, scene.body(fact.object), fact), *below)
+    for name in goal.held:
+        found[name] = tuple(one for one in to_move if one not in goal.held)
+    return found

@@ -1,0 +1,285 @@
+"""Planning ahead for a goal with places: the moves are simulated one after another before the first motion is planned.
+
+Each object that must move goes straight to its place as soon as it can be taken and its place is free. Where none can,
+the lower bound of the situation says what else must be cleared, or which object of a circle is put aside first: that is
+where the plan ends for the time being, and the rest is chosen anew once that object stands there.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.cause import Cause
+from planners.clearing.commitments import ClearingProblem, Commitments, NoCommitment, grasped
+from planners.clearing.goal_bound import LowerBound, fewest_picks, must_move
+from planners.clearing.lookahead import ClearancePlan
+from planners.clearing.saving_time import with_blockers
+from planners.goals import At, Goal, Inside, On
+from planners.grasping.candidates import GraspCandidate, GraspCandidates
+from planners.motion.approaches import can_take, fewest_blockers
+from planners.placing.goal_places import in_the_way, of_same_area, place_of, placed_fact, reserved_regions
+from planners.placing.placements import Placement
+from planners.placing.surfaces import KeepClear
+from planners.scene import RobotState, Scene
+
+_TRIED = 6
+"""Grasps of an object for which is looked whether the gripper can come and leave, of one family and of all."""
+
+
+@dataclass(frozen=True)
+class Move:
+    """One object taken, and put down unless it is to be held.
+
+    Attributes:
+        name: of the object.
+        grasp: through which it is taken; None if it is held already.
+        placement: where it is put; None if it stays in the hand.
+        is_general: whether it is put where the goal wants it, not just aside.
+    """
+
+    name: str
+    grasp: GraspCandidate | None
+    placement: Placement | None
+    is_general: bool = False
+
+
+@dataclass
+class _Simulation:
+    """The scene as the moves so far leave it, and what is still to be moved."""
+
+    problem: ClearingProblem
+    goal: Goal
+    start: Scene
+    scene: Scene
+    candidates: GraspCandidates
+    reserve: dict[str, GraspCandidate]
+    waiting: list[str] = field(default_factory=list)
+    moves: list[Move] = field(default_factory=list)
+    failures: Counter[str] = field(default_factory=Counter)
+
+
+def goal_plan(
+    problem: ClearingProblem, goal: Goal, start: Scene, not_placed: frozenset[str] = frozenset()
+) -> ClearancePlan | NoCommitment:
+    """The moves up to the goal, or up to the first object that is put aside to be moved again.
+
+    Args:
+        problem: its target does not matter.
+        goal: what it is to be.
+        start: the scene before anything was moved.
+        not_placed: objects for whose place no motion was found: they are put aside first.
+    """
+    scene = problem.scene
+    sim = _Simulation(problem, goal, start, scene, problem.candidates, {})
+    sim.waiting = list(dict.fromkeys((*scene.held_names, *must_move(scene, goal, start))))
+    provisional = ""
+    while sim.waiting and not provisional:
+        if problem.deadline.is_over:
+            return NoCommitment(Cause.TIME_LIMIT, tuple(sim.waiting))
+        if any(_moved(sim, name) for name in _in_turn(sim) if name not in not_placed):
+            continue
+        added = () if sim.scene.held_names else _also(sim)
+        if added:
+            sim.waiting += added
+            continue
+        provisional = _put_aside(sim)
+        if not provisional:
+            return _refusal(sim)
+    return _as_plan(sim, provisional)
+
+
+def _in_turn(sim: _Simulation) -> list[str]:
+    """What may be moved next: what is in the hand, else what need not wait by order, the nearest first.
+
+    What could not be moved before comes last.
+    """
+    if sim.scene.held_names:
+        return list(sim.scene.held_names[:1])
+    goal, base = sim.goal, sim.scene.state.base[:2]
+    free = [name for name in sim.waiting if not any(b == name and a in sim.waiting for a, b in goal.order)]
+    if set(sim.waiting) - set(goal.held):
+        free = [name for name in free if name not in goal.held]
+    away = {name: float(np.linalg.norm(sim.scene.body(name).position[:2] - base)) for name in free}
+    return sorted(free, key=lambda name: (sim.failures[name], away[name]))
+
+
+def _moved(sim: _Simulation, name: str) -> bool:
+    """Move an object to its end, if it can be taken now and its place is free."""
+    scene, fact = sim.scene, placed_fact(sim.goal, name)
+    if name in sim.goal.held:
+        grasp = None
+        if name not in scene.held_names:
+            grasp = next(_free_grasps(sim, name), None)
+            if grasp is None:
+                return False
+        elif len(sim.waiting) > 1:
+            return False
+        _advance(sim, Move(name, grasp, None), scene if grasp is None else grasped(scene, grasp))
+        return True
+    if isinstance(fact, On) and fact.place in sim.waiting:
+        return False
+    if fact is not None and in_the_way(scene, scene.body(name), place_of(scene, fact), ()):
+        return False
+    return _taken_and_put(sim, name, is_general=fact is not None)
+
+
+def _taken_and_put(sim: _Simulation, name: str, is_general: bool) -> bool:
+    """Take an object and put it where the goal wants it, or aside; through another grasp where one does not fit."""
+    scene, goal = sim.scene, sim.goal
+    fact = placed_fact(goal, name) if is_general else None
+    reserved = reserved_regions(scene, goal, name if is_general else "")
+    is_held = name in scene.held_names
+    for grasp in (None,) if is_held else _free_grasps(sim, name):
+        in_hand = scene.holding(name) if grasp is None else grasped(scene, grasp)
+        assert in_hand is not None
+        failed: list[NDArray[np.float64]] = []
+        for keep in _tiers(sim, name):
+            keep = replace(keep, reserved=reserved)
+            placement = next(placements_of(sim.problem, goal, in_hand, fact, keep, sim.waiting, failed), None)
+            if placement is not None:
+                state = RobotState(placement.base, in_hand.state.q, in_hand.state.finger_position)
+                after = in_hand.with_held(None).with_body(placement.body).with_state(state)
+                _advance(sim, Move(name, grasp, placement, is_general), after)
+                return True
+    sim.failures[name] += 1
+    return False
+
+
+def placements_of(
+    problem: ClearingProblem,
+    goal: Goal,
+    scene: Scene,
+    fact: On | Inside | At | None,
+    keep: KeepClear,
+    waiting: Collection[str] = (),
+    failed: list[NDArray[np.float64]] | None = None,
+) -> Iterator[Placement]:
+    """Placements of the held object: where a fact wants it, or aside.
+
+    Args:
+        problem: where placements come from.
+        goal: the whole one.
+        scene: with the object in hand.
+        fact: of the goal; None to put the object aside.
+        keep: what it must not stand in the way of.
+        waiting: names of the objects that are still to be moved, for which room is left.
+        failed: locations of the place to pass over, as for `PlacementSearch.find_at`.
+    """
+    world = problem.candidates.compiled.world(scene)
+    if fact is None:
+        return problem.placements.find(world, keep, problem.strategy, problem.rng, problem.deadline)
+    place, others = place_of(scene, fact), of_same_area(scene, goal, fact.object, waiting)
+    return problem.placements.find_at(world, place, keep, waiting, others, failed, problem.deadline)
+
+
+def _tiers(sim: _Simulation, name: str) -> Iterator[KeepClear]:
+    """What a put-down keeps clear of: the grasps of all that is still to be moved, of the next half, or nothing."""
+    if sim.problem.strategy.region != "none":
+        for other in sim.waiting:
+            if other not in sim.reserve and other not in sim.scene.held_names:
+                for option in sim.candidates.for_object(sim.scene, other)[:1]:
+                    sim.reserve[other] = option
+        later = [sim.reserve[other] for other in sim.waiting if other != name and other in sim.reserve]
+        for count in dict.fromkeys((len(later), (len(later) + 1) // 2)):
+            if count:
+                yield KeepClear(None, tuple(later[:count]))
+    yield KeepClear()
+
+
+def _free_grasps(sim: _Simulation, name: str) -> Iterator[GraspCandidate]:
+    """Grasps with nothing in their way, to which the gripper can come and from which it can leave, of several pitches.
+
+    What is found in the way of others is remembered for the scene.
+    """
+    seen: set[float] = set()
+    candidates, scene = sim.candidates, sim.scene
+    for find in (candidates.for_object, candidates.of_all_families):
+        for _ in range(_TRIED):
+            free = (one for one in find(scene, name) if not one.blockers and one.pitch not in seen)
+            grasp = next(free, None)
+            if grasp is None:
+                break
+            world = candidates.compiled.world(scene.using(grasp.arm))
+            if can_take(world, grasp.base, grasp.q, name):
+                seen.add(grasp.pitch)
+                yield grasp
+                continue
+            blockers = fewest_blockers(world, grasp.base, grasp.q, name)
+            if blockers:
+                candidates.obstruct(scene, grasp, blockers)
+            else:
+                candidates.ban(scene, grasp)
+
+
+def _advance(sim: _Simulation, move: Move, scene: Scene) -> None:
+    """One more move; what is known of grasps in the present scene stays with the problem."""
+    sim.moves.append(move)
+    sim.scene, sim.waiting = scene, [name for name in sim.waiting if name != move.name]
+    if sim.candidates is sim.problem.candidates:
+        sim.candidates = sim.candidates.blank_copy()
+
+
+def _also(sim: _Simulation) -> tuple[str, ...]:
+    """What else has to be moved, since nothing can be moved as it is: strangers at places, or blockers of grasps."""
+    scene = sim.scene
+    for name in sim.waiting:
+        fact = placed_fact(sim.goal, name)
+        if fact is not None:
+            found = in_the_way(scene, scene.body(name), place_of(scene, fact), sim.waiting)
+            if found:
+                return found
+    bound = _bound(sim)
+    return tuple(name for name in bound.objects if name not in sim.waiting) if bound.picks is not None else ()
+
+
+def _bound(sim: _Simulation) -> LowerBound:
+    def blockers(name: str) -> list[int]:
+        return [grasp.blockers for grasp in sim.candidates.for_object(sim.scene, name)]
+
+    return fewest_picks(sim.scene, sim.goal, blockers, sim.start, deadline=sim.problem.deadline)
+
+
+def _put_aside(sim: _Simulation) -> str:
+    """Put aside one object that is to be moved again: its name, "" if none can be."""
+    if sim.scene.held_names:
+        names = sim.scene.held_names[:1]
+    else:
+        bound = _bound(sim)
+        free = [name for name in sim.waiting if not any(b == name and a in sim.waiting for a, b in sim.goal.order)]
+        names = tuple(dict.fromkeys((*(name for name in bound.aside if name in free), *free)))
+    return next((name for name in names if _taken_and_put(sim, name, is_general=False)), "")
+
+
+def _refusal(sim: _Simulation) -> NoCommitment:
+    """Why nothing can be moved: by the grasps alone, if the lower bound proves that nothing ever can."""
+    if not sim.moves and not sim.scene.held_names:
+        bound = _bound(sim)
+        if bound.picks is None:
+            return NoCommitment(Cause(bound.cause), bound.objects or tuple(sim.waiting))
+    return NoCommitment(Cause.NO_CLEARANCE_LOCATION, tuple(sim.waiting))
+
+
+def _as_plan(sim: _Simulation, provisional: str) -> ClearancePlan:
+    """The moves as commitments; what is in the way of a grasp is worked out for the scene as it is."""
+    moves = {move.name: move for move in sim.moves}
+    grasps = with_blockers(sim.problem, (move.grasp for move in sim.moves if move.grasp is not None))
+    target = next((move.name for move in sim.moves if move.placement is None), "")
+    placements = {name: move.placement for name, move in moves.items() if move.placement is not None}
+    return ClearancePlan(
+        Commitments(
+            target,
+            tuple(name for name in moves if name != target),
+            MappingProxyType({grasp.object: grasp for grasp in grasps}),
+        ),
+        MappingProxyType(placements),
+        provisional,
+        len(placements),
+        general=frozenset(name for name, move in moves.items() if move.is_general),
+        until=tuple(moves),
+    )

@@ -1,0 +1,126 @@
+"""Which parts of the ground are connected for the base, whatever the arm does and wherever the objects stand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
+
+from assets.robots import RobotSpec
+from irm.chain import BASE
+from irm.free_space import BLOCKED, FreeSpace
+from irm.gjk import BOX, CYLINDER
+from planners.collision.scene_arrays import robot_arrays
+from planners.scene import Scene, StaticObstacle
+
+Array = NDArray[np.float64]
+
+_CELL, _MOST_CELLS = 0.04, 600
+"""[m] edge of the cells; where more than so many would lie side by side, they are larger."""
+_AROUND = 1.5
+"""[m] of ground around all obstacles: wide enough to drive around them."""
+_ENDLESS = 20.0
+"""[m] Half extent from which on an obstacle, such as a plane, has no way around it."""
+_UPRIGHT = 1e-6
+"""Rounding of the cosine between an axis of a solid and the vertical."""
+_ROUND = 0.009
+"""Share of its radius by which the outline of a round obstacle is too large."""
+_NEIGHBOURS = np.ones((3, 3), dtype=np.int64)
+
+
+class _Core(NamedTuple):
+    """The largest upright cylinder about the base's axis inside one of its solids: radius, bottom and top [m]."""
+
+    radius: float
+    bottom: float
+    top: float
+
+
+@dataclass(frozen=True, eq=False)
+class GroundMap:
+    """The ground in cells, and for each its connected part.
+
+    A cell counts unless no point of it is free for the `_Core` of the base, so that places in different parts are
+    proved to be apart for it; places in one part need not be connected for the whole robot.
+
+    Attributes:
+        scene: whose static obstacles, robot and start.
+    """
+
+    scene: Scene
+
+    @cached_property
+    def _space(self) -> FreeSpace:
+        """The ground around all obstacles that have an end, and around the robot."""
+        core, outlines, radii = _core(self.scene.robot), [], []
+        for one in self.scene.static_obstacles:
+            if _is_upright(one) and one.lower[2] < core.top and one.upper[2] > core.bottom:
+                outlines.append(one.outline)
+                radii.append(max(core.radius - (_ROUND * one.half_extents[0] if one.shape == "cylinder" else 0.0), 0.0))
+        points = [self.scene.state.base[None, :2], *(one for one in outlines if np.ptp(one, axis=0).max() < _ENDLESS)]
+        low, high = np.vstack(points).min(axis=0) - _AROUND, np.vstack(points).max(axis=0) + _AROUND
+        cell = max(_CELL, float((high - low).max()) / _MOST_CELLS)
+        return FreeSpace.from_polygons(outlines, radii if outlines else 0.0, (*low, *high), cell)
+
+    @property
+    def origin(self) -> Array:
+        """(2,) [m] corner of the first cell."""
+        return np.array((self._space.raster.x0, self._space.raster.y0))
+
+    @property
+    def cell(self) -> float:
+        """[m] edge of a cell."""
+        return float(self._space.raster.resolution)
+
+    @cached_property
+    def parts(self) -> NDArray[np.int64]:
+        """(nx, ny) number of the connected part of each cell, 0 where the base cannot be."""
+        return np.asarray(ndimage.label(self._space.raster.cells != BLOCKED, _NEIGHBOURS)[0], dtype=np.int64)
+
+    def part_of(self, places: ArrayLike) -> NDArray[np.int64]:
+        """The parts (k,) in which places (k, 2 or more) x, y [m] lie; beyond the map that of its nearest cell."""
+        index = np.floor((np.atleast_2d(np.asarray(places, float))[:, :2] - self.origin) / self.cell).astype(int)
+        i, j = index.clip(0, np.array(self.parts.shape) - 1).T
+        return np.asarray(self.parts[i, j])
+
+    def are_connected(self, start: ArrayLike, places: ArrayLike) -> NDArray[np.bool_]:
+        """Whether the base may get from one place (2 or more,) to others (k, 2 or more): False is proved.
+
+        Where the start is inside an obstacle nothing is proved.
+        """
+        part = self.part_of(start)[0]
+        return np.asarray((part == 0) | (self.part_of(places) == part))
+
+    def can_reach(self, bases: Array) -> NDArray[np.bool_]:
+        """`are_connected` of base poses (k, 3) from where the robot of the scene is."""
+        return self.are_connected(self.scene.state.base, bases)
+
+
+def _is_upright(obstacle: StaticObstacle) -> bool:
+    """Whether its outline is its section at every height."""
+    is_level = np.abs(obstacle.rotation[2]) > 1 - _UPRIGHT
+    return bool(is_level.any() if obstacle.shape == "box" else obstacle.shape == "cylinder" and is_level[2])
+
+
+@cache
+def _core(robot: RobotSpec) -> _Core:
+    """Of a base that has no upright solid about its axis, a line without height: nothing is proved then."""
+    arrays, best = robot_arrays(robot), _Core(0.0, 0.0, 0.0)
+    for i in np.flatnonzero((arrays.link == BASE) & (arrays.radius == 0.0)):
+        R, half, (x, y, z) = arrays.rotation[i], arrays.half[i], arrays.position[i]
+        upright = np.abs(R[2]) > 1 - _UPRIGHT
+        if arrays.core[i] == CYLINDER and upright[2]:
+            radius, height = half[0] - np.hypot(x, y), half[2]
+        elif arrays.core[i] == BOX and upright.any():
+            level = ~upright
+            radius = (half - np.abs(R.T @ arrays.position[i]))[level].min()
+            height = half[upright][0]
+        else:
+            continue
+        if radius > best.radius:
+            best = _Core(float(radius), float(z - height), float(z + height))
+    return best

@@ -1,0 +1,283 @@
+"""Places that a goal names: where on a support, in a region or on another object an object may stand, best first.
+
+A region is filled from the far side inward, row by row, such that what is still to come finds room.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.goals import EDGE, At, Fact, Goal, Inside, On, Region, footprint, has_yaw, region_named, region_names
+from planners.scene import Body, Scene, SceneError, StaticObstacle
+
+Array: TypeAlias = NDArray[np.float64]
+
+_PITCH = 0.01
+"""[m] between locations tried in a region, if it has not more than `_MOST` of them to a side."""
+_MOST = 30
+"""Locations to a side."""
+_GAPS = (0.03, 0.012, 0.004)
+"""[m] between neighbours in a region: wide gaps let the fingers in; narrow ones are taken where room is scarce."""
+_TRIED = 12
+"""Locations for which is looked whether the others still find room, for each gap, if they do not beside the first."""
+_TOUCHING = 0.01
+"""[m] of an object's height that may lie below a face: contacts are soft, and objects lean."""
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where an object is to stand.
+
+    Attributes:
+        face: on whose top; the support, or another object.
+        area: in which its footprint is to lie; None at a pose and on another object.
+        location: (2,) x, y [m] of its centre; None where an area says it.
+        yaw: [rad] of the object, None for any.
+        below: name of the object that it is to stand on, "" for none.
+    """
+
+    face: StaticObstacle
+    area: Region | None = None
+    location: Array | None = None
+    yaw: float | None = None
+    below: str = ""
+
+
+def place_of(scene: Scene, fact: On | Inside | At) -> Place:
+    """The place that a fact of a goal names.
+
+    Raises:
+        SceneError: there is no support under a pose.
+    """
+    body = scene.body(fact.object)
+    if isinstance(fact, At):
+        yaw = fact.yaw if has_yaw(body) else None
+        return Place(_face_at(scene, body, fact), location=np.array([fact.x, fact.y]), yaw=yaw)
+    name = fact.place if isinstance(fact, On) else fact.region
+    if name in region_names(scene):
+        region = region_named(scene, name)
+        return Place(scene.support_named(region.support), region)
+    if name in scene.supports:
+        face = scene.support_named(name)
+        return Place(face, whole_face(face))
+    other = scene.body(name)
+    face = StaticObstacle(name, other.position, other.half_extents, other.shape, other.rotation)
+    return Place(face, location=other.position[:2], below=name)
+
+
+def whole_face(face: StaticObstacle) -> Region:
+    """The top face of a support as a region; of a round one, the square around it."""
+    x_axis = face.rotation[:2, 0] if face.shape == "box" else np.array([1.0, 0.0])
+    yaw = float(np.arctan2(x_axis[1], x_axis[0]))
+    return Region(face.name, face.name, tuple(face.position[:2]), tuple(face.half_extents[:2]), yaw)
+
+
+def _face_at(scene: Scene, body: Body, fact: At) -> StaticObstacle:
+    """The support under a pose: the one at the height that it gives, else the one it stands on, else the highest."""
+    point = np.array([fact.x, fact.y])
+    under = [face for face in map(scene.support_named, scene.supports) if face.is_under(point)]
+    if not under:
+        known = ", ".join(scene.supports)
+        raise SceneError(f"no support under ({fact.x:.2f}, {fact.y:.2f}) m for {fact.object!r}; supports: {known}")
+    bottom = body.bottom if fact.z is None else fact.z - float(body.position[2]) + body.bottom
+    return min(under, key=lambda face: (round(abs(face.top - bottom), 3), -face.top))
+
+
+def reserved_regions(scene: Scene, goal: Goal, besides: str = "") -> tuple[Region, ...]:
+    """The regions that are kept for objects of the goal, or clear: no other object is put there.
+
+    The first support is never reserved as a whole: it is where objects are put aside.
+
+    Args:
+        scene: the world.
+        goal: what it is to be.
+        besides: name of an object, whose own place is not reserved for others.
+    """
+    own = next((fact for fact in goal.placed if fact.object == besides), None)
+    mine = None if own is None else place_of(scene, own).area
+    found = {name: _region_or_face(scene, name) for name in goal.cleared}
+    for fact in goal.placed:
+        if fact is own:
+            continue
+        place = place_of(scene, fact)
+        if place.area is not None and place.area != mine:
+            found[place.area.name] = place.area
+        elif place.location is not None and not place.below:
+            half = scene.body(fact.object).radius
+            name = f"place of {fact.object}"
+            found[name] = Region(name, place.face.name, tuple(place.location), (half, half))
+    return tuple(region for name, region in found.items() if name != scene.support.name)
+
+
+def _region_or_face(scene: Scene, name: str) -> Region:
+    return region_named(scene, name) if name in region_names(scene) else whole_face(scene.support_named(name))
+
+
+def locations_in(
+    scene: Scene,
+    body: Body,
+    place: Place,
+    leaving: Collection[str],
+    others: Sequence[Body],
+    allowed: Callable[[Array], NDArray[np.bool_]],
+) -> Iterator[Array]:
+    """Locations (2,) [m] of a place at which an object fits, best first; with wide gaps around before narrow ones.
+
+    Args:
+        scene: with the objects where they stand.
+        body: the object to put there.
+        place: where.
+        leaving: names of objects that will be gone once the others come.
+        others: that are to come there later, for which room is left, if there is room for all.
+        allowed: which points (n, 2) may be taken at all.
+    """
+    if place.area is None:
+        assert place.location is not None
+        yield from (point for point in place.location[None] if allowed(point[None])[0])
+        return
+    standing = [one for one in beside(scene, place.face, body) if one.name != body.name]
+    staying = [one for one in standing if one.name not in leaving]
+    points = _grid(place.area, scene.state.base[:2])
+    may_stand = allowed(points)
+    for gap in _GAPS:
+        free = points[may_stand & _fits(points, place.area, body, standing, gap)]
+        if len(free) and not _has_room(points, place.area, (body, free[0]), staying, others, gap):
+            free = free[:: 1 + len(free) // _TRIED]
+        roomy = (point for point in free if _has_room(points, place.area, (body, point), staying, others, gap))
+        yield from roomy
+    yield from points[may_stand & _fits(points, place.area, body, standing, _GAPS[-1])]
+
+
+def beside(scene: Scene, face: StaticObstacle, body: Body) -> list[Body]:
+    """The objects that an object on a face could touch; held ones do not count."""
+    height = body.top - body.bottom
+    return [
+        one
+        for one in scene.objects
+        if one.bottom < face.top + height and one.top > face.top + _TOUCHING and one.name not in scene.held_names
+    ]
+
+
+def must_go_first(scene: Scene, body: Body, fact: On | Inside | At) -> tuple[str, ...]:
+    """Names of the objects each of which alone keeps another from its place where it stands: proved.
+
+    A location on a grid stands for all within half a cell, and an object counts as no larger than the circle in it.
+    """
+    place, radius = place_of(scene, fact), float(min(body.half_extents[:2]))
+    if place.below:
+        on_top = [one for one in scene.objects if abs(one.bottom - place.face.top) <= _TOUCHING]
+        over = [one for one in on_top if place.face.is_under(one.position[:2]) and one.name != body.name]
+        return tuple(one.name for one in over if one.name not in scene.held_names)
+    in_the_way = [one for one in beside(scene, place.face, body) if one.name != body.name]
+    if place.area is None:
+        assert isinstance(fact, At)
+        assert place.location is not None
+        centre, slack = place.location[None], fact.tolerance + EDGE
+    else:
+        centre, slack = _grid(place.area, scene.state.base[:2]), EDGE
+        slack += float(np.hypot(*(np.array(place.area.half_extents) / (_steps(place.area) - 1))))
+        inner = np.maximum(np.array(place.area.half_extents) - radius + slack, 0.0)
+        centre = centre[(np.abs(place.area.local(centre)) <= inner).all(axis=1)]
+    return tuple(one.name for one in in_the_way if (_distances(centre, one) < radius - slack).all())
+
+
+def in_the_way(scene: Scene, body: Body, place: Place, waiting: Collection[str]) -> tuple[str, ...]:
+    """Names of objects to remove so that an object fits at its place; none if it fits, or once others have left.
+
+    Args:
+        scene: with the objects where they stand.
+        body: to be put there.
+        place: where.
+        waiting: names of objects that are to leave anyway.
+    """
+    if place.below:
+        return ()
+    standing = [one for one in beside(scene, place.face, body) if one.name != body.name]
+    staying = [one for one in standing if one.name not in waiting]
+    if place.area is None:
+        assert place.location is not None
+        near = [one for one in staying if _distances(place.location[None], one)[0] < body.radius + _GAPS[-1]]
+        return tuple(one.name for one in near)
+    points = _grid(place.area, scene.state.base[:2])
+    if _fits(points, place.area, body, staying, _GAPS[-1]).any():
+        return ()
+    inside = [one for one in staying if place.area.touches(one)]
+    alone = [
+        one for one in inside if _fits(points, place.area, body, [o for o in staying if o is not one], _GAPS[-1]).any()
+    ]
+    return tuple(one.name for one in alone[:1] or inside)
+
+
+def _steps(area: Region) -> NDArray[np.intp]:
+    """Locations to each side of an area."""
+    size = 2 * np.array(area.half_extents)
+    return np.clip(np.ceil(size / _PITCH).astype(int) + 1, 2, _MOST)
+
+
+def _grid(area: Region, base: Array) -> Array:
+    """Points (n, 2) [m] of an area, row by row, the row that is farthest from the base first."""
+    along = [np.linspace(-half, half, count) for half, count in zip(area.half_extents, _steps(area), strict=True)]
+    towards = area.local(base)
+    depth = int(np.abs(towards).argmax())  # the axis along which the robot looks at it
+    rows, columns = -np.sign(towards[depth] or 1.0) * along[depth][::-1], along[1 - depth]
+    grid = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)
+    local = grid if depth == 0 else grid[:, ::-1]
+    c, s = np.cos(area.yaw), np.sin(area.yaw)
+    return np.asarray(area.centre + local @ np.array([[c, s], [-s, c]]))
+
+
+def _fits(points: Array, area: Region, body: Body, standing: Sequence[Body], gap: float) -> NDArray[np.bool_]:
+    """Whether the circle around an object lies in an area, and keeps a gap [m] from others: (n,)."""
+    inside = (np.abs(area.local(points)) <= np.array(area.half_extents) - body.radius).all(axis=1)
+    for one in standing:
+        inside &= _distances(points, one) >= body.radius + gap
+    return np.asarray(inside)
+
+
+def _distances(points: Array, body: Body) -> Array:
+    """[m] from points (n, 2) to an object seen from above; 0 inside."""
+    if body.shape == "cylinder" and body.is_upright:
+        return np.maximum(np.linalg.norm(points - body.position[:2], axis=1) - body.half_extents[0], 0.0)
+    outline = footprint(body)
+    axes = body.rotation[:2, :2] if abs(body.rotation[2, 2]) > 0.99 else np.eye(2)
+    local, corners = (points - body.position[:2]) @ axes, (outline - body.position[:2]) @ axes
+    outside = np.maximum(np.abs(local) - np.abs(corners).max(axis=0), 0.0)
+    return np.asarray(np.linalg.norm(outside, axis=1))
+
+
+def _has_room(
+    points: Array,
+    area: Region,
+    first: tuple[Body, Array],
+    staying: Sequence[Body],
+    others: Sequence[Body],
+    gap: float,
+) -> bool:
+    """Whether the others fit too once an object stands at a point: each at the first free point, the largest first."""
+    placed = [*staying, first[0].at([*first[1], first[0].position[2]])]
+    for other in sorted(others, key=lambda one: -one.radius):
+        free = _fits(points, area, other, placed, gap)
+        if not free.any():
+            return False
+        placed.append(other.at([*points[int(free.argmax())], other.position[2]]))
+    return True
+
+
+def placed_fact(goal: Goal, name: str) -> On | Inside | At | None:
+    """The fact that says where an object is to stand."""
+    return next((fact for fact in goal.placed if fact.object == name), None)
+
+
+def of_same_area(scene: Scene, goal: Goal, name: str, waiting: Collection[str]) -> list[Body]:
+    """The objects that wait to come to the same area as one of the goal."""
+    own = placed_fact(goal, name)
+    area = None if own is None else place_of(scene, own).area
+    others: list[Fact] = [fact for fact in goal.placed if fact.object in waiting and fact.object != name]
+    if area is None:
+        return []
+    return [scene.body(f.object) for f in others if isinstance(f, On | Inside) and place_of(scene, f).area == area]

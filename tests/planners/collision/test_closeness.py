@@ -1,0 +1,57 @@
+"""Objects that touch, or nearly, before anything moves: one can be lifted, but comes no nearer to the others."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from irm.gjk import are_within
+from planners import Solution, solve
+from planners.collision.world import SUPPORT_SLACK, CollisionWorld, with_clearance_around
+from planners.motion.mujoco_check import MujocoCollisionChecker
+from planners.scene import Body, HeldObject, Scene
+from tests.planners.scenes import HEIGHT, UPRIGHT, table_scene
+
+
+def _close(gap: float, kind: str = "box") -> Scene:
+    """An object on the table, and another one beside it at that distance [m], which may be negative."""
+    half, place = np.array([0.022, 0.022, 0.08]), np.array([-0.2, 0.0, HEIGHT + 0.08])
+    one, other = (
+        Body(name, kind, half, place + [0.0, y, 0.0], UPRIGHT) for name, y in (("a", 0.0), ("b", 0.044 + gap))
+    )  # type: ignore[arg-type]  # a shape
+    return table_scene(one, other)
+
+
+@pytest.mark.parametrize("kind", ["box", "cylinder"])
+@pytest.mark.parametrize("gap", [-0.0015, 0.0, 0.0002, 0.001, 0.0024, 0.003, 0.02])
+def test_what_is_near_at_the_start_of_a_lift_may_stay_as_near_but_come_no_nearer(gap: float, kind: str) -> None:
+    scene = _close(gap, kind)
+    world = CollisionWorld.from_scene(scene)
+    around = with_clearance_around(world, "a")
+    body, reach = scene.body("a"), np.eye(4)
+    reach[:3, 3] = (0.0, 0.0, 0.4)  # in the gripper of a robot that is far away
+    held = HeldObject("a", reach)
+    assert (around.yields > 0.0) == (gap < around.padding + SUPPORT_SLACK)
+
+    def is_hit(by: float) -> bool:
+        """Whether the object, as it counts when it is held, is too near to the other one after a move by that much."""
+        attached = around.query(0.1, held).attached
+        smaller = around.obstacles.objects._replace(
+            half=np.stack([attached.half[0], scene.body("b").half_extents]),
+            position=np.stack([body.position + [0.0, by, 0.0], scene.body("b").position]),
+        )
+        return bool(are_within(smaller, 0, smaller, 1, around.padding, np.empty((4, 3))))
+
+    assert not is_hit(0.0)
+    assert is_hit(max(gap, 0.0) + SUPPORT_SLACK + 0.0003)
+    assert np.array_equal(around.obstacles.objects.half, world.obstacles.objects.half)
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.001, 0.003])
+def test_an_object_that_touches_its_neighbour_is_lifted_beside_it(gap: float) -> None:
+    found = solve(_close(gap), "a", rng=np.random.default_rng(0))
+    assert isinstance(found, Solution), found
+    assert not found.clearances
+    for action in found.actions:
+        checker = MujocoCollisionChecker(action.scene)
+        assert checker.deepest_penetration(action.trajectory).penetration < 0.001

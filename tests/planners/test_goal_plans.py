@@ -1,0 +1,143 @@
+"""Plans for goals with places: what they bring about, in how many picks, and in which order."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planners import Cause, Infeasible, Region, Scene, Solution, StaticObstacle, goals, lower_bound, solve
+from planners.goals import Goal
+from tests.planners.plans import assert_free
+from tests.planners.scenes import HEIGHT, cylinder, random_scene, table_scene
+
+SIDES = ("table_top", "counter_left", "counter_right")
+LEFT = Region("left", "counter_left", (-0.15, 0.72), (0.12, 0.12))
+
+
+@cache
+def scene_of(kind: str) -> Scene:
+    if kind == "few":
+        scene = random_scene(4, 0)
+    elif kind == "stack":
+        low = cylinder("a", -0.1, 0.0, 0.035, 0.08)
+        stacked = [low.at(low.position + [0.0, 0.0, 0.08 * k]) for k in range(3)]
+        scene = table_scene(*(replace(one, name=name) for one, name in zip(stacked, "abc", strict=True)))
+    else:
+        scene = table_scene(
+            *(cylinder(name, -0.2, y, 0.035, 0.08) for name, y in zip("abc", (-0.3, 0, 0.3), strict=True))
+        )
+    tray = StaticObstacle("tray", np.array([-0.15, -0.72, HEIGHT + 0.004]), np.array([0.17, 0.17, 0.004]))
+    walls = [
+        StaticObstacle(f"wall_{i}", tray.position + [x, y, 0.015], np.array([a, b, 0.015]))
+        for i, (x, y, a, b) in enumerate(
+            ((0.174, 0, 0.004, 0.17), (-0.174, 0, 0.004, 0.17), (0, 0.174, 0.17, 0.004), (0, -0.174, 0.17, 0.004))
+        )
+    ]
+    obstacles = (*scene.static_obstacles, tray, *walls)
+    return replace(scene, static_obstacles=obstacles, supports=(*SIDES, "tray"), regions=(LEFT,))
+
+
+def shifted(scene: Scene, names: tuple[str, ...]) -> Goal:
+    """Each object at the place of the next."""
+    return goals.and_(
+        *(goals.at(a, scene.body(b).position[:2], 0.01) for a, b in zip(names, (*names[1:], names[0]), strict=True))
+    )
+
+
+FEW = random_scene(4, 0).names
+CASES = {
+    "one into a region": ("few", goals.inside(FEW[0], "left"), 1),
+    "two into a tray, one held": (
+        "few",
+        goals.on(FEW[0], "tray") & goals.on(FEW[1], "tray") & goals.holding(FEW[2]),
+        3,
+    ),
+    "swap": ("three", shifted(scene_of("three"), ("a", "b")), 3),
+    "cyclic shift": ("three", shifted(scene_of("three"), ("a", "b", "c")), 4),
+    "stack of three": ("three", goals.on("b", "a") & goals.on("c", "b"), 2),
+    "stack taken down": ("stack", goals.and_(*(goals.on(name, "tray") for name in "abc")), 3),
+    "stack turned over": ("stack", goals.on("a", "counter_left") & goals.on("c", "tray") & goals.on("b", "c"), 3),
+    "in this order": ("three", goals.inside("a", "left") & goals.inside("c", "left") & goals.before("c", "a"), 2),
+}
+
+
+@cache
+def solved(case: str) -> Solution:
+    kind, goal, _ = CASES[case]
+    found = solve(scene_of(kind), goal)
+    assert isinstance(found, Solution), found
+    return found
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_plan_reaches_its_goal_with_the_fewest_picks(case: str) -> None:
+    kind, goal, fewest = CASES[case]
+    scene, plan = scene_of(kind), solved(case)
+    assert plan.end is not None
+    assert plan.bound is not None
+    assert goal.holds(plan.end, scene)
+    assert not goal.holds(scene)
+    assert goal.is_in_order([action.target for action in plan.actions if action.name == "PickUp"])
+    assert plan.bound.proved
+    assert plan.picks == plan.bound.least == fewest
+    assert plan.bound == lower_bound(scene, goal)
+
+
+def test_a_plan_touches_nothing() -> None:
+    for case in ("two into a tray, one held", "stack of three"):
+        assert_free(solved(case))
+
+
+def test_what_the_goal_wants_is_put_down_in_general_and_the_rest_for_clearance() -> None:
+    plan = solved("swap")
+    assert [action.name for action in plan.actions if action.name.startswith("Put")] == [
+        "PutDownForClearance",
+        "PutDownGeneral",
+        "PutDownGeneral",
+    ]
+    assert len(plan.clearances) == 1
+    assert plan.bound is not None
+    assert plan.clearances == plan.bound.aside
+    assert "Picks: 3; no plan has fewer than 3" in plan.summary()
+
+
+def test_text_is_the_same_goal(tmp_path: Path) -> None:
+    kind, goal, _ = CASES["one into a region"]
+    plan = solve(scene_of(kind), goal.to_pddl())
+    assert isinstance(plan, Solution)
+    assert plan.actions == solved("one into a region").actions
+    plan.save(tmp_path / "plan.npz")
+    loaded = Solution.load(tmp_path / "plan.npz")
+    assert loaded == plan
+    assert loaded.goal == goal
+
+
+def test_a_stranger_leaves_a_region_that_is_to_be_clear_and_nothing_enters_it() -> None:
+    scene = scene_of("three")
+    place = Region("place", "table_top", (-0.2, 0.0), (0.1, 0.1))
+    scene = replace(scene, regions=(place,))
+    goal = goals.clear("place")
+    plan = solve(scene, goal)
+    assert isinstance(plan, Solution)
+    assert plan.end is not None
+    assert goal.holds(plan.end, scene)
+    assert plan.picks == 1
+
+
+def test_a_goal_that_holds_already_needs_no_plan() -> None:
+    plan = solve(scene_of("three"), goals.on("a", "table_top"))
+    assert isinstance(plan, Solution)
+    assert plan.actions == ()
+
+
+def test_what_cannot_be_reached_is_refused_by_the_bound() -> None:
+    scene = scene_of("three")
+    far = scene.with_body(scene.body("a").at([3.0, 3.0, 3.0]))
+    found = solve(far, goals.inside("a", "left"))
+    assert isinstance(found, Infeasible)
+    assert found.cause is Cause.UNREACHABLE
+    assert lower_bound(far, goals.inside("a", "left")).picks is None

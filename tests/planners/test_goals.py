@@ -1,0 +1,171 @@
+"""Goals: facts of a scene's geometry, and the same as text."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import permutations
+
+import numpy as np
+import pytest
+
+from planners import Body, GoalError, HeldObject, Region, Scene, SceneError, StaticObstacle, goals
+from planners.goals import Goal
+from tests.planners.scenes import HEIGHT, cylinder, table_scene
+
+LEFT = Region("left", "table_top", (0.0, 0.2), (0.10, 0.06), math.pi / 6)
+RIGHT = Region("right", "table_top", (0.0, -0.2), (0.10, 0.06))
+
+
+def scene_with(*bodies: Body) -> Scene:
+    tray = StaticObstacle("tray", np.array([0.3, 0.0, HEIGHT + 0.005]), np.array([0.12, 0.1, 0.005]))
+    scene = table_scene(*bodies)
+    return replace(
+        scene,
+        static_obstacles=(*scene.static_obstacles, tray),
+        supports=(*scene.supports, "tray"),
+        regions=(LEFT, RIGHT),
+    )
+
+
+@pytest.fixture
+def scene() -> Scene:
+    return scene_with(cylinder("a", 0.0, 0.2), cylinder("b", 0.0, -0.2), cylinder("c", -0.3, 0.0))
+
+
+def raised(scene: Scene, name: str, height: float) -> Scene:
+    body = scene.body(name)
+    scene = scene.with_body(body.at(body.position + [0.0, 0.0, height]))
+    return scene.with_held(HeldObject(name, np.eye(4)))
+
+
+def on_top(scene: Scene, name: str, level: float, x: float, y: float) -> Scene:
+    body = scene.body(name)
+    return scene.with_body(body.at([x, y, level + body.half_extents[2]]))
+
+
+@pytest.mark.parametrize(
+    ("goal", "unmet"),
+    [
+        (goals.inside("a", "left"), 0),
+        (goals.on("a", "left"), 0),
+        (goals.inside("a", "right"), 1),
+        (goals.on("a", "table_top"), 0),
+        (goals.inside("c", "table_top"), 0),
+        (goals.on("a", "tray"), 1),
+        (goals.on("a", "b"), 1),
+        (goals.at("a", (0.01, 0.2)), 0),
+        (goals.at("a", (0.0, 0.2, 1.0)), 0),  # a cylinder: turning it changes nothing
+        (goals.at("a", (0.03, 0.2)), 1),
+        (goals.clear("left"), 1),
+        (goals.clear("tray"), 0),
+        (goals.holding("a"), 1),
+        (goals.before("a", "b"), 0),
+        (goals.inside("a", "left") & goals.inside("b", "left") & goals.holding("c"), 2),
+    ],
+)
+def test_facts_of_a_scene(scene: Scene, goal: Goal, unmet: int) -> None:
+    assert len(goal.unmet(scene)) == unmet
+    assert goal.holds(scene) == (unmet == 0)
+
+
+def test_an_object_over_the_edge_of_a_region_is_not_inside(scene: Scene) -> None:
+    inside, clear = goals.inside("a", "right"), goals.clear("right")
+    for y, is_inside, is_clear in ((-0.2, True, False), (-0.15, False, False), (-0.09, False, True)):
+        moved = on_top(scene.with_body(scene.body("b").at([0.4, 0.3, 1.0])), "a", HEIGHT, 0.0, y)
+        assert inside.holds(moved) == is_inside
+        assert clear.holds(moved) == is_clear
+
+
+def test_stacked_objects_rest_on_each_other(scene: Scene) -> None:
+    stacked = on_top(scene, "a", scene.body("b").top, 0.0, -0.2)
+    assert goals.on("a", "b").holds(stacked)
+    assert not goals.on("b", "a").holds(stacked)
+    assert goals.at("a", (0.0, -0.2)).holds(stacked)
+    assert not goals.on("a", "table_top").holds(stacked)
+    cleared = stacked.with_body(stacked.body("b").at([0.4, 0.3, 2.0]))
+    assert goals.clear("right").holds(cleared)  # what hangs in the air stands nowhere
+    assert not goals.on("a", "b").holds(on_top(scene, "a", scene.body("b").top, 0.0, -0.1))
+
+
+def test_held_is_high_above_where_it_stood(scene: Scene) -> None:
+    goal = goals.holding("a")
+    assert goal.holds(raised(scene, "a", 0.10), scene)
+    assert not goal.holds(raised(scene, "a", 0.08), scene)
+    high = on_top(scene, "a", HEIGHT + 0.4, 0.0, 0.2)
+    assert not goal.holds(raised(high, "a", 0.05), high)
+    assert goal.holds(raised(high, "a", 0.05))  # without its start, by what is below it
+
+
+def test_a_toppled_object_rests_nowhere(scene: Scene) -> None:
+    body = scene.body("a")
+    lying = body.at([0.0, 0.2, HEIGHT + body.half_extents[0]], [math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0])
+    toppled = scene.with_body(lying)
+    assert not goals.on("a", "table_top").holds(toppled)
+    assert goals.on("a", "table_top").holds(toppled, toppled)  # it lay already
+
+
+def test_text_and_back_again() -> None:
+    goal = goals.and_(
+        goals.on("a", "tray"),
+        goals.inside("b", "left"),
+        goals.at("c", (0.1, -0.2, 0.3), 0.01),
+        goals.at("d", np.eye(4)),
+        goals.clear("right"),
+        goals.before("a", "b"),
+        goals.holding("e"),
+    )
+    assert Goal.from_pddl(goal.to_pddl()) == goal
+    for one in goal.facts:
+        assert Goal.from_pddl(Goal((one,)).to_pddl()) == Goal((one,))
+    assert Goal.of("(and (on object_1 tray) (holding object_2))") == goals.on("object_1", "tray") & goals.holding(
+        "object_2"
+    )
+    assert Goal.of("object_2") == goals.holding("object_2")
+    assert Goal.of("object_2").target == "object_2"
+    assert goal.target == ""
+
+
+@pytest.mark.parametrize(
+    "text", ["", "(", ")", "(and)", "(on a)", "(at a)", "(at a (x 1))", "(at a (x 1) (y b))", "(on a b) (on c d)", "()"]
+)
+def test_text_that_is_no_goal_is_refused(text: str) -> None:
+    with pytest.raises(GoalError):
+        Goal.from_pddl(text)
+
+
+@pytest.mark.parametrize(
+    ("goal", "message"),
+    [
+        (goals.holding("x"), "objects: a, b, c"),
+        (goals.on("a", "x"), "regions: left, right; supports: table_top, tray; objects: a, b, c"),
+        (goals.inside("a", "b"), "regions: left, right"),
+        (goals.clear("x"), "supports: table_top, tray"),
+        (goals.on("a", "tray") & goals.holding("a"), "twice: a"),
+        (goals.holding("a") & goals.holding("b"), "2 objects to hold"),
+        (goals.on("a", "b") & goals.on("b", "a"), "circle"),
+        (goals.before("a", "b") & goals.before("b", "a"), "circle"),
+        (goals.on("a", "left") & goals.clear("table_top"), "is to be clear"),
+        (goals.on("a", "b") & goals.holding("b"), "is to be held"),
+    ],
+)
+def test_a_goal_without_meaning_is_refused(scene: Scene, goal: Goal, message: str) -> None:
+    with pytest.raises(GoalError, match=message):
+        goal.holds(scene)
+
+
+def test_order_of_moves() -> None:
+    goal = goals.before("a", "b")
+    moves = [("a", "b"), ("b",), ("a",), ("a", "c", "b", "b"), ("b", "a"), ("a", "b", "a")]
+    assert [goal.is_in_order(one) for one in moves] == [True, True, True, True, False, False]
+
+
+def test_any_order_of_facts_is_the_same_to_a_scene(scene: Scene) -> None:
+    facts = (goals.inside("a", "left"), goals.on("b", "tray"), goals.clear("right"))
+    assert {len(goals.and_(*order).unmet(scene)) for order in permutations(facts)} == {2}
+
+
+@pytest.mark.parametrize("region", [Region("a", "table_top", (0, 0), (1, 1)), Region("new", "shelf", (0, 0), (1, 1))])
+def test_a_region_has_its_own_name_and_a_support(scene: Scene, region: Region) -> None:
+    with pytest.raises(SceneError, match="region"):
+        replace(scene, regions=(region,))
