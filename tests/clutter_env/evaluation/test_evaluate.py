@@ -15,15 +15,16 @@ from clutter_env.cli.main import main
 from clutter_env.errors import LearningError, SuiteError
 from clutter_env.evaluation.evaluate import ResultRecords, evaluate, lower_bounds
 from clutter_env.evaluation.scenes import SceneSet, SeededScene, find_floor, skill_scene
-from clutter_env.evaluation.score import PolicyCrashed, held_out_seeds, play_scene
+from clutter_env.evaluation.score import PolicyCrashed, play_scene
 from clutter_env.evaluation.tables import results
 from clutter_env.evaluation.verify import verify
 from clutter_env.policies.protocol import PolicyError, begin_episode
 from clutter_env.policies.registry import load_policy
 from clutter_env.provenance import provenance
 from clutter_env.reporting.files import write_json
+from clutter_env.seeds import HELD_OUT, held_out_seeds
 from clutter_env.suites import suite
-from clutter_env.task import HELD_OUT, Task
+from clutter_env.task import Task
 from tests.clutter_env.evaluation.evaluations import evaluation, score
 
 POLICY = """
