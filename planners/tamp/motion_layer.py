@@ -73,6 +73,7 @@ class MotionLayer:
     `compiled` are the collision worlds of the states so far, `candidates` the grasps known in the present one.
     `has_refuted` says whether motion planning refuted a grasp. With `checks_at_end` MuJoCo checks motions once, when
     they are `shortened`; if it refutes one then, `is_refuted` is set, and the plan must be made again without.
+    `unusable` counts the grasps that the gripper could not come to or leave.
     """
 
     context: PlanningContext
@@ -84,6 +85,7 @@ class MotionLayer:
     checks_at_end: bool = False
     has_refuted: bool = False
     is_refuted: bool = False
+    unusable: int = 0
     _checkers: dict[str, MujocoCollisionChecker] = field(default_factory=dict, repr=False)
     _can_leave: dict[tuple[tuple[str, bytes, bytes], bytes], bool] = field(default_factory=dict, repr=False)
 
@@ -166,11 +168,13 @@ class MotionLayer:
 
     def _reject(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Add to a grasp that is not usable what is in the way of its straight lines, or do not offer it again."""
+        self.unusable += 1
         world = self.compiled.world(scene).for_arm(grasp.arm)
         blockers = fewest_blockers(world, grasp.base, grasp.q, grasp.object) if grasp.drives else None
         if blockers is None:
             self.ban(scene, grasp)
         else:
+            self.has_refuted = True
             self.candidates.obstruct(scene, grasp, blockers)
 
     def is_usable(self, scene: Scene, grasp: GraspCandidate) -> bool:
