@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planners.collision.straight_lines import trace_straight
 from planners.collision.world import CollisionWorld
 from planners.goals import LIFTED
 from planners.motion.approaches import Approach, ContactQuery, free_approach, trace
@@ -27,7 +28,7 @@ Array = NDArray[np.float64]
 _TORSO_SHARES = (0.5, 1.0)
 """Shares of the torso's travel at which the home configuration of the arm is tried where home itself does not fit."""
 _RISES = (0.25, 0.15, 0.05, 0.0)
-"""[m] that the torso rises for carrying in the configuration of the arm at hand."""
+"""[m] that the torso, or else the arm, rises for carrying in the configuration of the arm at hand."""
 _SAMPLING = 0.1
 """[m], [rad] of a joint between configurations at which the height of a held object is computed: 1 mm is missed."""
 
@@ -274,6 +275,12 @@ def _carry_configurations(
     rises = [min(q_hover[0] + rise, robot.upper[0]) for rise in _RISES]
     others = [np.array([torso, *home[1:]]) for torso in torsos] + [np.array([torso, *q_hover[1:]]) for torso in rises]
     fitting = [q for q in (home, *others) if fits(q)]
+    if not any(_held_heights(query, q[None])[0] >= least_height for q in fitting):
+        # The torso cannot lift it far enough, as from a high board: the arm does, straight up.
+        lines = (
+            trace_straight(query.world, query.base, q_hover, np.array([0.0, 0.0, 1.0]), rise) for rise in _RISES[:2]
+        )
+        fitting += [line[-1] for line in lines if line is not None and fits(line[-1])]
     fitting.sort(key=lambda q: _held_heights(query, q[None])[0] < least_height)
     return np.array(fitting or [home])
 

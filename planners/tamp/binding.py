@@ -9,7 +9,7 @@ from planners.cause import Cause
 from planners.clearing.commitments import Commitments, NoCommitment
 from planners.clearing.lookahead import ClearancePlan, keep_clear
 from planners.clock import cpu_seconds
-from planners.goals import Goal
+from planners.goals import Goal, Holding
 from planners.motion.path import NoPath
 from planners.scene import Scene
 from planners.symbolic.engines import checked_answer
@@ -237,7 +237,9 @@ def _pick_up(search: Search, state: PlanState, action: GroundAction, name: str) 
     grasp = state.clearance_plan.commitments.grasps[name]
     picked = search.motion_layer.pick_up(state.scene, grasp)
     if isinstance(picked, BoundMotion):
-        return picked
+        if name not in search.goal.held or Holding(name).holds(as_seen(picked.scene), search.start):
+            return picked
+        picked = NoPath(f"the arm cannot hold {name} up where it takes it")
     if isinstance(picked, NoPath):
         search.motion_layer.ban(state.scene, grasp)
         return Refutation(action, reason=picked.reason)
