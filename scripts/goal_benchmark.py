@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -31,8 +32,10 @@ def main(arguments: Arguments) -> None:
     """Print one row."""
     warmup()
     env = gymnasium.make(f"clutter_env/Rearrange-o{arguments.objects}-v0", task=arguments.task)
-    inner = env.unwrapped
-    seconds, picks, bounds, reached, causes = [], 0, 0, 0, []
+    inner: Any = env.unwrapped
+    seconds: list[float] = []
+    causes: list[str] = []
+    picks = bounds = reached = 0
     for seed in tqdm(range(arguments.seed, arguments.seed + arguments.scenes)):
         env.reset(seed=seed)
         scene = Scene.from_mujoco(inner.model, inner.data, inner.robot, regions=inner.regions)

@@ -236,8 +236,11 @@ def _pick_up(search: Search, state: PlanState, action: GroundAction, name: str) 
     """
     grasp = state.clearance_plan.commitments.grasps[name]
     picked = search.motion_layer.pick_up(state.scene, grasp)
+    is_low = isinstance(picked, BoundMotion) and not _is_up(search, picked, name)
+    if is_low:
+        picked = search.motion_layer.pick_up(state.scene, grasp, rises=True)
     if isinstance(picked, BoundMotion):
-        if name not in search.goal.held or Holding(name).holds(as_seen(picked.scene), search.start):
+        if not is_low or _is_up(search, picked, name):
             return picked
         picked = NoPath(f"the arm cannot hold {name} up where it takes it")
     if isinstance(picked, NoPath):
@@ -248,3 +251,8 @@ def _pick_up(search: Search, state: PlanState, action: GroundAction, name: str) 
         return Refutation(action, frozenset(picked.blockers), reason)
     search.motion_layer.obstruct(state.scene, grasp, picked.blockers)
     return Refutation(action, reason=reason)
+
+
+def _is_up(search: Search, picked: BoundMotion, name: str) -> bool:
+    """Whether an object that is to be held at the end is high enough after a pick; others may be anywhere."""
+    return name not in search.goal.held or Holding(name).holds(as_seen(picked.scene), search.start)

@@ -274,14 +274,14 @@ class MotionLayer:
         home = plan_home(self.compiled.world(scene), scene.state, self.rng)
         return home if isinstance(home, WholeBodyPath) and self.is_accepted(scene, [home]) else None
 
-    def pick_up(self, scene: Scene, grasp: GraspCandidate) -> BoundMotion | BlockedBy | NoPath:
-        """Take an object through a grasp with its arm, and carry it."""
+    def pick_up(self, scene: Scene, grasp: GraspCandidate, rises: bool = False) -> BoundMotion | BlockedBy | NoPath:
+        """Take an object through a grasp with its arm, and carry it; `rises` as for `plan_pick`."""
         turn = self._next_arm(scene, grasp.arm)
         if turn is None:
             return NoPath("the other arm is not at home")
         scene, world, start = turn, self.compiled.world(turn), np.concatenate((turn.state.base, turn.state.q))
         for _ in range(_TRIES):
-            motion = plan_pick(world, grasp.base, start, grasp.q, grasp.object, rng=self.rng)
+            motion = plan_pick(world, grasp.base, start, grasp.q, grasp.object, rng=self.rng, rises=rises)
             if not isinstance(motion, PickPlaceMotion):
                 return motion
             if self.checks_at_end or self.is_accepted(scene, motion.paths):
