@@ -18,7 +18,7 @@ help:
 	@echo "make compat     a part of the tests in a new environment: PYTHON=python3.13, or other versions: WITH='mujoco==3.17.0'"
 	@echo "make docs       the documentation as pages to read offline, in outputs/site"
 	@echo "make bench      speed, memory and rendering of the environments"
-	@echo "make soak       two million random steps through all environments, about half an hour"
+	@echo "make soak       two million steps through all environments, about an hour"
 
 $(BIN)/python:
 	@test -n "$(PYTHON)" || { echo "Python 3.11, 3.12 or 3.13 is needed; say which with make PYTHON=..."; exit 1; }

@@ -17,6 +17,7 @@ from clutter_env.scene.layout import Box, Layout  # noqa: E402  after the check
 from clutter_env.suites import suite, suite_names  # noqa: E402
 
 __all__ = [
+    "GOAL_FAMILIES",
     "OBJECT_COUNTS",
     "REARRANGE_COUNTS",
     "SKILL_OBJECT_COUNTS",
@@ -32,6 +33,9 @@ __all__ = [
 OBJECT_COUNTS = (1, 5, 10, 15, 20, 25, 30, 35, 40, 50, 60)
 REARRANGE_COUNTS = (4, 8, 12, 20)
 SKILL_OBJECT_COUNTS = (5, 10, 15, 20)
+
+GOAL_FAMILIES = ("reach", "pick", "armreach", "armpick")
+"""Families of the goal environments, in which an episode ends with its time alone."""
 
 
 def time_limit(num_objects: int) -> int:
@@ -60,11 +64,16 @@ for _count in OBJECT_COUNTS:
         max_episode_steps=time_limit(_count),
     )
 
-for _name in ("Reach", "Pick"):
+for _name, _module, _steps in (
+    ("Reach", "goal", 100),
+    ("Pick", "goal", 100),
+    ("ArmReach", "arm", 50),
+    ("ArmPick", "arm", 50),
+):
     register(
         id=f"clutter_env/{_name}-v0",
-        entry_point=f"clutter_env.envs.goal:{_name}Env",
-        max_episode_steps=100,
+        entry_point=f"clutter_env.envs.{_module}:{_name}Env",
+        max_episode_steps=_steps,
         additional_wrappers=(WrapperSpec("GoalInterface", "clutter_env.envs.goal:GoalInterface", {}),),
     )
 

@@ -13,9 +13,6 @@ import clutter_env  # noqa: F401  registers the environments
 from clutter_env.errors import ConfigError, UnknownTask
 from clutter_env.provenance import provenance
 
-HELD_OUT = 1_000_000
-"""Seeds from this one on are for evaluation: nothing is collected or trained on them."""
-
 
 @dataclass(frozen=True)
 class Task:
@@ -53,7 +50,7 @@ class Task:
 
     @property
     def family(self) -> str:
-        """The family of the environment: "retrieve", "rearrange", "skill", "reach" or "pick"."""
+        """The family of the environment: "retrieve", "rearrange", "skill" or one of `GOAL_FAMILIES`."""
         return family(self.env_id)
 
     @property

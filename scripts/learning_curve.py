@@ -22,7 +22,7 @@ import tyro
 
 from clutter_env.data.dataset import Dataset
 from clutter_env.errors import LearningError
-from clutter_env.evaluation.score import held_out_seeds, play_scene
+from clutter_env.evaluation.score import play_scene
 from clutter_env.parallel import Crash, Killed, run_jobs
 from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
 from clutter_env.policies.two_level import TwoLevelPolicy
@@ -31,6 +31,7 @@ from clutter_env.reporting.files import write_json
 from clutter_env.reporting.intervals import success_interval
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.reporting.tables import markdown_table
+from clutter_env.seeds import held_out_seeds
 from clutter_env.training.motion_examples import motions_of
 from clutter_env.training.motions import fit_motions, high_level_of
 

@@ -25,6 +25,7 @@ from clutter_env.reporting.files import JsonLines
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.reporting.tables import markdown_table
 from clutter_env.scene.layout import TABLE_HEIGHT
+from clutter_env.task import family
 from planners import TampExpert
 
 DISCOUNTS = (0.95, 0.99, 1.0)
@@ -66,15 +67,17 @@ def main(
     """
     records = JsonLines(file)
     known = {tuple(record["job"]) for record in records.values}
-    jobs = [(name, index, grasps) for index in range(scenes) for name in clutter_env.suite_names()]
+    env_ids = {name: clutter_env.suite(name).test[0].env_id for name in clutter_env.suite_names()}
+    suites = [name for name, env_id in env_ids.items() if family(env_id) == "retrieve"]
+    jobs = [(name, index, grasps) for index in range(scenes) for name in suites]
     todo = [job for job in jobs if job not in known]
     for job, returns in progress_bar(run_jobs(play, todo, workers), total=len(todo), unit="scene"):
         if isinstance(returns, Crash | Killed):
             raise RuntimeError(f"{job}: {returns}")
         records.append({"job": job, "returns": returns})
     found = {tuple(record["job"]): record["returns"] for record in records.values}
-    suites = {name: [found[job] for job in jobs if job[0] == name and found[job]] for name in clutter_env.suite_names()}
-    print(markdown_table(HEAD, list(chain.from_iterable(rows(*item) for item in suites.items()))), end="")
+    table = [rows(name, [found[job] for job in jobs if job[0] == name and found[job]]) for name in suites]
+    print(markdown_table(HEAD, list(chain.from_iterable(table))), end="")
 
 
 def rows(name: str, scenes: list[dict[str, list[float]]]) -> Iterator[tuple[str, ...]]:

@@ -3,6 +3,7 @@
     clutter-env episode --objects 15
     clutter-env episode --robot pr2 --objects 15
     clutter-env episode --objects 40 --episodes 50 --control-mode joint --grasps all
+    clutter-env episode --task stack --objects 8
 
 One episode: the plan (Fig. 13 of Lee & Kim 2019), the replanning (Fig. 11), the report, a picture of every choice of
 a clearance location (Figs. 8-10), the plan as a file, the episode in 3-D as one page for a browser, and where the
@@ -27,13 +28,15 @@ class Arguments:
     """Random seed of the scene."""
     strategy: str = "lookahead"
     """lookahead, ngr (Lee & Kim 2019), dogar or srivastava."""
-    layout: str = "paper"
-    """Table and surroundings."""
+    task: Literal["", "sort", "set", "swap", "stack", "fetch"] = ""
+    """A task of Rearrange, with 4, 8, 12 or 20 objects; empty: retrieve a target."""
+    layout: str = ""
+    """Table and surroundings; empty: "paper", or the task's."""
     robot: str = "fetch"
     """Name of the robot."""
-    grasps: Literal["side", "tilted", "top", "all"] = "side"
+    grasps: Literal["", "side", "tilted", "top", "all"] = ""
     """Grasp set: level gripper (the paper's experiment), tilted, from above, or all of them, as `planners.solve` uses
-    unless told otherwise."""
+    unless told otherwise; empty: side, for a task all."""
     control_mode: Literal["joint", "ee"] = "joint"
     """Joint targets, or TCP poses."""
     obstructed: bool = True
@@ -57,17 +60,23 @@ class Arguments:
 
     def __post_init__(self) -> None:
         from assets import robot
-        from clutter_env import OBJECT_COUNTS
+        from clutter_env import OBJECT_COUNTS, REARRANGE_COUNTS
+        from clutter_env.envs.rearrange_tasks import TASKS
         from clutter_env.scene.layout import find_layout
         from planners import find_strategy
 
+        object.__setattr__(self, "layout", self.layout or (TASKS[self.task].layout if self.task else "paper"))
+        object.__setattr__(self, "grasps", self.grasps or ("all" if self.task else "side"))
         find_strategy(self.strategy)
         robot(self.robot)
         find_layout(self.layout)
         if self.episodes < 1:
             raise ValueError(f"--episodes {self.episodes} is not valid; it must be at least 1")
-        if self.objects not in OBJECT_COUNTS:
-            valid = ", ".join(map(str, OBJECT_COUNTS))
+        if self.task and self.episodes > 1:
+            raise ValueError("--episodes is without --task; of tasks: clutter-env evaluate --suite sort-8-v1")
+        counts = REARRANGE_COUNTS if self.task else OBJECT_COUNTS
+        if self.objects not in counts:
+            valid = ", ".join(map(str, counts))
             raise ValueError(f"--objects {self.objects} is not valid; valid numbers: {valid}")
 
     @property
@@ -78,7 +87,7 @@ class Arguments:
     @property
     def environment(self) -> str:
         """Id of the environment."""
-        return f"clutter_env/Retrieve-o{self.objects}-v0"
+        return f"clutter_env/{'Rearrange' if self.task else 'Retrieve'}-o{self.objects}-v0"
 
 
 def run(arguments: Arguments) -> None:

@@ -22,8 +22,8 @@ class Arguments:
     policy: str = "lookahead"
     """lookahead, ngr, dogar, srivastava, canonical: the expert with side grasps, or, as lookahead-all, …, with all
     grasps; keyframes (learned decisions and motions), planned-decisions, planned-motions, each also …-all and …-shelf;
-    greedy, random-skills, direct-approach, scripted, random; for other scenes reach and pick; the directory of a
-    training run; module:Class; or, with --trust, a model of Stable-Baselines3 as ALGORITHM:FILE.zip."""
+    greedy, random-skills, direct-approach, scripted, random; for other scenes reach, pick, armreach and armpick; the
+    directory of a training run; module:Class; or, with --trust, a model of Stable-Baselines3 as ALGORITHM:FILE.zip."""
     split: str = "test"
     """"test" for results to report, "validation" to tune a policy."""
     scenes: int | None = None
@@ -66,7 +66,9 @@ def run(arguments: Arguments) -> None:
             tick=bar.update,
         )
     content, row = results(evaluation), summarise(arguments.policy, [evaluation])
-    print(f"{markdown([row])}\nLower bounds are for {evaluation.traits.grasps} grasps.\n\n{markdown_by_floor([row])}")
+    print(markdown([row]))
+    if evaluation.floors:
+        print(f"Lower bounds are for {evaluation.traits.grasps} grasps.\n\n{markdown_by_floor([row])}")
     print(f"objects moved {row.moved.mean:.2f}, cleared {row.cleared.mean:.2f}, on average over all episodes")
     if content["crashes"]:
         print(f"\n{content['crashes']} episodes, counted as failures, ended with an exception of the policy")

@@ -67,6 +67,7 @@ def show_one(arguments: Arguments) -> dict[str, Any]:
         UsageError: no seed has an obstructed target, or the scene cannot be planned in.
     """
     mode = {"viewer": "human", "film": "rgb_array"}.get(arguments.display)
+    task: dict[str, Any] = {"task": arguments.task} if arguments.task else {}
     env = gym.make(
         arguments.environment,
         robot=arguments.robot,
@@ -74,16 +75,17 @@ def show_one(arguments: Arguments) -> dict[str, Any]:
         control_mode=arguments.control_mode,
         render_mode=mode,
         disable_env_checker=True,
+        **task,
     )
     inner: Any = env.unwrapped
     _log("loading the planner; its first run on a machine compiles kernels, which takes about a minute")
     started = time.perf_counter()
     with shown_compilation():
         warmup(inner.robot)
-    seed, scene, target = _find_scene(arguments, env)
+    seed, scene, goal = _find_scene(arguments, env)
     _log(f"ready after {time.perf_counter() - started:.0f} s\n")
     where = f"{arguments.environment}, robot {arguments.robot}, layout {arguments.layout}, grasp set {arguments.grasps}"
-    _log(f"{where}, seed {seed}: take {target} out of {len(scene.objects)} objects")
+    _log(f"{where}, seed {seed}: {goal if arguments.task else f'take {goal} out of {len(scene.objects)} objects'}")
     expert = TampExpert(env, arguments.strategy, grasps=arguments.grasps)
     film = None
     with ExitStack() as stack:
@@ -92,7 +94,7 @@ def show_one(arguments: Arguments) -> dict[str, Any]:
                 film = stack.enter_context(closing(Film(inner)))
             except RenderingUnavailable as problem:
                 _log(f"no film: {problem}")
-        expert.reset(target)
+        expert.reset(goal)
         plan = expert.solution
         if plan is None:
             raise UsageError(expert.report.failure)
@@ -109,6 +111,7 @@ def show_one(arguments: Arguments) -> dict[str, Any]:
         **{name: getattr(arguments, name) for name in ("environment", "robot", "strategy", "grasps")},
         "seed": seed,
         "target": plan.target,
+        "goal": goal,
         "is_success": is_success,
         "lifted": lifted,
         "report": asdict(played.report),
@@ -123,8 +126,15 @@ def _log(text: str) -> None:
 
 
 def _find_scene(arguments: Arguments, env: gym.Env) -> tuple[int, Scene, str]:
-    """Reset to the scene wanted: its seed, its state, and the target."""
+    """Reset to the scene wanted: its seed, its state, and the target's name, or the goal of a task as PDDL."""
     inner: Any = env.unwrapped
+    if arguments.task:
+        _, info = env.reset(seed=arguments.seed)
+        return (
+            arguments.seed,
+            Scene.from_mujoco(inner.model, inner.data, inner.robot, regions=inner.regions),
+            info["goal"],
+        )
     planner = Planner(inner.robot, grasps="side")
     for seed in range(arguments.seed, arguments.seed + _MOST_SEEDS):
         _, info = env.reset(seed=seed)
@@ -154,7 +164,8 @@ def _execute(arguments: Arguments, env: gym.Env, expert: TampExpert, film: Film 
         info, lifted = let_act(expert, env, watch)
     is_success = bool(info["is_success"])
     if film is not None:
-        film.finish(f"{expert.target} taken" if is_success else f"ended: {expert.report.failure}")
+        done = f"{expert.target} taken" if expert.target else "goal reached"
+        film.finish(done if is_success else f"ended: {expert.report.failure}")
     if page is not None:
         result = "success" if is_success else "failure"
         page.finish(expert.recording, report_rows(expert.report, is_success, lifted), result)
@@ -185,13 +196,15 @@ def _write_files(arguments: Arguments, expert: TampExpert, played: Played, film:
 
 
 def write_plan(plan: Solution, out: Path) -> list[Path]:
-    """Write the pictures of a plan's clearances, its overview and the plan itself; the files written."""
-    files = [out / "plan.png", out / "overview.png", out / "plan.npz"]
-    plan.plot_clearances(files[0])
+    """Write the pictures of a plan's clearances, if it has any, its overview and the plan itself; the files written."""
+    files = [out / "overview.png", out / "plan.npz"]
+    if plan.target or any(action.surfaces for action in plan.actions):
+        plan.plot_clearances(out / "plan.png")
+        files.insert(0, out / "plan.png")
     figure = Figure(figsize=(6.4, 7.2), layout="constrained")
     plan.plot(figure.subplots())
-    figure.savefig(files[1], dpi=130)
-    plan.save(files[2])
+    figure.savefig(out / "overview.png", dpi=130)
+    plan.save(out / "plan.npz")
     return files
 
 
@@ -201,7 +214,7 @@ def episode_text(arguments: Arguments, played: Played) -> str:
     parts, shown = [plan.summary()], plan
     if isinstance(plan, Solution):
         parts.append(f"The plan of {name} (as in Fig. 13)\n\n{plan_text(plan, arguments.robot)}")
-    if not plan.stats.history and name != "ngr":
+    if not plan.stats.history and name != "ngr" and plan.target:
         planner = Planner(played.scene.robot, grasps=arguments.grasps)
         shown = planner.solve(played.scene, plan.target, "ngr", np.random.default_rng(0), _PLANNING_S)
         end = f"clears {len(shown.clearances)}" if isinstance(shown, Solution) else f"fails: {shown.cause}"
@@ -221,7 +234,8 @@ def plan_text(solution: Solution, robot: str = "fetch") -> str:
     """The plan F as the paper prints it, one action a line, with the robot's name."""
     by = f" (obstructed by {', '.join(solution.clearances)})" if solution.clearances else ""
     actions = (GroundAction(action.name, action.args) for action in solution.actions)
-    return f"Goal: grasp the {solution.target}{by}\n\n{format_plan(actions, robot)}"
+    goal = f"grasp the {solution.target}{by}" if solution.target else str(solution.goal)
+    return f"Goal: {goal}\n\n{format_plan(actions, robot)}"
 
 
 def replanning_text(outcome: Solution | Infeasible) -> str:
@@ -242,10 +256,10 @@ def replanning_text(outcome: Solution | Infeasible) -> str:
 
 def report_rows(report: EpisodeReport, is_success: bool, lifted: bool) -> dict[str, str]:
     """The results of the episode by name; `is_success` and `lifted` are what the environment says."""
-    reason = "an object has fallen or been disturbed" if lifted else "the target was not held up"
+    reason = "an object has fallen or been disturbed" if lifted else "the goal was not reached"
     return {
         "success": "yes, by the environment" if is_success else f"no: {report.failure or reason}",
-        "target lifted": "yes" if lifted else "no",
+        "target lifted, or goal reached": "yes" if lifted else "no",
         **report.rows(),
     }
 

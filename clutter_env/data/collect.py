@@ -19,7 +19,8 @@ from clutter_env.data.replay import replay_in_fresh_process, with_images
 from clutter_env.errors import CollectionError, LearningError
 from clutter_env.parallel import Crash, Killed
 from clutter_env.policies.experts import find_expert, make_expert
-from clutter_env.task import HELD_OUT, Task
+from clutter_env.seeds import training_seeds
+from clutter_env.task import Task
 
 MAX_DEATHS = 3
 """The collection stops when the worker of one seed has died so many times."""
@@ -52,7 +53,7 @@ def make_job(task: Task, expert: str, episodes: int, first_seed: int = 0, image_
         task: environment and keyword arguments.
         expert: one of `experts.expert_names`; "" for the first.
         episodes: successful episodes wanted, at least 1.
-        first_seed: from 0 to `HELD_OUT` - 1.
+        first_seed: see `training_seeds`.
         image_size: [pixels] of camera images; 0 for none.
 
     Raises:
@@ -62,8 +63,7 @@ def make_job(task: Task, expert: str, episodes: int, first_seed: int = 0, image_
     """
     if episodes < 1:
         raise LearningError(f"episodes={episodes} is not valid; it must be at least 1")
-    if not 0 <= first_seed < HELD_OUT:
-        raise LearningError(f"seed={first_seed} is not valid; it must be from 0 to {HELD_OUT - 1}")
+    training_seeds(first_seed, episodes)
     task.make(**({"obs_mode": "rgbd", "image_size": image_size} if image_size else {})).close()
     return Job(task, find_expert(task.env_id, expert), episodes, first_seed, image_size=image_size)
 
@@ -160,6 +160,7 @@ class _Seeds:
                 self._rejected += 1
                 seed += 1
             else:
+                training_seeds(seed)  # the seeds of many failures may reach those that are held out
                 self._in_progress.add(seed)
                 seed += 1
                 yield seed - 1

@@ -16,13 +16,14 @@ from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, Vecto
 from numpy.typing import NDArray
 
 from clutter_env.errors import ConfigError
+from clutter_env.task import family
 
 ENV_ID = "clutter_env/Retrieve-o15-v0"
 TASKS = {
-    "Retrieve": "take the target out of the clutter",
-    "Reach": "reach the point with the gripper",
-    "Pick": "lift the object to the point",
-    "Skill": "take the target out of the clutter, one skill after the other",
+    "retrieve": "take the target out of the clutter",
+    **dict.fromkeys(("reach", "armreach"), "reach the point with the gripper"),
+    **dict.fromkeys(("pick", "armpick"), "lift the object to the point"),
+    "skill": "take the target out of the clutter, one skill after the other",
 }
 """What to do, in words, by the family of the environment."""
 _AGENT = ("robot", "tcp", "gripper", "observation")
@@ -129,7 +130,7 @@ def _make_one(env_id: str, keywords: Mapping[str, Any]) -> gym.Env:
 def _task_of(env: gym.Env) -> str:
     """What to do in an environment."""
     assert env.spec is not None
-    return TASKS[env.spec.name.partition("-")[0]]
+    return TASKS[family(env.spec.id)]
 
 
 def _joined(parts: Mapping[str, spaces.Space[Any]], names: Collection[str]) -> spaces.Box:

@@ -73,7 +73,7 @@ def _write(dataset: Dataset, directory: Path, image_size: int) -> None:
     env = dataset.task.make()
     fps, robot = int(env.metadata["render_fps"]), str(env.get_wrapper_attr("robot").name)
     env.close()
-    task, first = TASKS[dataset.task.family.capitalize()], 0
+    task, first = TASKS[dataset.task.family], 0
     features: dict[str, dict[str, Any]] = {}
     rows: dict[str, list[NDArray[Any]]] = {}
     statistics: dict[str, list[dict[str, Any]]] = {}

@@ -86,7 +86,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             modes = [mode for mode in RENDER_MODES if mode != "human"]
             self.metadata = {**type(self).metadata, "render_modes": modes}
         self.render_mode = config.render_mode
-        self.robot: RobotSpec = config.find_robot()
+        self.robot: RobotSpec = self._find_robot()
         self.layout: Layout = config.find_layout()
         self._rendering = EnvRenderer(config)
         check_robot(self.robot)
@@ -356,6 +356,10 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         return _unpickled, (type(self), self.config.keywords(), attributes, saved)
 
     # What a task defines.
+
+    def _find_robot(self) -> RobotSpec:
+        """The robot that the configuration names, as this task uses it."""
+        return self.config.find_robot()
 
     def _check_options(self, options: object) -> ResetOptions:
         """The options of a reset, checked; raises OptionError."""

@@ -152,7 +152,7 @@ class ReachEnv(GoalEnv):
         super().__init__(EnvConfig.from_keywords({"num_objects": 0, "control_mode": "ee", **keywords}))
 
     def _achieved(self) -> NDArray[np.float64]:
-        return _clipped(self.data.site_xpos[self.world.index.tcp_site])
+        return clipped(self.data.site_xpos[self.world.index.tcp_site])
 
     def _draw_goal(self) -> NDArray[np.float64]:
         assert self.world.scene is not None
@@ -183,7 +183,7 @@ class PickEnv(GoalEnv):
         return replace(scene, base=np.array([x, position[1] + side, yaw]))
 
     def _achieved(self) -> NDArray[np.float64]:
-        return _clipped(self.measurements.poses[self.target_slot, :3])
+        return clipped(self.measurements.poses[self.target_slot, :3])
 
     def _draw_goal(self) -> NDArray[np.float64]:
         start = self._achieved()
@@ -199,6 +199,6 @@ def _distance(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArra
     return np.asarray(np.sqrt(x * x + y * y + z * z))
 
 
-def _clipped(point: NDArray[np.float64]) -> NDArray[np.float64]:
+def clipped(point: NDArray[np.float64]) -> NDArray[np.float64]:
     """The point (3,), within the goal space."""
     return np.minimum(np.maximum(point, -GOAL_BOUND), GOAL_BOUND)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
+from clutter_env import GOAL_FAMILIES
 from clutter_env.errors import LearningError
 from clutter_env.evaluation.evaluate import Evaluation, ResultRecords, evaluate, lower_bounds
 from clutter_env.evaluation.policy_process import PolicyProcess
@@ -21,8 +22,7 @@ CONTROLS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "retrieve": ("greedy", "random-skills", "direct-approach"),
         "rearrange": ("random",),
-        "reach": ("random",),
-        "pick": ("random",),
+        **dict.fromkeys(GOAL_FAMILIES, ("random",)),
     }
 )
 """Policies without training that play in every comparison, by the family of the environment."""

@@ -11,8 +11,9 @@ import gymnasium as gym
 
 from clutter_env.errors import LearningError
 from clutter_env.policies.protocol import SKILLS
+from clutter_env.seeds import HELD_OUT
 from clutter_env.suites import Floor, SuiteScene, suite
-from clutter_env.task import HELD_OUT, Task, family
+from clutter_env.task import Task, family
 
 _SKILL_ENV = "clutter_env/Skill-o15-v0"
 """The Skill environment; the number of objects is given beside it."""
@@ -106,7 +107,7 @@ class SceneSet:
 
     @property
     def family(self) -> str:
-        """The family of the environment: "retrieve", "rearrange", "skill", "reach" or "pick"."""
+        """The family of the environment, see `clutter_env.task.family`; a suite's scenes are of "retrieve"."""
         return family(self.scenes[0].env_id)
 
     @property

@@ -14,7 +14,6 @@ from clutter_env.envs.goal import GoalEnv
 from clutter_env.errors import ActionError
 from clutter_env.policies.protocol import AnyPolicy, begin_episode
 from clutter_env.policies.registry import PolicyTraits
-from clutter_env.task import HELD_OUT
 
 MOVED = 0.05
 """[m] An object that ends farther than this from its initial position has been moved."""
@@ -156,11 +155,6 @@ def _place(policy: Any) -> str:
     """The class of a policy, here or in its process, and its file."""
     traits = getattr(policy, "traits", None)
     return (traits if isinstance(traits, PolicyTraits) else PolicyTraits.of(policy)).place
-
-
-def held_out_seeds(count: int, first: int = HELD_OUT) -> range:
-    """Seeds on which nothing is trained."""
-    return range(first, first + count)
 
 
 def success_rate(env: gym.Env, policy: AnyPolicy, seeds: Sequence[int], max_steps: int | None = None) -> float:

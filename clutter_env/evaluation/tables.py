@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from clutter_env import GOAL_FAMILIES
 from clutter_env.evaluation.evaluate import Evaluation
 from clutter_env.evaluation.score import Score
 from clutter_env.reporting.intervals import NO_INTERVAL, Interval, bootstrap, success_interval
@@ -102,7 +103,7 @@ def summarise(policy: str, evaluations: Sequence[Evaluation], seed: int = 0) -> 
         runs=len(runs),
         episodes=sum(map(len, runs)),
         clean=_rate(runs, "clean", rng),
-        lifted=NO_INTERVAL if scenes in ("reach", "pick") else _rate(runs, "lifted", rng),
+        lifted=NO_INTERVAL if scenes in GOAL_FAMILIES else _rate(runs, "lifted", rng),
         by_floor=_by_floor(runs, floors, rng),
         moved_per_floor=bootstrap([_moved_per_floor(run, floors) for run in runs], rng),
         **{name: bootstrap([[getattr(score, name) for score in run] for run in runs], rng) for name in _MEANS},

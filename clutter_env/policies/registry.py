@@ -14,6 +14,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from clutter_env import GOAL_FAMILIES
 from clutter_env.policies.experts import EXPERTS, PLANNERS, GreedyPolicy, RandomPolicy, ScriptedExpert, make_expert
 from clutter_env.policies.protocol import AnyPolicy, Policy, PolicyError, PublicInfo, check_public
 from clutter_env.policies.runs import CLONERS, TWO_LEVEL_LEARNERS, load_run, run_directories
@@ -26,7 +27,6 @@ _LOGS = (".jsonl", ".png")
 """Files of a training run that are no part of its policy."""
 _FREE_KEYWORDS = ("control_mode", "obs_mode", "image_size", "reward_mode")
 """Keyword arguments of the environment that a policy may choose: they change neither the scenes nor the success."""
-_GOAL_FAMILIES = ("reach", "pick")
 _BASELINES: Mapping[str, Callable[[int], AnyPolicy]] = {
     "greedy": lambda _: GreedyPolicy(),
     "direct-approach": lambda _: ScriptedExpert("direct-approach", direct_approach, "side"),
@@ -224,8 +224,8 @@ def check_policy(policy: AnyPolicy, name: str = "") -> None:
 
 def policy_families(name: str) -> tuple[str, ...]:
     """The families of environments whose scenes a policy can play; of other people's policies all."""
-    every = ("retrieve", "rearrange", *_GOAL_FAMILIES)
-    if name in _GOAL_FAMILIES:
+    every = ("retrieve", "rearrange", *GOAL_FAMILIES)
+    if name in GOAL_FAMILIES:
         return (name,)
     if directories := run_directories(name):
         own = family(load_run(directories[0])["task"]["env_id"])

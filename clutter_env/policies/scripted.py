@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from assets import RobotSpec
+from clutter_env.envs.arm import ArmEnv
 from clutter_env.envs.base import BaseEnv
 from clutter_env.envs.goal import GoalEnv
 from clutter_env.envs.retrieve import RetrieveEnv
@@ -124,8 +125,30 @@ def direct_approach(env: RetrieveEnv) -> Step:
     return "charge", _action(env, grasp, opening, drive, FULL_SPEED_GAIN)
 
 
-SCRIPTS: Mapping[str, Callable[[Any], Step]] = MappingProxyType({"reach": reach, "pick": pick, "scripted": retrieve})
-"""By name: the scripts for Reach, Pick and Retrieve; each gives the next step in an environment."""
+def arm_reach(env: ArmEnv) -> Step:
+    """Move the TCP straight to the goal."""
+    return "reach", env.arm_action(env.goal, env.robot.max_opening)
+
+
+def arm_pick(env: ArmEnv) -> Step:
+    """Descend around the object, close the fingers, carry the object to the goal."""
+    tcp, at, opening = env.tcp, env.measurements.poses[0, :3] - env.origin, env.robot.max_opening
+    if env.measurements.held == 0:
+        remaining = env.goal - at
+        is_near = math.hypot(*remaining[:2]) < IN_LINE
+        return "carry", env.arm_action(tcp + remaining + (0, 0, 0.0 if is_near else 2 * CARRY_LIFT), 0.0)
+    assert env.world.scene is not None
+    hover = float(env.world.scene.half_extents[0, 2]) + HOVER
+    above, off_axis = float(tcp[2] - at[2]), math.hypot(*(tcp - at)[:2])
+    if off_axis > (ALIGNED[1] if above > hover - NEAR_HOVER else ALIGNED[0]):
+        return "align", env.arm_action(at + (0, 0, hover), opening)
+    return ("close", env.arm_action(at, 0.0)) if above < AT_GRASP else ("descend", env.arm_action(at, opening))
+
+
+SCRIPTS: Mapping[str, Callable[[Any], Step]] = MappingProxyType(
+    {"reach": reach, "pick": pick, "armreach": arm_reach, "armpick": arm_pick, "scripted": retrieve}
+)
+"""By name: the scripts for the goal environments and Retrieve; each gives the next step in an environment."""
 
 
 def _tcp(env: BaseEnv) -> Array:

@@ -264,23 +264,25 @@ SECOND_TABLE = "second_table"
 """Name of the table in the next room."""
 _STEP_DOWN = 0.15
 """[m] by which the second table is lower than the first."""
-_DOOR_WIDTH, _PARTITION_X = 0.9, -2.2
-"""[m] Width of the door between the rooms, and where the wall that has it stands."""
+_DOOR_WIDTH, _DOOR_X, _PARTITION_Y = 0.9, -1.2, 1.6
+"""[m] Width and middle of the door between the rooms, and where the wall that has it stands."""
+_GROUND_END = 4.5
+"""[m] to which the wall reaches along x: farther than the base can drive."""
 
 
 def _next_room() -> tuple[Box, ...]:
-    """A second, lower table behind the robot, and a wall with a door in between."""
-    half_width, z = 2.0, _WALL_HEIGHT / 2
+    """A second, lower table to the left of the first one, and a wall with a door in between."""
+    ends = ((-_GROUND_END, _DOOR_X - _DOOR_WIDTH / 2), (_DOOR_X + _DOOR_WIDTH / 2, _GROUND_END))
     walls = tuple(
         Box(
-            f"wall_{name}",
-            (_PARTITION_X, side * (_DOOR_WIDTH / 2 + half_width), z),
-            (_WALL_THICKNESS / 2, half_width, z),
+            f"partition_{name}",
+            ((low + high) / 2, _PARTITION_Y, _WALL_HEIGHT / 2),
+            ((high - low) / 2, _WALL_THICKNESS / 2, _WALL_HEIGHT / 2),
         )
-        for name, side in (("left", 1), ("right", -1))
+        for name, (low, high) in zip(("front", "back"), ends, strict=True)
     )
     height = TABLE_HEIGHT - _STEP_DOWN
-    return (Box(SECOND_TABLE, (-4.2, 0.0, height / 2), (0.3, 0.5, height / 2)), *walls)
+    return (Box(SECOND_TABLE, (0.2, 3.0, height / 2), (0.3, 0.5, height / 2)), *walls)
 
 
 def lowest_support(layout: Layout) -> float:

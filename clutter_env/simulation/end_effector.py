@@ -123,6 +123,10 @@ class EndEffectorController:
         twist: Vector = np.concatenate((goal[4:] - self._wanted[4:], turn)) / self._max_step
         return twist / max(1.0, float(np.abs(twist).max()))
 
+    def position(self, q: Vector) -> Vector:
+        """Position (3,) [m] of the TCP in the base frame at the joint positions (1 + n,)."""
+        return self._tcp_at(q)[4:]
+
     def _tcp_at(self, q: Vector) -> Vector:
         """The TCP pose in the base frame at the joint positions (1 + n,), from which the next solve starts."""
         self._configuration.update(self._limit.inside(q))

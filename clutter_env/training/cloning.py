@@ -21,18 +21,17 @@ from numpy.typing import NDArray
 from clutter_env.data.dataset import Dataset
 from clutter_env.data.episode import Episode
 from clutter_env.errors import DatasetError, LearningError
-from clutter_env.evaluation.score import held_out_seeds, success_rate
+from clutter_env.evaluation.score import success_rate
 from clutter_env.policies.cloning import POLICY_FILE, ClonedPolicy, feature_vector
 from clutter_env.policies.experts import Expert, find_expert, make_expert
 from clutter_env.policies.protocol import begin_episode
 from clutter_env.provenance import provenance
+from clutter_env.seeds import held_out_seeds
 from clutter_env.task import Task
 from clutter_env.training.descent import ExampleArrays, Report, RunLog, descend
 from clutter_env.training.run import Run
 from clutter_env.training.settings import BC, DAgger
 
-DAGGER_SEEDS = 500_000
-"""First seed of the learner's own episodes in DAgger."""
 _BATCH = 512
 """Examples in a gradient step."""
 MAX_LEARNER_STEPS = 150
@@ -67,11 +66,10 @@ def train_clone(run: Run) -> list[dict[str, float]]:
         if isinstance(settings, DAgger):
             expert = make_expert(find_expert(run.task.env_id, settings.expert or str(dataset.identity["expert"])))
             rng = np.random.default_rng(run.seed)
-            seed = DAGGER_SEEDS + run.seed * settings.rounds * settings.round_episodes
-            for _ in range(settings.rounds):
-                for _ in range(settings.round_episodes):
+            (own,) = settings.scene_seeds(run.seed)
+            for start in range(0, len(own), settings.round_episodes):
+                for seed in own[start : start + settings.round_episodes]:
                     examples = Examples.joined((examples, take_over(env, expert, policy, seed, rng)))
-                    seed += 1
                 policy = clone(examples, settings.steps, run.seed)
                 finish_round(policy, examples)
     env.close()

@@ -10,12 +10,12 @@ import torch
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 from clutter_env.errors import LearningError
-from clutter_env.evaluation.score import held_out_seeds
 from clutter_env.policies.high_level.candidates import CandidateRule
 from clutter_env.policies.high_level.network import CandidateBatch, CandidateNetwork
 from clutter_env.policies.high_level.policy import LearnedHighLevelPolicy
 from clutter_env.policies.runs import DECISIONS_FILE
 from clutter_env.policies.weights import WeightsInfo, save_weights
+from clutter_env.seeds import held_out_seeds
 from clutter_env.training.descent import Report, RunLog, descend
 from clutter_env.training.high_level_examples import (
     CandidateExamples,
@@ -28,8 +28,6 @@ from clutter_env.training.run import Run
 from clutter_env.training.settings import Decisions, DecisionsDAgger
 
 EXAMPLES_FILE = "examples.npz"
-_FIRST_SEED, _SEEDS_OF_A_RUN = 10_000, 20_000
-"""Scenes of a training run: its own ones, below those of DAgger and below the held-out ones."""
 _LEARNING_RATE = 2e-3
 _BATCH = 256
 """Reached candidates in a gradient step."""
@@ -52,10 +50,9 @@ def train_decisions(run: Run) -> list[dict[str, float]]:
     env = run.task.make()
     inner: Any = env.unwrapped
     rule = CandidateRule(inner.robot, inner.config.find_layout(), settings.grasps)
-    first = _FIRST_SEED + run.seed % 20 * _SEEDS_OF_A_RUN
+    seeds, *more_seeds = settings.scene_seeds(run.seed)
 
     def collect() -> CandidateExamples:
-        seeds = range(first, first + settings.scenes)
         starts = zip(seeds, initial_scenes(env, seeds), strict=True)
         parts = [examples_of_scene(scene, rule, np.random.default_rng(seed)) for seed, (scene, _) in starts]
         return CandidateExamples.joined(parts)
@@ -68,8 +65,8 @@ def train_decisions(run: Run) -> list[dict[str, float]]:
             """Save and evaluate the policy of a round: on held-out scenes without physics, and on the examples."""
             policy = LearnedHighLevelPolicy(network, rule, info)
             save_weights(run.directory / DECISIONS_FILE, network, info)
-            seeds = held_out_seeds(settings.evaluation_episodes)
-            outcomes = [roll_out(policy, *start) for start in initial_scenes(env, seeds)]
+            held_out = held_out_seeds(settings.evaluation_episodes)
+            outcomes = [roll_out(policy, *start) for start in initial_scenes(env, held_out)]
             cleared = [outcome.clearances for outcome in outcomes if not outcome.failure]
             rates = {"success": len(cleared) / len(outcomes), "clearances": float(np.mean(cleared or math.nan))}
             log.add(round=number, examples=len(examples.scene), **rates, **accuracy(network, examples))
@@ -78,13 +75,12 @@ def train_decisions(run: Run) -> list[dict[str, float]]:
         finish_round(0, network)
         if isinstance(settings, DecisionsDAgger):
             steps, rate = int(_ROUND_SHARE * settings.steps), _ROUND_RATE * _LEARNING_RATE
-            next_seed = first + _SEEDS_OF_A_RUN // 2
-            for number in range(1, settings.rounds + 1):
-                seeds = range(next_seed, next_seed + settings.round_episodes)
-                next_seed += settings.round_episodes
+            (of_rounds,) = more_seeds
+            for number, start in enumerate(range(0, len(of_rounds), settings.round_episodes), 1):
+                of_round = of_rounds[start : start + settings.round_episodes]
                 policy = LearnedHighLevelPolicy(network, rule, info)
-                rollouts = [roll_out(policy, *start) for start in initial_scenes(env, seeds)]
-                visited = visited_examples(rollouts, rule, np.random.default_rng(seeds[0]))
+                rollouts = [roll_out(policy, *scene) for scene in initial_scenes(env, of_round)]
+                visited = visited_examples(rollouts, rule, np.random.default_rng(of_round[0]))
                 examples = CandidateExamples.joined((examples, *visited))
                 network = fit_high_level(examples, steps, run.seed, network, rate, log.loss)
                 finish_round(number, network)

@@ -13,7 +13,7 @@ from torch.nn.functional import smooth_l1_loss
 from assets import RobotSpec
 from clutter_env.data.dataset import Dataset
 from clutter_env.errors import DatasetError
-from clutter_env.evaluation.score import held_out_seeds, success_rate
+from clutter_env.evaluation.score import success_rate
 from clutter_env.policies.experts import PLANNERS
 from clutter_env.policies.motion.arm import ArmKinematics, rotations_about
 from clutter_env.policies.motion.keep_out import keep_out_of_drives
@@ -33,6 +33,7 @@ from clutter_env.policies.planned import PlannedHighLevelPolicy
 from clutter_env.policies.runs import MOTIONS_FILE
 from clutter_env.policies.two_level import TwoLevelPolicy
 from clutter_env.policies.weights import WeightsInfo, save_weights
+from clutter_env.seeds import held_out_seeds
 from clutter_env.training.descent import Report, RunLog, descend
 from clutter_env.training.motion_examples import (
     KeyframeExamples,
@@ -46,9 +47,6 @@ from clutter_env.training.motion_examples import (
 )
 from clutter_env.training.run import Run
 from clutter_env.training.settings import Keyframes
-
-_FIRST_SEED, _SEEDS_OF_A_RUN = 100_000, 20_000
-"""Scenes of plans: those of a training seed, all below the held-out ones."""
 
 _BATCH, _LEARNING_RATE = 256, 2e-3
 _TCP_WEIGHT = 10.0
@@ -76,9 +74,9 @@ def train_motions(run: Run) -> list[dict[str, float]]:
     started = time.process_time()
     if settings.demos is None:
         task, high_level, count = run.task, PlannedHighLevelPolicy(settings.grasps), settings.plans
-        first = _FIRST_SEED + run.seed * _SEEDS_OF_A_RUN
+        (seeds,) = settings.scene_seeds(run.seed)
         env: Any = task.make()
-        motions = list(planned_motions(env, settings.grasps, range(first, first + count)))
+        motions = list(planned_motions(env, settings.grasps, seeds))
     else:
         dataset = Dataset(settings.demos)
         dataset.warn_if_outdated()

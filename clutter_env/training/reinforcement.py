@@ -16,10 +16,11 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
-from clutter_env.evaluation.score import held_out_seeds, success_rate
+from clutter_env.evaluation.score import success_rate
 from clutter_env.policies.reinforcement import ALGORITHMS, MODEL_FILE, NETWORKS, ModelPolicy, space_shape, training_env
 from clutter_env.policies.runs import GOAL_ALGORITHMS
 from clutter_env.policies.weights import damage_refused, has_arrays, read_arrays, tensors, write_arrays
+from clutter_env.seeds import held_out_seeds
 from clutter_env.training.descent import RunLog
 from clutter_env.training.run import Run
 from clutter_env.training.settings import PPO, SAC

@@ -12,6 +12,7 @@ from clutter_env.errors import LearningError
 from clutter_env.policies.runs import RUN_FILE, load_run
 from clutter_env.provenance import differences as made_differently
 from clutter_env.reporting.files import json_values, write_json
+from clutter_env.seeds import training_seeds
 from clutter_env.task import Task
 from clutter_env.training.settings import SETTINGS, Settings
 
@@ -38,8 +39,9 @@ class Run:
         Raises:
             UnknownTask: no such environment, or not with these keyword arguments.
             DatasetError: the demonstrations are not there, or not complete.
-            LearningError: the algorithm does not learn on this task; the directory holds a run, and it is not to be
-                resumed, is another one, or was made with another environment (the message names what differs).
+            LearningError: scenes to learn from are held out; the algorithm does not learn on this task; the directory
+                holds a run, and it is not to be resumed, is another one, or was made with another environment (the
+                message names what differs).
         """
         present = self.task.provenance()
         if self.task.family not in self.settings.families:
@@ -47,8 +49,11 @@ class Run:
             raise LearningError(
                 f"{self.settings.algorithm} does not learn on {self.task.env_id}; for this one: {fitting}"
             )
+        self.settings.scene_seeds(self.seed)
         if demos := getattr(self.settings, "demos", None):
-            len(Dataset(demos))  # raises before the run's directory is made, where a corrected command would meet it
+            # Raises before the run's directory is made, where a corrected command would meet it.
+            for episode_seed in Dataset(demos).seeds:
+                training_seeds(episode_seed)
         if not (self.directory / RUN_FILE).exists():
             return
         if not resume:

@@ -11,7 +11,14 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import ClassVar, Literal
 
+from clutter_env import GOAL_FAMILIES
 from clutter_env.errors import LearningError
+from clutter_env.seeds import training_seeds
+
+DECISION_SEEDS, PLAN_SEEDS, DAGGER_SEEDS = 10_000, 100_000, 500_000
+"""First seeds of the scenes for decisions, for plans that are cloned, and of the learner's own episodes in DAgger."""
+SEEDS_OF_A_RUN, DECISION_RUNS = 20_000, 20
+"""Seeds from the first one of a run to that of the next; runs with their own scenes for decisions."""
 
 Grasps = Literal["side", "tilted", "top", "all"]
 
@@ -33,6 +40,14 @@ class Settings:
     evaluation_episodes: int = 20
     """Number of held-out scenes that are played at every evaluation."""
 
+    def scene_seeds(self, seed: int) -> tuple[range, ...]:  # noqa: ARG002
+        """The seeds of the scenes that a run with a random seed draws to learn from, in the parts that it needs.
+
+        Raises:
+            LearningError: some of them are held out; see `training_seeds`.
+        """
+        return ()
+
     def __post_init__(self) -> None:
         for entry in fields(self):
             value = getattr(self, entry.name)
@@ -52,13 +67,17 @@ class Reinforcement(Settings):
     evaluation_steps: int = 600
     """Steps after which a held-out episode is cut off."""
 
+    def scene_seeds(self, seed: int) -> tuple[range, ...]:
+        """That of the first scene; the generator of the environment goes on from there."""
+        return (training_seeds(seed),)
+
 
 @dataclass(frozen=True, kw_only=True)
 class SAC(Reinforcement):
     """Soft actor-critic with hindsight, for Reach and Pick."""
 
     algorithm: ClassVar[str] = "sac"
-    families: ClassVar[tuple[str, ...]] = ("reach", "pick")
+    families: ClassVar[tuple[str, ...]] = GOAL_FAMILIES
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,6 +99,10 @@ class PPO(Reinforcement):
     clone_steps: int = 10_000
     """Gradient steps of the cloning."""
 
+    def scene_seeds(self, seed: int) -> tuple[range, ...]:
+        """That of the first scene, and those of the cloned ones, the same for all runs."""
+        return (*super().scene_seeds(seed), training_seeds(0, self.clone_scenes))
+
 
 @dataclass(frozen=True, kw_only=True)
 class MaskablePPO(PPO):
@@ -93,7 +116,7 @@ class BC(Settings):
     """Behaviour cloning: regression of the actions of demonstrations on the observations."""
 
     algorithm: ClassVar[str] = "bc"
-    families: ClassVar[tuple[str, ...]] = ("retrieve", "reach", "pick")
+    families: ClassVar[tuple[str, ...]] = ("retrieve", *GOAL_FAMILIES)
 
     demos: Path
     """Dataset of `clutter-env collect`."""
@@ -120,6 +143,11 @@ class DAgger(BC):
     expert: str = ""
     """Expert that takes over; empty for the one of the demonstrations."""
 
+    def scene_seeds(self, seed: int) -> tuple[range, ...]:
+        """Those of the learner's own episodes, of all rounds."""
+        count = self.rounds * self.round_episodes
+        return (training_seeds(DAGGER_SEEDS + seed * count, count),)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Keyframes(Settings):
@@ -138,6 +166,10 @@ class Keyframes(Settings):
     grasps: Grasps = "side"
     """Grasps of these plans."""
 
+    def scene_seeds(self, seed: int) -> tuple[range, ...]:
+        """Those of the scenes that are planned."""
+        return () if self.demos else (training_seeds(PLAN_SEEDS + seed * SEEDS_OF_A_RUN, self.plans),)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Decisions(Settings):
@@ -152,6 +184,10 @@ class Decisions(Settings):
     grasps: Grasps = "side"
     """Grasps that are chosen among."""
 
+    def scene_seeds(self, seed: int) -> tuple[range, ...]:
+        """Those of the examples."""
+        return (training_seeds(DECISION_SEEDS + seed % DECISION_RUNS * SEEDS_OF_A_RUN, self.scenes),)
+
 
 @dataclass(frozen=True, kw_only=True)
 class DecisionsDAgger(Decisions):
@@ -163,6 +199,11 @@ class DecisionsDAgger(Decisions):
     """Number of rounds after the first fit."""
     round_episodes: int = 10
     """Number of scenes in each of these rounds."""
+
+    def scene_seeds(self, seed: int) -> tuple[range, ...]:
+        """Those of the examples, and those of all rounds."""
+        (examples,) = super().scene_seeds(seed)
+        return examples, training_seeds(examples.start + SEEDS_OF_A_RUN // 2, self.rounds * self.round_episodes)
 
 
 SETTINGS: Mapping[str, type[Settings]] = MappingProxyType(

@@ -53,8 +53,9 @@ def clone_skills(run: Run, settings: PPO, model: Any, log: RunLog) -> None:
     """
     env = run.task.make()
     parts = []
-    for start in range(0, settings.clone_scenes, _SCENES_OF_A_FILE):
-        seeds = range(start, min(settings.clone_scenes, start + _SCENES_OF_A_FILE))
+    _, scenes = settings.scene_seeds(run.seed)
+    for start in range(0, len(scenes), _SCENES_OF_A_FILE):
+        seeds = scenes[start : start + _SCENES_OF_A_FILE]
         collect = partial(collect_scenes, env, seeds, np.random.default_rng(start))
         parts.append(LabelledScenes.kept(run.directory / "scenes" / f"{seeds[0]}-{seeds[-1]}.npz", collect))
     env.close()

@@ -113,10 +113,10 @@ class ClearancePicture:
 
 
 def choices_of(solution: Solution) -> list[ClearancePicture]:
-    """The choices of clearance locations in a plan, in order."""
+    """The choices of clearance locations in a plan, in order; where a goal says the place, there is no choice."""
     pictures: list[ClearancePicture] = []
     for index, action in enumerate(solution.actions):
-        if action.is_clearance:
+        if action.surfaces:
             picked = next((step for step in reversed(solution.actions[:index]) if step.name == "PickUp"), None)
             later = [step.target for step in solution.actions[index:] if step.name == "PickUp"]
             pictures.append(_choice(solution.target, action, picked, later, [picture.moved for picture in pictures]))

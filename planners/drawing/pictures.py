@@ -85,7 +85,12 @@ def draw_overview(solution: Solution, ax: Axes | None = None) -> Axes:
         "base": Line2D([], [], linewidth=1.6, color=_BASE_COLOUR),
     }
     axes.legend(list(entries.values()), list(entries), loc="lower right", fontsize=8)
-    axes.set_title(f"{solution.target} after {len(solution.clearances)} clearances ({solution.strategy.name})")
+    what = (
+        f"{solution.target} after {len(solution.clearances)} clearances"
+        if solution.target
+        else f"{solution.picks} picks"
+    )
+    axes.set_title(f"{what} ({solution.strategy.name})")
     return axes
 
 
@@ -111,14 +116,17 @@ def draw_plan(solution: Solution, path: Path) -> None:
     """Write the pictures of a plan's clearances (Figs. 8-10 of Lee & Kim 2019) to one image file.
 
     Raises:
-        ValueError: the plan has no actions.
+        ValueError: the plan has no actions; or it neither takes a target nor puts anything aside.
     """
     choices = choices_of(solution)
     pictures = []
     for number, choice in enumerate(choices[:_MOST], start=1):
         because = f" (obstructs {choice.obstructed})" if choice.obstructed else ""
         pictures.append((f"{number}  {choice.moved}{because}{', after a drive' if choice.is_far else ''}", choice))
-    pictures.append((f"{len(choices) + 1}  {solution.target} can be taken", last_picture(solution)))
+    if solution.target or not solution.actions:
+        pictures.append((f"{len(choices) + 1}  {solution.target} can be taken", last_picture(solution)))
+    if not pictures:
+        raise ValueError("a plan that puts nothing aside has no clearances to draw")
     x_low, x_high, y_low, y_high = pictures[0][1].extent
     aspect = (y_high - y_low) / (x_high - x_low)
     most = _COLUMNS if aspect < _WIDE else _COLUMNS_WIDE

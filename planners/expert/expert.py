@@ -310,6 +310,9 @@ class TampExpert:
         try:
             goal = self._goal.target or self._goal
             solution = self._planner.solve(scene, goal, self._strategy, self._rng, self._config.planning_s)
+            if isinstance(solution, Infeasible) and (wider := self._with_all_grasps(scene)) is not None:
+                self._note(f"{solution.cause}: {solution.detail}; planned with all grasps")
+                solution = wider.solve(scene, goal, self._strategy, self._rng, self._config.planning_s)
         except SceneError as error:
             self._end(f"the scene is not valid for planning: {error}")
             return
@@ -338,6 +341,13 @@ class TampExpert:
                 by_tcp=self._env.control_mode == "ee",
                 at_start=_AT_START if self._report.replans else 0,
             )
+
+    def _with_all_grasps(self, scene: Scene) -> Planner | None:
+        """The planner with all grasps, to plan again once something has toppled: few grasp sets fit what lies."""
+        planner, lies = self._planner, any(not body.is_upright for body in scene.objects)
+        if not (self._report.replans and lies and isinstance(planner, Planner) and planner.grasps != "all"):
+            return None
+        return replace(planner, grasps="all", supports=planner.supports or (scene.support.name,))
 
     def _hold(self) -> None:
         """Hold the target up; the plan is carried out to its end."""

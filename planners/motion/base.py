@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planners.collision.ground_map import GroundMap
-from planners.collision.world import STEP, CollisionWorld
+from planners.collision.world import OVERLAP, STEP, SUPPORT_SLACK, CollisionWorld
 from planners.motion.arm import SHORTCUTS
 from planners.motion.lattice import NEAR, search_lattice, ways_to
 from planners.motion.path import CLEARANCE, NO_WAY, NoPath, WholeBodyPath, on_base
 from planners.motion.rrt import shortcut
 from planners.scene import HeldObject
+from planners.scene.masks import FIXED_BITS
 
 _RETREATS = (0.0, 0.15, 0.35, 0.6, 0.9)
 """[m] that the base backs away from the table before it drives along, tried in this order."""
@@ -25,6 +26,9 @@ _COARSE_STEP = 0.015
 """[m] between checks on the lattice; accepted drives are checked again at `collision.world.STEP`."""
 _MOST_NODES = 100_000
 """Nodes of the lattice reached at most."""
+
+_AWAY, _WAYS, _SIZES = (0.03, 0.08, 0.2, 0.4), 16, 19
+"""[m] and directions that the base moves away from what it touches; sizes tried by which that counts as smaller."""
 
 Array = NDArray[np.float64]
 
@@ -90,7 +94,8 @@ def plan_base(
 ) -> WholeBodyPath | NoPath:
     """A collision-free motion of the base: straight if possible, else backing away first, else on a lattice.
 
-    Motions at a distance of `CLEARANCE` from everything come first.
+    Motions at a distance of `CLEARANCE` from everything come first. A robot that objects touch at the start moves away
+    from them first.
 
     Args:
         world: the scene, compiled.
@@ -115,6 +120,12 @@ def plan_base(
             X = on_base(waypoints, configuration)
             if not padded.path_hits(X, opening, held, first_only=True):
                 return WholeBodyPath(X, opening, held)
+    away = _moved_away(world, here, configuration, opening, held)
+    if away is not None:
+        onwards = plan_base(world, away, there, configuration, opening=opening, held=held, rng=rng, roadmap=roadmap)
+        if isinstance(onwards, NoPath):
+            return onwards
+        return replace(onwards, configurations=np.vstack([on_base(here, configuration), onwards.configurations]))
     for name, place in (("start", here), ("goal", there)):
         touched = world.hits(place, configuration, opening, held)
         if touched:
@@ -130,6 +141,36 @@ def plan_base(
         if path is not None and not world.path_hits(path, opening, held):
             return WholeBodyPath(path, opening, held)
     return NO_WAY
+
+
+def _moved_away(world: CollisionWorld, start: Array, q: Array, opening: float, held: HeldObject | None) -> Array | None:
+    """A base pose (3,) near the start, free, on a straight line on which the robot comes no nearer to what it touches.
+
+    None if it touches nothing, or something other than objects, or if there is no such line.
+    """
+    touched = world.hits(start, q, opening, held)
+    if not touched or touched & FIXED_BITS:
+        return None
+    bodies = [world.scene.body(name) for name in world.scene.names_of(touched)]
+    for by in np.linspace(0.0, world.padding + SUPPORT_SLACK + OVERLAP, _SIZES)[1:]:
+        smaller = world
+        for body in bodies:
+            smaller = smaller.with_body(replace(body, half_extents=np.maximum(body.half_extents - by, by)))
+        if not smaller.hits(start, q, opening, held):
+            break
+    else:
+        return None
+    from_them = start[:2] - np.mean([body.position[:2] for body in bodies], axis=0)
+    heading = math.atan2(from_them[1], from_them[0])
+    for padded in (world.with_padding(CLEARANCE), world):
+        for distance in _AWAY:
+            for turn in sorted(np.arange(_WAYS) * 2 * math.pi / _WAYS, key=lambda turn: -math.cos(turn)):
+                end = start + distance * np.array([math.cos(heading + turn), math.sin(heading + turn), 0.0])
+                if not padded.hits(end, q, opening, held) and not smaller.path_hits(
+                    on_base(np.stack((start, end)), q), opening, held, first_only=True
+                ):
+                    return np.asarray(end)
+    return None
 
 
 def unwrap_yaw(yaw: float, near: float) -> float:

@@ -35,8 +35,8 @@ def write_page(path: Path, recording: Recording, rows: Mapping[str, str], result
 
 
 def episode_title(recording: Recording) -> str:
-    """Such as "object_03 out of 15 objects"."""
-    return f"{recording.target} out of {len(recording.objects)} objects"
+    """Such as "object_03 out of 15 objects"; of a goal with places "8 objects"."""
+    return f"{recording.target} out of {len(recording.objects)} objects".removeprefix(" out of ")
 
 
 def page_html(title: str, content: str, address: str = "") -> str:
@@ -72,7 +72,8 @@ def write_plan_page(plan: Solution, path: Path) -> None:
     """
     lines = (line.partition(": ") for line in plan.summary().splitlines())
     rows = {name.strip(): value for name, _, value in lines if value}
-    title = f"Plan: {plan.target} after {len(plan.clearances)} clearances"
+    what = f"{plan.target} after {len(plan.clearances)} clearances" if plan.target else f"{plan.picks} picks"
+    title = f"Plan: {what}"
     write_page(path, plan_recording(plan), rows, "plan", title)
 
 

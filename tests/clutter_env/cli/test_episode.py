@@ -56,7 +56,7 @@ def test_the_files_of_an_episode_hold_its_plan(tmp_path: Path) -> None:
 def test_the_report_believes_the_environment() -> None:
     report = EpisodeReport(planned=True, executed=True, scored=True, clearances=("object_02",), floor=1)
     assert report_rows(report, is_success=True, lifted=True)["success"] == "yes, by the environment"
-    assert report_rows(report, is_success=False, lifted=False)["success"] == "no: the target was not held up"
+    assert report_rows(report, is_success=False, lifted=False)["success"] == "no: the goal was not reached"
     assert "no: an object has fallen" in report_rows(report, is_success=False, lifted=True)["success"]
 
 

@@ -11,7 +11,7 @@ import pytest
 import clutter_env  # noqa: F401 - registers the environments
 from clutter_env.envs.goal import GOAL_TOLERANCE, GoalInterface
 
-IDS = ["clutter_env/Reach-v0", "clutter_env/Pick-v0"]
+IDS = [f"clutter_env/{name}-v0" for name in ("Reach", "Pick", "ArmReach", "ArmPick")]
 
 
 @pytest.mark.parametrize("env_id", IDS)

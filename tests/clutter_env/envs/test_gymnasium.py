@@ -27,6 +27,8 @@ IDS = [
     *(f"clutter_env/Rearrange-o{n}-v0" for n in clutter_env.REARRANGE_COUNTS),
     "clutter_env/Reach-v0",
     "clutter_env/Pick-v0",
+    "clutter_env/ArmReach-v0",
+    "clutter_env/ArmPick-v0",
 ]
 INFO_TYPES = {
     "is_success": bool,
@@ -42,7 +44,7 @@ INFO_TYPES = {
 }
 
 
-FEW = ["clutter_env/Retrieve-o1-v0", "clutter_env/Retrieve-o60-v0", "clutter_env/Rearrange-o4-v0", *IDS[-2:]]
+FEW = ["clutter_env/Retrieve-o1-v0", "clutter_env/Retrieve-o60-v0", "clutter_env/Rearrange-o4-v0", *IDS[-4:]]
 
 
 @pytest.mark.parametrize("env_id", FEW)

@@ -203,7 +203,7 @@ def test_an_object_on_the_floor_ends_the_episode_one_on_the_lower_table_does_not
     env = RearrangeEnv(num_objects=4, task="fetch", reward_mode="dense")
     env.reset(seed=0)
     first, second = env.goal.facts
-    put(env, first.object, -4.2, 0.0, TABLE_HEIGHT - 0.15)
+    put(env, first.object, 0.2, 3.0, TABLE_HEIGHT - 0.15)
     _, _, terminated, _, info = idle(env, 3)
     assert (info["unmet"], info["num_fallen"], terminated) == (1, 0, False)
     put(env, second.object, -1.5, 2.0, 0.0)

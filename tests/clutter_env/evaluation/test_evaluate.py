@@ -15,13 +15,16 @@ from clutter_env.cli.main import main
 from clutter_env.errors import LearningError, SuiteError
 from clutter_env.evaluation.evaluate import ResultRecords, evaluate, lower_bounds
 from clutter_env.evaluation.scenes import SceneSet, SeededScene, find_floor, skill_scene
-from clutter_env.evaluation.score import PolicyCrashed, held_out_seeds, play_scene
+from clutter_env.evaluation.score import PolicyCrashed, play_scene
 from clutter_env.evaluation.tables import results
+from clutter_env.evaluation.verify import verify
 from clutter_env.policies.protocol import PolicyError, begin_episode
 from clutter_env.policies.registry import load_policy
 from clutter_env.provenance import provenance
+from clutter_env.reporting.files import write_json
+from clutter_env.seeds import HELD_OUT, held_out_seeds
 from clutter_env.suites import suite
-from clutter_env.task import HELD_OUT, Task
+from clutter_env.task import Task
 from tests.clutter_env.evaluation.evaluations import evaluation, score
 
 POLICY = """
@@ -264,3 +267,18 @@ def test_a_policy_is_refused_before_anything_is_played() -> None:
         evaluate("nobody", REACH)
     with pytest.raises(PolicyError, match=r"reset\(env, info\), as in version 0\.1"):
         evaluate("my_policies:Old", REACH)
+
+
+def test_suites_of_rearrange_have_no_lower_bounds_and_are_confirmed_all_the_same(tmp_path: Path) -> None:
+    class GivesUp(Idle):
+        done, failure = True, "no idea"
+
+    found = evaluate(GivesUp(), SceneSet("stack-8-v1", count=2))
+    assert found.floors == ()
+    assert [one.failure for one in found.scores] == ["no idea"] * 2
+    file = tmp_path / "results.json"
+    write_json(file, results(found))
+    assert not verify(file).differences
+    with pytest.raises(SuiteError, match="no floors for grasps='side'"):
+        lower_bounds(found.scenes, "side")
+    assert SceneSet(env_id="clutter_env/Rearrange-o4-v0", task="swap", count=1).name == "swap-o4"

@@ -82,6 +82,7 @@ def snapshot(env: BaseEnv) -> tuple[bytes, ...]:
 CASES = [
     ("clutter_env/Retrieve-o5-v0", {}),
     ("clutter_env/Pick-v0", {}),
+    ("clutter_env/ArmPick-v0", {}),
     ("clutter_env/Reach-v0", {"control_mode": "joint"}),
 ]
 

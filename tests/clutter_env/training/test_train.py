@@ -18,7 +18,7 @@ from clutter_env.data.episode import record
 from clutter_env.data.episode_file import write_episode
 from clutter_env.envs.observation import OBJECT_FIELDS
 from clutter_env.errors import DatasetError, LearningError, UnknownTask
-from clutter_env.evaluation.score import held_out_seeds, play_scene
+from clutter_env.evaluation.score import play_scene
 from clutter_env.policies.cloning import ClonedPolicy, feature_vector
 from clutter_env.policies.experts import make_expert
 from clutter_env.policies.protocol import PolicyError
@@ -26,6 +26,7 @@ from clutter_env.policies.registry import load_policy
 from clutter_env.policies.reinforcement import ALGORITHMS, GRIPPER_SCALE, ScaledActions, training_env
 from clutter_env.policies.runs import load_run
 from clutter_env.policies.weights import read_arrays
+from clutter_env.seeds import held_out_seeds
 from clutter_env.task import Task
 from clutter_env.training.cloning import Examples, clone
 from clutter_env.training.reinforcement import load_model, make_model, save_model

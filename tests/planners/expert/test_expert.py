@@ -23,11 +23,13 @@ Fault = Callable[[gymnasium.Env, TampExpert], bool]
 """Tampers with the simulation if the moment has come; whether it did."""
 
 
-def run(seed: int, objects: int, mode: str = "joint", fault: Fault | None = None) -> tuple[EpisodeReport, bool, bool]:
+def run(
+    seed: int, objects: int, mode: str = "joint", fault: Fault | None = None, grasps: str | None = None
+) -> tuple[EpisodeReport, bool, bool]:
     """One episode: the report, whether the environment says success, and whether the fault happened."""
     env = gymnasium.make(f"clutter_env/Retrieve-o{objects}-v0", control_mode=mode, max_episode_steps=MAX_STEPS)
     _, info = env.reset(seed=seed)
-    expert = TampExpert(env)
+    expert = TampExpert(env, grasps=grasps)
     expert.reset(info["target"])
     happened = ended = False
     while not expert.done and not ended:
@@ -200,6 +202,13 @@ def test_a_fault_is_noticed_and_recovered_from(fault: str) -> None:
     assert not report.clean, "the fault moved an object that nobody held"
     assert report.replans >= 1
     assert report.deviations
+
+
+def test_what_has_toppled_is_taken_by_any_grasp_although_plans_are_made_of_level_ones() -> None:
+    report, _, happened = run(seed=11, objects=5, fault=topple_the_target, grasps="side")
+    assert happened
+    assert report.scored
+    assert any("with the grasps of 'side'; planned with all grasps" in note for note in report.deviations)
 
 
 @pytest.mark.slow
