@@ -19,7 +19,7 @@ from irm.chain import BASE
 from irm.compilation import njit
 from irm.kinematics import fk_frames
 from planners.collision.gjk import CYLINDER, Solids, are_any_within, are_within, core_distance, height
-from planners.collision.kernel_arguments import copy_rows, inlined_kernel, leaf_kernel, pointer_to
+from planners.collision.kernel_arguments import copy_row, copy_rows, inlined_kernel, leaf_kernel, pointer_to
 from planners.collision.scene_arrays import Obstacles, RobotArrays
 from planners.scene import SELF_BIT, STATIC_BIT
 
@@ -28,6 +28,8 @@ _ONE = np.uint64(1)
 _NONE = np.uint64(0)
 _STATIC = np.uint64(1 << STATIC_BIT)
 _SELF = np.uint64(1 << SELF_BIT)
+_BLOCK = 6
+"""Checks along a path of which one may stand for all."""
 
 
 class Attached(NamedTuple):
@@ -355,13 +357,106 @@ def edge_hits(query: CollisionQuery, start: Array, end: Array, step: float) -> n
     return np.uint64(hits)
 
 
+@leaf_kernel
+def _is_clear_around(query: CollisionQuery, x: Array, slack: Array) -> bool:
+    """Whether nothing that counts is hit at a configuration (3 + n,), nor where each link has moved by its slack.
+
+    `query` is a pointer to it. `slack` (1 + n,) [m] of the base and the links: what all joints before do, added up.
+    """
+    robot, obstacles, attached, padding = query.robot, query.obstacles, query.attached, query.padding
+    scratch, active, link = query.scratch, query.active, query.robot.link
+    place_robot(robot, attached, scratch, x[:3], x[3:], query.opening)
+    solids, simplex, held, count = scratch.solids, scratch.simplex, attached.bit, robot.core.shape[0]
+    last = slack.shape[0] - 1
+    if active & _SELF != _NONE:
+        # Two links move against each other by what the joints between them do.
+        for i in range(robot.held_from, count if held >= 0 else 0):
+            wide = padding + slack[last] - slack[link[i] + 1]
+            if are_within(solids, i, solids, count, wide, simplex):
+                return False
+        for pair in range(robot.self_pairs.shape[0]):
+            i, j = robot.self_pairs[pair, 0], robot.self_pairs[pair, 1]
+            wide = padding + abs(slack[link[i] + 1] - slack[link[j] + 1])
+            position = solids.position
+            distance = core_distance(solids, j, position[i, 0], position[i, 1], position[i, 2])
+            is_near = distance < solids.bound[i] + solids.radius[j] + wide
+            if is_near and are_within(solids, i, solids, j, wide, simplex):
+                return False
+    wanted = active & ~(_STATIC | _SELF)
+    if held >= 0:
+        wanted &= ~(_ONE << np.uint64(held))
+    radius, bound = solids.radius, solids.bound
+    for i in range(count + 2):
+        more = slack[last] if i >= count else slack[link[i] + 1]
+        radius[i] += more
+        bound[i] += more
+    is_clear = True
+    if wanted != _NONE:
+        is_clear = _object_hits(solids, count + (held >= 0), obstacles, wanted, padding, True, simplex) == _NONE
+    if is_clear and active & _STATIC != _NONE:
+        is_clear = not _hits_static(solids, count, held, obstacles, link, padding, simplex)
+    for i in range(count + 2):
+        radius[i] = robot.radius[i] if i < count else 0.0
+        bound[i] = robot.bound[i] if i < count else attached.bound
+    return is_clear
+
+
 @njit(cache=True)
 def path_hits(query: CollisionQuery, X: Array, step: float) -> np.uint64:
-    """What a piecewise straight motion through whole-body configurations `X` (k, 3 + n) hits, both ends included."""
-    checks = pointer_to(query)
-    hits = configuration_hits(checks, query.active, X[0, :3], X[0, 3:])
+    """What a piecewise straight motion through whole-body configurations `X` (k, 3 + n) hits, both ends included.
+
+    No point of the robot moves more than `step` [m] between two checks. Of every `_BLOCK` of them one comes first, with
+    so much more distance that the others need not follow where nothing is that near; these come first everywhere.
+    """
+    checks, reach, d = pointer_to(query), query.attached.reach, X.shape[1]
+    edges, total = np.empty(X.shape[0], np.int64), 1
     for row in range(1, X.shape[0]):
-        if query.first_only and hits != _NONE:
-            break
-        hits |= edge_hits(checks, X[row - 1], X[row], step)
+        edges[row] = edge_samples(reach, X[row - 1], X[row], step)
+        total += edges[row]
+    # All configurations that are checked, and how far the base and each joint have moved a point until then.
+    points, moved = np.empty((total, d)), np.zeros((total, d - 2))
+    copy_row(X[0], points[0])
+    at = 0
+    for row in range(1, X.shape[0]):
+        for i in range(1, edges[row] + 1):
+            at += 1
+            for joint in range(d):
+                points[at, joint] = X[row - 1, joint] + (X[row, joint] - X[row - 1, joint]) * i / edges[row]
+            if i == edges[row]:
+                copy_row(X[row], points[at])
+            way = math.hypot(points[at, 0] - points[at - 1, 0], points[at, 1] - points[at - 1, 1])
+            moved[at, 0] = moved[at - 1, 0] + way + abs(points[at, 2] - points[at - 1, 2]) * reach[2]
+            for joint in range(1, d - 2):
+                way = abs(points[at, 2 + joint] - points[at - 1, 2 + joint]) * reach[2 + joint]
+                moved[at, joint] = moved[at - 1, joint] + way
+    hits, slack, blocks = _NONE, np.empty(d - 2), (total + _BLOCK - 1) // _BLOCK
+    is_clear, order, stride, count = np.zeros(blocks, np.bool_), np.zeros(blocks, np.int64), 1, 1
+    while 2 * stride < blocks:
+        stride *= 2
+    while stride >= 1:
+        for block in range(stride, blocks, 2 * stride):
+            order[count] = block
+            count += 1
+        stride //= 2
+    # The blocks in ever finer subdivisions: what is hit is found early.
+    for place in range(blocks):
+        block = int(order[place])
+        first, last = block * _BLOCK, min(block * _BLOCK + _BLOCK, total) - 1
+        middle, far = (first + last) // 2, 0.0
+        if last > first:
+            for link in range(d - 2):
+                far += max(moved[middle, link] - moved[first, link], moved[last, link] - moved[middle, link])
+                slack[link] = far
+            is_clear[block] = _is_clear_around(checks, points[middle], slack)
+        if not is_clear[block]:
+            hits |= configuration_hits(checks, query.active, points[middle, :3], points[middle, 3:])
+            if query.first_only and hits != _NONE:
+                return np.uint64(hits)
+    for block in range(blocks):
+        first, last = block * _BLOCK, min(block * _BLOCK + _BLOCK, total) - 1
+        for at in range(first, last + 1):
+            if not is_clear[block] and at != (first + last) // 2:
+                hits |= configuration_hits(checks, query.active, points[at, :3], points[at, 3:])
+                if query.first_only and hits != _NONE:
+                    return np.uint64(hits)
     return np.uint64(hits)

@@ -13,11 +13,20 @@ from numpy.typing import NDArray
 from assets.robots import FETCH
 from planners.collision.hit_kernels import edge_samples, place_along
 from planners.collision.scene_arrays import obstacle_arrays
-from planners.collision.world import CollisionWorld, validate
+from planners.collision.world import STEP, CollisionWorld, validate
 from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.motion.trajectory import Phase, Trajectory
-from planners.scene import STATIC_BIT, HeldObject, RobotState, Scene, SceneError, StaticObstacle, UnknownObject
+from planners.scene import (
+    SELF_BIT,
+    STATIC_BIT,
+    HeldObject,
+    RobotState,
+    Scene,
+    SceneError,
+    StaticObstacle,
+    UnknownObject,
+)
 from tests.planners.collision.slow_gjk import project, slow_hits
 from tests.planners.motion_scenes import arm_path, grasp_configurations, mixed_scene
 from tests.planners.scenes import cylinder, table_scene
@@ -172,6 +181,33 @@ def test_a_path_hits_what_its_configurations_hit() -> None:
         touched = world.with_padding(0.0).path_hits(np.stack([a, b]), OPENING)
         assert touched & ~on_path == 0
         assert union & ~world.with_padding(0.004).path_hits(np.stack([a, b]), OPENING, step=0.002) == 0
+
+
+def checked_one_by_one(world: CollisionWorld, X: NDArray[np.float64], held: HeldObject | None, ignore: int) -> int:
+    """The slow twin of `path_hits`: every configuration that it may look at."""
+    reach, hits = world.query(OPENING, held).attached.reach, world.hits(X[0, :3], X[0, 3:], OPENING, held, ignore)
+    for a, b in itertools.pairwise(X):
+        parts = edge_samples(reach, a, b, STEP)
+        for x in [*(a + (b - a) * i / parts for i in range(1, parts)), b]:
+            hits |= world.hits(x[:3], x[3:], OPENING, held, ignore)
+    return hits
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_checks_are_left_out_along_a_path_only_where_nothing_is_near(seed: int) -> None:
+    """Robot, objects, static obstacles and self-collision, with and without an object in hand."""
+    scene, rng, hits = mixed_scene(20, seed), np.random.default_rng(seed), []
+    for k in range(24):
+        world = CollisionWorld.from_scene(scene, padding=(0.002, 0.01, 0.0)[k % 3])
+        q = np.array(FETCH.home) + rng.normal(size=(3, 8)) * (0.3, 0.1, 0.03)[k % 3]
+        base = np.array((-1.1, 0.0, 0.0)) + rng.normal(size=(3, 3)) * (0.1, 0.1, 0.2) * (k % 2)
+        base[:, 0] += 0.3 * (k % 4 == 1)
+        X = np.hstack([base, np.clip(q, world.robot.lower, world.robot.upper)])
+        held, ignore = HeldObject("object_02", np.eye(4)) if k % 3 else None, (0, 1, 1 << SELF_BIT, 5)[k % 4]
+        hits.append(checked_one_by_one(world, X, held, ignore))
+        assert world.path_hits(X, OPENING, held, ignore) == hits[-1]
+        assert bool(world.path_hits(X, OPENING, held, ignore, first_only=True)) == bool(hits[-1])
+    assert 3 < np.count_nonzero(hits) < 21
 
 
 def random_obstacle(name: str, shape: str, rng: np.random.Generator) -> StaticObstacle:

@@ -14,7 +14,7 @@ from irm.chain import ArmChain
 from irm.kinematics import forward
 from planners.collision.straight_lines import trace_straight
 from planners.collision.world import FINGER_GAP, STEP, CollisionWorld
-from planners.motion.arm import ArmQuery, plan_arm, tcp_pose, unwrap_joints
+from planners.motion.arm import ArmQuery, plan_arm, tcp_pose, tcp_poses, unwrap_joints
 from planners.motion.mujoco_check import TOLERANCE, MujocoCollisionChecker
 from planners.motion.path import CLEARANCE, BlockedBy, NoPath, WholeBodyPath, on_base
 from planners.scene import Body, RobotState
@@ -190,3 +190,10 @@ def test_continuous_joints_take_the_shorter_turn() -> None:
         assert (np.abs(turned - q) <= np.abs(goal - q) + 1e-9).all()
         assert (turned >= robot.lower).all()
         assert (turned <= robot.upper).all()
+
+
+def test_tcp_poses_of_many_configurations_are_those_of_each() -> None:
+    world, rng = CollisionWorld.from_scene(mixed_scene(3, 0)), np.random.default_rng(0)
+    X = np.hstack([rng.normal(size=(40, 3)), rng.uniform(-2, 2, (40, 8))])
+    one_by_one = [tcp_pose(FETCH, RobotState(x[:3], x[3:], 0.0)) for x in X]
+    assert np.allclose(tcp_poses(world.robot, X), one_by_one, atol=1e-12)

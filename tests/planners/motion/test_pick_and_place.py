@@ -14,16 +14,16 @@ from planners.collision.world import CollisionWorld
 from planners.context import PlanningContext
 from planners.goals import LIFTED
 from planners.motion.approaches import can_put_down, fewest_blockers, planned_approach, stand_off
-from planners.motion.arm import tcp_pose
+from planners.motion.arm import ArmQuery, tcp_pose
 from planners.motion.mujoco_check import TOLERANCE, MujocoCollisionChecker
 from planners.motion.path import BlockedBy
-from planners.motion.pick_and_place import PickPlaceMotion, plan_pick, plan_place
+from planners.motion.pick_and_place import PickPlaceMotion, _held_heights, plan_pick, plan_place
 from planners.motion.timing import pick_trajectory, place_trajectory
 from planners.scene import HeldObject, RobotState, Scene, UnknownObject
 from tests.planners.motion_scenes import grasp_configurations, mixed_scene
 from tests.planners.scenes import cylinder, random_shelf, shelf_scene, table_scene
 
-HOME = np.array(FETCH.home)
+HOME, BASE = np.array(FETCH.home), np.array([-0.9, 0.1, 0.3])
 PLANNER = Planner(FETCH, grasps="side")
 STEP = 0.005
 Picks = list[tuple[Scene, PickPlaceMotion]]
@@ -190,3 +190,15 @@ def test_cluttered_shelves_are_solved_and_nothing_is_cleared_twice(seed: int) ->
             assert not found.duplicated
             assert floor.count is not None
             assert len(found.clearances) <= floor.count + 1
+
+
+def test_the_held_object_is_as_high_as_its_lowest_point() -> None:
+    scene, rng = mixed_scene(8, 0), np.random.default_rng(0)
+    Q = np.array(HOME) + rng.normal(size=(10, 8)) * 0.4
+    for body in scene.objects:
+        T = np.eye(4)
+        T[:3, :3] = scene.objects[3].rotation
+        held = HeldObject(body.name, T)
+        query = ArmQuery(CollisionWorld.from_scene(scene), BASE, 0.05, held)
+        poses = [tcp_pose(FETCH, RobotState(BASE, q, 0.0)) @ T for q in Q]
+        assert np.allclose(_held_heights(query, Q), [body.at_pose(pose).bottom for pose in poses], atol=1e-9)
