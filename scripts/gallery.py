@@ -49,7 +49,7 @@ ENTRIES = (
     Entry("shelf", "clutter_env/Retrieve-o10-v0", {"layout": "shelf"}, "lookahead-all"),
     Entry("dense", "clutter_env/Retrieve-o25-v0", {"layout": "dense", "obstructed": True}, "lookahead-all"),
     Entry("sort", "clutter_env/Rearrange-o4-v0", {"task": "sort"}, "lookahead-all", steps_per_frame=10),
-    Entry("stack", "clutter_env/Rearrange-o8-v0", {"task": "stack"}, "lookahead-all"),
+    Entry("stack", "clutter_env/Rearrange-o8-v0", {"task": "stack"}, "lookahead-all", steps_per_frame=10),
     Entry("skill", "clutter_env/Skill-o10-v0", {"obstructed": True}, "greedy"),
     Entry("reach", "clutter_env/Reach-v0", {}, "reach", steps_per_frame=1),
     Entry("pick", "clutter_env/Pick-v0", {}, "pick", steps_per_frame=1),

@@ -94,8 +94,8 @@ class GoalMonitor:
         return self.steps_met >= HOLD_STEPS
 
     def is_lost(self, measurements: Measurements) -> bool:
-        """Whether an object that is to be somewhere has fallen off all supports."""
-        return bool(measurements.is_off[self._slots].any())
+        """Whether an object that is to be somewhere has fallen off all supports; what is carried may be lower."""
+        return bool((measurements.is_off & measurements.is_fallen)[self._slots].any())
 
     def update(self, measurements: Measurements) -> None:
         """Take into account what was measured after one more control step."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
@@ -210,6 +211,14 @@ def test_an_object_on_the_floor_ends_the_episode_one_on_the_lower_table_does_not
     _, reward, terminated, _, info = idle(env, 1)
     assert (terminated, info["num_fallen"]) == (True, 1)
     assert reward < -200
+
+
+def test_what_is_carried_below_the_table_top_is_not_lost() -> None:
+    env = RearrangeEnv(num_objects=4)
+    env.reset(seed=0)
+    below = replace(env.measurements, is_off=np.arange(4) == 1)
+    assert not env._goal_monitor.is_lost(below)
+    assert env._goal_monitor.is_lost(replace(below, is_fallen=np.arange(4) == 1))
 
 
 def test_the_potential_rises_with_every_fact_and_returns_what_it_gave() -> None:
