@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
@@ -12,8 +13,13 @@ from numpy.typing import NDArray
 
 from assets.files import path as asset_path
 from assets.robot_parts import ChainLink, InvalidRobot, check_names, require
-from irm.chain import ArmChain
+from irm.chain import ArmChain, frames_of, link_of_body, pose_of
 from irm.errors import ChainError
+from irm.model_reading import is_solid, shapes_of
+from irm.shapes import Shapes
+
+if TYPE_CHECKING:
+    from assets.robot_spec import RobotSpec
 
 Floats = NDArray[np.float64]
 
@@ -93,6 +99,40 @@ def read_fields(mjcf: str | Path, page: Mapping[str, Any]) -> dict[str, Any]:
         **_gripper(model, said["finger_joints"], said["finger_geoms"]),
         **_footprint(model, base),
     }
+
+
+@cache
+def read_shapes(robot: RobotSpec) -> Shapes:
+    """`RobotSpec.shapes`, read once."""
+    model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    data = mujoco.MjData(model)
+    data.qpos[:] = 0.0
+    for joint, angle in zip(robot.still_joints, robot.still_configuration, strict=True):
+        data.joint(joint).qpos = angle
+    mujoco.mj_kinematics(model, data)
+    base, (offsets, _, _) = data.body(robot.base_body), frames_of(robot)
+    places = [np.eye(4)]
+    places[0][:3, :3], places[0][:3, 3] = base.xmat.reshape(3, 3), base.xpos
+    for place in offsets:
+        places.append(places[-1] @ pose_of(place))
+    joints = [_joint(model, link.joint) for link in robot.chain]
+    fingers = {int(model.jnt_bodyid[_joint(model, name)]): robot.max_finger_position for name in robot.finger_joints}
+    geoms, links = collision_geoms(model, robot), link_of_body(model, robot)
+    try:
+        return shapes_of(model, data, geoms, links, places, joints, fingers)
+    except ChainError as problem:
+        raise InvalidRobot(str(problem)) from problem
+
+
+def collision_geoms(model: mujoco.MjModel, robot: RobotSpec) -> list[int]:
+    """Ids of the robot's geoms that can touch something: from the gripper to the base, then those of idle arms."""
+    idle = {int(model.jnt_bodyid[model.joint(arm.joints[0]).id]) for arm in robot.idle_arms}
+    for body in range(model.nbody):
+        if int(model.body_parentid[body]) in idle:
+            idle.add(body)
+    base = model.body(robot.base_body).id
+    of_robot = is_solid(model) & (model.body_rootid[model.geom_bodyid] == base)
+    return sorted(np.flatnonzero(of_robot)[::-1].tolist(), key=lambda geom: int(model.geom_bodyid[geom]) in idle)
 
 
 def _chain(arm: ArmChain) -> tuple[ChainLink, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,9 @@ from assets.robot_parts import (
     require,
     rotation_of,
 )
+
+if TYPE_CHECKING:
+    from irm.shapes import Shapes
 
 
 @dataclass(frozen=True)
@@ -184,6 +187,17 @@ class RobotSpec:
     def tcp_rotation(self) -> NDArray[np.float64]:
         """(3, 3) orientation of the TCP in the last arm frame."""
         return rotation_of(self.tcp_quaternion)
+
+    @property
+    def shapes(self) -> Shapes:
+        """Collision shapes of robot, head and idle arms in `still_configuration`, for `irm` and the planner.
+
+        Raises:
+            InvalidRobot: the MJCF file has collision geometry of a kind that is not known, or lacks a joint.
+        """
+        from assets.robot_reading import read_shapes  # see `from_mjcf`
+
+        return read_shapes(self)
 
     @property
     def map_folder(self) -> Path | None:

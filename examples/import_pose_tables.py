@@ -20,6 +20,8 @@ from irm.rotations import rotation, rotations
 Floats = NDArray[np.float64]
 _YAW_PITCH_ROLL_COLUMNS = 7
 _AUTHORS_COLUMNS = 10
+_BESIDE = 1e-3
+"""[m] by which the TCP may lie beside the line of the approach: their numbers have six digits."""
 
 
 def read_pose_table(path: str | Path) -> tuple[Floats, Floats]:
@@ -40,20 +42,65 @@ def read_pose_table(path: str | Path) -> tuple[Floats, Floats]:
 
     Raises:
         FileNotFoundError: no such file.
-        MapFileError: the file is no table of this kind.
+        MapFileError: the file is no table of this kind, or it is the authors' inverse map: see `read_irm`.
     """
+    table = _table(path)
+    T, mu = _poses_of_table(table)
+    if table.shape[1] >= _AUTHORS_COLUMNS and not _is_hand_ahead(T, table) and _is_hand_ahead(_turned_back(T), table):
+        raise MapFileError(f"{path} is an inverse map of the paper's authors, not a reachability map: use read_irm")
+    return T, mu
+
+
+def read_irm(path: str | Path) -> tuple[Floats, Floats]:
+    """The same from the authors' inverse map, whose x and y are those of the base: Rz(π - yaw) (x, y) of equation 5.
+
+    All other columns are those of their reachability map, so that it follows from them.
+
+    Raises:
+        FileNotFoundError: no such file.
+        MapFileError: the file is no inverse map of theirs.
+    """
+    table = _table(path)
+    T, mu = _poses_of_table(table)
+    if table.shape[1] < _AUTHORS_COLUMNS or not _is_hand_ahead(_turned_back(T), table):
+        raise MapFileError(f"{path} is no inverse map of the paper's authors; read_pose_table reads reachability maps")
+    return _turned_back(T), mu
+
+
+def _table(path: str | Path) -> Floats:
     table = _numbers(Path(path))
     if table.ndim != 2 or (table.shape[1] != _YAW_PITCH_ROLL_COLUMNS and table.shape[1] < _AUTHORS_COLUMNS):
         raise MapFileError(
             f"{path} has shape {table.shape}; a table of poses has 7 columns (x, y, z, yaw, pitch, roll, μ) or at "
             "least 10 (those of the paper's authors)"
         )
+    return table
+
+
+def _poses_of_table(table: Floats) -> tuple[Floats, Floats]:
     if table.shape[1] == _YAW_PITCH_ROLL_COLUMNS:
         return _poses(rotations(*table[:, 3:6].T), table[:, :3]), table[:, 6].copy()
     roll, pitch, yaw = np.radians(table[:, 6:9]).T
     nothing = np.zeros(len(table))
     approach_is_z = rotations(yaw, pitch, nothing) @ rotations(roll, nothing, nothing)
     return _poses(approach_is_z @ rotation(0.0, -np.pi / 2, 0.0), table[:, :3]), table[:, 9].copy()
+
+
+def _is_hand_ahead(T: Floats, table: Floats) -> bool:
+    """Whether the TCP lies ahead of the end effector, along the approach, in nearly every row: so it is in their
+    reachability map, whose columns 3 to 5 are the end effector, and not in the inverse one."""
+    hand = T[:, :3, 3] - table[:, 3:6]
+    beside = np.linalg.norm(np.cross(hand, T[:, :3, 0]), axis=1)
+    ahead = np.einsum("ni,ni->n", hand, T[:, :3, 0])
+    return bool(np.mean((beside < _BESIDE) & (ahead > -_BESIDE)) > 0.99)
+
+
+def _turned_back(T: Floats) -> Floats:
+    """Poses of a reachability map, from those of the inverse map: x and y turned by yaw - π."""
+    angle = np.arctan2(T[:, 1, 0], T[:, 0, 0]) - np.pi
+    c, s, turned = np.cos(angle), np.sin(angle), T.copy()
+    turned[:, 0, 3], turned[:, 1, 3] = c * T[:, 0, 3] - s * T[:, 1, 3], s * T[:, 0, 3] + c * T[:, 1, 3]
+    return turned
 
 
 def read_reuleaux(path: str | Path) -> tuple[Floats, Floats]:

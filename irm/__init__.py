@@ -11,15 +11,25 @@ Example:
 """
 
 from irm.answers import BasePlacement, PlacementBatch, Status
-from irm.chain import PRISMATIC, ArmChain, frames_of, pose_of
-from irm.errors import ReachabilityError
+from irm.chain import PRISMATIC, ArmChain, JointRow, frames_of, pose_of
+from irm.errors import QueryError, ReachabilityError
 from irm.free_space import FreeSpace
 from irm.grid import MapParameters
-from irm.ik.solvers import CLOSED_FORM, ITERATIVE, PARALLEL, SPHERICAL, arm_solutions, free_angles, solver_arrays
+from irm.ik.solvers import (
+    CLOSED_FORM,
+    ITERATIVE,
+    PARALLEL,
+    SPHERICAL,
+    ExactSolver,
+    arm_solutions,
+    free_angles,
+    solver_arrays,
+)
 from irm.inverse_map import ClassicalInverseReachabilityMap, InverseReachabilityMap
 from irm.kinematics import fk_frames, forward, link_origins
 from irm.reachability_map import ReachabilityMap, cache_folder, cached_map, is_map_at_hand
 from irm.robot_shape import SolidBoxes, robot_radius
+from irm.tolerance import TolerantPlacement, query_tolerant
 from irm.verification import (
     NotVerified,
     SelfCollision,
@@ -40,16 +50,20 @@ __all__ = [
     "ArmChain",
     "BasePlacement",
     "ClassicalInverseReachabilityMap",
+    "ExactSolver",
     "FreeSpace",
     "InverseReachabilityMap",
+    "JointRow",
     "MapParameters",
     "NotVerified",
     "PlacementBatch",
+    "QueryError",
     "ReachabilityError",
     "ReachabilityMap",
     "SelfCollision",
     "SolidBoxes",
     "Status",
+    "TolerantPlacement",
     "Verified",
     "arm_solutions",
     "cache_folder",
@@ -64,6 +78,7 @@ __all__ = [
     "is_map_at_hand",
     "link_origins",
     "pose_of",
+    "query_tolerant",
     "robot_radius",
     "solver_arrays",
     "tcp_poses",

@@ -28,10 +28,13 @@ class BasePlacement:
     Attributes:
         status: YES if one of the bases is certain, NO if there is certainly none, UNKNOWN otherwise.
         poses: (k, 3) base x, y [m] and yaw [rad] in [-π, π).
-        manipulability: (k,) μ of the map's cell; of paths and of several targets, the smallest one.
+        manipulability: (k,) μ of the map's cell; of paths and of several targets, the smallest one. With exact answers,
+            that of `configurations`.
         torso: (k,) torso height at which the arm reaches with this μ [m]; of paths and of several targets (k, m).
         approach_yaw: (k,) yaw of the TCP in the world [rad]; of several targets (k, m).
-        certain: (k,) whether the arm certainly reaches from this base.
+        certain: (k,) whether the arm certainly reaches from this base, free of self-collision.
+        configurations: with exact answers, (k, 1 + n) torso [m] and arm [rad] that reach, free of self-collision, NaN
+            where none is known; of paths and of several targets (k, m, 1 + n). Else None.
     """
 
     status: Status
@@ -40,6 +43,7 @@ class BasePlacement:
     torso: Floats
     approach_yaw: Floats
     certain: NDArray[np.bool_]
+    configurations: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.poses)
@@ -54,21 +58,23 @@ class BasePlacement:
         return BasePlacement(status, np.empty((0, 3)), none, none, none, np.empty(0, dtype=bool))
 
     @staticmethod
-    def of_rows(rows: Floats) -> BasePlacement:
+    def of_rows(rows: Floats, configurations: Floats | None = None) -> BasePlacement:
         """From kernel rows (k, 7), k ≥ 1: x, y, yaw, approach yaw, μ, torso, certain."""
         rows.setflags(write=False)
         certain = rows[:, 6] > 0.5
         certain.setflags(write=False)
         status = Status.YES if True in certain.tolist() else Status.UNKNOWN
-        return BasePlacement(status, rows[:, :3], rows[:, 4], rows[:, 5], rows[:, 3], certain)
+        return BasePlacement(status, rows[:, :3], rows[:, 4], rows[:, 5], rows[:, 3], certain, configurations)
 
     @staticmethod
-    def of_multi_rows(rows: Floats, torsos: Floats, yaws: Floats, status: Status) -> BasePlacement:
+    def of_multi_rows(
+        rows: Floats, torsos: Floats, yaws: Floats, status: Status, configurations: Floats | None = None
+    ) -> BasePlacement:
         """Of m positions, from kernel rows (k, 5): x, y, yaw, smallest μ, certain; torsos and yaws (k, m)."""
         certain = rows[:, 4] > 0.5
         for array in (rows, torsos, yaws, certain):
             array.setflags(write=False)
-        return BasePlacement(status, rows[:, :3], rows[:, 3], torsos, yaws, certain)
+        return BasePlacement(status, rows[:, :3], rows[:, 3], torsos, yaws, certain, configurations)
 
     def with_first_yaw(self) -> BasePlacement:
         """The same answer with one approach yaw (k,) for all positions."""

@@ -1,6 +1,6 @@
 """An arm on its base as arrays for kernels: from a robot, an MJCF or a URDF file.
 
-Robots offer the data of `Robot`; irm knows none by name or by type. This module needs neither the simulator nor numba.
+Robots offer the data of `Robot`; irm knows none by name or by type. This module does not need the simulator.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from irm.errors import ChainError
 from irm.rotations import frame_along
+from irm.shapes import BASE as BASE
+from irm.shapes import NO_SHAPES, Shapes
 
 if TYPE_CHECKING:
     import mujoco
@@ -23,8 +25,6 @@ Floats = NDArray[np.float64]
 PRISMATIC = 3
 """Added to the axis number (x 0, y 1, z 2) of a joint that slides along its axis."""
 Integers = NDArray[np.int64]
-BASE = -1
-"""Link number of what is fixed to the base; 0 is the torso with the head, 1 … n are the links of the arm."""
 FETCH_AXES = (2 + PRISMATIC, 2, 1, 0, 1, 0, 1, 0)
 _FULL_TURN_ROUNDING = 1e-4
 """[rad] A joint range shorter than a full turn by less counts as unlimited: model files have rounded numbers."""
@@ -64,6 +64,31 @@ class Joint(Protocol):
         """Whether the joint slides along its axis."""
 
 
+_NO_TURN = np.eye(3)
+_NO_TURN.setflags(write=False)
+
+
+class JointRow(NamedTuple):
+    """One joint of a table of joints; fields as of `Joint`. `direction` is (1, 0, 0), (0, 1, 0), (0, 0, 1), or any unit
+    vector."""
+
+    joint: str
+    offset: Sequence[float]
+    direction: Sequence[float]
+    lower: float
+    upper: float
+    prismatic: bool = False
+    rotation: NDArray[np.float64] = _NO_TURN
+
+
+class _Table(NamedTuple):
+    """What `frames_of` reads."""
+
+    chain: Sequence[Joint]
+    tcp_offset: Sequence[float]
+    tcp_rotation: NDArray[np.float64]
+
+
 class Robot(Hashable, Protocol):
     """A mobile manipulator; attributes as of `assets.RobotSpec`, which says what they mean."""
 
@@ -100,6 +125,10 @@ class Robot(Hashable, Protocol):
         """Folder of maps that come with the robot, or None."""
 
     @property
+    def shapes(self) -> Shapes:
+        """Its collision shapes."""
+
+    @property
     def mjcf_path(self) -> Path:
         """Its MJCF file."""
 
@@ -132,7 +161,7 @@ class ArmChain:
         lower, upper: (1 + n,) joint limits [m], [rad].
         tip: (3,) TCP in the last link's frame [m]; (12,) with its orientation, as in `offsets`.
         joints: (1 + n) names, "" for an arm without a lift.
-        self_collisions: pairs of bodies of the model that may collide with each other, by their names.
+        shapes: collision shapes of the whole robot; none for an arm of which only the joints are known.
         home_torso: torso height of a map whose torso does not move [m].
         links: (7,) lengths for `irm.ik.closed_form`; empty for arms without the structure of Fetch's.
     """
@@ -144,7 +173,7 @@ class ArmChain:
     upper: Floats
     tip: Floats
     joints: tuple[str, ...] = ()
-    self_collisions: tuple[tuple[str, str], ...] = ()
+    shapes: Shapes = NO_SHAPES
     home_torso: float = 0.0
     links: Floats = field(default_factory=lambda: np.empty(0))
 
@@ -208,7 +237,8 @@ class ArmChain:
             upper,
             tip,
             tuple(link.joint for link in robot.chain),
-            home_torso=float(robot.home[0]),
+            robot.shapes,
+            float(robot.home[0]),
         )
         if robot.closed_form_ik not in ("", "fetch"):
             raise ChainError(f"{chain.robot}: no closed form {robot.closed_form_ik!r}; known: 'fetch', or '' for none")
@@ -222,6 +252,40 @@ class ArmChain:
         return _with_links(chain, links)
 
     @staticmethod
+    def from_joints(
+        joints: Sequence[JointRow], tcp_offset: Sequence[float], tcp_rotation: Floats = _NO_TURN, name: str = "arm"
+    ) -> ArmChain:
+        """The chain of a table of joints, one row for each from the base on: no file, and no model, is needed.
+
+        The lift, a slide along z, comes first if there is one. Nothing is known of the shapes, so that every
+        configuration counts as free of self-collision.
+
+        Args:
+            joints: of the arm.
+            tcp_offset: (3,) origin of the TCP in the last joint's frame [m]; its x axis is the approach.
+            tcp_rotation: (3, 3) its orientation there.
+            name: of the arm.
+
+        Raises:
+            ChainError: these are not the joints of an arm.
+        """
+        rows = list(joints)
+        if not rows or not rows[0].prismatic:
+            rows.insert(0, JointRow("", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.0, 0.0, True))
+        hinges = [row for row in rows[1:] if not row.prismatic]
+        if len(hinges) not in (6, 7) or len(hinges) != len(rows) - 1:
+            raise ChainError(f"{name}: an arm has 6 or 7 hinges, after one vertical slide if it stands on a lift")
+        if not all(np.isfinite((row.lower, row.upper)).all() and row.lower <= row.upper for row in rows):
+            raise ChainError(f"{name}: every joint needs finite limits, the lower one first")
+        table = _Table(tuple(rows), tcp_offset, np.asarray(tcp_rotation, dtype=float))
+        offsets, axes, tip = frames_of(table)
+        if axes[0] != 2 + PRISMATIC or not np.array_equal(rows[0].rotation, np.eye(3)):
+            raise ChainError(f"{name}: the lift must slide along the base frame's z axis")
+        limits = np.array([(row.lower, row.upper) for row in rows], dtype=float).T.copy()
+        chain = ArmChain(name, offsets, axes, limits[0].copy(), limits[1].copy(), tip, tuple(row.joint for row in rows))
+        return _with_links(chain, _fetch_links(chain))
+
+    @staticmethod
     def from_mjcf(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: str = "x") -> ArmChain:
         """The chain of any serial arm of 6 or 7 hinges, on a vertical lift if there is one.
 
@@ -230,7 +294,7 @@ class ArmChain:
         stay at their initial positions.
 
         Args:
-            model: a compiled model, or the path of its file.
+            model: a compiled model, or the path of its file; a URDF file is read as by `from_urdf`.
             base: name of the body whose frame is the base frame; z is up. "world" is the fixed one.
             tip: name of the site or body whose frame is the TCP frame.
             approach: the axis of that frame along which the gripper approaches: "x", "-x", "y", "-y", "z" or "-z".
@@ -243,8 +307,10 @@ class ArmChain:
             chain = ArmChain.from_mjcf("panda.xml", base="link0", tip="grip_site", approach="z")
             rm = ReachabilityMap.build(chain)
         """
-        from irm.model_reading import read_arm  # needs the simulator, which the package does not
+        from irm.model_reading import load_urdf, read_arm  # needs the simulator, which the package does not
 
+        if isinstance(model, str | Path) and Path(model).suffix == ".urdf":
+            model = load_urdf(Path(model))
         chain = ArmChain(**read_arm(model, base, tip, approach))
         return _with_links(chain, _fetch_links(chain))
 
@@ -252,7 +318,7 @@ class ArmChain:
     def from_urdf(path: str | Path, base: str, tip: str, approach: str = "x") -> ArmChain:
         """The chain of such an arm in a URDF file; arguments, names of links, and errors as of `from_mjcf`.
 
-        Meshes are not read, so their files may be missing, and `self_collisions` counts the other shapes alone.
+        Meshes are not read, so their files may be missing, and `shapes` are the other shapes alone.
         """
         from irm.model_reading import load_urdf, read_arm  # see `from_mjcf`
 
@@ -339,7 +405,7 @@ def pose_of(place: Floats) -> Floats:
     return T
 
 
-def frames_of(robot: Robot) -> tuple[Floats, NDArray[np.int64], Floats]:
+def frames_of(robot: Robot | _Table) -> tuple[Floats, NDArray[np.int64], Floats]:
     """Offsets (1 + n, 3 or 12), axes (1 + n,) and tip (3,) or (12,) of a robot's chain, as in `ArmChain`.
 
     A joint about an axis of its own frame keeps that frame; any other is given one with z along its axis.

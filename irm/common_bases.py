@@ -19,7 +19,7 @@ from irm.compilation import njit
 from irm.errors import QueryError
 from irm.free_space import Raster, floor_distance, point_is_free
 from irm.ik.closed_form import inverse
-from irm.inverse_table import SPARE_BASES, GroupField, InverseTable
+from irm.inverse_table import SPARE_BASES, GroupField, InverseTable, best_first
 from irm.kinematics import wrap
 from irm.query_kernels import SAME_PLACE, Tiles, base_turns, is_apart
 from irm.query_keys import Key, QueryOptions, as_yaw_ranges, find_key, yaw_window
@@ -100,11 +100,13 @@ def _nothing(status: Status, positions: int) -> BasePlacement:
 
 
 class _Found(NamedTuple):
-    """k bases: `rows` (k, 5) of x, y, yaw, smallest μ, certain; `torsos` and approach `yaws` (k, m)."""
+    """k bases: `rows` (k, 5) of x, y, yaw, smallest μ, certain; `torsos` and approach `yaws` (k, m); and, of exact
+    answers, the `configurations` (k, m, 1 + n)."""
 
     rows: Floats
     torsos: Floats
     yaws: Floats
+    configurations: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,14 +134,14 @@ class _Search:
         found = self._common_bases(k)
         if len(found.rows) and self.table.is_exact_wanted(self.options, by_default=self.same_yaw):
             kept = self._decided(found)
-            if len(kept.rows) < len(found.rows):  # some were dropped: others may take their places
+            if kept.rows[:, 4].sum() < len(found.rows):  # others may take the places of those that are not certain
                 kept = self._decided(self._common_bases(k + SPARE_BASES))
-            found = _Found(*(column[:k] for column in kept))
+            found = kept
         if len(found.rows):
             status = Status.YES if found.rows[:, 4].any() else Status.UNKNOWN
         else:
             status = Status.NO if self._is_out_of_reach() else Status.UNKNOWN
-        return BasePlacement.of_multi_rows(*found, status)
+        return BasePlacement.of_multi_rows(*found[:3], status, found.configurations)
 
     def find_clear_of(self, solids: SolidBoxes, pivots: Floats) -> BasePlacement:
         """The same at those turns at which gripper and wrist are in no solid box.
@@ -188,12 +190,17 @@ class _Search:
         return _Found(rows[:found], torsos[:found, back], yaws[:found, back] + key.yaw_shift)
 
     def _decided(self, found: _Found) -> _Found:
-        """Those of the bases that may reach all positions, with exact torso heights and certainty."""
+        """Those of the bases that may reach all positions, with exact configurations, their μ, and certainty."""
         points = self.points[self._turn_numbers(found.yaws[:, self.reference])]
-        may_reach, certain, torso = self.table.decide(found.rows[:, :3], points, found.yaws, self.options)
-        found.rows[:, 4] = certain
-        found.torsos[certain] = torso[certain]
-        return _Found(*(column[may_reach] for column in found))
+        decided = self.table.decide(found.rows[:, :3], points, found.yaws, self.options)
+        found.rows[:, 4] = certain = decided.certain
+        order = best_first(found.rows[:, 3], certain, decided.may_reach)[: self.options.k]
+        rows, torsos, q = found.rows[order], found.torsos[order], decided.configurations[order]
+        sure = certain[order]
+        q[sure], mu = self.table.improve(decided, order[sure], torsos[sure])
+        rows[sure, 3], torsos[sure] = mu.min(axis=1), q[sure][..., 0]
+        by_mu = best_first(rows[:, 3], sure, np.ones(len(rows), dtype=bool))
+        return _Found(rows[by_mu], torsos[by_mu], found.yaws[order][by_mu], q[by_mu])
 
     def _turn_numbers(self, yaws: Floats) -> NDArray[np.int64]:
         """(k,) which of the turns belong to the approach yaws (k,) of the reference."""

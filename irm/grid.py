@@ -44,9 +44,11 @@ class MapParameters:
         orientations: number of approach axes: 6, 26, 62, 114, 182, 266, … = 2 + 4 m (2 m - 1).
         rolls: roll samples per approach axis; 0 chooses 1 for a wrist that rolls freely and 4 for any other.
         pitches: the rings to keep [rad], () for all.
-        heights: lowest and highest TCP position to cover [m]; limited by the reach of the arm.
+        heights: lowest and highest TCP position to cover [m], all by default; limited by the reach of the arm.
         lift: whether the torso is a free parameter of the map; if not, it stays at the height it has at home.
         torso_margin: distance that the torso keeps from both ends of its lift [m].
+        self_collision: whether cells and μ are those of configurations free of self-collision; if not, those of the
+            joints alone, for those who check every configuration themselves.
         samples: random configurations, for arms without a closed form.
         seed: of those configurations.
     """
@@ -55,9 +57,10 @@ class MapParameters:
     orientations: int = 62
     rolls: int = 0
     pitches: tuple[float, ...] = ()
-    heights: tuple[float, float] = (0.0, 10.0)
+    heights: tuple[float, float] = (-10.0, 10.0)
     lift: bool = True
     torso_margin: float = 0.0
+    self_collision: bool = True
     samples: int = 400_000
     seed: int = 0
 
@@ -68,14 +71,15 @@ class MapParameters:
             pairs = {name: tuple(float(v) for v in getattr(self, name)) for name in ("pitches", "heights")}
         except (TypeError, ValueError) as problem:
             raise ReachabilityError(f"parameters of a map are numbers, pitches and heights tuples: {self}") from problem
-        for name, value in {**numbers, **pairs, "lift": bool(self.lift)}.items():
+        flags = {name: bool(getattr(self, name)) for name in ("lift", "self_collision")}
+        for name, value in {**numbers, **pairs, **flags}.items():
             object.__setattr__(self, name, value)
         if not all(np.isfinite((self.voxel, *self.heights, *self.pitches))) or not 0.005 <= self.voxel <= 0.5:
             raise ReachabilityError(f"voxel must be 0.005 to 0.5 m and every number finite: {self}")
         if not 0.0 <= self.torso_margin < np.inf:
             raise ReachabilityError(f"torso_margin must be a number ≥ 0 [m], not {self.torso_margin}")
-        if len(self.heights) != 2 or not 0.0 <= self.heights[0] < self.heights[1]:
-            raise ReachabilityError(f"heights must be an increasing pair of numbers ≥ 0, not {self.heights}")
+        if len(self.heights) != 2 or not self.heights[0] < self.heights[1]:
+            raise ReachabilityError(f"heights must be an increasing pair of numbers, not {self.heights}")
         if not 0 <= self.rolls <= _MAX_ROLLS or self.samples < 1:
             raise ReachabilityError(f"rolls must be 0 to {_MAX_ROLLS} and samples ≥ 1: {self}")
         refinement(self.orientations)
@@ -256,7 +260,7 @@ class MapGrid:
         torsos: (t,) torso heights, `thickness` apart [m].
         torso_range: lowest and highest torso height of the map's configurations [m]; equal for a fixed torso.
         orientations: of the TCP.
-        cut_below, cut_above: whether the parameters' heights, not the floor or the arm's reach, end the grid there.
+        cut_below, cut_above: whether the parameters' heights, not the arm's reach, end the grid there.
     """
 
     voxel: float
@@ -288,7 +292,8 @@ class MapGrid:
         """
         voxel = parameters.voxel
         lower, upper = float(chain.lower[0]), float(chain.upper[0])
-        torsos: tuple[float, ...] = (float(np.clip(chain.home_torso, lower, upper)),)
+        low = high = float(np.clip(chain.home_torso, lower, upper))
+        torsos: tuple[float, ...] = (low,)
         thickness = voxel
         if parameters.lift:
             # Layers are as thick as torso samples are apart, at most a voxel's edge, and the samples include both ends
@@ -299,7 +304,7 @@ class MapGrid:
             thickness = (high - low) / steps if steps else voxel
             torsos = (*(low + k * thickness for k in range(steps)), high)
         reach, shoulder = chain.reach, chain.shoulder
-        floor = max(0.0, float(shoulder[2] + torsos[0] - reach))
+        floor = float(shoulder[2] + torsos[0] - reach)
         ceiling = float(shoulder[2] + torsos[-1] + reach)
         lowest = int(np.floor(max(parameters.heights[0], floor) / thickness + 1e-9))
         highest = int(np.ceil(min(parameters.heights[1], ceiling) / thickness - 1e-9))
@@ -313,7 +318,7 @@ class MapGrid:
             bottom=lowest * thickness,
             layers=highest - lowest,
             torsos=torsos,
-            torso_range=(lower, upper) if parameters.lift else (torsos[0], torsos[0]),
+            torso_range=(low, high),
             orientations=Orientations.sample(parameters, has_free_roll(chain)),
             cut_below=parameters.heights[0] > floor,
             cut_above=parameters.heights[1] < ceiling,

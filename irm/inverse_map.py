@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Unpack
 
 import numpy as np
@@ -12,10 +12,11 @@ from irm.answers import BasePlacement, PlacementBatch, Status
 from irm.common_bases import place_for_path, place_for_targets
 from irm.errors import QueryError
 from irm.free_space import FreeSpace
-from irm.inverse_table import SPARE_BASES, InverseTable
+from irm.inverse_table import SPARE_BASES, InverseTable, best_first
 from irm.query_kernels import SAME_PLACE, PlaceQueries, TcpPlace, Tiles, base_turns, best_bases, best_bases_batch
 from irm.query_keys import (
     FULL_TURN,
+    MOST_BASES,
     Key,
     QueryKeywords,
     QueryOptions,
@@ -32,6 +33,7 @@ from irm.query_keys import (
 from irm.reachability_map import CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH, ReachabilityMap
 from irm.robot_shape import SolidBoxes
 from irm.rotations import rotation, wrap_to_pi
+from irm.several_arms import place_for_arms
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -106,19 +108,20 @@ class InverseReachabilityMap:
         if key is None or space.is_empty:
             return BasePlacement.nothing(Status.NO)
         place = TcpPlace(key.number, point[0], point[1], key.height_offset, key.exact)
-        window = yaw_window(grid, key, bounds, options.yaw_step)
+        window, configurations = yaw_window(grid, key, bounds, options.yaw_step), None
         if table.is_exact_wanted(options, by_default=False):
             # If none of the bases reaches, more of them are tried, closer together.
             tries = ((options.k + SPARE_BASES, options.separation), (options.k + _CLOSE_BASES, 0.0))
             for count, separation in tries:
                 rows = self._best_bases(place, window, space, count, separation)
-                rows = rows[self._decide(rows, np.tile(point, (len(rows), 1)), options)][: options.k]
+                kept, configurations = self._decide(rows, np.tile(point, (len(rows), 1)), options, options.k)
+                rows, configurations = rows[kept], configurations[kept]
                 if rows[:, 6].any():
                     break
         else:
             rows = self._best_bases(place, window, space, options.k, options.separation)
         if len(rows):
-            return BasePlacement.of_rows(rows)
+            return BasePlacement.of_rows(rows, configurations)
         possible = table.may_exist(point, options.pitch, key, bounds, space)
         return BasePlacement.nothing(Status.UNKNOWN if possible else Status.NO)
 
@@ -195,18 +198,31 @@ class InverseReachabilityMap:
         return place_for_path(self._table, points, origin, bounds, options, solids)
 
     def query_multi(
-        self, targets: ArrayLike, *, yaw_ranges: ArrayLike = FULL_TURN, **keywords: Unpack[QueryKeywords]
+        self,
+        targets: ArrayLike,
+        *,
+        yaw_ranges: ArrayLike = FULL_TURN,
+        arms: Sequence[InverseReachabilityMap] = (),
+        **keywords: Unpack[QueryKeywords],
     ) -> BasePlacement:
         """Bases from which the TCP reaches each of several targets; μ of a base is the smallest one of the targets.
 
         Args:
             targets: (m, 3) TCP positions [m].
             yaw_ranges: (2,) for all targets, or (m, 2) one for each [rad].
+            arms: m maps, the arm for each target at the same time, with the torso at one height; answers are then
+                exact. By default this map's arm reaches all of them, one after another.
             **keywords: of all queries.
 
         Returns:
             Bases whose `torso` and `approach_yaw` are (k, m), one for each target.
+
+        Example:
+            both = left.query_multi([tray_left, tray_right], arms=(left, right), free_space=floor)
         """
+        if arms:
+            tables = [arm._table for arm in arms]
+            return place_for_arms(tables, as_positions(targets), yaw_ranges, checked_options(keywords))
         return place_for_targets(self._table, as_positions(targets), yaw_ranges, checked_options(keywords))
 
     def _best_bases(
@@ -220,21 +236,30 @@ class InverseReachabilityMap:
             best_bases(self.tiles, place, window, space.raster, apart, rows, progress)
         return rows[: progress[0]]
 
-    def _decide(self, rows: Floats, points: Floats, options: QueryOptions) -> NDArray[np.bool_]:
-        """Whether the bases of rows (m, 7) may reach their points (m, 3); sets exact torso heights and certainty."""
-        may_reach, certain, torso = self._table.decide(rows[:, :3], points[:, None], rows[:, 3, None], options)
+    def _decide(
+        self, rows: Floats, points: Floats, options: QueryOptions, most: int = MOST_BASES
+    ) -> tuple[Integers, Floats]:
+        """Which of the bases of rows (m, 7) may reach their points (m, 3): `most` at most, the certain and best first;
+        and configurations (m, 1 + n) that do. Sets certainty, torso height and μ of the rows to those of these."""
+        decided = self._table.decide(rows[:, :3], points[:, None], rows[:, 3, None], options)
+        certain, q = decided.certain, decided.configurations[:, 0].copy()
         rows[:, 6] = certain
-        rows[certain, 5] = torso[certain, 0]
-        return may_reach
+        kept = best_first(rows[:, 4], certain, decided.may_reach)[:most]
+        sure = kept[certain[kept]]
+        better, mu = self._table.improve(decided, sure, rows[sure, 5, None])
+        q[sure], rows[sure, 4], rows[sure, 5] = better[:, 0], mu[:, 0], better[:, 0, 0]
+        return kept[best_first(rows[kept, 4], certain[kept], np.ones(len(kept), dtype=bool))], q
 
     def _decide_batch(self, rows: Floats, counts: Integers, points: Floats, options: QueryOptions) -> None:
         """Decide the bases (n, k, 7) of a batch exactly, in place; those that do not reach are dropped."""
         rank = np.arange(options.k)
         kept = rank < counts[:, None]
         found, some = rows[kept], points[np.nonzero(kept)[0]]
-        kept[kept] = self._decide(found, some, options)
+        may_reach = np.zeros(len(found), dtype=bool)
+        may_reach[self._decide(found, some, options)[0]] = True
+        kept[kept] = may_reach
         rows[rank < counts[:, None]] = found
-        order = np.argsort(np.logical_not(kept), axis=1, kind="stable")
+        order = np.lexsort((-rows[..., 4], -rows[..., 6], ~kept), axis=1)
         rows[:] = np.take_along_axis(rows, order[..., None], axis=1)
         counts[:] = kept.sum(axis=1)
         rows[rank >= counts[:, None]] = (*[np.nan] * 6, 0.0)
@@ -273,9 +298,9 @@ class ClassicalInverseReachabilityMap:
     """
 
     def __init__(self, reachability_map: ReachabilityMap) -> None:
-        self.reachability_map = reachability_map
-        T = _inverse_transforms(reachability_map)
-        self._blocks = [np.ascontiguousarray(T[:, k : k + _BLOCK]) for k in range(0, len(reachability_map), _BLOCK)]
+        self.reachability_map = rm = reachability_map.subset(reachability_map.manipulability > 0)
+        T = _inverse_transforms(rm)
+        self._blocks = [np.ascontiguousarray(T[:, k : k + _BLOCK]) for k in range(0, len(rm), _BLOCK)]
 
     def __len__(self) -> int:
         return len(self.reachability_map)

@@ -66,6 +66,19 @@ class GroupField(NamedTuple):
     thickness: float
 
 
+class Decided(NamedTuple):
+    """Exact answers for k bases, with m TCP poses of each.
+
+    `may_reach` (k,): false where a pose is certainly out of reach; `certain` (k,): whether a configuration is known for
+    all; these `configurations` (k, m, 1 + n), NaN where there is none; and the poses, `T_base_tcp` (k, m, 4, 4).
+    """
+
+    may_reach: NDArray[np.bool_]
+    certain: NDArray[np.bool_]
+    configurations: Floats
+    T_base_tcp: Floats
+
+
 class InverseTable:
     """The bases of equation 5, found by the key of a TCP pose: what all queries on them share.
 
@@ -158,9 +171,7 @@ class InverseTable:
             return by_default and chain is not None and chain.has_closed_form
         return options.exact
 
-    def decide(
-        self, bases: Floats, points: Floats, yaws: Floats, options: QueryOptions
-    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Floats]:
+    def decide(self, bases: Floats, points: Floats, yaws: Floats, options: QueryOptions) -> Decided:
         """Exact answers for k bases and m TCP poses of each.
 
         Args:
@@ -168,25 +179,33 @@ class InverseTable:
             points: (k, m, 3) TCP positions in the world [m].
             yaws: (k, m) approach yaws in the world [rad].
             options: with pitch and roll of the TCP.
-
-        Returns:
-            Whether each base may reach (k,): false where a pose is certainly out of reach; whether it certainly reaches
-            all poses (k,); and torso heights of configurations that reach (k, m), NaN where there is none [m].
         """
         T = np.zeros((*yaws.shape, 4, 4))
         T[..., :3, :3] = _about_z(yaws - bases[:, None, 2]) @ rotation(0.0, options.pitch, options.roll)
         offset = points - np.concatenate([bases[:, None, :2], np.zeros((len(bases), 1, 1))], axis=2)
         T[..., :3, 3] = np.einsum("kij,kmj->kmi", _about_z(-bases[:, 2]), offset)
         T[..., 3, 3] = 1.0
-        answers, configurations = self._solver.solve(T.reshape(-1, 4, 4))
+        answers, q = self._solver.solve(T.reshape(-1, 4, 4))
         answers = answers.reshape(yaws.shape)
-        torso = configurations[:, 0].reshape(yaws.shape)
-        return np.all(answers != NO, axis=1), np.all(answers == YES, axis=1), torso
+        configurations = q.reshape(*yaws.shape, self._solver.chain.size)
+        return Decided(np.all(answers != NO, axis=1), np.all(answers == YES, axis=1), configurations, T)
+
+    def improve(self, decided: Decided, rows: NDArray[np.int64], torsos: Floats) -> tuple[Floats, Floats]:
+        """The best configurations (r, m, 1 + n) of some bases near the map's torso heights (r, m) [m], and their μ."""
+        found = decided.configurations[rows]
+        T, n = decided.T_base_tcp[rows].reshape(-1, 4, 4), found.shape[-1]
+        q, mu = self._solver.improve(T, found.reshape(-1, n), torsos.reshape(-1))
+        return q.reshape(found.shape), mu.reshape(found.shape[:-1])
 
     @cached_property
     def _solver(self) -> ExactSolver:
         assert self.reachability_map.chain is not None
         return ExactSolver(self.reachability_map.chain, self.reachability_map.grid.torso_range)
+
+
+def best_first(mu: Floats, certain: NDArray[np.bool_], kept: NDArray[np.bool_]) -> Integers:
+    """Indices of those kept, the certain ones first, then by μ."""
+    return np.flatnonzero(kept)[np.lexsort((-mu[kept], ~certain[kept]))]
 
 
 def _about_z(angle: Floats) -> Floats:
@@ -230,9 +249,10 @@ def invert_map(rm: ReachabilityMap) -> Tiles:
     voxel = voxel[order]
     by_voxel = _sorted_descending(voxel, bases[3])
     best: Integers = by_voxel[np.flatnonzero(np.diff(voxel[by_voxel], prepend=-1))]  # of each voxel
+    free = bases[3] > 0.0  # the others are in the tiles alone, where it is asked whether there is certainly no base
     base_first = np.searchsorted(key[order], np.arange(keys + 1))
     arrays = [*bases, rm.flags[order], *tiles, base_first]
-    rankings = [_ranking(some, key[order], keys, bases) for some in (np.arange(len(order)), best)]
+    rankings = [_ranking(some, key[order], keys, bases) for some in (np.flatnonzero(free), best[free[best]])]
     for array in (*arrays, *rankings[0], *rankings[1]):
         array.setflags(write=False)
     return Tiles._make([*arrays, *rankings, *grid.torso_range])

@@ -1,4 +1,4 @@
-"""The arm between two frames of a MuJoCo model: joint axes, limits and tool, and the bodies that may collide.
+"""The arm between two frames of a MuJoCo model: joint axes, limits and tool, and the shapes that may collide.
 
 Everything is read at the joint positions 0, in the base frame: a line for the axis of each joint, and the pose of the
 tip. From these follow the frames of the chain: each has its origin on its joint's axis, and z along it.
@@ -7,7 +7,7 @@ tip. From these follow the frames of the chain: each has its origin on its joint
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
@@ -15,9 +15,12 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 from irm.errors import ChainError
+from irm.gjk import BOX, CYLINDER, ELLIPSOID, HULL
 from irm.rotations import frame_along
+from irm.shapes import BASE, NO_SHAPES, Shapes, make_placed, near_pairs, with_pairs
 
 Floats = NDArray[np.float64]
 CONTINUOUS = 2 * np.pi
@@ -101,7 +104,7 @@ def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: 
         "upper": np.array([joint.upper for joint in joints]),
         "tip": tool,
         "joints": tuple(joint.name for joint in joints),
-        "self_collisions": self_collision_pairs(model, base_body),
+        "shapes": _shapes_of_arm(model, numbers, bool(lift.name), (offsets, axes, tool), T_base_world),
     }
 
 
@@ -262,34 +265,146 @@ def tcp_pose_of_model(model: mujoco.MjModel, q: Mapping[str, float], base: str, 
     return np.asarray(T)
 
 
-def self_collision_pairs(model: mujoco.MjModel, base: int) -> tuple[tuple[str, str], ...]:
-    """Names of the pairs of bodies at and below the body `base` whose geoms the model lets collide.
+_KINDS = {
+    int(mujoco.mjtGeom.mjGEOM_BOX): BOX,
+    int(mujoco.mjtGeom.mjGEOM_CAPSULE): BOX,
+    int(mujoco.mjtGeom.mjGEOM_SPHERE): BOX,
+    int(mujoco.mjtGeom.mjGEOM_CYLINDER): CYLINDER,
+    int(mujoco.mjtGeom.mjGEOM_ELLIPSOID): ELLIPSOID,
+    int(mujoco.mjtGeom.mjGEOM_MESH): HULL,
+}
+"""The core of each kind of geom; a capsule is a segment and a sphere a point, boxes without width."""
+_SAMPLES, _NEARLY_ALWAYS = 1000, 0.95
+"""Random configurations, and the share of them in which a pair must touch to be left out: it belongs together."""
 
-    As in MuJoCo: by `contype` and `conaffinity`, not within one rigid body, not a body with its parent, and not a pair
-    that the model excludes.
+
+def is_solid(model: mujoco.MjModel) -> NDArray[np.bool_]:
+    """Which geoms are shapes for collisions, not for the eye: those with any collision bit, or named in a pair."""
+    solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    solid[model.pair_geom1], solid[model.pair_geom2] = True, True
+    return np.asarray(solid)
+
+
+def _shapes_of_arm(
+    model: mujoco.MjModel,
+    numbers: list[int],
+    has_lift: bool,
+    frames: tuple[Floats, NDArray[np.int64], Floats],
+    T_base_world: Floats,
+) -> Shapes:
+    """The shapes of the robot that a chain belongs to: of all bodies that hang together, at and below its root.
+
+    Joints that are not the chain's stay at their initial positions. Without a lift, what stands on the base is its
+    torso, a neighbour of the first link.
     """
-    below = {base}
+    data = mujoco.MjData(model)
+    data.qpos[model.jnt_qposadr[numbers]] = 0.0
+    mujoco.mj_kinematics(model, data)
+    moved = {int(model.jnt_bodyid[joint]): k + (not has_lift) for k, joint in enumerate(numbers)}
+    links = [BASE if has_lift else 0]
     for body in range(1, model.nbody):  # a parent has a lower number than its children
-        if int(model.body_parentid[body]) in below:
-            below.add(body)
-    robot = sorted(below)
-    excluded = {tuple(sorted(divmod(int(pair), 1 << 16))) for pair in model.exclude_signature}
-    pairs = []
-    for k, first in enumerate(robot):
-        for second in robot[k + 1 :]:
-            rigid, parents = model.body_weldid[[first, second]], model.body_parentid
-            is_parent = (
-                model.body_weldid[parents[rigid[0]]] == rigid[1] or model.body_weldid[parents[rigid[1]]] == rigid[0]
+        links.append(moved.get(body, links[int(model.body_parentid[body])]))
+    root = model.body_rootid[model.jnt_bodyid[numbers[0]]]
+    mine = is_solid(model) & (model.body_rootid[model.geom_bodyid] == root)
+    mine &= model.geom_type != int(mujoco.mjtGeom.mjGEOM_PLANE)
+    places: list[Floats] = [np.asarray(np.linalg.inv(T_base_world), dtype=float)]
+    for place in frames[0]:
+        T = np.eye(4)
+        T[:3, 3], T[:3, :3] = place[:3], place[3:].reshape(3, 3) if place.size > 3 else np.eye(3)
+        places.append(places[-1] @ T)
+    order = np.flatnonzero(mine)[::-1].tolist()
+    return shapes_of(model, data, order, links, places, numbers)
+
+
+def shapes_of(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    geoms: list[int],
+    links: Sequence[int],
+    places: Sequence[Floats],
+    joints: Sequence[int],
+    fingers: Mapping[int, float] | None = None,
+) -> Shapes:
+    """The collision shapes of some geoms, and which pairs of them count.
+
+    A pair counts if its links are not neighbours and it does not touch in nearly all of 1,000 random configurations.
+    Masks do not count: many models let a robot pass through itself.
+
+    Args:
+        model: of the robot.
+        data: with the chain's joints at 0 and all others where they stay, after `mj_kinematics`.
+        geoms: their ids, in the order of the result.
+        links: of each body: BASE, 0 … n.
+        places: T_world_base, then T_world_link of the n + 1 links (4, 4) each.
+        joints: ids of the chain's joints.
+        fingers: ids of the bodies of fingers, each with how far its joint moves it from closed to open [m].
+
+    Raises:
+        ChainError: a geom is no box, capsule, cylinder, sphere, ellipsoid or mesh.
+    """
+    if not geoms:
+        return NO_SHAPES
+    count, none = len(geoms), np.zeros((0, 3))
+    core, link = np.zeros(count, np.int64), np.array([links[int(model.geom_bodyid[geom])] for geom in geoms])
+    half, radius, position, opened = np.zeros((count, 3)), np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3))
+    rotation, hulls = np.zeros((count, 3, 3)), [none] * count
+    for k, geom in enumerate(geoms):
+        kind, size, body = int(model.geom_type[geom]), model.geom_size[geom], int(model.geom_bodyid[geom])
+        if kind not in _KINDS:
+            raise ChainError(
+                f"the geom {model.geom(geom).name!r} is a {mujoco.mjtGeom(kind).name}; a robot consists of boxes, "
+                "capsules, cylinders, spheres, ellipsoids and meshes"
             )
-            kept = rigid[0] != rigid[1] and not (is_parent and rigid.all()) and (first, second) not in excluded
-            if kept and _may_touch(model, first, second):
-                names = [str(model.body(body).name) or f"body {body}" for body in (first, second)]
-                pairs.append((names[0], names[1]))
-    return tuple(pairs)
+        core[k], half[k] = _KINDS[kind], size
+        if kind == int(mujoco.mjtGeom.mjGEOM_CYLINDER):
+            half[k] = size[[0, 0, 1]]
+        elif kind in (int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_SPHERE)):
+            radius[k], half[k] = size[0], (0.0, 0.0, size[1] if kind == int(mujoco.mjtGeom.mjGEOM_CAPSULE) else 0.0)
+        elif kind == int(mujoco.mjtGeom.mjGEOM_MESH):
+            hulls[k] = hull_corners(model, geom)
+            half[k] = np.abs(hulls[k]).max(axis=0)
+        T_world_link = places[link[k] + 1]
+        turn, origin = T_world_link[:3, :3], T_world_link[:3, 3]
+        position[k] = turn.T @ (data.geom_xpos[geom] - origin)
+        rotation[k] = turn.T @ data.geom_xmat[geom].reshape(3, 3)
+        if fingers is not None and body in fingers:
+            opened[k] = turn.T @ data.xaxis[int(model.body_jntadr[body])] * fingers[body]
+    bound = np.where(core == CYLINDER, np.hypot(half[:, 0], half[:, 2]), np.linalg.norm(half, axis=1)) + radius
+    first = np.cumsum([0, *(len(hull) for hull in hulls)])
+    shapes = Shapes(
+        *(core, half, radius, bound, link, position, rotation, opened, np.concatenate([none, *hulls]), first),
+        *(NO_SHAPES.pairs, NO_SHAPES.groups),
+    )
+    distant = [(i, j) for i, j in itertools.combinations(range(count), 2) if abs(link[i] - link[j]) > 1]
+    pairs = np.array(distant, dtype=np.int64).reshape(-1, 2)
+    kept = _share_of_touching(model, data, geoms, joints, shapes, pairs) < _NEARLY_ALWAYS
+    return with_pairs(shapes, pairs[kept], len(places) - 2)
 
 
-def _may_touch(model: mujoco.MjModel, first: int, second: int) -> bool:
-    """Whether some geom of one body may collide with some geom of the other."""
-    one, other = (np.flatnonzero(model.geom_bodyid == body) for body in (first, second))
-    kinds, partners = model.geom_contype, model.geom_conaffinity
-    return bool(np.any(kinds[one, None] & partners[other]) or np.any(partners[one, None] & kinds[other]))
+def _share_of_touching(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    geoms: list[int],
+    joints: Sequence[int],
+    shapes: Shapes,
+    pairs: NDArray[np.int64],
+) -> Floats:
+    """(s,) share of random configurations in which each of the pairs (s, 2) touches."""
+    columns = model.jnt_qposadr[list(joints)]
+    limited = model.jnt_limited[list(joints)].astype(bool)
+    low, high = np.where(limited[:, None], model.jnt_range[list(joints)], (-np.pi, np.pi)).T
+    near, placed, rng = np.zeros(len(pairs), np.int64), make_placed(shapes), np.random.default_rng(0)
+    for q in rng.uniform(low, high, (_SAMPLES, len(low))):
+        data.qpos[columns] = q
+        mujoco.mj_kinematics(model, data)
+        placed.solids.position[:] = data.geom_xpos[geoms]
+        placed.solids.rotation[:] = data.geom_xmat[geoms].reshape(-1, 3, 3)
+        near_pairs(placed.solids, pairs, near)
+    return near / _SAMPLES
+
+
+def hull_corners(model: mujoco.MjModel, geom: int) -> Floats:
+    """(v, 3) corners of the convex hull of a geom that is a mesh, in the geom's frame [m]."""
+    mesh = model.geom_dataid[geom]
+    vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]].astype(float)
+    return np.asarray(vertices[ConvexHull(vertices).vertices])

@@ -17,17 +17,17 @@ from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-import platformdirs
 from numpy.typing import ArrayLike, NDArray
 
 from irm.chain import ArmChain, Robot
 from irm.errors import MapFileError, MapMismatchError, ReachabilityError
 from irm.grid import MapGrid, MapParameters, Orientations, nearest_orientation
-from irm.map_kernels import closed_form_layers, sampled_layers
+from irm.map_kernels import Layer, closed_form_layers, sampled_layers
 from irm.rotations import as_poses, wrap_to_pi
+from irm.shapes import NO_SHAPES
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -38,7 +38,7 @@ CERTAIN_IN_HEIGHT = 1
 """Bit of `flags`: the cells above and below are reachable too."""
 CERTAIN_IN_PITCH = 2
 """Bit of `flags`: the neighbouring pitches (and rolls), and the cells above and below these, are reachable too."""
-FORMAT = "reachability map 4"
+FORMAT = "reachability map 5"
 """Changed whenever the numbers of a map, or their meaning, change."""
 _COLUMNS = {"cells": np.uint32, "manipulability": np.float32, "torso_index": np.uint8, "flags": np.uint8}
 _ALL_FLAGS = CERTAIN_IN_HEIGHT | CERTAIN_IN_PITCH
@@ -57,7 +57,8 @@ class ReachabilityMap:
         parameters: what the map covers.
         grid: its cells.
         cells: (n,) uint32 numbers of the reachable cells, increasing.
-        manipulability: (n,) float32 best μ found at the cell's centre (equation 2; linear rows in m).
+        manipulability: (n,) float32 best μ found at the cell's centre (equation 2; linear rows in m); 0 where every
+            configuration that was found touches the robot itself.
         torso_index: (n,) uint8 torso height of that configuration, an index into `grid.torsos`.
         flags: (n,) uint8 of CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH.
         chain: the arm; None for a map of poses that were computed elsewhere.
@@ -90,7 +91,8 @@ class ReachabilityMap:
         Raises:
             ReachabilityError: the robot or the parameters make no sense.
         """
-        wanted, chain = MapParameters(**parameters), ArmChain.of(robot)
+        wanted = MapParameters(**parameters)
+        chain = _chain_of(robot, wanted)
         if not (progress is None or callable(progress)):
             raise ReachabilityError(f"progress={progress!r} must be None or a function that shows progress: tqdm.tqdm")
         grid = MapGrid.of(chain, wanted)
@@ -102,7 +104,7 @@ class ReachabilityMap:
         else:
             layers = sampled_layers(chain, grid, heights, wanted)
         shown = layers if progress is None else progress(layers, desc="reachability map", total=count)
-        columns = _columns(*_merge_torso_heights(shown, grid), grid.orientations)
+        columns = _columns(_merge_torso_heights(shown, grid), grid.orientations)
         return ReachabilityMap(chain.robot, map_key(chain, wanted), wanted, grid, **columns, chain=chain)
 
     @staticmethod
@@ -116,7 +118,7 @@ class ReachabilityMap:
 
         Args:
             T_base_tcp: (n, 4, 4) TCP poses in reach, x along the approach, in a base frame on the floor with z up.
-                Poses below the floor, and those on no ring of `pitches`, are left out.
+                Those on no ring of `pitches` are left out.
             manipulability: (n,) how good each pose is, in (0, 1].
             robot: a name.
             **parameters: `voxel`, `orientations`, `pitches` and `rolls` of `MapParameters`, as fine as the poses are.
@@ -133,17 +135,15 @@ class ReachabilityMap:
         T, mu = as_poses(T_base_tcp), np.asarray(manipulability, dtype=np.float32)
         if mu.shape != T.shape[:1] or not np.all((mu > 0) & (mu <= 1)):
             raise ReachabilityError(f"manipulability is one value in (0, 1] for each of the {len(T)} poses")
-        above = T[:, 2, 3] >= 0.0
-        if not above.any():
-            raise ReachabilityError("a map needs at least one pose above the floor")
-        T, mu = T[above], mu[above]
+        if not len(T):
+            raise ReachabilityError("a map needs at least one pose")
         grid = MapGrid.around(T[:, :3, 3], wanted)
         x, y, z = np.floor((T[:, :3, 3] - (*grid.centre, grid.bottom)) / grid.voxel + _ROUNDING).astype(np.int64).T
         orientation = nearest_orientation(grid.orientations, T[:, :3, :3])
         best, on_ring = np.zeros(grid.shape, dtype=np.float32), orientation >= 0
         cells = tuple(index[on_ring] for index in (z, orientation, x + grid.half, y + grid.half))
         np.maximum.at(best, cells, mu[on_ring])
-        columns = _columns(best, np.zeros(grid.shape, dtype=np.uint8), grid.orientations)
+        columns = _columns(_Cells(best, np.zeros(grid.shape, np.uint8), best > 0), grid.orientations)
         if not len(columns["cells"]):
             raise ReachabilityError("none of the poses has one of these pitches")
         digest = hashlib.sha256(FORMAT.encode())
@@ -183,7 +183,6 @@ class ReachabilityMap:
             MapFileError: the file is damaged or is no map.
             MapMismatchError: it is the map of another robot, or of this robot before it was changed.
         """
-        chain = None if robot is None else ArmChain.of(robot)
         about, columns = _read(Path(path))
         name, key, extent = about.get("robot"), about.get("key"), about.get("grid")
         try:
@@ -191,6 +190,7 @@ class ReachabilityMap:
             parameters = MapParameters(**fields)
         except (KeyError, TypeError, AttributeError, ReachabilityError) as error:
             raise MapFileError(f"{path} has no valid parameters ({error}); build it again") from error
+        chain = None if robot is None else _chain_of(robot, parameters)
         if not isinstance(name, str) or not isinstance(key, str):
             raise MapFileError(f"{path} does not name its robot; build it again")
         if chain is not None and extent is not None:
@@ -258,20 +258,33 @@ class ReachabilityMap:
         """D = R / N × 100 of every voxel, (layers, x, y): share of the N orientations in reach [%] (equation 1)."""
         layers, orientations, width, depth = self.grid.shape
         z, _, x, y = self.indices()
-        reached = np.bincount(np.ravel_multi_index((z, x, y), (layers, width, depth)), minlength=layers * width * depth)
+        voxels, free = np.ravel_multi_index((z, x, y), (layers, width, depth)), self.manipulability > 0
+        reached = np.bincount(voxels[free], minlength=layers * width * depth)
         return reached.reshape(layers, width, depth) / orientations * 100.0
 
     @cached_property
     def reachable(self) -> Bools:
-        """(layers, orientations, x, y) whether a cell's centre is in reach."""
+        """(layers, orientations, x, y) whether a cell's centre is in reach of a configuration that is free."""
+        return self._dense(self.cells[self.manipulability > 0])
+
+    @cached_property
+    def reached(self) -> Bools:
+        """(layers, orientations, x, y) whether it is in reach of any configuration, also in self-collision."""
+        return self._dense(self.cells)
+
+    def _dense(self, cells: NDArray[np.uint32]) -> Bools:
         dense = np.zeros(self.grid.size, dtype=bool)
-        dense[self.cells] = True
+        dense[cells] = True
         return _read_only(dense.reshape(self.grid.shape))
 
 
 def cache_folder() -> Path:
     """The directory `CLUTTER_ENV_CACHE` if set, else the user's cache directory."""
-    return Path(os.environ.get("CLUTTER_ENV_CACHE") or platformdirs.user_cache_dir("clutter-env"))
+    if own := os.environ.get("CLUTTER_ENV_CACHE"):
+        return Path(own)
+    import platformdirs  # maps are built and queried without it
+
+    return Path(platformdirs.user_cache_dir("clutter-env"))
 
 
 def cache_file(robot: Robot | ArmChain, **parameters: Any) -> Path:
@@ -280,8 +293,9 @@ def cache_file(robot: Robot | ArmChain, **parameters: Any) -> Path:
     Its name contains the digest of all that a map depends on: after a change of the robot, the parameters or the format
     the file has another name, and the old one is no longer used.
     """
-    chain = ArmChain.of(robot)
-    return cache_folder() / f"{chain.robot}-{map_key(chain, MapParameters(**parameters))}.npz"
+    wanted = MapParameters(**parameters)
+    chain = _chain_of(robot, wanted)
+    return cache_folder() / f"{chain.robot}-{map_key(chain, wanted)}.npz"
 
 
 def shipped_file(robot: Robot | ArmChain, **parameters: Any) -> Path | None:
@@ -321,10 +335,16 @@ def cached_map(robot: Robot | ArmChain, *, progress: ProgressBar | None = None, 
     return built
 
 
+def _chain_of(robot: Robot | ArmChain, parameters: MapParameters) -> ArmChain:
+    """The arm as a map with these parameters knows it: without shapes if self-collision does not count."""
+    chain = ArmChain.of(robot)
+    return chain if parameters.self_collision else replace(chain, shapes=NO_SHAPES)
+
+
 def map_key(chain: ArmChain, parameters: MapParameters) -> str:
-    """Digest of everything a map depends on: format, kinematics, parameters."""
+    """Digest of everything a map depends on: format, kinematics, shapes, parameters."""
     digest = hashlib.sha256(FORMAT.encode())
-    for array in (chain.offsets, chain.axes, chain.lower, chain.upper, chain.tip, chain.links):
+    for array in (chain.offsets, chain.axes, chain.lower, chain.upper, chain.tip, chain.links, *chain.shapes):
         digest.update(np.ascontiguousarray(array).tobytes())
     digest.update(json.dumps(asdict(parameters), sort_keys=True).encode())
     return digest.hexdigest()[:16]
@@ -370,7 +390,7 @@ def _checked(path: str | Path, columns: dict[str, Any], grid: MapGrid) -> dict[s
         columns[name].setflags(write=False)
     steps, mu = columns["cells"], columns["manipulability"]
     cells = np.cumsum(steps, dtype=np.uint64)
-    if np.any(steps[1:] == 0) or not np.all((mu > 0) & (mu <= 1)):
+    if np.any(steps[1:] == 0) or not np.all((mu >= 0) & (mu <= 1)):
         raise MapFileError(f"{path} has values that are impossible in a map; build it again")
     if len(cells) and int(cells[-1]) >= grid.size:
         raise MapFileError(f"{path} has cells outside its grid; build it again")
@@ -385,28 +405,37 @@ def _read_only(array: NDArray[Any]) -> NDArray[Any]:
     return array
 
 
-def _columns(best: Singles, torso: NDArray[np.uint8], orientations: Orientations) -> dict[str, Any]:
-    """The columns of a map, given μ and torso height of every cell: the cells in reach, as equation 3 says."""
-    cells = np.flatnonzero(best)
+class _Cells(NamedTuple):
+    """Of every cell (layers, orientations, x, y): best μ, the torso height it is for, and whether it is reached."""
+
+    best: Singles
+    torso: NDArray[np.uint8]
+    reached: Bools
+
+
+def _columns(all_cells: _Cells, orientations: Orientations) -> dict[str, Any]:
+    """The columns of a map: the cells in reach, as equation 3 says."""
+    best, torso, reached = all_cells
+    cells = np.flatnonzero(reached)
     flags = _certainty(best > 0, orientations)
     columns: dict[str, NDArray[Any]] = {"cells": cells.astype(np.uint32), "manipulability": best.reshape(-1)[cells]}
     columns |= {"torso_index": torso.reshape(-1)[cells], "flags": flags.reshape(-1)[cells]}
     return {name: _read_only(column) for name, column in columns.items()}
 
 
-def _merge_torso_heights(layers: Iterable[Singles], grid: MapGrid) -> tuple[Singles, NDArray[np.uint8]]:
+def _merge_torso_heights(layers: Iterable[Layer], grid: MapGrid) -> _Cells:
     """Best μ over the torso heights, and its torso height: a lift of the torso shifts the map of a fixed torso up."""
-    best = np.zeros(grid.shape, dtype=np.float32)
-    torso = np.zeros(grid.shape, dtype=np.uint8)
+    merged = _Cells(*(np.zeros(grid.shape, kind) for kind in (np.float32, np.uint8, np.bool_)))
     count = len(grid.torsos)
     for height, layer in enumerate(layers):
         for k in range(count):
             z = height + k - (count - 1)
             if 0 <= z < grid.layers:
-                better = layer > best[z]
-                best[z][better] = layer[better]
-                torso[z][better] = k
-    return best, torso
+                better = layer.mu[k] > merged.best[z]
+                merged.best[z][better] = layer.mu[k][better]
+                merged.torso[z][better] = k
+                merged.reached[z] |= layer.reached
+    return merged
 
 
 def _certainty(reachable: Bools, orientations: Orientations) -> NDArray[np.uint8]:

@@ -82,11 +82,13 @@ def robot_radius(robot: Robot, low: float = 0.0, high: float = inf) -> float:
 def _trunk(robot: Robot) -> tuple[tuple[Floats, float, float], ...]:
     """The geoms that do not move with the arm: corners (n, 3) in the base frame with the torso at 0, and the range of
     heights by which the torso lifts them [m]."""
+    from irm.model_reading import is_solid  # see `_posed`
+
     model, data = _posed(robot, {robot.chain[0].joint: 0.0})
     base, torso, arm = model.body(robot.base_body).id, *(int(model.joint(j.joint).bodyid[0]) for j in robot.chain[:2])
     R, origin = data.xmat[base].reshape(3, 3), data.xpos[base]
     parts = []
-    for geom in np.flatnonzero(_is_solid(model)).tolist():
+    for geom in np.flatnonzero(is_solid(model)).tolist():
         body = int(model.geom_bodyid[geom])
         carriers = {body}
         while body:
@@ -110,11 +112,6 @@ def _posed(robot: Robot, q: dict[str, float]) -> tuple[mujoco.MjModel, mujoco.Mj
     return model, data
 
 
-def _is_solid(model: mujoco.MjModel) -> Bools:
-    """Which geoms may collide."""
-    return np.asarray((model.geom_contype != 0) | (model.geom_conaffinity != 0))
-
-
 def _world_corners(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Floats:
     """(n, 3) points of the world whose convex hull contains a geom."""
     return np.asarray(_geom_corners(model, geom) @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom])
@@ -124,11 +121,11 @@ def _geom_corners(model: mujoco.MjModel, geom: int) -> Floats:
     """(n, 3) points in the geom's frame whose convex hull contains the geom."""
     import mujoco  # see `_posed`
 
+    from irm.model_reading import hull_corners
+
     kind, size = model.geom_type[geom], model.geom_size[geom]
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
-        mesh = model.geom_dataid[geom]
-        vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]].astype(float)
-        return np.asarray(vertices[ConvexHull(vertices).vertices])
+        return hull_corners(model, geom)
     if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
         return _prism(size[0], [-size[1], size[1]])
     if kind in (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_SPHERE):
@@ -300,6 +297,8 @@ def _turned(points: Floats, origin: Floats, axis: Floats, angles: Floats) -> Flo
 @lru_cache(maxsize=8)
 def _parts(robot: Robot) -> tuple[Balls, Balls, Balls, Forearm]:
     """What the arm certainly fills at a TCP pose, what it may fill, and the links that may."""
+    from irm.model_reading import is_solid  # see `_posed`
+
     poses = [_posed(robot, dict.fromkeys(robot.finger_joints, at)) for at in (0.0, robot.max_finger_position)]
     model, closed = poses[0]
     site = closed.site(robot.tcp_site)
@@ -311,7 +310,7 @@ def _parts(robot: Robot) -> tuple[Balls, Balls, Balls, Forearm]:
     def shapes(data: mujoco.MjData, *bodies: int) -> list[Floats]:
         """Corners (n, 3) in the TCP frame of every solid that is rigidly connected with one of some bodies."""
         welded = [model.body_weldid[model.geom_bodyid] == model.body_weldid[body] for body in bodies]
-        geoms = [geom for of_body in welded for geom in np.flatnonzero(of_body & _is_solid(model)).tolist()]
+        geoms = [geom for of_body in welded for geom in np.flatnonzero(of_body & is_solid(model)).tolist()]
         return [(_world_corners(model, data, geom) - tcp) @ R for geom in geoms]
 
     hand = np.array([_corners(shapes(data, end, *fingers)) for _, data in poses])

@@ -5,9 +5,9 @@ answer is YES if these and the voxels around them are all in reach: they form th
 in reach: the pose is outside the outer map. Otherwise the cells are too coarse to decide, and `decide` asks exact
 inverse kinematics. The values are those of `irm.Status`.
 
-A map contains neither configurations nor obstacles. `verify` takes the bases of a placement in order and returns the
-first one that is valid: the arm reaches every TCP pose exactly, in a configuration that the caller accepts, and
-consecutive configurations are close to each other.
+A map contains neither configurations nor obstacles but the robot itself. `verify` takes the bases of a placement in
+order and returns the first one that is valid: the arm reaches every TCP pose exactly, free of self-collision and in a
+configuration that the caller accepts, and consecutive configurations are close to each other.
 """
 
 from __future__ import annotations
@@ -21,17 +21,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irm.answers import NO, UNKNOWN, YES, BasePlacement
-from irm.chain import PRISMATIC, ArmChain
+from irm.chain import PRISMATIC, ArmChain, chain_arrays
 from irm.compilation import njit
 from irm.errors import ChainError, QueryError
 from irm.grid import MapGrid
 from irm.ik.closed_form import inverse
 from irm.ik.numerical import random_seeds, solve
-from irm.ik.solvers import ExactSolver
+from irm.ik.solvers import ExactSolver, are_free
 from irm.kinematics import forward
 from irm.query_keys import as_positions
 from irm.reachability_map import ReachabilityMap
 from irm.rotations import as_poses, rotation, world_to_base, yaw_pitch_roll
+from irm.shapes import make_placed
 
 if TYPE_CHECKING:
     import mujoco
@@ -93,8 +94,6 @@ def decide(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> NDArray[np.int8]:
 def classify(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> NDArray[np.int8]:
     """(n,) `Status` values of TCP poses (n, 4, 4) in the base frame, by a map of all pitches and heights alone.
 
-    Poses below the floor, which a map of cells does not cover, are UNKNOWN, never NO.
-
     Raises:
         QueryError: not an array of poses, or the map does not cover all pitches and heights.
     """
@@ -102,8 +101,7 @@ def classify(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> NDArray[np.int8]:
     if grid.cut_below or grid.cut_above or rm.parameters.pitches:
         raise QueryError(_WHOLE_MAP)
     answers = np.empty(len(T), dtype=np.int8)
-    _classify(rm.reachable, *_place(grid, T), answers)
-    answers[(T[:, 2, 3] < 0.0) & (answers == NO)] = UNKNOWN
+    _classify(rm.reachable, rm.reached, *_place(grid, T), answers)
     return answers
 
 
@@ -148,21 +146,24 @@ def _orientation(rings: _Rings, ring: int, yaw: float, roll: float, next_yaw: in
 
 
 @njit(cache=True)
-def _count_reachable(reachable: Bools, orientation: int, voxel: Floats) -> int:
-    """How many of the voxels around a point, in units of voxels from the first centre, are reachable."""
-    layers, _, width, depth = reachable.shape
+def _count_cells(cells: Bools, orientation: int, voxel: Floats) -> int:
+    """How many of the voxels around a point, in units of voxels from the first centre, are true."""
+    layers, _, width, depth = cells.shape
     i, j, k = floor(voxel[0]), floor(voxel[1]), floor(voxel[2])
     count = 0
     for z in range(max(0, k - _MARGIN), min(layers, k + 2 + _MARGIN)):
         for x in range(max(0, i - _MARGIN), min(width, i + 2 + _MARGIN)):
             for y in range(max(0, j - _MARGIN), min(depth, j + 2 + _MARGIN)):
-                count += reachable[z, orientation, x, y]
+                count += cells[z, orientation, x, y]
     return count
 
 
 @njit(cache=True)
-def _classify(reachable: Bools, voxels: Floats, angles: Floats, rings: _Rings, answers: NDArray[np.int8]) -> None:
-    """Fill `answers` (n,) by the reachable cells around each pose, whose place is as in `_place`."""
+def _classify(
+    reachable: Bools, reached: Bools, voxels: Floats, angles: Floats, rings: _Rings, answers: NDArray[np.int8]
+) -> None:
+    """Fill `answers` (n,) by the cells around each pose, whose place is as in `_place`: inside if all are `reachable`,
+    outside if none is `reached`."""
     whole = (2 + 2 * _MARGIN) ** 3
     for n in range(voxels.shape[0]):
         ring = floor((angles[n, 1] + pi / 2.0) / rings.step)
@@ -172,9 +173,8 @@ def _classify(reachable: Bools, voxels: Floats, angles: Floats, rings: _Rings, a
             for next_yaw in range(2):
                 for next_roll in range(2 if rings.rolls > 1 else 1):
                     orientation = _orientation(rings, on, angles[n, 0], angles[n, 2], next_yaw, next_roll)
-                    count = _count_reachable(reachable, orientation, voxels[n])
-                    inner = inner and count == whole
-                    outer = outer or count > 0
+                    inner = inner and _count_cells(reachable, orientation, voxels[n]) == whole
+                    outer = outer or _count_cells(reached, orientation, voxels[n]) > 0
         answers[n] = YES if inner else (UNKNOWN if outer else NO)
 
 
@@ -227,18 +227,24 @@ def tcp_poses(positions: ArrayLike, yaw: float, pitch: float = 0.0, roll: float 
     return T
 
 
-def configurations(chain: ArmChain, T_base_tcp: ArrayLike) -> Floats:
-    """(k, 1 + n) configurations that reach a pose (4, 4), over the arm's free parameters."""
-    low, high = float(chain.lower[0]), float(chain.upper[0])
+def configurations(chain: ArmChain, T_base_tcp: ArrayLike, torso_range: tuple[float, float] | None = None) -> Floats:
+    """(k, 1 + n) configurations free of self-collision that reach a pose (4, 4), over the arm's free parameters.
+
+    `torso_range` are lowest and highest height of the lift, its limits by default [m].
+    """
+    low, high = torso_range or (float(chain.lower[0]), float(chain.upper[0]))
     torsos = np.linspace(low, high, _TORSOS) if high > low else np.array([low])
     if chain.has_closed_form:
-        return inverse(chain, T_base_tcp, torsos, np.linspace(-np.pi, np.pi, _ROLLS, endpoint=False))
-    rng = np.random.default_rng(0)
-    return solve(chain, T_base_tcp, np.concatenate([random_seeds(chain, _SEEDS, torso, rng) for torso in torsos]))
+        found = inverse(chain, T_base_tcp, torsos, np.linspace(-np.pi, np.pi, _ROLLS, endpoint=False))
+    else:
+        rng = np.random.default_rng(0)
+        seeds = np.concatenate([random_seeds(chain, _SEEDS, torso, rng) for torso in torsos])
+        found = solve(chain, T_base_tcp, seeds)
+    return found[are_free(chain_arrays(chain), chain.shapes, make_placed(chain.shapes), found)]
 
 
 def verify(
-    chain: ArmChain,
+    arm: ReachabilityMap | ArmChain,
     placement: BasePlacement,
     poses_of: Callable[[int], ArrayLike],
     is_free: IsFree | None = None,
@@ -248,44 +254,49 @@ def verify(
     """The first of the best bases from which the arm reaches every TCP pose free of collisions.
 
     Args:
-        chain: of the robot.
+        arm: the map of the robot, whose torso heights are kept to; or the chain, whose lift may go to its ends.
         placement: what to verify.
         poses_of: from the rank of a base to its T_world_tcp (m, 4, 4); bases may differ in their approach yaw.
-        is_free: whether a configuration is free of collisions; None accepts every configuration.
+        is_free: whether a configuration that is free of self-collision is free of others too; None accepts it.
         limit: number of bases to test at most.
 
     Raises:
-        QueryError: `poses_of` returns anything but an array (m, 4, 4) with m ≥ 1.
+        QueryError: `poses_of` returns anything but an array (m, 4, 4) with m ≥ 1, or the map knows no arm.
 
     Example:
         placement = inverse_map.query_path(offsets, target=cup, free_space=floor, k=5)
         path = lambda rank: tcp_poses(waypoints(placement.approach_yaw[rank]), placement.approach_yaw[rank])
-        match verify(chain, placement, path, is_free):
+        match verify(rm, placement, path, is_free):
             case Verified(base=base, configurations=q): ...
     """
+    chain = arm.chain if isinstance(arm, ReachabilityMap) else arm
+    if chain is None:
+        raise QueryError("verify needs the arm of the map; this map was made from poses")
+    torso_range = arm.grid.torso_range if isinstance(arm, ReachabilityMap) else None
     reached = []
     for rank in range(min(limit, len(placement))):
         T_world_tcp = np.asarray(poses_of(rank), dtype=float)
         if T_world_tcp.ndim != 3 or T_world_tcp.shape[1:] != (4, 4) or len(T_world_tcp) == 0:
             raise QueryError(f"TCP poses of one base are an array (m, 4, 4) with m ≥ 1, not {T_world_tcp.shape}")
         base = placement.poses[rank]
-        path = _configuration_path(chain, base, world_to_base(base) @ T_world_tcp, is_free)
+        candidates = [configurations(chain, T, torso_range) for T in world_to_base(base) @ T_world_tcp]
+        path = _configuration_path(chain, base, candidates, is_free)
         if len(path) == len(T_world_tcp):
             return Verified(rank, base, path)
         reached.append(len(path))
     return NotVerified(tuple(reached))
 
 
-def _configuration_path(chain: ArmChain, base: Floats, T_base_tcp: Floats, is_free: IsFree | None) -> Floats:
-    """One configuration per TCP pose, each within a step of the one before, up to the last pose that has one."""
+def _configuration_path(chain: ArmChain, base: Floats, candidates: list[Floats], is_free: IsFree | None) -> Floats:
+    """One of the configurations (k, 1 + n) of each TCP pose, within a step of the one before, up to the last pose that
+    has one."""
     limits = np.full(chain.size, LARGEST_STEP)
     limits[0] = LARGEST_LIFT
     # Angles of joints that turn without limit count modulo a turn.
     turning = (chain.axes < PRISMATIC) & (chain.upper - chain.lower >= 2 * np.pi)
     layers: list[Floats] = []
     parents: list[NDArray[np.int64]] = []
-    for T in T_base_tcp:
-        found = configurations(chain, T)
+    for found in candidates:
         parent = np.zeros(len(found), dtype=np.int64)
         if layers and len(found):
             parent = _nearest_parents(found, layers[-1], limits, turning)
@@ -328,35 +339,20 @@ def _nearest_parents(found: Floats, before: Floats, limits: Floats, turning: NDA
 
 
 class SelfCollision:
-    """Whether a configuration is free of self-collision: an `is_free` for `verify`. It needs the simulator.
-
-    Only the pairs in `chain.self_collisions` count; everything else in the model is ignored. Joints that are not the
-    arm's stay at their initial positions.
+    """Whether a configuration is free of self-collision: an `is_free` for `verify`, by the chain's shapes.
 
     Example:
-        is_free = SelfCollision(model, chain)
-        verify(chain, placement, poses_of, is_free)
+        is_free = SelfCollision(chain)
+        is_free(base, q)
     """
 
-    def __init__(self, model: mujoco.MjModel, chain: ArmChain) -> None:
-        import mujoco  # the package does not need the simulator
+    def __init__(self, chain: ArmChain) -> None:
+        self._chain, self._placed = chain_arrays(chain), make_placed(chain.shapes)
+        self._shapes = chain.shapes
 
-        self._mujoco, self._model, self._data = mujoco, model, mujoco.MjData(model)
-        self._moving = [k for k, name in enumerate(chain.joints) if name]
-        self._columns = [model.joint(chain.joints[k]).qposadr[0] for k in self._moving]
-        self._pairs = {frozenset(pair) for pair in chain.self_collisions}
-
-    def __call__(self, _base: Floats, q: Floats) -> bool:
-        """Whether no pair of bodies penetrates in the configuration `q` (1 + n,); the base pose does not matter."""
-        model, data = self._model, self._data
-        data.qpos[self._columns] = q[self._moving]
-        self._mujoco.mj_kinematics(model, data)
-        self._mujoco.mj_comPos(model, data)
-        self._mujoco.mj_collision(model, data)
-        bodies = model.geom_bodyid[data.contact.geom[data.contact.dist < 0.0]]
-        return not any(
-            frozenset(str(model.body(body).name) or f"body {body}" for body in pair) in self._pairs for pair in bodies
-        )
+    def __call__(self, _base: Floats | None, q: ArrayLike) -> bool:
+        """Whether no pair of shapes touches in the configuration `q` (1 + n,); the base pose does not matter."""
+        return bool(are_free(self._chain, self._shapes, self._placed, np.asarray(q, dtype=float)[None])[0])
 
 
 def compare_with_model(chain: ArmChain, model: mujoco.MjModel, base: str, tip: str, approach: str = "x") -> None:

@@ -1,9 +1,9 @@
 """The names of the package, from the modules that define them; `planners` itself loads them when one is asked for."""
 
+from irm.gjk import CYLINDER
 from planners.cause import Cause
 from planners.clearing.goal_bound import LowerBound
 from planners.clearing.lower_bound import ClearanceFloor
-from planners.collision.gjk import CYLINDER
 from planners.collision.scene_arrays import GeometryError, RobotArrays, robot_arrays
 from planners.collision.world import CollisionWorld
 from planners.contact import Contact, StepLabel, contact_of, contacts, label_of

@@ -52,7 +52,7 @@ class Arguments:
     """Roll samples for each approach axis; 0 stands for 1 if the wrist rolls freely, and for 4 otherwise."""
     pitches: tuple[float, ...] = ()
     """Rings of pitch to keep [degrees]; all if not given."""
-    heights: tuple[float, float] = (0.0, 10.0)
+    heights: tuple[float, float] = (-10.0, 10.0)
     """Lowest and highest TCP position [m]."""
     lift: bool = True
     """Whether the torso may move; if not, it stays at its height in the home configuration."""

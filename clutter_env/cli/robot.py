@@ -40,6 +40,8 @@ class Arguments:
     """JSON file of what the MJCF file does not say."""
     homes: bool = False
     """Suggest home configurations; always done for a page without one."""
+    table: float = 0.75
+    """Height of the table that the robot is to work at [m]."""
     out: Path | None = None
     """The picture; outputs/NAME.png if not given."""
 
@@ -54,11 +56,11 @@ def run(arguments: Arguments) -> None:
     robot, has_home = _robot(arguments)
     if arguments.homes or not has_home:
         print("home, best first:")
-        for candidate in home_candidates(robot):
+        for candidate in home_candidates(robot, table_height=arguments.table):
             print(f"  {[round(float(value), 4) for value in candidate.q]}  {candidate.distance:.2f} rad from grasps")
     if not has_home:
         raise UsageError(f"{arguments.page} says no home; take one of these, or your own")
-    report = report_of(robot)
+    report = report_of(robot, arguments.table)
     print(report.summary())
     if report.reach is not None:
         file = arguments.out or Path("outputs") / f"{robot.name}.png"

@@ -57,8 +57,8 @@ _STEP = 0.05
 """[m] between gripper positions that are tried."""
 _TORSOS, _ANGLES = 6, 18
 """Values of the free parameters that are tried."""
-_HOME_HEIGHTS = (1.10, 1.15, 1.20)
-"""[m] of the TCP at home: above the objects on a table, with one in the gripper."""
+_HOME_HEIGHTS = (0.35, 0.40, 0.45)
+"""[m] of the TCP at home above the table: above the objects on it, with one in the gripper."""
 _ELBOW_ABOVE = 0.05
 """[m] An elbow that much above the TCP keeps the forearm off the table."""
 _TORSO_WEIGHT = 5.0
@@ -86,15 +86,15 @@ class RobotReport:
         return "\n".join(lines)
 
 
-def report_of(robot: RobotSpec) -> RobotReport:
-    """Compare the data with the file, and check what environments and planner need."""
+def report_of(robot: RobotSpec, table: float = TABLE_HEIGHT) -> RobotReport:
+    """Compare the data with the file, and check what environments and planner need at a table of some height [m]."""
     try:
         check_robot(robot)
         robot_arrays(robot)
     except (ConfigError, GeometryError) as problem:
         return RobotReport(robot.name, {}, (str(problem),))
-    model, reach = mujoco.MjModel.from_xml_path(str(robot.mjcf_path)), level_reach(robot)
-    problems = (*_motors(robot, model), *_contacts(robot, model), *_home(robot), *_size(robot, reach))
+    model, reach = mujoco.MjModel.from_xml_path(str(robot.mjcf_path)), level_reach(robot, table)
+    problems = (*_motors(robot, model), *_contacts(robot, model), *_home(robot, table), *_size(robot, reach))
     return RobotReport(robot.name, _facts(robot, reach), problems, reach)
 
 
@@ -153,13 +153,13 @@ def _contacts(robot: RobotSpec, model: mujoco.MjModel) -> list[str]:
     return found
 
 
-def _home(robot: RobotSpec) -> list[str]:
+def _home(robot: RobotSpec, table: float) -> list[str]:
     T, found = forward(ArmChain.from_robot(robot), robot.home), []
     if T[2, 2] < _LEVEL or T[0, 0] < _LEVEL:
         x_axis = np.round(T[:3, 0], 3).tolist()
         found.append(f"home: the gripper is not level and straight ahead; its x axis is {x_axis}")
-    if T[2, 3] < TABLE_HEIGHT + _ABOVE_OBJECTS:
-        found.append(f"home: the TCP is {T[2, 3]:.2f} m high; objects need {TABLE_HEIGHT + _ABOVE_OBJECTS:.2f} m")
+    if T[2, 3] < table + _ABOVE_OBJECTS:
+        found.append(f"home: the TCP is {T[2, 3]:.2f} m high; objects need {table + _ABOVE_OBJECTS:.2f} m")
     world = _Arm(robot).world
     if touched := world.names_of(world.hits(np.zeros(3), robot.home, robot.max_opening)):
         found.append(f"home: the robot touches {' and '.join(touched)}")
@@ -237,10 +237,10 @@ class _Arm:
         return np.asarray(np.where(goes_round, turned, found)[is_high])
 
 
-def level_reach(robot: RobotSpec) -> LevelReach:
-    """Where the level gripper of a robot reaches straight ahead."""
+def level_reach(robot: RobotSpec, table: float = TABLE_HEIGHT) -> LevelReach:
+    """Where the level gripper of a robot reaches straight ahead, around grasps on a table of some height [m]."""
     arm = _Arm(robot)
-    height = TABLE_HEIGHT + robot.grasp_height
+    height = table + robot.grasp_height
     x, y = np.arange(0.3, 1.301, _STEP), np.arange(-0.8, 0.801, 2 * _STEP)
     z = np.array([height - 0.4, height - 0.2, height, height + 0.2, height + 0.4])
     reached = np.zeros((x.size, y.size, z.size), dtype=np.bool_)
@@ -250,12 +250,12 @@ def level_reach(robot: RobotSpec) -> LevelReach:
     return LevelReach(x, y, z, reached)
 
 
-def home_candidates(robot: RobotSpec, count: int = 3) -> list[HomeCandidate]:
-    """Configurations for `home`, best first: near to the grasps of objects on a table, with a high elbow.
+def home_candidates(robot: RobotSpec, count: int = 3, table_height: float = TABLE_HEIGHT) -> list[HomeCandidate]:
+    """Configurations for `home`, best first: near to the grasps of objects on a table [m], with a high elbow.
 
     The present home of the robot does not matter.
     """
-    arm, table = _Arm(robot), TABLE_HEIGHT + robot.grasp_height
+    arm, table = _Arm(robot), table_height + robot.grasp_height
     goals = [
         found
         for pitch, height in ((0.0, table), (np.pi / 3, table + 0.06), (np.pi / 2, table + 0.08))
@@ -266,7 +266,7 @@ def home_candidates(robot: RobotSpec, count: int = 3) -> list[HomeCandidate]:
     candidates = []
     for x in np.arange(0.45, 0.76, _STEP):
         for z in _HOME_HEIGHTS:
-            found = arm.with_high_elbow(float(x), z)
+            found = arm.with_high_elbow(float(x), table_height + z)
             candidates += list(found[arm.free(found)]) if len(found) else []
     weight = np.array([_TORSO_WEIGHT, *[1.0] * (arm.chain.size - 1)])
     rated = [

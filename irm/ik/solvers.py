@@ -1,7 +1,7 @@
 """Solvers of any arm: exact answers whether it reaches a TCP pose, and its configurations for given free parameters.
 
-`ExactSolver` answers each YES with a configuration within the limits as its proof. An arm with the structure of
-Fetch's arm is solved by `irm.ik.closed_form`. With a structure of `irm.ik.structure` the closed
+`ExactSolver` answers each YES with a configuration within the limits and free of self-collision as its proof. An arm
+with the structure of Fetch's arm is solved by `irm.ik.closed_form`. With a structure of `irm.ik.structure` the closed
 form is scanned over the free joint, and over the lift if there is one. Without such a structure the arm is solved from
 random configurations, and NO is a statement about its length alone.
 
@@ -13,6 +13,7 @@ by iteration from one of many stored configurations; the second parameter is the
 from __future__ import annotations
 
 from functools import lru_cache
+from math import ceil
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,9 @@ from irm.ik.closed_form import decide_poses, ik_arm
 from irm.ik.numerical import random_seeds, refine
 from irm.ik.structure import ParallelArm, SphericalArm, find_structure
 from irm.ik.structured import parallel_excess, parallel_solutions, scan_free_joint, spherical_solutions
+from irm.kernel_arguments import leaf_kernel, pointer_to
+from irm.kinematics import arm_jacobian, condition, fk_frames
+from irm.shapes import CLEARANCE, Placed, Shapes, any_near, is_free, make_placed, place_shapes
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -44,6 +48,10 @@ _UPPER_ARM_ROLL, _ELBOW_FLEX = 3, 4
 """Joints of `irm.ik.closed_form`: the one whose angle is free, and the elbow."""
 _SEEDS = 200
 """Configurations from which an arm without a closed form is solved."""
+FREE_SEARCHES = ((0.05, 24), (0.015, 144))
+"""Steps of the lift [m] and angles of the free joint at which a configuration free of self-collision is looked for."""
+IMPROVING_ANGLES = 72
+"""Angles of the free joint of which the best one is taken."""
 _EXACT = 1e-8
 """[rad] Solutions of an arm with less slack need no refinement."""
 
@@ -62,11 +70,54 @@ class ExactSolver:
     def __init__(self, chain: ArmChain, torso_range: tuple[float, float] | None = None) -> None:
         self.chain = chain
         self.torso_range = torso_range or (float(chain.lower[0]), float(chain.upper[0]))
-        self._arrays = solver_arrays(chain)
+        self._arrays, self._placed = solver_arrays(chain), make_placed(chain.shapes)
 
     def solve(self, T_base_tcp: Floats) -> tuple[NDArray[np.int8], Floats]:
-        """(n,) `Status` values of poses (n, 4, 4), and (n, 1 + dof) the configuration that reaches each of them; NaN
-        where none is known."""
+        """Which poses the arm reaches in a configuration that is free of self-collision.
+
+        NO is proved: the joints do not reach the pose, or the gripper would be inside the base. A pose is UNKNOWN where
+        the joints reach it and the gripper is free, but no configuration that was tried is.
+
+        Args:
+            T_base_tcp: (n, 4, 4).
+
+        Returns:
+            (n,) `Status` values, and (n, 1 + dof) the configuration that reaches each pose; NaN where none is known.
+        """
+        status, q = self.reach(T_base_tcp)
+        rows = np.flatnonzero(status == YES)
+        arrays, shapes = self._arrays.chain, self.chain.shapes
+        rows = rows[~are_free(arrays, shapes, self._placed, q[rows])]
+        if not len(rows):
+            return status, q
+        status[rows] = UNKNOWN
+        low, high = self.torso_range
+        for step, count in FREE_SEARCHES:
+            torsos = np.linspace(low, high, int(np.ceil((high - low) / step - _ROUNDING)) + 1)
+            angles = free_angles(self.chain, count)
+            for n in rows[status[rows] == UNKNOWN]:
+                R, p = T_base_tcp[n, :3, :3].copy(), T_base_tcp[n, :3, 3].copy()
+                nearest = np.argsort(np.abs(torsos - q[n, 0]), kind="stable")
+                status[n] = _find_free(self._arrays, shapes, self._placed, R, p, torsos[nearest], angles, q[n])
+        q[status != YES] = np.nan
+        return status, q
+
+    def improve(self, T_base_tcp: Floats, q: Floats, torsos: Floats) -> tuple[Floats, Floats]:
+        """Configurations of higher μ for poses (n, 4, 4), given one for each (n, 1 + dof), NaN for none.
+
+        Of free ones at the `torsos` (n,) [m] that are given, at `IMPROVING_ANGLES` angles of the free joint.
+
+        Returns:
+            (n, 1 + dof) the best of these and of those given, and (n,) their μ; NaN where none was given.
+        """
+        q, mu, angles = q.copy(), np.full(len(q), np.nan), free_angles(self.chain, IMPROVING_ANGLES)
+        for n in np.flatnonzero(~np.isnan(q[:, 0])):
+            R, p = T_base_tcp[n, :3, :3].copy(), T_base_tcp[n, :3, 3].copy()
+            mu[n] = _improve(self._arrays, self.chain.shapes, self._placed, R, p, float(torsos[n]), angles, q[n])
+        return q, mu
+
+    def reach(self, T_base_tcp: Floats) -> tuple[NDArray[np.int8], Floats]:
+        """The same without regard to self-collision."""
         T = np.ascontiguousarray(T_base_tcp, dtype=float)
         status, q = np.full(len(T), UNKNOWN, dtype=np.int8), np.full((len(T), self.chain.size), np.nan)
         if self._arrays.kind == CLOSED_FORM:
@@ -271,3 +322,86 @@ def arm_solutions(arm: SolverArrays, R: Floats, p: Floats, torso: float, free: f
             found[kept] = found[k]
             kept += 1
     return kept
+
+
+@njit(cache=True)
+def are_free(chain: ChainArrays, shapes: Shapes, placed: Placed, Q: Floats) -> NDArray[np.bool_]:
+    """(k,) whether configurations (k, 1 + n) are free of self-collision; `placed` is memory for the shapes."""
+    free, n = np.empty(len(Q), np.bool_), chain.axes.shape[0]
+    some, memory = pointer_to(shapes), pointer_to(placed)
+    R, p = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+    for k in range(len(Q)):
+        fk_frames(chain.offsets, chain.axes, chain.tip, Q[k], R, p)
+        free[k] = is_free(some, memory, R, p)
+    return free
+
+
+@njit(cache=True)
+def _find_free(
+    arm: SolverArrays, shapes: Shapes, placed: Placed, R: Floats, p: Floats, torsos: Floats, angles: Floats, q: Floats
+) -> int:
+    """YES with a free configuration for a TCP pose in `q`, which reaches it; NO if the gripper is in no place that is
+    free, else UNKNOWN."""
+    some, memory, n = pointer_to(shapes), pointer_to(placed), q.shape[0]
+    frames, origins, found = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((8, n))
+    fk_frames(arm.chain.offsets, arm.chain.axes, arm.chain.tip, q, frames, origins)
+    if _is_gripper_blocked(some, memory, frames, origins, torsos.min() - q[0], torsos.max() - q[0]):
+        return NO
+    for torso in torsos:
+        gripper_is_free = False
+        for angle in angles:
+            for k in range(arm_solutions(arm, R, p, torso, angle, found)):
+                fk_frames(arm.chain.offsets, arm.chain.axes, arm.chain.tip, found[k], frames, origins)
+                place_shapes(some, memory, frames, origins)
+                gripper_is_free = gripper_is_free or not any_near(some, memory, 0, CLEARANCE)
+                if not gripper_is_free:
+                    break
+                if not (any_near(some, memory, 1, CLEARANCE) or any_near(some, memory, 3, CLEARANCE)):
+                    q[:] = found[k]
+                    return YES
+            else:
+                continue
+            break
+    return UNKNOWN
+
+
+@njit(cache=True)
+def _improve(
+    arm: SolverArrays, shapes: Shapes, placed: Placed, R: Floats, p: Floats, torso: float, angles: Floats, q: Floats
+) -> float:
+    """μ of the best free configuration for a TCP pose at a torso height, or of `q` if it is better; it is then `q`."""
+    some, memory, n, chain = pointer_to(shapes), pointer_to(placed), q.shape[0], arm.chain
+    frames, origins, found = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((8, n))
+    J, A, d, e = np.empty((6, n - 1)), np.empty((6, 6)), np.empty(6), np.empty(6)
+    fk_frames(chain.offsets, chain.axes, chain.tip, q, frames, origins)
+    arm_jacobian(chain.axes, frames, origins, J)
+    best = condition(J, A, d, e)
+    for angle in angles:
+        for k in range(arm_solutions(arm, R, p, torso, angle, found)):
+            fk_frames(chain.offsets, chain.axes, chain.tip, found[k], frames, origins)
+            arm_jacobian(chain.axes, frames, origins, J)
+            mu = condition(J, A, d, e)
+            if mu > best and is_free(some, memory, frames, origins):
+                best = mu
+                q[:] = found[k]
+    return best
+
+
+@leaf_kernel
+def _is_gripper_blocked(shapes: Shapes, placed: Placed, R: Floats, p: Floats, low: float, high: float) -> bool:
+    """Whether the gripper at this place touches the base, or the torso at every height from `low` to `high` [m].
+
+    The heights are relative to that of the frames, which are changed. Between two heights at which both touch, they
+    are nearer than half the step.
+    """
+    place_shapes(shapes, placed, R, p)
+    if any_near(shapes, placed, 2, CLEARANCE):
+        return True
+    steps = ceil((high - low) / (2.0 * CLEARANCE))
+    start = p[0, 2] + low
+    for k in range(steps + 1):
+        p[0, 2] = start + (high - low) * k / max(1, steps)
+        place_shapes(shapes, placed, R, p)
+        if not any_near(shapes, placed, 0, 0.0):
+            return False
+    return True

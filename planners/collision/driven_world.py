@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.gjk import BOX, Solids
+from irm.gjk import BOX, Solids
 from planners.collision.scene_arrays import Obstacles
 from planners.collision.world import CollisionWorld
 from planners.scene import Body, StaticObstacle

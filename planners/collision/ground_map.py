@@ -13,7 +13,7 @@ from scipy import ndimage
 from assets.robots import RobotSpec
 from irm.chain import BASE
 from irm.free_space import BLOCKED, FreeSpace
-from planners.collision.gjk import BOX, CYLINDER
+from irm.gjk import BOX, CYLINDER
 from planners.collision.scene_arrays import robot_arrays
 from planners.scene import Scene, StaticObstacle
 

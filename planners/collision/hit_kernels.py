@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from irm.chain import BASE
 from irm.compilation import njit
+from irm.gjk import CYLINDER, Solids, are_any_within, are_within, core_distance, height
+from irm.kernel_arguments import copy_row, copy_rows, inlined_kernel, leaf_kernel, pointer_to
 from irm.kinematics import fk_frames
-from planners.collision.gjk import CYLINDER, Solids, are_any_within, are_within, core_distance, height
-from planners.collision.kernel_arguments import copy_row, copy_rows, inlined_kernel, leaf_kernel, pointer_to
 from planners.collision.scene_arrays import Obstacles, RobotArrays
 from planners.scene import SELF_BIT, STATIC_BIT
 

@@ -2,32 +2,25 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
-from irm.chain import BASE, ArmChain, link_of_body
+from irm.chain import BASE, ArmChain
+from irm.gjk import BOX, CYLINDER, ELLIPSOID, HULL, Solids
 from irm.ik.solvers import SolverArrays, solver_arrays
 from irm.kinematics import link_frames
-from planners.collision.gjk import BOX, CYLINDER, ELLIPSOID, HULL, Solids
 from planners.scene import AsideObject, Body, Scene, StaticObstacle
 
 Array = NDArray[np.float64]
 
 CORES = {"box": BOX, "cylinder": CYLINDER, "capsule": BOX, "sphere": BOX, "ellipsoid": ELLIPSOID, "hull": HULL}
 """A capsule is a segment, a sphere a point, both boxes without width, grown by their radius."""
-_ROBOT_SHAPES = {
-    int(mujoco.mjtGeom.mjGEOM_BOX): "box",
-    int(mujoco.mjtGeom.mjGEOM_CAPSULE): "capsule",
-    int(mujoco.mjtGeom.mjGEOM_SPHERE): "sphere",
-    int(mujoco.mjtGeom.mjGEOM_CYLINDER): "cylinder",
-}
+_KNOWN = ("boxes", "capsules", "cylinders", "spheres")
 
 
 class GeometryError(ValueError):
@@ -217,30 +210,10 @@ def robot_arrays(robot: RobotSpec) -> RobotArrays:
     Raises:
         GeometryError: its MJCF has a collision geom that is no box, capsule, cylinder or sphere.
     """
-    model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
-    data = mujoco.MjData(model)
-    data.qpos[:] = 0.0
-    for joint, angle in zip(robot.still_joints, robot.still_configuration, strict=True):
-        data.joint(joint).qpos = angle
-    mujoco.mj_kinematics(model, data)
-    geoms, links, chain = collision_geoms(model, robot), link_of_body(model, robot), ArmChain.from_robot(robot)
-    link = np.array([links[int(model.geom_bodyid[geom])] for geom in geoms], dtype=np.int64)
-    # The frames of all links at zero in the world; that of the base, whose number is -1, takes the place of the TCP's.
-    R, p = link_frames(chain, np.zeros(chain.size))
-    R[BASE], p[BASE] = np.eye(3), 0.0
-    base = data.body(robot.base_body)
-    turn = base.xmat.reshape(3, 3)
-    R, p = turn @ R, base.xpos + p @ turn.T
-    position = np.array([R[k].T @ (data.geom_xpos[geom] - p[k]) for geom, k in zip(geoms, link, strict=True)])
-    rotation = np.array([R[k].T @ data.geom_xmat[geom].reshape(3, 3) for geom, k in zip(geoms, link, strict=True)])
-    core, half, radius, bound = _shapes(model, geoms)
-    fingers = {int(model.jnt_bodyid[joint]): joint for joint in (model.joint(f).id for f in robot.finger_joints)}
-    slide = np.zeros((len(geoms), 3))
-    for row, geom in enumerate(geoms):
-        if (body := int(model.geom_bodyid[geom])) in fingers:
-            slide[row] = R[chain.size - 1].T @ data.xaxis[fingers[body]]
-    slides = (slide != 0).any(axis=1)
-    distant = [(i, j) for i, j in itertools.combinations(range(len(link)), 2) if abs(link[i] - link[j]) > 1]
+    chain, shapes = ArmChain.from_robot(robot), robot.shapes
+    if np.any(shapes.core > CYLINDER):
+        raise GeometryError(f"{robot.name} has a mesh or an ellipsoid, which is none of {', '.join(_KNOWN)}")
+    link, bound, slides = shapes.link, shapes.bound, (shapes.opened != 0).any(axis=1)
     return RobotArrays(
         offsets=chain.offsets,
         axes=chain.axes,
@@ -248,56 +221,22 @@ def robot_arrays(robot: RobotSpec) -> RobotArrays:
         ik=solver_arrays(chain),
         lower=chain.lower,
         upper=chain.upper,
-        core=core,
-        half=half,
-        radius=radius,
+        core=shapes.core,
+        half=shapes.half,
+        radius=shapes.radius,
         bound=bound,
         link=link,
-        position=position,
-        rotation=rotation,
+        position=shapes.position,
+        rotation=shapes.rotation,
         slides=slides,
-        slide=slide,
+        slide=shapes.opened / robot.max_finger_position,
         gap=robot.finger_gap_closed,
         slide_end=robot.max_finger_position,
-        self_pairs=np.array(distant, dtype=np.int64).reshape(-1, 2),
+        self_pairs=shapes.pairs,
         held_from=int(np.argmax(link < chain.size - 1)),
-        reach=_reach(chain, link, position, bound + robot.max_finger_position * slides),
+        reach=_reach(chain, link, shapes.position, bound + robot.max_finger_position * slides),
         tip_reach=_reach(chain, np.array([chain.size - 1]), chain.tip[None, :3], np.zeros(1)),
     )
-
-
-def collision_geoms(model: mujoco.MjModel, robot: RobotSpec) -> list[int]:
-    """Ids of the robot's geoms that can touch something: from the gripper to the base, then those of idle arms."""
-    idle = {int(model.jnt_bodyid[model.joint(arm.joints[0]).id]) for arm in robot.idle_arms}
-    for body in range(model.nbody):
-        if int(model.body_parentid[body]) in idle:
-            idle.add(body)
-    base = model.body(robot.base_body).id
-    found = [
-        geom
-        for geom in reversed(range(model.ngeom))
-        if int(model.body_rootid[model.geom_bodyid[geom]]) == base
-        and (model.geom_contype[geom] or model.geom_conaffinity[geom])
-    ]
-    return sorted(found, key=lambda geom: int(model.geom_bodyid[geom]) in idle)
-
-
-def _shapes(model: mujoco.MjModel, geoms: Iterable[int]) -> tuple[NDArray[np.int64], Array, Array, Array]:
-    """Core, half extents, radius and bounding radius of each geom."""
-    core, half, radius = [], [], []
-    for geom in geoms:
-        kind, size = int(model.geom_type[geom]), model.geom_size[geom]
-        if kind not in _ROBOT_SHAPES:
-            known = ", ".join(mujoco.mjtGeom(known).name for known in _ROBOT_SHAPES)
-            raise GeometryError(f"geom {model.geom(geom).name!r} is none of {known}")
-        shape = _ROBOT_SHAPES[kind]
-        is_round = shape in ("capsule", "sphere")
-        core.append(CORES[shape])
-        radius.append(size[0] if is_round else 0.0)
-        half.append([0.0, 0.0, size[1]] if is_round else size[[0, 0, 1]] if shape == "cylinder" else size)
-    cores, halves, radii = np.array(core, dtype=np.int64), np.array(half), np.array(radius)
-    diagonal = np.where(cores == CYLINDER, np.hypot(halves[:, 0], halves[:, 2]), np.linalg.norm(halves, axis=1))
-    return cores, halves, radii, diagonal + radii
 
 
 def _reach(chain: ArmChain, link: NDArray[np.int64], position: Array, bound: Array) -> Array:

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irm.compilation import njit
+from irm.kernel_arguments import copy_row, leaf_kernel, pointer_to
 from irm.kinematics import arm_jacobian, fk_frames
-from planners.collision.kernel_arguments import copy_row, leaf_kernel, pointer_to
 from planners.collision.scene_arrays import RobotArrays
 from planners.collision.world import CollisionWorld
 

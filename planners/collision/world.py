@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.collision.gjk import BOX, are_within
+from irm.gjk import BOX, are_within
 from planners.collision.hit_kernels import Attached, CollisionQuery, Scratch, make_scratch, many_hits, path_hits
 from planners.collision.scene_arrays import (
     CORES,

@@ -18,6 +18,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon, Rectangle
 from numpy.typing import NDArray
 
+from assets.robots import RobotSpec
 from planners.drawing.choices import ClearancePicture, DrawnSurface, choices_of, last_picture
 from planners.scene import Body
 from planners.tamp.solution import Solution
@@ -99,10 +100,11 @@ def _draw_base(axes: Axes, solution: Solution) -> None:
     for action in solution.actions:
         base = action.trajectory.base
         axes.plot(base[:, 1], base[:, 0], color=_BASE_COLOUR, linewidth=1.0, zorder=2)
-    radius = solution.actions[0].scene.robot.base_radius
+    robot = solution.actions[0].scene.robot
+    radius = robot.base_radius
     stops = [solution.actions[0].trajectory.base[0], *(action.trajectory.base[-1] for action in solution.actions)]
     for x, y, yaw in np.unique(np.round(stops, 3), axis=0):
-        axes.add_patch(Circle((y, x), radius, fill=False, edgecolor=_BASE_COLOUR, linewidth=0.8, zorder=2))
+        axes.add_patch(footprint(robot, (x, y, yaw), fill=False, edgecolor=_BASE_COLOUR, linewidth=0.8, zorder=2))
         ahead = (y + radius * np.sin(yaw), x + radius * np.cos(yaw))
         axes.plot((y, ahead[0]), (x, ahead[1]), color=_BASE_COLOUR, linewidth=1.6, zorder=2)
     bases = np.vstack([action.trajectory.base[:, :2] for action in solution.actions])
@@ -110,6 +112,15 @@ def _draw_base(axes: Axes, solution: Solution) -> None:
     lower = np.minimum(support.lower[:2], bases.min(axis=0) - radius) - _MARGIN
     upper = np.maximum(support.upper[:2], bases.max(axis=0) + radius) + _MARGIN
     axes.set(xlim=(upper[1], lower[1]), ylim=(lower[0], upper[0]), aspect="equal", xlabel="y [m]", ylabel="x [m]")
+
+
+def footprint(robot: RobotSpec, base: tuple[float, float, float], **style: Any) -> Circle | Polygon:
+    """The outline of the base at a pose x, y [m], yaw [rad]: its corners, or a circle; x is up, y to the left."""
+    x, y, yaw = base
+    if not robot.base_outline:
+        return Circle((y, x), robot.base_radius, **style)
+    c, s = np.cos(yaw), np.sin(yaw)
+    return Polygon([(y + s * a + c * b, x + c * a - s * b) for a, b in robot.base_outline], closed=True, **style)
 
 
 def draw_plan(solution: Solution, path: Path) -> None:

@@ -60,10 +60,15 @@ def inverse_map(robot: RobotSpec) -> InverseReachabilityMap:
 
 
 def map_parameters(robot: RobotSpec) -> dict[str, Any]:
-    """Parameters of the planner's reachability map: fingers close along a level line, so that roll 0 is enough."""
+    """Parameters of the planner's reachability map: fingers close along a level line, so that roll 0 is enough.
+
+    The planner checks every configuration itself, with what is held and what idle arms hold; in the map self-collision
+    would only change the order of base poses.
+    """
+    common = {"torso_margin": TORSO_MARGIN, "self_collision": False}
     if ArmChain.from_robot(robot).has_closed_form:
-        return {"torso_margin": TORSO_MARGIN}
-    return {"torso_margin": TORSO_MARGIN, "rolls": 1, "pitches": _DOWNWARD}
+        return common
+    return {**common, "rolls": 1, "pitches": _DOWNWARD}
 
 
 def free_ground(scene: Scene, with_shadows: bool = False) -> FreeSpace:

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from irm.compilation import njit
 from irm.ik.closed_form import MAX_SOLUTIONS
 from irm.ik.solvers import CLOSED_FORM, arm_solutions
+from irm.kernel_arguments import copy_row, leaf_kernel, pointer_to
 from irm.kinematics import arm_jacobian, condition, fk_frames
 from planners.collision.hit_kernels import CollisionQuery, configuration_hits
-from planners.collision.kernel_arguments import copy_row, leaf_kernel, pointer_to
 from planners.collision.scene_arrays import RobotArrays
 from planners.collision.straight_lines import follow_line
 from planners.scene.masks import FIXED_BITS, SELF_BIT, STATIC_BIT

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irm.compilation import njit
+from irm.kernel_arguments import copy_row, pointer_to
 from planners.collision.hit_kernels import CollisionQuery, configuration_hits, edge_hits
-from planners.collision.kernel_arguments import copy_row, pointer_to
 
 Array = NDArray[np.float64]
 

@@ -10,9 +10,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from assets.robot_reading import collision_geoms
 from assets.robots import RobotSpec
 from irm.chain import link_of_body
-from planners.collision.scene_arrays import collision_geoms, robot_of
+from planners.collision.scene_arrays import robot_of
 from planners.collision.world import OVERLAP
 from planners.motion.path import WholeBodyPath
 from planners.motion.trajectory import Trajectory, phases_of

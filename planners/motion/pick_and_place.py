@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planners.collision.straight_lines import trace_straight
 from planners.collision.world import CollisionWorld
 from planners.goals import LIFTED
 from planners.motion.approaches import Approach, ContactQuery, free_approach, trace
@@ -27,7 +28,7 @@ Array = NDArray[np.float64]
 _TORSO_SHARES = (0.5, 1.0)
 """Shares of the torso's travel at which the home configuration of the arm is tried where home itself does not fit."""
 _RISES = (0.25, 0.15, 0.05, 0.0)
-"""[m] that the torso rises for carrying in the configuration of the arm at hand."""
+"""[m] that the torso, or else the arm, rises for carrying in the configuration of the arm at hand."""
 _SAMPLING = 0.1
 """[m], [rad] of a joint between configurations at which the height of a held object is computed: 1 mm is missed."""
 
@@ -65,6 +66,7 @@ def plan_pick(
     *,
     rng: np.random.Generator,
     ignore: int = 0,
+    rises: bool = False,
 ) -> PickPlaceMotion | BlockedBy | NoPath:
     """Take an object with a given grasp, then carry it in the home configuration, or another where that does not fit.
 
@@ -76,6 +78,7 @@ def plan_pick(
         name: of the object.
         rng: for the free paths.
         ignore: mask of objects that are not obstacles.
+        rises: whether the arm raises the object where the torso cannot raise it by `LIFTED`, as from a high board.
 
     Returns:
         the motion; the smallest set of objects found to be in its way; or why clearing would not help. Continuous
@@ -86,7 +89,7 @@ def plan_pick(
     """
     inside, stand, q_start = _split(world, base, start)
     query = ContactQuery.grasp(world, inside, unwrap_joints(world.robot, q_start, q_grasp), name, ignore)
-    return _plan_around(_FreePaths(query, stand, q_start, False, rng))
+    return _plan_around(_FreePaths(query, stand, q_start, False, rng, rises))
 
 
 def plan_place(
@@ -140,6 +143,7 @@ class _FreePaths:
     q: Array  # (8,) torso and arm at the start
     starts_loaded: bool  # a placement: the object is held at the start
     rng: np.random.Generator
+    rises: bool = False
 
     def around(self, approach: Approach, find_blockers: bool) -> PickPlaceMotion | BlockedBy | NoPath:
         """The whole motion along straight lines, planned as if what they hit were gone; that counts as blockers."""
@@ -197,7 +201,7 @@ class _FreePaths:
         path: WholeBodyPath | BlockedBy | NoPath = NoPath("no carry configuration")
         low: WholeBodyPath | None = None
         for only_home in (True, False):
-            for end in _carry_configurations(query, self.query.q, q_hover, least, only_home):
+            for end in _carry_configurations(query, self.query.q, q_hover, least, only_home, self.rises):
                 path = self._arm_path(query, q_hover, end, find_blockers)
                 if not isinstance(path, WholeBodyPath):
                     continue
@@ -253,14 +257,15 @@ def _plan_around(free: _FreePaths, find_blockers: bool = True) -> PickPlaceMotio
 
 
 def _carry_configurations(
-    query: ArmQuery, q_grasp: Array, q_hover: Array, least_height: float, only_home: bool
+    query: ArmQuery, q_grasp: Array, q_hover: Array, least_height: float, only_home: bool, rises_by_arm: bool
 ) -> Array:
     """Configurations (k, 8) in which a motion may end, best first.
 
     The robot's home configuration where it fits; elsewhere home with another height of the torso, then the
     configuration `q_hover` at the end of the straight lines, with the torso raised. What fits hits neither static
     obstacles nor the robot, and holds the object's lowest point above `least_height` [m], if any of them does.
-    `only_home` leaves out the others where home does. Continuous joints end near `q_grasp` at home.
+    `only_home` leaves out the others where home does; with `rises_by_arm` the arm raises the object straight up where
+    none of these is high enough. Continuous joints end near `q_grasp` at home.
     """
 
     def fits(q: Array) -> bool:
@@ -274,6 +279,11 @@ def _carry_configurations(
     rises = [min(q_hover[0] + rise, robot.upper[0]) for rise in _RISES]
     others = [np.array([torso, *home[1:]]) for torso in torsos] + [np.array([torso, *q_hover[1:]]) for torso in rises]
     fitting = [q for q in (home, *others) if fits(q)]
+    if rises_by_arm and not any(_held_heights(query, q[None])[0] >= least_height for q in fitting):
+        lines = (
+            trace_straight(query.world, query.base, q_hover, np.array([0.0, 0.0, 1.0]), rise) for rise in _RISES[:2]
+        )
+        fitting += [line[-1] for line in lines if line is not None and fits(line[-1])]
     fitting.sort(key=lambda q: _held_heights(query, q[None])[0] < least_height)
     return np.array(fitting or [home])
 

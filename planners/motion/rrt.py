@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irm.compilation import njit
+from irm.kernel_arguments import copy_row, copy_rows, leaf_kernel, pointer_to
 from planners.collision.hit_kernels import CollisionQuery, configuration_hits, edge_hits, edge_samples
-from planners.collision.kernel_arguments import copy_row, copy_rows, leaf_kernel, pointer_to
 
 Array = NDArray[np.float64]
 _NONE = np.uint64(0)

@@ -9,7 +9,7 @@ from planners.cause import Cause
 from planners.clearing.commitments import Commitments, NoCommitment
 from planners.clearing.lookahead import ClearancePlan, keep_clear
 from planners.clock import cpu_seconds
-from planners.goals import Goal
+from planners.goals import Goal, Holding
 from planners.motion.path import NoPath
 from planners.scene import Scene
 from planners.symbolic.engines import checked_answer
@@ -236,8 +236,13 @@ def _pick_up(search: Search, state: PlanState, action: GroundAction, name: str) 
     """
     grasp = state.clearance_plan.commitments.grasps[name]
     picked = search.motion_layer.pick_up(state.scene, grasp)
+    is_low = isinstance(picked, BoundMotion) and not _is_up(search, picked, name)
+    if is_low:
+        picked = search.motion_layer.pick_up(state.scene, grasp, rises=True)
     if isinstance(picked, BoundMotion):
-        return picked
+        if not is_low or _is_up(search, picked, name):
+            return picked
+        picked = NoPath(f"the arm cannot hold {name} up where it takes it")
     if isinstance(picked, NoPath):
         search.motion_layer.ban(state.scene, grasp)
         return Refutation(action, reason=picked.reason)
@@ -246,3 +251,8 @@ def _pick_up(search: Search, state: PlanState, action: GroundAction, name: str) 
         return Refutation(action, frozenset(picked.blockers), reason)
     search.motion_layer.obstruct(state.scene, grasp, picked.blockers)
     return Refutation(action, reason=reason)
+
+
+def _is_up(search: Search, picked: BoundMotion, name: str) -> bool:
+    """Whether an object that is to be held at the end is high enough after a pick; others may be anywhere."""
+    return name not in search.goal.held or Holding(name).holds(as_seen(picked.scene), search.start)

@@ -73,6 +73,7 @@ class MotionLayer:
     `compiled` are the collision worlds of the states so far, `candidates` the grasps known in the present one.
     `has_refuted` says whether motion planning refuted a grasp. With `checks_at_end` MuJoCo checks motions once, when
     they are `shortened`; if it refutes one then, `is_refuted` is set, and the plan must be made again without.
+    `unusable` counts the grasps that the gripper could not come to or leave.
     """
 
     context: PlanningContext
@@ -84,6 +85,7 @@ class MotionLayer:
     checks_at_end: bool = False
     has_refuted: bool = False
     is_refuted: bool = False
+    unusable: int = 0
     _checkers: dict[str, MujocoCollisionChecker] = field(default_factory=dict, repr=False)
     _can_leave: dict[tuple[tuple[str, bytes, bytes], bytes], bool] = field(default_factory=dict, repr=False)
 
@@ -166,11 +168,13 @@ class MotionLayer:
 
     def _reject(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Add to a grasp that is not usable what is in the way of its straight lines, or do not offer it again."""
+        self.unusable += 1
         world = self.compiled.world(scene).for_arm(grasp.arm)
         blockers = fewest_blockers(world, grasp.base, grasp.q, grasp.object) if grasp.drives else None
         if blockers is None:
             self.ban(scene, grasp)
         else:
+            self.has_refuted = True
             self.candidates.obstruct(scene, grasp, blockers)
 
     def is_usable(self, scene: Scene, grasp: GraspCandidate) -> bool:
@@ -270,14 +274,14 @@ class MotionLayer:
         home = plan_home(self.compiled.world(scene), scene.state, self.rng)
         return home if isinstance(home, WholeBodyPath) and self.is_accepted(scene, [home]) else None
 
-    def pick_up(self, scene: Scene, grasp: GraspCandidate) -> BoundMotion | BlockedBy | NoPath:
-        """Take an object through a grasp with its arm, and carry it."""
+    def pick_up(self, scene: Scene, grasp: GraspCandidate, rises: bool = False) -> BoundMotion | BlockedBy | NoPath:
+        """Take an object through a grasp with its arm, and carry it; `rises` as for `plan_pick`."""
         turn = self._next_arm(scene, grasp.arm)
         if turn is None:
             return NoPath("the other arm is not at home")
         scene, world, start = turn, self.compiled.world(turn), np.concatenate((turn.state.base, turn.state.q))
         for _ in range(_TRIES):
-            motion = plan_pick(world, grasp.base, start, grasp.q, grasp.object, rng=self.rng)
+            motion = plan_pick(world, grasp.base, start, grasp.q, grasp.object, rng=self.rng, rises=rises)
             if not isinstance(motion, PickPlaceMotion):
                 return motion
             if self.checks_at_end or self.is_accepted(scene, motion.paths):

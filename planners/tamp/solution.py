@@ -101,13 +101,18 @@ class ReplanRecord:
 
 @dataclass(frozen=True)
 class SolveStats:
-    """Counts and CPU times [s] of one solve."""
+    """Counts and CPU times [s] of one solve.
+
+    `unusable` counts the grasps, free by the lower bound, that the gripper could not come to or leave: where there are
+    any, a plan may clear more than the bound says.
+    """
 
     replans: int = 0
     task_plans: int = 0
     task_planning_s: float = 0.0
     motion_planning_s: float = 0.0
     total_s: float = 0.0
+    unusable: int = 0
     history: tuple[ReplanRecord, ...] = field(default=(), repr=False)
 
     def rows(self) -> dict[str, str]:
@@ -115,6 +120,7 @@ class SolveStats:
         return {
             "Planning time": f"{self.total_s:.2f} s of CPU time",
             "Replans": f"{self.replans} (task plans: {self.task_plans})",
+            **({"Grasps without a way to them": str(self.unusable)} if self.unusable else {}),
         }
 
 

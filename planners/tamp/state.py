@@ -138,5 +138,6 @@ class Search:
             task_planning_s=self.task_planning_s,
             motion_planning_s=self.motion_planning_s,
             total_s=cpu_seconds() - self.started_cpu,
+            unusable=self.motion_layer.unusable,
             history=tuple(self.history),
         )

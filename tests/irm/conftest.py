@@ -1,6 +1,7 @@
 """Maps small enough for tests, and a second robot: six joints on a lift, without a closed form."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,11 @@ from irm.reachability_map import ReachabilityMap
 LIFT_ARM = dataclasses.replace(
     FETCH,
     name="lift_arm",
+    mjcf=str(Path(__file__).resolve().parents[1] / "data" / "arms" / "lift_arm.xml"),
+    head_joints=(),
+    head_configuration=(),
+    finger_joints=("finger_r", "finger_l"),
+    max_finger_position=0.04,
     chain=(
         ChainLink("lift", (0.05, 0.0, 0.4), "z", 0.0, 0.3, prismatic=True),
         ChainLink("pan", (0.0, 0.0, 0.2), "z", -2.9, 2.9),

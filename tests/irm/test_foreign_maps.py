@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from assets import FETCH
-from examples.import_pose_tables import read_pose_table, read_reuleaux
+from examples.import_pose_tables import read_irm, read_pose_table, read_reuleaux
 from irm.answers import Status
 from irm.errors import MapFileError, MapMismatchError, QueryError, ReachabilityError
 from irm.inverse_map import ClassicalInverseReachabilityMap, InverseReachabilityMap
@@ -22,6 +22,8 @@ def level_table(rng, count=400):
     table[:, 2] = rng.choice([0.7, 0.75, 0.8], count)
     table[:, 6], table[:, 7], table[:, 8] = -90, 90, 15 * rng.integers(-6, 7, count)
     table[:, 9] = rng.uniform(0.01, 0.11, count)
+    yaw = np.radians(table[:, 8])
+    table[:, 3:6] = table[:, :3] - 0.109 * np.column_stack([np.cos(yaw), np.sin(yaw), 0 * yaw])
     return table
 
 
@@ -47,6 +49,22 @@ def test_the_authors_angles_are_read(table, tmp_path):
     np.testing.assert_array_equal(mu, table[:, 9])
     np.savetxt(tmp_path / "table.csv", table, delimiter=",", header=",".join("abcdefghijklmnopqr"), comments="")
     np.testing.assert_allclose(read_pose_table(tmp_path / "table.csv")[0], T, atol=1e-12)
+
+
+def test_the_authors_inverse_map_is_told_apart_and_read(table, tmp_path):
+    """It has the same columns, and was read as a reachability map: bases were wrong, with status YES."""
+    angle, inverse = np.pi - np.radians(table[:, 8]), table.copy()
+    inverse[:, 0] = np.cos(angle) * table[:, 0] - np.sin(angle) * table[:, 1]
+    inverse[:, 1] = np.sin(angle) * table[:, 0] + np.cos(angle) * table[:, 1]
+    np.save(tmp_path / "rm.npy", table)
+    np.save(tmp_path / "irm.npy", inverse)
+    with pytest.raises(MapFileError, match="use read_irm"):
+        read_pose_table(tmp_path / "irm.npy")
+    with pytest.raises(MapFileError, match="read_pose_table"):
+        read_irm(tmp_path / "rm.npy")
+    T, mu = read_irm(tmp_path / "irm.npy")
+    np.testing.assert_allclose(T, read_pose_table(tmp_path / "rm.npy")[0], atol=1e-9)
+    np.testing.assert_array_equal(mu, table[:, 9])
 
 
 def test_a_table_of_seven_columns_has_our_own_angles(tmp_path):
@@ -107,10 +125,8 @@ def test_what_are_no_poses_is_refused():
     for values in ([0.0], [1.5], [np.nan], [0.1, 0.2]):
         with pytest.raises(ReachabilityError, match=r"in \(0, 1\]"):
             ReachabilityMap.from_poses(good, values)
-    below = good.copy()
-    below[0, 2, 3] = -0.1
-    with pytest.raises(ReachabilityError, match="above the floor"):
-        ReachabilityMap.from_poses(below, [0.1])
+    with pytest.raises(ReachabilityError, match="at least one pose"):
+        ReachabilityMap.from_poses(np.empty((0, 4, 4)), [])
     with pytest.raises(ReachabilityError, match="none of the poses has one of these pitches"):
         ReachabilityMap.from_poses(good, [0.1], pitches=(np.pi / 2,))
 

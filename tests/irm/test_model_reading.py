@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
+
 import mujoco
 import numpy as np
 import pytest
 
+import assets
+from assets.robot_reading import collision_geoms
 from assets.robots import FETCH
-from irm import ArmChain, InverseReachabilityMap, ReachabilityMap, Status, classify, decide, forward
+from irm import ArmChain, InverseReachabilityMap, ReachabilityMap, SelfCollision, Status, classify, decide, forward
+from irm.chain import link_of_body
 from irm.errors import ChainError
+from irm.shapes import CLEARANCE
 from tests.irm.arms import FOLDER, arm_chain, arm_model, random_configurations
 
 
@@ -43,20 +49,64 @@ def test_a_lift_is_a_joint_and_an_arm_without_one_has_one_that_does_not_move():
     assert odd.upper[5] - odd.lower[5] >= 2 * np.pi  # it has no limits
 
 
-def test_self_collision_pairs_are_those_that_the_model_collides():
-    model = arm_model("panda")
-    pairs = {frozenset(pair) for pair in arm_chain("panda").self_collisions}
-    assert frozenset(("link1", "link2")) not in pairs
-    assert frozenset(("link1", "link3")) in pairs
-    data, rng = mujoco.MjData(model), np.random.default_rng(3)
-    touching = set()
-    for _ in range(300):
-        data.qpos[:] = rng.uniform(*model.jnt_range.T)
-        mujoco.mj_forward(model, data)
-        bodies = model.geom_bodyid[data.contact.geom]
-        touching |= {frozenset((model.body(a).name, model.body(b).name)) for a, b in bodies}
-    assert touching
-    assert touching <= pairs
+@pytest.mark.parametrize("name", ["fetch", "pr2", "panda_mobile"])
+def test_shapes_count_whatever_their_masks(name):
+    """The robots of the package pass through themselves in physics: every configuration was called free."""
+    robot = assets.robot(name)
+    chain, model = ArmChain.from_robot(robot), mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    data, is_free = mujoco.MjData(model), SelfCollision(chain)
+    for joint, angle in zip(robot.still_joints, robot.still_configuration, strict=True):
+        data.joint(joint).qpos = angle
+    for joint in robot.finger_joints:
+        data.joint(joint).qpos = robot.max_finger_position
+    columns = [int(model.joint(link.joint).qposadr[0]) for link in robot.chain]
+    links, geoms = link_of_body(model, robot), collision_geoms(model, robot)
+    of_geom = {geom: links[int(model.geom_bodyid[geom])] for geom in geoms}
+    pairs = [(a, b) for a, b in itertools.combinations(geoms, 2) if abs(of_geom[a] - of_geom[b]) > 1]
+    touching = 0
+    for q in random_configurations(chain, 150, np.random.default_rng(3)):
+        data.qpos[columns] = q
+        mujoco.mj_kinematics(model, data)
+        apart = min(mujoco.mj_geomDistance(model, data, a, b, 0.01, None) for a, b in pairs)
+        if abs(apart - CLEARANCE) > 1e-4:
+            assert is_free(np.zeros(3), q) == (apart > CLEARANCE), apart
+        touching += apart < 0
+    assert touching > 20
+
+
+def test_pairs_that_always_touch_belong_together():
+    """A collar on the second link that encloses a pin on the fourth would make every configuration collide."""
+    text = (FOLDER / "pr2_arm.xml").read_text()
+    plain = arm_chain("pr2_arm")
+    collar = text.replace('<body name="elbow"', '<geom type="sphere" size="0.3" pos="0.3 0 0"/><body name="elbow"', 1)
+    if collar == text:
+        pytest.fail("the model has no elbow")
+    chain = ArmChain.from_mjcf(mujoco.MjModel.from_xml_string(collar), "base", "tcp")
+    added = len(chain.shapes.pairs) - len(plain.shapes.pairs)
+    assert 0 <= added < len(plain.shapes.core)
+    links = chain.shapes.link[chain.shapes.pairs]
+    assert np.abs(np.diff(links, axis=1)).min() > 1
+
+
+def test_hulls_of_meshes_are_shapes():
+    corners = " ".join(f"{x} {y} {z}" for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (0, 0.2))
+    text = (FOLDER / "panda.xml").read_text()
+    mesh = text.replace("<worldbody>", f'<asset><mesh name="block" vertex="{corners}"/></asset><worldbody>', 1)
+    mesh = mesh.replace('<body name="base">', '<body name="base"><geom type="mesh" mesh="block" pos="-0.3 0 0"/>', 1)
+    plain, chain = arm_chain("panda"), ArmChain.from_mjcf(mujoco.MjModel.from_xml_string(mesh), "base", "tcp", "z")
+    assert len(chain.shapes.core) == len(plain.shapes.core) + 1
+    free, free_of_block = SelfCollision(plain), SelfCollision(chain)
+    model = mujoco.MjModel.from_xml_string(mesh)
+    data, block = mujoco.MjData(model), int(np.flatnonzero(model.geom_type == int(mujoco.mjtGeom.mjGEOM_MESH))[0])
+    far = [g for g in range(model.ngeom) if model.geom_bodyid[g] > model.body("link1").id]
+    touching = 0
+    for q in random_configurations(plain, 400, np.random.default_rng(0)):
+        data.qpos[:7] = q[1:]
+        mujoco.mj_kinematics(model, data)
+        apart = min(mujoco.mj_geomDistance(model, data, block, g, 0.01, None) for g in far)
+        assert free_of_block(None, q) == (free(None, q) and apart > CLEARANCE) or abs(apart - CLEARANCE) < 1e-4
+        touching += apart < 0 and free(None, q)
+    assert touching > 5
 
 
 def test_what_is_no_arm_is_refused_with_the_reason(tmp_path):
@@ -104,6 +154,20 @@ def test_a_chain_is_that_of_its_file_and_meshes_may_be_missing(tmp_path):
     assert (chain.size, chain.joints[1:]) == (7, tuple(f"j{k}" for k in range(6)))
     np.testing.assert_allclose(forward(chain, np.zeros(7))[:3, 3], (0.0, 0.0, 1.3), atol=1e-12)
     np.testing.assert_allclose(forward(chain, np.zeros(7))[:3, 0], (0.0, 0.0, 1.0), atol=1e-12)
+
+
+def test_fixed_links_of_a_urdf_file_are_frames_either_way(tmp_path):
+    """`from_mjcf` lost them: MuJoCo joins what is fixed to its parent."""
+    text = urdf().replace('<link name="l0">', '<link name="root"/><link name="l0">', 1)
+    fixed = (
+        '<joint name="b" type="fixed"><parent link="root"/><child link="l0"/><origin xyz="0 0 0.3"/></joint></robot>'
+    )
+    file = tmp_path / "six.urdf"
+    file.write_text(text.replace("</robot>", fixed).replace(MESH, ""))
+    for read in (ArmChain.from_urdf, ArmChain.from_mjcf):
+        for base, height in (("root", 1.6), ("l0", 1.3)):
+            chain = read(file, base, "tip", "z")
+            np.testing.assert_allclose(forward(chain, np.zeros(7))[:3, 3], (0.0, 0.0, height), atol=1e-12)
 
 
 def test_what_is_no_urdf_file_is_refused(tmp_path):

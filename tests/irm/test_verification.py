@@ -8,7 +8,7 @@ import pytest
 from irm.errors import QueryError
 from irm.kinematics import forward
 from irm.verification import LARGEST_STEP, NotVerified, SelfCollision, Verified, tcp_poses, verify
-from tests.irm.arms import CHAIN, PATH, arm_chain, arm_model, in_base, in_world
+from tests.irm.arms import CHAIN, PATH, arm_chain, in_base, in_world
 
 
 def path_of(placement, cup):
@@ -45,8 +45,7 @@ def test_poses_of_a_wrong_shape_are_refused(level_inverse, cups):
 
 
 def test_a_folded_arm_touches_itself_and_a_stretched_one_does_not():
-    model, chain = arm_model("pr2_arm"), arm_chain("pr2_arm")
-    is_free = SelfCollision(model, chain)
+    is_free = SelfCollision(arm_chain("pr2_arm"))
     stretched = np.array([0.2, -0.5, 0.0, 0.0, -0.3, 0.0, -0.1, 0.0])
     folded = np.array([0.2, 0.7, 0.9, 0.0, -2.3, 0.0, -2.0, 0.0])
     assert is_free(np.zeros(3), stretched)

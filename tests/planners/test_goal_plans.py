@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
+import clutter_env  # noqa: F401  registers the environments
 from planners import Cause, Infeasible, Region, Scene, Solution, StaticObstacle, goals, lower_bound, solve
 from planners.goals import Goal
 from tests.planners.plans import assert_free
@@ -141,3 +144,14 @@ def test_what_cannot_be_reached_is_refused_by_the_bound() -> None:
     assert isinstance(found, Infeasible)
     assert found.cause is Cause.UNREACHABLE
     assert lower_bound(far, goals.inside("a", "left")).picks is None
+
+
+def test_a_target_on_an_upper_board_ends_above_where_it_stood() -> None:
+    env = gym.make("clutter_env/Retrieve-o15-v0", layout="two_boards", num_objects=16)
+    _, info = env.reset(seed=93_500)
+    inner: Any = env.unwrapped
+    scene = Scene.from_mujoco(inner.model, inner.data, inner.robot)
+    plan = solve(scene, info["target"])
+    assert isinstance(plan, Solution)
+    assert plan.end is not None
+    assert goals.holding(info["target"]).holds(plan.end, scene)

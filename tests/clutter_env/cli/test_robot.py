@@ -25,7 +25,7 @@ def reach() -> LevelReach:
 @pytest.fixture
 def reach_once(reach: LevelReach, monkeypatch: pytest.MonkeyPatch) -> None:
     """The robot's reach, which takes seconds to compute and which no fault below changes."""
-    monkeypatch.setattr("clutter_env.cli.robot_report.level_reach", lambda _: reach)
+    monkeypatch.setattr("clutter_env.cli.robot_report.level_reach", lambda *_: reach)
 
 
 @pytest.mark.usefixtures("reach_once")
@@ -62,6 +62,7 @@ def test_faults_of_the_file_are_named(tmp_path: Path, old: str, new: str, hint: 
 def test_a_bad_home_is_named() -> None:
     low = replace(PANDA, home=(0.0, *PANDA.home[1:]))
     assert any("the TCP is" in problem for problem in report_of(low).problems)
+    assert not any("the TCP is" in problem for problem in report_of(low, table=0.4).problems)
     tilted = replace(PANDA, home=(*PANDA.home[:-1], 1.0))
     assert any("not level" in problem for problem in report_of(tilted).problems)
 

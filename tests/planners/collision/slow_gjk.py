@@ -9,8 +9,8 @@ from scipy.optimize import brentq
 from scipy.spatial import ConvexHull
 
 from irm.chain import BASE, ArmChain
+from irm.gjk import CYLINDER, ELLIPSOID, HULL, Solids
 from irm.kinematics import fk_frames
-from planners.collision.gjk import CYLINDER, ELLIPSOID, HULL, Solids
 from planners.collision.world import SUPPORT_SLACK, CollisionWorld
 from planners.scene import SELF_BIT, STATIC_BIT, HeldObject
 

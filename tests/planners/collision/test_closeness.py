@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from irm.gjk import are_within
 from planners import Solution, solve
-from planners.collision.gjk import are_within
 from planners.collision.world import SUPPORT_SLACK, CollisionWorld, with_clearance_around
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.scene import Body, HeldObject, Scene

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from unittest.mock import patch
 
 import numpy as np
@@ -46,3 +47,13 @@ def test_whether_the_gripper_can_leave_a_grasp_is_worked_out_once_for_each_place
         layer.is_usable(SCENE, second)
         layer.is_usable(moved, first)
         assert asked.call_count == 2
+
+
+def test_a_grasp_whose_straight_lines_are_blocked_counts_as_refuted_by_motion() -> None:
+    """As under a shelf, where they hit more than the grasp does: the lower bound knows nothing of it."""
+    layer = new_layer()
+    grasp = replace(layer.candidates.for_object(SCENE, "object_00")[0], drives=True)
+    with patch.object(motion_layer, "fewest_blockers", return_value=SCENE.mask(["object_01"])):
+        layer._reject(SCENE, grasp)
+    assert layer.has_refuted
+    assert layer.unusable == 1

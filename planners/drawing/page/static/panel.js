@@ -56,7 +56,10 @@ class Panel {
     const text = element("span", "what", describe(action));
     text.title = `${action.name.toUpperCase()} (${action.args.join(" ").toUpperCase()})`;
     row.append(element("span", "number", String(number + 1)), text);
-    row.append(element("span", "when", spans.length ? `${spans[0].start.toFixed(1)} s` : this.timeline.follows ? "" : "not executed"));
+    // Without a span: the robot already stood where this drive ends, or the plan ended before.
+    const isPassed = this.recording.spans.some((span) => span.solve === solve && span.action > number);
+    const without = isPassed ? "nothing to do" : this.timeline.follows ? "" : "not executed";
+    row.append(element("span", "when", spans.length ? `${spans[0].start.toFixed(1)} s` : without));
     row.disabled = !spans.length;
     if (spans.length) row.onclick = () => this.timeline.seek(spans[0].start);
     this.rows.push({ row, solve, number });

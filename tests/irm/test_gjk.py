@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from planners.collision.gjk import BOX, CYLINDER, HULL, Solids, are_any_within, are_within, core_distance, height
+from irm.gjk import BOX, CYLINDER, HULL, Solids, are_any_within, are_within, core_distance, height
 from tests.planners.collision.slow_gjk import distance, project
 
 NEAR = 1e-5

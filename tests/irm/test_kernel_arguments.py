@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from irm.compilation import njit
-from planners.collision.kernel_arguments import leaf_kernel, pointer_to
+from irm.kernel_arguments import leaf_kernel, pointer_to
 
 
 class Inner(NamedTuple):

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irm.compilation import njit
-from planners.collision.kernel_arguments import inlined_kernel, leaf_kernel
+from irm.kernel_arguments import inlined_kernel, leaf_kernel
 
 Array = NDArray[np.float64]
 _NO_VERTICES, _NO_HULLS = np.zeros((0, 3)), np.zeros(0, dtype=np.int64)

@@ -1,0 +1,149 @@
+"""One base from which several arms of one robot reach a TCP pose each: left and right hand at a tray.
+
+Every base of the arm with the fewest of them is a candidate, at every allowed yaw. For each, μ of the other arms' TCP
+poses is read from their maps; the smallest one is its score. The best bases are then decided exactly, at one height of
+the torso for all arms, because they stand on the same lift. The arms' collision with each other is not checked: for the
+shapes of one arm, the others are at home.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from irm.answers import YES, BasePlacement, Status
+from irm.errors import QueryError
+from irm.ik.solvers import ExactSolver
+from irm.inverse_table import SPARE_BASES, InverseTable
+from irm.query_kernels import SAME_PLACE, base_turns
+from irm.query_keys import Key, QueryOptions, as_yaw_ranges, find_key, yaw_window
+from irm.rotations import rotation, world_to_base, wrap_to_pi
+
+Floats = NDArray[np.float64]
+_TORSO_STEP = 0.03
+"""[m] between the heights of the torso at which the arms are tried together."""
+_ROUNDING = 1e-5
+"""[rad] by which a yaw may leave its window."""
+
+
+def place_for_arms(
+    tables: list[InverseTable], targets: Floats, yaw_ranges: ArrayLike, options: QueryOptions
+) -> BasePlacement:
+    """`InverseReachabilityMap.query_multi` with an arm for each of the targets (m, 3): `tables` (m) of these arms."""
+    ranges = as_yaw_ranges(yaw_ranges)
+    if len(tables) != len(targets) or len(ranges) not in (1, len(targets)):
+        raise QueryError(f"{len(tables)} arms and {len(ranges)} yaw ranges do not go with {len(targets)} targets")
+    chains = [table.reachability_map.chain for table in tables]
+    if any(chain is None for chain in chains):
+        raise QueryError("several arms need maps that know their arms, not maps made from poses")
+    windows = np.array(np.broadcast_to(ranges, (len(targets), 2)))
+    keys: list[Key] = []
+    for table, point, window in zip(tables, targets, windows, strict=True):
+        key = find_key(table.grid, float(point[2]), options.pitch, options.roll)
+        bounds = float(window[0]), float(window[1])
+        if key is None or not table.may_exist(point.tolist(), options.pitch, key, bounds, options.free_space):
+            return _nothing(Status.NO, len(targets))
+        keys.append(key)
+    x, y, yaw, approach, mu = _scored(tables, keys, targets, windows, options)
+    chosen = _apart(x, y, mu, options.k + SPARE_BASES, options.separation)
+    rows = np.column_stack([x, y, wrap_to_pi(yaw), mu, np.zeros(len(x))])[chosen]
+    if not len(rows):
+        return _nothing(Status.UNKNOWN, len(targets))
+    yaws, size = approach[chosen], max(chain.size for chain in chains if chain is not None)
+    q = np.full((len(rows), len(targets), size), np.nan)
+    for row, base in enumerate(rows):
+        T = np.zeros((len(targets), 4, 4))
+        for k, point in enumerate(targets):
+            T[k, :3, :3], T[k, :3, 3] = rotation(float(yaws[row, k]), options.pitch, options.roll), point
+            T[k, 3, 3] = 1.0
+        base[4] = _together(tables, world_to_base(base[:3]) @ T, q[row])
+    order = np.lexsort((-rows[:, 3], -rows[:, 4]))[: options.k]
+    rows, yaws, q = rows[order], yaws[order], q[order]
+    status = Status.YES if rows[:, 4].any() else Status.UNKNOWN
+    return BasePlacement.of_multi_rows(rows, q[..., 0].copy(), yaws, status, q)
+
+
+def _nothing(status: Status, targets: int) -> BasePlacement:
+    return BasePlacement.of_multi_rows(np.empty((0, 5)), np.empty((0, targets)), np.empty((0, targets)), status)
+
+
+def _scored(
+    tables: list[InverseTable], keys: list[Key], targets: Floats, windows: Floats, options: QueryOptions
+) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """x, y, yaw (n,), approach yaws (n, m) and smallest μ (n,) of all free bases at which every arm reaches its
+    target by its map."""
+    ranked = [table.tiles.ranked for table in tables]
+    bounds = [(int(r.first[key.number]), int(r.first[key.number + 1])) for r, key in zip(ranked, keys, strict=True)]
+    reference = int(np.argmin([last - first for first, last in bounds]))
+    table, key, (first, last) = tables[reference], keys[reference], bounds[reference]
+    base = ranked[reference].base[first:last]
+    own_x, own_y, own_yaw = (column[base].astype(float) for column in (table.tiles.x, table.tiles.y, table.tiles.yaw))
+    low, high = windows[reference].tolist()
+    turns = base_turns(yaw_window(table.grid, key, (low, high), options.yaw_step))[:, None]
+    x = (targets[reference, 0] + np.cos(turns) * own_x - np.sin(turns) * own_y).ravel()
+    y = (targets[reference, 1] + np.sin(turns) * own_x + np.cos(turns) * own_y).ravel()
+    yaw, turn = (turns + own_yaw).ravel(), np.repeat(turns[:, 0], len(base))
+    mu = np.tile(table.tiles.mu[base].astype(float), len(turns))
+    approach = np.empty((len(x), len(targets)))
+    approach[:, reference] = wrap_to_pi(turn + key.yaw_shift)
+    kept = options.free_space.are_free(x, y)
+    for k in range(len(targets)):
+        x, y, yaw, mu, approach = x[kept], y[kept], yaw[kept], mu[kept], approach[kept]
+        kept = np.ones(len(x), dtype=bool)
+        if k != reference:
+            best, approach[:, k] = _best_yaws(tables[k], keys[k], targets[k], windows[k], (x, y, yaw))
+            mu, kept = np.minimum(mu, best), best > 0.0
+    return x[kept], y[kept], yaw[kept], approach[kept], mu[kept]
+
+
+def _best_yaws(
+    table: InverseTable, key: Key, target: Floats, window: Floats, base: tuple[Floats, Floats, Floats]
+) -> tuple[Floats, Floats]:
+    """Best μ of a target (n,), 0 for none, over the map's yaw samples in the window, and that approach yaw (n,)."""
+    (x, y, yaw), field = base, table.field(key.group)
+    dx, dy, c, s = target[0] - x, target[1] - y, np.cos(yaw), np.sin(yaw)
+    layers, yaws, width, depth = field.mu.shape
+    i = np.floor((c * dx + s * dy - field.x0) / field.voxel).astype(np.int64)
+    j = np.floor((c * dy - s * dx - field.y0) / field.voxel).astype(np.int64)
+    layer = int(np.floor((target[2] - field.z0) / field.thickness))
+    inside = (i >= 0) & (i < width) & (j >= 0) & (j < depth) & (0 <= layer < layers)
+    mu = np.zeros((len(x), yaws))
+    if inside.any():
+        mu[inside] = field.mu[layer][:, i[inside], j[inside]].T
+    approach = yaw[:, None] + 2 * np.pi * np.arange(yaws) / yaws + key.yaw_shift
+    beyond = (approach - window[0] + _ROUNDING) % (2 * np.pi) - _ROUNDING
+    mu[beyond > window[1] - window[0] + _ROUNDING] = 0.0
+    best = mu.argmax(axis=1)
+    rows = np.arange(len(x))
+    return mu[rows, best], np.asarray(wrap_to_pi(approach[rows, best]))
+
+
+def _apart(x: Floats, y: Floats, mu: Floats, count: int, separation: float) -> list[int]:
+    """Indices of at most `count` bases of highest μ, each farther than `separation` [m] from the better ones."""
+    chosen: list[int] = []
+    for k in np.argsort(-mu, kind="stable").tolist():
+        if len(chosen) == count:
+            break
+        if np.all(np.hypot(x[chosen] - x[k], y[chosen] - y[k]) > max(separation, SAME_PLACE)):
+            chosen.append(k)
+    return chosen
+
+
+def _together(tables: list[InverseTable], T_base_tcp: Floats, q: Floats) -> bool:
+    """Whether each arm reaches its pose (m, 4, 4) with the torso at one height; the configurations into `q` (m, n)."""
+    low = max(table.grid.torso_range[0] for table in tables)
+    high = min(table.grid.torso_range[1] for table in tables)
+    if low > high:
+        return False
+    for height in np.linspace(low, high, int(np.ceil((high - low) / _TORSO_STEP)) + 1).tolist():
+        for k, table in enumerate(tables):
+            chain = table.reachability_map.chain
+            assert chain is not None
+            status, found = ExactSolver(chain, (height, height)).solve(T_base_tcp[k : k + 1])
+            if status[0] != YES:
+                break
+            q[k, : chain.size] = found[0]
+        else:
+            return True
+    q[:] = np.nan
+    return False

@@ -1,0 +1,197 @@
+"""The collision shapes of a robot, and whether a configuration of its arm is free of self-collision; compiled.
+
+Which pairs of shapes count is decided once, when a robot is read (`irm.model_reading.shapes_of`): those on links that
+are not neighbours, unless they touch in nearly every configuration, as MoveIt's Setup Assistant does. A configuration
+is free if all of them keep `CLEARANCE` apart.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irm.compilation import njit
+from irm.gjk import CYLINDER, Solids, are_any_within, are_within, core_distance
+from irm.kernel_arguments import leaf_kernel
+
+Array = NDArray[np.float64]
+CLEARANCE = 0.002
+"""[m] that shapes of a pair keep apart in a configuration that is free; the planner's padding too."""
+BASE = -1
+"""Link number of what is fixed to the base; 0 is the torso with the head, 1 … n are the links of the arm."""
+
+
+class Shapes(NamedTuple):
+    """Convex solids on the links of a robot, for kernels. Lengths in m, arrays read-only.
+
+    Attributes:
+        core, half, radius, bound: (p, …) as in `Solids`.
+        link: (p,) BASE, 0 … n; `position` (p, 3) and `rotation` (p, 3, 3) in that link's frame.
+        opened: (p, 3) from its position with closed fingers to that with open ones; 0 for all but fingers.
+        vertices: (v, 3), `first` (p + 1,): corners of hulls, as in `Solids`.
+        pairs: (s, 2) solids that count against each other, in the order of `groups`.
+        groups: (5,) where in `pairs` four groups begin and end: the last link and the torso; others without the base;
+            the last link and the base; others with the base.
+    """
+
+    core: NDArray[np.int64]
+    half: Array
+    radius: Array
+    bound: Array
+    link: NDArray[np.int64]
+    position: Array
+    rotation: Array
+    opened: Array
+    vertices: Array
+    first: NDArray[np.int64]
+    pairs: NDArray[np.int64]
+    groups: NDArray[np.int64]
+
+
+class Placed(NamedTuple):
+    """Memory of one thread: the `solids` in the base frame, and `simplex` (4, 3) for GJK."""
+
+    solids: Solids
+    simplex: Array
+
+
+NO_SHAPES = Shapes(
+    *(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0, np.int64), np.zeros((0, 3))),
+    *(np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(1, np.int64)),
+    *(np.zeros((0, 2), np.int64), np.zeros(5, np.int64)),
+)
+"""Those of an arm of which only the joints are known: every configuration is free."""
+for _array in NO_SHAPES:
+    _array.setflags(write=False)
+
+
+def with_pairs(shapes: Shapes, pairs: NDArray[np.int64], last: int) -> Shapes:
+    """The same shapes with these pairs (s, 2), in the order of the groups; `last` is the number of the last link."""
+    links = np.sort(shapes.link[pairs], axis=1).reshape(-1, 2)
+    group = 2 * (links[:, 0] == BASE) + 1 - ((links[:, 0] <= 0) & (links[:, 1] == last))
+    order = np.argsort(group, kind="stable")
+    groups = np.searchsorted(group[order], np.arange(5))
+    shapes = shapes._replace(pairs=np.ascontiguousarray(pairs[order]), groups=groups)
+    for array in shapes:
+        array.setflags(write=False)
+    return shapes
+
+
+def for_every_roll(shapes: Shapes, last: int, point: Array, axis: Array) -> Shapes:
+    """The same robot, whose last link is the cylinder that its shapes sweep when it turns about its axis.
+
+    Args:
+        shapes: of the robot.
+        last: number of the last link.
+        point, axis: (3,) the last joint's axis in the frame of the last link.
+    """
+    mine = np.flatnonzero(shapes.link == last).tolist()
+    core, half, radius, bound = shapes.core.copy(), shapes.half.copy(), shapes.radius.copy(), shapes.bound.copy()
+    position, rotation = shapes.position.copy(), shapes.rotation.copy()
+    side = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    x = np.cross(side, axis) / np.linalg.norm(np.cross(side, axis))
+    for k in mine:
+        corners = _corners(shapes, k)
+        corners = np.concatenate([corners, corners + shapes.opened[k]]) - point
+        along = corners @ axis
+        widest = float(np.linalg.norm(corners - along[:, None] * axis, axis=1).max()) + radius[k]
+        low, high = along.min() - radius[k], along.max() + radius[k]
+        core[k], radius[k] = CYLINDER, 0.0
+        half[k] = widest, widest, (high - low) / 2
+        bound[k] = np.hypot(widest, (high - low) / 2)
+        position[k] = point + axis * (low + high) / 2
+        rotation[k] = np.column_stack([x, np.cross(axis, x), axis])
+    opened = np.where((shapes.link == last)[:, None], 0.0, shapes.opened)
+    swept = shapes._replace(
+        core=core, half=half, radius=radius, bound=bound, position=position, rotation=rotation, opened=opened
+    )
+    for array in swept:
+        array.setflags(write=False)
+    return swept
+
+
+def _corners(shapes: Shapes, k: int) -> Array:
+    """(v, 3) corners, in its link's frame, whose hull contains the core of solid k."""
+    local = shapes.vertices[shapes.first[k] : shapes.first[k + 1]] if shapes.first.size > 1 else np.empty((0, 3))
+    if not len(local):
+        local = np.stack(np.meshgrid((-1, 1), (-1, 1), (-1, 1)), axis=-1).reshape(-1, 3) * shapes.half[k]
+    return np.asarray(shapes.position[k] + local @ shapes.rotation[k].T)
+
+
+def make_placed(shapes: Shapes) -> Placed:
+    """Memory for the checks of one thread."""
+    position, rotation = np.empty_like(shapes.position), np.empty_like(shapes.rotation)
+    solids = Solids(
+        *(shapes.core, shapes.half, shapes.radius, shapes.bound, position, rotation, shapes.vertices, shapes.first)
+    )
+    return Placed(solids, np.empty((4, 3)))
+
+
+@leaf_kernel
+def place_shapes(shapes: Shapes, placed: Placed, R: Array, p: Array) -> None:
+    """Write the solids' poses for frames `R` (n + 1, 3, 3), `p` (n + 1, 3) of the links in the base frame."""
+    link, local, turn, opened = shapes.link, shapes.position, shapes.rotation, shapes.opened
+    position, rotation = placed.solids.position, placed.solids.rotation
+    for k in range(link.shape[0]):
+        frame = link[k]
+        for i in range(3):
+            if frame == BASE:
+                position[k, i] = local[k, i]
+                for j in range(3):
+                    rotation[k, i, j] = turn[k, i, j]
+                continue
+            position[k, i] = p[frame, i]
+            for j in range(3):
+                position[k, i] += R[frame, i, j] * (local[k, j] + opened[k, j])
+                rotation[k, i, j] = (
+                    R[frame, i, 0] * turn[k, 0, j] + R[frame, i, 1] * turn[k, 1, j] + R[frame, i, 2] * turn[k, 2, j]
+                )
+
+
+@leaf_kernel
+def lower_base(shapes: Shapes, placed: Placed, by: float) -> None:
+    """Lower what is fixed to the base [m]: as if the torso, with all that it carries, were raised."""
+    for k in range(shapes.link.shape[0]):
+        if shapes.link[k] == BASE:
+            placed.solids.position[k, 2] = shapes.position[k, 2] - by
+
+
+@leaf_kernel
+def is_pair_near(solids: Solids, i: int, j: int, clearance: float, simplex: Array) -> bool:
+    """Whether two solids come nearer than a clearance [m]."""
+    position = solids.position
+    distance = core_distance(solids, j, position[i, 0], position[i, 1], position[i, 2])
+    if distance >= solids.bound[i] + solids.radius[j] + clearance:
+        return False
+    if solids.core[i] <= CYLINDER and solids.core[j] <= CYLINDER:
+        return are_within(solids, i, solids, j, clearance, simplex)
+    return are_any_within(solids, i, solids, j, clearance, simplex)
+
+
+@leaf_kernel
+def any_near(shapes: Shapes, placed: Placed, group: int, clearance: float) -> bool:
+    """Whether a pair of one of the four groups of `Shapes.groups` comes nearer than a clearance [m], once placed."""
+    for pair in range(shapes.groups[group], shapes.groups[group + 1]):
+        if is_pair_near(placed.solids, shapes.pairs[pair, 0], shapes.pairs[pair, 1], clearance, placed.simplex):
+            return True
+    return False
+
+
+@leaf_kernel
+def is_free(shapes: Shapes, placed: Placed, R: Array, p: Array) -> bool:
+    """Whether a configuration with these frames of the links, as of `place_shapes`, is free of self-collision."""
+    place_shapes(shapes, placed, R, p)
+    touches = False
+    for group in range(4):
+        touches = touches or any_near(shapes, placed, group, CLEARANCE)
+    return not touches
+
+
+@njit(cache=True)
+def near_pairs(solids: Solids, pairs: NDArray[np.int64], near: NDArray[np.int64]) -> None:
+    """Add one to `near` (s,) for each of the pairs (s, 2) that touches."""
+    simplex = np.empty((4, 3))
+    for pair in range(pairs.shape[0]):
+        near[pair] += is_pair_near(solids, pairs[pair, 0], pairs[pair, 1], CLEARANCE, simplex)

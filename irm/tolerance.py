@@ -1,0 +1,115 @@
+"""Bases that tolerate error: the probability that the arm still reaches when the base stops a little elsewhere."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Unpack
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from irm.answers import BasePlacement
+from irm.errors import QueryError
+from irm.grid import nearest_orientation
+from irm.inverse_map import InverseReachabilityMap
+from irm.query_keys import FULL_TURN, QueryKeywords
+from irm.reachability_map import ReachabilityMap
+from irm.rotations import rotation, world_to_base
+
+Floats = NDArray[np.float64]
+_CANDIDATES = 30
+"""Bases that are compared for each one wanted: those of highest μ are often at the edge of what is free."""
+_SAMPLES = 400
+"""Random errors of the base: the probability is known to 2.5%."""
+
+
+class TolerantPlacement(NamedTuple):
+    """A `placement` whose bases are in the order of `probability` (k,), the highest first."""
+
+    placement: BasePlacement
+    probability: Floats
+
+
+def query_tolerant(
+    inverse_map: InverseReachabilityMap,
+    position: ArrayLike,
+    covariance: ArrayLike,
+    rng: np.random.Generator,
+    *,
+    yaw_range: tuple[float, float] = FULL_TURN,
+    **keywords: Unpack[QueryKeywords],
+) -> TolerantPlacement:
+    """The bases from which the arm most likely reaches a TCP pose, if the base stops with a normal error.
+
+    The approach yaw of each base is kept. Ties are in the order of μ.
+
+    Args:
+        inverse_map: of the robot.
+        position: (3,) of the TCP in the world [m].
+        covariance: (3, 3) of the base's error along its own x, y [m] and of its yaw [rad].
+        rng: of the errors.
+        yaw_range: as in `InverseReachabilityMap.query`.
+        **keywords: of all queries.
+
+    Raises:
+        QueryError: as `InverseReachabilityMap.query`, or the covariance is none.
+
+    Example:
+        placement, probability = query_tolerant(bases, cup, np.diag([0.03, 0.03, 0.05]) ** 2, rng, k=5)
+    """
+    wanted = int(keywords.get("k", 1))
+    many = keywords.copy()
+    many["k"] = _CANDIDATES * wanted
+    found = inverse_map.query(np.asarray(position, dtype=float), yaw_range=yaw_range, **many)
+    errors = _errors(covariance, rng)
+    pitch, roll = float(keywords.get("pitch", 0.0)), float(keywords.get("roll", 0.0))
+    T = np.tile(np.eye(4), (len(found), 1, 1))
+    for k, yaw in enumerate(found.approach_yaw):
+        T[k, :3, :3], T[k, :3, 3] = rotation(float(yaw), pitch, roll), position
+    rm = inverse_map.reachability_map
+    probability = np.array([reach_probability(rm, base, T[k], errors) for k, base in enumerate(found.poses)])
+    order = np.argsort(-probability, kind="stable")[:wanted]
+    chosen = BasePlacement(
+        found.status,
+        found.poses[order],
+        found.manipulability[order],
+        found.torso[order],
+        found.approach_yaw[order],
+        found.certain[order],
+        None if found.configurations is None else found.configurations[order],
+    )
+    return TolerantPlacement(chosen, probability[order])
+
+
+def reach_probability(rm: ReachabilityMap, base: Floats, T_world_tcp: Floats, errors: Floats) -> float:
+    """Share of errors (n, 3) of a base pose (3,), in its own frame, with which the map reaches a TCP pose (4, 4)."""
+    T_base_tcp = world_to_base(base) @ T_world_tcp
+    c, s = np.cos(errors[:, 2]), np.sin(errors[:, 2])
+    turn = np.zeros((len(errors), 3, 3))
+    turn[:, 0, 0], turn[:, 0, 1], turn[:, 1, 0], turn[:, 1, 1], turn[:, 2, 2] = c, s, -s, c, 1.0
+    offset = T_base_tcp[:3, 3] - np.column_stack([errors[:, :2], np.zeros(len(errors))])
+    position = (turn @ offset[..., None])[..., 0]
+    grid = rm.grid
+    cells = np.column_stack(
+        [
+            np.floor((position[:, 2] - grid.bottom) / grid.thickness),
+            nearest_orientation(grid.orientations, turn @ T_base_tcp[:3, :3]),
+            *(np.floor((position[:, k] - grid.centre[k]) / grid.voxel) + grid.half for k in (0, 1)),
+        ]
+    ).astype(np.int64)
+    inside = np.all((cells >= 0) & (cells < grid.shape), axis=1)
+    return float(np.count_nonzero(rm.reachable[tuple(cells[inside].T)]) / len(errors))
+
+
+def _errors(covariance: ArrayLike, rng: np.random.Generator) -> Floats:
+    """(n, 3) normal errors of a base pose."""
+    rule = "a covariance is a symmetric array (3, 3) without negative eigenvalues: x, y [m] and yaw [rad] of the base"
+    try:
+        matrix = np.asarray(covariance, dtype=float)
+    except (TypeError, ValueError):
+        raise QueryError(rule) from None
+    if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or not np.allclose(matrix, matrix.T):
+        raise QueryError(rule)
+    values, vectors = np.linalg.eigh(matrix)
+    if values.min() < -1e-12:
+        raise QueryError(rule)
+    return np.asarray(rng.normal(size=(_SAMPLES, 3)) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T)
