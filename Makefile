@@ -38,7 +38,7 @@ $(VENV)/.dev: $(VENV)/.core
 	@touch $@
 
 $(VENV)/.rl: $(VENV)/.core
-	$(PIP) install --quiet --quiet --constraint constraints.txt --editable ".[rl,data]"
+	$(PIP) install --quiet --quiet --constraint constraints.txt --editable ".[rl,data,ros]"
 	@touch $@
 
 setup: $(VENV)/.visuals $(VENV)/.dev $(VENV)/.rl

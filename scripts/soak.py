@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 import clutter_env  # noqa: F401  registers the environments
 from clutter_env.config import CONTROL_MODES, EnvConfig
 from clutter_env.envs.base import BaseEnv
+from clutter_env.envs.rearrange import RearrangeConfig
+from clutter_env.envs.rearrange_tasks import TASKS
 from clutter_env.envs.skill import SkillEnv
 from clutter_env.errors import ConfigError
 from clutter_env.reporting.files import write_json
@@ -31,7 +33,11 @@ from clutter_env.scene.layout import LAYOUTS
 
 ALL_IDS = tuple(name for name in gym.registry if name.startswith("clutter_env/"))
 SKILL_IDS = tuple(name for name in ALL_IDS if "/Skill-" in name)
-IDS = tuple(name for name in ALL_IDS if name not in SKILL_IDS)
+ARM_IDS = tuple(name for name in ALL_IDS if "/Arm" in name)
+"""They have one robot and one control mode."""
+TASK_IDS = tuple(name for name in ALL_IDS if "/Rearrange-" in name)
+"""Their tasks have layouts of their own."""
+IDS = tuple(name for name in ALL_IDS if name not in (*SKILL_IDS, *ARM_IDS, *TASK_IDS))
 ROBOTS = ("fetch", "pr2", "panda_mobile")
 """The robots, which the environments have in turn."""
 VARIANTS: tuple[dict[str, Any], ...] = (
@@ -131,9 +137,11 @@ def run_endurance(steps: int, seed: int, report: Callable[[int], None] = lambda 
     result = EnduranceResult()
     for turn in range(rounds):
         for number, (env_id, keywords) in enumerate(kinds):
-            robot = next(robot for robot in _from(ROBOTS, turn + number) if _can_be_drawn(keywords | {"robot": robot}))
+            robots = ROBOTS[:1] if env_id in ARM_IDS else _from(ROBOTS, turn + number)
+            robot = next(robot for robot in robots if _can_be_drawn(keywords | {"robot": robot}))
             env = gym.make(env_id, reward_mode="dense", max_episode_steps=EPISODE_STEPS, **keywords, robot=robot)
-            _run_one(env, share, seed + turn * len(kinds) + number, bool(turn % 2), result, report)
+            is_grasping = bool(turn % 2) and env_id not in ARM_IDS
+            _run_one(env, share, seed + turn * len(kinds) + number, is_grasping, result, report)
             env.close()
         if share == EPISODE_STEPS:
             for number, env_id in enumerate(SKILL_IDS):
@@ -145,7 +153,10 @@ def run_endurance(steps: int, seed: int, report: Callable[[int], None] = lambda 
 
 def _kinds() -> list[tuple[str, dict[str, Any]]]:
     """Id and keyword arguments of every environment; those with more objects than fit their table are left out."""
-    kinds, waiting = [], list(VARIANTS)
+    kinds: list[tuple[str, dict[str, Any]]] = [(env_id, {}) for env_id in ARM_IDS]
+    for env_id, mode, task in product(TASK_IDS, CONTROL_MODES, TASKS):
+        kinds.append((env_id, {"control_mode": mode, "task": task, **gym.spec(env_id).kwargs}))
+    waiting = list(VARIANTS)
     for layout, env_id, mode in product(LAYOUTS, IDS, CONTROL_MODES):
         keywords = {"control_mode": mode, "layout": layout, **gym.spec(env_id).kwargs}
         if "Retrieve" not in env_id:
@@ -162,7 +173,7 @@ def _kinds() -> list[tuple[str, dict[str, Any]]]:
 def _can_be_drawn(keywords: dict[str, Any]) -> bool:
     """Whether the objects fit the table, and obstructed targets are common among them."""
     try:
-        config = EnvConfig.from_keywords(keywords)
+        config = (RearrangeConfig if "task" in keywords else EnvConfig).from_keywords(keywords)
     except ConfigError:
         return False
     return not config.obstructed or config.num_objects >= OBSTRUCTED_OBJECTS

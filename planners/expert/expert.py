@@ -117,15 +117,17 @@ class TampExpert:
                 given: its `goal`, if it has one, else its target.
 
         Raises:
-            ExpertError: the environment has not been reset.
+            ExpertError: the environment has not been reset, or no goal is given and its own is none for a planner.
             UnknownObject: no object of that name; the episode before goes on.
             GoalError: the goal means nothing in the scene; the episode before goes on.
         """
         try:
-            own = getattr(self._env, "goal", None)
-            own = own if isinstance(own, Goal) else holding(self._env.target)
+            own = self._env.goal if hasattr(type(self._env), "goal") else holding(self._env.target)
         except ValueError as error:
             raise ExpertError(f"reset the environment before the expert: {error}") from error
+        if goal is None and not isinstance(own, Goal):
+            kind = type(self._env).__name__
+            raise ExpertError(f"the goal of {kind} is no planners.goals.Goal; say which: reset(goal)")
         env, planner = self._env, self._planner
         if isinstance(planner, Planner):
             planner.warmup()  # compiles kernels before any clock is started

@@ -102,8 +102,8 @@ DRIVE = GroundAction("MoveBase", ("robot_init_loc", "robot_gp_object_00", "robot
     ("answer", "message"),
     [
         (None, "must return a TaskPlan or a NoPlan"),
-        (TaskPlan(()), "ends before object_00 is held"),
-        (TaskPlan((DRIVE,)), "ends before object_00 is held"),
+        (TaskPlan(()), r"ends without \(graspedBy object_00 robot_gripper\)"),
+        (TaskPlan((DRIVE,)), r"ends without \(graspedBy object_00 robot_gripper\)"),
         (TaskPlan((GroundAction("Fly", ("object_00",)),)), "step 1.*no action of the domain"),
         (TaskPlan((GroundAction("PickUp", ("object_00", *"abcde")),)), "step 1.*not applicable"),
         (NoPlan("tired"), "valid reasons: cyclic"),  # type: ignore[arg-type]  # misuse on purpose

@@ -115,10 +115,15 @@ def test_other_environments_are_refused_with_the_reason() -> None:
     with pytest.raises(ExpertError, match="vector environment; make one TampExpert for each"):
         TampExpert(vector)
     vector.close()
-    for name in ("clutter_env/Skill-o5-v0", "clutter_env/Reach-v0", "clutter_env/Pick-v0"):
+    skill = gymnasium.make("clutter_env/Skill-o5-v0")
+    with pytest.raises(ExpertError, match=r"it lacks .*; TampExpert controls clutter_env/Retrieve"):
+        TampExpert(skill)
+    skill.close()
+    for name in ("clutter_env/Reach-v0", "clutter_env/Pick-v0"):
         other = gymnasium.make(name)
-        with pytest.raises(ExpertError, match=r"it lacks .*; TampExpert controls clutter_env/Retrieve"):
-            TampExpert(other)
+        other.reset(seed=0)
+        with pytest.raises(ExpertError, match=r"the goal of .* is no planners\.goals\.Goal"):
+            TampExpert(other).reset()
         other.close()
     for foreign in (None, gymnasium.make("CartPole-v1"), object()):
         with pytest.raises(ExpertError, match="lacks model, data, robot"):

@@ -30,7 +30,7 @@ def plan(monkeypatch: pytest.MonkeyPatch, scene: Scene, target: str, is_shortene
     """A plan that clears an object, with or without its motions made one."""
     with monkeypatch.context() as patch:
         if not is_shortened:
-            patch.setattr(MotionLayer, "shortened", lambda _, actions: tuple(actions))
+            patch.setattr(MotionLayer, "shortened", lambda _, actions, _end: tuple(actions))
         found = Planner(FETCH, grasps="side").solve(scene, target)
     assert isinstance(found, Solution)
     assert found.clearances
