@@ -122,7 +122,8 @@ class TampExpert:
             GoalError: the goal means nothing in the scene; the episode before goes on.
         """
         try:
-            own = self._env.goal if hasattr(type(self._env), "goal") else holding(self._env.target)
+            inner: Any = self._env
+            own = inner.goal if hasattr(type(inner), "goal") else holding(inner.target)
         except ValueError as error:
             raise ExpertError(f"reset the environment before the expert: {error}") from error
         if goal is None and not isinstance(own, Goal):
