@@ -1,5 +1,6 @@
 """Registers the environments with Gymnasium, and knows the suites of scenes."""
 
+from collections.abc import Callable, Iterable
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -56,14 +57,18 @@ def skill_budget(num_objects: int) -> int:
     return 4 + num_objects // 5
 
 
-for _count in OBJECT_COUNTS:
-    register(
-        id=f"clutter_env/Retrieve-o{_count}-v0",
-        entry_point="clutter_env.envs.retrieve:RetrieveEnv",
-        kwargs={"num_objects": _count},
-        max_episode_steps=time_limit(_count),
-    )
+def _register_counts(name: str, counts: Iterable[int], most_steps: Callable[[int], int]) -> None:
+    """Register one task with each number of objects."""
+    for count in counts:
+        register(
+            id=f"clutter_env/{name}-o{count}-v0",
+            entry_point=f"clutter_env.envs.{name.lower()}:{name}Env",
+            kwargs={"num_objects": count},
+            max_episode_steps=most_steps(count),
+        )
 
+
+_register_counts("Retrieve", OBJECT_COUNTS, time_limit)
 for _name, _module, _steps in (
     ("Reach", "goal", 100),
     ("Pick", "goal", 100),
@@ -77,21 +82,8 @@ for _name, _module, _steps in (
         additional_wrappers=(WrapperSpec("GoalInterface", "clutter_env.envs.goal:GoalInterface", {}),),
     )
 
-for _count in REARRANGE_COUNTS:
-    register(
-        id=f"clutter_env/Rearrange-o{_count}-v0",
-        entry_point="clutter_env.envs.rearrange:RearrangeEnv",
-        kwargs={"num_objects": _count},
-        max_episode_steps=rearrange_time_limit(_count),
-    )
-
-for _count in SKILL_OBJECT_COUNTS:
-    register(
-        id=f"clutter_env/Skill-o{_count}-v0",
-        entry_point="clutter_env.envs.skill:SkillEnv",
-        kwargs={"num_objects": _count},
-        max_episode_steps=skill_budget(_count),
-    )
+_register_counts("Rearrange", REARRANGE_COUNTS, rearrange_time_limit)
+_register_counts("Skill", SKILL_OBJECT_COUNTS, skill_budget)
 
 
 def __getattr__(name: str) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -194,11 +195,7 @@ class Planner:
         """The fewest picks for a goal; see the function `lower_bound`."""
         wanted = _goal_in(scene, goal)
         self.warmup()
-        grasps = PlanningContext.of(self.robot, scene, grasps=self.grasps).grasps()
-
-        def blockers(name: str) -> list[int]:
-            return [grasp.blockers for grasp in grasps.for_object(scene, name)]
-
+        blockers = partial(PlanningContext.of(self.robot, scene, grasps=self.grasps).grasps().blockers, scene)
         return fewest_picks(scene, wanted, blockers, buffers=not self.hold_aside, expansions=expansions)
 
     def clearance_floor(self, scene: Scene, target: str, expansions: int = MAX_EXPANSIONS) -> ClearanceFloor:
@@ -209,10 +206,7 @@ class Planner:
         context = PlanningContext.of(self.robot, scene, grasps=self.grasps)
         if target in scene.held_names:
             return ClearanceFloor(0, (), True, 0, grasps=context.catalogue)
-        grasps = context.grasps()
-        found = smallest_set(
-            lambda name: [grasp.blockers for grasp in grasps.for_object(scene, name)], target, scene.names, expansions
-        )
+        found = smallest_set(partial(context.grasps().blockers, scene), target, scene.names, expansions)
         is_too_wide = found.cause == Cause.UNREACHABLE and context.too_wide(scene, target)
         return replace(found, cause=Cause.TOO_WIDE if is_too_wide else found.cause, grasps=context.catalogue)
 

@@ -21,6 +21,7 @@ import mujoco
 import numpy as np
 import tyro
 
+from clutter_env.cli.benchmark import timed_physics
 from clutter_env.config import CONTROL_MODES
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.reporting.progress import progress_bar
@@ -52,28 +53,17 @@ def main(repeats: int = 10, steps: int = 300, resets: int = 60, objects: int = 2
 
 def step_times(env: RetrieveEnv, motion: str, steps: int, repeats: int, seed: int) -> tuple[float, float]:
     """Least time [s] of a step, and of the physics in it, in the mean of an episode."""
-    mj_step, physics_s = mujoco.mj_step, 0.0
-
-    def timed_mj_step(*values: Any, **keywords: Any) -> None:
-        nonlocal physics_s
-        start = time.perf_counter()
-        mj_step(*values, **keywords)
-        physics_s += time.perf_counter() - start
-
     rest, physics = np.full((2, steps), np.inf)
-    mujoco.mj_step = timed_mj_step
-    try:
+    with timed_physics(time.perf_counter) as timed:
         for _ in range(repeats):
             env.reset(seed=seed)
             moves = MOTIONS[motion](env, np.random.default_rng(seed))
             for step in range(steps):
-                action, physics_s = next(moves), 0.0
+                action, timed.spent_s = next(moves), 0.0
                 start = time.perf_counter()
                 env.step(action)
-                rest[step] = min(rest[step], time.perf_counter() - start - physics_s)
-                physics[step] = min(physics[step], physics_s)
-    finally:
-        mujoco.mj_step = mj_step
+                rest[step] = min(rest[step], time.perf_counter() - start - timed.spent_s)
+                physics[step] = min(physics[step], timed.spent_s)
     return float((rest + physics).mean()), float(physics.mean())
 
 

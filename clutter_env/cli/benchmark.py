@@ -8,7 +8,8 @@ CPU times of one process. Every number of objects is measured in a process of it
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -109,29 +110,45 @@ def measure(objects: int, arguments: Arguments) -> Measurement:
 
 def time_steps(env: RetrieveEnv, steps: int, seed: int) -> tuple[float, float]:
     """CPU time [s] of `steps` random steps, without resets, and of the physics steps among it."""
-    import mujoco
     import numpy as np
 
-    physics_s, total_s, mj_step = 0.0, 0.0, mujoco.mj_step
-
-    def timed_mj_step(*values: Any, **keywords: Any) -> None:
-        nonlocal physics_s
-        start = time.process_time()
-        mj_step(*values, **keywords)
-        physics_s += time.process_time() - start
-
     actions = np.random.default_rng(seed).uniform(-1, 1, (steps, env.action_size)).astype(np.float32)
-    mujoco.mj_step = timed_mj_step
-    try:
+    total_s = physics_s = 0.0
+    with timed_physics(time.process_time) as physics:
         for index, action in enumerate(actions):
             if index % EPISODE_STEPS == 0:
                 env.reset(seed=seed + index)
-            start = time.process_time()
+            start, before = time.process_time(), physics.spent_s
             env.step(action)
             total_s += time.process_time() - start
+            physics_s += physics.spent_s - before
+    return total_s, physics_s
+
+
+@dataclass
+class PhysicsTime:
+    """Time [s] that MuJoCo's steps have taken."""
+
+    spent_s: float = 0.0
+
+
+@contextmanager
+def timed_physics(clock: Callable[[], float]) -> Iterator[PhysicsTime]:
+    """MuJoCo's steps timed by a clock [s], in this process, until the block ends."""
+    import mujoco
+
+    physics, mj_step = PhysicsTime(), mujoco.mj_step
+
+    def timed_mj_step(*values: Any, **keywords: Any) -> None:
+        start = clock()
+        mj_step(*values, **keywords)
+        physics.spent_s += clock() - start
+
+    mujoco.mj_step = timed_mj_step
+    try:
+        yield physics
     finally:
         mujoco.mj_step = mj_step
-    return total_s, physics_s
 
 
 def frames_per_second(objects: int, arguments: Arguments) -> float | None:

@@ -12,12 +12,11 @@ import numpy as np
 from gymnasium import spaces
 
 from clutter_env.config import EnvConfig
-from clutter_env.envs.base import BaseEnv
+from clutter_env.envs.clutter_task import ClutterTaskEnv
 from clutter_env.envs.goal_monitor import GoalMemory, GoalMonitor, goal_potential, read_regions, start_scene
 from clutter_env.envs.observation import POSITION_BOUND, Column, EntryLayout, Observer
 from clutter_env.envs.rearrange_tasks import TASKS, DrawnGoal
 from clutter_env.envs.reset_options import ResetOptions
-from clutter_env.envs.reward import dense_reward, event_terms
 from clutter_env.errors import ConfigError, OptionError, StateError, check_choice, check_integer
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.model import TRAY_COLOURS
@@ -119,7 +118,7 @@ class RearrangeOptions(ResetOptions):
             raise OptionError(str(problem)) from None
 
 
-class RearrangeEnv(BaseEnv):
+class RearrangeEnv(ClutterTaskEnv):
     """A mobile manipulator before a table, and a goal: where objects are to stand.
 
     Keyword arguments are the fields of `RearrangeConfig`. Reset options: `task` (another one that the layout permits),
@@ -201,11 +200,7 @@ class RearrangeEnv(BaseEnv):
 
     def _advance(self) -> tuple[float, bool]:
         self._goal_monitor.update(self.measurements)
-        is_success, is_over = self._is_success(), self._is_over()
-        if self.config.reward_mode == "sparse":
-            return float(is_success), is_over
-        before, self._potential = self._potential, self._measure_potential()
-        return dense_reward(before, self._potential, event_terms(self._monitor, is_success, is_over)), is_over
+        return super()._advance()
 
     def _observe(self) -> dict[str, Any]:
         goals = self._rows.copy()
@@ -223,12 +218,8 @@ class RearrangeEnv(BaseEnv):
             "unmet": len(monitor.unmet),
         }
 
-    def _is_success(self) -> bool:
-        return (
-            self._goal_monitor.is_reached
-            and not self.world.is_unstable
-            and (self.config.success == "lifted" or self._monitor.is_clean)
-        )
+    def _is_reached(self) -> bool:
+        return self._goal_monitor.is_reached
 
     def _is_over(self) -> bool:
         return self._is_success() or self._goal_monitor.is_lost(self.measurements)
@@ -283,10 +274,7 @@ class RearrangeEnv(BaseEnv):
                 marks.append(Mark(place.centre, place.half_extents, place.yaw or 0.0, np.array(colour)))
         world.marks = tuple(marks)
 
-    def _measure_potential(self) -> float:
-        """The potential of the present state, 0 if it is terminal; 0 with the sparse reward, which has none."""
-        if self.config.reward_mode == "sparse" or self._is_over():
-            return 0.0
+    def _potential_now(self) -> float:
         return goal_potential(self._goal_monitor, self.measurements)
 
     def _make_observation_space(self) -> spaces.Dict:

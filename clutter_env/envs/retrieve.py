@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 from clutter_env.config import EnvConfig
-from clutter_env.envs.base import BaseEnv
-from clutter_env.envs.reward import Way, dense_reward, event_terms, potential, potential_terms
+from clutter_env.envs.clutter_task import ClutterTaskEnv
+from clutter_env.envs.reward import Way, potential, potential_terms
 from clutter_env.envs.success import HOLD_STEPS, LIFT_HEIGHT
 from clutter_env.errors import check_integer
 
 
-class RetrieveEnv(BaseEnv):
+class RetrieveEnv(ClutterTaskEnv):
     """A mobile manipulator before a cluttered table; the target must be lifted 0.10 m and held there for 0.5 s.
 
     Keyword arguments are the fields of `EnvConfig`. Reset options: `target` (an object's name), `objects` (an explicit
@@ -45,23 +45,12 @@ class RetrieveEnv(BaseEnv):
     def _begin(self) -> None:
         self._potential = self._measure_potential()
 
-    def _advance(self) -> tuple[float, bool]:
-        is_success, is_over = self._is_success(), self._is_over()
-        if self.config.reward_mode == "sparse":
-            return float(is_success), is_over
-        before, self._potential = self._potential, self._measure_potential()
-        return dense_reward(before, self._potential, event_terms(self._monitor, is_success, is_over)), is_over
-
     def _observe(self) -> dict[str, Any]:
         hold = min(self._monitor.steps_held / HOLD_STEPS, 1.0)
         return self.observe_world(self.target_slot, hold, LIFT_HEIGHT - self._monitor.lift)
 
-    def _is_success(self) -> bool:
-        return (
-            self._monitor.lifted
-            and not self.world.is_unstable
-            and (self.config.success == "lifted" or self._monitor.is_clean)
-        )
+    def _is_reached(self) -> bool:
+        return self._monitor.lifted
 
     def _is_over(self) -> bool:
         is_spoilt = self.config.terminate_on_fallen and self._monitor.num_fallen > 0
@@ -70,9 +59,6 @@ class RetrieveEnv(BaseEnv):
     def _recall(self, bookkeeping: None) -> None:  # noqa: ARG002  the task remembers nothing
         self._potential = self._measure_potential()
 
-    def _measure_potential(self) -> float:
-        """The potential of the present state, 0 if it is terminal; 0 with the sparse reward, which has none."""
-        if self.config.reward_mode == "sparse" or self._is_over():
-            return 0.0
+    def _potential_now(self) -> float:
         clearances = self._way.clearances(self.world, self.measurements)
         return potential(potential_terms(self.world, self.measurements, self._monitor, clearances))

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -84,11 +85,18 @@ def goal_plan(
             return NoCommitment(Cause.TIME_LIMIT, tuple(sim.waiting))
         if any(_moved(sim, name) for name in _in_turn(sim) if name not in not_placed):
             continue
-        added = () if sim.scene.held_names else _also(sim)
-        if added:
-            sim.waiting += added
-            continue
-        provisional = _put_aside(sim)
+        bound = None
+        if not sim.scene.held_names:
+            added = _strangers(sim)
+            if not added:
+                bound = _bound(sim)
+                added = (
+                    tuple(name for name in bound.objects if name not in sim.waiting) if bound.picks is not None else ()
+                )
+            if added:
+                sim.waiting += added
+                continue
+        provisional = _put_aside(sim, bound)
         if not provisional:
             return _refusal(sim)
     return _as_plan(sim, provisional)
@@ -102,11 +110,16 @@ def _in_turn(sim: _Simulation) -> list[str]:
     if sim.scene.held_names:
         return list(sim.scene.held_names[:1])
     goal, base = sim.goal, sim.scene.state.base[:2]
-    free = [name for name in sim.waiting if not any(b == name and a in sim.waiting for a, b in goal.order)]
+    free = _free_by_order(sim)
     if set(sim.waiting) - set(goal.held):
         free = [name for name in free if name not in goal.held]
     away = {name: float(np.linalg.norm(sim.scene.body(name).position[:2] - base)) for name in free}
     return sorted(free, key=lambda name: (sim.failures[name], away[name]))
+
+
+def _free_by_order(sim: _Simulation) -> list[str]:
+    """What waits to be moved, and need not wait for another by the goal's order."""
+    return [name for name in sim.waiting if not any(b == name and a in sim.waiting for a, b in sim.goal.order)]
 
 
 def _moved(sim: _Simulation, name: str) -> bool:
@@ -225,8 +238,8 @@ def _advance(sim: _Simulation, move: Move, scene: Scene) -> None:
         sim.candidates = sim.candidates.blank_copy()
 
 
-def _also(sim: _Simulation) -> tuple[str, ...]:
-    """What else has to be moved, since nothing can be moved as it is: strangers at places, or blockers of grasps."""
+def _strangers(sim: _Simulation) -> tuple[str, ...]:
+    """What need not be moved itself, and stands where something else is to go."""
     scene = sim.scene
     for name in sim.waiting:
         fact = placed_fact(sim.goal, name)
@@ -234,24 +247,23 @@ def _also(sim: _Simulation) -> tuple[str, ...]:
             found = in_the_way(scene, scene.body(name), place_of(scene, fact), sim.waiting)
             if found:
                 return found
-    bound = _bound(sim)
-    return tuple(name for name in bound.objects if name not in sim.waiting) if bound.picks is not None else ()
+    return ()
 
 
 def _bound(sim: _Simulation) -> LowerBound:
-    def blockers(name: str) -> list[int]:
-        return [grasp.blockers for grasp in sim.candidates.for_object(sim.scene, name)]
-
+    blockers = partial(sim.candidates.blockers, sim.scene)
     return fewest_picks(sim.scene, sim.goal, blockers, sim.start, deadline=sim.problem.deadline)
 
 
-def _put_aside(sim: _Simulation) -> str:
-    """Put aside one object that is to be moved again: its name, "" if none can be."""
-    if sim.scene.held_names:
+def _put_aside(sim: _Simulation, bound: LowerBound | None) -> str:
+    """Put aside one object that is to be moved again, first those of the bound; its name, "" if none can be.
+
+    `bound` is None where it is what is in the hand.
+    """
+    if bound is None:
         names = sim.scene.held_names[:1]
     else:
-        bound = _bound(sim)
-        free = [name for name in sim.waiting if not any(b == name and a in sim.waiting for a, b in sim.goal.order)]
+        free = _free_by_order(sim)
         names = tuple(dict.fromkeys((*(name for name in bound.aside if name in free), *free)))
     return next((name for name in names if _taken_and_put(sim, name, is_general=False)), "")
 

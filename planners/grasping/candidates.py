@@ -162,6 +162,10 @@ class GraspCandidates:
             self._merged[name] = merged, by_arm
         return merged
 
+    def blockers(self, scene: Scene, name: str) -> list[int]:
+        """Masks of what is in the way of each grasp of that object where it stands, fewest objects first."""
+        return [grasp.blockers for grasp in self.for_object(scene, name)]
+
     def of_all_families(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
         """Grasps of that object of all families, best first: others may fit the place where it is to be put."""
         self.for_object(scene, name)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,10 +157,7 @@ class MotionLayer:
 
     def lower_bound(self, scene: Scene, goal: Goal, buffers: bool) -> LowerBound:
         """The fewest picks for a goal, by the grasps known here."""
-
-        def blockers(name: str) -> list[int]:
-            return [grasp.blockers for grasp in self.candidates.for_object(scene, name)]
-
+        blockers = partial(self.candidates.blockers, scene)
         return fewest_picks(scene, goal, blockers, buffers=buffers, deadline=self.deadline)
 
     def _problem(self, strategy: Strategy, scene: Scene) -> ClearingProblem:
