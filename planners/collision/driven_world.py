@@ -63,10 +63,10 @@ class Extents:
     def driven_world(self, drive: Drive, left_standing: Body | None = None) -> CollisionWorld:
         """A world in which a configuration hits what the robot, rigid in it, hits on a drive in this direction.
 
-        Obstacles become boxes along the drive. An object's begins at its axis, so that the half of it on the robot's
-        side is left out: check the configuration in `world` too. For static obstacles that are not boxes along or
-        across the drive the answer is conservative; they are checked where the robot is, too. So is the object
-        `left_standing`.
+        Obstacles become boxes along the drive, one for each object however many pieces it has. That of an object begins
+        at its axis, so that the half of it on the robot's side is left out: check the configuration in `world` too. For
+        static obstacles that are not boxes along or across the drive the answer is conservative; they are checked where
+        the robot is, too. So is the object `left_standing`.
         """
         down, along = np.array([0.0, 0.0, 0.5 * drive.rise]), np.array([0.5 * drive.distance, 0.0, 0.0])
         standing, size = self.static
@@ -80,8 +80,9 @@ class Extents:
         solids = _solids(centre[highest_first], half[highest_first], self.R)
         objects = _solids(*self._swept(self.objects, drive), self.R)
         radius, height, half = np.hypot(objects.half[:, 0], objects.half[:, 1]), objects.position[:, 2], objects.half
-        upright, extent = (radius, height - half[:, 2], height + half[:, 2]), solids.half @ np.abs(self.R).T
-        return replace(self.world, obstacles=Obstacles.of(objects, upright, solids, extent))
+        upright = objects.position, radius, height - half[:, 2], height + half[:, 2]
+        extent, first = solids.half @ np.abs(self.R).T, np.arange(len(half) + 1)
+        return replace(self.world, obstacles=Obstacles.of(objects, first, upright, solids, extent))
 
     def _middle_of_drive(self, centre: Array, drive: Drive) -> Array:
         return np.asarray(centre - 0.5 * drive.distance * self.R[:, 0] - [*drive.offset, 0.0])
@@ -109,4 +110,5 @@ def _solids(centre: Array, half: Array, R: Array) -> Solids:
         bound=np.linalg.norm(half, axis=1),
         position=centre,
         rotation=np.tile(R, (count, 1, 1)),
+        first=np.zeros(count + 1, np.int64),
     )

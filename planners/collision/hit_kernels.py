@@ -33,23 +33,18 @@ _BLOCK = 6
 
 
 class Attached(NamedTuple):
-    """The held object, for kernels, as two solids: the object itself, and a copy with its bottom raised.
+    """The held object, for kernels: its h solids, then copies of them with their bottoms raised.
 
-    The copy is checked against static obstacles, so that an object that stands on the table can be lifted from it.
+    The copies are checked against static obstacles, so that an object that stands on the table can be lifted from it.
 
     Attributes:
         bit: of the object, -1 for none.
-        core: BOX or CYLINDER; `half` (2, 3); `bound` [m] radius of the sphere that contains it.
-        position: (2, 3) and `rotation` (2, 3, 3) in the TCP frame.
+        solids: 2 h of them, in the TCP frame; none for no object.
         reach: (3 + n,) how far each joint moves any point of robot or object at most, per radian or metre.
     """
 
     bit: int
-    core: int
-    half: Array
-    bound: float
-    position: Array
-    rotation: Array
+    solids: Solids
     reach: Array
 
 
@@ -59,7 +54,7 @@ class Scratch(NamedTuple):
     Attributes:
         R: (n + 2, 3, 3) orientations of the link frames, then of the TCP's and the base's.
         p: (n + 2, 3) their origins [m].
-        solids: p + 2 solids: the robot's primitives, then the two of the held object, as in `Attached`.
+        solids: p + 2 h solids: the robot's primitives, then those of the held object, as in `Attached`.
         x: (3 + n,) the whole-body configuration that is checked, on the way along an edge.
         simplex: (4, 3) for `are_within`.
     """
@@ -97,16 +92,23 @@ class CollisionQuery(NamedTuple):
 
 def make_scratch(robot: RobotArrays, attached: Attached) -> Scratch:
     """Memory for checks of this robot with this held object, or none."""
-    n, p = robot.offsets.shape[0], robot.core.shape[0]
-    solids = Solids(
-        core=np.concatenate((robot.core, np.full(2, attached.core))),
-        half=np.concatenate((robot.half, attached.half)),
-        radius=np.concatenate((robot.radius, np.zeros(2))),
-        bound=np.concatenate((robot.bound, np.full(2, attached.bound))),
-        position=np.empty((p + 2, 3)),
-        rotation=np.empty((p + 2, 3, 3)),
+    n, held, solids = robot.offsets.shape[0], attached.solids, robot.core.shape[0] + attached.solids.core.shape[0]
+    return Scratch(
+        R=np.empty((n + 2, 3, 3)),
+        p=np.empty((n + 2, 3)),
+        solids=Solids(
+            core=np.concatenate((robot.core, held.core)),
+            half=np.concatenate((robot.half, held.half)),
+            radius=np.concatenate((robot.radius, held.radius)),
+            bound=np.concatenate((robot.bound, held.bound)),
+            position=np.empty((solids, 3)),
+            rotation=np.empty((solids, 3, 3)),
+            vertices=held.vertices,
+            first=np.concatenate((np.zeros(len(robot.core), np.int64), held.first)),
+        ),
+        x=np.empty(3 + n),
+        simplex=np.empty((4, 3)),
     )
-    return Scratch(np.empty((n + 2, 3, 3)), np.empty((n + 2, 3)), solids, np.empty(3 + n), np.empty((4, 3)))
 
 
 @inlined_kernel
@@ -163,19 +165,20 @@ def place_robot(
                 moved = R[frame, axis, 0] * along[i, 0]
                 moved += R[frame, axis, 1] * along[i, 1] + R[frame, axis, 2] * along[i, 2]
                 position[i, axis] += slide * moved
-    if attached.bit >= 0:
-        for row in range(2):
-            _compose(R, p, tcp, attached.position, attached.rotation, row, solids, count + row)
+    held = attached.solids
+    for row in range(held.core.shape[0]):
+        _compose(R, p, tcp, held.position, held.rotation, row, solids, count + row)
 
 
 @njit(cache=True)
 def place_along(query: CollisionQuery, X: Array) -> tuple[Array, Array]:
-    """World poses of all p primitives, then of the held object, at each of n whole-body configurations (n, 3 + j).
+    """World poses of all p primitives, then of the held object's h, at each of n whole-body configurations (n, 3 + j).
 
     Returns:
-        positions (n, p + 1, 3) [m] and rotations (n, p + 1, 3, 3); without a held object its poses mean nothing.
+        positions (n, p + h, 3) [m] and rotations (n, p + h, 3, 3).
     """
-    checks, solids, count = pointer_to(query), query.scratch.solids, query.robot.core.shape[0] + 1
+    checks, solids = pointer_to(query), query.scratch.solids
+    count = query.robot.core.shape[0] + query.attached.solids.core.shape[0] // 2
     positions, rotations = np.empty((X.shape[0], count, 3)), np.empty((X.shape[0], count, 3, 3))
     for k in range(X.shape[0]):
         place_robot(checks.robot, checks.attached, checks.scratch, X[k, :3], X[k, 3:], query.opening)
@@ -183,6 +186,14 @@ def place_along(query: CollisionQuery, X: Array) -> tuple[Array, Array]:
         for i in range(count):
             copy_rows(solids.rotation[i], rotations[k, i])
     return positions, rotations
+
+
+@inlined_kernel
+def _touch(a: Solids, i: int, b: Solids, j: int, padding: float, simplex: Array) -> bool:
+    """Whether solid i of `a` and j of `b` are at most `padding` [m] apart."""
+    if a.core[i] <= CYLINDER and b.core[j] <= CYLINDER:
+        return are_within(a, i, b, j, padding, simplex)
+    return are_any_within(a, i, b, j, padding, simplex)
 
 
 @leaf_kernel
@@ -196,9 +207,10 @@ def _object_hits(
     simplex: Array,
 ) -> np.uint64:
     """The wanted objects that the first `count` solids come nearer to than `padding` [m]."""
-    objects, radius, bottom, top = obstacles.objects, obstacles.radius, obstacles.bottom, obstacles.top
+    pieces, first, radius = obstacles.pieces, obstacles.first, obstacles.radius
+    bottom, top, centre = obstacles.bottom, obstacles.top, obstacles.centre
     lower, upper = obstacles.lower, obstacles.upper
-    position, bounds, centre = solids.position, solids.bound, objects.position
+    position, bounds = solids.position, solids.bound
     hits = _NONE
     for i in range(count):
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
@@ -213,10 +225,14 @@ def _object_hits(
             if dx * dx + dy * dy >= reach * reach or z - bound >= top[j] or z + bound <= bottom[j]:
                 continue
             bit = _ONE << np.uint64(j)
-            if wanted & bit & ~hits != _NONE and are_within(solids, i, objects, j, padding, simplex):
-                hits |= bit
-                if first_only:
-                    return np.uint64(hits)
+            if wanted & bit & ~hits == _NONE:
+                continue
+            for k in range(first[j], first[j + 1]):
+                if _touch(solids, i, pieces, k, padding, simplex):
+                    hits |= bit
+                    if first_only:
+                        return np.uint64(hits)
+                    break
     return np.uint64(hits)
 
 
@@ -230,19 +246,17 @@ def _hits_static(
     padding: float,
     simplex: Array,
 ) -> bool:
-    """Whether the robot's `count` solids, or the held object, come nearer than `padding` [m] to an obstacle.
+    """Whether the robot's `count` solids, or the `held` ones, come nearer than `padding` [m] to an obstacle.
 
     These are the static obstacles and the ground; what is fixed to the base may be near the ground.
     """
     static, extent = obstacles.static, obstacles.extent
     position, bounds, centre, core = solids.position, solids.bound, static.position, static.core
-    for k in range(count + 1):
-        if k == count and held < 0:
-            break
-        i = k if k < count else count + 1
+    for k in range(count + held):
+        i = k if k < count else held + k
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         bound = bounds[i] + padding
-        if z < bound and (k == count or link[i] != BASE) and z < height(solids, i) + padding:
+        if z < bound and (k >= count or link[i] != BASE) and z < height(solids, i) + padding:
             return True
         for j in range(core.shape[0]):
             if z - bound >= centre[j, 2] + extent[j, 2]:
@@ -251,12 +265,7 @@ def _hits_static(
             dy = max(abs(y - centre[j, 1]) - extent[j, 1], 0.0)
             dz = max(abs(z - centre[j, 2]) - extent[j, 2], 0.0)
             is_near = dx * dx + dy * dy + dz * dz < bound * bound
-            if not is_near:
-                continue
-            if core[j] <= CYLINDER:
-                if are_within(solids, i, static, j, padding, simplex):
-                    return True
-            elif are_any_within(solids, i, static, j, padding, simplex):
+            if is_near and _touch(solids, i, static, j, padding, simplex):
                 return True
     return False
 
@@ -265,12 +274,13 @@ def _hits_static(
 def _hits_itself(
     solids: Solids, pairs: NDArray[np.int64], held: int, held_from: int, count: int, padding: float, simplex: Array
 ) -> bool:
-    """Whether distant links, or the held object and links other than the gripper, come nearer than `padding` [m]."""
+    """Whether distant links, or the `held` solids and links other than the gripper, come nearer than `padding` [m]."""
     position, bounds, radius = solids.position, solids.bound, solids.radius
-    if held >= 0:
+    for j in range(count, count + held):
         for i in range(held_from, count):
-            distance = core_distance(solids, count, position[i, 0], position[i, 1], position[i, 2])
-            if distance < bounds[i] + padding and are_within(solids, i, solids, count, padding, simplex):
+            distance = core_distance(solids, j, position[i, 0], position[i, 1], position[i, 2])
+            is_near = distance < bounds[i] + radius[j] + padding
+            if is_near and _touch(solids, i, solids, j, padding, simplex):
                 return True
     for pair in range(pairs.shape[0]):
         i, j = pairs[pair, 0], pairs[pair, 1]
@@ -290,12 +300,12 @@ def configuration_hits(query: CollisionQuery, active: np.uint64, base: Array, q:
     robot, obstacles, padding = query.robot, query.obstacles, query.padding
     scratch = query.scratch
     place_robot(robot, query.attached, scratch, base, q, query.opening)
-    solids, simplex, held, count = scratch.solids, scratch.simplex, query.attached.bit, robot.core.shape[0]
-    hits, wanted = _NONE, active & ~(_STATIC | _SELF)
-    if held >= 0:
-        wanted &= ~(_ONE << np.uint64(held))
+    solids, simplex, count = scratch.solids, scratch.simplex, robot.core.shape[0]
+    hits, wanted, held = _NONE, active & ~(_STATIC | _SELF), query.attached.solids.core.shape[0] // 2
+    if held > 0:
+        wanted &= ~(_ONE << np.uint64(query.attached.bit))
     if wanted != _NONE:
-        hits = _object_hits(solids, count + (held >= 0), obstacles, wanted, padding, query.first_only, simplex)
+        hits = _object_hits(solids, count + held, obstacles, wanted, padding, query.first_only, simplex)
     if query.first_only and hits != _NONE:
         return np.uint64(hits)
     if active & _STATIC != _NONE and _hits_static(solids, count, held, obstacles, robot.link, padding, simplex):
@@ -366,14 +376,15 @@ def _is_clear_around(query: CollisionQuery, x: Array, slack: Array) -> bool:
     robot, obstacles, attached, padding = query.robot, query.obstacles, query.attached, query.padding
     scratch, active, link = query.scratch, query.active, query.robot.link
     place_robot(robot, attached, scratch, x[:3], x[3:], query.opening)
-    solids, simplex, held, count = scratch.solids, scratch.simplex, attached.bit, robot.core.shape[0]
-    last = slack.shape[0] - 1
+    solids, simplex, count = scratch.solids, scratch.simplex, robot.core.shape[0]
+    held, last = attached.solids.core.shape[0] // 2, slack.shape[0] - 1
     if active & _SELF != _NONE:
         # Two links move against each other by what the joints between them do.
-        for i in range(robot.held_from, count if held >= 0 else 0):
+        for i in range(robot.held_from, count if held > 0 else 0):
             wide = padding + slack[last] - slack[link[i] + 1]
-            if are_within(solids, i, solids, count, wide, simplex):
-                return False
+            for j in range(count, count + held):
+                if _touch(solids, i, solids, j, wide, simplex):
+                    return False
         for pair in range(robot.self_pairs.shape[0]):
             i, j = robot.self_pairs[pair, 0], robot.self_pairs[pair, 1]
             wide = padding + abs(slack[link[i] + 1] - slack[link[j] + 1])
@@ -383,21 +394,21 @@ def _is_clear_around(query: CollisionQuery, x: Array, slack: Array) -> bool:
             if is_near and are_within(solids, i, solids, j, wide, simplex):
                 return False
     wanted = active & ~(_STATIC | _SELF)
-    if held >= 0:
-        wanted &= ~(_ONE << np.uint64(held))
+    if held > 0:
+        wanted &= ~(_ONE << np.uint64(attached.bit))
     radius, bound = solids.radius, solids.bound
-    for i in range(count + 2):
+    for i in range(count + 2 * held):
         more = slack[last] if i >= count else slack[link[i] + 1]
         radius[i] += more
         bound[i] += more
     is_clear = True
     if wanted != _NONE:
-        is_clear = _object_hits(solids, count + (held >= 0), obstacles, wanted, padding, True, simplex) == _NONE
+        is_clear = _object_hits(solids, count + held, obstacles, wanted, padding, True, simplex) == _NONE
     if is_clear and active & _STATIC != _NONE:
         is_clear = not _hits_static(solids, count, held, obstacles, link, padding, simplex)
-    for i in range(count + 2):
-        radius[i] = robot.radius[i] if i < count else 0.0
-        bound[i] = robot.bound[i] if i < count else attached.bound
+    for i in range(count + 2 * held):
+        radius[i] = robot.radius[i] if i < count else attached.solids.radius[i - count]
+        bound[i] = robot.bound[i] if i < count else attached.solids.bound[i - count]
     return is_clear
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,13 +14,23 @@ from irm.chain import BASE, ArmChain
 from irm.gjk import BOX, CYLINDER, ELLIPSOID, HULL, Solids
 from irm.ik.solvers import SolverArrays, solver_arrays
 from irm.kinematics import link_frames
-from planners.scene import AsideObject, Body, Scene, StaticObstacle
+from planners.scene import AsideObject, Body, Scene, Solid
 
 Array = NDArray[np.float64]
 
 CORES = {"box": BOX, "cylinder": CYLINDER, "capsule": BOX, "sphere": BOX, "ellipsoid": ELLIPSOID, "hull": HULL}
 """A capsule is a segment, a sphere a point, both boxes without width, grown by their radius."""
 _KNOWN = ("boxes", "capsules", "cylinders", "spheres")
+
+
+_NO_SOLIDS = Solids(
+    core=np.zeros(0, np.int64),
+    half=np.zeros((0, 3)),
+    radius=np.zeros(0),
+    bound=np.zeros(0),
+    position=np.zeros((0, 3)),
+    rotation=np.zeros((0, 3, 3)),
+)
 
 
 class GeometryError(ValueError):
@@ -69,17 +79,20 @@ class RobotArrays(NamedTuple):
 
 
 class Obstacles(NamedTuple):
-    """n objects and m static obstacles for kernels. Lengths in metres, in the world.
+    """n objects, made of p solids, and m static obstacles for kernels. Lengths in metres, in the world.
 
     Attributes:
-        objects: n solids.
+        pieces: p solids, those of object i from `first[i]` up to `first[i + 1]`; `first` is (n + 1,).
+        centre: (n, 3) positions of the objects.
         radius, bottom, top: (n,) the upright cylinder about its position that contains each object.
         lower, upper: (3,) corners of a box that contains all objects.
         static: m solids, the one with the highest top first.
         extent: (m, 3) half extents of the box about the centre of each, along the world's axes, that contains it.
     """
 
-    objects: Solids
+    pieces: Solids
+    first: NDArray[np.int64]
+    centre: Array
     radius: Array
     bottom: Array
     top: Array
@@ -89,12 +102,19 @@ class Obstacles(NamedTuple):
     extent: Array
 
     @classmethod
-    def of(cls, objects: Solids, upright: tuple[Array, Array, Array], static: Solids, extent: Array) -> Obstacles:
-        """Objects with their `upright` cylinders (radius, bottom, top), and static obstacles."""
-        (radius, bottom, top), centre = upright, objects.position[:, :2]
-        lower = [*(centre - radius[:, None]).min(axis=0, initial=np.inf), bottom.min(initial=np.inf)]
-        upper = [*(centre + radius[:, None]).max(axis=0, initial=-np.inf), top.max(initial=-np.inf)]
-        return cls(objects, radius, bottom, top, np.array(lower), np.array(upper), static, extent)
+    def of(
+        cls, pieces: Solids, first: NDArray[np.int64], upright: tuple[Array, ...], static: Solids, extent: Array
+    ) -> Obstacles:
+        """Objects with their `upright` cylinders (position, radius, bottom, top), and static obstacles."""
+        centre, radius, bottom, top = upright
+        lower = [*(centre[:, :2] - radius[:, None]).min(axis=0, initial=np.inf), bottom.min(initial=np.inf)]
+        upper = [*(centre[:, :2] + radius[:, None]).max(axis=0, initial=-np.inf), top.max(initial=-np.inf)]
+        box = np.array(lower), np.array(upper)
+        return cls(pieces, first, centre, radius, bottom, top, *box, static, extent)
+
+    def rows(self, index: int) -> range:
+        """The rows of an object's solids in `pieces`."""
+        return range(int(self.first[index]), int(self.first[index + 1]))
 
 
 def obstacle_arrays(scene: Scene) -> Obstacles:
@@ -102,40 +122,50 @@ def obstacle_arrays(scene: Scene) -> Obstacles:
     bodies = scene.objects
     upright = np.array([(body.radius, body.bottom, body.top) for body in bodies]).reshape(-1, 3).T.copy()
     static = sorted(scene.static_obstacles, key=lambda obstacle: -(obstacle.position[2] + obstacle.extent[2]))
+    solids = [body_solids(body) for body in bodies]
     return Obstacles.of(
-        objects=Solids(
-            core=np.array([CORES[body.shape] for body in bodies], dtype=np.int64),
-            half=_rows([body.half_extents for body in bodies]),
-            radius=np.zeros(len(bodies)),
-            bound=np.array([body_bound(body) for body in bodies], dtype=float),
-            position=_rows([body.position for body in bodies]),
-            rotation=np.array([body.rotation for body in bodies]).reshape(-1, 3, 3),
-        ),
-        upright=(upright[0], upright[1], upright[2]),
-        static=_static_solids(static),
-        extent=_rows([obstacle.extent for obstacle in static]),
+        join_solids(solids),
+        np.cumsum([0, *(len(one.core) for one in solids)], dtype=np.int64),
+        (_rows([body.position for body in bodies]), *upright),
+        solid_arrays(static),
+        _rows([obstacle.extent for obstacle in static]),
     )
 
 
 def with_object(obstacles: Obstacles, index: int, body: Body) -> Obstacles:
-    """The same obstacles with the arrays' rows of one object, number `index`, made from `body`."""
+    """The same obstacles with the arrays' rows of one object, number `index`, made from `body`: it has moved."""
 
-    def put(rows: NDArray[Any], row: ArrayLike) -> NDArray[Any]:
-        """A copy of `rows` with one of them replaced."""
+    def put(rows: NDArray[Any], place: int | slice, row: ArrayLike) -> NDArray[Any]:
+        """A copy of `rows` with some of them replaced."""
         changed = rows.copy()
-        changed[index] = row
+        changed[place] = row
         return changed
 
-    solids = obstacles.objects
-    objects = solids._replace(
-        core=put(solids.core, CORES[body.shape]),
-        half=put(solids.half, body.half_extents),
-        bound=put(solids.bound, body_bound(body)),
-        position=put(solids.position, body.position),
-        rotation=put(solids.rotation, body.rotation),
+    rows = obstacles.rows(index)
+    place, solids, moved = slice(rows.start, rows.stop), obstacles.pieces, body_solids(body)
+    names = ("core", "half", "radius", "bound", "position", "rotation")
+    pieces = solids._replace(**{name: put(getattr(solids, name), place, getattr(moved, name)) for name in names})
+    upright = (
+        put(obstacles.centre, index, body.position),
+        put(obstacles.radius, index, body.radius),
+        put(obstacles.bottom, index, body.bottom),
+        put(obstacles.top, index, body.top),
     )
-    upright = put(obstacles.radius, body.radius), put(obstacles.bottom, body.bottom), put(obstacles.top, body.top)
-    return Obstacles.of(objects, upright, obstacles.static, obstacles.extent)
+    return Obstacles.of(pieces, obstacles.first, upright, obstacles.static, obstacles.extent)
+
+
+def body_solids(body: Body) -> Solids:
+    """The solids of an object where it is."""
+    if body.shape == "pieces":
+        return moved_solids(_piece_arrays(body.pieces), body.rotation, body.position)
+    return Solids(
+        core=np.array([CORES[body.shape]], dtype=np.int64),
+        half=body.half_extents[None],
+        radius=np.zeros(1),
+        bound=np.array([body_bound(body)]),
+        position=body.position[None],
+        rotation=body.rotation[None],
+    )
 
 
 def body_bound(body: Body) -> float:
@@ -144,21 +174,61 @@ def body_bound(body: Body) -> float:
     return float(np.hypot(half[0], half[2]) if body.shape == "cylinder" else np.linalg.norm(half))
 
 
-def _static_solids(obstacles: Sequence[StaticObstacle]) -> Solids:
-    is_round = np.array([obstacle.shape in ("capsule", "sphere") for obstacle in obstacles], dtype=bool)
-    half = _rows([obstacle.half_extents for obstacle in obstacles])
+@lru_cache(maxsize=256)
+def _piece_arrays(pieces: tuple[Solid, ...]) -> Solids:
+    return solid_arrays(pieces)
+
+
+def solid_arrays(solids: Sequence[Solid]) -> Solids:
+    """Convex solids as arrays, in their own frame."""
+    is_round = np.array([solid.shape in ("capsule", "sphere") for solid in solids], dtype=bool)
+    half = _rows([solid.half_extents for solid in solids])
     radius = np.where(is_round, half[:, 0], 0.0)
     segment = np.column_stack((np.zeros((len(half), 2)), half[:, 2] - half[:, 0]))
     half = np.where(is_round[:, None], segment, half)
     return Solids(
-        core=np.array([CORES[obstacle.shape] for obstacle in obstacles], dtype=np.int64),
+        core=np.array([CORES[solid.shape] for solid in solids], dtype=np.int64),
         half=half,
         radius=radius,
         bound=np.linalg.norm(half, axis=1) + radius,
-        position=_rows([obstacle.position for obstacle in obstacles]),
-        rotation=np.array([obstacle.rotation for obstacle in obstacles]).reshape(-1, 3, 3),
-        vertices=np.concatenate([np.zeros((0, 3)), *(obstacle.vertices for obstacle in obstacles)]),
-        first=np.cumsum([0, *(len(obstacle.vertices) for obstacle in obstacles)]),
+        position=_rows([solid.position for solid in solids]),
+        rotation=np.array([solid.rotation for solid in solids]).reshape(-1, 3, 3),
+        vertices=np.concatenate([np.zeros((0, 3)), *(solid.vertices for solid in solids)]),
+        first=np.cumsum([0, *(len(solid.vertices) for solid in solids)]),
+    )
+
+
+def join_solids(parts: Sequence[Solids]) -> Solids:
+    """Solids in one, in their order."""
+    columns = zip(*(_NO_SOLIDS, *parts), strict=True)
+    corners = [np.diff(part.first) if len(part.first) else np.zeros(len(part.core), np.int64) for part in parts]
+    first = np.concatenate([np.zeros(1, np.int64), *corners]).cumsum()
+    return Solids(*map(np.concatenate, columns))._replace(first=first)
+
+
+def moved_solids(solids: Solids, rotation: Array, position: Array) -> Solids:
+    """Solids given in a frame that is at `position` (3,) with axes `rotation` (3, 3) in another one."""
+    # One product a row: those of whole arrays round differently with their length.
+    return solids._replace(
+        position=_rows([position + rotation @ one for one in solids.position]),
+        rotation=np.array([rotation @ one for one in solids.rotation]).reshape(-1, 3, 3),
+    )
+
+
+def shrunk_solids(solids: Solids, by: float | Array, least: float = 0.0) -> Solids:
+    """The same n solids with surfaces farther in by up to `by` [m], one number or (n,).
+
+    Half extents of more than `least` [m] stay above it. Of a hull all corners move towards its middle.
+    """
+    inwards, is_grown, is_hull = np.broadcast_to(by, solids.core.shape), solids.radius > 0.0, solids.core == HULL
+    smaller = np.minimum(solids.half, np.maximum(solids.half - inwards[:, None], least))
+    half = np.where(is_grown[:, None], solids.half, smaller)
+    shares = (half / np.maximum(solids.half, 1e-9)).min(axis=1, initial=1.0)
+    corners = np.diff(solids.first) if len(solids.first) else np.zeros(len(half), np.int64)
+    return solids._replace(
+        half=half,
+        radius=np.minimum(solids.radius, np.maximum(solids.radius - inwards, least * is_grown)),
+        vertices=solids.vertices * np.repeat(np.where(is_hull, shares, 1.0), corners)[:, None],
     )
 
 
@@ -179,25 +249,28 @@ def robot_of(scene: Scene) -> RobotArrays:
 
 
 def _with_aside(arrays: RobotArrays, scene: Scene, one: AsideObject) -> RobotArrays:
+    """The robot with an object that an idle arm holds; hulls and ellipsoids in it count as the boxes around them."""
     body, chain = scene.body(one.held.name), ArmChain.from_robot(scene.robot.using(one.arm))
     home = next(arm.home for arm in scene.robot.arms if arm.name == one.arm)
     R, p = link_frames(chain, np.array((scene.robot.home[0], *home)))
     T = one.held.T_tcp_object
     position, rotation = R[0].T @ (p[-1] + R[-1] @ T[:3, 3] - p[0]), R[0].T @ R[-1] @ T[:3, :3]
-    bound, added = body_bound(body), len(arrays.core)
-    pairs = np.array([(solid, added) for solid in range(added) if arrays.link[solid] > 1], np.int64).reshape(-1, 2)
+    solids = moved_solids(body_solids(body.at_pose(np.eye(4))), rotation, position)
+    count, added, bound = len(arrays.core), len(solids.core), body_bound(body)
+    distal = np.flatnonzero(arrays.link > 1)
+    pairs = np.array([(solid, count + new) for new in range(added) for solid in distal], np.int64).reshape(-1, 2)
     reach = arrays.reach.copy()
     reach[2] = max(reach[2], float(np.linalg.norm((p[-1] + R[-1] @ T[:3, 3])[:2])) + bound)
     return arrays._replace(
-        core=np.append(arrays.core, CORES[body.shape]),
-        half=np.vstack((arrays.half, body.half_extents)),
-        radius=np.append(arrays.radius, 0.0),
-        bound=np.append(arrays.bound, bound),
-        link=np.append(arrays.link, 0),
-        position=np.vstack((arrays.position, position)),
-        rotation=np.concatenate((arrays.rotation, rotation[None])),
-        slides=np.append(arrays.slides, False),
-        slide=np.vstack((arrays.slide, np.zeros(3))),
+        core=np.append(arrays.core, np.where(solids.core > CYLINDER, BOX, solids.core)),
+        half=np.vstack((arrays.half, solids.half)),
+        radius=np.append(arrays.radius, solids.radius),
+        bound=np.append(arrays.bound, solids.bound),
+        link=np.append(arrays.link, np.zeros(added, np.int64)),
+        position=np.vstack((arrays.position, solids.position)),
+        rotation=np.concatenate((arrays.rotation, solids.rotation)),
+        slides=np.append(arrays.slides, np.zeros(added, np.bool_)),
+        slide=np.vstack((arrays.slide, np.zeros((added, 3)))),
         self_pairs=np.concatenate((arrays.self_pairs, pairs)),
         reach=reach,
     )

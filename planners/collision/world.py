@@ -8,23 +8,27 @@ And what the same arrays answer about a scene itself: which objects stand on oth
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import combinations
+from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from irm.gjk import BOX, are_within
+from irm.gjk import CYLINDER, Solids, are_any_within, are_within
 from planners.collision.hit_kernels import Attached, CollisionQuery, Scratch, make_scratch, many_hits, path_hits
 from planners.collision.scene_arrays import (
-    CORES,
     Obstacles,
     RobotArrays,
     body_bound,
+    body_solids,
+    join_solids,
+    moved_solids,
     obstacle_arrays,
     robot_of,
+    shrunk_solids,
     with_object,
 )
 from planners.scene import SELF_BIT, STATIC_BIT, Body, HeldObject, Scene, SceneError
@@ -104,6 +108,13 @@ class CollisionWorld:
         moved = with_object(self.obstacles, self.scene.index(body.name), body)
         return replace(self, scene=self.scene.with_body(body), obstacles=moved)
 
+    def with_smaller(self, mask: int, by: float) -> CollisionWorld:
+        """The same world with the surfaces of the objects of a mask farther in by `by` [m]."""
+        counted = [bool(mask >> i & 1) for i in range(len(self.scene.objects))]
+        inwards = by * np.repeat(counted, np.diff(self.obstacles.first))
+        pieces = shrunk_solids(self.obstacles.pieces, inwards, by)
+        return replace(self, obstacles=self.obstacles._replace(pieces=pieces))
+
     def for_arm(self, arm: str) -> CollisionWorld:
         """The same world with that arm active and nothing in any gripper; this one if the arm is active already."""
         if arm == self.scene.robot.arm_name:
@@ -129,26 +140,21 @@ class CollisionWorld:
         return self._carried[id(held)]
 
     def _attach(self, held: HeldObject | None) -> Attached:
-        """Two solids for kernels: the held object, and a copy with its bottom raised; see `Attached`."""
+        """The held object's solids for kernels, and copies with their bottoms raised; see `Attached`."""
         if held is None:
-            nothing = np.zeros((2, 3))
-            return Attached(-1, BOX, nothing, 0.0, nothing, np.zeros((2, 3, 3)), np.array(self.robot.reach))
+            return Attached(-1, join_solids(()), np.array(self.robot.reach))
         body = self.scene.body(held.name)
-        bound = body_bound(body)
         position, rotation = held.T_tcp_object[:3, 3], held.T_tcp_object[:3, :3]
-        shrunk, up = self._raised_bottom(body, held)
+        solids = body_solids(body.at_pose(np.eye(4)))
+        both = join_solids((shrunk_solids(solids, self.yields), self._with_raised_bottom(solids, body, held)))
         return Attached(
             bit=self.scene.index(held.name),
-            core=CORES[body.shape],
-            half=np.stack([np.maximum(body.half_extents - self.yields, 0.0), body.half_extents - shrunk]),
-            bound=bound,
-            position=np.stack([position, position + rotation @ up]),
-            rotation=np.stack([rotation, rotation]),
-            reach=np.maximum(self.robot.reach, self.robot.tip_reach + np.linalg.norm(position) + bound),
+            solids=moved_solids(both, rotation, position),
+            reach=np.maximum(self.robot.reach, self.robot.tip_reach + np.linalg.norm(position) + body_bound(body)),
         )
 
-    def _raised_bottom(self, body: Body, held: HeldObject) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """By how much half extents shrink and the centre rises, in the object's frame, for a copy off the support.
+    def _with_raised_bottom(self, solids: Solids, body: Body, held: HeldObject) -> Solids:
+        """The solids of an object, in its frame, without what is next to the support; of several pieces all are raised.
 
         What points up is what does where the object rests in the scene, or, held already, where it is put down.
         """
@@ -158,11 +164,15 @@ class CollisionWorld:
         else:
             up = body.rotation.T @ up_axis(body)
         raised, axis = 0.5 * (self.padding + SUPPORT_SLACK), int(np.abs(up).argmax())
+        if body.shape == "pieces":
+            return solids._replace(position=solids.position + 2 * raised * up)
         if body.shape == "cylinder" and axis != 2:
             across = np.array((up[0], up[1], 0.0))
-            return np.array((raised, raised, 0.0)), raised * across / np.linalg.norm(across)
-        step = raised * np.eye(3)[axis]
-        return step, step * np.sign(up[axis])
+            shrunk, step = np.array((raised, raised, 0.0)), raised * across / np.linalg.norm(across)
+        else:
+            shrunk = raised * np.eye(3)[axis]
+            step = shrunk * np.sign(up[axis])
+        return solids._replace(half=solids.half - shrunk, position=solids.position + step)
 
     def query(
         self, opening: float, held: HeldObject | None = None, ignore: int = 0, first_only: bool = False
@@ -257,20 +267,17 @@ def with_clearance_around(world: CollisionWorld, name: str) -> CollisionWorld:
     the lift may come nearer to them by `SUPPORT_SLACK` at most. What the robot keeps from them stays the padding.
     """
     body, scene, gap = world.scene.body(name), world.scene, world.padding + SUPPORT_SLACK
-    index, solids, yields = scene.index(name), world.obstacles.objects, 0.0
+    index, obstacles, yields = scene.index(name), world.obstacles, 0.0
     for row, other in enumerate(scene.objects):
         if row == index or other.name in scene.held_names:
             continue
         if _stands_on(world, body, other):
             world = world.with_body(other.at(other.position - [0.0, 0.0, gap]))
-        elif (
-            np.linalg.norm(solids.position[index] - solids.position[row])
-            < solids.bound[index] + solids.bound[row] + gap
-        ):
+        elif np.linalg.norm(body.position - other.position) < body_bound(body) + body_bound(other) + gap:
             # Even overlaps of `OVERLAP` are mended; what overlaps more stays in the way.
             sizes = np.linspace(0.0, gap + OVERLAP, _SIZES)
-            smaller = (solids._replace(half=np.maximum(solids.half - size, 0.0)) for size in sizes)
-            apart = [not are_within(shrunk, index, solids, row, gap, np.empty((4, 3))) for shrunk in smaller]
+            smaller = (shrunk_solids(obstacles.pieces, size) for size in sizes)
+            apart = [not _are_near(shrunk, obstacles.rows(index), obstacles.rows(row), gap) for shrunk in smaller]
             yields = max(yields, float(sizes[np.argmax(apart)])) if any(apart) else yields
     return replace(world, yields=yields) if yields else world
 
@@ -281,10 +288,18 @@ def _stands_on(world: CollisionWorld, body: Body, supporter: Body) -> bool:
     is_held = any(name in scene.held_names for name in (body.name, supporter.name))
     if is_held or body.bottom < supporter.top - _LEAN:
         return False
-    solids = world.obstacles.objects
-    return bool(
-        are_within(solids, scene.index(body.name), solids, scene.index(supporter.name), _CONTACT, np.empty((4, 3)))
-    )
+    obstacles = world.obstacles
+    rows, below = obstacles.rows(scene.index(body.name)), obstacles.rows(scene.index(supporter.name))
+    return _are_near(obstacles.pieces, rows, below, _CONTACT)
+
+
+def _are_near(solids: Solids, some: Sequence[int], others: Sequence[int], padding: float) -> bool:
+    """Whether some solids come as near to others as `padding` [m]."""
+    for i, j in product(some, others):
+        near = are_within if max(solids.core[i], solids.core[j]) <= CYLINDER else are_any_within
+        if near(solids, i, solids, j, padding, np.empty((4, 3))):
+            return True
+    return False
 
 
 def validate(world: CollisionWorld) -> None:
@@ -316,11 +331,11 @@ def _is_inside_static(world: CollisionWorld) -> bool:
 def _overlaps(world: CollisionWorld) -> list[tuple[str, str]]:
     """Pairs of objects that overlap by more than `OVERLAP`."""
     obstacles, names = world.obstacles, world.scene.names
-    shrunk = obstacles.objects._replace(half=np.maximum(obstacles.objects.half - OVERLAP / 2, 1e-4))
-    simplex = np.empty((4, 3))
+    shrunk = shrunk_solids(obstacles.pieces, OVERLAP / 2, 1e-4)
     found: list[tuple[str, str]] = []
     for i, j in combinations(range(len(names)), 2):
-        away = np.linalg.norm(shrunk.position[i, :2] - shrunk.position[j, :2])
-        if away < obstacles.radius[i] + obstacles.radius[j] and are_within(shrunk, i, shrunk, j, 0.0, simplex):
+        away = np.linalg.norm(obstacles.centre[i, :2] - obstacles.centre[j, :2])
+        is_near = away < obstacles.radius[i] + obstacles.radius[j]
+        if is_near and _are_near(shrunk, obstacles.rows(i), obstacles.rows(j), 0.0):
             found.append((names[i], names[j]))
     return found

@@ -19,8 +19,8 @@ from planners.collision.world import FINGER_GAP, OVERLAP, STEP, CollisionWorld
 from planners.motion.path import CLEARANCE, BlockedBy, NoPath, WholeBodyPath, on_base
 from planners.motion.rrt import blend_corners, rrt_connect, shortcut
 from planners.scene import SELF_BIT, HeldObject, RobotState
-from planners.scene.bodies import frozen
 from planners.scene.masks import FIXED_BITS
+from planners.scene.solid import frozen
 
 Array = NDArray[np.float64]
 

@@ -153,9 +153,7 @@ def _moved_away(world: CollisionWorld, start: Array, q: Array, opening: float, h
         return None
     bodies = [world.scene.body(name) for name in world.scene.names_of(touched)]
     for by in np.linspace(0.0, world.padding + SUPPORT_SLACK + OVERLAP, _SIZES)[1:]:
-        smaller = world
-        for body in bodies:
-            smaller = smaller.with_body(replace(body, half_extents=np.maximum(body.half_extents - by, by)))
+        smaller = world.with_smaller(touched, by)
         if not smaller.hits(start, q, opening, held):
             break
     else:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import mujoco
@@ -18,7 +18,8 @@ from planners.collision.world import OVERLAP
 from planners.motion.path import WholeBodyPath
 from planners.motion.trajectory import Trajectory, phases_of
 from planners.motion.travel import count_kinds, link_radii, nearest_of_kinds, pair_kind, travelled
-from planners.scene import HeldObject, Scene, SceneError, StaticObstacle
+from planners.scene import HeldObject, Scene, SceneError, Solid
+from planners.scene.bodies import pose_matrix
 
 _ROBOT, _OTHER = 1, 2
 """Collision bits: the robot collides with itself and all other geoms; of these only held objects with others."""
@@ -53,33 +54,34 @@ def scene_model(scene: Scene) -> mujoco.MjModel:
     _exclude_neighbours(spec, scene)
     spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], **_OTHER_GEOM)
     for obstacle in scene.static_obstacles:
-        _add_obstacle(spec, obstacle)
+        _add_solid(spec, spec.worldbody, _OBSTACLE + obstacle.name, obstacle)
     for body in scene.objects:
-        name, half = OBJECT + body.name, body.half_extents
-        size = half if body.shape == "box" else [half[0], half[2], 0.0]
+        name = OBJECT + body.name
         added = spec.worldbody.add_body(name=name)
         added.add_freejoint(name=name)
-        added.add_geom(name=name, type=_GEOMS[body.shape], size=size, **_OTHER_GEOM)
+        for index, solid in enumerate(body.solids):
+            _add_solid(spec, added, f"{name}/{index}" if body.pieces else name, solid)
+    if any(body.pieces for body in scene.objects):
+        # Held objects are placed geom by geom; the boxes of this phase would stay where their bodies are.
+        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
     return spec.compile()
 
 
-def _add_obstacle(spec: mujoco.MjSpec, obstacle: StaticObstacle) -> None:
+def _add_solid(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, solid: Solid) -> None:
     """Its true shape, whatever its contact bits were in the simulation that it was read from."""
-    name, half, quaternion = _OBSTACLE + obstacle.name, obstacle.half_extents, np.empty(4)
-    mujoco.mju_mat2Quat(quaternion, obstacle.rotation.ravel())
-    shape: dict[str, object] = {"type": _GEOMS[obstacle.shape]}
-    if obstacle.shape == "hull":
-        spec.add_mesh(
-            name=name, uservert=obstacle.vertices.ravel(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
-        )
+    half, quaternion = solid.half_extents, np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, solid.rotation.ravel())
+    shape: dict[str, object] = {"type": _GEOMS[solid.shape]}
+    if solid.shape == "hull":
+        spec.add_mesh(name=name, uservert=solid.vertices.ravel(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX)
         shape["meshname"] = name
-    elif obstacle.shape == "capsule":
+    elif solid.shape == "capsule":
         shape["size"] = [half[0], half[2] - half[0], 0.0]
-    elif obstacle.shape == "cylinder":
+    elif solid.shape == "cylinder":
         shape["size"] = [half[0], half[2], 0.0]
     else:
         shape["size"] = half
-    spec.worldbody.add_geom(name=name, pos=obstacle.position, quat=quaternion, **shape, **_OTHER_GEOM)
+    body.add_geom(name=name, pos=solid.position, quat=quaternion, **shape, **_OTHER_GEOM)
 
 
 def _exclude_neighbours(spec: mujoco.MjSpec, scene: Scene) -> None:
@@ -153,7 +155,13 @@ class MujocoCollisionChecker:
         self._geom_xpos, self._geom_axes = data.geom_xpos, data.geom_xmat.reshape(-1, 3, 3)
         self._site_xpos, self._site_axes = data.site_xpos, data.site_xmat.reshape(-1, 3, 3)
         self._gripper = _gripper_geoms(model, robot)
-        self._geoms = {body.name: int(model.geom(OBJECT + body.name).id) for body in scene.objects}
+        of_objects = {body.name: model.body(OBJECT + body.name).id for body in scene.objects}
+        self._geoms = {name: np.flatnonzero(model.geom_bodyid == body).tolist() for name, body in of_objects.items()}
+        self._names = {geom: name for name, geoms in self._geoms.items() for geom in geoms}
+        # Poses of the geoms in the frames of their objects: MuJoCo puts the origin of a mesh where it likes.
+        self._in_object = {
+            geom: pose_matrix(model.geom_pos[geom], _rotation(model.geom_quat[geom])) for geom in self._names
+        }
         self._robot = robot_of(scene)
         self._radii, links = link_radii(self._robot), len(robot.chain) + 1
         # Links as in `planners.motion.travel`, -1 for what is not of the robot.
@@ -219,9 +227,9 @@ class MujocoCollisionChecker:
             if segment.held is not None:
                 # From now on the object stays where it is placed last.
                 self._place(states[-1], segment.held)
-                geom, quaternion = self._geoms[segment.held.name], np.empty(4)
-                mujoco.mju_mat2Quat(quaternion, self._data.geom_xmat[geom])
-                self._positions.put(segment.held.name, self._data.geom_xpos[geom], quaternion)
+                (position, R), quaternion = self._held_pose(segment.held, self._tcp), np.empty(4)
+                mujoco.mju_mat2Quat(quaternion, R.ravel())
+                self._positions.put(segment.held.name, position, quaternion)
             for geom in grips:
                 self._let_collide(geom, 0)
         self.move_to(self.scene)
@@ -229,16 +237,18 @@ class MujocoCollisionChecker:
 
     def _grips(self, held: HeldObject | None) -> dict[int, set[int]]:
         """The geoms of held objects, each with those of the gripper that holds it, which may touch it."""
-        grips = {} if held is None else {self._geoms[held.name]: self._gripper}
+        grips = {} if held is None else dict.fromkeys(self._geoms[held.name], self._gripper)
         for one in self.scene.aside:
-            grips[self._geoms[one.held.name]] = _gripper_geoms(self._model, self.scene.robot.using(one.arm))
+            gripper = _gripper_geoms(self._model, self.scene.robot.using(one.arm))
+            grips |= dict.fromkeys(self._geoms[one.held.name], gripper)
         return grips
 
     def _kinds(self, segment: _Segment, grips: dict[int, set[int]]) -> NDArray[np.int64]:
         """The kind (ngeom, ngeom) of each pair of geoms, see `planners.motion.travel`; the last one does not count."""
         kinds, links = self._pair_kinds, len(self.scene.robot.chain) + 1
         uncounted = count_kinds(links)
-        names, in_hand = self.scene.names_of(segment.ignore), [self._geoms[one.held.name] for one in self.scene.aside]
+        names = self.scene.names_of(segment.ignore)
+        in_hand = [geom for one in self.scene.aside for geom in self._geoms[one.held.name]]
         if not names and not grips:
             return kinds
         kinds = kinds.copy()
@@ -272,9 +282,9 @@ class MujocoCollisionChecker:
         """How deep a held object is in others, in the contacts found last [m]: no deeper than in a possible scene."""
         if held is None:
             return {}
-        contact, geom, depths = self._data.contact, self._geoms[held.name], dict[tuple[int, int], float]()
+        contact, geoms, depths = self._data.contact, self._geoms[held.name], dict[tuple[int, int], float]()
         for distance, (one, other) in zip(contact.dist, contact.geom.tolist(), strict=True):
-            if geom in (one, other):
+            if one in geoms or other in geoms:
                 depths[one, other] = max(depths.get((one, other), 0.0), -float(distance))
         return {pair: depth for pair, depth in depths.items() if 0.0 < depth <= OVERLAP}
 
@@ -332,9 +342,16 @@ class MujocoCollisionChecker:
 
     def _place_held(self, held: HeldObject, tcp: int) -> None:
         """Place an object in the gripper with this TCP site."""
-        geom, R = self._geoms[held.name], self._site_axes[tcp]
-        self._geom_xpos[geom] = R @ held.T_tcp_object[:3, 3] + self._site_xpos[tcp]
-        self._geom_axes[geom] = R @ held.T_tcp_object[:3, :3]
+        position, R = self._held_pose(held, tcp)
+        for geom in self._geoms[held.name]:
+            T = self._in_object[geom]
+            self._geom_xpos[geom] = R @ T[:3, 3] + position
+            self._geom_axes[geom] = R @ T[:3, :3]
+
+    def _held_pose(self, held: HeldObject, tcp: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Position (3,) and rotation (3, 3) in the world of an object in the gripper with this TCP site."""
+        R = self._site_axes[tcp]
+        return R @ held.T_tcp_object[:3, 3] + self._site_xpos[tcp], R @ held.T_tcp_object[:3, :3]
 
     def _let_collide(self, geom: int, bits: int) -> None:
         """Let a held object collide with others, or not; MuJoCo keeps the bits of geoms once more per body."""
@@ -355,8 +372,9 @@ class MujocoCollisionChecker:
         geoms = self._data.contact.geom
         counted = kinds[geoms[:, 0], geoms[:, 1]] < len(nearest) - 1
         deepest = int(np.argmin(np.where(counted, distances, np.inf)))
-        names = (self._model.geom(geom).name for geom in geoms[deepest])
-        first, second = (name.removeprefix(OBJECT).removeprefix(_OBSTACLE) for name in names)
+        first, second = (
+            self._names.get(geom) or self._model.geom(geom).name.removeprefix(_OBSTACLE) for geom in geoms[deepest]
+        )
         return PenetrationReport(-float(distances[deepest]), (first, second), state[:-1].copy())
 
 
@@ -369,12 +387,21 @@ def _kind(first: int, second: int, links: int) -> int:
 
 def _signature(scene: Scene) -> tuple[object, ...]:
     """What a model is built from, poses of objects excepted."""
-    objects = tuple((body.name, body.shape, *body.half_extents) for body in scene.objects)
-    obstacles = tuple(
-        (one.name, one.shape, *(a.tobytes() for a in (one.position, one.half_extents, one.rotation, one.vertices)))
-        for one in scene.static_obstacles
-    )
-    return scene.robot.name, scene.robot.arm_name, objects, obstacles
+
+    def of_solids(solids: Sequence[Solid]) -> tuple[object, ...]:
+        return tuple(
+            (one.name, one.shape, *(a.tobytes() for a in (one.position, one.half_extents, one.rotation, one.vertices)))
+            for one in solids
+        )
+
+    objects = tuple((body.name, body.shape, *body.half_extents, of_solids(body.pieces)) for body in scene.objects)
+    return scene.robot.name, scene.robot.arm_name, objects, of_solids(scene.static_obstacles)
+
+
+def _rotation(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrix.reshape(3, 3)
 
 
 def _gripper_geoms(model: mujoco.MjModel, robot: RobotSpec) -> set[int]:

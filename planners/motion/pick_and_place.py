@@ -294,6 +294,10 @@ def _held_heights(query: ArmQuery, Q: Array) -> Array:
         return np.full(len(Q), np.inf)
     world, body = query.world, query.world.scene.body(query.held.name)
     vertical = (tcp_poses(world.robot, on_base(query.base, Q)) @ query.held.T_tcp_object)[:, 2]
+    if body.shape == "pieces":
+        up = vertical[:, :3]
+        lowest = np.min([up @ piece.position - piece.reach(-up) for piece in body.pieces], axis=0)
+        return np.asarray(vertical[:, 3] + lowest)
     half, (x, y, z) = body.half_extents, np.abs(vertical[:, :3].T)
     below = half[0] * x + half[1] * y if body.shape == "box" else half[0] * np.hypot(x, y)
     return np.asarray(vertical[:, 3] - below - half[2] * z)

@@ -66,8 +66,11 @@ def place_of(scene: Scene, fact: On | Inside | At) -> Place:
         face = scene.support_named(name)
         return Place(face, whole_face(face))
     other = scene.body(name)
-    face = StaticObstacle(name, other.position, other.half_extents, other.shape, other.rotation)
-    return Place(face, location=other.position[:2], below=name)
+    if other.shape != "pieces":
+        face = StaticObstacle(name, other.position, other.half_extents, other.shape, other.rotation)
+        return Place(face, location=other.position[:2], below=name)
+    highest = other.corners[other.corners[:, 2] > other.top - _TOUCHING]
+    return Place(StaticObstacle.hull(name, other.corners), location=highest[:, :2].mean(axis=0), below=name)
 
 
 def whole_face(face: StaticObstacle) -> Region:

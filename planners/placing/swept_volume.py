@@ -12,7 +12,7 @@ from planners.grasping.candidates import GraspCandidate
 from planners.motion.approaches import planned_approach
 from planners.motion.path import on_base
 from planners.placing.negative_goal_region import SweptVolume, join_volumes
-from planners.scene import HeldObject
+from planners.scene import HeldObject, Solid
 from planners.scene.bodies import UPRIGHT_TILT
 
 Array = NDArray[np.float64]
@@ -74,14 +74,18 @@ def path_volume(world: CollisionWorld, X: Array, opening: float, held: HeldObjec
     )
     if held is None:
         return of_robot
-    return join_volumes((of_robot, _object_volume(world, held, position[:, -1], rotation[:, -1])))
+    shapes, count = world.scene.body(held.name).solids, len(robot.core)
+    pieces = [
+        _solid_volume(solid, world.padding, position[:, count + k], rotation[:, count + k])
+        for k, solid in enumerate(shapes)
+    ]
+    return join_volumes((of_robot, *pieces))
 
 
-def _object_volume(world: CollisionWorld, held: HeldObject, positions: Array, rotations: Array) -> SweptVolume:
-    """The held object at poses (n, 3) and (n, 3, 3); one that leans counts as the box around it."""
-    body = world.scene.body(held.name)
-    half = body.half_extents + world.padding
-    if body.shape == "cylinder" and (np.abs(rotations[:, 2, 2]) > np.cos(UPRIGHT_TILT)).all():
+def _solid_volume(solid: Solid, padding: float, positions: Array, rotations: Array) -> SweptVolume:
+    """A solid of the held object at poses (n, 3), (n, 3, 3); all but upright cylinders are boxes around them."""
+    half = solid.half_extents + padding
+    if solid.shape == "cylinder" and (np.abs(rotations[:, 2, 2]) > np.cos(UPRIGHT_TILT)).all():
         z = positions[:, 2]
         reach = np.abs(rotations[:, 2, 2]) * half[2] + np.sqrt(1 - rotations[:, 2, 2].clip(-1, 1) ** 2) * half[0]
         radius = half[0] + np.hypot(rotations[:, 0, 2], rotations[:, 1, 2]) * half[2]

@@ -1,8 +1,9 @@
 """The world as the planner sees it: `Scene`, what it is made of, object masks, and how it is read from MuJoCo."""
 
-from planners.scene.bodies import AsideObject, Body, HeldObject, ParkedArm, RobotState, SceneError, UnknownObject
+from planners.scene.bodies import AsideObject, Body, HeldObject, ParkedArm, RobotState, UnknownObject
 from planners.scene.masks import MAX_OBJECTS, SELF_BIT, STATIC_BIT
 from planners.scene.scene import SUPPORT, Scene
+from planners.scene.solid import SceneError, Solid
 from planners.scene.static_obstacle import FLOOR, StaticObstacle
 
 __all__ = [
@@ -18,6 +19,7 @@ __all__ = [
     "RobotState",
     "Scene",
     "SceneError",
+    "Solid",
     "StaticObstacle",
     "UnknownObject",
 ]

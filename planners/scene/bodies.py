@@ -3,38 +3,36 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Literal
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import ConvexHull
+
+from planners.scene.solid import SceneError, Solid, frozen
 
 UPRIGHT_TILT = 0.17
 """[rad] An object tilted by less still counts as standing."""
-Shape = Literal["cylinder", "box"]
+Shape = Literal["cylinder", "box", "pieces"]
 Array = NDArray[np.float64]
+_PAD = 0.004 * np.array([(0.0, 0.0, 0.0), (1, 0, 0), (-1, 0, 0), (0, 0, 1), (0, 0, -1)])
+"""[m] Points of a finger pad, in the TCP frame, at which an object of several pieces is measured."""
+_JOINED = 0.002
+"""[m] Pieces of an object nearer to each other than this, on a line, count as joined there."""
+_ON_FACE = 0.002
+"""[m] that the centre of mass must be inside the edges of a face on which an object of several pieces rests."""
+_SAME_FACE = 0.02
+"""[rad] Faces of a hull at a smaller angle count as one."""
 _DIGITS = 3
 """Pitches are rounded to so many decimals [rad]: what remains is closed by the gap under the object."""
 
 
-class SceneError(ValueError):
-    """An impossible scene: wrong shapes, duplicate names, overlapping objects, a robot inside a static obstacle."""
-
-
 class UnknownObject(SceneError):
     """No object of that name; the message lists the known ones."""
-
-
-def frozen(values: ArrayLike, shape: tuple[int, ...], what: str) -> NDArray[np.float64]:
-    """A read-only copy of that shape; raises `SceneError` if it has another one or is not finite."""
-    array = np.array(values, dtype=float)
-    if array.shape != shape or not np.isfinite(array).all():
-        raise SceneError(f"{what} must be finite with shape {shape}, not {array!r}")
-    array.setflags(write=False)
-    return array
 
 
 def pose_matrix(position: ArrayLike, rotation: ArrayLike) -> Array:
@@ -46,10 +44,11 @@ def pose_matrix(position: ArrayLike, rotation: ArrayLike) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A rigid object: an upright or toppled cylinder or box.
+    """A rigid object, upright or toppled: a cylinder, a box, or several convex pieces, such as a mug with its handle.
 
     `half_extents` (3,) [m] (a cylinder: radius, radius, half height), `position` (3,) [m] of the centre,
-    `quaternion` (4,) wxyz, all in the world.
+    `quaternion` (4,) wxyz, all in the world. Of an object of several pieces these are the box around it and its centre;
+    `pieces` are given in the frame there. See `of_pieces`.
     """
 
     name: str
@@ -57,14 +56,37 @@ class Body:
     half_extents: NDArray[np.float64]
     position: NDArray[np.float64]
     quaternion: NDArray[np.float64]
+    pieces: tuple[Solid, ...] = ()
 
     def __post_init__(self) -> None:
         for name, size in (("half_extents", 3), ("position", 3), ("quaternion", 4)):
             object.__setattr__(self, name, frozen(getattr(self, name), (size,), f"{name} of {self.name!r}"))
-        if self.shape not in ("cylinder", "box"):
-            raise SceneError(f"{self.name!r} is a {self.shape!r}; known shapes: box, cylinder")
+        if self.shape not in ("cylinder", "box", "pieces") or (self.shape == "pieces") != bool(self.pieces):
+            raise SceneError(f"{self.name!r} is a {self.shape!r}; known shapes: box, cylinder, or pieces with `pieces`")
         if (self.half_extents <= 0).any() or not np.linalg.norm(self.quaternion) > 0.5:
             raise SceneError(f"{self.name!r} needs positive half extents and a unit quaternion")
+
+    @classmethod
+    def of_pieces(
+        cls, name: str, pieces: Iterable[Solid], position: ArrayLike = (0, 0, 0), quaternion: ArrayLike = (1, 0, 0, 0)
+    ) -> Body:
+        """An object made of convex solids that are given in a frame at `position` (3,), `quaternion` (4,) wxyz.
+
+        Example:
+            neck = Solid("neck", (0, 0, 0.15), (0.015, 0.015, 0.05), "cylinder")
+            bottle = Body.of_pieces("bottle", [Solid("body", (0, 0, 0.05), (0.035, 0.035, 0.05), "cylinder"), neck])
+
+        Raises:
+            SceneError: no pieces.
+        """
+        given = tuple(pieces)
+        if not given:
+            raise SceneError(f"{name!r} has no pieces")
+        low = np.min([piece.lower for piece in given], axis=0)
+        high = np.max([piece.upper for piece in given], axis=0)
+        centred = tuple(piece.moved(np.eye(3), -(low + high) / 2) for piece in given)
+        body = cls(name, "pieces", (high - low) / 2, np.zeros(3), np.asarray(quaternion, dtype=float), centred)
+        return body.at(np.asarray(position) + body.rotation @ ((low + high) / 2))
 
     @cached_property
     def rotation(self) -> NDArray[np.float64]:
@@ -85,16 +107,53 @@ class Body:
         rotation = self.rotation
         return math.atan2(rotation[1, 0], rotation[0, 0])
 
-    def half_extent_along(self, direction: ArrayLike) -> float:
-        """[m] from the centre to the farthest plane perpendicular to a world `direction` (3,) of unit length."""
+    @cached_property
+    def solids(self) -> tuple[Solid, ...]:
+        """The convex solids that it consists of, in its own frame: one of a cylinder or box."""
+        if self.shape == "pieces":
+            return self.pieces
+        return (Solid(self.name, np.zeros(3), self.half_extents, self.shape),)
+
+    @cached_property
+    def placed(self) -> tuple[Solid, ...]:
+        """The same where they are, in the world."""
+        return tuple(solid.moved(self.rotation, self.position) for solid in self.solids)
+
+    def reach(self, direction: ArrayLike) -> float:
+        """[m] from the centre to the farthest plane perpendicular to a world `direction` (3,) of unit length, that way.
+
+        For a cylinder or a box it is the same the other way.
+        """
         local = np.asarray(direction, dtype=float) @ self.rotation
         if self.shape == "box":
             return float(np.abs(local) @ self.half_extents)
-        return float(abs(local[2]) * self.half_extents[2] + math.hypot(local[0], local[1]) * self.half_extents[0])
+        if self.shape == "cylinder":
+            return float(abs(local[2]) * self.half_extents[2] + math.hypot(local[0], local[1]) * self.half_extents[0])
+        return max(float(local @ piece.position + piece.reach(local[None])[0]) for piece in self.pieces)
+
+    def half_extent_along(self, direction: ArrayLike) -> float:
+        """[m] from the centre to the farther of the two planes perpendicular to a `direction` that touch it."""
+        if self.shape != "pieces":
+            return self.reach(direction)
+        return max(self.reach(direction), self.reach(-np.asarray(direction, dtype=float)))
 
     def width_in_gripper(self, T_tcp_body: ArrayLike) -> float:
-        """[m] of the body along the line on which the fingers close, held at T_tcp_body (4, 4)."""
-        return 2.0 * self.at_pose(np.asarray(T_tcp_body, dtype=float)).half_extent_along((0.0, 1.0, 0.0))
+        """[m] of the body along the line on which the fingers close, held at T_tcp_body (4, 4).
+
+        Of an object of several pieces what is between the pads: a handle, the wall under a rim, or all of a bottle.
+        """
+        T = np.asarray(T_tcp_body, dtype=float)
+        if self.shape != "pieces":
+            return 2.0 * self.at_pose(T).half_extent_along((0.0, 1.0, 0.0))
+        points, along = (_PAD - T[:3, 3]) @ T[:3, :3], np.tile(T[1, :3], (len(_PAD), 1))
+        cuts = np.array([piece.cut(points, along)[:2] for piece in self.pieces]).transpose(2, 0, 1)
+        widest = max(_between_pads(intervals[intervals[:, 0] < intervals[:, 1]]) for intervals in cuts)
+        return widest if widest > 0.0 else 2.0 * self.at_pose(T).half_extent_along((0.0, 1.0, 0.0))
+
+    @cached_property
+    def corners(self) -> NDArray[np.float64]:
+        """(k, 3) [m] points in the world whose convex hull contains it."""
+        return np.concatenate([solid.corners for solid in self.placed])
 
     @cached_property
     def radius(self) -> float:
@@ -106,6 +165,8 @@ class Body:
             if half * standing < radius * lying:
                 return math.hypot(half, radius)
             return float(lying * half + standing * radius)
+        if self.shape == "pieces":
+            return float(np.linalg.norm(self.corners[:, :2] - self.position[:2], axis=1).max())
         signs = np.array([(a, b, c) for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)], dtype=float)
         corners = (signs * self.half_extents) @ self.rotation.T
         return float(np.hypot(corners[:, 0], corners[:, 1]).max())
@@ -118,12 +179,12 @@ class Body:
     @cached_property
     def bottom(self) -> float:
         """[m] height of the lowest point."""
-        return float(self.position[2]) - self.half_extent_along((0.0, 0.0, 1.0))
+        return float(self.position[2]) - self.reach((0.0, 0.0, -1.0))
 
     @cached_property
     def top(self) -> float:
         """[m] height of the highest point."""
-        return float(self.position[2]) + self.half_extent_along((0.0, 0.0, 1.0))
+        return float(self.position[2]) + self.reach((0.0, 0.0, 1.0))
 
     @property
     def foot(self) -> NDArray[np.float64]:
@@ -202,6 +263,9 @@ class ParkedArm:
 def up_axis(body: Body) -> Array:
     """The direction (3,) in the world, fixed to the object, that points up once it rests as it lies or stands now."""
     z_axis, up = body.rotation[:, 2], np.array((0.0, 0.0, 1.0))
+    if body.shape == "pieces":
+        ups = _resting_directions(body.pieces) @ body.rotation.T
+        return np.asarray(ups[ups[:, 2].argmax()])
     if body.shape == "cylinder" and abs(z_axis[2]) < math.sqrt(0.5):
         level = up - z_axis[2] * z_axis
         return np.asarray(level / np.linalg.norm(level))
@@ -225,7 +289,9 @@ def _resting_axes(body: Body, rotation: Array) -> Iterator[Array]:
     The object's own z axis comes before the others: it stands if it can.
     """
     axes = [rotation[:, 2], -rotation[:, 2]]
-    if body.shape == "cylinder":
+    if body.shape == "pieces":
+        axes = list(_resting_directions(body.pieces) @ rotation.T)
+    elif body.shape == "cylinder":
         lying = np.array((-rotation[2, 2], 0.0, rotation[0, 2]))
         axes += [lying, -lying]
     else:
@@ -233,3 +299,53 @@ def _resting_axes(body: Body, rotation: Array) -> Iterator[Array]:
     for axis in axes:
         if abs(axis[1]) < math.sin(UPRIGHT_TILT) and math.hypot(axis[0], axis[2]) > math.sin(UPRIGHT_TILT):
             yield axis
+
+
+def _between_pads(intervals: Array) -> float:
+    """[m] that fingers must span that close on intervals (k, 2) [m] of a line from both sides of its zero, 0 for none.
+
+    It is the joined interval at zero, or, where zero is in a hollow, all from the nearest on one side to that on the
+    other.
+    """
+    joined: list[Array] = []
+    for low, high in intervals[np.argsort(intervals[:, 0])]:
+        if joined and low < joined[-1][1] + _JOINED:
+            joined[-1][1] = max(joined[-1][1], high)
+        else:
+            joined.append(np.array((low, high)))
+    around = [one for one in joined if one[0] < _JOINED and one[1] > -_JOINED]
+    if not around:
+        below, above = [one for one in joined if one[1] < 0], [one for one in joined if one[0] > 0]
+        around = [*below[-1:], *above[:1]]
+    return 2.0 * max((float(np.abs(one).max()) for one in around), default=0.0)
+
+
+@lru_cache(maxsize=256)
+def _resting_directions(pieces: tuple[Solid, ...]) -> Array:
+    """Directions (k, 3), in the frame of an object, that may point up when it rests on a level plane.
+
+    The object's own z axis comes first if it stands on its bottom, then those of the largest faces of its hull. The
+    pieces are taken to have one density.
+    """
+    hull = ConvexHull(np.concatenate([piece.corners for piece in pieces]))
+    volumes = np.array([piece.volume for piece in pieces])
+    middle = volumes @ np.array([piece.position for piece in pieces]) / volumes.sum()
+    normals, areas = hull.equations[:, :3], _triangle_areas(hull.points[hull.simplices])
+    found: list[tuple[float, Array]] = []
+    for normal in normals:
+        is_same = normals @ normal > math.cos(_SAME_FACE)
+        if any(up @ normal < -math.cos(_SAME_FACE) for _, up in found):
+            continue
+        # The face seen along its normal, and the centre of mass above it.
+        across = np.linalg.svd(normal[None])[2][1:]
+        face = ConvexHull(hull.points[np.unique(hull.simplices[is_same])] @ across.T)
+        if (face.equations[:, :2] @ (across @ middle) + face.equations[:, 2] < -_ON_FACE).all():
+            found.append((float(areas[is_same].sum()), -normal))
+    found.sort(key=lambda one: (one[1][2] < math.cos(UPRIGHT_TILT), -round(one[0], 9)))
+    return np.array([up for _, up in found]).reshape(-1, 3)
+
+
+def _triangle_areas(corners: Array) -> Array:
+    """[m²] of triangles (n, 3, 3)."""
+    one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    return np.asarray(np.linalg.norm(np.cross(one, other), axis=1) / 2)

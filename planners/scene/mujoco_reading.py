@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from planners.scene.bodies import Body, RobotState, SceneError, Shape
+from planners.scene.bodies import Body, RobotState, Shape
+from planners.scene.solid import SceneError
 from planners.scene.static_obstacle import FLOOR, StaticObstacle
 
 Array: TypeAlias = NDArray[np.float64]

@@ -20,7 +20,6 @@ from planners.scene.bodies import (
     HeldObject,
     ParkedArm,
     RobotState,
-    SceneError,
     UnknownObject,
     pose_matrix,
 )
@@ -35,6 +34,7 @@ from planners.scene.mujoco_reading import (
     robot_state_of,
     static_obstacles_of,
 )
+from planners.scene.solid import SceneError
 from planners.scene.static_obstacle import FLOOR, StaticObstacle
 
 SUPPORT = "table_top"

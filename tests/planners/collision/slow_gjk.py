@@ -75,7 +75,7 @@ def slow_hits(
     hits = 0
     for i in (*range(count), *carried):
         for j, body in enumerate(world.scene.objects):
-            if (held is None or body.name != held.name) and _near(moving, i, world.obstacles.objects, j, world.padding):
+            if (held is None or body.name != held.name) and _near(moving, i, world.obstacles.pieces, j, world.padding):
                 hits |= 1 << j
     for i in (*range(count), *(c + 1 for c in carried)):
         is_low = moving.position[i, 2] - _height(moving, i) < world.padding
@@ -127,7 +127,7 @@ def _placed(
     if held is not None:
         tcp, origin = frames[-2]
         body, index = world.scene.body(held.name), world.scene.index(held.name)
-        core, rotation = world.obstacles.objects.core[index], held.T_tcp_object[:3, :3]
+        core, rotation = world.obstacles.pieces.core[index], held.T_tcp_object[:3, :3]
         bound = float(np.linalg.norm(body.half_extents))
         for raised in (0.0, 0.5 * (world.padding + SUPPORT_SLACK)):
             position = held.T_tcp_object[:3, 3] + raised * rotation[:, 2]

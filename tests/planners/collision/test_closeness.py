@@ -36,15 +36,15 @@ def test_what_is_near_at_the_start_of_a_lift_may_stay_as_near_but_come_no_nearer
     def is_hit(by: float) -> bool:
         """Whether the object, as it counts when it is held, is too near to the other one after a move by that much."""
         attached = around.query(0.1, held).attached
-        smaller = around.obstacles.objects._replace(
-            half=np.stack([attached.half[0], scene.body("b").half_extents]),
+        smaller = around.obstacles.pieces._replace(
+            half=np.stack([attached.solids.half[0], scene.body("b").half_extents]),
             position=np.stack([body.position + [0.0, by, 0.0], scene.body("b").position]),
         )
         return bool(are_within(smaller, 0, smaller, 1, around.padding, np.empty((4, 3))))
 
     assert not is_hit(0.0)
     assert is_hit(max(gap, 0.0) + SUPPORT_SLACK + 0.0003)
-    assert np.array_equal(around.obstacles.objects.half, world.obstacles.objects.half)
+    assert np.array_equal(around.obstacles.pieces.half, world.obstacles.pieces.half)
 
 
 @pytest.mark.parametrize("gap", [0.0, 0.001, 0.003])
