@@ -277,7 +277,8 @@ def with_clearance_around(world: CollisionWorld, name: str) -> CollisionWorld:
             # Even overlaps of `OVERLAP` are mended; what overlaps more stays in the way.
             sizes = np.linspace(0.0, gap + OVERLAP, _SIZES)
             smaller = (shrunk_solids(obstacles.pieces, size) for size in sizes)
-            apart = [not _are_near(shrunk, obstacles.rows(index), obstacles.rows(row), gap) for shrunk in smaller]
+            others = obstacles.pieces, obstacles.rows(row)
+            apart = [not _are_near((shrunk, obstacles.rows(index)), others, gap) for shrunk in smaller]
             yields = max(yields, float(sizes[np.argmax(apart)])) if any(apart) else yields
     return replace(world, yields=yields) if yields else world
 
@@ -289,15 +290,16 @@ def _stands_on(world: CollisionWorld, body: Body, supporter: Body) -> bool:
     if is_held or body.bottom < supporter.top - _LEAN:
         return False
     obstacles = world.obstacles
-    rows, below = obstacles.rows(scene.index(body.name)), obstacles.rows(scene.index(supporter.name))
-    return _are_near(obstacles.pieces, rows, below, _CONTACT)
+    upper, lower = (obstacles.rows(scene.index(one.name)) for one in (body, supporter))
+    return _are_near((obstacles.pieces, upper), (obstacles.pieces, lower), _CONTACT)
 
 
-def _are_near(solids: Solids, some: Sequence[int], others: Sequence[int], padding: float) -> bool:
-    """Whether some solids come as near to others as `padding` [m]."""
-    for i, j in product(some, others):
-        near = are_within if max(solids.core[i], solids.core[j]) <= CYLINDER else are_any_within
-        if near(solids, i, solids, j, padding, np.empty((4, 3))):
+def _are_near(some: tuple[Solids, Sequence[int]], others: tuple[Solids, Sequence[int]], padding: float) -> bool:
+    """Whether some solids, by their rows, come as near to others as `padding` [m]."""
+    (a, rows), (b, other_rows) = some, others
+    for i, j in product(rows, other_rows):
+        near = are_within if max(a.core[i], b.core[j]) <= CYLINDER else are_any_within
+        if near(a, i, b, j, padding, np.empty((4, 3))):
             return True
     return False
 
@@ -336,6 +338,6 @@ def _overlaps(world: CollisionWorld) -> list[tuple[str, str]]:
     for i, j in combinations(range(len(names)), 2):
         away = np.linalg.norm(obstacles.centre[i, :2] - obstacles.centre[j, :2])
         is_near = away < obstacles.radius[i] + obstacles.radius[j]
-        if is_near and _are_near(shrunk, obstacles.rows(i), obstacles.rows(j), 0.0):
+        if is_near and _are_near((shrunk, obstacles.rows(i)), (shrunk, obstacles.rows(j)), 0.0):
             found.append((names[i], names[j]))
     return found

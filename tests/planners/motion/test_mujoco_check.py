@@ -173,7 +173,7 @@ def test_distances_are_reported_as_far_as_the_margins() -> None:
             checker._place(np.append(x, 0.03), None)
             reported = {frozenset(pair) for pair in data.contact.geom.tolist()}
             for robot_geom in checker._gripper:
-                for geom in checker._geoms.values():
+                for geom in checker._names:
                     distance = mujoco.mj_geomDistance(model, data, robot_geom, geom, 0.2, None)
                     if distance > 0.001 and frozenset((robot_geom, geom)) not in reported:
                         assert distance > checker._margins[0] - 1e-6
