@@ -137,7 +137,7 @@ class EndEffectorController:
         return self._configuration.get_transform_frame_to_world(self._site, "site").wxyz_xyz
 
     def _objective(self, q: Vector) -> tuple[Vector, Vector]:
-        """The quadratic and the linear part of the cost of a displacement from `q`, as `mink.build_ik` assembles them."""
+        """The quadratic and linear parts of the cost of a displacement from `q`, as `mink.build_ik` assembles them."""
         configuration, task = self._configuration, self._frame_task
         error, jacobian = task.compute_error(configuration), np.empty((_TWIST, len(q)))
         mujoco.mju_mulMatMat(jacobian, task.compute_jacobian(configuration), configuration.tcp_jacobian(self._site))
