@@ -149,7 +149,7 @@ class EndEffectorController:
         return hessian, _FRAME_GAIN * gradient + _CONFIGURATION_GAIN * self._stiffness * (q - self._home)
 
 
-class _TcpConfiguration(mink.Configuration):
+class _TcpConfiguration(mink.Configuration):  # type: ignore[misc]  # mink is not typed for mypy
     """A configuration whose frame tasks have the Jacobian by the frame's own twist; that of the joints is apart."""
 
     def get_frame_jacobian(self, frame_name: str | int, frame_type: str) -> Vector:  # noqa: ARG002
