@@ -105,7 +105,7 @@ def test_the_version_is_that_of_the_package() -> None:
         ("compare", "name scenes"),
         ("train keyframs", "did you mean 'keyframes'?"),
         ("train --steps 9 --algorithm=maskable_ppo", "clutter-env train maskable-ppo ..."),
-        ("train keyframes --imitation-steps 9", "--clone-steps or --steps"),
+        ("train keyframes --imitation-steps 9", "now: --steps"),
         ("curve", "python scripts/learning_curve.py"),
         ("map figures", "python scripts/map_figures.py"),
         ("table --objects 3 --ablations", "python scripts/ablations.py"),
