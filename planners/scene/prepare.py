@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from planners.scene.bodies import SceneError
 from planners.scene.mujoco_reading import can_touch, geom_name, robot_bodies
+from planners.scene.solid import SceneError
 
 COMMAND_STEP = 0.01
 """[s] Motor commands change this often; a time step must divide it."""
