@@ -230,6 +230,13 @@ class World:
             island = data.tree_island[self._robot_tree]
             data.tree_asleep[(data.tree_island == island) & (data.tree_asleep < 0)] = _AWAKE
 
+    @property
+    def touched(self) -> set[int]:
+        """Slots of the objects that the robot has touched in any part of the last control step."""
+        kind_of, slot_of = self._kinds, self._slot_of_geom
+        pairs = (pair for part in self._contacts for pair in part)
+        return {max(slot_of[a], slot_of[b]) for a, b in pairs if kind_of[a] + kind_of[b] == _ROBOT + _OBJECT}
+
     def _forces(self) -> NDArray[np.float64]:
         """The normal forces (k, 3) [N] of the contacts on the second of their geoms; 0 where the solver has none."""
         contact = self.data.contact
