@@ -30,7 +30,7 @@ from numba.core import cgutils, types
 from numba.core.datamodel import models, register_default
 from numba.core.imputils import impl_ret_borrowed
 from numba.core.registry import cpu_target
-from numba.core.types.containers import BaseNamedTuple
+from numba.core.types.containers import BaseNamedTuple, BaseTuple
 from numba.core.typing.templates import AttributeTemplate, Signature
 from numba.extending import NativeValue, infer_getattr, intrinsic, lower_getattr_generic, unbox
 from numba.np.numpy_support import from_dtype
@@ -181,6 +181,10 @@ class _Packed:
             raise AttributeError(name)
         return getattr(self.value, name)
 
+    def __getitem__(self, index: int) -> Any:
+        """A field by its number; so the fields can be iterated over too."""
+        return self.value[index]
+
 
 def _words_of(value: tuple[Any, ...]) -> tuple[list[NDArray[np.uint64]], _Layout]:
     """The memory of a tuple in pieces, and its layout: its class, and for each field its own layout or type."""
@@ -221,7 +225,9 @@ def _pointer_type(layout: _Layout) -> StructPointer:
 
 def _type_of(layout: _Layout) -> tuple[BaseNamedTuple, int]:
     """Numba's type of a tuple, and how many words it takes."""
-    named, total, fields = layout[0], 0, []
+    named, total = layout[0], 0
+    fields: list[types.Type] = []
+    found: types.Type
     for one in layout[1]:
         if isinstance(one, type):
             found, words = _SCALARS[one], 1
@@ -231,7 +237,7 @@ def _type_of(layout: _Layout) -> tuple[BaseNamedTuple, int]:
             found, words = _type_of(one)
         fields.append(found)
         total += words
-    return types.BaseTuple.from_types(fields, named), total
+    return BaseTuple.from_types(fields, named), total
 
 
 @unbox(StructPointer)
