@@ -298,7 +298,7 @@ class World:
             elif other == geom and one in pads:
                 pressed[pads.index(one)] += force
         right, left = (math.hypot(*force) for force in pressed.tolist())
-        return min(right, left) >= LEAST_GRIP_FORCE and float(pressed[0] @ pressed[1]) <= _OPPOSITE * right * left
+        return min(right, left) >= LEAST_GRIP_FORCE and mujoco.mju_dot3(*pressed) <= _OPPOSITE * right * left
 
     def _touches_only(self, slot: int, geoms: set[int], pairs: list[list[int]]) -> bool:
         """Whether an object touches none but these geoms."""
