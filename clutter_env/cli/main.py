@@ -42,7 +42,7 @@ REPLACED = {
     "decisions": "clutter-env train decisions",
     "map figures": "python scripts/map_figures.py",
     "map benchmark": "python scripts/map_speed.py",
-    "map check": "python scripts/map_accuracy.py",
+    "map check": "python scripts/map_truth.py",
     "table --ablations": "python scripts/ablations.py",
     "table --arms": "python scripts/ablations.py --arms",
     "table --layouts": "python scripts/layout_table.py",

@@ -155,7 +155,11 @@ def test_shells_complete_commands_and_their_arguments(capsys: pytest.CaptureFixt
 
 
 @pytest.mark.parametrize(
-    ("where", "error"), [("constructor", 'OSError("as told")'), ("act", '__import__("assets").robot("r2")')]
+    ("where", "error"),
+    [
+        pytest.param("constructor", 'OSError("as told")', marks=pytest.mark.slow),
+        ("act", '__import__("assets").robot("r2")'),
+    ],
 )
 def test_an_error_in_a_users_policy_keeps_its_traceback(tmp_path: Path, where: str, error: str) -> None:
     """Also one of our own, if it is raised in the user's code."""
