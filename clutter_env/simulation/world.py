@@ -202,7 +202,8 @@ class World:
             grips: wanted finger position of each gripper, -1 closed to 1 open.
         """
         model, data, grip = self.model, self.data, measurements.grip
-        data.eq_active[self.index.finger_couplings] = grip.is_touching
+        for coupling in self.index.finger_couplings:
+            data.eq_active[coupling] = grip.is_touching
         self._contacts, ctrl = [], data.ctrl
         for command in self.controller.advance(data, velocity, grips, is_loaded=grip.is_holding):
             ctrl[:] = command
