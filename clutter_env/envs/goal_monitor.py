@@ -99,7 +99,7 @@ class GoalMonitor:
 
     @property
     def is_carried_out(self) -> bool:
-        """Whether every object that stood elsewhere at the start has been lifted: a short push is no way to its place."""
+        """Whether every object that stood elsewhere at the start has been lifted; a short push is no way there."""
         return self._to_carry.issubset(self.moved)
 
     def is_lost(self, measurements: Measurements) -> bool:
