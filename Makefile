@@ -48,10 +48,10 @@ demo: $(VENV)/.visuals
 
 # One thread a worker: the networks are small, and more threads only wait for one another.
 test: $(VENV)/.dev $(VENV)/.rl
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n $(WORKERS) -m "not slow"
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n $(WORKERS) --dist loadgroup -m "not slow"
 
 test-slow: $(VENV)/.dev $(VENV)/.rl
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n $(WORKERS)
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n $(WORKERS) --dist loadgroup
 
 check: $(VENV)/.dev
 	$(BIN)/ruff format --check $(SOURCES)

@@ -40,6 +40,7 @@ from planners.planner import Planner, clearance_floor, lower_bound, solve, warmu
 from planners.scene import Body, HeldObject, RobotState, Scene, SceneError
 from planners.scene.bodies import release_pitch
 from planners.scene.cover import BACK, drive_out, heading, is_covered
+from planners.scene.prepare import Change, Prepared, prepare
 from planners.scene.static_obstacle import StaticObstacle
 from planners.skills import DIRECTIONS, Skill, SkillFailure, SkillPlanner, plan_contact
 from planners.strategies import STRATEGIES, Strategy, find_strategy
@@ -72,6 +73,7 @@ __all__ = [
     "Body",
     "BoundAction",
     "Cause",
+    "Change",
     "ClearanceFloor",
     "CollisionWorld",
     "Command",
@@ -100,6 +102,7 @@ __all__ = [
     "PlanFileError",
     "Planner",
     "PlanningContext",
+    "Prepared",
     "Region",
     "RobotArrays",
     "RobotState",
@@ -141,6 +144,7 @@ __all__ = [
     "lower_bound",
     "map_parameters",
     "plan_contact",
+    "prepare",
     "release_pitch",
     "robot_arrays",
     "rotated",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from clutter_env.errors import RenderingUnavailable
@@ -15,3 +17,10 @@ def needs_gl() -> None:
         make_context(16, 16).free()
     except RenderingUnavailable as missing:
         pytest.skip(str(missing))
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Give each worker whole files, so that what a file shares is made once; those of irm share maps."""
+    for item in items:
+        folder = item.path.relative_to(Path(__file__).parent)
+        item.add_marker(pytest.mark.xdist_group("irm" if folder.parts[0] == "irm" else str(folder)))

@@ -42,11 +42,14 @@ REPLACED = {
     "decisions": "clutter-env train decisions",
     "map figures": "python scripts/map_figures.py",
     "map benchmark": "python scripts/map_speed.py",
-    "map check": "python scripts/map_accuracy.py",
+    "map check": "python scripts/map_truth.py",
     "table --ablations": "python scripts/ablations.py",
     "table --arms": "python scripts/ablations.py --arms",
     "table --layouts": "python scripts/layout_table.py",
-    "train --imitation-steps": "--clone-steps or --steps: clutter-env train ALGORITHM --help",
+    "train --imitation-steps": "--steps: clutter-env train ALGORITHM --help",
+    "train --clone-scenes": "clutter-env train keyframes or decisions, which clone plans",
+    "train dagger": "clutter-env train bc",
+    "train decisions-dagger": "clutter-env train decisions --rounds 5",
     "train --algorithm": "the name before all options: clutter-env train sac ..., clutter-env train maskable-ppo ...",
 }
 """Commands, sub-commands and options of version 0.1, and what there is in their place."""

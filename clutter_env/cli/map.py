@@ -7,7 +7,7 @@ The robot is any arm in an MJCF file, with the names of its base and of its TCP;
 or your own `RobotSpec` as module:NAME. Its chain is first compared with the model in MuJoCo, because a map of wrong
 kinematics is useless.
 
-The scripts `map_figures.py`, `map_speed.py` and `map_accuracy.py` draw and measure maps.
+The scripts `map_figures.py`, `map_speed.py` and `map_truth.py` draw and measure maps.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """Train a policy, from rewards or from demonstrations, with checkpoints and TensorBoard logs.
 
-    clutter-env train sac --env clutter_env/Reach-v0 --steps 30000
+    clutter-env train tqc --env clutter_env/ArmReach-v0 --steps 20000
     clutter-env train maskable-ppo --env clutter_env/Skill-o10-v0 --steps 30000 --seeds 3 --workers 2
     clutter-env train bc --env clutter_env/Pick-v0 --demos outputs/demos/pick
     clutter-env train keyframes --demos outputs/demos/o15
     clutter-env train keyframes --env clutter_env/Retrieve-o25-v0 --grasps all --steps 6000
-    clutter-env train decisions-dagger --env clutter_env/Retrieve-o15-v0 --obstructed
+    clutter-env train decisions --env clutter_env/Retrieve-o15-v0 --obstructed --rounds 2 --round-episodes 60
 
 `clutter-env train ALGORITHM --help` lists the options of an algorithm. Without --out a run is written to a directory of
 its own under outputs/runs.
@@ -21,12 +21,11 @@ import tyro
 
 from clutter_env.training.settings import (
     BC,
+    DQN,
     PPO,
     SAC,
     TQC,
-    DAgger,
     Decisions,
-    DecisionsDAgger,
     Keyframes,
     MaskablePPO,
     Settings,
@@ -37,7 +36,7 @@ if TYPE_CHECKING:
     from clutter_env.training.train import Trained
 
 _ENVIRONMENTS = {
-    "reach": "clutter_env/Reach-v0",
+    "reach": "clutter_env/ArmReach-v0",
     "skill": "clutter_env/Skill-o15-v0",
     "retrieve": "clutter_env/Retrieve-o15-v0",
 }
@@ -55,16 +54,15 @@ class Arguments:
         | Annotated[TQC, tyro.conf.subcommand("tqc")]
         | Annotated[PPO, tyro.conf.subcommand("ppo")]
         | Annotated[MaskablePPO, tyro.conf.subcommand("maskable-ppo")]
+        | Annotated[DQN, tyro.conf.subcommand("dqn")]
         | Annotated[BC, tyro.conf.subcommand("bc")]
-        | Annotated[DAgger, tyro.conf.subcommand("dagger")]
         | Annotated[Keyframes, tyro.conf.subcommand("keyframes")]
         | Annotated[Decisions, tyro.conf.subcommand("decisions")]
-        | Annotated[DecisionsDAgger, tyro.conf.subcommand("decisions-dagger")]
     )
     """Algorithm, and its options."""
     env: str = ""
     """Environment id. Without it, that of the demonstrations with all of its keyword arguments; or, for algorithms that
-    learn without demonstrations, clutter_env/Reach-v0, Skill-o15-v0 or Retrieve-o15-v0."""
+    learn without demonstrations, clutter_env/ArmReach-v0, Skill-o15-v0 or Retrieve-o15-v0."""
     seed: int = 0
     """Random seed; the first one of several."""
     seeds: int = 1

@@ -9,14 +9,14 @@ import logging
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from clutter_env import GOAL_FAMILIES
 from clutter_env.policies.experts import EXPERTS, PLANNERS, GreedyPolicy, RandomPolicy, ScriptedExpert, make_expert
-from clutter_env.policies.protocol import AnyPolicy, Policy, PolicyError, PublicInfo, check_public
+from clutter_env.policies.protocol import AnyPolicy, Policy, PolicyError, PublicInfo
 from clutter_env.policies.runs import CLONERS, TWO_LEVEL_LEARNERS, load_run, run_directories
 from clutter_env.policies.scripted import direct_approach
 from clutter_env.suites import GRASPS
@@ -253,27 +253,31 @@ class RunPolicy:
         self.env_keywords = {key: free[key] for key in _FREE_KEYWORDS if key in free}
         self._directory = directory
 
-    @cached_property
-    def _policy(self) -> Policy:
+        self._policy: Policy | None = None
+
+    def check(self, public: PublicInfo) -> None:
+        """Load the policy before the first episode.
+
+        Raises:
+            PolicyError: the directory holds no trained policy, a damaged one, one of version 0.1, or one for other
+                observations or actions.
+        """
+        if self._policy is not None:
+            return
         from clutter_env.policies.cloning import POLICY_FILE, ClonedPolicy  # these need torch
         from clutter_env.policies.reinforcement import ModelPolicy, load_network
 
         if self._algorithm in CLONERS:
-            return ClonedPolicy.load(self._directory / POLICY_FILE)
-        return ModelPolicy(self._algorithm, load_network(self._algorithm, self._directory))
-
-    def check(self, public: PublicInfo) -> None:
-        """Note what is public.
-
-        Raises:
-            PolicyError: the directory holds no trained policy, a damaged one, or one of version 0.1.
-        """
-        check_public(self._policy, public)
+            self._policy = ClonedPolicy.load(self._directory / POLICY_FILE)
+        else:
+            self._policy = ModelPolicy(self._algorithm, load_network(self._algorithm, self._directory, public))
 
     def reset(self, info: Mapping[str, Any]) -> None:
         """Start an episode."""
+        assert self._policy is not None
         self._policy.reset(info)
 
     def act(self, observation: Any) -> Any:
         """The next action."""
+        assert self._policy is not None
         return self._policy.act(observation)

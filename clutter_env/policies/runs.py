@@ -12,15 +12,13 @@ from clutter_env.task import Task
 RUN_FILE = "run.json"
 HISTORY_FILE = "history.json"
 """Success on held-out scenes as a run went on, in its directory."""
-GOAL_ALGORITHMS = ("sac", "tqc")
-"""Learn the goal environments from rewards, with hindsight."""
-CLONERS = ("bc", "dagger")
+CLONERS = ("bc",)
 """Learn from an expert."""
 MOTION_LEARNERS = ("keyframes",)
 """Learn from demonstrations, or from canonical plans without physics, how picks and places are executed."""
 MOTIONS_FILE = "motions.npz"
 """Their weights, in the directory of a run."""
-DECISION_LEARNERS = ("decisions", "decisions_dagger")
+DECISION_LEARNERS = ("decisions",)
 """Learn from the planner's geometry what to take next and from where, and where to put it."""
 DECISIONS_FILE = "decisions.npz"
 """Their weights, in the directory of a run."""

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from io import BytesIO
 from pathlib import Path
+from pickle import UnpicklingError
 from typing import Any
 from zipfile import BadZipFile
 
@@ -132,8 +133,8 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], about: Mapping[
     write_atomically(path, content.getvalue())
 
 
-def has_arrays(path: Path) -> bool:
-    """Whether there is a file of `write_arrays`; raises `PolicyError` if there is one of version 0.1 in its place."""
+def has_weights(path: Path) -> bool:
+    """Whether there is a file of weights; raises `PolicyError` if there is one of version 0.1 in its place."""
     for old in (path.with_suffix(ending) for ending in (".zip", ".pt")):
         if old.exists() and not path.exists():
             raise PolicyError(
@@ -149,7 +150,7 @@ def read_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     Raises:
         PolicyError: there is no such file, it is damaged, or it holds something else.
     """
-    if not has_arrays(path):
+    if not has_weights(path):
         raise PolicyError(f"there is no {path.name} in {path.parent}")
     try:
         with np.load(path, allow_pickle=False) as content:
@@ -161,10 +162,9 @@ def read_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         raise PolicyError(f"{path} is damaged, or holds no weights of this package: {problem}") from problem
 
 
-def tensors(arrays: Mapping[str, NDArray[Any]], part: str = "") -> dict[str, torch.Tensor]:
-    """The arrays whose names begin with `part`, by the rest of their names."""
-    names = [name for name in arrays if name.startswith(part)]
-    return {name.removeprefix(part): torch.from_numpy(arrays[name]) for name in names}
+def tensors(arrays: Mapping[str, NDArray[Any]]) -> dict[str, torch.Tensor]:
+    """The same numbers for torch."""
+    return {name: torch.from_numpy(values) for name, values in arrays.items()}
 
 
 @contextmanager
@@ -172,7 +172,7 @@ def damage_refused(path: Path) -> Iterator[None]:
     """Turn what is raised when the content of a file does not fit into a `PolicyError` that names the file."""
     try:
         yield
-    except (LookupError, TypeError, ValueError, RuntimeError) as problem:
+    except (*_DAMAGED, LookupError, RuntimeError, UnpicklingError) as problem:
         raise PolicyError(
             f"{path} is damaged, or another version of this package wrote it; train again ({problem})"
         ) from problem

@@ -2,6 +2,9 @@
 
 A step solves one quadratic programme of mink's: the TCP follows the wanted pose, weakly the joints keep to the home
 configuration, and the limits of position, velocity and acceleration bound every joint.
+
+MuJoCo multiplies the matrices. NumPy's products go to a BLAS, and some NumPy functions to vector code, whose last bits
+differ between processors: recorded actions would not have the same result on another one.
 """
 
 from __future__ import annotations
@@ -37,7 +40,8 @@ _LIMIT_MARGIN = 1e-6
 """[rad], [m] The start of a solve is kept this far inside the joint limits."""
 
 _TWIST = 6
-"""Rows of the TCP's Jacobian."""
+"""Numbers of the TCP's twist."""
+_IDENTITY = np.eye(_TWIST)
 
 
 class EndEffectorController:
@@ -52,20 +56,20 @@ class EndEffectorController:
 
     def __init__(self, robot: RobotSpec) -> None:
         model = _arm_model(robot)
-        self._site = robot.tcp_site
+        self._site = model.site(robot.tcp_site).id
         self._max_step = np.repeat(robot.max_tcp_velocity, 3) * CONTROL_STEP
-        self._configuration = mink.Configuration(model)
+        self._configuration = _TcpConfiguration(model)
         self._frame_task = mink.FrameTask(
-            robot.tcp_site,
+            self._site,
             "site",
             position_cost=1.0,
             orientation_cost=1.0,
             gain=_FRAME_GAIN,
             lm_damping=_FRAME_DAMPING,
         )
-        self._home, self._costs = np.array(robot.home), np.full(len(robot.chain), _CONFIGURATION_COST)
+        self._home, self._costs = np.array(robot.home), np.full(model.nv, _CONFIGURATION_COST)
         self._costs[0] = _TORSO_COST
-        self._jacobians = np.vstack((np.zeros((_TWIST, len(self._costs))), np.diag(self._costs)))
+        self._stiffness = self._costs**2
         self._limit = _MotionLimit(robot)
         self._wanted = mink.SE3.identity().wxyz_xyz.copy()
         self.failures = 0
@@ -108,7 +112,7 @@ class EndEffectorController:
         q = self._configuration.q
         # `mink.solve_ik` does the same, with copies and checks that take more than half of the whole.
         displacement, _, outcome, _ = daqp.solve(
-            *self._objective(q), *self._limit.inequalities(q.tolist(), qd.tolist()), primal_tol=_SOLVER_TOLERANCE
+            *self._objective(q), *self._limit.inequalities(q, qd), primal_tol=_SOLVER_TOLERANCE
         )
         if outcome <= 0:
             self.failures += 1
@@ -133,16 +137,33 @@ class EndEffectorController:
         return self._configuration.get_transform_frame_to_world(self._site, "site").wxyz_xyz
 
     def _objective(self, q: Vector) -> tuple[Vector, Vector]:
-        """The quadratic and the linear part of the cost of a displacement from `q`, as `mink.build_ik` assembles them.
+        """The quadratic and linear parts of the cost of a displacement from `q`, as `mink.build_ik` assembles them."""
+        configuration, task = self._configuration, self._frame_task
+        error, jacobian = task.compute_error(configuration), np.empty((_TWIST, len(q)))
+        mujoco.mju_mulMatMat(jacobian, task.compute_jacobian(configuration), configuration.tcp_jacobian(self._site))
+        hessian, gradient = np.empty((len(q), len(q))), np.empty(len(q))
+        mujoco.mju_mulMatTMat(hessian, jacobian, jacobian)
+        mujoco.mju_mulMatTVec(gradient, jacobian, error)
+        damping = _SOLVER_DAMPING + _FRAME_DAMPING * _FRAME_GAIN**2 * mujoco.mju_dot(error, error)
+        hessian.reshape(-1)[:: len(q) + 1] += self._stiffness + damping
+        return hessian, _FRAME_GAIN * gradient + _CONFIGURATION_GAIN * self._stiffness * (q - self._home)
 
-        The task for the configuration differs by its error alone, and mink would make all of it again.
-        """
-        jacobian, error, damping = self._frame_task.compute_qp_residual(self._configuration)
-        self._jacobians[: len(error)] = jacobian
-        errors = np.concatenate((error, self._costs * (-_CONFIGURATION_GAIN * (q - self._home))))
-        hessian = self._jacobians.T @ self._jacobians
-        hessian.flat[:: len(q) + 1] += _SOLVER_DAMPING + damping
-        return hessian, -(errors @ self._jacobians)
+
+class _TcpConfiguration(mink.Configuration):  # type: ignore[misc]  # mink is not typed for mypy
+    """A configuration whose frame tasks have the Jacobian by the frame's own twist; that of the joints is apart."""
+
+    def get_frame_jacobian(self, frame_name: str | int, frame_type: str) -> Vector:  # noqa: ARG002
+        """The identity (6, 6), the Jacobian of a twist by itself: mink's product with it is exact in any BLAS."""
+        return _IDENTITY
+
+    def tcp_jacobian(self, site: int) -> Vector:
+        """The Jacobian (6, 1 + n) of a site's twist by the joints, both in the frame of the site."""
+        fixed, own = np.empty((2, _TWIST, self.nv))
+        mujoco.mj_jacSite(self.model, self.data, fixed[:3], fixed[3:], site)
+        rotation = self.data.site_xmat[site].reshape(3, 3)
+        mujoco.mju_mulMatTMat(own[:3], rotation, fixed[:3])
+        mujoco.mju_mulMatTMat(own[3:], rotation, fixed[3:])
+        return own
 
 
 class TcpFollower:
@@ -176,11 +197,11 @@ class _MotionLimit:
     def __init__(self, robot: RobotSpec) -> None:
         lower, upper = np.array([(link.lower, link.upper) for link in robot.chain]).T
         self._first, self._last = lower + _LIMIT_MARGIN, upper - _LIMIT_MARGIN
-        limits = zip(robot.max_velocity[3:], robot.max_acceleration[3:], strict=True)
-        self._joints = [
-            (*ends, *limit)
-            for ends, limit in zip(zip(lower.tolist(), upper.tolist(), strict=True), limits, strict=True)
-        ]
+        self._ends, self._signs = np.stack((upper, -lower)), np.array([[1.0], [-1.0]])
+        self._fastest = np.array(robot.max_velocity[3:])
+        self._change = np.array(robot.max_acceleration[3:]) * CONTROL_STEP
+        self._half, self._double = self._change / 2, 2 * np.array(robot.max_acceleration[3:])
+        self._half_squared = self._half**2
         self._rows = np.vstack((np.eye(len(lower)), -np.eye(len(lower))))
         # DAQP's other two arguments: no lower bounds, and every row an inequality.
         self._no_bound, self._sense = np.full(len(self._rows), -1e30), np.zeros(len(self._rows), c_int)
@@ -189,22 +210,18 @@ class _MotionLimit:
         """The configuration (1 + n,), clipped to the joint limits less a margin."""
         return np.minimum(np.maximum(q, self._first), self._last)
 
-    def inequalities(self, q: list[float], qd: list[float]) -> tuple[NDArray[Any], ...]:
+    def inequalities(self, q: Vector, qd: Vector) -> tuple[NDArray[Any], ...]:
         """Bounds on a step's displacement from `q` with the velocities `qd`, as DAQP takes them.
 
         Rows (2 (1 + n), 1 + n), their upper and lower bounds and their kinds, each (2 (1 + n),).
         """
-        upwards, downwards = [], []
-        for position, velocity, (lower, upper, fastest, acceleration) in zip(q, qd, self._joints, strict=True):
-            # From these velocities, up and down, the joint can still stop within the distances to its limits.
-            change = acceleration * CONTROL_STEP
-            half, double = change / 2, 2 * acceleration
-            up = min(math.sqrt(half**2 + double * max(upper - position, 0.0)) - half, fastest)
-            down = min(math.sqrt(half**2 + double * max(position - lower, 0.0)) - half, fastest)
-            lowest = max(velocity - change, -down)
-            upwards.append(max(min(velocity + change, up), lowest) * CONTROL_STEP)
-            downwards.append(-lowest * CONTROL_STEP)
-        return self._rows, np.array(upwards + downwards), self._no_bound, self._sense
+        # From these velocities, up and down, the joint can still stop within the distances to its limits.
+        distances = np.maximum(self._ends - self._signs * q, 0.0)
+        stopping = np.sqrt(self._half_squared + self._double * distances) - self._half
+        up, down = np.minimum(stopping, self._fastest)
+        lowest = np.maximum(qd - self._change, -down)
+        highest = np.maximum(np.minimum(qd + self._change, up), lowest)
+        return self._rows, np.concatenate((highest, -lowest)) * CONTROL_STEP, self._no_bound, self._sense
 
 
 def _turned(quaternion: Vector, turn: Vector) -> Vector:
@@ -217,10 +234,11 @@ def _turned(quaternion: Vector, turn: Vector) -> Vector:
 
 def _rotation_between(start: Vector, end: Vector) -> Vector:
     """The rotation vector (3,) [rad] about the fixed axes from one quaternion wxyz to another."""
-    inverse, difference = np.empty((2, 4))
+    inverse, difference, turn = np.empty(4), np.empty(4), np.empty(3)
     mujoco.mju_negQuat(inverse, start)
     mujoco.mju_mulQuat(difference, end, inverse)
-    return mink.SO3(difference).log()
+    mujoco.mju_quat2Vel(turn, difference, 1.0)
+    return turn
 
 
 def _arm_model(robot: RobotSpec) -> mujoco.MjModel:

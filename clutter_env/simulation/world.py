@@ -202,7 +202,8 @@ class World:
             grips: wanted finger position of each gripper, -1 closed to 1 open.
         """
         model, data, grip = self.model, self.data, measurements.grip
-        data.eq_active[self.index.finger_couplings] = grip.is_touching
+        for coupling in self.index.finger_couplings:
+            data.eq_active[coupling] = grip.is_touching
         self._contacts, ctrl = [], data.ctrl
         for command in self.controller.advance(data, velocity, grips, is_loaded=grip.is_holding):
             ctrl[:] = command
@@ -298,7 +299,7 @@ class World:
             elif other == geom and one in pads:
                 pressed[pads.index(one)] += force
         right, left = (math.hypot(*force) for force in pressed.tolist())
-        return min(right, left) >= LEAST_GRIP_FORCE and float(pressed[0] @ pressed[1]) <= _OPPOSITE * right * left
+        return min(right, left) >= LEAST_GRIP_FORCE and mujoco.mju_dot3(*pressed) <= _OPPOSITE * right * left
 
     def _touches_only(self, slot: int, geoms: set[int], pairs: list[list[int]]) -> bool:
         """Whether an object touches none but these geoms."""

@@ -1,1 +1,1 @@
-"""Training: cloning, DAgger, reinforcement learning, and the levels of two-level policies."""
+"""Training: cloning, reinforcement learning, and the levels of two-level policies."""

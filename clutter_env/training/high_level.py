@@ -25,7 +25,7 @@ from clutter_env.training.high_level_examples import (
     visited_examples,
 )
 from clutter_env.training.run import Run
-from clutter_env.training.settings import Decisions, DecisionsDAgger
+from clutter_env.training.settings import Decisions
 
 EXAMPLES_FILE = "examples.npz"
 _LEARNING_RATE = 2e-3
@@ -42,15 +42,15 @@ _ROUND_RATE = 0.3
 def train_decisions(run: Run) -> list[dict[str, float]]:
     """Train in this process; a resumed run goes on with the examples that it collected.
 
-    All collect `scenes` scenes and fit once; `DecisionsDAgger` then has `rounds` in each of which the learner decides
-    in `round_episodes` new scenes, without physics, and is fitted to all examples.
+    The network is fitted to examples of `scenes` scenes; in each of `rounds` the learner then decides in
+    `round_episodes` new scenes, without physics, and is fitted to all examples (DAgger).
     """
     settings = run.settings
     assert isinstance(settings, Decisions)
     env = run.task.make()
     inner: Any = env.unwrapped
     rule = CandidateRule(inner.robot, inner.config.find_layout(), settings.grasps)
-    seeds, *more_seeds = settings.scene_seeds(run.seed)
+    seeds, of_rounds = settings.scene_seeds(run.seed)
 
     def collect() -> CandidateExamples:
         starts = zip(seeds, initial_scenes(env, seeds), strict=True)
@@ -73,17 +73,15 @@ def train_decisions(run: Run) -> list[dict[str, float]]:
 
         network = fit_high_level(examples, settings.steps, run.seed, report=log.loss)
         finish_round(0, network)
-        if isinstance(settings, DecisionsDAgger):
-            steps, rate = int(_ROUND_SHARE * settings.steps), _ROUND_RATE * _LEARNING_RATE
-            (of_rounds,) = more_seeds
-            for number, start in enumerate(range(0, len(of_rounds), settings.round_episodes), 1):
-                of_round = of_rounds[start : start + settings.round_episodes]
-                policy = LearnedHighLevelPolicy(network, rule, info)
-                rollouts = [roll_out(policy, *scene) for scene in initial_scenes(env, of_round)]
-                visited = visited_examples(rollouts, rule, np.random.default_rng(of_round[0]))
-                examples = CandidateExamples.joined((examples, *visited))
-                network = fit_high_level(examples, steps, run.seed, network, rate, log.loss)
-                finish_round(number, network)
+        steps, rate = int(_ROUND_SHARE * settings.steps), _ROUND_RATE * _LEARNING_RATE
+        for number in range(1, settings.rounds + 1):
+            of_round = of_rounds[(number - 1) * settings.round_episodes :][: settings.round_episodes]
+            policy = LearnedHighLevelPolicy(network, rule, info)
+            rollouts = [roll_out(policy, *scene) for scene in initial_scenes(env, of_round)]
+            visited = visited_examples(rollouts, rule, np.random.default_rng(of_round[0]))
+            examples = CandidateExamples.joined((examples, *visited))
+            network = fit_high_level(examples, steps, run.seed, network, rate, log.loss)
+            finish_round(number, network)
     env.close()
     return log.history
 

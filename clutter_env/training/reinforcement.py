@@ -1,8 +1,8 @@
-"""Reinforcement learning with Stable-Baselines3, saved completely at every checkpoint, and resumed."""
+"""Reinforcement learning by Stable-Baselines3 and sb3-contrib as they are: no subclass, no wrapper, only settings."""
 
 from __future__ import annotations
 
-from collections import deque
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -10,187 +10,143 @@ from typing import Any
 
 import gymnasium as gym
 import torch
-from numpy.typing import NDArray
 from stable_baselines3 import HerReplayBuffer
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.vec_env import VecEnv
 
+from clutter_env.errors import LearningError
 from clutter_env.evaluation.score import success_rate
-from clutter_env.policies.reinforcement import ALGORITHMS, MODEL_FILE, NETWORKS, ModelPolicy, space_shape, training_env
-from clutter_env.policies.runs import GOAL_ALGORITHMS
-from clutter_env.policies.weights import damage_refused, has_arrays, read_arrays, tensors, write_arrays
+from clutter_env.policies.reinforcement import ALGORITHMS, MODEL_FILE, ModelPolicy, network_name, read_model
+from clutter_env.policies.weights import damage_refused, has_weights
+from clutter_env.reporting.files import written_atomically
 from clutter_env.seeds import held_out_seeds
 from clutter_env.training.descent import RunLog
 from clutter_env.training.run import Run
-from clutter_env.training.settings import PPO, SAC
-from clutter_env.training.skills import clone_skills
+from clutter_env.training.settings import Reinforcement
 
-BUFFER_FILE = "replay_buffer.npz"
-"""The replay buffer, in the directory of a run."""
-_ROWS = ("actions", "rewards", "dones", "timeouts", "ep_start", "ep_length")
-_COUNTERS = ("num_timesteps", "_n_updates", "_episode_num")
-_EPISODES = ("ep_info_buffer", "ep_success_buffer")
-"""Of a model: the last episodes, whose means are logged."""
-_ENTROPY = "log_ent_coef"
-"""Logarithm of the coefficient of the entropy, which is learned."""
-
-
-def _falling_rate(share_left: float) -> float:
-    """The learning rate for the share of the run that is left; zero at the end, so that the weights settle."""
-    return 1e-3 * share_left
-
-
-_OFF_POLICY: Mapping[str, Any] = MappingProxyType(
+_HINDSIGHT = {
+    "replay_buffer_class": HerReplayBuffer,
+    "replay_buffer_kwargs": {"n_sampled_goal": 4, "goal_selection_strategy": "future"},
+    "learning_rate": 1e-3,
+    "gamma": 0.95,
+    "learning_starts": 1000,
+}
+_REACH = {**_HINDSIGHT, "policy_kwargs": {"net_arch": [64, 64]}}
+_PICK = {
+    **_HINDSIGHT,
+    "batch_size": 2048,
+    "tau": 0.05,
+    "policy_kwargs": {"net_arch": [512, 512, 512], "n_critics": 2},
+}
+_SKILL_DISCOUNT = 0.97
+_BUFFER = 1_000_000
+"""Transitions in a replay buffer at most, the default of Stable-Baselines3; hindsight makes a list of that length."""
+_OPTIONS: Mapping[tuple[str, ...], Mapping[str, Any]] = MappingProxyType(
     {
-        "replay_buffer_class": HerReplayBuffer,
-        "replay_buffer_kwargs": {"n_sampled_goal": 4, "goal_selection_strategy": "future"},
-        "learning_rate": _falling_rate,
-        "ent_coef": "auto_0.1",
-        "batch_size": 256,
-        "gamma": 0.95,
-        "tau": 0.02,
-        "learning_starts": 500,
-        "buffer_size": 300_000,
+        **{(kind, name): _REACH for kind in ("armreach", "reach") for name in ("sac", "tqc")},
+        **{(kind, name): _PICK for kind in ("armpick", "pick") for name in ("sac", "tqc")},
+        ("retrieve", "sac"): {"learning_starts": 10_000},
+        ("retrieve", "tqc"): {"learning_starts": 10_000},
+        ("retrieve", "ppo"): {"n_steps": 512, "batch_size": 256},
+        ("skill", "ppo"): {"gamma": _SKILL_DISCOUNT, "n_steps": 512, "batch_size": 256},
+        ("skill", "maskable_ppo"): {"gamma": _SKILL_DISCOUNT, "n_steps": 512, "batch_size": 256},
+        ("skill", "dqn"): {"gamma": _SKILL_DISCOUNT, "learning_starts": 1000, "exploration_fraction": 0.3},
     }
 )
-"""SAC and TQC with hindsight. The coefficient of the entropy begins at 0.1: at 1 the values are those of the entropy
-alone for the first 3,000 steps."""
-_SKILLS: Mapping[str, Any] = MappingProxyType({"n_steps": 512, "batch_size": 128, "gamma": 0.97})
-_FROM_NOTHING: Mapping[str, Any] = MappingProxyType({**_SKILLS, "learning_rate": 1e-3, "n_epochs": 6, "ent_coef": 0.01})
-"""PPO and MaskablePPO from rewards alone."""
-_IMPROVING: Mapping[str, Any] = MappingProxyType(
-    {**_SKILLS, "n_steps": 1024, "learning_rate": 1e-4, "n_epochs": 4, "target_kl": 0.02}
-)
-"""PPO and MaskablePPO that improve a clone: smaller steps."""
+"""Options beyond the defaults of Stable-Baselines3, by family of environments and algorithm: in the goal environments
+those of RL Baselines3 Zoo for FetchReach-v1 and FetchPickAndPlace-v1, without its normalisation."""
 
 
 def reinforce(run: Run, resume: bool = False) -> list[dict[str, float]]:
-    """Train until `run.settings.steps` in all; the history of the checkpoints."""
+    """Train until `run.settings.steps` in all; the history of the checkpoints.
+
+    A resumed run has networks, optimisers and the number of steps of the last checkpoint, and an empty replay buffer.
+    """
     settings = run.settings
-    assert isinstance(settings, SAC | PPO)
-    name, clones = settings.algorithm, isinstance(settings, PPO) and settings.clone_scenes > 0
-    evaluation_env, env = run.task.make(), training_env(name, run.task.make())
-    is_resumed = resume and has_arrays(run.directory / MODEL_FILE)
-    model = make_model(name, env, run.seed, run.directory, clones)
+    assert isinstance(settings, Reinforcement)
+    started, path = time.process_time(), run.directory / MODEL_FILE
+    is_resumed = resume and has_weights(path)
+    evaluation_env = run.task.make()
+    copies = make_vec_env(run.task.make, n_envs=settings.num_envs, seed=run.seed)
+    model = make_model(settings, run.task.family, copies, run.seed, run.directory)
     if is_resumed:
-        load_model(model, run.directory)
-    policy, seeds = ModelPolicy(name, model), held_out_seeds(settings.evaluation_episodes)
+        load_model(model, path)
+    policy, seeds = ModelPolicy(settings.algorithm, model), held_out_seeds(settings.evaluation_episodes)
     with RunLog(run, is_resumed) as log:
 
         def checkpoint() -> None:
             success = success_rate(evaluation_env, policy, seeds, settings.evaluation_steps)
-            save_model(model, run.directory)
-            log.add(steps=model.num_timesteps, success=success)
+            save_model(model, path)
+            log.add(steps=model.num_timesteps, success=success, cpu_s=time.process_time() - started)
 
-        if isinstance(settings, PPO) and clones and not is_resumed:
-            clone_skills(run, settings, model, log)
-            checkpoint()
         left = settings.steps - model.num_timesteps
         if left > 0:
             callback = Checkpoints(settings.checkpoint_every, checkpoint)
             model.learn(left, callback=callback, reset_num_timesteps=False, tb_log_name="tensorboard")
-            save_model(model, run.directory)
-    env.close()
+            save_model(model, path)
+    copies.close()
     evaluation_env.close()
     return log.history
 
 
 def make_model(
-    name: str, env: gym.Env, seed: int, log: Path | None = None, improves_clone: bool = False
+    settings: Reinforcement, family: str, env: gym.Env | VecEnv, seed: int = 0, log: Path | None = None
 ) -> BaseAlgorithm:
-    """A new model of an algorithm for an environment from `training_env`; it logs to the directory of a run.
+    """A new model of an algorithm for an environment of a family; it logs to the directory of a run.
 
-    PPO and MaskablePPO that improve a clone learn in smaller steps.
+    Raises:
+        LearningError: there is no such device.
     """
-    network, keywords = NETWORKS[name]
-    options = _OFF_POLICY if name in GOAL_ALGORITHMS else _IMPROVING if improves_clone else _FROM_NOTHING
-    return ALGORITHMS[name](
-        policy=network,
-        env=env,
-        policy_kwargs=dict(keywords),
-        seed=seed,
-        device="cpu",
-        tensorboard_log=None if log is None else str(log),
-        **options,
-    )
+    options = dict(_OPTIONS[family, settings.algorithm])
+    if settings.algorithm in ("sac", "tqc", "dqn"):
+        options |= {"train_freq": 1, "gradient_steps": settings.gradient_steps}
+        options["buffer_size"] = min(_BUFFER, settings.steps)
+    network = network_name(env.observation_space)
+    try:
+        return ALGORITHMS[settings.algorithm](
+            network,
+            env,
+            seed=seed,
+            device=settings.device,
+            tensorboard_log=None if log is None else str(log),
+            **options,
+        )
+    except RuntimeError as problem:
+        raise LearningError(f"no model on device {settings.device!r}: {problem}") from problem
 
 
-def save_model(model: BaseAlgorithm, directory: Path) -> None:
-    """Write model and replay buffer as arrays of numbers; each file is complete, or the old one stays.
+def save_model(model: BaseAlgorithm, path: Path) -> None:
+    """Write networks, optimisers and the number of steps; the file is complete, or the old one stays.
 
     Raises:
         OSError: the disk is full or cannot be written.
     """
-    if isinstance(model, OffPolicyAlgorithm):
-        buffer: Any = model.replay_buffer
-        rows = {name: values[: buffer.size()] for name, values in _buffer_arrays(buffer).items()}
-        about = {"pos": buffer.pos, "full": buffer.full, "episode_start": buffer._current_ep_start}
-        write_arrays(directory / BUFFER_FILE, rows, about)
-    arrays: dict[str, NDArray[Any]] = {}
-    for name, part in model.get_parameters().items():
-        # Of an optimiser its state for each parameter; its settings are made anew.
-        states = {f"{name}/{index}": state for index, state in part.get("state", {}).items()}
-        for path, values in (states if "param_groups" in part else {name: part}).items():
-            arrays |= {f"{path}/{key}": value.numpy() for key, value in values.items()}
-    if isinstance(model, OffPolicyAlgorithm):
-        arrays[_ENTROPY] = model.log_ent_coef.detach().numpy()
-    write_arrays(
-        directory / MODEL_FILE,
-        arrays,
-        {
-            "observation": space_shape(model.observation_space),
-            "action": space_shape(model.action_space),
-            "counters": {name: getattr(model, name) for name in _COUNTERS},
-            **{name: list(getattr(model, name) or ()) for name in _EPISODES},
-        },
-    )
+    content = {
+        "steps": model.num_timesteps,
+        "network": {name: value for name, value in model.policy_kwargs.items() if name in ("net_arch", "n_critics")},
+        "parameters": model.get_parameters(),
+        "log_ent_coef": getattr(model, "log_ent_coef", None),  # learned by SAC and TQC
+    }
+    with written_atomically(path) as part:
+        torch.save(content, part)
 
 
-def load_model(model: BaseAlgorithm, directory: Path) -> None:
-    """Give a new model what `save_model` wrote; it goes on as the saved one, from the start of an episode.
+def load_model(model: BaseAlgorithm, path: Path) -> None:
+    """Give a new model what `save_model` wrote.
 
     Raises:
-        PolicyError: a file is missing or damaged, or another version of this package wrote it.
+        PolicyError: the file is missing or damaged, or it holds the model of another algorithm.
     """
-    path = directory / MODEL_FILE
-    arrays, about = read_arrays(path)
+    content = read_model(path)
     with damage_refused(path):
-        parameters = model.get_parameters()
-        for name, part in parameters.items():
-            own = tensors(arrays, f"{name}/")
-            if "param_groups" not in part:
-                parameters[name] = own
-                continue
-            for key, value in own.items():
-                index, _, entry = key.partition("/")
-                part["state"].setdefault(int(index), {})[entry] = value
-        model.set_parameters(parameters, device="cpu")
-        if isinstance(model, OffPolicyAlgorithm):
-            model.log_ent_coef.data.copy_(torch.from_numpy(arrays[_ENTROPY]))
-        for name in _COUNTERS:
-            setattr(model, name, int(about["counters"][name]))
-        for name in _EPISODES:
-            setattr(model, name, deque(about[name], maxlen=model._stats_window_size))
-    if not isinstance(model, OffPolicyAlgorithm):
-        return
-    path = directory / BUFFER_FILE
-    arrays, about = read_arrays(path)
-    with damage_refused(path):
-        buffer: Any = model.replay_buffer
-        for name, rows in _buffer_arrays(buffer).items():
-            rows[: len(arrays[name])] = arrays[name]
-        buffer.pos, buffer.full = int(about["pos"]), bool(about["full"])
-        buffer._current_ep_start[:] = about["episode_start"]
-        buffer.truncate_last_trajectory()
-
-
-def _buffer_arrays(buffer: HerReplayBuffer) -> dict[str, NDArray[Any]]:
-    """The arrays of a replay buffer, one row a step."""
-    found = {name: getattr(buffer, name) for name in _ROWS}
-    for name in ("observations", "next_observations"):
-        found |= {f"{name}/{key}": values for key, values in getattr(buffer, name).items()}
-    return found
+        model.set_parameters(content["parameters"], device=model.device)
+        if content["log_ent_coef"] is not None:
+            model.log_ent_coef.data.copy_(content["log_ent_coef"])
+        model.num_timesteps = int(content["steps"])
+    if hasattr(model, "learning_starts"):
+        model.learning_starts += model.num_timesteps  # the replay buffer is empty
 
 
 class Checkpoints(BaseCallback):

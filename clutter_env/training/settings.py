@@ -15,8 +15,8 @@ from clutter_env import GOAL_FAMILIES
 from clutter_env.errors import LearningError
 from clutter_env.seeds import training_seeds
 
-DECISION_SEEDS, PLAN_SEEDS, DAGGER_SEEDS = 10_000, 100_000, 500_000
-"""First seeds of the scenes for decisions, for plans that are cloned, and of the learner's own episodes in DAgger."""
+DECISION_SEEDS, PLAN_SEEDS = 10_000, 100_000
+"""First seeds of the scenes for decisions, and for plans that are cloned."""
 SEEDS_OF_A_RUN, DECISION_RUNS = 20_000, 20
 """Seeds from the first one of a run to that of the next; runs with their own scenes for decisions."""
 
@@ -51,64 +51,70 @@ class Settings:
     def __post_init__(self) -> None:
         for entry in fields(self):
             value = getattr(self, entry.name)
-            least = 0 if entry.name == "clone_scenes" else 1
+            least = 0 if entry.name == "rounds" else 1
             if isinstance(value, int) and not isinstance(value, bool) and value < least:
                 raise LearningError(f"{entry.name}={value} is not valid; it must be at least {least}")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reinforcement(Settings):
-    """Options of learning from rewards."""
+    """Options of learning from rewards, by Stable-Baselines3 and sb3-contrib as they are."""
 
     steps: int = 30_000
-    """Steps of the environment."""
+    """Steps of the environment, those of all copies together."""
+    num_envs: int = 1
+    """Copies of the environment."""
+    gradient_steps: int = 1
+    """Gradient steps after each step of all copies; of SAC, TQC and DQN."""
+    device: str = "cpu"
+    """Device of the networks, as torch names it."""
     checkpoint_every: int = 5000
     """Steps between checkpoints."""
     evaluation_steps: int = 600
     """Steps after which a held-out episode is cut off."""
 
     def scene_seeds(self, seed: int) -> tuple[range, ...]:
-        """That of the first scene; the generator of the environment goes on from there."""
-        return (training_seeds(seed),)
+        """Those of the first scenes; the generators of the environments go on from there."""
+        return (training_seeds(seed, self.num_envs),)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SAC(Reinforcement):
-    """Soft actor-critic with hindsight, for Reach and Pick."""
+    """Soft actor-critic, on goal environments with hindsight (HER)."""
 
     algorithm: ClassVar[str] = "sac"
-    families: ClassVar[tuple[str, ...]] = GOAL_FAMILIES
+    families: ClassVar[tuple[str, ...]] = (*GOAL_FAMILIES, "retrieve")
 
 
 @dataclass(frozen=True, kw_only=True)
 class TQC(SAC):
-    """Truncated quantile critics with hindsight, for Reach and Pick."""
+    """Truncated quantile critics, on goal environments with hindsight (HER)."""
 
     algorithm: ClassVar[str] = "tqc"
 
 
 @dataclass(frozen=True, kw_only=True)
 class PPO(Reinforcement):
-    """Proximal policy optimisation, for Skill, whose steps are skills."""
+    """Proximal policy optimisation."""
 
     algorithm: ClassVar[str] = "ppo"
-    families: ClassVar[tuple[str, ...]] = ("skill",)
-
-    clone_scenes: int = 0
-    """Number of scenes whose good skills are cloned before learning from rewards; 0 for no cloning."""
-    clone_steps: int = 10_000
-    """Gradient steps of the cloning."""
-
-    def scene_seeds(self, seed: int) -> tuple[range, ...]:
-        """That of the first scene, and those of the cloned ones, the same for all runs."""
-        return (*super().scene_seeds(seed), training_seeds(0, self.clone_scenes))
+    families: ClassVar[tuple[str, ...]] = ("retrieve", "skill")
 
 
 @dataclass(frozen=True, kw_only=True)
-class MaskablePPO(PPO):
+class MaskablePPO(Reinforcement):
     """Proximal policy optimisation with action masks, for Skill."""
 
     algorithm: ClassVar[str] = "maskable_ppo"
+    families: ClassVar[tuple[str, ...]] = ("skill",)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DQN(Reinforcement):
+    """Deep Q-learning, for Skill."""
+
+    algorithm: ClassVar[str] = "dqn"
+    families: ClassVar[tuple[str, ...]] = ("skill",)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,27 +132,6 @@ class BC(Settings):
     """Gradient steps."""
     evaluation_steps: int = 600
     """Steps after which a held-out episode is cut off."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class DAgger(BC):
-    """Cloning in rounds: the learner acts, the expert takes over, and its part is learned too."""
-
-    algorithm: ClassVar[str] = "dagger"
-
-    steps: int = 10_000
-    """Gradient steps of each round."""
-    rounds: int = 5
-    """Number of rounds after the first cloning."""
-    round_episodes: int = 10
-    """Episodes of the learner in each round."""
-    expert: str = ""
-    """Expert that takes over; empty for the one of the demonstrations."""
-
-    def scene_seeds(self, seed: int) -> tuple[range, ...]:
-        """Those of the learner's own episodes, of all rounds."""
-        count = self.rounds * self.round_episodes
-        return (training_seeds(DAGGER_SEEDS + seed * count, count),)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,29 +169,19 @@ class Decisions(Settings):
     grasps: Grasps = "side"
     """Grasps that are chosen among."""
 
-    def scene_seeds(self, seed: int) -> tuple[range, ...]:
-        """Those of the examples."""
-        return (training_seeds(DECISION_SEEDS + seed % DECISION_RUNS * SEEDS_OF_A_RUN, self.scenes),)
-
-
-@dataclass(frozen=True, kw_only=True)
-class DecisionsDAgger(Decisions):
-    """The same, then in rounds also from the states that the learner comes into."""
-
-    algorithm: ClassVar[str] = "decisions_dagger"
-
-    rounds: int = 5
-    """Number of rounds after the first fit."""
+    rounds: int = 0
+    """Rounds after the first fit, which learn from the states that the learner comes into (DAgger)."""
     round_episodes: int = 10
     """Number of scenes in each of these rounds."""
 
     def scene_seeds(self, seed: int) -> tuple[range, ...]:
         """Those of the examples, and those of all rounds."""
-        (examples,) = super().scene_seeds(seed)
-        return examples, training_seeds(examples.start + SEEDS_OF_A_RUN // 2, self.rounds * self.round_episodes)
+        first = DECISION_SEEDS + seed % DECISION_RUNS * SEEDS_OF_A_RUN
+        of_rounds = training_seeds(first + SEEDS_OF_A_RUN // 2, self.rounds * self.round_episodes)
+        return training_seeds(first, self.scenes), of_rounds
 
 
 SETTINGS: Mapping[str, type[Settings]] = MappingProxyType(
-    {kind.algorithm: kind for kind in (SAC, TQC, PPO, MaskablePPO, BC, DAgger, Keyframes, Decisions, DecisionsDAgger)}
+    {kind.algorithm: kind for kind in (SAC, TQC, PPO, MaskablePPO, DQN, BC, Keyframes, Decisions)}
 )
 """By the name of the algorithm."""

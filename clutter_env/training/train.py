@@ -10,7 +10,7 @@ from functools import partial
 from clutter_env.errors import LearningError
 from clutter_env.parallel import Crash, Killed, run_jobs
 from clutter_env.training.run import Run
-from clutter_env.training.settings import BC, PPO, SAC, Keyframes, Settings
+from clutter_env.training.settings import BC, Keyframes, Reinforcement, Settings
 
 History = list[dict[str, float]]
 
@@ -57,7 +57,7 @@ def _learner(settings: Settings, resume: bool) -> Callable[[Run], History]:
     # The networks are small: more threads are slower, and several runs share a machine.
     torch.set_num_threads(1)
     match settings:
-        case SAC() | PPO():
+        case Reinforcement():
             from clutter_env.training.reinforcement import reinforce
 
             return partial(reinforce, resume=resume)

@@ -13,6 +13,7 @@ from assets.robots import RobotSpec
 from irm.chain import BASE, ArmChain
 from irm.gjk import BOX, CYLINDER, ELLIPSOID, HULL, Solids
 from irm.ik.solvers import SolverArrays, solver_arrays
+from irm.kernel_arguments import packed
 from irm.kinematics import link_frames
 from planners.scene import AsideObject, Body, Scene, StaticObstacle
 
@@ -90,11 +91,11 @@ class Obstacles(NamedTuple):
 
     @classmethod
     def of(cls, objects: Solids, upright: tuple[Array, Array, Array], static: Solids, extent: Array) -> Obstacles:
-        """Objects with their `upright` cylinders (radius, bottom, top), and static obstacles."""
+        """Objects with their `upright` cylinders (radius, bottom, top), and static obstacles; packed."""
         (radius, bottom, top), centre = upright, objects.position[:, :2]
         lower = [*(centre - radius[:, None]).min(axis=0, initial=np.inf), bottom.min(initial=np.inf)]
         upper = [*(centre + radius[:, None]).max(axis=0, initial=-np.inf), top.max(initial=-np.inf)]
-        return cls(objects, radius, bottom, top, np.array(lower), np.array(upper), static, extent)
+        return packed(cls(objects, radius, bottom, top, np.array(lower), np.array(upper), static, extent))
 
 
 def obstacle_arrays(scene: Scene) -> Obstacles:
@@ -167,7 +168,7 @@ def _rows(vectors: Sequence[Array]) -> Array:
 
 
 def robot_of(scene: Scene) -> RobotArrays:
-    """The solids of a scene's robot; objects that idle arms hold are solids of the torso, behind all others.
+    """The solids of a scene's robot, packed; objects that idle arms hold are solids of the torso, behind all others.
 
     Raises:
         GeometryError: the robot has collision geometry that cannot be represented.
@@ -188,7 +189,7 @@ def _with_aside(arrays: RobotArrays, scene: Scene, one: AsideObject) -> RobotArr
     pairs = np.array([(solid, added) for solid in range(added) if arrays.link[solid] > 1], np.int64).reshape(-1, 2)
     reach = arrays.reach.copy()
     reach[2] = max(reach[2], float(np.linalg.norm((p[-1] + R[-1] @ T[:3, 3])[:2])) + bound)
-    return arrays._replace(
+    with_object = arrays._replace(
         core=np.append(arrays.core, CORES[body.shape]),
         half=np.vstack((arrays.half, body.half_extents)),
         radius=np.append(arrays.radius, 0.0),
@@ -201,11 +202,12 @@ def _with_aside(arrays: RobotArrays, scene: Scene, one: AsideObject) -> RobotArr
         self_pairs=np.concatenate((arrays.self_pairs, pairs)),
         reach=reach,
     )
+    return packed(with_object)
 
 
 @cache
 def robot_arrays(robot: RobotSpec) -> RobotArrays:
-    """The collision solids of a robot, with its head and idle arms in `robot.still_configuration`; read once.
+    """The collision solids of a robot, with its head and idle arms in `robot.still_configuration`; read once, packed.
 
     Raises:
         GeometryError: its MJCF has a collision geom that is no box, capsule, cylinder or sphere.
@@ -214,7 +216,7 @@ def robot_arrays(robot: RobotSpec) -> RobotArrays:
     if np.any(shapes.core > CYLINDER):
         raise GeometryError(f"{robot.name} has a mesh or an ellipsoid, which is none of {', '.join(_KNOWN)}")
     link, bound, slides = shapes.link, shapes.bound, (shapes.opened != 0).any(axis=1)
-    return RobotArrays(
+    arrays = RobotArrays(
         offsets=chain.offsets,
         axes=chain.axes,
         tip=chain.tip,
@@ -237,6 +239,7 @@ def robot_arrays(robot: RobotSpec) -> RobotArrays:
         reach=_reach(chain, link, shapes.position, bound + robot.max_finger_position * slides),
         tip_reach=_reach(chain, np.array([chain.size - 1]), chain.tip[None, :3], np.zeros(1)),
     )
+    return packed(arrays)
 
 
 def _reach(chain: ArmChain, link: NDArray[np.int64], position: Array, bound: Array) -> Array:

@@ -20,10 +20,12 @@ from planners.expert.executor import Command, Executor
 from planners.expert.monitor import Deviation, Sensor
 from planners.motion.trajectory import CONTROL_STEP
 from planners.scene.mujoco_reading import RobotJoints
+from planners.scene.prepare import COMMAND_STEP, ghosts
 from planners.tamp.solution import BoundAction, Solution
 
-_SEGMENTS = 5
-"""Steps in which the motor commands move within one control step (100 Hz)."""
+_SEGMENTS = round(CONTROL_STEP / COMMAND_STEP)
+"""Steps in which the motor commands move within one control step."""
+_BODY = mujoco.mjtObj.mjOBJ_BODY
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ def execute(
 
     Raises:
         ExpertError: the model lacks an actuator of the robot, its time step does not divide 0.01 s, or the plan is for
-            several arms.
+            several arms, or the robot passes through an object of it, see `planners.prepare`.
         SceneError: the model lacks the robot or an object of the plan.
     """
     if not solution.actions:
@@ -72,6 +74,13 @@ def execute(
     scene = solution.actions[0].scene
     if len({action.scene.robot.arm_name for action in solution.actions}) > 1:
         raise ExpertError("a plan for several arms is executed by TampExpert alone; robot.using(arm) plans for one")
+    bodies = {model.body(name).id: name for name in scene.names if mujoco.mj_name2id(model, _BODY, name) >= 0}
+    if ghosts_found := ghosts(model, scene.robot, bodies):
+        names = ", ".join(dict.fromkeys(bodies[int(model.geom_bodyid[geom])] for geom in ghosts_found))
+        raise ExpertError(
+            f"robot {scene.robot.name!r} passes through {names}: their contact bits do not meet its own; execute in "
+            "planners.prepare(model, robot).model"
+        )
     sensor = Sensor(model, data, scene.robot, scene.names)
     motors = _Motors(model, data, scene.robot)
     started = float(data.time)
@@ -120,7 +129,8 @@ class _Motors:
         self._steps = round(CONTROL_STEP / _SEGMENTS / model.opt.timestep)
         if self._steps < 1 or not np.isclose(self._steps * model.opt.timestep * _SEGMENTS, CONTROL_STEP):
             raise ExpertError(
-                f"a time step of {model.opt.timestep} s does not divide {CONTROL_STEP / _SEGMENTS} s; 0.002 s does"
+                f"a time step of {model.opt.timestep} s does not divide {COMMAND_STEP} s, after which commands change; "
+                "execute in planners.prepare(model, robot).model"
             )
         self._model, self._data, self._robot = model, data, robot
         self._joints = RobotJoints.of(model, data, robot)

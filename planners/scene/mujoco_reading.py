@@ -272,7 +272,7 @@ def static_obstacles_of(
         # No check would see what moves with the robot but is not in its MJCF.
         if part.id in on_robot and (part.name, str(model.geom(touching).name)) not in _own_geoms(robot):
             raise SceneError(
-                f"geom {_geom_name(model, int(touching))!r} on body {part.name!r} moves with the robot, but is not in "
+                f"geom {geom_name(model, int(touching))!r} on body {part.name!r} moves with the robot, but is not in "
                 f"the MJCF of {robot.name!r}"
             )
     elsewhere = on_robot | _with_attached(model, movable)
@@ -297,13 +297,13 @@ def _own_geoms(robot: RobotSpec) -> frozenset[tuple[str, str]]:
     return frozenset((str(body), str(model.geom(geom).name)) for geom, body in enumerate(bodies))
 
 
-def _geom_name(model: mujoco.MjModel, geom: int) -> str:
+def geom_name(model: mujoco.MjModel, geom: int) -> str:
     """Of the geom; of one without a name, its body's and its number."""
     return str(model.geom(geom).name) or f"{model.body(model.geom_bodyid[geom]).name}/geom_{geom}"
 
 
 def _obstacle(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> StaticObstacle:
-    name, kind, size = _geom_name(model, geom), mujoco.mjtGeom(int(model.geom_type[geom])), model.geom_size[geom]
+    name, kind, size = geom_name(model, geom), mujoco.mjtGeom(int(model.geom_type[geom])), model.geom_size[geom]
     position, rotation = np.array(data.geom_xpos[geom]), data.geom_xmat[geom].reshape(3, 3)
     kinds = mujoco.mjtGeom
     if kind == kinds.mjGEOM_BOX:
@@ -352,7 +352,7 @@ def declared_supports(model: mujoco.MjModel) -> tuple[str, ...]:
         return ()
     entries = slice(model.tuple_adr[index], model.tuple_adr[index] + model.tuple_size[index])
     is_geom = model.tuple_objtype[entries] == int(mujoco.mjtObj.mjOBJ_GEOM)
-    return tuple(_geom_name(model, int(geom)) for geom in model.tuple_objid[entries][is_geom])
+    return tuple(geom_name(model, int(geom)) for geom in model.tuple_objid[entries][is_geom])
 
 
 def find_supports(found: Sequence[FoundObstacle], wanted: Iterable[str]) -> tuple[str, ...]:

@@ -93,7 +93,7 @@ def test_decide_agrees_with_the_map_where_it_is_certain_and_leaves_little_open(c
 
 
 def test_poses_that_a_map_does_not_cover_are_decided(level_map, coarse_map):
-    T = random_poses(CHAIN, 500, np.random.default_rng(4))
+    T = random_poses(CHAIN, 150, np.random.default_rng(4))
     np.testing.assert_array_equal(decide(level_map, T), decide(coarse_map, T))
 
 

@@ -118,11 +118,8 @@ def _refused() -> tuple[Scene, str]:
 
 def test_a_refusal_names_the_grasps_that_it_holds_for() -> None:
     scene, target = _refused()
-    for grasps in ("top", (STEEP, SIDE)):
-        families = GRASP_SETS[grasps] if isinstance(grasps, str) else grasps
-        found = solve(scene, target, grasps=grasps)
-        if isinstance(found, Infeasible):
-            assert f"with the grasps of {grasp_set_name(families)}" in found.detail
-    assert isinstance(solve(scene, target, grasps="top"), Infeasible)
+    found = solve(scene, target, grasps="top")
+    assert isinstance(found, Infeasible)
+    assert f"with the grasps of {grasp_set_name(GRASP_SETS['top'])}" in found.detail
     assert grasp_set_name((STEEP, SIDE)) == "families 'steep', 'side'"
     assert grasp_set_name((SIDE,)) == "'side'"

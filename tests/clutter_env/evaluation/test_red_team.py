@@ -353,7 +353,7 @@ FREE = ("provenance", "weights", "seed", "feasibility", "environment", "policy",
 
 
 @pytest.mark.usefixtures("in_process")
-@pytest.mark.parametrize("count", [60, pytest.param(3000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [20, pytest.param(3000, marks=pytest.mark.slow)])
 def test_files_with_a_random_change_are_refused_or_not_confirmed(file: Path, count: int) -> None:
     rng, valid = random.Random(0), json.loads(file.read_text())
     for _ in range(count):

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+
 import mink
 import numpy as np
 import pytest
@@ -44,18 +48,55 @@ def test_joints_keep_their_limits_from_every_state() -> None:
 
 def test_the_objective_is_the_one_that_mink_assembles_from_both_tasks() -> None:
     rng, controller = np.random.default_rng(0), EndEffectorController(FETCH)
-    configuration = controller._configuration
+    configuration = mink.Configuration(controller._configuration.model)
     keep_home = mink.PostureTask(configuration.model, cost=controller._costs, gain=_CONFIGURATION_GAIN)
     keep_home.set_target(np.array(FETCH.home))
     for _ in range(20):
         q = rng.uniform(LOWER, UPPER)
         controller.reset(q)
         controller.joint_velocity(rng.uniform(-1, 1, 6), q, np.zeros_like(q))
+        configuration.update(controller._configuration.q)
         tasks = [controller._frame_task, keep_home]
         problem = mink.build_ik(configuration, tasks, CONTROL_STEP, _SOLVER_DAMPING, limits=[])
         quadratic, linear = controller._objective(configuration.q)
-        assert np.array_equal(quadratic, problem.P)
-        assert np.array_equal(linear, problem.q)
+        np.testing.assert_allclose(quadratic, problem.P, rtol=1e-12, atol=1e-14)
+        np.testing.assert_allclose(linear, problem.q, rtol=1e-12, atol=1e-14)
+
+
+FOLLOW = """
+import hashlib
+import numpy as np
+from assets import FETCH
+from clutter_env.simulation.end_effector import EndEffectorController
+
+rng, controller, digest = np.random.default_rng(0), EndEffectorController(FETCH), hashlib.sha256()
+for _ in range(10):
+    q, qd = np.array(FETCH.home), np.zeros(len(FETCH.home))
+    controller.reset(q)
+    for twist in np.repeat(rng.uniform(-1, 1, (5, 6)), 10, axis=0):
+        qd = controller.joint_velocity(twist, q, qd)
+        q = q + 0.05 * qd
+        digest.update(q.tobytes())
+print(digest.hexdigest())
+"""
+PROCESSORS = (
+    {},
+    {"OPENBLAS_CORETYPE": "Haswell"},
+    {"OPENBLAS_CORETYPE": "Prescott"},
+    {"NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL"},
+)
+
+
+@pytest.mark.slow
+def test_its_digits_are_the_same_on_every_processor() -> None:
+    """They passed through a BLAS, and recordings of "ee" actions could not be confirmed on other processors."""
+    command = [sys.executable, "-c", FOLLOW]
+    runs = [
+        subprocess.Popen(command, env={**os.environ, **kind}, stdout=subprocess.PIPE, text=True) for kind in PROCESSORS
+    ]
+    digests = [run.communicate()[0].strip() for run in runs]
+    assert len(digests[0]) == 64
+    assert len(set(digests)) == 1
 
 
 def test_the_follower_reaches_a_pose_near_home() -> None:

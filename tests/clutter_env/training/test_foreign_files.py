@@ -77,10 +77,11 @@ def test_a_strangers_training_run_executes_nothing(settings: Settings, task: Tas
         begin_episode(policy, info, env)
         policy.act(observation)
 
-    for kept, said in ((".npz", "damaged"), (".zip", "version 0.1"), (".pt", "version 0.1"), (".pkl", "there is no")):
+    kinds = (".npz", ".zip", ".pt") if not isinstance(settings, SAC) else (".pt", ".zip")
+    for kept, said in (*zip(kinds, ("damaged", "version 0.1", "version 0.1"), strict=False), ("", "there is no")):
         with pytest.raises(PolicyError, match=said):
             play()
-        if isinstance(settings, SAC) and kept != ".pkl":
+        if isinstance(settings, SAC) and kept:
             with pytest.raises(PolicyError, match=said):
                 train(replace(run, settings=replace(settings, steps=20)), resume=True)
         for file in run.directory.glob(f"*{kept}"):

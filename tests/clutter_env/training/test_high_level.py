@@ -28,7 +28,7 @@ from clutter_env.training.high_level_examples import (
     visited_examples,
 )
 from clutter_env.training.run import Run
-from clutter_env.training.settings import DecisionsDAgger
+from clutter_env.training.settings import Decisions
 from clutter_env.training.train import train
 
 RULE = CandidateRule(FETCH, find_layout("paper"))
@@ -110,7 +110,7 @@ def test_the_states_that_the_learner_visits_are_labelled(env: gym.Env[Any, Any],
 
 
 def test_training_writes_a_policy_and_its_history(tmp_path: Path) -> None:
-    settings = DecisionsDAgger(steps=40, scenes=2, rounds=1, round_episodes=1, evaluation_episodes=1)
+    settings = Decisions(steps=40, scenes=2, rounds=1, round_episodes=1, evaluation_episodes=1)
     trained = train(Run(TASK, settings, tmp_path / "run"))
     assert [entry["round"] for entry in trained.history] == [0, 1]
     assert {"success", "clearances", "reach", "free"} <= set(trained.history[0])

@@ -21,8 +21,8 @@ DEMOS = Path("demos")
 
 def settings_of(kind: type[Settings]) -> list[Settings]:
     """Settings of an algorithm with as many scenes as it may draw."""
-    given = {"demos": DEMOS} if kind.algorithm in ("bc", "dagger") else {}
-    more = {"clone_scenes": 600} if kind.algorithm in ("ppo", "maskable_ppo") else {}
+    given = {"demos": DEMOS} if kind.algorithm == "bc" else {}
+    more = {"rounds": 5} if kind.algorithm == "decisions" else {}
     return [kind(**given), kind(**given, **more)]
 
 

@@ -1,0 +1,131 @@
+"""Somebody's model made fit for execution: a copy with the changes that it needs, each of which is reported."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from assets.robots import RobotSpec
+from planners.scene.bodies import SceneError
+from planners.scene.mujoco_reading import can_touch, geom_name, robot_bodies
+
+COMMAND_STEP = 0.01
+"""[s] Motor commands change this often; a time step must divide it."""
+
+
+_PLANE = int(mujoco.mjtGeom.mjGEOM_PLANE)
+
+
+class Change(NamedTuple):
+    """What was changed, its values before and after, and why."""
+
+    what: str
+    before: str
+    after: str
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A model fit for `execute`, and what was changed in it; `str()` is a table of the changes.
+
+    Attributes:
+        model: a copy; states of the original are states of the copy.
+        changes: in the order of the model; none if it was fit as it is.
+    """
+
+    model: mujoco.MjModel
+    changes: tuple[Change, ...]
+
+    def __str__(self) -> str:
+        if not self.changes:
+            return "no changes"
+        rows = [Change._fields, *self.changes]
+        widths = [max(len(row[column]) for row in rows) for column in range(len(Change._fields))]
+        return "\n".join(
+            "  ".join(f"{value:<{width}}" for value, width in zip(row, widths, strict=True)).rstrip() for row in rows
+        )
+
+
+def prepare(model: mujoco.MjModel, robot: RobotSpec) -> Prepared:
+    """A copy of a model in which the robot can touch what is not the robot, and can be driven by `execute`.
+
+    Contact bits: a geom that can touch something but no geom of the robot, which is then a ghost to it, gets the bits
+    of the robot; planes do not, since the base stands in the ground. Time step: one that does not divide `COMMAND_STEP`
+    becomes the next shorter one that does.
+
+    Args:
+        model: that contains the robot; it is not written.
+        robot: which robot it is.
+
+    Raises:
+        SceneError: the model lacks parts of the robot, or the robot has no geom that can touch something.
+    """
+    mended, changes = copy.copy(model), []
+    on_robot = _robot_geoms(model, robot)
+    contype, conaffinity = (int(np.bitwise_or.reduce(bits[on_robot])) for bits in _bits(model))
+    for geom in ghosts(model, robot):
+        before = f"{model.geom_contype[geom]}/{model.geom_conaffinity[geom]}"
+        body = int(model.geom_bodyid[geom])
+        # MuJoCo compares the bits of whole bodies first.
+        for own, of_body, wanted in (
+            (mended.geom_conaffinity, mended.body_conaffinity, contype),
+            (mended.geom_contype, mended.body_contype, 0 if contype else conaffinity),
+        ):
+            own[geom] |= wanted
+            of_body[body] |= wanted
+        after = f"{mended.geom_contype[geom]}/{mended.geom_conaffinity[geom]}"
+        changes.append(
+            Change(f"contact bits of {geom_name(model, geom)}", before, after, "the robot passed through it")
+        )
+    steps = COMMAND_STEP / model.opt.timestep
+    if not np.isclose(steps, round(steps)):
+        mended.opt.timestep = COMMAND_STEP / math.ceil(steps)
+        why = f"commands change every {COMMAND_STEP:g} s"
+        changes.append(Change("time step [s]", f"{model.opt.timestep:g}", f"{mended.opt.timestep:g}", why))
+    return Prepared(mended, tuple(changes))
+
+
+def ghosts(model: mujoco.MjModel, robot: RobotSpec, bodies: Collection[int] | None = None) -> tuple[int, ...]:
+    """Ids of the geoms that can touch something, but no geom of the robot, which passes through them.
+
+    Args:
+        model: that contains the robot; its explicit contact pairs and exclusions are not looked at.
+        robot: which robot it is.
+        bodies: ids of the bodies that count; all by default, but for planes.
+
+    Raises:
+        SceneError: as for `prepare`.
+    """
+    contype, conaffinity = _bits(model)
+    on_robot, of_robot = _robot_geoms(model, robot), robot_bodies(model, robot)
+    found = []
+    for geom in np.flatnonzero(can_touch(model)):
+        body = int(model.geom_bodyid[geom])
+        is_asked = int(model.geom_type[geom]) != _PLANE if bodies is None else body in bodies
+        if body in of_robot or not is_asked:
+            continue
+        meets = (contype[geom] & conaffinity[on_robot]) | (conaffinity[geom] & contype[on_robot])
+        if not meets.any():
+            found.append(int(geom))
+    return tuple(found)
+
+
+def _bits(model: mujoco.MjModel) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    return model.geom_contype, model.geom_conaffinity
+
+
+def _robot_geoms(model: mujoco.MjModel, robot: RobotSpec) -> NDArray[np.int64]:
+    """Ids of the robot's geoms that have contact bits."""
+    of_robot = np.isin(model.geom_bodyid, list(robot_bodies(model, robot)))
+    found = np.flatnonzero(of_robot & ((model.geom_contype != 0) | (model.geom_conaffinity != 0)))
+    if not found.size:
+        raise SceneError(f"robot {robot.name!r} has no geom that can touch something: set contype in its MJCF")
+    return found

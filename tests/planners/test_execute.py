@@ -1,0 +1,43 @@
+"""Plans in the user's own simulation: what the robot passes through is refused, and mended by `prepare`."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from assets.robots import FETCH
+from planners import ExpertError, Solution, execute, prepare, solve
+from planners.scene import Scene
+from tests.planners.own_scenes import MOVABLE, SUPPORT, kitchen, read
+
+
+def planned(model: mujoco.MjModel, data: mujoco.MjData) -> Solution:
+    found = solve(read(model, data), "can", rng=np.random.default_rng(0))
+    assert isinstance(found, Solution), found
+    return found
+
+
+def test_an_object_that_the_robot_passes_through_is_refused_and_can_be_mended() -> None:
+    model, data = kitchen()
+    before = model.geom_conaffinity.copy()
+    solution = planned(model, data)
+    with pytest.raises(ExpertError, match=r"passes through can, box_a, box_b.*prepare"):
+        execute(solution, model, data)
+    fit = prepare(model, FETCH)
+    assert (model.geom_conaffinity == before).all()
+    assert "contact bits of plate" in str(fit)
+    moved = mujoco.MjData(fit.model)
+    moved.qpos[:] = data.qpos
+    mujoco.mj_forward(fit.model, moved)
+    assert execute(solution, fit.model, moved).finished
+    assert Scene.from_mujoco(fit.model, moved, FETCH, movable=MOVABLE, support=SUPPORT).body("can").bottom > 0.8
+
+
+def test_a_prepared_model_needs_no_changes() -> None:
+    model, _ = kitchen()
+    model.opt.timestep = 0.0035
+    fit = prepare(model, FETCH)
+    assert fit.model.opt.timestep == pytest.approx(0.01 / 3)
+    assert prepare(fit.model, FETCH).changes == ()
+    assert str(prepare(fit.model, FETCH)) == "no changes"
