@@ -31,7 +31,9 @@ _ARRAYS = ("half_extents", "positions", "yaws", "masses", "base")
 
 @dataclass(frozen=True)
 class Floor:
-    """The minimum number of clearances before the target can be held; see `planners.clearance_floor`.
+    """The minimum number of clearances; see `planners.clearance_floor` and `planners.lower_bound`.
+
+    Of Rearrange: picks beyond those of the objects that the goal wants elsewhere.
 
     Attributes:
         count: how many; None if no plan exists.
@@ -71,8 +73,8 @@ class SuiteScene:
         max_steps: control steps after which an episode is over, see docs/suites.md.
         seed, options: of the reset.
         target: name of the target.
-        floor_side: for side grasps, None in suites of Rearrange.
-        floor_all: for grasps of all kinds, None if it has not been computed, and in suites of Rearrange.
+        floor_side: for side grasps.
+        floor_all: for grasps of all kinds.
         digests: of each part of the first state, see `scene_digests`.
     """
 

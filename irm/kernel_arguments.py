@@ -4,12 +4,14 @@ Numba passes a tuple as separate arguments, seven for each of its arrays: some 5
 takes a third of a collision check, and a kernel with so many arguments takes seconds to compile. A pointer is one
 argument: the address of the tuple. Its attributes are read as those of the tuple.
 
-    @njit(cache=True)
-    def outer(query: CollisionQuery, X: Array) -> int:      # called from Python, with the tuple
-        return inner(pointer_to(query), X)                   # `inner` reads query.robot.offsets and so on
+    outer(packed(query), X)                                  # `outer` reads query.robot.offsets and so on
 
-A pointer does not keep what it points to: it may only be passed on to kernels that are called, never be returned, and
-the tuple must be an argument of the kernel that makes it.
+    @njit(cache=True)
+    def outer(query: CollisionQuery, X: Array) -> int:       # or called from Python with a small tuple itself
+        return inner(pointer_to(query), X)
+
+A pointer does not keep what it points to: it may only be passed on to kernels that are called, never be returned. Of
+`pointer_to` the tuple must be an argument of the kernel that makes it.
 
 This is the one module that rests on internals of numba and llvmlite (`numba.core`, code generation); its tests fail
 where a new version of theirs changes them.
@@ -18,17 +20,20 @@ where a new version of theirs changes them.
 from __future__ import annotations
 
 import hashlib
+import struct
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.datamodel import models, register_default
 from numba.core.imputils import impl_ret_borrowed
-from numba.core.types.containers import BaseNamedTuple
+from numba.core.registry import cpu_target
+from numba.core.types.containers import BaseNamedTuple, BaseTuple
 from numba.core.typing.templates import AttributeTemplate, Signature
-from numba.extending import infer_getattr, intrinsic, lower_getattr_generic
+from numba.extending import NativeValue, infer_getattr, intrinsic, lower_getattr_generic, unbox
+from numba.np.numpy_support import from_dtype
 from numpy.typing import NDArray
 
 from irm.compilation import njit
@@ -138,3 +143,107 @@ def pointer_to(_typing_context: Any, value: types.Type) -> tuple[Signature, Any]
         return builder.bitcast(cgutils.alloca_once_value(builder, values[0]), _BYTE.as_pointer())
 
     return StructPointer(value)(value), store
+
+
+_WORD = 8
+"""[bytes]"""
+_SCALARS = {bool: types.boolean, int: types.int64, float: types.float64}
+_SCALARS |= {np.uint64: types.uint64, np.int64: types.int64, np.float64: types.float64}
+"""Types that numbers in a packed tuple may have."""
+_Layout = tuple[type, tuple[Any, ...]]
+TupleT = TypeVar("TupleT", bound=tuple[Any, ...])
+
+
+def packed(value: TupleT) -> TupleT:
+    """A named tuple that kernels called from Python are given by its address; in Python its fields can be read.
+
+    Fields are arrays in C order, numbers, named tuples, and such tuples packed before. Kernels may write to all arrays,
+    also to those that are read-only here: one compiled kernel serves both.
+
+    Raises:
+        TypeError: a field is of another kind.
+    """
+    return cast(TupleT, _Packed(value))
+
+
+class _Packed:
+    """A named tuple and its memory as kernels read it; what it holds is kept as long as this is."""
+
+    def __init__(self, value: tuple[Any, ...]) -> None:
+        parts, layout = _words_of(value)
+        self.value, self.words, self.layout = value, np.concatenate(parts), layout
+        self.address = int(self.words.__array_interface__["data"][0])
+        self._numba_type_ = _pointer_type(layout)
+
+    def __getattr__(self, name: str) -> Any:
+        """A field of the tuple."""
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(self.value, name)
+
+    def __getitem__(self, index: int) -> Any:
+        """A field by its number; so the fields can be iterated over too."""
+        return self.value[index]
+
+
+def _words_of(value: tuple[Any, ...]) -> tuple[list[NDArray[np.uint64]], _Layout]:
+    """The memory of a tuple in pieces, and its layout: its class, and for each field its own layout or type."""
+    parts: list[NDArray[np.uint64]] = []
+    words: list[int] = []
+    layout: list[Any] = []
+    for field in value:
+        if isinstance(field, np.ndarray):
+            if not field.flags.c_contiguous:
+                raise TypeError("an array of a packed tuple is not in C order")
+            # Without the two objects by which numba counts references: whoever packs it keeps the array.
+            address = field.__array_interface__["data"][0]
+            words += (0, 0, field.size, field.itemsize, address, *field.shape, *field.strides)
+            layout.append((field.dtype.char, field.ndim))
+        elif isinstance(field, _Packed | tuple):
+            inner, of_inner = ([field.words], field.layout) if isinstance(field, _Packed) else _words_of(field)
+            parts += (np.array(words, np.uint64), *inner)
+            words = []
+            layout.append(of_inner)
+        elif type(field) in _SCALARS:
+            is_float = isinstance(field, float)
+            words.append(struct.unpack("Q", struct.pack("d", field))[0] if is_float else int(field) & (1 << 64) - 1)
+            layout.append(type(field))
+        else:
+            raise TypeError(f"a packed tuple cannot hold a {type(field).__name__}")
+    return [*parts, np.array(words, np.uint64)], (type(value), tuple(layout))
+
+
+@cache
+def _pointer_type(layout: _Layout) -> StructPointer:
+    """Numba's type of a packed tuple."""
+    target, words = _type_of(layout)
+    context = cpu_target.target_context
+    # Numbers smaller than a word that follow each other would share one.
+    assert context.get_abi_sizeof(context.get_value_type(target)) == _WORD * words
+    return StructPointer(target)
+
+
+def _type_of(layout: _Layout) -> tuple[BaseNamedTuple, int]:
+    """Numba's type of a tuple, and how many words it takes."""
+    named, total = layout[0], 0
+    fields: list[types.Type] = []
+    found: types.Type
+    for one in layout[1]:
+        if isinstance(one, type):
+            found, words = _SCALARS[one], 1
+        elif isinstance(one[0], str):
+            found, words = types.Array(from_dtype(np.dtype(one[0])), one[1], "C"), 5 + 2 * one[1]
+        else:
+            found, words = _type_of(one)
+        fields.append(found)
+        total += words
+    return BaseTuple.from_types(fields, named), total
+
+
+@unbox(StructPointer)
+def _address_of(_pointer: StructPointer, packed: Any, c: Any) -> NativeValue:
+    """Emit code that takes the address out of what `packed` returns."""
+    number = c.pyapi.object_getattr_string(packed, "address")
+    address = c.builder.inttoptr(c.pyapi.number_as_ssize_t(number), _BYTE.as_pointer())
+    c.pyapi.decref(number)
+    return NativeValue(address)

@@ -14,7 +14,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING, TypeAlias
@@ -35,8 +35,10 @@ EDGE = 0.002
 """[m] that an object may reach over the edge of its region."""
 TOLERANCE, YAW_TOLERANCE = 0.02, 0.1
 """[m] and [rad] about a pose, if no other tolerance is given."""
-_SIDES = 24
-"""Points on the rim of a round footprint."""
+_ANGLES = np.arange(24) * (2 * np.pi / 24)
+_RIM = np.column_stack((np.cos(_ANGLES), np.sin(_ANGLES)))
+"""Points on the rim of a round footprint, of radius 1."""
+_CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 
 
 class GoalError(ValueError):
@@ -55,7 +57,7 @@ class Region:
         yaw: [rad] of its x axis.
 
     Raises:
-        GoalError: half extents that are not positive, or a number that is not finite.
+        GoalError: half extents that are not positive, numbers that are not finite, or no name.
     """
 
     name: str
@@ -65,12 +67,19 @@ class Region:
     yaw: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("centre", "half_extents"):
-            x, y = getattr(self, name)
-            object.__setattr__(self, name, (float(x), float(y)))
-        object.__setattr__(self, "yaw", float(self.yaw))
-        if not np.isfinite((*self.centre, *self.half_extents, self.yaw)).all() or min(self.half_extents) <= 0:
-            raise GoalError(f"region {self.name!r} needs finite numbers and positive half extents, not {self}")
+        try:
+            for name in ("centre", "half_extents"):
+                x, y = getattr(self, name)
+                object.__setattr__(self, name, (float(x), float(y)))
+            object.__setattr__(self, "yaw", float(self.yaw))
+            is_valid = np.isfinite((*self.centre, *self.half_extents, self.yaw)).all() and min(self.half_extents) > 0
+        except (TypeError, ValueError):
+            is_valid = False
+        if not is_valid or not _is_name(self.name):
+            raise GoalError(
+                f"a region needs a name, the name of its support, two finite numbers for its centre, two positive half "
+                f"extents and a yaw, not {self!r:.200}"
+            )
 
     @property
     def corners(self) -> Array:
@@ -173,6 +182,9 @@ class At:
         z: [m] of its centre, None for any: where one support lies above another it says on which of them.
         tolerance: [m].
         yaw_tolerance: [rad].
+
+    Raises:
+        GoalError: a number that is not finite, or a tolerance that is not positive.
     """
 
     object: str
@@ -182,6 +194,18 @@ class At:
     z: float | None = None
     tolerance: float = TOLERANCE
     yaw_tolerance: float = YAW_TOLERANCE
+
+    def __post_init__(self) -> None:
+        try:
+            for name in ("x", "y", "yaw", "z", "tolerance", "yaw_tolerance"):
+                if getattr(self, name) is not None:
+                    object.__setattr__(self, name, float(getattr(self, name)))
+            numbers = (self.x, self.y, self.yaw or 0.0, self.z or 0.0, self.tolerance, self.yaw_tolerance)
+            is_valid = np.isfinite(numbers).all() and min(self.tolerance, self.yaw_tolerance) > 0
+        except (TypeError, ValueError):
+            is_valid = False
+        if not is_valid:
+            raise GoalError(f"a place needs finite numbers and positive tolerances, not {self!r:.200}")
 
     def holds(self, scene: Scene, start: Scene | None = None) -> bool:
         """Whether it does; see `Goal.holds`."""
@@ -229,17 +253,23 @@ class Goal:
 
     Attributes:
         facts: in the order in which they were given, each once.
+
+    Raises:
+        GoalError: no fact, something that is none, or a name that is no text.
     """
 
     facts: tuple[Fact, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "facts", tuple(dict.fromkeys(self.facts)))
-        for fact in self.facts:
+        facts = tuple(self.facts) if isinstance(self.facts, Iterable) else (self.facts,)
+        for fact in facts:
             if not isinstance(fact, Fact):
-                raise GoalError(f"{fact!r} is no fact of a goal; valid are {_VALID}")
-        if not self.facts:
+                raise GoalError(f"{fact!r:.100} is no fact of a goal; valid are {_VALID}")
+            if not all(_is_name(name) for name in _names(fact)):
+                raise GoalError(f"names are texts, not empty, without quotation marks; not so in {fact!r:.100}")
+        if not facts:
             raise GoalError(f"a goal needs at least one fact; valid are {_VALID}")
+        object.__setattr__(self, "facts", tuple(dict.fromkeys(facts)))
 
     def __and__(self, other: Goal) -> Goal:
         if not isinstance(other, Goal):
@@ -383,13 +413,12 @@ class Goal:
 
         Facts are `(holding a)`, `(on a place)`, `(inside a region)`, `(clear region)`, `(before a b)` and
         `(at a (x 0.5) (y 0.2) (yaw 1.57) (z 0.83) (tolerance 0.02) (yaw-tolerance 0.1))`, of which x and y are needed.
+        A name with blanks or parentheses stands in quotation marks.
 
         Raises:
             GoalError: it is none; the message says what is valid.
         """
-        tree, rest = _parse(re.findall(r"[()]|[^\s()]+", re.sub(r";.*", "", text)), text)
-        if rest or not isinstance(tree, list) or not tree:
-            raise GoalError(f"{text!r} is no goal; valid are {_VALID}")
+        tree = _parse(text)
         return cls(tuple(_fact(part, text) for part in (tree[1:] if tree[0] == "and" else [tree])))
 
 
@@ -423,7 +452,10 @@ def at(name: str, pose: ArrayLike, tolerance: float = TOLERANCE, yaw_tolerance: 
     Raises:
         GoalError: another shape, or a number that is not finite.
     """
-    T = np.asarray(pose, dtype=float)
+    try:
+        T = np.asarray(pose, dtype=float)
+    except (TypeError, ValueError):
+        T = np.zeros(0)
     if T.shape not in ((2,), (3,), (4, 4)) or not np.isfinite(T).all():
         raise GoalError(f"a pose is finite, of shape (2,), (3,) or (4, 4), not {pose!r:.100}")
     if T.shape == (4, 4):
@@ -443,9 +475,9 @@ def before(first: str, second: str) -> Goal:
     return Goal((Before(first, second),))
 
 
-def and_(*goals: Goal) -> Goal:
-    """All of these."""
-    return Goal(tuple(fact for goal in goals for fact in goal.facts))
+def and_(*goals: str | Goal) -> Goal:
+    """All of these goals; raises `GoalError`, see `Goal.of`."""
+    return Goal(tuple(fact for goal in goals for fact in Goal.of(goal).facts))
 
 
 # The geometry of scenes.
@@ -466,13 +498,13 @@ def region_named(scene: Scene, name: str) -> Region:
 
 def footprint(body: Body, margin: float = 0.0) -> Array:
     """Points (k, 2) [m] whose convex hull is the object seen from above, grown by `margin` [m]."""
-    if body.shape == "cylinder" and body.is_upright:
-        angles = np.arange(_SIDES) * (2 * np.pi / _SIDES)
-        radius = float(body.half_extents[0]) + margin
-        return np.asarray(body.position[:2] + radius * np.column_stack((np.cos(angles), np.sin(angles))))
-    half = np.maximum(np.array(body.half_extents) + margin, 0.0)
-    corners = np.array(list(itertools.product((-1.0, 1.0), repeat=3))) * half
-    return np.asarray(body.position[:2] + corners @ body.rotation[:2].T)
+    grown = np.maximum(np.array(body.half_extents) + margin, 0.0)
+    if body.shape == "box":
+        return np.asarray(body.position[:2] + _CORNERS * grown @ body.rotation[:2].T)
+    axis, rim = body.rotation[:2, 2] * grown[2], _RIM * grown[:2] @ body.rotation[:2, :2].T
+    if math.hypot(*axis) < EDGE / 2:  # upright: both ends are one circle
+        return np.asarray(body.position[:2] + rim)
+    return np.concatenate((body.position[:2] + axis + rim, body.position[:2] - axis + rim))
 
 
 def overlap(one: Array, other: Array) -> float:
@@ -497,7 +529,7 @@ def occupants(scene: Scene, place: str) -> tuple[str, ...]:
     region = region_named(scene, place) if place in region_names(scene) else None
     face = scene.support_named(place if region is None else region.support)
     standing = [body for body in scene.objects if body.name not in scene.held_names]
-    found = [b for b in standing if abs(b.bottom - face.top) <= RESTING and face.is_under(b.position[:2])]
+    found = [b for b in standing if face.is_under(b.position[:2]) and stands_at(scene, b, face.top)]
     for below in found:
         found += [
             body
@@ -522,16 +554,25 @@ def height_below(scene: Scene, body: Body) -> float:
 def is_at_rest(scene: Scene, body: Body, level: float, start: Scene | None = None) -> bool:
     """Whether an object stands on a face at a height [m], upright, or lying as it did at the start."""
     is_standing = body.is_upright or (start is not None and not start.body(body.name).is_upright)
-    return is_standing and body.name not in scene.held_names and abs(body.bottom - level) <= RESTING
+    return is_standing and body.name not in scene.held_names and stands_at(scene, body, level)
+
+
+def stands_at(scene: Scene, body: Body, level: float) -> bool:
+    """Whether an object's lowest point is at a face at a height [m], and at no other face under its centre rather."""
+    away = abs(body.bottom - level)
+    return away <= RESTING and all(abs(body.bottom - other) >= away for other in levels_under(scene, body))
 
 
 def levels_under(scene: Scene, body: Body) -> Iterator[float]:
-    """[m] heights of the supports and objects under the centre of an object."""
+    """[m] heights of the supports and objects under the centre of an object, within `RESTING` of its lowest point."""
     for name in scene.supports:
-        if scene.support_named(name).is_under(body.position[:2]):
-            yield scene.support_named(name).top
-    others = (one for one in scene.objects if one.name not in (body.name, *scene.held_names))
-    yield from (one.top for one in others if overlap(footprint(one), body.position[None, :2]) >= 0)
+        face = scene.support_named(name)
+        if abs(face.top - body.bottom) <= RESTING and face.is_under(body.position[:2]):
+            yield face.top
+    for one in scene.objects:
+        is_near = abs(one.top - body.bottom) <= RESTING and one.name not in (body.name, *scene.held_names)
+        if is_near and overlap(footprint(one), body.position[None, :2]) >= 0:
+            yield one.top
 
 
 def has_yaw(body: Body) -> bool:
@@ -553,6 +594,22 @@ def _place_of(fact: On | Inside | At) -> str:
 # PDDL.
 
 
+def _is_name(value: object) -> bool:
+    return isinstance(value, str) and bool(value) and '"' not in value
+
+
+def _names(fact: Fact) -> tuple[str, ...]:
+    match fact:
+        case Before(one, other) | On(one, other) | Inside(one, other):
+            return one, other
+        case Clear(name) | Holding(name) | At(name):
+            return (name,)
+
+
+def _quoted(name: str) -> str:
+    return name if re.fullmatch(_WORD, name) else f'"{name}"'
+
+
 def _format(fact: Fact) -> str:
     match fact:
         case At():
@@ -565,31 +622,39 @@ def _format(fact: Fact) -> str:
                 "yaw-tolerance": fact.yaw_tolerance,
             }
             given = " ".join(f"({name} {number!r})" for name, number in numbers.items() if number is not None)
-            return f"(at {fact.object} {given})"
-        case Before(one, other) | On(one, other) | Inside(one, other):
-            return f"({type(fact).__name__.lower()} {one} {other})"
-        case Clear(name) | Holding(name):
-            return f"({type(fact).__name__.lower()} {name})"
+            return f"(at {_quoted(fact.object)} {given})"
+    return f"({' '.join((type(fact).__name__.lower(), *map(_quoted, _names(fact))))})"
 
 
 _TREE: TypeAlias = "str | list[_TREE]"
+_NUMBERS = ("x", "y", "z", "yaw", "tolerance", "yaw-tolerance")
 _ARGUMENTS = {"holding": (Holding, 1), "on": (On, 2), "inside": (Inside, 2), "clear": (Clear, 1), "before": (Before, 2)}
 
 
-def _parse(words: list[str], text: str) -> tuple[_TREE, list[str]]:
-    """The first expression of a text, and the words after it."""
-    if not words or words[0] == ")":
-        raise GoalError(f"{text!r} is no goal: parentheses do not match")
-    first, *rest = words
-    if first != "(":
-        return first, rest
-    parts: list[_TREE] = []
-    while rest and rest[0] != ")":
-        part, rest = _parse(rest, text)
-        parts.append(part)
-    if not rest:
-        raise GoalError(f"{text!r} is no goal: parentheses do not match")
-    return parts, rest[1:]
+_WORD = r'[^\s()";]+'
+
+
+def _parse(text: str) -> list[_TREE]:
+    """The expression of a text: words, and lists of them at most three deep, as an `at` in an `and` is."""
+    if not isinstance(text, str):
+        raise GoalError(f"{text!r:.100} is no text")
+    outer: list[_TREE] = []
+    open_lists = [outer]
+    for word in re.findall(rf'"[^"]*"|[()"]|{_WORD}', re.sub(r'("[^"]*")|;.*', r"\1", text)):
+        if word == "(" and len(open_lists) <= 3:
+            inner: list[_TREE] = []
+            open_lists[-1].append(inner)
+            open_lists.append(inner)
+        elif word == ")" and len(open_lists) > 1:
+            open_lists.pop()
+        elif word in '()"':
+            raise GoalError(f"{text!r:.200} is no goal: parentheses do not match, or are more than three deep")
+        else:
+            open_lists[-1].append(word.strip('"'))
+    match outer:
+        case [[_, *_] as tree] if len(open_lists) == 1:
+            return tree
+    raise GoalError(f"{text!r:.200} is no goal: parentheses do not match, or it is empty; valid are {_VALID}")
 
 
 def _fact(tree: _TREE, text: str) -> Fact:
@@ -599,17 +664,19 @@ def _fact(tree: _TREE, text: str) -> Fact:
             numbers: dict[str, float] = {}
             for part in given:
                 match part:
-                    case [str(key), str(value)] if re.fullmatch(r"x|y|z|yaw|tolerance|yaw-tolerance", key):
+                    case [str(key), str(value)] if key in _NUMBERS and key.replace("-", "_") not in numbers:
                         try:
                             numbers[key.replace("-", "_")] = float(value)
                         except ValueError:
-                            raise GoalError(f"{value!r} in {text!r} is no number") from None
+                            raise GoalError(f"{value!r} in {text!r:.200} is no number") from None
                     case _:
-                        raise GoalError(f"{part!r} in {text!r}: valid are (x 0.5), and so y, yaw, z, tolerance")
+                        raise GoalError(
+                            f"{part!r:.100} in {text!r:.200}: valid are {_NUMBERS}, each once, as in (x 0.5)"
+                        )
             if {"x", "y"} <= numbers.keys():
                 return At(name, **numbers)
-            raise GoalError(f"(at {name} …) in {text!r} needs (x …) and (y …)")
+            raise GoalError(f"(at {name} …) in {text!r:.200} needs (x …) and (y …)")
         case [str(kind), *names] if kind in _ARGUMENTS and len(names) == _ARGUMENTS[kind][1]:
             if all(isinstance(name, str) for name in names):
                 return _ARGUMENTS[kind][0](*names)
-    raise GoalError(f"{tree!r} in {text!r} is no fact; valid are {_VALID}")
+    raise GoalError(f"{tree!r:.100} in {text!r:.200} is no fact; valid are {_VALID}")

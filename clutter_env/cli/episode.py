@@ -73,7 +73,7 @@ class Arguments:
         if self.episodes < 1:
             raise ValueError(f"--episodes {self.episodes} is not valid; it must be at least 1")
         if self.task and self.episodes > 1:
-            raise ValueError("--episodes is without --task; of tasks: clutter-env evaluate --suite sort-8-v1")
+            raise ValueError("--episodes is without --task; of tasks: clutter-env evaluate --suite sort-8-v2")
         counts = REARRANGE_COUNTS if self.task else OBJECT_COUNTS
         if self.objects not in counts:
             valid = ", ".join(map(str, counts))

@@ -151,7 +151,8 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         reward, terminated = self._advance()
         if self.render_mode == "human":
             self.render()
-        return self._observe(), reward, terminated, self.world.is_unstable, self._info()
+        info = self._info()
+        return self._observe(), reward, terminated, info["unstable"], info
 
     def render(self) -> NDArray[Any] | None:
         """An image (height, width, 3) uint8, a depth image (height, width) float32 [m], or None (shown in a window).

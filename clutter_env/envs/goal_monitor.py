@@ -8,7 +8,7 @@ when it travels in the air, in the gripper.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
@@ -23,7 +23,7 @@ from clutter_env.scene.layout import Layout, furniture, supports_of
 from clutter_env.scene.table_scene import TableScene, object_name
 from clutter_env.simulation.saved_state import Fields
 from clutter_env.simulation.world import Measurements, World, start_poses
-from planners.goals import At, Before, Clear, Fact, Goal, GoalError, Holding, Inside, On, Region
+from planners.goals import At, Before, Clear, Fact, Goal, GoalError, Holding, Inside, On, Region, occupants
 from planners.scene import AsideObject, Body, HeldObject, RobotState, Scene, StaticObstacle
 
 Array = NDArray[np.float64]
@@ -60,7 +60,8 @@ class GoalMonitor:
     Attributes:
         goal: what is wanted.
         unmet: the facts that do not hold.
-        steps_met: control steps in a row in which all facts have held.
+        steps_met: control steps in a row in which all facts have held, and the robot has let go: it touches nothing
+            that the goal puts somewhere, and what it holds touches nothing else.
         moved: names of the objects that have been lifted off what they stood on, in order.
     """
 
@@ -70,11 +71,14 @@ class GoalMonitor:
         self._start = self._scene = start
         self._facts = {fact: fact.holds(start, start) for fact in goal.facts}
         self.steps_met, self.moved = 0, list[str]()
+        self._lifted: set[str] = set()  # of those in hand now
         self._places = self._find_places()
         self._slots = [world.names.index(name) for name in self.named]
+        self._standing = set(self._slots) - {world.names.index(name) for name in goal.held}
         self._last: Measurements | None = None
         self._poses = np.array([[*body.position, *body.quaternion] for body in start.objects])
         self.unmet = self._find_unmet()
+        self._to_carry = {name for fact in self.unmet for name in self._displaced(fact)}
 
     @property
     def regions(self) -> tuple[Region, ...]:
@@ -93,6 +97,11 @@ class GoalMonitor:
         """Whether all facts have held for long enough."""
         return self.steps_met >= HOLD_STEPS
 
+    @property
+    def is_carried_out(self) -> bool:
+        """Whether every object that stood elsewhere at the start has been lifted; a short push is no way there."""
+        return self._to_carry.issubset(self.moved)
+
     def is_lost(self, measurements: Measurements) -> bool:
         """Whether an object that is to be somewhere has fallen off all supports; what is carried may be lower."""
         return bool((measurements.is_off & measurements.is_fallen)[self._slots].any())
@@ -101,12 +110,22 @@ class GoalMonitor:
         """Take into account what was measured after one more control step."""
         if measurements is not self._last:
             self._judge(measurements)
-        self.steps_met = 0 if self.unmet else self.steps_met + 1
+        self.steps_met = 0 if self.unmet or not self._is_let_go(measurements) else self.steps_met + 1
+
+    def _is_let_go(self, measurements: Measurements) -> bool:
+        """Whether what is to stand somewhere does so without the robot, and what is held is in the air."""
+        grip = measurements.grip
+        is_in_air = all(slot < 0 or carried for slot, carried in zip(grip.held, grip.is_carried, strict=True))
+        return is_in_air and self._standing.isdisjoint(self._world.touched)
 
     def _judge(self, measurements: Measurements) -> None:
         """Look again at the facts of the objects that have moved, or have been grasped or let go."""
         names, grip = self._world.names, measurements.grip
-        self.moved += [names[slot] for slot in grip.carried if names[slot] not in self.moved[-1:]]
+        self._lifted &= {names[slot] for slot in grip.held if slot >= 0}
+        for name in (names[slot] for slot in grip.carried):
+            if name not in self._lifted:
+                self._lifted.add(name)
+                self.moved += [name] if name not in self.moved[-1:] else []  # a grip may be lost for one step
         changed = self._take_over(measurements)
         if changed:
             for fact in self._facts:
@@ -136,6 +155,10 @@ class GoalMonitor:
             for fact, holds in self._facts.items()
             if not (Goal((fact,)).is_in_order(self.moved) if isinstance(fact, Before) else holds)
         )
+
+    def _displaced(self, fact: Fact) -> Collection[str]:
+        """Names of the objects that must move for a fact that does not hold at the start."""
+        return occupants(self._start, fact.region) if isinstance(fact, Clear) else {getattr(fact, "object", "")}
 
     # Places, for the observation and the reward.
 
@@ -223,6 +246,7 @@ class GoalMonitor:
         monitor._take_over(measurements)
         monitor._facts = dict(zip(monitor._facts, memory.facts, strict=True))
         monitor.steps_met, monitor.moved = memory.steps_met, list(memory.moved)
+        monitor._lifted = set(monitor._scene.held_names).intersection(memory.moved[-len(measurements.grip.held) :])
         monitor.unmet = monitor._find_unmet()
         return monitor
 

@@ -171,7 +171,11 @@ Observation = dict[str, NDArray[np.float32]]
 
 
 class Observer:
-    """Makes the vectors of an observation: "robot", "tcp", "gripper" and, where wanted, "objects" and "goal"."""
+    """Makes the vectors of an observation: "robot", "tcp", "gripper" and, where wanted, "objects" and "goal".
+
+    Attributes:
+        bounds: largest magnitudes of all numbers of an observation, one entry after the other.
+    """
 
     def __init__(self, world: World, num_slots: int, shows_objects: bool, shows_goal: bool) -> None:
         self._num_slots = num_slots
@@ -179,23 +183,19 @@ class Observer:
         names = ["robot", "tcp", "gripper", *["objects"] * shows_objects, *["goal"] * shows_goal]
         self._slices = entry_slices(self.layout, names, num_slots)
         rows = {name: num_slots if name == "objects" else 1 for name in names}
-        self._bounds = np.concatenate([np.tile(self.layout[name].bounds, rows[name]) for name in names])
-        self._lowest = -self._bounds
+        bounds = np.concatenate([np.tile(self.layout[name].bounds, rows[name]) for name in names])
+        self.bounds = bounds.astype(np.float32)
+        self._lowest = -self.bounds
         self._own = slice(0, self._slices["gripper"].stop)
         self._own_qpos = np.concatenate((world.index.drive_qpos, world.index.finger_qpos))
         self._shows_objects, self._shows_goal = shows_objects, shows_goal
-        self._constant = np.zeros_like(self._bounds)
+        self._constant = np.zeros_like(self.bounds)
         self._constant_scene: TableScene | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
         """The entries of an observation, in order."""
         return tuple(self._slices)
-
-    @property
-    def bounds(self) -> NDArray[np.float32]:
-        """Largest magnitudes of all numbers of an observation, one entry after the other."""
-        return self._bounds.astype(np.float32)
 
     @property
     def space(self) -> spaces.Dict:
@@ -223,8 +223,8 @@ class Observer:
         poses[0, :3] = data.site_xpos[index.tcp_site]
         mujoco.mju_mat2Quat(poses[0, 3:], data.site_xmat[index.tcp_site])
         poses[1:] = measurements.poses
-        poses = _poses_in_base(base_x, base_y, yaw, poses)
-        tcp = poses[0].tolist()
+        relative = _poses_in_base(base_x, base_y, yaw, poses)
+        tcp = relative[:, 0].tolist()
         forward, sideways, *rates = data.qvel[index.drive_dof].tolist()
         ahead, left = cosine * forward + sine * sideways, cosine * sideways - sine * forward
         fingers, gap = positions[num_joints:], world.robot.finger_gap_closed
@@ -234,22 +234,21 @@ class Observer:
         flat[self._own] = [base_x, base_y, sine, cosine, *joints, ahead, left, *rates, *tcp, *widths, *commanded]
         if self._shows_objects:
             rows = flat[self._slices["objects"]].reshape(self._num_slots, len(OBJECT_FIELDS))
-            rows[: len(measurements.poses), _POSE] = poses[1:]
+            rows[: len(measurements.poses), _POSE] = relative.T[1:]
             for slot in measurements.grip.held:
                 if slot >= 0:
                     rows[slot, _HELD] = 1.0
         if self._shows_goal:
-            x, y, z, *_ = poses[1 + target].tolist()
+            x, y, z, *_ = relative[:, 1 + target].tolist()
             flat[self._slices["goal"]] = [x - tcp[0], y - tcp[1], z - tcp[2], lift_left, hold_progress]
-        np.minimum(np.maximum(flat, self._lowest, out=flat), self._bounds, out=flat)
-        small = flat.astype(np.float32)
-        return {name: small[place] for name, place in self._slices.items()}
+        np.minimum(np.maximum(flat, self._lowest, out=flat), self.bounds, out=flat)
+        return {name: flat[place] for name, place in self._slices.items()}
 
-    def _constant_part(self, world: World, target: int) -> Vector:
+    def _constant_part(self, world: World, target: int) -> NDArray[np.float32]:
         """The numbers that stay the same for a whole episode, zeros elsewhere; computed once for each scene."""
         assert world.scene is not None
         if world.scene is not self._constant_scene:
-            self._constant = np.zeros_like(self._bounds)
+            self._constant = np.zeros_like(self.bounds)
             self._constant_scene = world.scene
             if self._shows_objects:
                 rows = self._constant[self._slices["objects"]].reshape(self._num_slots, len(OBJECT_FIELDS))
@@ -263,12 +262,15 @@ class Observer:
 
 
 def _poses_in_base(x: float, y: float, yaw: float, poses: Vector) -> Vector:
-    """World poses (n, 7) relative to a base at x, y [m], yaw [rad], (n, 7); quaternions get w >= 0.
+    """World poses (n, 7) relative to a base at x, y [m], yaw [rad], as columns (7, n); quaternions get w >= 0.
 
-    A pose is linear in position and quaternion: one product turns both, by the yaw and by half of it.
+    A pose is linear in position and quaternion: one product turns both, by the yaw and by half of it. MuJoCo's product
+    has the same digits on every processor, unlike NumPy's.
     """
     c, s, hc, hs = math.cos(yaw), math.sin(yaw), math.cos(yaw / 2), math.sin(yaw / 2)
-    relative: Vector = (np.array((0.0, 1.0, c, s, -s, hc, hs, -hs)).take(_TURN) @ poses.T).T
-    relative -= (c * x + s * y, c * y - s * x, 0.0, 0.0, 0.0, 0.0, 0.0)
-    relative[:, 3:] *= np.copysign(1.0, relative[:, 3:4])
+    relative = np.empty((7, len(poses)))
+    mujoco.mju_mulMatMatT(relative, np.array((0.0, 1.0, c, s, -s, hc, hs, -hs)).take(_TURN), poses)
+    relative[0] -= c * x + s * y
+    relative[1] -= c * y - s * x
+    relative[3:] *= np.copysign(1.0, relative[3])
     return relative

@@ -126,8 +126,9 @@ class RearrangeEnv(ClutterTaskEnv):
     `state`. The info has the keys of `RetrieveEnv`'s, and `goal` (str, PDDL) and `unmet` (int, facts of the goal that
     do not hold). `lifted` says that the goal holds, whatever else has happened; `target` is "".
 
-    The goal is reached when it has held for 0.5 s; with `success="clean"` also nothing may have toppled or travelled
-    other than in the air, in the gripper, and the robot may not have pressed hard on the furniture; see `success`.
+    The goal is reached when it has held for 0.5 s without the robot's hand on what is to stand somewhere. With
+    `success="clean"` also what stood elsewhere has been lifted, nothing may have toppled or travelled other than in the
+    air, in the gripper, and the robot may not have pressed hard on the furniture; see `success`.
     The episode ends with success, or when an object of the goal has fallen off all supports.
 
     Example:
@@ -220,6 +221,10 @@ class RearrangeEnv(ClutterTaskEnv):
 
     def _is_reached(self) -> bool:
         return self._goal_monitor.is_reached
+
+    def _is_success(self) -> bool:
+        is_carried_out = self.config.success == "lifted" or self._goal_monitor.is_carried_out
+        return is_carried_out and super()._is_success()
 
     def _is_over(self) -> bool:
         return self._is_success() or self._goal_monitor.is_lost(self.measurements)

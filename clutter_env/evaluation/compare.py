@@ -120,7 +120,7 @@ def compare(
                 records=records,
                 tick=tick,
             )
-            if scenes.family == "retrieve" and not found.floors:
+            if scenes.family in ("retrieve", "rearrange") and not found.floors:
                 grasps = found.traits.grasps
                 if grasps not in bounds:
                     bounds[grasps] = lower_bounds(scenes, grasps, workers=workers, ray=ray, records=records)

@@ -165,23 +165,35 @@ def scene_for(scene: Scene, acts_by_skills: bool, feasibility: str) -> Scene:
 
 
 def find_floor(scene: Scene, grasps: str) -> Floor:
-    """The lower bound: that of the suite, or for a scene of an environment found by the planner.
+    """The lower bound: that of the suite, or for a scene of an environment found by the planner; see `search_floor`.
 
     Raises:
         SuiteError: the suite has no lower bounds for these grasps.
     """
     if isinstance(scene, SuiteScene):
         return scene.floor(grasps)
-    # The other policies do without the planner and its compiled kernels.
-    from planners import Scene as PlannerScene
-    from planners import clearance_floor
-
     env = scene.make()
     try:
         _, info = scene.reset(env)
-        physics_env: Any = env.unwrapped
-        read = PlannerScene.from_mujoco(physics_env.model, physics_env.data, physics_env.robot)
-        floor = clearance_floor(read, info["target"], grasps=grasps)
-        return Floor(floor.count, floor.proved, floor.cause)
+        return search_floor(env, info, grasps)
     finally:
         env.close()
+
+
+def search_floor(env: gym.Env[Any, Any], info: Mapping[str, Any], grasps: str) -> Floor:
+    """The lower bound that the planner finds in the first state of a Retrieve or Rearrange environment.
+
+    It counts clearances: picks beyond that of the target, or those of the objects that the goal wants elsewhere.
+    """
+    # The other policies do without the planner and its compiled kernels.
+    from planners import Scene as PlannerScene
+    from planners import clearance_floor, lower_bound
+
+    inner: Any = env.unwrapped
+    if "unmet" not in info:
+        read = PlannerScene.from_mujoco(inner.model, inner.data, inner.robot)
+        floor = clearance_floor(read, info["target"], grasps=grasps)
+        return Floor(floor.count, floor.proved, str(floor.cause))
+    read = PlannerScene.from_mujoco(inner.model, inner.data, inner.robot, regions=inner.regions)
+    bound = lower_bound(read, inner.goal, grasps=grasps)
+    return Floor(None if bound.picks is None else bound.picks - info["unmet"], bound.proved, str(bound.cause))

@@ -51,7 +51,7 @@ class Row:
         lifted: share of the episodes whose target was lifted, whatever else moved; NaN for Reach and Pick.
         by_floor: clean success by stratum, see `STRATA`; empty where no lower bounds are known.
         moved_per_floor: number of objects moved, divided by the lower bound, over the scenes that the policy solved
-            and whose lower bound is proved and at least 1.
+            and whose lower bound is proved and at least 1; NaN for Rearrange.
         moved, cleared, disturbed, fallen: numbers of objects, over all episodes.
         furniture_force: the robot's largest force on the furniture in an episode [N], over all episodes.
         refused: number of skills refused by the motion layer, over all episodes.
@@ -95,6 +95,7 @@ def summarise(policy: str, evaluations: Sequence[Evaluation], seed: int = 0) -> 
     """
     rng = np.random.default_rng(seed)
     scenes, floors = evaluations[0].scenes.name, evaluations[0].floors
+    is_rearrange = evaluations[0].scenes.family == "rearrange"  # what is moved there is above all what the goal names
     runs = [evaluation.scores for evaluation in evaluations]
     return Row(
         scene_set=scenes,
@@ -105,7 +106,7 @@ def summarise(policy: str, evaluations: Sequence[Evaluation], seed: int = 0) -> 
         clean=_rate(runs, "clean", rng),
         lifted=NO_INTERVAL if scenes in GOAL_FAMILIES else _rate(runs, "lifted", rng),
         by_floor=_by_floor(runs, floors, rng),
-        moved_per_floor=bootstrap([_moved_per_floor(run, floors) for run in runs], rng),
+        moved_per_floor=bootstrap([_moved_per_floor(run, () if is_rearrange else floors) for run in runs], rng),
         **{name: bootstrap([[getattr(score, name) for score in run] for run in runs], rng) for name in _MEANS},
         failures=dict(Counter(score.failure for run in runs for score in run if not score.clean).most_common()),
     )

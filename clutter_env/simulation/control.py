@@ -109,7 +109,6 @@ class JointController:
         self._feedforward = np.array(robot.velocity_feedforward(model, acting.names))
         self._still_command, self._moving_command = np.zeros((2, model.nu))
         self._still_command[index.still_actuators] = robot.still_configuration
-        self._actuators = np.concatenate((index.drive_actuators, index.finger_actuators))
         self.state = ControlState(np.zeros(4 + arm), np.zeros(4 + arm), (0.0,) * self.num_grippers)
         self._commanded: ControlState | None = None
         self._command = self._still_command
@@ -167,8 +166,8 @@ class JointController:
     def velocity_towards(self, goal: Vector, is_loaded: bool) -> Vector:
         """Velocity (4 + n,) for one step towards the whole-body configuration `goal`, base part in the base's frame."""
         cosine, sine = math.cos(self.state.target[2]), math.sin(self.state.target[2])
-        error = _turned(goal - self.state.target, cosine, -sine)
-        present = _turned(self.state.velocity, cosine, -sine)
+        error = np.array(_turned((goal - self.state.target).tolist(), cosine, -sine))
+        present = np.array(_turned(self.state.velocity.tolist(), cosine, -sine))
         wanted = error / CONTROL_STEP
         limit = self._loaded_velocity if is_loaded else self.max_velocity
         tolerance = 1 + 1e-9
@@ -195,17 +194,15 @@ class JointController:
         """
         state = self.state
         cosine, sine = math.cos(state.target[2]), math.sin(state.target[2])
-        present = _turned(state.velocity, cosine, -sine).tolist()
+        present = _turned(state.velocity.tolist(), cosine, -sine)
         limits = self._loaded_limits if is_loaded else self._limits
         allowed = []
         for wanted, now, limit, change in zip(velocity.tolist(), present, limits, self._changes, strict=True):
             speed = limit if wanted > limit else -limit if wanted < -limit else wanted
             most, least = now + change, now - change
             allowed.append(most if speed > most else least if speed < least else speed)
-        x, y = allowed[:2]
-        allowed[:2] = cosine * x - sine * y, sine * x + cosine * y
-        targets = []
-        actual = data.qpos[self._index.drive_qpos].tolist()
+        allowed = _turned(allowed, cosine, sine)
+        targets, actual = [], data.qpos[self._index.drive_qpos].tolist()
         rows = zip(state.target.tolist(), actual, allowed[:], self._bounds, strict=True)
         for joint, (start, position, speed, (lower, upper, lead, limit)) in enumerate(rows):
             target = start + speed * CONTROL_STEP
@@ -228,18 +225,16 @@ class JointController:
         """Motor commands (nu,) of the targets at rest; that of the last state is kept."""
         if state is not self._commanded:
             command = self._still_command.copy()
-            fingers = [finger for finger in state.fingers for _ in range(2)]
-            command[self._actuators] = [*state.target.tolist(), *fingers]
+            command[self._index.drive_actuators] = state.target
+            command[self._index.finger_actuators] = [finger for finger in state.fingers for _ in range(2)]
             self._commanded, self._command = state, command
         return self._command
 
 
-def _turned(drive: Vector, cosine: float, sine: float) -> Vector:
+def _turned(drive: list[float], cosine: float, sine: float) -> list[float]:
     """A whole-body configuration whose base part is turned by the angle of this cosine and sine."""
-    turned = drive.copy()
-    x, y = drive[:2].tolist()
-    turned[:2] = cosine * x - sine * y, sine * x + cosine * y
-    return turned
+    x, y, *others = drive
+    return [cosine * x - sine * y, sine * x + cosine * y, *others]
 
 
 def _clipped(values: Vector, lowest: Vector | float, highest: Vector | float) -> Vector:

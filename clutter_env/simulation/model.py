@@ -69,7 +69,7 @@ class ModelIndex:
     finger_actuators: NDArray[np.intp]
     finger_geoms: tuple[tuple[int, int], ...]
     """The pads of each gripper."""
-    finger_couplings: NDArray[np.intp]
+    finger_couplings: tuple[int, ...]
     """The equality constraints that make the fingers move alike."""
     still_qpos: NDArray[np.intp]
     still_actuators: NDArray[np.intp]
@@ -105,7 +105,7 @@ class ModelIndex:
             finger_qpos=qpos(finger_joints),
             finger_actuators=actuators(finger_joints),
             finger_geoms=tuple((model.geom(one).id, model.geom(other).id) for one, other in acting.finger_geoms),
-            finger_couplings=_frozen(np.flatnonzero(is_joint & np.isin(model.eq_obj1id, fingers)).tolist()),
+            finger_couplings=tuple(np.flatnonzero(is_joint & np.isin(model.eq_obj1id, fingers)).tolist()),
             still_qpos=qpos(robot.still_joints),
             still_actuators=actuators(robot.still_joints),
             object_bodies=slice(first, first + num_objects),

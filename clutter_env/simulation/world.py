@@ -202,7 +202,8 @@ class World:
             grips: wanted finger position of each gripper, -1 closed to 1 open.
         """
         model, data, grip = self.model, self.data, measurements.grip
-        data.eq_active[self.index.finger_couplings] = grip.is_touching
+        for coupling in self.index.finger_couplings:
+            data.eq_active[coupling] = grip.is_touching
         self._contacts, ctrl = [], data.ctrl
         for command in self.controller.advance(data, velocity, grips, is_loaded=grip.is_holding):
             ctrl[:] = command
@@ -229,6 +230,13 @@ class World:
         if _ROBOT + _OBJECT in kinds:
             island = data.tree_island[self._robot_tree]
             data.tree_asleep[(data.tree_island == island) & (data.tree_asleep < 0)] = _AWAKE
+
+    @property
+    def touched(self) -> set[int]:
+        """Slots of the objects that the robot has touched in any part of the last control step."""
+        kind_of, slot_of = self._kinds, self._slot_of_geom
+        pairs = (pair for part in self._contacts for pair in part)
+        return {max(slot_of[a], slot_of[b]) for a, b in pairs if kind_of[a] + kind_of[b] == _ROBOT + _OBJECT}
 
     def _forces(self) -> NDArray[np.float64]:
         """The normal forces (k, 3) [N] of the contacts on the second of their geoms; 0 where the solver has none."""

@@ -91,7 +91,8 @@ def fewest_picks(
         masks = [(mask | earlier[name]) & ~held for mask in blockers(name)]
         if name not in twice:
             return masks
-        return [mask | waits[name] & ~held for mask in masks] + [mask | bit[f"{_ASIDE}{name}"] for mask in masks]
+        straight = [mask | waits[name] & ~held for mask in masks] if not waits[name] & bit[name] else []
+        return straight + [mask | bit[f"{_ASIDE}{name}"] for mask in masks]
 
     found = next(self_clearable_sets(options, _GOAL, names, expansions=expansions, deadline=deadline))
     if found.count is None:
@@ -117,12 +118,20 @@ def must_move(scene: Scene, goal: Goal, start: Scene | None = None) -> tuple[str
     return tuple(dict.fromkeys(names))
 
 
-def waits_for(scene: Scene, goal: Goal, to_move: Collection[str]) -> dict[str, tuple[str, ...]]:
-    """Names of the objects that must have left before an object can go straight to its end, by its name."""
-    found: dict[str, tuple[str, ...]] = {}
-    for fact in goal.placed:
-        below = [fact.place] if isinstance(fact, On) and fact.place in to_move else []
-        found[fact.object] = (*must_go_first(scene, scene.body(fact.object), fact), *below)
-    for name in goal.held:
-        found[name] = tuple(one for one in to_move if one not in goal.held)
-    return found
+def waits_for(scene: Scene, goal: Goal, to_move: Collection[str]) -> dict[str, frozenset[str]]:
+    """Names of the objects that must have left before an object can go straight to its end, by its name.
+
+    What stands on another object comes after that one's last move, which waits for objects of its own; what is to be
+    held comes after all. Where an object waits for itself, it cannot go straight to its end.
+    """
+    below = {fact.object: fact.place for fact in goal.placed if isinstance(fact, On) and fact.place in to_move}
+    own = {fact.object: must_go_first(scene, scene.body(fact.object), fact) for fact in goal.placed}
+
+    def before(name: str) -> frozenset[str]:
+        """What must have left before that object stands where it is to stand."""
+        found = frozenset(own.get(name, ()))
+        return found | before(below[name]) | {below[name]} if name in below else found
+
+    found = {name: before(name) for name in own}
+    placed = frozenset(to_move) - set(goal.held)
+    return found | {name: placed.union(*(found.get(one, ()) for one in placed)) for name in goal.held}

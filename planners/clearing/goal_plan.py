@@ -77,8 +77,8 @@ def goal_plan(
         not_placed: objects for whose place no motion was found: they are put aside first.
     """
     scene = problem.scene
-    sim = _Simulation(problem, goal, start, scene, problem.candidates, {})
-    sim.waiting = list(dict.fromkeys((*scene.held_names, *must_move(scene, goal, start))))
+    to_move = dict.fromkeys((*scene.held_names, *must_move(scene, goal, start)))
+    sim = _Simulation(problem, goal, start, scene, problem.candidates, {}, list(to_move))
     provisional = ""
     while sim.waiting and not provisional:
         if problem.deadline.is_over:
@@ -95,6 +95,13 @@ def goal_plan(
                 )
             if added:
                 sim.waiting += added
+                again = [move.name for move in sim.moves if move.name in added]
+                if again and to_move.keys() >= set(sim.waiting):
+                    return _as_plan(sim, again[0])
+                if again:
+                    # It was moved too early: begin again, now that it is known what else must be moved.
+                    to_move |= dict.fromkeys(sim.waiting)
+                    sim = _Simulation(problem, goal, start, scene, problem.candidates, {}, list(to_move))
                 continue
         provisional = _put_aside(sim, bound)
         if not provisional:

@@ -1,9 +1,9 @@
 """Which obstacles do a configuration, a straight motion and a whole path hit? Compiled, callable from other kernels.
 
-    checks = pointer_to(query)                                # once, outside the loop
-    hits = configuration_hits(checks, query.active, base, q)
+    hits = configuration_hits(query, query.active, base, q)
 
-`query` is a `CollisionQuery`; `CollisionWorld.query` makes it. A result is a 64-bit mask: bit i for object i,
+`query` is a `CollisionQuery`, which `CollisionWorld.query` makes and packs: kernels get its address, from Python and
+from each other. A result is a 64-bit mask: bit i for object i,
 `STATIC_BIT` for static obstacles and the ground, `SELF_BIT` for the robot itself.
 """
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from irm.chain import BASE
 from irm.compilation import njit
 from irm.gjk import CYLINDER, Solids, are_any_within, are_within, core_distance, height
-from irm.kernel_arguments import copy_row, copy_rows, inlined_kernel, leaf_kernel, pointer_to
+from irm.kernel_arguments import copy_row, copy_rows, inlined_kernel, leaf_kernel
 from irm.kinematics import fk_frames
 from planners.collision.scene_arrays import Obstacles, RobotArrays
 from planners.scene import SELF_BIT, STATIC_BIT
@@ -177,11 +177,11 @@ def place_along(query: CollisionQuery, X: Array) -> tuple[Array, Array]:
     Returns:
         positions (n, p + h, 3) [m] and rotations (n, p + h, 3, 3).
     """
-    checks, solids = pointer_to(query), query.scratch.solids
+    solids = query.scratch.solids
     count = query.robot.core.shape[0] + query.attached.solids.core.shape[0] // 2
     positions, rotations = np.empty((X.shape[0], count, 3)), np.empty((X.shape[0], count, 3, 3))
     for k in range(X.shape[0]):
-        place_robot(checks.robot, checks.attached, checks.scratch, X[k, :3], X[k, 3:], query.opening)
+        place_robot(query.robot, query.attached, query.scratch, X[k, :3], X[k, 3:], query.opening)
         copy_rows(solids.position[:count], positions[k])
         for i in range(count):
             copy_rows(solids.rotation[i], rotations[k, i])
@@ -295,7 +295,7 @@ def _hits_itself(
 def configuration_hits(query: CollisionQuery, active: np.uint64, base: Array, q: Array) -> np.uint64:
     """What the robot and the held object come nearer to than the query's padding, as a mask.
 
-    `query` is a pointer to it, `active` the mask of the bits to look for: the query's, or some of them.
+    `active` is the mask of the bits to look for: the query's, or some of them.
     """
     robot, obstacles, padding = query.robot, query.obstacles, query.padding
     scratch = query.scratch
@@ -322,9 +322,9 @@ def configuration_hits(query: CollisionQuery, active: np.uint64, base: Array, q:
 @njit(cache=True)
 def many_hits(query: CollisionQuery, base: Array, Q: Array) -> NDArray[np.uint64]:
     """`configuration_hits` of each row of `Q` (k, n) at one base pose (3,): (k,)."""
-    checks, hits = pointer_to(query), np.empty(Q.shape[0], np.uint64)
+    hits = np.empty(Q.shape[0], np.uint64)
     for row in range(Q.shape[0]):
-        hits[row] = configuration_hits(checks, query.active, base, Q[row])
+        hits[row] = configuration_hits(query, query.active, base, Q[row])
     return hits
 
 
@@ -344,7 +344,7 @@ def edge_samples(reach: Array, start: Array, end: Array, step: float) -> int:
 def edge_hits(query: CollisionQuery, start: Array, end: Array, step: float) -> np.uint64:
     """What a straight motion between two whole-body configurations (3 + n,) hits; `start` itself is not checked.
 
-    `query` is a pointer to it. No point of the robot moves more than `step` [m] between two checks, so nothing deeper
+    No point of the robot moves more than `step` [m] between two checks, so nothing deeper
     than `step / 2 - padding` is missed. The end comes first, then ever finer subdivisions: a blocked edge is refused
     early.
     """
@@ -371,7 +371,7 @@ def edge_hits(query: CollisionQuery, start: Array, end: Array, step: float) -> n
 def _is_clear_around(query: CollisionQuery, x: Array, slack: Array) -> bool:
     """Whether nothing that counts is hit at a configuration (3 + n,), nor where each link has moved by its slack.
 
-    `query` is a pointer to it. `slack` (1 + n,) [m] of the base and the links: what all joints before do, added up.
+    `slack` (1 + n,) [m] of the base and the links: what all joints before do, added up.
     """
     robot, obstacles, attached, padding = query.robot, query.obstacles, query.attached, query.padding
     scratch, active, link = query.scratch, query.active, query.robot.link
@@ -419,7 +419,7 @@ def path_hits(query: CollisionQuery, X: Array, step: float) -> np.uint64:
     No point of the robot moves more than `step` [m] between two checks. Of every `_BLOCK` of them one comes first, with
     so much more distance that the others need not follow where nothing is that near; these come first everywhere.
     """
-    checks, reach, d = pointer_to(query), query.attached.reach, X.shape[1]
+    reach, d = query.attached.reach, X.shape[1]
     edges, total = np.empty(X.shape[0], np.int64), 1
     for row in range(1, X.shape[0]):
         edges[row] = edge_samples(reach, X[row - 1], X[row], step)
@@ -458,16 +458,16 @@ def path_hits(query: CollisionQuery, X: Array, step: float) -> np.uint64:
             for link in range(d - 2):
                 far += max(moved[middle, link] - moved[first, link], moved[last, link] - moved[middle, link])
                 slack[link] = far
-            is_clear[block] = _is_clear_around(checks, points[middle], slack)
+            is_clear[block] = _is_clear_around(query, points[middle], slack)
         if not is_clear[block]:
-            hits |= configuration_hits(checks, query.active, points[middle, :3], points[middle, 3:])
+            hits |= configuration_hits(query, query.active, points[middle, :3], points[middle, 3:])
             if query.first_only and hits != _NONE:
                 return np.uint64(hits)
     for block in range(blocks):
         first, last = block * _BLOCK, min(block * _BLOCK + _BLOCK, total) - 1
         for at in range(first, last + 1):
             if not is_clear[block] and at != (first + last) // 2:
-                hits |= configuration_hits(checks, query.active, points[at, :3], points[at, 3:])
+                hits |= configuration_hits(query, query.active, points[at, :3], points[at, 3:])
                 if query.first_only and hits != _NONE:
                     return np.uint64(hits)
     return np.uint64(hits)

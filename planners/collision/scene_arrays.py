@@ -13,6 +13,7 @@ from assets.robots import RobotSpec
 from irm.chain import BASE, ArmChain
 from irm.gjk import BOX, CYLINDER, ELLIPSOID, HULL, Solids
 from irm.ik.solvers import SolverArrays, solver_arrays
+from irm.kernel_arguments import packed
 from irm.kinematics import link_frames
 from planners.scene import AsideObject, Body, Scene, Solid
 
@@ -105,12 +106,12 @@ class Obstacles(NamedTuple):
     def of(
         cls, pieces: Solids, first: NDArray[np.int64], upright: tuple[Array, ...], static: Solids, extent: Array
     ) -> Obstacles:
-        """Objects with their `upright` cylinders (position, radius, bottom, top), and static obstacles."""
+        """Objects with their `upright` cylinders (position, radius, bottom, top), and static obstacles; packed."""
         centre, radius, bottom, top = upright
         lower = [*(centre[:, :2] - radius[:, None]).min(axis=0, initial=np.inf), bottom.min(initial=np.inf)]
         upper = [*(centre[:, :2] + radius[:, None]).max(axis=0, initial=-np.inf), top.max(initial=-np.inf)]
         box = np.array(lower), np.array(upper)
-        return cls(pieces, first, centre, radius, bottom, top, *box, static, extent)
+        return packed(cls(pieces, first, centre, radius, bottom, top, *box, static, extent))
 
     def rows(self, index: int) -> range:
         """The rows of an object's solids in `pieces`."""
@@ -237,7 +238,7 @@ def _rows(vectors: Sequence[Array]) -> Array:
 
 
 def robot_of(scene: Scene) -> RobotArrays:
-    """The solids of a scene's robot; objects that idle arms hold are solids of the torso, behind all others.
+    """The solids of a scene's robot, packed; objects that idle arms hold are solids of the torso, behind all others.
 
     Raises:
         GeometryError: the robot has collision geometry that cannot be represented.
@@ -261,7 +262,7 @@ def _with_aside(arrays: RobotArrays, scene: Scene, one: AsideObject) -> RobotArr
     pairs = np.array([(solid, count + new) for new in range(added) for solid in distal], np.int64).reshape(-1, 2)
     reach = arrays.reach.copy()
     reach[2] = max(reach[2], float(np.linalg.norm((p[-1] + R[-1] @ T[:3, 3])[:2])) + bound)
-    return arrays._replace(
+    with_object = arrays._replace(
         core=np.append(arrays.core, np.where(solids.core > CYLINDER, BOX, solids.core)),
         half=np.vstack((arrays.half, solids.half)),
         radius=np.append(arrays.radius, solids.radius),
@@ -274,11 +275,12 @@ def _with_aside(arrays: RobotArrays, scene: Scene, one: AsideObject) -> RobotArr
         self_pairs=np.concatenate((arrays.self_pairs, pairs)),
         reach=reach,
     )
+    return packed(with_object)
 
 
 @cache
 def robot_arrays(robot: RobotSpec) -> RobotArrays:
-    """The collision solids of a robot, with its head and idle arms in `robot.still_configuration`; read once.
+    """The collision solids of a robot, with its head and idle arms in `robot.still_configuration`; read once, packed.
 
     Raises:
         GeometryError: its MJCF has a collision geom that is no box, capsule, cylinder or sphere.
@@ -287,7 +289,7 @@ def robot_arrays(robot: RobotSpec) -> RobotArrays:
     if np.any(shapes.core > CYLINDER):
         raise GeometryError(f"{robot.name} has a mesh or an ellipsoid, which is none of {', '.join(_KNOWN)}")
     link, bound, slides = shapes.link, shapes.bound, (shapes.opened != 0).any(axis=1)
-    return RobotArrays(
+    arrays = RobotArrays(
         offsets=chain.offsets,
         axes=chain.axes,
         tip=chain.tip,
@@ -310,6 +312,7 @@ def robot_arrays(robot: RobotSpec) -> RobotArrays:
         reach=_reach(chain, link, shapes.position, bound + robot.max_finger_position * slides),
         tip_reach=_reach(chain, np.array([chain.size - 1]), chain.tip[None, :3], np.zeros(1)),
     )
+    return packed(arrays)
 
 
 def _reach(chain: ArmChain, link: NDArray[np.int64], position: Array, bound: Array) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irm.compilation import njit
-from irm.kernel_arguments import copy_row, leaf_kernel, pointer_to
+from irm.kernel_arguments import copy_row, leaf_kernel
 from irm.kinematics import arm_jacobian, fk_frames
 from planners.collision.scene_arrays import RobotArrays
 from planners.collision.world import CollisionWorld
@@ -47,7 +47,7 @@ def solve_near(robot: RobotArrays, R_goal: Array, p_goal: Array, speed: Array, q
     """Move `q` (n,) to the nearest configuration whose TCP is at a pose in the base frame.
 
     Damped least squares. Joints move in proportion to their `speed` (n,), and those at a limit stay there. The robot
-    comes by reference.
+    is packed.
 
     Returns:
         whether the pose was reached within the tolerances; if not, `q` is where the search ended.
@@ -99,21 +99,13 @@ def solve_near(robot: RobotArrays, R_goal: Array, p_goal: Array, speed: Array, q
 
 
 @njit(cache=True)
-def track_line(
-    robot: RobotArrays, q_start: Array, direction: Array, distance: float, step: float, jump: float, speed: Array
-) -> Array:
-    """`follow_line`, called from Python: of a robot that comes by value."""
-    return follow_line(pointer_to(robot), q_start, direction, distance, step, jump, speed)
-
-
-@njit(cache=True)
 def follow_line(
     robot: RobotArrays, q_start: Array, direction: Array, distance: float, step: float, jump: float, speed: Array
 ) -> Array:
     """Configurations (k, n) along a straight line of the TCP, every `step` [m] or less, `q_start` (n,) included.
 
     `direction` (3,) is a unit vector in the base frame, `jump` the greatest change of a joint [m, rad] per sample. The
-    joints share the motion by their `speed` (n,). The robot comes by reference.
+    joints share the motion by their `speed` (n,). The robot is packed.
 
     Returns:
         the part that can be followed: fewer than `ceil(distance / step) + 1` rows at a joint limit or a singularity.
@@ -148,7 +140,7 @@ def trace_straight(
     c, s = math.cos(base[2]), math.sin(base[2])
     in_base = np.array([c * along[0] + s * along[1], c * along[1] - s * along[0], along[2]])
     speed, start = np.array(world.scene.robot.max_velocity[3:]), np.array(q_start, dtype=float)
-    path = track_line(world.robot, start, in_base, distance, LINE_STEP, LINE_JUMP, speed)
+    path = follow_line(world.robot, start, in_base, distance, LINE_STEP, LINE_JUMP, speed)
     return np.asarray(path) if len(path) == _samples(distance) else None
 
 

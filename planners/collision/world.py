@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irm.gjk import CYLINDER, Solids, are_any_within, are_within
+from irm.kernel_arguments import packed
 from planners.collision.hit_kernels import Attached, CollisionQuery, Scratch, make_scratch, many_hits, path_hits
 from planners.collision.scene_arrays import (
     Obstacles,
@@ -58,10 +59,12 @@ OVERLAP = 0.002
 class _Carried(NamedTuple):
     """A held object, or none, prepared for checks."""
 
-    held: HeldObject | None  # kept, so that its id, by which it is remembered, stays its own
+    held: HeldObject | None  # kept, as the robot is, so that its id, by which it is remembered, stays its own
+    robot: RobotArrays
     attached: Attached
     width: float  # [m] between the fingers; 0 without an object
     scratch: Scratch  # kernels hold the interpreter's lock, so that no two write to it at once
+    queries: dict[tuple[float, int, bool], CollisionQuery]
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +87,8 @@ class CollisionWorld:
     obstacles: Obstacles
     padding: float = PADDING
     yields: float = 0.0
-    _carried: dict[int, _Carried] = field(init=False, repr=False, default_factory=dict)
+    _carried: dict[tuple[int, int], _Carried] = field(init=False, repr=False, default_factory=dict)
+    _padded: dict[float, CollisionWorld] = field(init=False, repr=False, default_factory=dict)
 
     @classmethod
     def from_scene(cls, scene: Scene, padding: float = PADDING) -> CollisionWorld:
@@ -97,7 +101,9 @@ class CollisionWorld:
 
     def with_padding(self, padding: float) -> CollisionWorld:
         """The same world with another distance to keep [m]."""
-        return replace(self, padding=padding)
+        if padding not in self._padded:
+            self._padded[padding] = replace(self, padding=padding)
+        return self._padded[padding]
 
     def with_body(self, body: Body) -> CollisionWorld:
         """The same world with the object of that name moved; only its own rows are compiled again.
@@ -131,13 +137,14 @@ class CollisionWorld:
         """Mask of the objects that idle arms hold."""
         return self.scene.mask(one.held.name for one in self.scene.aside)
 
-    def _carry(self, held: HeldObject | None) -> _Carried:
+    def _carry(self, held: HeldObject | None, robot: RobotArrays) -> _Carried:
         """What is computed once for each held object, and for none; raises `UnknownObject`."""
-        if id(held) not in self._carried:
+        key = id(held), id(robot)
+        if key not in self._carried:
             width = 0.0 if held is None else self.scene.body(held.name).width_in_gripper(held.T_tcp_object)
-            attached = self._attach(held)
-            self._carried[id(held)] = _Carried(held, attached, width, make_scratch(self.robot, attached))
-        return self._carried[id(held)]
+            attached = packed(self._attach(held))
+            self._carried[key] = _Carried(held, robot, attached, width, packed(make_scratch(robot, attached)), {})
+        return self._carried[key]
 
     def _attach(self, held: HeldObject | None) -> Attached:
         """The held object's solids for kernels, and copies with their bottoms raised; see `Attached`."""
@@ -175,13 +182,23 @@ class CollisionWorld:
         return solids._replace(half=solids.half - shrunk, position=solids.position + step)
 
     def query(
-        self, opening: float, held: HeldObject | None = None, ignore: int = 0, first_only: bool = False
+        self,
+        opening: float,
+        held: HeldObject | None = None,
+        ignore: int = 0,
+        first_only: bool = False,
+        robot: RobotArrays | None = None,
     ) -> CollisionQuery:
-        """What kernels check; with `first_only` they stop at the first hit."""
+        """What kernels check; with `first_only` they stop at the first hit. Of a part of the robot if that is given."""
+        carried, active = self._carry(held, robot or self.robot), self.active(ignore)
         # Fingers that are commanded to close on the held object stay at its width.
-        (_, attached, width, scratch), active = self._carry(held), self.active(ignore)
-        apart, padding = max(float(opening), width), float(self.padding)
-        return CollisionQuery(self.robot, self.obstacles, attached, scratch, apart, active, padding, first_only)
+        apart, padding = max(float(opening), carried.width), float(self.padding)
+        key = apart, int(active), bool(first_only)
+        if key not in carried.queries:
+            scratch, attached = carried.scratch, carried.attached
+            query = CollisionQuery(carried.robot, self.obstacles, attached, scratch, apart, active, padding, key[2])
+            carried.queries[key] = packed(query)
+        return carried.queries[key]
 
     def hits(
         self, base: ArrayLike, q: ArrayLike, opening: float, held: HeldObject | None = None, ignore: int = 0

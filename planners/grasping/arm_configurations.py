@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from irm.chain import ArmChain, pose_of
 from irm.ik.solvers import free_angles, solver_arrays
+from irm.kernel_arguments import packed
 from planners.collision.driven_world import Drive, Extents
-from planners.collision.hit_kernels import make_scratch
 from planners.collision.scene_arrays import RobotArrays, robot_arrays
 from planners.collision.world import CollisionWorld
 from planners.grasping.scan_kernel import make_memory, many_gripper_hits, scan
@@ -201,8 +201,7 @@ def gripper_hits(
     world: CollisionWorld, gripper_poses: Array, opening: float, *, held: HeldObject | None = None, ignore: int = 0
 ) -> NDArray[np.uint64]:
     """What the gripper alone, and the held object, hit at gripper poses (k, 5), as in `GripperPoses`: masks (k,)."""
-    query, robot = world.query(opening, held, ignore | 1 << SELF_BIT), gripper_arrays(world.scene.robot)
-    query = query._replace(robot=robot, scratch=make_scratch(robot, query.attached))
+    query = world.query(opening, held, ignore | 1 << SELF_BIT, robot=gripper_arrays(world.scene.robot))
     hits: NDArray[np.uint64] = many_gripper_hits(query, _rows(gripper_poses))
     return hits
 
@@ -214,7 +213,7 @@ def _rows(values: Array) -> Array:
 
 @cache
 def gripper_arrays(robot: RobotSpec) -> RobotArrays:
-    """The gripper as a robot of its own, with solids in the TCP frame.
+    """The gripper as a robot of its own, with solids in the TCP frame; packed.
 
     Its base pose is x, y and yaw of the TCP, its joints are height and pitch.
     """
@@ -224,7 +223,7 @@ def gripper_arrays(robot: RobotSpec) -> RobotArrays:
     offsets, axes, tip = np.zeros((2, 3)), np.array(_HEIGHT_AND_PITCH, dtype=np.int64), np.zeros(3)
     for array in (offsets, axes, tip):
         array.setflags(write=False)
-    return arrays._replace(
+    gripper = arrays._replace(
         offsets=offsets,
         axes=axes,
         tip=tip,
@@ -240,6 +239,7 @@ def gripper_arrays(robot: RobotSpec) -> RobotArrays:
         self_pairs=np.empty((0, 2), dtype=np.int64),
         held_from=int(last.sum()),
     )
+    return packed(gripper)
 
 
 def _drives(support: StaticObstacle, poses: GripperPoses) -> Iterator[tuple[Drive, NDArray[np.int64]]]:

@@ -109,12 +109,12 @@ def can_rise(query: CollisionQuery, base: Array, q: Array) -> bool:
 @njit(cache=True)
 def many_gripper_hits(query: CollisionQuery, gripper_poses: Array) -> NDArray[np.uint64]:
     """The loop of `gripper_hits`; the robot of `query` is the gripper alone, its two joints height and pitch."""
-    checks, hits = pointer_to(query), np.empty(gripper_poses.shape[0], np.uint64)
+    hits = np.empty(gripper_poses.shape[0], np.uint64)
     base, joints = np.empty(3), np.empty(2)
     for k in range(gripper_poses.shape[0]):
         base[0], base[1], base[2] = gripper_poses[k, 0], gripper_poses[k, 1], gripper_poses[k, 3]
         joints[0], joints[1] = gripper_poses[k, 2], gripper_poses[k, 4]
-        hits[k] = configuration_hits(checks, query.active, base, joints)
+        hits[k] = configuration_hits(query, query.active, base, joints)
     return hits
 
 
@@ -303,15 +303,15 @@ def scan(
     `known` (k,) is what the gripper alone hits. With `query.first_only` the scan stops after the first pair for which
     some configuration hits nothing. What is found is in `memory.kept`.
     """
-    checks, writes, first_free = pointer_to(query), pointer_to(memory), query.first_only
+    writes, first_free = pointer_to(memory), query.first_only
     R, p = np.empty((3, 3)), np.empty(3)
     for pair in order:
         by_gripper, base = known[pair], bases[pair]
         if by_gripper & _FIXED != _NONE or (first_free and by_gripper != _NONE):
             continue
-        if needs_home and configuration_hits(checks, query.active & _STATIC, base, home) != _NONE:
+        if needs_home and configuration_hits(query, query.active & _STATIC, base, home) != _NONE:
             continue
         _pose_in_base(gripper_poses[pair], base, R, p)
-        _scan_pair(checks, writes, by_gripper, base, pair, R, p, home, torsos, rolls, nearest_home)
+        _scan_pair(query, writes, by_gripper, base, pair, R, p, home, torsos, rolls, nearest_home)
         if first_free and memory.kept.size[0] > 0:
             break

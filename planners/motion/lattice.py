@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irm.compilation import njit
-from irm.kernel_arguments import copy_row, pointer_to
+from irm.kernel_arguments import copy_row
 from planners.collision.hit_kernels import CollisionQuery, configuration_hits, edge_hits
 
 Array = NDArray[np.float64]
@@ -92,7 +92,7 @@ def search_lattice(
     Returns:
         the drive (k, 3 + n), (0, 3 + n) where none was found; the base poses reached (m, 3).
     """
-    checks, d, turn = pointer_to(query), start.shape[0], 2.0 * math.pi / turns
+    d, turn = start.shape[0], 2.0 * math.pi / turns
     low_x, low_y = math.floor((start[0] - origin[0]) / spacing), math.floor((start[1] - origin[1]) / spacing)
     mx = low_x + 1 + math.floor((origin[0] + cell * ways.shape[0] - start[0]) / spacing)
     my = low_y + 1 + math.floor((origin[1] + cell * ways.shape[1] - start[1]) / spacing)
@@ -108,7 +108,7 @@ def search_lattice(
         there[1] = start[1] + (j - low_y) * spacing
         there[2] = start[2] + t * turn
         if known[i, j, t] == _UNSEEN:
-            hit = configuration_hits(checks, query.active, there[:3], there[3:]) != _NONE
+            hit = configuration_hits(query, query.active, there[:3], there[3:]) != _NONE
             known[i, j, t] = _BLOCKED if hit else _FREE
             if hit:
                 continue
@@ -116,7 +116,7 @@ def search_lattice(
             here[0] = start[0] + (parent // (my * turns) - low_x) * spacing
             here[1] = start[1] + (parent // turns % my - low_y) * spacing
             here[2] = there[2] + _wrapped((parent % turns - t) * turn)
-            if edge_hits(checks, here, there, step) != _NONE:
+            if edge_hits(query, here, there, step) != _NONE:
                 continue
         known[i, j, t], parents[node] = _REACHED, parent
         copy_row(there[:3], reached[count])
@@ -124,7 +124,7 @@ def search_lattice(
         away_x, away_y, away = goal[0] - there[0], goal[1] - there[1], _wrapped(goal[2] - there[2])
         if max(abs(away_x), abs(away_y)) <= NEAR * spacing and abs(away) <= NEAR * turn:
             here[0], here[1], here[2] = goal[0], goal[1], there[2] + away
-            if edge_hits(checks, there, here, step) == _NONE:
+            if edge_hits(query, there, here, step) == _NONE:
                 last = node
                 break
         for move in range(10):

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irm.compilation import njit
-from irm.kernel_arguments import copy_row, copy_rows, leaf_kernel, pointer_to
+from irm.kernel_arguments import copy_row, copy_rows, leaf_kernel
 from planners.collision.hit_kernels import CollisionQuery, configuration_hits, edge_hits, edge_samples
 
 Array = NDArray[np.float64]
@@ -153,13 +153,13 @@ def rrt_connect(
     Returns:
         the path (k, d); (0, d) when none was found.
     """
-    checks, weights = pointer_to(query), query.attached.reach
+    weights = query.attached.reach
     d, capacity = start.shape[0], goals.shape[0] + 1 + 2 * iterations
     nodes, parents, counts = np.empty((2, capacity, d)), np.empty((2, capacity), np.int64), np.zeros(2, np.int64)
     _grow(nodes, parents, counts, _FROM_START, _NO_PARENT, start)
     for i in range(goals.shape[0]):
         _grow(nodes, parents, counts, _FROM_GOAL, _NO_PARENT, goals[i])
-        if edge_hits(checks, start, goals[i], step) == _NONE:
+        if edge_hits(query, start, goals[i], step) == _NONE:
             path = np.empty((2, d))
             copy_row(start, path[0])
             copy_row(goals[i], path[1])
@@ -174,11 +174,11 @@ def rrt_connect(
         share = min(1.0, _EXTENSION / max(distance, 1e-12))
         for joint in range(d):
             target[joint] = nodes[tree, stem, joint] + share * (target[joint] - nodes[tree, stem, joint])
-        if _advance(checks, nodes[tree, stem], target, step, reached):
+        if _advance(query, nodes[tree, stem], target, step, reached):
             leaf = _grow(nodes, parents, counts, tree, stem, reached)
             other = 1 - tree
             stem = _nearest(nodes[other], counts[other], reached, weights)
-            outcome = _advance(checks, nodes[other, stem], reached, step, link)
+            outcome = _advance(query, nodes[other, stem], reached, step, link)
             if outcome == 2:
                 return (
                     _joined(nodes, parents, leaf, stem) if tree == _FROM_START else _joined(nodes, parents, stem, leaf)
@@ -224,10 +224,10 @@ def shortcut(query: CollisionQuery, path: Array, step: float, attempts: int, rng
     Path (k, d) and result (j, d) have the same ends. As many `attempts` are made at random shortcuts; `query` and
     `step` are as for `rrt_connect`.
     """
-    checks, first = pointer_to(query), 0
+    first = 0
     while first < path.shape[0] - 2:
         for last in range(path.shape[0] - 1, first + 1, -1):
-            if edge_hits(checks, path[first], path[last], step) == _NONE:
+            if edge_hits(query, path[first], path[last], step) == _NONE:
                 path = _spliced(path, first + 1, path[:0], last)
                 break
         first += 1
@@ -244,7 +244,7 @@ def shortcut(query: CollisionQuery, path: Array, step: float, attempts: int, rng
             continue
         _interpolate(path, i, u - i, ends[0])
         _interpolate(path, j, v - j, ends[1])
-        if edge_hits(checks, ends[0], ends[1], step) == _NONE:
+        if edge_hits(query, ends[0], ends[1], step) == _NONE:
             path = _without_repeats(_spliced(path, i + 1, ends, j + 1), query.attached.reach)
     return path
 
@@ -267,7 +267,6 @@ def blend_corners(query: CollisionQuery, path: Array, step: float) -> Array:
 
     Arguments and result as for `shortcut`.
     """
-    checks = pointer_to(query)
     corners = path.shape[0] - 2
     if corners < 1:
         return path
@@ -280,7 +279,7 @@ def blend_corners(query: CollisionQuery, path: Array, step: float) -> Array:
             arc = _arc(path[i - 1], path[i], path[i + 1], share)
             found = True
             for k in range(_ARC_PIECES):
-                if edge_hits(checks, arc[k], arc[k + 1], step) != _NONE:
+                if edge_hits(query, arc[k], arc[k + 1], step) != _NONE:
                     found = False
                     break
             share *= 0.5

@@ -173,9 +173,7 @@ def must_go_first(scene: Scene, body: Body, fact: On | Inside | At) -> tuple[str
     """
     place, radius = place_of(scene, fact), float(min(body.half_extents[:2]))
     if place.below:
-        on_top = [one for one in scene.objects if abs(one.bottom - place.face.top) <= _TOUCHING]
-        over = [one for one in on_top if place.face.is_under(one.position[:2]) and one.name != body.name]
-        return tuple(one.name for one in over if one.name not in scene.held_names)
+        return _on_top(scene, body, place)
     in_the_way = [one for one in beside(scene, place.face, body) if one.name != body.name]
     if place.area is None:
         assert isinstance(fact, At)
@@ -199,7 +197,7 @@ def in_the_way(scene: Scene, body: Body, place: Place, waiting: Collection[str])
         waiting: names of objects that are to leave anyway.
     """
     if place.below:
-        return ()
+        return tuple(name for name in _on_top(scene, body, place) if name not in waiting)
     standing = [one for one in beside(scene, place.face, body) if one.name != body.name]
     staying = [one for one in standing if one.name not in waiting]
     if place.area is None:
@@ -214,6 +212,13 @@ def in_the_way(scene: Scene, body: Body, place: Place, waiting: Collection[str])
         one for one in inside if _fits(points, place.area, body, [o for o in staying if o is not one], _GAPS[-1]).any()
     ]
     return tuple(one.name for one in alone[:1] or inside)
+
+
+def _on_top(scene: Scene, body: Body, place: Place) -> tuple[str, ...]:
+    """Names of the objects that stand on the one on which another is to stand."""
+    over = (one for one in scene.objects if abs(one.bottom - place.face.top) <= _TOUCHING)
+    over = (one for one in over if one.name not in (body.name, *scene.held_names))
+    return tuple(one.name for one in over if place.face.is_under(one.position[:2]))
 
 
 def _steps(area: Region) -> NDArray[np.intp]:

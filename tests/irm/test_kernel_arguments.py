@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from irm.compilation import njit
-from irm.kernel_arguments import leaf_kernel, pointer_to
+from irm.kernel_arguments import leaf_kernel, packed, pointer_to
 
 
 class Inner(NamedTuple):
@@ -42,6 +42,11 @@ def summary(outer: Outer) -> float:
 
 
 @njit
+def summary_from_python(outer: Outer) -> float:
+    return summary(outer)
+
+
+@njit
 def both_ways(outer: Outer) -> tuple[float, float]:
     return summary(outer), summary(pointer_to(outer))
 
@@ -69,6 +74,23 @@ OUTER = Outer(np.uint64(1 << 40), False, Inner(True, np.arange(6.0).reshape(2, 3
 def test_all_fields_are_those_of_the_tuple(is_set: bool, first_only: bool) -> None:
     by_value, by_address = both_ways(OUTER._replace(first_only=first_only, inner=OUTER.inner._replace(is_set=is_set)))
     assert by_address == by_value == 0.5 * 5.0 + 2 + 7000 + (1 << 40) * (is_set and not first_only)
+
+
+def test_a_packed_tuple_is_read_as_the_tuple_also_with_packed_and_read_only_parts() -> None:
+    fixed = OUTER.inner.rows.copy()
+    fixed.setflags(write=False)
+    for inner in (OUTER.inner, packed(OUTER.inner), OUTER.inner._replace(rows=fixed)):
+        whole = packed(OUTER._replace(inner=inner))
+        assert whole.scale == 0.5
+        assert summary_from_python(whole) == both_ways(OUTER)[0]
+    assert len(summary_from_python.signatures) == 1
+
+
+def test_a_field_that_kernels_could_not_read_is_refused() -> None:
+    with pytest.raises(TypeError, match="C order"):
+        packed(OUTER.inner._replace(rows=OUTER.inner.rows.T))
+    with pytest.raises(TypeError, match="str"):
+        packed(OUTER.inner._replace(count="seven"))
 
 
 def test_arrays_are_shared() -> None:

@@ -25,10 +25,11 @@ LEFT = Region("left", "counter_left", (-0.15, 0.72), (0.12, 0.12))
 def scene_of(kind: str) -> Scene:
     if kind == "few":
         scene = random_scene(4, 0)
-    elif kind == "stack":
+    elif kind.startswith("stack"):
         low = cylinder("a", -0.1, 0.0, 0.035, 0.08)
         stacked = [low.at(low.position + [0.0, 0.0, 0.08 * k]) for k in range(3)]
-        scene = table_scene(*(replace(one, name=name) for one, name in zip(stacked, "abc", strict=True)))
+        beside = (cylinder("d", -0.2, 0.35, 0.035, 0.08),) if kind == "stack and one" else ()
+        scene = table_scene(*(replace(one, name=name) for one, name in zip(stacked, "abc", strict=True)), *beside)
     else:
         scene = table_scene(
             *(cylinder(name, -0.2, y, 0.035, 0.08) for name, y in zip("abc", (-0.3, 0, 0.3), strict=True))
@@ -64,6 +65,16 @@ CASES = {
     "stack of three": ("three", goals.on("b", "a") & goals.on("c", "b"), 2),
     "stack taken down": ("stack", goals.and_(*(goals.on(name, "tray") for name in "abc")), 3),
     "stack turned over": ("stack", goals.on("a", "counter_left") & goals.on("c", "tray") & goals.on("b", "c"), 3),
+    "one under the top": (
+        "stack and one",
+        goals.on("a", "table_top") & goals.on("d", "a") & goals.on("c", "d"),
+        4,
+    ),
+    "one above the top": (
+        "stack and one",
+        goals.on("b", "table_top") & goals.on("c", "b") & goals.on("d", "c"),
+        4,
+    ),
     "in this order": ("three", goals.inside("a", "left") & goals.inside("c", "left") & goals.before("c", "a"), 2),
 }
 
@@ -88,6 +99,12 @@ def test_a_plan_reaches_its_goal_with_the_fewest_picks(case: str) -> None:
     assert plan.bound.proved
     assert plan.picks == plan.bound.least == fewest
     assert plan.bound == lower_bound(scene, goal)
+
+
+def test_what_waits_for_itself_is_what_is_put_aside() -> None:
+    for case in ("one under the top", "one above the top"):
+        kind, goal, _ = CASES[case]
+        assert lower_bound(scene_of(kind), goal).aside == ("c",)
 
 
 def test_a_plan_touches_nothing() -> None:

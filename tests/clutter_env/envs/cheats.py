@@ -6,10 +6,11 @@ None of them deserves a clean success; what each does to the other object is sai
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
-from clutter_env.envs.retrieve import RetrieveEnv
+from clutter_env.envs.clutter_task import ClutterTaskEnv
 from clutter_env.scene.layout import TABLE_HEIGHT
 from tests.clutter_env.envs.side_grasp import CLOSED, OPEN, PRE_GRASP, SideGrasp
 
@@ -25,11 +26,16 @@ def cylinder(x: float, y: float) -> dict:
 
 
 class Cheat(SideGrasp):
-    """A robot before a target and other objects; by default one other, and it could grasp both at once."""
+    """A robot before a target and other objects; by default one other, and it could grasp both at once.
 
-    def __init__(self, env: RetrieveEnv, objects: Sequence[dict] | None = None) -> None:
+    Of Rearrange, `options` has the goal in place of the target.
+    """
+
+    def __init__(
+        self, env: ClutterTaskEnv, objects: Sequence[dict] | None = None, options: dict[str, Any] | None = None
+    ) -> None:
         objects = objects or (cylinder(-0.18, -0.12), cylinder(-0.24, 0.2))
-        env.reset(seed=0, options={"objects": objects, "target": "object_00"})
+        env.reset(seed=0, options={"objects": objects, **(options or {"target": "object_00"})})
         super().__init__(env)
 
     def at(self, slot: int, height: float = MIDDLE) -> np.ndarray:

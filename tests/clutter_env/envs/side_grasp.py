@@ -76,7 +76,7 @@ class SideGrasp:
         self.controller = env.world.controller
         self.base = self.controller.state.target[:3].copy()
         self.point = env.data.site_xpos[env.world.index.tcp_site].copy()
-        self.yaw = float(self.base[2])
+        self.yaw, self.roll = float(self.base[2]), 0.0
         self.width = OPEN
 
     def run(self) -> GraspResult:
@@ -134,7 +134,9 @@ class SideGrasp:
 
     def step(self) -> None:
         pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = _rotation(self.yaw), self.point
+        cosine, sine = np.cos(self.roll), np.sin(self.roll)
+        about_approach = np.array([[1.0, 0, 0], [0, cosine, -sine], [0, sine, cosine]])
+        pose[:3, :3], pose[:3, 3] = _rotation(self.yaw) @ about_approach, self.point
         self.record.append(self.env.step(self.env.ee_action(self.base, pose, self.width)))
 
 

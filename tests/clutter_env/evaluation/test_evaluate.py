@@ -6,7 +6,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from clutter_env.errors import LearningError, SuiteError
 from clutter_env.evaluation.evaluate import ResultRecords, evaluate, lower_bounds
 from clutter_env.evaluation.scenes import SceneSet, SeededScene, find_floor, skill_scene
 from clutter_env.evaluation.score import PolicyCrashed, play_scene
-from clutter_env.evaluation.tables import results
+from clutter_env.evaluation.tables import results, summarise
 from clutter_env.evaluation.verify import verify
 from clutter_env.policies.protocol import PolicyError, begin_episode
 from clutter_env.policies.registry import load_policy
@@ -269,16 +269,36 @@ def test_a_policy_is_refused_before_anything_is_played() -> None:
         evaluate("my_policies:Old", REACH)
 
 
-def test_suites_of_rearrange_have_no_lower_bounds_and_are_confirmed_all_the_same(tmp_path: Path) -> None:
+def test_suites_of_rearrange_have_lower_bounds_and_are_confirmed(tmp_path: Path) -> None:
     class GivesUp(Idle):
         done, failure = True, "no idea"
 
-    found = evaluate(GivesUp(), SceneSet("stack-8-v1", count=2))
-    assert found.floors == ()
+    found = evaluate(GivesUp(), SceneSet("stack-8-v2", count=2))
+    assert found.floors == lower_bounds(found.scenes, found.traits.grasps)
+    row = summarise("nobody", [found])
+    assert sum(rate.scenes for rate in row.by_floor.values()) == 2
+    assert np.isnan(row.moved_per_floor.mean)
     assert [one.failure for one in found.scores] == ["no idea"] * 2
     file = tmp_path / "results.json"
     write_json(file, results(found))
     assert not verify(file).differences
-    with pytest.raises(SuiteError, match="no floors for grasps='side'"):
-        lower_bounds(found.scenes, "side")
+
+
+def test_a_goal_that_a_policy_gives_itself_is_not_scored() -> None:
+    class ChangesTheGoal(Idle):
+        is_privileged, done, failure = True, True, "that is all"
+        infos: ClassVar[list[dict[str, Any]]] = []
+
+        def reset(self, info: dict[str, Any], env: Any) -> None:
+            inner = env.unwrapped
+            inner.reset(seed=0, options={"goal": "(clear counter_left)"})
+            self.infos += [info, *(inner.step(np.zeros(10, np.float32))[-1] for _ in range(12))]
+
+    policy = ChangesTheGoal()
+    found = evaluate(policy, SceneSet("stack-8-v2", count=1))
+    assert [policy.infos[k]["is_success"] for k in (0, -1)] == [False, True], "in its own environment"
+    assert [(one.clean, one.lifted) for one in found.scores] == [(False, False)]
+
+
+def test_sets_of_scenes_of_rearrange_have_names() -> None:
     assert SceneSet(env_id="clutter_env/Rearrange-o4-v0", task="swap", count=1).name == "swap-o4"
