@@ -21,7 +21,7 @@ from planners.clearing.commitments import ClearingProblem, Commitments, NoCommit
 from planners.clearing.goal_bound import LowerBound, fewest_picks, must_move
 from planners.clearing.lookahead import ClearancePlan
 from planners.clearing.saving_time import with_blockers
-from planners.goals import At, Goal, Inside, On
+from planners.goals import TOLERANCE, At, Goal, Inside, On
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.motion.approaches import can_take, fewest_blockers
 from planners.placing.goal_places import in_the_way, of_same_area, place_of, placed_fact, reserved_regions
@@ -29,7 +29,7 @@ from planners.placing.placements import Placement
 from planners.placing.surfaces import KeepClear
 from planners.scene import RobotState, Scene
 
-_TRIED = 6
+_TRIED = 24
 """Grasps of an object for which is looked whether the gripper can come and leave, of one family and of all."""
 
 
@@ -52,7 +52,11 @@ class Move:
 
 @dataclass
 class _Simulation:
-    """The scene as the moves so far leave it, and what is still to be moved."""
+    """The scene as the moves so far leave it, and what is still to be moved.
+
+    Attributes:
+        last: names of the objects that go to their ends after all others, in whose way they would be there.
+    """
 
     problem: ClearingProblem
     goal: Goal
@@ -60,7 +64,8 @@ class _Simulation:
     scene: Scene
     candidates: GraspCandidates
     reserve: dict[str, GraspCandidate]
-    waiting: list[str] = field(default_factory=list)
+    waiting: list[str]
+    last: frozenset[str] = frozenset()
     moves: list[Move] = field(default_factory=list)
     failures: Counter[str] = field(default_factory=Counter)
 
@@ -95,13 +100,15 @@ def goal_plan(
                 )
             if added:
                 sim.waiting += added
-                again = [move.name for move in sim.moves if move.name in added]
-                if again and to_move.keys() >= set(sim.waiting):
-                    return _as_plan(sim, again[0])
+                again = {move.name for move in sim.moves if move.name in added}
+                if again and again <= sim.last:
+                    return _refusal(sim)
                 if again:
-                    # It was moved too early: begin again, now that it is known what else must be moved.
+                    # It was moved too early: begin again, now that it is known what else must be moved. If that was
+                    # known before, it is in the way where it is to stand, and goes there last.
+                    last = sim.last | again if to_move.keys() >= set(sim.waiting) else sim.last
                     to_move |= dict.fromkeys(sim.waiting)
-                    sim = _Simulation(problem, goal, start, scene, problem.candidates, {}, list(to_move))
+                    sim = _Simulation(problem, goal, start, scene, problem.candidates, {}, list(to_move), last)
                 continue
         provisional = _put_aside(sim, bound)
         if not provisional:
@@ -112,7 +119,7 @@ def goal_plan(
 def _in_turn(sim: _Simulation) -> list[str]:
     """What may be moved next: what is in the hand, else what need not wait by order, the nearest first.
 
-    What could not be moved before comes last.
+    What could not be moved before comes after that.
     """
     if sim.scene.held_names:
         return list(sim.scene.held_names[:1])
@@ -120,6 +127,8 @@ def _in_turn(sim: _Simulation) -> list[str]:
     free = _free_by_order(sim)
     if set(sim.waiting) - set(goal.held):
         free = [name for name in free if name not in goal.held]
+    if set(sim.waiting) - set(goal.held) - sim.last:
+        free = [name for name in free if name not in sim.last]
     away = {name: float(np.linalg.norm(sim.scene.body(name).position[:2] - base)) for name in free}
     return sorted(free, key=lambda name: (sim.failures[name], away[name]))
 
@@ -263,16 +272,23 @@ def _bound(sim: _Simulation) -> LowerBound:
 
 
 def _put_aside(sim: _Simulation, bound: LowerBound | None) -> str:
-    """Put aside one object that is to be moved again, first those of the bound; its name, "" if none can be.
+    """Put aside one object that is to be moved again: its name, "" if none can be.
 
-    `bound` is None where it is what is in the hand.
+    Those of the bound come first, then those that go to their ends last, and at the end those that left their places
+    before: they may stand aside already. `bound` is None where it is what is in the hand.
     """
     if bound is None:
         names = sim.scene.held_names[:1]
     else:
-        free = _free_by_order(sim)
-        names = tuple(dict.fromkeys((*(name for name in bound.aside if name in free), *free)))
+        free = sorted(_free_by_order(sim), key=lambda name: _has_left(sim, name))
+        names = tuple(dict.fromkeys((*(name for name in (*bound.aside, *sorted(sim.last)) if name in free), *free)))
     return next((name for name in names if _taken_and_put(sim, name, is_general=False)), "")
+
+
+def _has_left(sim: _Simulation, name: str) -> bool:
+    """Whether an object stands elsewhere than at the start."""
+    way = sim.scene.body(name).position - sim.start.body(name).position
+    return float(np.linalg.norm(way)) > TOLERANCE
 
 
 def _refusal(sim: _Simulation) -> NoCommitment:

@@ -113,7 +113,8 @@ def raise_target(search: Search, scene: Scene) -> None:
 
 def call_task_planning(search: Search, state: PlanState) -> TaskPlan | Infeasible:
     """T = callTaskPlanning(A, s0, g): the task plan, or why there is none."""
-    if search.is_late or len(search.history) >= MAX_REPLANS or len(search.clearances) >= MAX_CLEARANCES:
+    put_down = sum(action.name.startswith("PutDown") for action in search.plan) - len(search.goal.placed)
+    if search.is_late or len(search.history) >= MAX_REPLANS or put_down >= MAX_CLEARANCES:
         return search.out_of_time()
     found = task_plan(search, state)
     if isinstance(found, TaskPlan):

@@ -21,7 +21,8 @@ from planners.tamp.motion_layer import BoundMotion, MotionLayer
 from planners.tamp.solution import BoundAction, Infeasible, ReplanRecord, SolveStats
 
 MAX_CLEARANCES, MAX_REPLANS = 60, 200
-"""Put-downs in one plan, and turns of the loop that ended with a refuted action, before a run is given up."""
+"""Put-downs in one plan beyond one for each object that the goal places, and turns of the loop that ended with a
+refuted action, before a run is given up."""
 TASK_PLANNING_S = 10.0
 """[s] of wall time for one call of the task planner; a call that takes longer ends the run."""
 

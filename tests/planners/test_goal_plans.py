@@ -101,6 +101,18 @@ def test_a_plan_reaches_its_goal_with_the_fewest_picks(case: str) -> None:
     assert plan.bound == lower_bound(scene, goal)
 
 
+@pytest.mark.parametrize("seed", [10, pytest.param(55, marks=pytest.mark.slow)])
+def test_what_is_in_the_way_where_it_is_to_stand_goes_there_last(seed: int) -> None:
+    env = gym.make("clutter_env/Rearrange-o8-v0", task="swap")
+    env.reset(seed=seed)
+    inner: Any = env.unwrapped
+    scene = Scene.from_mujoco(inner.model, inner.data, inner.robot, regions=inner.regions)
+    plan = solve(scene, inner.goal, time_limit=60)
+    assert isinstance(plan, Solution), plan
+    assert plan.end is not None
+    assert inner.goal.holds(plan.end, scene)
+
+
 def test_what_waits_for_itself_is_what_is_put_aside() -> None:
     for case in ("one under the top", "one above the top"):
         kind, goal, _ = CASES[case]

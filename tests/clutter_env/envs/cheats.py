@@ -66,6 +66,24 @@ class Cheat(SideGrasp):
         self.reach(self.point - (PRE_GRASP, 0, 0))
         self.reach(self.point + (0, 0, 0.25))
 
+    def drag(self, slot: int, far: float) -> None:
+        """Grip an object, drag it so far [m] along the table, and let go of it."""
+        self.grasp(slot)
+        self.reach(self.point + (0, far, 0), speed=0.06)
+        self.leave()
+
+    def throw(self, slot: int, stride: float, closed: int, steps: int) -> None:
+        """Lift an object, swing it sideways by `stride` [m] a step, and let go of it after so many `closed` steps."""
+        self.grasp(slot)
+        self.reach(self.point + (0, 0, 0.01))
+        start = self.point.copy()
+        for i in range(1, steps + 1):
+            self.point = start + (0, stride * i, 0)
+            self.width = CLOSED if i <= closed else OPEN
+            self.step()
+        self.wait(0.6)
+        self.leave()
+
     def take_target(self) -> dict:
         """Take the target and lift it; the info of the end."""
         self.grasp(TARGET)
@@ -89,9 +107,7 @@ def push_with_two_fingers(cheat: Cheat) -> None:
 
 def drag_in_the_grip(cheat: Cheat) -> None:
     """It is gripped, and dragged 12 cm along the table."""
-    cheat.grasp(OTHER)
-    cheat.reach(cheat.point + (0, 0.12, 0.0), speed=0.06)
-    cheat.leave()
+    cheat.drag(OTHER, 0.12)
 
 
 def vibrate_in_the_grip(cheat: Cheat) -> None:
@@ -121,15 +137,7 @@ def nudge_and_touch(cheat: Cheat) -> None:
 
 def throw(cheat: Cheat) -> None:
     """It is lifted, swung sideways and released in the swing."""
-    cheat.grasp(OTHER)
-    cheat.reach(cheat.point + (0, 0, 0.01))
-    start = cheat.point.copy()
-    for i in range(1, 13):
-        cheat.point = start + (0, 0.03 * i, 0)
-        cheat.width = CLOSED if i < 9 else OPEN
-        cheat.step()
-    cheat.wait(0.6)
-    cheat.leave()
+    cheat.throw(OTHER, 0.03, closed=8, steps=12)
 
 
 def drop(cheat: Cheat) -> None:

@@ -78,9 +78,7 @@ def nudge_into_the_place(cheat: Cheat) -> None:
 
 def drag_into_the_place(cheat: Cheat) -> None:
     """It is gripped, and dragged 12 cm along the table."""
-    cheat.grasp(FIRST)
-    cheat.reach(cheat.point + (0, 0.12, 0), speed=0.06)
-    cheat.leave()
+    cheat.drag(FIRST, 0.12)
 
 
 def shove_with_what_is_held(cheat: Cheat) -> None:
@@ -95,15 +93,7 @@ def shove_with_what_is_held(cheat: Cheat) -> None:
 
 def throw_into_the_place(cheat: Cheat) -> None:
     """It is swung, and released in the swing."""
-    cheat.grasp(FIRST)
-    cheat.reach(cheat.point + (0, 0, 0.01))
-    start = cheat.point.copy()
-    for i in range(1, 8):
-        cheat.point = start + (0, 0.02 * i, 0)
-        cheat.width = CLOSED if i < 5 else OPEN
-        cheat.step()
-    cheat.wait(0.6)
-    cheat.leave()
+    cheat.throw(FIRST, 0.02, closed=4, steps=7)
 
 
 def drop_into_the_place(cheat: Cheat) -> None:
@@ -241,9 +231,7 @@ def test_a_drag_in_the_grip_is_a_move_before_which_another_one_should_have_come(
     place = replace(PLACE, centre=(-0.24, 0.12 + 0.04))
     goal = goals.inside(TWO, "place") & goals.at(ONE, (-0.24, -0.2)) & goals.before(ONE, TWO)
     cheat = begin(goal, regions=(place,))
-    cheat.grasp(SECOND)
-    cheat.reach(cheat.point + (0, 0.04, 0), speed=0.06)
-    cheat.leave()
+    cheat.drag(SECOND, 0.04)
     carry(cheat, FIRST, -0.2)
     cheat.wait(1.0)
     assert not cheat.info["is_success"]

@@ -130,13 +130,17 @@ def write_parts(path: Path, parts: dict[str, Any], header: dict[str, Any]) -> No
     np.savez(path, **{**parts, "header": np.array(json.dumps(header))})
 
 
-def test_a_plan_file_of_version_2_is_read(tmp_path: Path) -> None:
-    """The files of the first release; a strategy's `non_monotone` was called `second_moves` there."""
+@pytest.mark.parametrize("version", [2, 4])
+def test_an_older_plan_file_is_read(tmp_path: Path, version: int) -> None:
+    """In version 2 a strategy's `non_monotone` was called `second_moves`; up to 4 objects had no pieces."""
     path = tmp_path / "plan.npz"
     parts, header = parts_of(path)
-    strategy = fields_of(header, "Strategy")
-    strategy["second_moves"] = strategy.pop("non_monotone")
-    write_parts(path, parts, header | {"version": 2})
+    if version == 2:
+        strategy = fields_of(header, "Strategy")
+        strategy["second_moves"] = strategy.pop("non_monotone")
+    bodies = [entry["fields"] for entry in header["objects"] if entry["class"] == "Body"]
+    assert [body.pop("pieces") for body in bodies]
+    write_parts(path, parts, header | {"version": version})
     assert Solution.load(path) == solved()
 
 
