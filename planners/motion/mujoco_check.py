@@ -15,7 +15,7 @@ from assets.robots import RobotSpec
 from irm.chain import link_of_body
 from planners.collision.scene_arrays import robot_of
 from planners.collision.world import OVERLAP
-from planners.motion.path import WholeBodyPath
+from planners.motion.path import WholeBodyPath, cut, interpolate
 from planners.motion.trajectory import Trajectory, phases_of
 from planners.motion.travel import count_kinds, link_radii, nearest_of_kinds, pair_kind, travelled
 from planners.scene import HeldObject, Scene, SceneError, Solid
@@ -327,8 +327,7 @@ class MujocoCollisionChecker:
             )
             reach = np.maximum(reach, robot.tip_reach + self._swing(held))
         parts = np.ceil(np.abs(np.diff(states, axis=0)) @ np.append(reach, 1.0) / step).astype(int)
-        at = np.concatenate([[0.0], *(i + np.arange(1, max(n, 1) + 1) / max(n, 1) for i, n in enumerate(parts))])
-        return np.column_stack([np.interp(at, np.arange(len(states)), column) for column in states.T])
+        return interpolate(cut(np.maximum(parts, 1)), np.arange(len(states)), states)
 
     def _place(self, state: NDArray[np.float64], held: HeldObject | None) -> None:
         """Place the robot and what its grippers hold, and find contacts."""
