@@ -131,8 +131,9 @@ class PlacementSearch:
                 for row in itertools.takewhile(lambda _: not deadline.is_over, rows.tolist()):
                     if row not in free:
                         free[row] = _free(world, poses[row])
-                    found = look(world, locations[row], free[row])
-                    yield from (replace(placement, surfaces=surfaces) for placement in found)
+                    if len(free[row]):
+                        found = look(world, locations[row], free[row])
+                        yield from (replace(placement, surfaces=surfaces) for placement in found)
 
     def find_at(
         self,
