@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 FORMAT = "clutter-env plan"
-VERSION = 5
+VERSION = 6
 """Increased whenever the meaning of what is stored changes."""
-_RENAMED: dict[int, dict[str, str]] = {2: {"second_moves": "non_monotone"}, 3: {}, 4: {}}
+_RENAMED: dict[int, dict[str, str]] = {2: {"second_moves": "non_monotone"}, 3: {}, 4: {}, 5: {}}
 """Older versions that are read, with the fields that have other names today; fields they lack have their defaults."""
 
 
@@ -172,7 +172,9 @@ def _fits(value: Any, hint: Any) -> bool:
 
 def _defaulted(kind: type) -> set[str]:
     """Names of the fields of a dataclass that have a default."""
-    return {one.name for one in fields(kind) if one.default is not MISSING} if is_dataclass(kind) else set()
+    if not is_dataclass(kind):
+        return set()
+    return {one.name for one in fields(kind) if (one.default, one.default_factory) != (MISSING, MISSING)}
 
 
 @cache

@@ -14,7 +14,7 @@ from planners.collision.world import CollisionWorld
 from planners.contact import contact_of
 from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidates
-from planners.grasping.grasp_poses import GRASP_SETS, GraspFamily
+from planners.grasping.families import GRASP_SETS, GraspFamily
 from planners.motion.pick_and_place import PickPlaceMotion, plan_pick
 from planners.scene import Body
 from planners.tamp.solution import BoundAction

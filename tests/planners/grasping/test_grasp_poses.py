@@ -11,15 +11,10 @@ from assets.robots import FETCH
 from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configurations import gripper_hits
 from planners.grasping.candidates import gripper_poses
+from planners.grasping.families import GRASP_SETS, SIDE, TOP, GraspFamily, UnknownGraspSet, find_grasp_set
 from planners.grasping.grasp_poses import (
-    GRASP_SETS,
-    SIDE,
-    TOP,
-    GraspFamily,
     GraspPose,
     GripperClearances,
-    UnknownGraspSet,
-    find_grasp_set,
     generate_grasps,
     gripper_clearances,
     gripper_opening,
