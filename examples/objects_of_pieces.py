@@ -8,6 +8,7 @@ The kettle's mesh is that of the package gymnasium-robotics (`pip install 'clutt
 import argparse
 import importlib.util
 import itertools
+from collections import namedtuple
 from pathlib import Path
 
 import mujoco
@@ -123,17 +124,20 @@ def make(name, seed, cylinders=6):
     return model, data, [name, *(f"can_{k}" for k in range(cylinders))]
 
 
+Outcome = namedtuple("Outcome", "planned lifted clean detail")
+
+
 def lift(name, seed):
-    """Plan and execute: the number of objects put aside, None without a plan, and whether it is lifted by 10 cm."""
+    """Plan and execute; lifted is what ends 10 cm higher, clean if nothing else moved and it did not turn in the grip."""
     model, data, movable = make(name, seed)
     scene = Scene.from_mujoco(model, data, FETCH, movable=movable, support="table")
     found = solve(scene, name, rng=np.random.default_rng(0))
     if not isinstance(found, Solution):
-        return None, str(found)
+        return Outcome(False, False, False, f"{found.cause}: {found.detail}")
     result = execute(found, model, data)
     end = Scene.from_mujoco(model, data, FETCH, movable=movable, support="table").body(name)
-    is_lifted = result.finished and end.bottom > scene.body(name).bottom + 0.1
-    return len(found.clearances), "lifted" if is_lifted else str(result)
+    rise = end.bottom - scene.body(name).bottom
+    return Outcome(True, rise > 0.1, result.finished, f"{rise:.2f} m, {result.deviation}")
 
 
 if __name__ == "__main__":
@@ -143,8 +147,8 @@ if __name__ == "__main__":
     arguments = parser.parse_args()
     for name in arguments.objects:
         ends = [lift(name, seed) for seed in range(arguments.scenes)]
-        planned, lifted = sum(put is not None for put, _ in ends), sum(how == "lifted" for _, how in ends)
-        print(f"{name}: {planned} planned, {lifted} lifted, of {len(ends)}")
-        for seed, (_, how) in enumerate(ends):
-            if how != "lifted":
-                print(f"  scene {seed}: {how}")
+        planned, lifted, clean = (sum(column) for column in list(zip(*ends, strict=True))[:3])
+        print(f"{name}: {planned} planned, {lifted} lifted, {clean} clean, of {len(ends)}", flush=True)
+        for seed, end in enumerate(ends):
+            if not end.clean:
+                print(f"  scene {seed}: {end.detail}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import NamedTuple, TypeAlias
 
@@ -35,7 +35,7 @@ _ALONG, _HIGHER, _ASLANT = 0.5, 0.3, 0.1
 along it, if a metre across the line costs 1: there the weight turns the object between the pads."""
 _OPENINGS = 0.005
 """[m] Openings of the gripper are rounded up to multiples of this, to check many grasps at once."""
-_DECIMALS = 9
+_DECIMALS, _ROUNDING = 9, 1e-9
 _HIGH = 10.0
 """[m] above the ground at which an object is looked at alone."""
 
@@ -82,7 +82,11 @@ def antipodal_lines(
         widest: [m] Only what is less wide is grasped.
     """
     turn = gripper_rotation(body.yaw, 0.0)
-    for line in _lines(_Shape.of(body), robot, family, lowest, widest):
+    shape, (least, most) = _Shape.of(body), family.lever
+    heavy = shape.body.rotation @ body.centre_of_mass
+    for line in _lines(shape, robot, replace(family, name="", lever=(0.0, math.inf)), lowest, widest):
+        if not least <= math.hypot(*(line.tcp - heavy)[:2]) < most:
+            continue
         yaw = math.remainder(line.yaw + body.yaw, 2 * math.pi)
         yield Line(yaw, body.position + turn @ line.tcp, line.width)
 
@@ -103,11 +107,17 @@ def _lines(shape: _Shape, robot: RobotSpec, family: AntipodalFamily, lowest: flo
         # Where the fingers do not fit as deep as the middle of the pads, their tips may.
         for back in (0.0, TIP):
             there = [one._replace(tcp=one.tcp - back * rotation[:, 0]) for one in spans if one.pieces not in chosen]
+            there = [one for one in there if one.tcp[2] > body.bottom + lowest - _ROUNDING]
             free = itertools.compress(there, _free(alone, there, robot, yaw, family.pitch))
             for span in sorted(free, key=lambda one: one.cost):
-                is_new = len(chosen) < family.most and span.pieces not in chosen
-                if is_new and _is_held_there(body, span, pose_matrix(span.tcp, rotation)):
-                    chosen[span.pieces] = span
+                if len(chosen) == family.most or span.pieces in chosen:
+                    continue
+                # All that is between the pads, not on the line alone: nothing may be touched long before.
+                width = body.width_in_gripper(np.linalg.inv(pose_matrix(span.tcp, rotation)) @ body.pose)
+                if width < min(span.width + _OFF_PADS, widest):
+                    exact = span._replace(width=width)
+                    if _free(alone, [exact], robot, yaw, family.pitch, rounded=False)[0]:
+                        chosen[span.pieces] = exact
         found += [Line(yaw, span.tcp - body.position, span.width) for span in chosen.values()]
     return tuple(found)
 
@@ -125,7 +135,8 @@ def _spans(body: Body, yaw: float, family: AntipodalFamily, lowest: float, wides
     """What can be held along level lines across the heading `yaw`."""
     heading = np.array((math.cos(yaw), math.sin(yaw), 0.0))
     across, up = np.array((-heading[1], heading[0], 0.0)), np.array((0.0, 0.0, 1.0))
-    grids = [_grid(piece, heading, up, body.bottom + lowest, family.spacing) for piece in body.placed]
+    lowest += body.bottom - TIP * math.sin(family.pitch)
+    grids = [_grid(piece, heading, up, lowest, family.spacing) for piece in body.placed]
     places = np.unique(np.concatenate(grids).round(_DECIMALS), axis=0)
     if not len(places):
         return []
@@ -143,25 +154,22 @@ def _spans(body: Body, yaw: float, family: AntipodalFamily, lowest: float, wides
             if _THINNEST < high - low < widest and min(slant) > least:
                 middle = origin + (low + high) / 2 * across
                 away = np.abs((heading, across, up) @ (middle - heavy))
-                if family.lever is not None and math.hypot(away[0], away[1]) > family.lever:
-                    continue
                 cost = away @ (1.0, _ALONG, _HIGHER) + _ASLANT * (2.0 - sum(slant))
                 found.append(_Span(middle, float(high - low), (first, last), round(float(cost), 6)))
     return found
 
 
 def _grid(piece: Solid, heading: Array, up: Array, lowest: float, spacing: float) -> Array:
-    """Coordinates (n, 2) [m] along the heading and upwards of lines through a piece, its middle among them."""
-    axes = np.stack((heading, up))
-    middle, low, high = axes @ piece.position, piece.reach(-axes), piece.reach(axes)
-    sides: list[Array] = []
-    for least, most in zip(middle - low, middle + high, strict=True):
-        begin = max(least, lowest) if len(sides) else least
-        if begin > most:
+    """Coordinates (n, 2) [m] along the heading and upwards of lines through a piece, none below the `lowest`."""
+    axes, sides = np.stack((heading, up)), list[Array]()
+    middle, back, ahead = axes @ piece.position, piece.reach(-axes), piece.reach(axes)
+    for least, most, limit in zip(middle - back, middle + ahead, (-math.inf, lowest), strict=True):
+        inset = min(_INSET, (most - least) / 2)
+        begin, end = max(least + inset, limit), most - inset
+        if begin > end:
             return np.zeros((0, 2))
-        inset = min(_INSET, (most - begin) / 2)
-        count = 2 * math.ceil((most - begin - 2 * inset) / (2 * spacing)) + 1
-        sides.append(np.linspace(begin + inset, most - inset, min(count, _BESIDE)))
+        count = 2 * math.ceil((end - begin) / (2 * spacing)) + 1
+        sides.append(np.linspace(begin, end, min(count, _BESIDE)))
     return np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
@@ -181,20 +189,16 @@ def _joined(enter: Array, leave: Array) -> list[tuple[float, float, int, int]]:
     return joined
 
 
-def _free(alone: CollisionWorld, spans: list[_Span], robot: RobotSpec, yaw: float, pitch: float) -> NDArray[np.bool_]:
+def _free(
+    alone: CollisionWorld, spans: list[_Span], robot: RobotSpec, yaw: float, pitch: float, rounded: bool = True
+) -> NDArray[np.bool_]:
     """At which of these the open gripper touches no piece: (n,)."""
-    if not spans:
-        return np.zeros(0, np.bool_)
-    wide = np.array([span.width for span in spans]) + 2 * FINGER_GAP
-    openings = np.minimum(np.ceil(wide / _OPENINGS) * _OPENINGS, robot.max_opening)
+    openings = np.array([min(span.width + 2 * FINGER_GAP, robot.max_opening) for span in spans])
+    if rounded:
+        openings = np.minimum(np.ceil(openings / _OPENINGS) * _OPENINGS, robot.max_opening)
     poses = np.array([(*span.tcp, yaw, pitch) for span in spans])
     free = np.zeros(len(spans), np.bool_)
     for opening in np.unique(openings):
         rows = openings == opening
         free[rows] = gripper_hits(alone, poses[rows], float(opening)) == 0
     return free
-
-
-def _is_held_there(body: Body, span: _Span, T_world_tcp: Array) -> bool:
-    """Whether nothing else between the pads, as wide as they are, would be touched long before."""
-    return body.width_in_gripper(np.linalg.inv(T_world_tcp) @ body.pose) < span.width + _OFF_PADS

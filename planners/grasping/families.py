@@ -6,6 +6,7 @@ experiments (Lee & Kim 2019) use level grasps alone.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -95,8 +96,8 @@ class AntipodalFamily:
         friction: coefficient between pads and object, whose arctangent is the half angle of the cone.
         spacing: [m] between the lines through one piece at most; there are no more than seven beside each other.
         most: grasps for each direction; each holds other pieces, those nearest to the centre of mass come first.
-        lever: [m] seen from above, from the centre of mass to the TCP at most, by default any: the weight of an object
-            that is held far from it turns it between the pads.
+        lever: [m] range of the distance between centre of mass and TCP, seen from above, by default any: the weight of
+            an object that is held far from it turns it between the pads.
         max_width: [m] between the fingers of what is grasped so, by default what the gripper spans.
 
     Raises:
@@ -109,13 +110,14 @@ class AntipodalFamily:
     friction: float = 0.3
     spacing: float = 0.02
     most: int = 3
-    lever: float | None = None
+    lever: tuple[float, float] = (0.0, math.inf)
     max_width: float | None = None
 
     def __post_init__(self) -> None:
         wrong = [f"pitch={self.pitch!r}"] if not 0 <= self.pitch <= math.pi / 2 else []
         wrong += [f"{name}={getattr(self, name)!r}" for name in ("directions", "most") if getattr(self, name) < 1]
-        for name in ("friction", "spacing", "lever", "max_width"):
+        wrong += [f"lever={self.lever!r}"] if not 0 <= self.lever[0] < self.lever[1] else []
+        for name in ("friction", "spacing", "max_width"):
             value = getattr(self, name)
             wrong += [f"{name}={value!r}"] if value is not None and not value > 0 else []
         if wrong:
@@ -139,17 +141,25 @@ _SHORT_OF = tuple(
 )
 """The fingertips of these reach less far past the object, so that they touch fewer of those behind it. More families
 of this kind lowered the minimum in one of 290 scenes."""
-_ACROSS = {degrees: AntipodalFamily(f"antipodal {degrees}°", math.radians(degrees)) for degrees in (0, 90, 60, 40, 20)}
-_NEAR = {
-    degrees: replace(family, name=f"{family.name} near the centre of mass", lever=0.04)
-    for degrees, family in _ACROSS.items()
-}
+_LEVERS = (0.0, 0.04, 0.1, math.inf)
+"""[m] Antipodal grasps near the centre of mass come first."""
+
+
+def _antipodal(*degrees: int) -> tuple[AntipodalFamily, ...]:
+    """Families of these pitches, the nearest to the centre of mass first."""
+    near_first = itertools.product(itertools.pairwise(_LEVERS), degrees)
+    return tuple(
+        AntipodalFamily(f"antipodal {pitch}°, {1000 * lever[0]:.0f} mm off", math.radians(pitch), lever=lever)
+        for lever, pitch in near_first
+    )
+
+
 GRASP_SETS: Mapping[str, tuple[Family, ...]] = MappingProxyType(
     {
-        "side": (SIDE, _NEAR[0], _ACROSS[0]),
-        "tilted": (*(_TILTED[k] for k in (60, 40, 20)), *(kind[k] for kind in (_NEAR, _ACROSS) for k in (60, 40, 20))),
-        "top": (TOP, _NEAR[90], _ACROSS[90]),
-        "all": (*_CENTRED, *_SHORT_OF, *_NEAR.values(), *_ACROSS.values()),
+        "side": (SIDE, *_antipodal(0)),
+        "tilted": (_TILTED[60], _TILTED[40], _TILTED[20], *_antipodal(60, 40, 20)),
+        "top": (TOP, *_antipodal(90)),
+        "all": (*_CENTRED, *_SHORT_OF, *_antipodal(0, 90, 60, 40, 20)),
     }
 )
 """By name; the families of a set come in the order in which they are tried."""

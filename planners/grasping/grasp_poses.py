@@ -129,15 +129,16 @@ def too_wide(body: Body, robot: RobotSpec, families: Sequence[Family]) -> str:
     if not chosen:
         return f"{body.name} consists of several pieces, and no family of grasps is an AntipodalFamily"
     widest = max(_widest(robot, family) for family in chosen)
-    what = "the gripper opens" if widest >= robot.max_opening else "the families of grasps take at most"
+    span = f"{1000 * widest:.0f} mm"
+    most = f"the families of grasps take {span} at most" if widest < robot.max_opening else f"the gripper opens {span}"
     centred = [family for family in chosen if isinstance(family, GraspFamily)]
     if not centred:
         faces = f"the gripper gets around no two opposite faces of {body.name} within the friction cones"
-        return "" if generate_grasps(body, robot, families) else f"{faces}; {what} {1000 * widest:.0f} mm"
+        return "" if generate_grasps(body, robot, families) else f"{faces}; {most}"
     spans = [(2 * float(half), _widest(robot, family)) for family in centred for half in _yaws(body, family)[1]]
-    if any(span < most for span, most in spans):
+    if any(width < limit for width, limit in spans):
         return ""
-    return f"{body.name} is {1000 * min(spans)[0]:.0f} mm wide, and {what} {1000 * widest:.0f} mm"
+    return f"{body.name} is {1000 * min(spans)[0]:.0f} mm wide, and {most}"
 
 
 def _widest(robot: RobotSpec, family: Family) -> float:

@@ -187,7 +187,7 @@ def must_go_first(scene: Scene, body: Body, fact: On | Inside | At) -> tuple[str
         slack += float(np.hypot(*(np.array(place.area.half_extents) / (_steps(place.area) - 1))))
         inner = np.maximum(np.array(place.area.half_extents) - radius + slack, 0.0)
         centre = centre[(np.abs(place.area.local(centre)) <= inner).all(axis=1)]
-    return tuple(one.name for one in in_the_way if (_distances(centre, one) < radius - slack).all())
+    return tuple(one.name for one in in_the_way if (distances(centre, one) < radius - slack).all())
 
 
 def in_the_way(scene: Scene, body: Body, place: Place, waiting: Collection[str]) -> tuple[str, ...]:
@@ -205,7 +205,7 @@ def in_the_way(scene: Scene, body: Body, place: Place, waiting: Collection[str])
     staying = [one for one in standing if one.name not in waiting]
     if place.area is None:
         assert place.location is not None
-        near = [one for one in staying if _distances(place.location[None], one)[0] < body.radius + _GAPS[-1]]
+        near = [one for one in staying if distances(place.location[None], one)[0] < body.radius + _GAPS[-1]]
         return tuple(one.name for one in near)
     points = _grid(place.area, scene.state.base[:2])
     if _fits(points, place.area, body, staying, _GAPS[-1]).any():
@@ -246,11 +246,11 @@ def _fits(points: Array, area: Region, body: Body, standing: Sequence[Body], gap
     """Whether the circle around an object lies in an area, and keeps a gap [m] from others: (n,)."""
     inside = (np.abs(area.local(points)) <= np.array(area.half_extents) - body.radius).all(axis=1)
     for one in standing:
-        inside &= _distances(points, one) >= body.radius + gap
+        inside &= distances(points, one) >= body.radius + gap
     return np.asarray(inside)
 
 
-def _distances(points: Array, body: Body) -> Array:
+def distances(points: Array, body: Body) -> Array:
     """[m] from points (n, 2) to an object seen from above; 0 inside."""
     if body.shape == "cylinder" and body.is_upright:
         return np.maximum(np.linalg.norm(points - body.position[:2], axis=1) - body.half_extents[0], 0.0)
