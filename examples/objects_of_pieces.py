@@ -128,7 +128,7 @@ Outcome = namedtuple("Outcome", "planned lifted clean detail")
 
 
 def lift(name, seed):
-    """Plan and execute; lifted is what ends 10 cm higher, clean if nothing else moved and it did not turn in the grip."""
+    """Plan and execute; lifted is what ends 10 cm higher, clean if nothing else was moved and nothing slipped."""
     model, data, movable = make(name, seed)
     scene = Scene.from_mujoco(model, data, FETCH, movable=movable, support="table")
     found = solve(scene, name, rng=np.random.default_rng(0))

@@ -61,7 +61,7 @@ class _Shape:
         turn, back = np.empty(4), np.array([math.cos(body.yaw / 2), 0.0, 0.0, -math.sin(body.yaw / 2)])
         mujoco.mju_mulQuat(turn, back, body.quaternion)
         turn = np.round(turn / np.linalg.norm(turn) * (-1.0 if turn[0] < 0 else 1.0), _DECIMALS)
-        numbers = [body.half_extents, body.centre_of_mass]
+        numbers = [body.half_extents, np.array(body.centre_of_mass)]
         for one in body.solids:
             numbers += [one.position, one.half_extents, one.rotation, one.vertices]
         shapes = " ".join(one.shape for one in body.solids).encode()
@@ -83,7 +83,7 @@ def antipodal_lines(
     """
     turn = gripper_rotation(body.yaw, 0.0)
     shape, (least, most) = _Shape.of(body), family.lever
-    heavy = shape.body.rotation @ body.centre_of_mass
+    heavy = shape.body.mass_centre - shape.body.position
     for line in _lines(shape, robot, replace(family, name="", lever=(0.0, math.inf)), lowest, widest):
         if not least <= math.hypot(*(line.tcp - heavy)[:2]) < most:
             continue
@@ -146,7 +146,7 @@ def _spans(body: Body, yaw: float, family: AntipodalFamily, lowest: float, wides
     # How near to the line the outward normals are where it enters, and where it leaves: (pieces, lines).
     into, out = -before @ across, after @ across
     least = math.cos(math.atan(family.friction))
-    heavy, found = body.position + body.rotation @ body.centre_of_mass, list[_Span]()
+    heavy, found = body.mass_centre, list[_Span]()
     for k, origin in enumerate(origins):
         ends = _joined(enter[:, k], leave[:, k])
         for (low, _, first, _), (_, high, _, last) in itertools.combinations_with_replacement(ends, 2):

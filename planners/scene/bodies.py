@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Literal
 
@@ -50,7 +50,8 @@ class Body:
 
     `half_extents` (3,) [m] (a cylinder: radius, radius, half height), `position` (3,) [m] of the centre,
     `quaternion` (4,) wxyz, all in the world. Of an object of several pieces these are the box around it and its centre;
-    `pieces` are given in the frame there. See `of_pieces`. `centre_of_mass` (3,) [m] is in that frame, too.
+    `pieces` are given in the frame there. See `of_pieces`. `centre_of_mass` (3,) [m] is in that frame, too; () for its
+    origin.
     """
 
     name: str
@@ -59,10 +60,10 @@ class Body:
     position: NDArray[np.float64]
     quaternion: NDArray[np.float64]
     pieces: tuple[Solid, ...] = ()
-    centre_of_mass: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    centre_of_mass: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        for name, size in (("half_extents", 3), ("position", 3), ("quaternion", 4), ("centre_of_mass", 3)):
+        for name, size in (("half_extents", 3), ("position", 3), ("quaternion", 4)):
             object.__setattr__(self, name, frozen(getattr(self, name), (size,), f"{name} of {self.name!r}"))
         if self.shape not in ("cylinder", "box", "pieces") or (self.shape == "pieces") != bool(self.pieces):
             raise SceneError(f"{self.name!r} is a {self.shape!r}; known shapes: box, cylinder, or pieces with `pieces`")
@@ -98,8 +99,8 @@ class Body:
         centred = tuple(piece.moved(np.eye(3), -middle) for piece in given)
         if centre_of_mass is None:
             centre_of_mass = np.average([one.position for one in given], 0, [one.volume for one in given])
-        heavy = np.asarray(centre_of_mass, dtype=float) - middle
-        body = cls(name, "pieces", (high - low) / 2, np.zeros(3), turn, centred, heavy)
+        heavy = frozen(centre_of_mass, (3,), f"centre of mass of {name!r}") - middle
+        body = cls(name, "pieces", (high - low) / 2, np.zeros(3), turn, centred, tuple(heavy.tolist()))
         return body.at(np.asarray(position) + body.rotation @ middle)
 
     @cached_property
@@ -120,6 +121,11 @@ class Body:
         """[rad] of the body's x axis about the vertical."""
         rotation = self.rotation
         return math.atan2(rotation[1, 0], rotation[0, 0])
+
+    @property
+    def mass_centre(self) -> NDArray[np.float64]:
+        """(3,) [m] its centre of mass in the world."""
+        return self.position + self.rotation @ (self.centre_of_mass or (0.0, 0.0, 0.0))
 
     @cached_property
     def solids(self) -> tuple[Solid, ...]:
@@ -348,11 +354,11 @@ def _resting_directions(body: Body) -> Array:
 
     The object's own z axis comes first if it stands on its bottom, then those of the largest faces of its hull.
     """
-    return _resting_on_hull(body.pieces, tuple(body.centre_of_mass.tolist()))
+    return _resting_on_hull(body.pieces, body.centre_of_mass or (0.0, 0.0, 0.0))
 
 
 @lru_cache(maxsize=256)
-def _resting_on_hull(pieces: tuple[Solid, ...], middle: tuple[float, float, float]) -> Array:
+def _resting_on_hull(pieces: tuple[Solid, ...], middle: tuple[float, ...]) -> Array:
     hull = ConvexHull(np.concatenate([piece.corners for piece in pieces]))
     normals, areas = hull.equations[:, :3], _triangle_areas(hull.points[hull.simplices])
     found: list[tuple[float, Array]] = []
@@ -363,7 +369,7 @@ def _resting_on_hull(pieces: tuple[Solid, ...], middle: tuple[float, float, floa
         # The face seen along its normal, and the centre of mass above it.
         across = np.linalg.svd(normal[None])[2][1:]
         face = ConvexHull(hull.points[np.unique(hull.simplices[is_same])] @ across.T)
-        if (face.equations[:, :2] @ (across @ middle) + face.equations[:, 2] < -_ON_FACE).all():
+        if (face.equations[:, :2] @ (across @ np.array(middle)) + face.equations[:, 2] < -_ON_FACE).all():
             found.append((float(areas[is_same].sum()), -normal))
     found.sort(key=lambda one: (one[1][2] < math.cos(UPRIGHT_TILT), -round(one[0], 9)))
     return np.array([up for _, up in found]).reshape(-1, 3)

@@ -172,9 +172,7 @@ def _fits(value: Any, hint: Any) -> bool:
 
 def _defaulted(kind: type) -> set[str]:
     """Names of the fields of a dataclass that have a default."""
-    if not is_dataclass(kind):
-        return set()
-    return {one.name for one in fields(kind) if (one.default, one.default_factory) != (MISSING, MISSING)}
+    return {one.name for one in fields(kind) if one.default is not MISSING} if is_dataclass(kind) else set()
 
 
 @cache

@@ -76,7 +76,7 @@ def test_the_pads_close_on_two_opposite_faces_and_touch_nothing_before(name: str
         assert grasp.T_world_tcp[2, 3] > body.bottom + gripper.above_support(family.pitch) - 1e-9
         assert grasp.opening <= FETCH.max_opening
         assert closes_on_faces(body, grasp, family.friction)
-        heavy = body.position + body.rotation @ body.centre_of_mass
+        heavy = body.mass_centre
         assert family.lever[0] <= np.linalg.norm((grasp.T_world_tcp[:3, 3] - heavy)[:2]) < family.lever[1]
     for opening in {grasp.opening for _, grasp in found}:
         poses = gripper_poses([grasp for _, grasp in found if grasp.opening == opening])

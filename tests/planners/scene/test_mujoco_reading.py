@@ -210,8 +210,7 @@ def test_a_body_of_several_geoms_is_read_as_its_pieces_wherever_they_are_attache
         if piece.shape != "hull":
             assert np.allclose(piece.position, data.geom_xpos[geom])
         assert np.allclose(piece.rotation, data.geom_xmat[geom].reshape(3, 3))
-    heavy = tool.position + tool.rotation @ tool.centre_of_mass
-    assert np.allclose(heavy, data.subtree_com[model.body("tool").id])
+    assert np.allclose(tool.mass_centre, data.subtree_com[model.body("tool").id])
     points = data.geom_xpos[geoms[0]] + model.mesh_vert @ data.geom_xmat[geoms[0]].reshape(3, 3).T
     for direction in np.random.default_rng(0).normal(size=(9, 3)):
         wedge = tool.placed[0]
