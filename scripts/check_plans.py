@@ -19,7 +19,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import mujoco
 import numpy as np
@@ -112,12 +112,14 @@ def main(arguments: Arguments) -> None:
         f"{arguments.grasps}: {len(found)} plans, {actions} actions, {clearances} clearances, {without} scenes without "
         f"a plan; deepest {worst}; over {1e3 * TOLERANCE:.0f} mm: {len(deep)}; wrong ends or moves: {len(wrong)}"
     )
-    for seed, problem in {**deep, **wrong}.items():
+    for seed, contact in deep.items():
+        print(f"  seed {seed}: {contact}")
+    for seed, problem in wrong.items():
         print(f"  seed {seed}: {problem}")
 
 
 def _environment(arguments: Arguments) -> RearrangeEnv | RetrieveEnv:
-    keywords = {"num_objects": arguments.objects, "robot": arguments.robot}
+    keywords: dict[str, Any] = {"num_objects": arguments.objects, "robot": arguments.robot}
     if arguments.layout:
         keywords["layout"] = arguments.layout
     if arguments.task:

@@ -50,7 +50,7 @@ class Arguments:
 def main(arguments: Arguments) -> None:
     """Try the scenes that are left, and print one row."""
     warmup(arguments.robot)
-    keywords = {"layout": arguments.layout} if arguments.layout else {}
+    keywords: dict[str, Any] = {"layout": arguments.layout} if arguments.layout else {}
     env = gymnasium.make(
         f"clutter_env/Rearrange-o{arguments.objects}-v0", task=arguments.task, robot=arguments.robot, **keywords
     )
