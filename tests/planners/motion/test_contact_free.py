@@ -32,7 +32,9 @@ def near_scene() -> Scene:
 
 def test_fingers_closed_at_the_start_are_open_before_they_reach_the_object_even_if_they_lag() -> None:
     scene = near_scene()
-    found = solve(scene, "can", Strategy("nearest", grasps="greedy", region="ngr1", locations="priority"), grasps="side")
+    found = solve(
+        scene, "can", Strategy("nearest", grasps="greedy", region="ngr1", locations="priority"), grasps="side"
+    )
     assert isinstance(found, Solution)
     pick = next(action for action in found.actions if action.name == "PickUp")
     path, world = pick.trajectory, CollisionWorld.from_scene(pick.scene, 0.0)
