@@ -103,7 +103,7 @@ def test_the_version_is_that_of_the_package() -> None:
         ("collect --image-size 0 --obs-mode rgbd", "image_size=0 is not valid"),
         ("play --objects 99", "--objects 99 is not valid; valid numbers: 1, 5"),
         ("compare", "name scenes"),
-        ("train sca", "did you mean 'sac'?"),
+        ("train maskable-po", "did you mean 'maskable-ppo'?"),
         ("train --steps 9 --algorithm=maskable_ppo", "clutter-env train maskable-ppo ..."),
         ("train bc --demos outputs/demos", "now: examples/clone.py"),
         ("curve", "python scripts/learning_curve.py"),
