@@ -248,9 +248,7 @@ def _hits_on_drive(
     return met_by_held | _hits(approaches, swept, tcp - back, yaws, opening)
 
 
-def _hits(
-    approaches: SideApproaches, scene: TableScene, tcp: Array, yaws: Array, opening: Array
-) -> NDArray[np.bool_]:
+def _hits(approaches: SideApproaches, scene: TableScene, tcp: Array, yaws: Array, opening: Array) -> NDArray[np.bool_]:
     """Objects that gripper or wrist touch at k grasps, (k, n)."""
     x, y = (scene.positions[:, axis] - tcp[:, axis, None] for axis in (0, 1))
     c, s = np.cos(yaws)[:, None], np.sin(yaws)[:, None]

@@ -288,7 +288,9 @@ class World:
             right, left = (
                 {max(slot_of[one], slot_of[other]) for one, other in at_pads if pad in (one, other)} for pad in pads
             )
-            slot = next((slot for slot in sorted(right & left) if slot >= 0 and self._is_pressed(slot, pads, pairs)), -1)
+            slot = next(
+                (slot for slot in sorted(right & left) if slot >= 0 and self._is_pressed(slot, pads, pairs)), -1
+            )
             held.append(slot)
             is_carried.append(slot >= 0 and all(self._touches_only(slot, gripper, pairs) for pairs in self._contacts))
         return Grip(tuple(held), tuple(is_carried), is_touching=True)
