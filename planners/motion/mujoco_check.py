@@ -146,7 +146,7 @@ class MujocoCollisionChecker:
     def __init__(self, scene: Scene) -> None:
         """Build the model; for the same objects elsewhere `move_to` is faster."""
         robot = scene.robot
-        self.scene = scene
+        self.scene, self._signature = scene, _signature(scene)
         self._model = model = scene_model(scene)
         self._data = mujoco.MjData(model)
         self._positions = ModelPositions(model, scene, self._data.qpos)
@@ -174,7 +174,7 @@ class MujocoCollisionChecker:
 
     def move_to(self, scene: Scene) -> None:
         """Put the objects where another scene has them; raises `SceneError` if it differs in more than their poses."""
-        if _signature(scene) != _signature(self.scene):
+        if scene is not self.scene and _signature(scene) != self._signature:
             raise SceneError("a collision checker serves scenes with the same robot, static obstacles and objects only")
         if scene.aside or self.scene.aside:
             self._robot = robot_of(scene)

@@ -221,14 +221,16 @@ def _speeds(length: Array, points: Array, acceleration: Array) -> Array:
     squared = np.minimum(squared, 1.0)
     squared[0] = squared[-1] = 0.0
     taken = np.maximum(np.maximum(at_corners[:-1], at_corners[1:]), swing)
-    gain = 2 * steps / _in_units_of(acceleration, direction)
+    gain = (2 * steps / _in_units_of(acceleration, direction)).tolist()
+    # Lists: to take numbers out of arrays one by one takes longer than to compute with them.
+    shares, limits = taken.tolist(), squared.tolist()
     for i in range(len(steps)):
-        spare = 1.0 - min(taken[i] * squared[i], _CORNER_SHARE)
-        squared[i + 1] = min(squared[i + 1], squared[i] + spare * gain[i])
+        spare = 1.0 - min(shares[i] * limits[i], _CORNER_SHARE)
+        limits[i + 1] = min(limits[i + 1], limits[i] + spare * gain[i])
     for i in range(len(steps) - 1, -1, -1):
-        spare = 1.0 - min(taken[i] * squared[i + 1], _CORNER_SHARE)
-        squared[i] = min(squared[i], squared[i + 1] + spare * gain[i])
-    return np.sqrt(squared)
+        spare = 1.0 - min(shares[i] * limits[i + 1], _CORNER_SHARE)
+        limits[i] = min(limits[i], limits[i + 1] + spare * gain[i])
+    return np.sqrt(limits)
 
 
 def _sample(clock: Array, speed: Array, length: Array, points: Array) -> Array:

@@ -21,8 +21,9 @@ from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import SUPPORT_SLACK, CollisionWorld
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits, scan_configurations
 from planners.grasping.base_placement import MapPlacer, facing_bases, farthest_reach
+from planners.grasping.candidates import GraspCandidate
 from planners.grasping.grasp_poses import opening_around
-from planners.motion.approaches import can_put_down
+from planners.motion.approaches import Approach, ContactQuery, can_put_down, planned_approach
 from planners.placing.goal_places import Place, locations_in
 from planners.placing.locations import placement_cells, placement_levels, put_down, rotated
 from planners.placing.negative_goal_region import SweptVolume, is_free
@@ -94,6 +95,9 @@ class PlacementSearch:
     canonical: bool = False
     near_home: bool = False
     _volumes: dict[tuple[str, bytes, bytes], SweptVolume] = field(default_factory=dict, repr=False, compare=False)
+    _approaches: dict[tuple[object, ...], tuple[ContactQuery, Approach] | None] = field(
+        default_factory=dict, repr=False, compare=False
+    )
 
     def supports_in(self, scene: Scene) -> tuple[StaticObstacle, ...]:
         """The supports on which objects are put; raises `SceneError` if one is missing."""
@@ -197,11 +201,22 @@ class PlacementSearch:
         height, supports = body.top - body.bottom + 2 * _GAP, supports or self.supports_in(world.scene)
         for grasp in keep_clear.grasps:
             if grasp.key not in self._volumes:  # the other objects of the world do not matter
-                self._volumes[grasp.key] = grasp_volume(world, grasp)
+                self._volumes[grasp.key] = grasp_volume(world, grasp, self.approach(world, grasp))
         target = SweptVolume() if keep_clear.target is None else self._volumes[keep_clear.target.key]
         obstacles = [self._volumes[grasp.key] for grasp in keep_clear.obstacles]
         reserved = keep_clear.reserved
         return tuple(Surface.of(world.scene, one, body, height, target, obstacles, reserved) for one in supports)
+
+    def approach(self, world: CollisionWorld, grasp: GraspCandidate) -> tuple[ContactQuery, Approach] | None:
+        """How the gripper comes to a grasp and leaves it, as `planned_approach`: other objects do not count.
+
+        So the answer is remembered for the place of the object.
+        """
+        key = grasp.key, world.scene.body(grasp.object).pose.tobytes()
+        if key not in self._approaches:
+            world = world.for_arm(grasp.arm)
+            self._approaches[key] = planned_approach(world, grasp.base, grasp.q, grasp.object)
+        return self._approaches[key]
 
     def _straight(self, world: CollisionWorld, locations: Array, deadline: Deadline) -> Iterator[Placement]:
         """The canonical placements of the held object at locations (n, 3) [m], the base least turned first."""
