@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -96,7 +97,7 @@ def cut(parts: NDArray[np.int64]) -> Array:
     return np.append(0.0, segment + part / parts[segment])
 
 
-def interpolate(at: Array, knots: Array, points: Array) -> Array:
+def interpolate(at: Array, knots: NDArray[Any], points: Array) -> Array:
     """`np.interp` of all columns of points (k, d), which belong to knots (k,), in one call: (m, d)."""
     left = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, max(len(knots) - 2, 0))
     right, found = np.minimum(left + 1, len(knots) - 1), points[left]
