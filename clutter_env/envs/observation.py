@@ -78,8 +78,10 @@ class EntryLayout(Mapping[str, slice]):
         return names.index(column)
 
 
-def observation_layout(robot: RobotSpec) -> Mapping[str, EntryLayout]:
-    """The layout of the entries "robot", "tcp", "gripper", "head", "objects" (one row of it) and "goal" for a robot.
+def observation_layout(robot: RobotSpec, shows_head: bool = False) -> Mapping[str, EntryLayout]:
+    """The layout of the entries "robot", "tcp", "gripper", "objects" (one row of it) and "goal" for a robot.
+
+    With `shows_head` there is "head" too, for one that is commanded.
 
     Of a robot that acts with several arms the joints and grippers of the others follow those of the active one.
     """
@@ -127,7 +129,8 @@ def observation_layout(robot: RobotSpec) -> Mapping[str, EntryLayout]:
             "hold_progress": [Column("hold_progress", "", 1.0)],
         },
     }
-    return MappingProxyType({name: EntryLayout(quantities) for name, quantities in entries.items()})
+    shown = {name: columns for name, columns in entries.items() if shows_head or name != "head"}
+    return MappingProxyType({name: EntryLayout(columns) for name, columns in shown.items()})
 
 
 OBSERVATION_LAYOUT = observation_layout(FETCH)
@@ -186,7 +189,7 @@ class Observer:
         self, world: World, num_slots: int, *, shows_objects: bool, shows_goal: bool, shows_head: bool = False
     ) -> None:
         self._num_slots = num_slots
-        self.layout = observation_layout(world.robot)
+        self.layout = observation_layout(world.robot, shows_head)
         shown = {"head": shows_head, "objects": shows_objects, "goal": shows_goal}
         names = ["robot", "tcp", "gripper", *(name for name, is_shown in shown.items() if is_shown)]
         self._slices = entry_slices(self.layout, names, num_slots)
