@@ -67,7 +67,8 @@ def main(out: Path = Path("docs/images/cameras.png"), seed: int = 1, speed: bool
 def views(robot: str, seed: int) -> tuple[dict[str, Any], NDArray[Any], NDArray[Any]]:
     """Images at the start, the arm turned aside where it would be in view, and the cloud: points, colours."""
     found = []
-    for keywords in ({"obs_mode": "rgbd", "segmentation": True}, {"obs_mode": "pointcloud", "num_points": 8192}):
+    kinds: tuple[dict[str, Any], ...] = (_KINDS["rgbd, segmentation"], {"obs_mode": "pointcloud", "num_points": 8192})
+    for keywords in kinds:
         env: Any = gym.make(_ID, robot=robot, image_size=256, **keywords).unwrapped
         observation, _ = env.reset(seed=seed)
         target = env.world.controller.state.target.copy()
@@ -91,8 +92,7 @@ def measure() -> None:
     """Steps per CPU second (of all threads, the renderer's too), kinds in turn: the median of blocks, and the best."""
     for robot in ("fetch", "pr2", "panda_mobile"):
         envs = {
-            name: gym.make(_ID, robot=robot, **({"image_size": 128} if keywords else {}), **keywords)
-            for name, keywords in _KINDS.items()
+            name: gym.make(_ID, robot=robot, **{**keywords, "image_size": 128}) for name, keywords in _KINDS.items()
         }
         rng = np.random.default_rng(0)
         size = (_BLOCK, *(envs["state"].action_space.shape or ()))

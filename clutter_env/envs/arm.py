@@ -129,7 +129,7 @@ class ArmEnv(GoalEnv):
         grip = self.world.controller.grip_action(gripper_width)
         return np.append(step / max(STEP, float(np.abs(step).max())), grip)
 
-    def ee_action(self, base_target: ArrayLike, T_world_tcp: ArrayLike, gripper_width: float) -> NDArray[np.float64]:  # noqa: ARG002
+    def ee_action(self, *_: object, **__: object) -> NDArray[np.float64]:
         """Actions here have four numbers; raises ActionError, see `arm_action`."""
         raise ActionError("actions of this environment have four numbers; use arm_action")
 

@@ -75,7 +75,7 @@ class EnvRenderer:
         images = self._images(world)
         return images if self._config.obs_mode != "pointcloud" else self._cloud(world, images)
 
-    def observation_spaces(self) -> dict[str, spaces.Space[Any]]:
+    def observation_spaces(self) -> dict[str, spaces.Box]:
         """The spaces of `observation`.
 
         Of each camera colour (height, width, 3) uint8, depth (height, width, 1) float32 [m] and, where wanted, the
@@ -85,7 +85,7 @@ class EnvRenderer:
         """
         size, count = self._config.image_size, self._config.num_points
         bounds = {"rgb": (255, 3, np.uint8), "depth": (MAX_DEPTH, 1, np.float32), "segmentation": (255, 1, np.uint8)}
-        parts: dict[str, spaces.Space[Any]] = {}
+        parts: dict[str, spaces.Box] = {}
         if self._config.obs_mode == "pointcloud":
             parts["points"] = spaces.Box(-POINT_BOUND, POINT_BOUND, (count, 3), np.float32)
             for name, kind in zip(self._cloud_names[1:], self._kinds, strict=True):
@@ -143,7 +143,7 @@ class EnvRenderer:
             for kind in self._kinds:
                 cloud[f"point_{kind}"].append(images[f"{name}_{kind}"][rows, columns])
         if not total:
-            return {name: np.zeros(space.shape, space.dtype) for name, space in self.observation_spaces().items()}
+            return {name: np.zeros_like(space.low) for name, space in self.observation_spaces().items()}
         return {name: np.concatenate(parts) for name, parts in cloud.items()}
 
     def _images(self, world: World) -> dict[str, NDArray[Any]]:
