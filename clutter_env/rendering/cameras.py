@@ -84,6 +84,7 @@ class EnvRenderer:
         on the ground are left out; a point comes twice where there are too few.
         """
         size, count = self._config.image_size, self._config.num_points
+        bounds: dict[str, tuple[float, int, Any]]
         bounds = {"rgb": (255, 3, np.uint8), "depth": (MAX_DEPTH, 1, np.float32), "segmentation": (255, 1, np.uint8)}
         parts: dict[str, spaces.Box] = {}
         if self._config.obs_mode == "pointcloud":
