@@ -189,7 +189,11 @@ class World:
         return any(self._warnings.tolist())
 
     def advance(
-        self, measurements: Measurements, velocity: NDArray[np.float64], grips: Sequence[float]
+        self,
+        measurements: Measurements,
+        velocity: NDArray[np.float64],
+        grips: Sequence[float],
+        head: Sequence[float] = (),
     ) -> Measurements:
         """One control step; see `JointController.follow`.
 
@@ -200,12 +204,13 @@ class World:
             measurements: what was measured before the step.
             velocity: (4 + n,) wanted joint velocities, base x and y in the base's frame.
             grips: wanted finger position of each gripper, -1 closed to 1 open.
+            head: rates of the head's joints, -1 to 1; none where it stays as it is.
         """
         model, data, grip = self.model, self.data, measurements.grip
         for coupling in self.index.finger_couplings:
             data.eq_active[coupling] = grip.is_touching
         self._contacts, ctrl = [], data.ctrl
-        for command in self.controller.advance(data, velocity, grips, is_loaded=grip.is_holding):
+        for command in self.controller.advance(data, velocity, grips, grip.is_holding, head):
             ctrl[:] = command
             mujoco.mj_step(model, data, nstep=PHYSICS_STEPS // SEGMENTS)
             if data.ncon:
