@@ -98,7 +98,8 @@ class ModelPositions:
 
     def __init__(self, model: mujoco.MjModel, scene: Scene, qpos: NDArray[np.float64]) -> None:
         robot, self.qpos = scene.robot, qpos
-        self._columns = [int(model.joint(name).qposadr[0]) for name in (*robot.drive_joints, robot.finger_joints[0])]
+        joints = (*robot.drive_joints, robot.finger_joints[0])
+        self._columns = np.array([int(model.joint(name).qposadr[0]) for name in joints])
         self._second_finger = int(model.joint(robot.finger_joints[1]).qposadr[0])
         self._start = {body.name: int(model.joint(OBJECT + body.name).qposadr[0]) for body in scene.objects}
         for joint, angle in zip(robot.still_joints, robot.still_configuration, strict=True):
