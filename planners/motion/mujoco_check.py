@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
+from functools import cache
 from typing import NamedTuple
 
 import mujoco
@@ -51,7 +52,8 @@ def scene_model(scene: Scene) -> mujoco.MjModel:
     for geom in spec.geoms:
         if geom.contype or geom.conaffinity:
             geom.contype, geom.conaffinity, geom.margin = _ROBOT, _ROBOT | _OTHER, _ROBOT_MARGIN
-    _exclude_neighbours(spec, scene)
+    for first, second in _neighbours(scene.robot):
+        spec.add_exclude(bodyname1=first, bodyname2=second)
     spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], **_OTHER_GEOM)
     for obstacle in scene.static_obstacles:
         _add_solid(spec, spec.worldbody, _OBSTACLE + obstacle.name, obstacle)
@@ -84,13 +86,12 @@ def _add_solid(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, solid: Soli
     body.add_geom(name=name, pos=solid.position, quat=quaternion, **shape, **_OTHER_GEOM)
 
 
-def _exclude_neighbours(spec: mujoco.MjSpec, scene: Scene) -> None:
-    """Exclude contacts between bodies on the same link or on neighbouring links."""
-    model = spec.compile()
-    links = link_of_body(model, scene.robot)
-    for first, second in itertools.combinations(range(1, model.nbody), 2):
-        if abs(links[first] - links[second]) <= 1:
-            spec.add_exclude(bodyname1=model.body(first).name, bodyname2=model.body(second).name)
+@cache
+def _neighbours(robot: RobotSpec) -> tuple[tuple[str, str], ...]:
+    """The names of each two bodies on the same link or on neighbouring links, whose contacts do not count."""
+    model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    links, pairs = link_of_body(model, robot), itertools.combinations(range(1, model.nbody), 2)
+    return tuple((model.body(a).name, model.body(b).name) for a, b in pairs if abs(links[a] - links[b]) <= 1)
 
 
 class ModelPositions:
