@@ -10,6 +10,7 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from planners.cause import Cause
+from planners.clearing.commitments import NoCommitment
 from planners.clock import cpu_seconds
 from planners.goals import LIFTED
 from planners.motion.arm import tcp_pose
@@ -17,7 +18,7 @@ from planners.scene import Scene
 from planners.symbolic.problem import ROBOT_INIT_LOC, GroundAction, TaskPlan, TaskProblem, format_atom
 from planners.symbolic.transitions import GraspObstructed, grasp_references, update_from_action, update_from_error
 from planners.symbolic.transitions import initial_state as symbolic_state
-from planners.tamp.binding import bind_action, bind_grasps, gripper_symbol, rebind_grasps, task_plan
+from planners.tamp.binding import bind_action, bind_grasps, gripper_symbol, rebind_grasps, refused, task_plan
 from planners.tamp.motion_layer import BoundMotion
 from planners.tamp.solution import BoundAction, Infeasible, ReplanRecord, Solution
 from planners.tamp.state import MAX_CLEARANCES, MAX_REPLANS, PlanState, Refutation, Search, as_seen
@@ -77,6 +78,9 @@ def initial_state(search: Search, scene: Scene) -> PlanState | Infeasible:
         before = cpu_seconds()
         search.bound = search.motion_layer.lower_bound(scene, search.goal, buffers=not search.hold_aside)
         search.motion_planning_s += cpu_seconds() - before
+        if search.bound.picks is None and search.bound.proved:
+            none = NoCommitment(Cause(search.bound.cause), search.bound.objects)
+            return refused(search, scene, search.motion_layer.explained(scene, none))
     search.start = search.start or scene
     held = {gripper_symbol(robot, one.arm): one.held.name for one in scene.aside}
     if scene.held is not None:

@@ -64,24 +64,29 @@ def bind_grasps(search: Search, symbols: SymbolicState, scene: Scene) -> PlanSta
     if search.has_given_up:
         return search.out_of_time()
     if isinstance(found, NoCommitment):
-        names, context, cause = ", ".join(found.objects), search.motion_layer.context, found.cause
-        too_wide = [reason for name in scene.names if (reason := context.too_wide(scene, name))]
-        if cause is Cause.UNREACHABLE and (of_these := [context.too_wide(scene, name) for name in found.objects])[0]:
-            return search.infeasible(Cause.TOO_WIDE, f"{'; '.join(of_these)}, {context.catalogue}", found.objects)
-        detail = {
-            Cause.UNREACHABLE: f"no free base pose and arm configuration reach {names}",
-            Cause.NO_WAY_FOR_BASE: f"from where the robot is, the base cannot drive to where it could take {names}",
-            Cause.NO_SELF_CLEARABLE_SET: f"whatever is removed first, something that must go before {names} is blocked",
-            Cause.MOTION: f"without the grasps that motion planning refuted, there is no way to clear and take {names}",
-            Cause.NO_CLEARANCE_LOCATION: f"no location for {names} that keeps clear of what remains to be done",
-            Cause.TIME_LIMIT: f"the time was up before a way to take {names} was found",
-        }[cause]
-        detail += f", {context.catalogue}"
-        if cause is Cause.NO_SELF_CLEARABLE_SET and too_wide:
-            detail += f"; cannot be taken: {'; '.join(too_wide)}"
-        return search.infeasible(cause, detail, found.objects)
+        return refused(search, scene, found)
     symbols = _with_obstructions(search, symbols, scene, found.commitments)
     return PlanState(replace(symbols, holds_aside=bool(found.aside)), scene, found)
+
+
+def refused(search: Search, scene: Scene, found: NoCommitment) -> Infeasible:
+    """The end of the search where nothing can be committed to, with the evidence in words."""
+    names, context, cause = ", ".join(found.objects), search.motion_layer.context, found.cause
+    too_wide = [reason for name in scene.names if (reason := context.too_wide(scene, name))]
+    if cause is Cause.UNREACHABLE and (of_these := [context.too_wide(scene, name) for name in found.objects])[0]:
+        return search.infeasible(Cause.TOO_WIDE, f"{'; '.join(of_these)}, {context.catalogue}", found.objects)
+    detail = {
+        Cause.UNREACHABLE: f"no free base pose and arm configuration reach {names}",
+        Cause.NO_WAY_FOR_BASE: f"from where the robot is, the base cannot drive to where it could take {names}",
+        Cause.NO_SELF_CLEARABLE_SET: f"whatever is removed first, something that must go before {names} is blocked",
+        Cause.MOTION: f"without the grasps that motion planning refuted, there is no way to clear and take {names}",
+        Cause.NO_CLEARANCE_LOCATION: f"no location for {names} that keeps clear of what remains to be done",
+        Cause.TIME_LIMIT: f"the time was up before a way to take {names} was found",
+    }[cause]
+    detail += f", {context.catalogue}"
+    if cause is Cause.NO_SELF_CLEARABLE_SET and too_wide:
+        detail += f"; cannot be taken: {'; '.join(too_wide)}"
+    return search.infeasible(cause, detail, found.objects)
 
 
 def _bind_moves(search: Search, symbols: SymbolicState, scene: Scene) -> PlanState | Infeasible:
@@ -91,13 +96,7 @@ def _bind_moves(search: Search, symbols: SymbolicState, scene: Scene) -> PlanSta
     found = search.motion_layer.plan_goal(search.strategy, scene, search.goal, search.start, search.not_placed)
     search.motion_planning_s += cpu_seconds() - before
     if isinstance(found, NoCommitment):
-        names = ", ".join(found.objects)
-        detail = {
-            Cause.UNREACHABLE: f"no free base pose and arm configuration reach {names}",
-            Cause.NO_SELF_CLEARABLE_SET: f"whatever is moved first, something that must go before {names} is blocked",
-            Cause.TIME_LIMIT: f"the time was up before moves of {names} were found",
-        }.get(found.cause, f"neither their places nor locations aside were found for {names}")
-        return search.infeasible(found.cause, detail, found.objects)
+        return refused(search, scene, found)
     lacking = () if found.until else search.goal.unmet(as_seen(scene), search.start)
     if lacking:
         unmet = " ".join(Goal((fact,)).to_pddl() for fact in lacking)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,6 +129,10 @@ class MotionLayer:
             return found
         if found.cause is Cause.NO_CLEARANCE_LOCATION:
             return non_monotone_plan(problem, strategy.non_monotone - (len(cleared) - len(set(cleared)))) or found
+        return self.explained(scene, found)
+
+    def explained(self, scene: Scene, found: NoCommitment) -> NoCommitment:
+        """Why nothing can be committed to, with the cause that lies behind a lack of grasps."""
         if found.cause is Cause.UNREACHABLE and not self.has_refuted:
             anywhere = self.context.anywhere().grasps(self.compiled)
             if any(anywhere.for_object(scene, name) for name in found.objects):
@@ -141,7 +144,8 @@ class MotionLayer:
         self, strategy: Strategy, scene: Scene, goal: Goal, start: Scene, not_placed: frozenset[str]
     ) -> ClearancePlan | NoCommitment:
         """The moves for a goal with places; see `planners.clearing.goal_plan.goal_plan`."""
-        return goal_plan(self._problem(strategy, scene), goal, start, not_placed)
+        found = goal_plan(self._problem(strategy, scene), goal, start, not_placed)
+        return self.explained(scene, found) if isinstance(found, NoCommitment) else found
 
     def goal_placements(
         self, scene: Scene, goal: Goal, keep_clear: KeepClear, strategy: Strategy, plan: ClearancePlan
@@ -157,8 +161,8 @@ class MotionLayer:
 
     def lower_bound(self, scene: Scene, goal: Goal, buffers: bool) -> LowerBound:
         """The fewest picks for a goal, by the grasps known here."""
-        blockers = partial(self.candidates.blockers, scene)
-        return fewest_picks(scene, goal, blockers, buffers=buffers, deadline=self.deadline)
+        search, deadline = self.placement_search, self.deadline
+        return fewest_picks(scene, goal, self.candidates, search=search, buffers=buffers, deadline=deadline)
 
     def _problem(self, strategy: Strategy, scene: Scene) -> ClearingProblem:
         search, rng, deadline = self.placement_search, self.rng, self.deadline

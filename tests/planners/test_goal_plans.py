@@ -160,6 +160,36 @@ def test_a_stranger_leaves_a_region_that_is_to_be_clear_and_nothing_enters_it() 
     assert plan.picks == 1
 
 
+@pytest.mark.parametrize(("around", "fewest"), [(4, 3), pytest.param(5, 4, marks=pytest.mark.slow)])
+def test_what_keeps_the_robot_from_putting_an_object_down_is_moved_first_and_counted(around: int, fewest: int) -> None:
+    """The object fits between its neighbours, which are taller, the gripper around it does not."""
+    places = [(0.085 * np.cos(turn), 0.085 * np.sin(turn)) for turn in np.arange(around) * 2 * np.pi / around]
+    ring = [cylinder(f"r{k}", x - 0.1, y, 0.03, 0.2) for k, (x, y) in enumerate(places)]
+    scene, goal = table_scene(cylinder("a", -0.2, -0.4, 0.03, 0.1), *ring), goals.at("a", (-0.1, 0.0))
+    plan, bound = solve(scene, goal), lower_bound(scene, goal)
+    assert isinstance(plan, Solution)
+    assert plan.end is not None
+    assert goal.holds(plan.end, scene)
+    assert (plan.picks, bound.picks, bound.proved) == (fewest, fewest, True)
+
+
+def test_a_goal_of_which_the_bound_proves_that_nothing_reaches_it_is_refused_before_anything_moves() -> None:
+    scene = scene_of("stack")
+    wide = scene.with_body(replace(scene.body("a"), half_extents=np.array([0.1, 0.1, 0.04])))
+    found = solve(wide, goals.on("b", "tray") & goals.on("c", "tray") & goals.on("a", "counter_left"))
+    assert isinstance(found, Infeasible)
+    assert (found.cause, found.clearances, found.objects) == (Cause.TOO_WIDE, (), ("a",))
+
+
+def test_a_plan_that_is_given_up_for_its_put_downs_does_not_say_that_the_time_was_up(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("planners.tamp.algorithm1.MAX_CLEARANCES", -1)
+    found = solve(scene_of("three"), CASES["swap"][1])
+    assert isinstance(found, Infeasible)
+    assert found.cause is Cause.GIVEN_UP
+
+
 def test_a_goal_that_holds_already_needs_no_plan() -> None:
     plan = solve(scene_of("three"), goals.on("a", "table_top"))
     assert isinstance(plan, Solution)
