@@ -12,8 +12,7 @@ from types import MappingProxyType
 from planners.cause import Cause
 from planners.clearing.commitments import NoCommitment
 from planners.clock import cpu_seconds
-from planners.goals import LIFTED
-from planners.motion.arm import tcp_pose
+from planners.goals import LIFTED, height_below
 from planners.scene import Scene
 from planners.symbolic.problem import ROBOT_INIT_LOC, GroundAction, TaskPlan, TaskProblem, format_atom
 from planners.symbolic.transitions import GraspObstructed, grasp_references, update_from_action, update_from_error
@@ -42,7 +41,7 @@ def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
     """
     state = initial_state(search, scene)
     if isinstance(state, PlanState) and is_goal(search, state):
-        raise_target(search, state.scene)
+        state = raise_target(search, state)
     while isinstance(state, PlanState) and not is_goal(search, state):
         plan = call_task_planning(search, state)
         if isinstance(plan, Infeasible):
@@ -57,7 +56,8 @@ def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
                     state = rebind_grasps(search, state.symbols, state.scene)
                     break
             else:
-                before, state = state, update_initial_state_from_error(search, state, motion)
+                before = take_back_drive(search, state)
+                state = update_initial_state_from_error(search, before, motion)
                 record(search, plan, verified, motion, before, state)
                 break
         else:
@@ -96,23 +96,24 @@ def is_goal(search: Search, state: PlanState) -> bool:
     return search.goal.holds(as_seen(state.scene), search.start)
 
 
-def raise_target(search: Search, scene: Scene) -> None:
-    """F where the target is held from the start: nothing, or the arm's way home if the target is not up yet.
+def raise_target(search: Search, state: PlanState) -> PlanState:
+    """F and s0 where the target is held from the start: nothing, or the arm's way home if the target is not up yet.
 
     A plan that was ended on the way leaves it as low as where it stood.
     """
     target = search.target or next(iter(search.goal.held), "")
-    scene = scene.holding(target) or scene
-    held = scene.held
-    if held is None:
-        return
-    in_hand = scene.body(held.name).at_pose(tcp_pose(scene.robot, scene.state) @ held.T_tcp_object)
-    if in_hand.bottom >= scene.support.top + LIFTED:
-        return
+    scene = state.scene.holding(target)
+    if scene is None:
+        return state
+    in_hand = as_seen(scene).body(target)
+    if in_hand.bottom >= height_below(scene, in_hand) + LIFTED:
+        return state
     motion = search.motion_layer.bring_home(scene)
-    if isinstance(motion, BoundMotion):
-        symbols = (ROBOT_INIT_LOC, ROBOT_INIT_LOC, grasp_references(target).base_trajectory)
-        search.plan.append(BoundAction("MoveBase", symbols, motion.trajectory, scene))
+    if not isinstance(motion, BoundMotion):
+        return state
+    symbols = (ROBOT_INIT_LOC, ROBOT_INIT_LOC, grasp_references(target).base_trajectory)
+    search.plan.append(BoundAction("MoveBase", symbols, motion.trajectory, scene))
+    return replace(state, scene=motion.scene)
 
 
 def call_task_planning(search: Search, state: PlanState) -> TaskPlan | Infeasible:
@@ -150,6 +151,18 @@ def bind_references(search: Search, scene: Scene, action: GroundAction, motion: 
         search.clearances.append(action.args[0])
     if action.name.startswith("PutDown"):
         search.not_placed = frozenset()
+
+
+def take_back_drive(search: Search, state: PlanState) -> PlanState:
+    """F and s0 without a drive after which the action that it was for is refuted.
+
+    Strategies that do not plan ahead keep it, as the paper does.
+    """
+    if not search.strategy.plans_ahead or not search.plan or search.plan[-1].name != "MoveBase":
+        return state
+    drive = search.plan.pop()
+    symbols = state.symbols.changed(add={("robotAt", drive.args[0])}, remove={("robotAt", drive.args[1])})
+    return replace(state, symbols=symbols, scene=drive.scene)
 
 
 def update_initial_state_from_action(state: PlanState, action: GroundAction, motion: BoundMotion) -> PlanState:

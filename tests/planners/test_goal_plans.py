@@ -12,8 +12,11 @@ import numpy as np
 import pytest
 
 import clutter_env  # noqa: F401  registers the environments
-from planners import Cause, Infeasible, Region, Scene, Solution, StaticObstacle, goals, lower_bound, solve
+from planners import Cause, Infeasible, Region, Scene, Solution, StaticObstacle, goals, lower_bound, solve, warmup
 from planners.goals import Goal
+from planners.grasping.candidates import GraspCandidate
+from planners.motion.path import NoPath
+from planners.tamp.motion_layer import MotionLayer
 from tests.planners.plans import assert_free
 from tests.planners.scenes import HEIGHT, cylinder, random_scene, table_scene
 
@@ -188,6 +191,46 @@ def test_a_plan_that_is_given_up_for_its_put_downs_does_not_say_that_the_time_wa
     found = solve(scene_of("three"), CASES["swap"][1])
     assert isinstance(found, Infeasible)
     assert found.cause is Cause.GIVEN_UP
+
+
+def test_the_drive_to_an_object_that_cannot_be_lifted_from_there_is_taken_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    warmup()  # it plans too
+    refused: list[GraspCandidate] = []
+    pick_up = MotionLayer.pick_up
+
+    def refuse_once(self: MotionLayer, scene: Scene, grasp: GraspCandidate, rises: bool = False) -> Any:
+        if not refused:
+            refused.append(grasp)
+            return NoPath("refused")
+        return pick_up(self, scene, grasp, rises)
+
+    monkeypatch.setattr(MotionLayer, "pick_up", refuse_once)
+    plan = solve(scene_of("three"), goals.inside("a", "left"))
+    assert isinstance(plan, Solution)
+    assert plan.stats.replans == 1
+    names = [action.name for action in plan.actions]
+    assert names == ["MoveBase", "PickUp", "MoveBase", "PutDownGeneral"]
+    assert np.allclose(plan.actions[0].trajectory.base[0], scene_of("three").state.base)
+
+
+def test_a_target_in_the_hand_is_raised_above_what_it_stood_on() -> None:
+    """A step on the table: what is in the hand just above it is high above the table."""
+    scene, name = scene_of("three"), "a"
+    step = StaticObstacle("step", np.array([-0.2, -0.3, HEIGHT + 0.05]), np.array([0.08, 0.08, 0.05]))
+    raised = scene.body(name).at(scene.body(name).position + [0.0, 0.0, 0.1])
+    scene = replace(
+        scene.with_body(raised), static_obstacles=(*scene.static_obstacles, step), supports=(*SIDES, "step")
+    )
+    plan = solve(scene, name)
+    assert isinstance(plan, Solution)
+    grip = plan.actions[-1].grip
+    assert grip is not None
+    in_hand = replace(scene, state=grip[0], held=grip[1])
+    plan = solve(in_hand, name)
+    assert isinstance(plan, Solution)
+    assert plan.end is not None
+    assert [action.name for action in plan.actions] == ["MoveBase"]
+    assert goals.holding(name).holds(plan.end, in_hand)
 
 
 def test_a_goal_that_holds_already_needs_no_plan() -> None:
