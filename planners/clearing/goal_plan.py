@@ -8,7 +8,7 @@ where the plan ends for the time being, and the rest is chosen anew once that ob
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -63,7 +63,7 @@ class _Simulation:
     problem: ClearingProblem
     goal: Goal
     start: Scene
-    not_placed: frozenset[str]
+    not_placed: Mapping[str, frozenset[str]]
     to_move: tuple[str, ...]
     last: frozenset[str] = frozenset()
     moves: list[Move] = field(default_factory=list)
@@ -75,7 +75,7 @@ class _Simulation:
 
 
 def goal_plan(
-    problem: ClearingProblem, goal: Goal, start: Scene, not_placed: frozenset[str] = frozenset()
+    problem: ClearingProblem, goal: Goal, start: Scene, not_placed: Mapping[str, frozenset[str]] = MappingProxyType({})
 ) -> ClearancePlan | NoCommitment:
     """The moves up to the goal, or up to the first object that is put aside to be moved again.
 
@@ -83,7 +83,8 @@ def goal_plan(
         problem: its target does not matter.
         goal: what it is to be.
         start: the scene before anything was moved.
-        not_placed: objects for whose place no motion was found: they are put aside first.
+        not_placed: objects for whose place no motion was found, with what is in the way of that. What is in the hand is
+            put aside, and goes to its place once they have moved.
     """
     to_move = dict.fromkeys((*problem.scene.held_names, *must_move(problem.scene, goal, start)))
     sim = _Simulation(problem, goal, start, not_placed, tuple(to_move))
@@ -105,7 +106,13 @@ def goal_plan(
 
 def _moved_to_its_end(sim: _Simulation) -> bool:
     """Move the next object for which that is possible to where it is to be."""
-    return any(_moved(sim, name) for name in _in_turn(sim) if name not in sim.not_placed)
+    in_vain = [name for name in sim.scene.held_names if name in sim.not_placed]
+    return any(_moved(sim, name) for name in _in_turn(sim) if name not in in_vain and not _refuted_by(sim, name))
+
+
+def _refuted_by(sim: _Simulation, name: str) -> frozenset[str]:
+    """What was in the way when no motion put an object at its place, and has not been moved since."""
+    return sim.not_placed.get(name, frozenset()).difference(move.name for move in sim.moves)
 
 
 def _in_turn(sim: _Simulation) -> list[str]:
@@ -269,6 +276,9 @@ def _in_the_way_of_put_down(sim: _Simulation, name: str) -> tuple[str, ...]:
     fact = placed_fact(sim.goal, name)
     if fact is None or (isinstance(fact, On) and fact.place in sim.waiting):
         return ()
+    refuted_by = tuple(sorted(_refuted_by(sim, name).difference(sim.waiting)))
+    if refuted_by:
+        return refuted_by
     leaving, fewest = [one for one in sim.waiting if one != name], tuple[str, ...]()
     for grasp in _free_grasps(sim, name):
         world = sim.candidates.compiled.world(grasped(sim.scene, grasp))

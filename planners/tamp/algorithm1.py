@@ -150,7 +150,8 @@ def bind_references(search: Search, scene: Scene, action: GroundAction, motion: 
     if action.name == "PutDownForClearance" or (action.name == "PutDownGeneral" and search.target):
         search.clearances.append(action.args[0])
     if action.name.startswith("PutDown"):
-        search.not_placed = frozenset()
+        gone = {name: names - {moved} for name, names in search.not_placed.items()}
+        search.not_placed = {name: names for name, names in gone.items() if names}
 
 
 def take_back_drive(search: Search, state: PlanState) -> PlanState:

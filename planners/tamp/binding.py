@@ -10,7 +10,8 @@ from planners.clearing.commitments import Commitments, NoCommitment
 from planners.clearing.lookahead import ClearancePlan, keep_clear
 from planners.clock import cpu_seconds
 from planners.goals import Goal, Holding
-from planners.motion.path import NoPath
+from planners.motion.path import BlockedBy, NoPath
+from planners.placing.placements import Placement
 from planners.scene import Scene
 from planners.symbolic.engines import checked_answer
 from planners.symbolic.problem import (
@@ -210,6 +211,7 @@ def _drive_to_put_down(
         placements = motion_layer.placements(scene, clear_of, search.strategy, plan.placements.get(name))
     else:
         placements = motion_layer.goal_placements(scene, search.goal, clear_of, search.strategy, plan)
+    refuted: list[tuple[Scene, Placement]] = []
     for placement in placements:
         if search.is_late:
             break
@@ -218,11 +220,14 @@ def _drive_to_put_down(
             put_down = motion_layer.put_down(driven.scene, placement)
             if isinstance(put_down, BoundMotion):
                 return replace(driven, location=location, put_down=put_down)
+            refuted.append((driven.scene, placement))
     if search.is_late:
         return search.out_of_time()
     if name in plan.general and name not in search.not_placed:
-        search.not_placed |= {name}
-        return Refutation(action, reason=f"no motion puts {name} at its place")
+        found = motion_layer.put_down(*refuted[0], find_blockers=True) if refuted else None
+        search.not_placed[name] = found.blockers if isinstance(found, BlockedBy) else frozenset()
+        by = f": {', '.join(sorted(search.not_placed[name]))} in the way" if search.not_placed[name] else ""
+        return Refutation(action, reason=f"no motion puts {name} at its place{by}")
     detail = f"no location for {name} that keeps clear of what remains to be done"
     return search.infeasible(Cause.NO_CLEARANCE_LOCATION, detail, (name,))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -141,7 +141,7 @@ class MotionLayer:
         return replace(found, cause=Cause.MOTION) if self.has_refuted and found.cause.lies_in_grasps else found
 
     def plan_goal(
-        self, strategy: Strategy, scene: Scene, goal: Goal, start: Scene, not_placed: frozenset[str]
+        self, strategy: Strategy, scene: Scene, goal: Goal, start: Scene, not_placed: Mapping[str, frozenset[str]]
     ) -> ClearancePlan | NoCommitment:
         """The moves for a goal with places; see `planners.clearing.goal_plan.goal_plan`."""
         found = goal_plan(self._problem(strategy, scene), goal, start, not_placed)
@@ -292,13 +292,17 @@ class MotionLayer:
                 return self._followed(scene, BoundMotion(trajectory, carrying), (grasp.object,))
         return NoPath("MuJoCo finds penetration")
 
-    def put_down(self, scene: Scene, placement: Placement) -> BoundMotion | BlockedBy | NoPath:
-        """Put the held object down as planned."""
+    def put_down(
+        self, scene: Scene, placement: Placement, find_blockers: bool = False
+    ) -> BoundMotion | BlockedBy | NoPath:
+        """Put the held object down as planned; `find_blockers` as for `plan_place`."""
         assert scene.held is not None
         world, held, start = self.compiled.world(scene), scene.held, np.concatenate((scene.state.base, scene.state.q))
         world = with_lowered(world, placement.below) if placement.below else world
         for _ in range(_TRIES):
-            motion = plan_place(world, placement.base, start, placement.q, held, rng=self.rng, find_blockers=False)
+            motion = plan_place(
+                world, placement.base, start, placement.q, held, rng=self.rng, find_blockers=find_blockers
+            )
             if not isinstance(motion, PickPlaceMotion):
                 return motion
             released = scene.with_held(None).with_body(motion.body)

@@ -78,7 +78,7 @@ class Search:
 
     `has_given_up`: a call of the task planner reached its time limit. `hold_aside`: whether one arm may hold an
     obstacle while another one takes the target. `start` is the scene before anything was moved, `bound` the lower bound
-    there, of a goal with places. `not_placed`: objects in the hand for whose place no motion was found.
+    there, of a goal with places. `not_placed`: objects for whose place no motion was found, with what is in the way.
     """
 
     goal: Goal
@@ -88,7 +88,7 @@ class Search:
     hold_aside: bool = False
     bound: LowerBound | None = None
     start: Scene | None = None
-    not_placed: frozenset[str] = frozenset()
+    not_placed: dict[str, frozenset[str]] = field(default_factory=dict)
     plan: list[BoundAction] = field(default_factory=list)
     clearances: list[str] = field(default_factory=list)
     history: list[ReplanRecord] = field(default_factory=list)

@@ -15,7 +15,8 @@ import clutter_env  # noqa: F401  registers the environments
 from planners import Cause, Infeasible, Region, Scene, Solution, StaticObstacle, goals, lower_bound, solve, warmup
 from planners.goals import Goal
 from planners.grasping.candidates import GraspCandidate
-from planners.motion.path import NoPath
+from planners.motion.path import BlockedBy, NoPath
+from planners.placing.placements import Placement
 from planners.tamp.motion_layer import MotionLayer
 from tests.planners.plans import assert_free
 from tests.planners.scenes import HEIGHT, cylinder, random_scene, table_scene
@@ -211,6 +212,24 @@ def test_the_drive_to_an_object_that_cannot_be_lifted_from_there_is_taken_back(m
     names = [action.name for action in plan.actions]
     assert names == ["MoveBase", "PickUp", "MoveBase", "PutDownGeneral"]
     assert np.allclose(plan.actions[0].trajectory.base[0], scene_of("three").state.base)
+
+
+def test_what_is_in_the_way_of_the_motion_to_a_place_is_moved_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No motion leads to the place of `a` as long as `b` stands where it stands."""
+    warmup()
+    scene, put_down = scene_of("three"), MotionLayer.put_down
+
+    def blocked(self: MotionLayer, now: Scene, placement: Placement, find_blockers: bool = False) -> Any:
+        is_there = np.allclose(now.body("b").position, scene.body("b").position, atol=1e-3)
+        if is_there and placement.body.name == "a" and placement.body.position[1] > 0.5:
+            return BlockedBy(frozenset("b"), "transit") if find_blockers else NoPath("blocked")
+        return put_down(self, now, placement, find_blockers)
+
+    monkeypatch.setattr(MotionLayer, "put_down", blocked)
+    plan = solve(scene, goals.inside("a", "left"))
+    assert isinstance(plan, Solution)
+    assert [action.target for action in plan.actions if action.name == "PickUp"] == ["a", "b", "a"]
+    assert plan.stats.history[0].reason == "no motion puts a at its place: b in the way"
 
 
 def test_a_target_in_the_hand_is_raised_above_what_it_stood_on() -> None:
