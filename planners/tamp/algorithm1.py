@@ -12,7 +12,7 @@ from types import MappingProxyType
 from planners.cause import Cause
 from planners.clearing.commitments import NoCommitment
 from planners.clock import cpu_seconds
-from planners.goals import LIFTED, height_below
+from planners.goals import LIFTED, Holding, height_below
 from planners.scene import Scene
 from planners.symbolic.problem import ROBOT_INIT_LOC, GroundAction, TaskPlan, TaskProblem, format_atom
 from planners.symbolic.transitions import GraspObstructed, grasp_references, update_from_action, update_from_error
@@ -39,9 +39,7 @@ def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
         search: goal, strategy, task planner and motion layer; its plan F is extended.
         scene: where to start; the robot in its home configuration.
     """
-    state = initial_state(search, scene)
-    if isinstance(state, PlanState) and is_goal(search, state):
-        state = raise_target(search, state)
+    state = raise_target(search, initial_state(search, scene))
     while isinstance(state, PlanState) and not is_goal(search, state):
         plan = call_task_planning(search, state)
         if isinstance(plan, Infeasible):
@@ -62,6 +60,8 @@ def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
                 break
         else:
             # All is done that was planned for. What a goal with places still lacks is planned for now.
+            if not plan.actions:
+                return search.infeasible(Cause.MOTION, f"the arm cannot hold {', '.join(search.goal.held)} up", ())
             if not is_goal(search, state):
                 state = rebind_grasps(search, state.symbols, state.scene)
     if isinstance(state, Infeasible):
@@ -96,11 +96,15 @@ def is_goal(search: Search, state: PlanState) -> bool:
     return search.goal.holds(as_seen(state.scene), search.start)
 
 
-def raise_target(search: Search, state: PlanState) -> PlanState:
-    """F and s0 where the target is held from the start: nothing, or the arm's way home if the target is not up yet.
+def raise_target(search: Search, state: PlanState | Infeasible) -> PlanState | Infeasible:
+    """F and s0 where what is to be held is in the hand from the start: the arm's way home if it is not up yet.
 
-    A plan that was ended on the way leaves it as low as where it stood.
+    A plan that was ended on the way leaves it as low as where it stood. Where other facts do not hold yet, nothing.
     """
+    if isinstance(state, Infeasible) or any(
+        not isinstance(one, Holding) for one in search.goal.unmet(as_seen(state.scene), search.start)
+    ):
+        return state
     target = search.target or next(iter(search.goal.held), "")
     scene = state.scene.holding(target)
     if scene is None:

@@ -117,7 +117,7 @@ def test_no_location_that_the_arm_can_serve_counts_as_out_of_reach(
     locations = np.column_stack((level, np.full(len(level), in_hand.support.top)))
     assert not placements._is_within_reach(in_hand, locations).all()
     with monkeypatch.context() as patch:
-        patch.setattr(placements, "_can_reach", lambda _scene, poses: np.ones(len(poses), dtype=bool))
+        patch.setattr(placements, "can_reach", lambda _scene, poses: np.ones(len(poses), dtype=bool))
         placements_there = [placement for place in locations for placement in finder._from_here(world, place)]
     served = np.array([placement.location for placement in placements_there])
     assert len(served) > 50
