@@ -176,12 +176,19 @@ class PlacementSearch:
             if deadline.is_over or len(failed) >= _FAILURES:
                 return
             location, has_any = np.array([*point, place.face.top]), False
-            for look in (self._from_here, self._after_a_drive):
-                for found in look(world, location, place.yaw):
-                    has_any = True
-                    yield replace(found, surfaces=surfaces, below=place.below)
+            for found in self.about(world, location, place.yaw):
+                has_any = True
+                yield replace(found, surfaces=surfaces, below=place.below)
             if not has_any:
                 failed.append(point)
+
+    def about(self, world: CollisionWorld, location: Array, yaw: float | None = None) -> Iterator[Placement]:
+        """Placements of the held object at a location (3,) [m], which may be in the air; `yaw` [rad] is the object's.
+
+        From where the base stands, then from wherever it may stand.
+        """
+        yield from self._from_here(world, location, yaw)
+        yield from self._after_a_drive(world, location, yaw)
 
     def surfaces(
         self, world: CollisionWorld, keep_clear: KeepClear, supports: Sequence[StaticObstacle] = ()

@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import replace
 from types import MappingProxyType
 
+import numpy as np
+
 from planners.cause import Cause
 from planners.clearing.commitments import NoCommitment
 from planners.clock import cpu_seconds
@@ -39,7 +41,9 @@ def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
         search: goal, strategy, task planner and motion layer; its plan F is extended.
         scene: where to start; the robot in its home configuration.
     """
-    state = raise_target(search, initial_state(search, scene))
+    state = initial_state(search, scene)
+    if isinstance(state, PlanState):
+        state = raise_target(search, state)
     while isinstance(state, PlanState) and not is_goal(search, state):
         plan = call_task_planning(search, state)
         if isinstance(plan, Infeasible):
@@ -59,11 +63,8 @@ def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
                 record(search, plan, verified, motion, before, state)
                 break
         else:
-            # All is done that was planned for. What a goal with places still lacks is planned for now.
-            if not plan.actions:
-                return search.infeasible(Cause.MOTION, f"the arm cannot hold {', '.join(search.goal.held)} up", ())
             if not is_goal(search, state):
-                state = rebind_grasps(search, state.symbols, state.scene)
+                state = finish(search, state, plan)
     if isinstance(state, Infeasible):
         return state
     actions, end = shorten_plan(search, state.scene), as_seen(state.scene)
@@ -96,28 +97,39 @@ def is_goal(search: Search, state: PlanState) -> bool:
     return search.goal.holds(as_seen(state.scene), search.start)
 
 
-def raise_target(search: Search, state: PlanState | Infeasible) -> PlanState | Infeasible:
-    """F and s0 where what is to be held is in the hand from the start: the arm's way home if it is not up yet.
+def raise_target(search: Search, state: PlanState) -> PlanState:
+    """F and s0 where all is done but that what is in the hand is not where it is to be held: the arm's way there.
 
-    A plan that was ended on the way leaves it as low as where it stood. Where other facts do not hold yet, nothing.
+    That is to its point, or home: a plan that was ended on the way leaves it as low as where it stood.
     """
-    if isinstance(state, Infeasible) or any(
-        not isinstance(one, Holding) for one in search.goal.unmet(as_seen(state.scene), search.start)
-    ):
+    to_hold = next((fact for fact in search.goal.facts if isinstance(fact, Holding)), None)
+    scene = None if to_hold is None else state.scene.holding(to_hold.object)
+    now = as_seen(state.scene)
+    if to_hold is None or scene is None or set(search.goal.unmet(now, search.start)) - {to_hold}:
         return state
-    target = search.target or next(iter(search.goal.held), "")
-    scene = state.scene.holding(target)
-    if scene is None:
+    in_hand = now.body(to_hold.object)
+    if to_hold.point is not None:
+        found = None if to_hold.holds(now) else search.motion_layer.hold_at(scene, np.array(to_hold.point))
+    else:
+        is_up = in_hand.bottom >= height_below(scene, in_hand) + LIFTED
+        found = None if is_up else search.motion_layer.bring_home(scene)
+    if not isinstance(found, BoundMotion):
         return state
-    in_hand = as_seen(scene).body(target)
-    if in_hand.bottom >= height_below(scene, in_hand) + LIFTED:
+    symbols = (ROBOT_INIT_LOC, ROBOT_INIT_LOC, grasp_references(to_hold.object).base_trajectory)
+    search.plan.append(BoundAction("MoveBase", symbols, found.trajectory, scene))
+    return replace(state, scene=found.scene)
+
+
+def finish(search: Search, state: PlanState, plan: TaskPlan) -> PlanState | Infeasible:
+    """s0 where all is done that was planned for, and the goal is not reached: what is held goes to its point, else
+    what a goal with places still lacks is planned for."""
+    state = raise_target(search, state)
+    if is_goal(search, state):
         return state
-    motion = search.motion_layer.bring_home(scene)
-    if not isinstance(motion, BoundMotion):
-        return state
-    symbols = (ROBOT_INIT_LOC, ROBOT_INIT_LOC, grasp_references(target).base_trajectory)
-    search.plan.append(BoundAction("MoveBase", symbols, motion.trajectory, scene))
-    return replace(state, scene=motion.scene)
+    if not plan.actions:
+        held = search.goal.held
+        return search.infeasible(Cause.MOTION, f"no motion of the arm holds {', '.join(held)} where it is to be", held)
+    return rebind_grasps(search, state.symbols, state.scene)
 
 
 def call_task_planning(search: Search, state: PlanState) -> TaskPlan | Infeasible:

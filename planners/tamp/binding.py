@@ -259,4 +259,5 @@ def _pick_up(search: Search, state: PlanState, action: GroundAction, name: str) 
 
 def _is_up(search: Search, picked: BoundMotion, name: str) -> bool:
     """Whether an object that is to be held at the end is high enough after a pick; others may be anywhere."""
-    return name not in search.goal.held or Holding(name).holds(as_seen(picked.scene), search.start)
+    is_held_up = Holding(name) in search.goal.facts
+    return not is_held_up or Holding(name).holds(as_seen(picked.scene), search.start)

@@ -21,7 +21,7 @@ from planners.context import PlanningContext
 from planners.goals import Goal
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.motion.approaches import fewest_blockers, planned_approach, stand_off
-from planners.motion.arm import is_among_objects, is_at_home, plan_home
+from planners.motion.arm import ArmQuery, is_among_objects, is_at_home, plan_arm, plan_home, unwrap_joints
 from planners.motion.base import plan_base
 from planners.motion.contact_free import merge_phases
 from planners.motion.mujoco_check import MujocoCollisionChecker
@@ -248,6 +248,29 @@ class MotionLayer:
     def bring_home(self, scene: Scene) -> BoundMotion | NoPath:
         """Bring the arm home, with what it holds, where the base stands."""
         return self.drive(scene, scene.state.base, home_first=True)
+
+    def hold_at(self, scene: Scene, point: Array) -> BoundMotion | NoPath:
+        """Bring the centre of the held object to a point (3,) [m], upright as where it was taken."""
+        assert scene.held is not None
+        world, state = self.compiled.world(scene), scene.state
+        body = scene.body(scene.held.name)
+        below = np.array([*point[:2], point[2] - (body.position[2] - body.bottom)])
+        for placement in self.placement_search.about(world, below):
+            driven = plan_base(
+                world, state.base, placement.base, state.q, held=scene.held, roadmap=self.context.roadmap
+            )
+            if isinstance(driven, NoPath):
+                continue
+            query, q = ArmQuery(world, driven.end_base, 0.0, scene.held), driven.end
+            path = plan_arm(query, q, unwrap_joints(world.robot, q, placement.q), rng=self.rng, find_blockers=False)
+            if isinstance(path, WholeBodyPath):
+                joined = replace(path, configurations=np.vstack([driven.configurations, path.configurations]))
+                if self.is_accepted(scene, [joined]):
+                    trajectory = drive_trajectory(scene.robot, joined, state)
+                    there = RobotState(joined.end_base, joined.end, float(trajectory.finger_position[-1]))
+                    bound = self._followed(scene, BoundMotion(trajectory, scene.with_state(there)), ())
+                    return NoPath("the arm touches something") if isinstance(bound, BlockedBy) else bound
+        return NoPath("no free motion brings it there")
 
     def drive(self, scene: Scene, base: Array, home_first: bool = False) -> BoundMotion | NoPath:
         """Drive to a base pose in the present configuration; among objects the arm moves home first, if it can."""
