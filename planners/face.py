@@ -32,6 +32,7 @@ from planners.grasping.grasp_poses import (
     gripper_clearances,
     gripper_opening,
 )
+from planners.grasping.side_grasps import SideGripper, reachable_side_grasps
 from planners.motion.arm import tcp_pose
 from planners.motion.path import NoPath
 from planners.motion.trajectory import CONTROL_STEP
@@ -109,6 +110,7 @@ __all__ = [
     "Scene",
     "SceneError",
     "Sensor",
+    "SideGripper",
     "Skill",
     "SkillFailure",
     "SkillPlanner",
@@ -145,6 +147,7 @@ __all__ = [
     "map_parameters",
     "plan_contact",
     "prepare",
+    "reachable_side_grasps",
     "release_pitch",
     "robot_arrays",
     "rotated",
