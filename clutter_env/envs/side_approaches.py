@@ -39,7 +39,7 @@ CELL = 0.025
 def approaches_of(robot: RobotSpec, layout: Layout) -> SideApproaches:
     """The side approaches of a robot's active arm on a layout.
 
-    Those of a robot that is not the package's take half a CPU minute to three for each of the package's layouts, once;
+    Those of a robot that is not the package's take about a CPU minute for each of the package's layouts, once;
     on a layout of the user's own all directions count that `SideApproaches.is_reachable` says.
     """
     is_of_package = not Path(robot.mjcf).is_absolute() and robot.full_name in robots_with_approaches()
