@@ -9,6 +9,7 @@ from planners.collision.world import CollisionWorld
 from planners.contact import Contact, StepLabel, contact_of, contacts, label_of
 from planners.context import ArmsError, PlanningContext
 from planners.expert.config import ExpertConfig, ExpertError, MonitorConfig
+from planners.expert.controller import ControlledWorld, Controller
 from planners.expert.execute import ExecutionResult, execute, follow
 from planners.expert.executor import Command, Executor
 from planners.expert.expert import TampExpert
@@ -81,6 +82,8 @@ __all__ = [
     "ConfigurationGrid",
     "Contact",
     "ControlledEnv",
+    "ControlledWorld",
+    "Controller",
     "EpisodeReport",
     "ExecutionResult",
     "Executor",

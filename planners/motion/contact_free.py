@@ -33,6 +33,8 @@ _MOST_CORNERS = 10
 """Between two contacts; a path with more of them is left as it is."""
 _HALF_WIDTHS = (0.3, 0.15, 0.07)
 """[s] at full speed before and after a corner that are rounded off, the first for which the path is free."""
+_LAG = 2
+"""Samples by which fingers may be behind their commands."""
 _OFF_LINE = 0.001
 """[m] A driven configuration farther off the planned lines keeps `CLEARANCE`: base and arm lag when both move."""
 
@@ -59,15 +61,26 @@ def merge_phases(
     if not max(len(ramp) - 1, len(phases)) <= last < sum(steps):
         return None
     bounds, states = _bounds(steps, last), timed.states.copy()
-    # The fingers begin to move with the phase in which they did as planned.
+    # The fingers begin to move with the phase in which they did as planned, or earlier, so that they have opened before
+    # the gripper gets between objects; on the way there the checks are for the widest opening.
     moving = (k for k, phase in enumerate(phases) if np.ptp(phase.finger_position) > 0.0)
-    begin = min(bounds[next(moving, 0)], last + 1 - len(ramp))
+    latest = _before_line(states[:, :-1], phases[-1].states[:, :-1]) if ends_in_contact and len(ramp) > 1 else last
+    begin = min(bounds[next(moving, 0)], latest + 1 - len(ramp))
+    if begin < 0:
+        return None
     states[begin : begin + len(ramp), -1] = ramp
     states[begin + len(ramp) :, -1] = end
     return [
         Trajectory.of_states(states[first : final + 1], phase.phases[0])
         for (first, final), phase in zip(itertools.pairwise(bounds), phases, strict=True)
     ]
+
+
+def _before_line(states: Array, line: Array) -> int:
+    """Number of the sample, `_LAG` before the one from which on only the length of the last `line` is left."""
+    lengths = np.linalg.norm(np.diff(states, axis=0), axis=1)
+    left = np.append(np.cumsum(lengths[::-1])[::-1], 0.0)
+    return int(np.argmax(left <= np.linalg.norm(np.diff(line, axis=0), axis=1).sum())) - _LAG
 
 
 def _bounds(steps: Sequence[int], last: int) -> list[int]:
