@@ -41,7 +41,9 @@ def main(
     with progress_bar(desc="cells") as bar:
         for name in layouts:
             xs, ys = cell_centres(layout := find_layout(name))
-            rows = [reachable_yaws(grasping, layout, np.column_stack((np.full(len(ys), x), ys)), bar.update) for x in xs]
+            rows = [
+                reachable_yaws(grasping, layout, np.column_stack((np.full(len(ys), x), ys)), bar.update) for x in xs
+            ]
             masks = [row @ (1 << np.arange(row.shape[1])) for row in rows]
             tables[name] = ["".join(f"{int(mask):06x}" for mask in row) for row in masks]
     table = {

@@ -1,4 +1,4 @@
-"""Which side grasps a robot reaches while nothing else stands on a table, and the outline of the gripper that does so."""
+"""Which side grasps a robot reaches while nothing else stands on a table, and the outline of the gripper for them."""
 
 from __future__ import annotations
 
