@@ -60,10 +60,12 @@ def reachable_yaws(
 
 def cell_centres(layout: Layout) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Centres of the cells of the table top along x and along y [m]."""
-    counts = [round(size / CELL) for size in (layout.depth, layout.width)]
-    sizes = zip(counts, (layout.depth, layout.width), strict=True)
-    x, y = ((np.arange(count) + 0.5) * (size / count) - size / 2 for count, size in sizes)
-    return x, y
+    return _centres(layout.depth), _centres(layout.width)
+
+
+def _centres(size: float) -> NDArray[np.float64]:
+    count = round(size / CELL)
+    return np.asarray((np.arange(count) + 0.5) * (size / count) - size / 2)
 
 
 @cache
@@ -73,7 +75,7 @@ def _made(robot: RobotSpec, layout: Layout) -> SideApproaches:
     gripper = SideGripper.of(robot)
     start, end, half_width, radius, half_height, is_finger = np.array(gripper.solids, np.float64).T
     return SideApproaches(
-        margins=PlannerMargins(**{**gripper.margins, "yaws": int(gripper.margins["yaws"])}),
+        margins=PlannerMargins(**gripper.margins),
         solids=Solids(start, end, half_width, radius, half_height, is_finger > 0),
         grasp_height=robot.grasp_height,
         palm_reach=gripper.palm_reach,

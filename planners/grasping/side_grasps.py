@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +45,7 @@ class SideGripper:
             fingers), x along the approach from the TCP. The half width of a finger is counted from its pad.
     """
 
-    margins: dict[str, float]
+    margins: dict[str, Any]
     palm_reach: float
     pad_half_height: float
     solids: tuple[tuple[float, ...], ...]
@@ -79,7 +80,8 @@ def reachable_side_grasps(
     robot, scene = scene.robot, replace(scene, objects=(), held=None)
     world, placer, opening = CollisionWorld.from_scene(scene), MapPlacer.of_scene(scene), gripper_opening(robot, RADIUS)
     grid, yaws, top = ConfigurationGrid.over(placer.chain), even_yaws(SIDE.directions), scene.support.top
-    grasped = Body("grasped", "cylinder", *np.array([(RADIUS, RADIUS, HEIGHT / 2), (0.0, 0.0, 0.0)]), np.eye(4)[0])
+    size = np.array([RADIUS, RADIUS, HEIGHT / 2])
+    grasped = Body("grasped", "cylinder", size, position=np.zeros(3), quaternion=np.eye(4)[0])
     found = np.zeros((len(points), len(yaws)), np.bool_)
     for index, (x, y) in enumerate(points):
         positions = np.tile((x, y, top + robot.grasp_height), (len(yaws), 1))
