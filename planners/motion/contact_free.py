@@ -61,26 +61,27 @@ def merge_phases(
     if not max(len(ramp) - 1, len(phases)) <= last < sum(steps):
         return None
     bounds, states = _bounds(steps, last), timed.states.copy()
-    # The fingers begin to move with the phase in which they did as planned, or earlier, so that they have opened before
-    # the gripper gets between objects; on the way there the checks are for the widest opening.
+    # The fingers begin to move with the phase in which they did as planned, or at once if they would be late.
     moving = (k for k, phase in enumerate(phases) if np.ptp(phase.finger_position) > 0.0)
-    latest = _before_line(states[:, :-1], phases[-1].states[:, :-1]) if ends_in_contact and len(ramp) > 1 else last
-    begin = min(bounds[next(moving, 0)], latest + 1 - len(ramp))
-    if begin < 0:
+    for begin in (min(bounds[next(moving, 0)], last + 1 - len(ramp)), 0):
+        states[:, -1] = np.concatenate([np.full(begin, start), ramp, np.full(last + 1 - begin - len(ramp), end)])
+        if held or _may_lag(world, states):
+            break
+    else:
         return None
-    states[begin : begin + len(ramp), -1] = ramp
-    states[begin + len(ramp) :, -1] = end
     return [
         Trajectory.of_states(states[first : final + 1], phase.phases[0])
         for (first, final), phase in zip(itertools.pairwise(bounds), phases, strict=True)
     ]
 
 
-def _before_line(states: Array, line: Array) -> int:
-    """Number of the sample, `_LAG` before the one from which on only the length of the last `line` is left."""
-    lengths = np.linalg.norm(np.diff(states, axis=0), axis=1)
-    left = np.append(np.cumsum(lengths[::-1])[::-1], 0.0)
-    return int(np.argmax(left <= np.linalg.norm(np.diff(line, axis=0), axis=1).sum())) - _LAG
+def _may_lag(world: CollisionWorld, states: Array) -> bool:
+    """Whether nothing is hit on the way (n, 12) by fingers that open `_LAG` samples late."""
+    late, robot = states[:-_LAG, -1], world.scene.robot
+    return not any(
+        world.path_hits(states[k + _LAG - 1 : k + _LAG + 1, :-1], robot.opening(late[k]), ignore=1 << SELF_BIT)
+        for k in np.flatnonzero(late < states[-1, -1])
+    )
 
 
 def _bounds(steps: Sequence[int], last: int) -> list[int]:
