@@ -1,8 +1,9 @@
-"""A robot for the environments from the file of an arm: on a base, with a lift, motors, fingers and convex shapes.
+"""A robot for the environments from the file of an arm: on a base, with a lift, motors, fingers and simple shapes.
 
 The file is compiled, and what is needed of it is written anew: bodies, joints, inertias and collision shapes. In place
-of each mesh stands the smallest box, cylinder or capsule around it. So the result needs no other file. Its own gripper's moving parts, whatever their linkage,
-are replaced by two sliding fingers with the same opening; its other joints are held where the file has them.
+of each mesh stands the smallest box, cylinder or capsule around it, so that the result needs no other file. The moving
+parts of its own gripper, whatever their linkage, are replaced by two sliding fingers with the same opening; its other
+joints are held where the file has them.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ _PAD = np.array([0.035, 0.006, 0.012])
 """[m] Half extents of a finger along the approach, the finger motion and across both."""
 _PAD_CENTRE = -0.02
 """[m] of the fingers along the approach, from the TCP."""
-_FACES, _TURNS, _ROUNDS = 12, 18, 200
+_FACES, _TURNS, _ROUNDS = 12, 18, 100
 """Faces of a hull whose normals are tried as axes; turns of a box about its axis; steps to the centre of a circle."""
 _SHORTEST = 1e-4
 """[m] Half length of a capsule that is a sphere."""
@@ -84,7 +85,7 @@ def make_robot(file: Path, mounting: Mounting) -> tuple[str, dict[str, Any]]:
         numbers = arm_joints(model, mounting.base, mounting.tip)
         T_last_tcp = tip_frame(model, int(model.jnt_bodyid[numbers[-1]]), mounting.tip, mounting.approach)
     except ChainError as problem:
-        raise InvalidRobot(f"{file}: {problem}") from problem
+        raise InvalidRobot(str(problem)) from problem
     T_last_tcp[:3, 3] += mounting.tool * T_last_tcp[:3, 0]
     maker = _Maker(model, mounting, numbers)
     gripper = maker.bodies[int(model.jnt_bodyid[numbers[-1]])]
