@@ -57,6 +57,9 @@ class _Joint(NamedTuple):
 _NO_LIFT = _Joint("", True, np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.0, 0.0)
 
 
+_MESH_KINDS = (".stl", ".obj", ".msh")
+
+
 def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: str) -> dict[str, Any]:
     """Fields of the `ArmChain` from `base` to `tip`, see `ArmChain.from_mjcf`; frames have z along the joints' axes.
 
@@ -175,6 +178,11 @@ def load_urdf(path: Path, with_meshes: bool = False) -> mujoco.MjModel:
 def _mesh_file(urdf: Path, name: str) -> Path:
     """The file of a URDF's mesh: `package://` names are looked up in the folders above the URDF."""
     parts = Path(name.removeprefix("package://").removeprefix("file://"))
+    if parts.suffix.lower() not in _MESH_KINDS:
+        raise ChainError(
+            f"{urdf}: the collision mesh {name!r} is of no kind that MuJoCo reads ({', '.join(_MESH_KINDS)}); convert "
+            "it, for example with trimesh, or give the link a box, cylinder or sphere"
+        )
     for folder in urdf.resolve().parents:
         for tried in (folder / parts, folder / Path(*parts.parts[1:])):
             if tried.is_file():

@@ -304,12 +304,15 @@ def draw_robot(robot: RobotSpec, reach: LevelReach, file: Path) -> None:
         axes.view_init(elevation, azimuth)
         if elevation == 0:
             axes.set(yticks=[], ylabel="")
-    count = reach.z.size
+    turn, count = np.linspace(0, 2 * np.pi, 60), reach.z.size
+    outline = (
+        np.array(robot.base_outline) if robot.base_outline else robot.base_radius * np.c_[np.cos(turn), np.sin(turn)]
+    )
+    outline = np.concatenate([outline, outline[:1]])
     for k, height in enumerate(reach.z):
         plan = below.add_subplot(1, count, k + 1)
         plan.pcolormesh(reach.y, reach.x, reach.reached[:, :, k], cmap="Greens", vmin=0, vmax=1.4, shading="nearest")
-        turn = np.linspace(0, 2 * np.pi, 60)
-        plan.plot(robot.base_radius * np.sin(turn), robot.base_radius * np.cos(turn), color="black")
+        plan.plot(*outline[:, ::-1].T, color="black")
         plan.set(xlim=(0.85, -0.85), ylim=(-0.35, 1.35), aspect="equal", xlabel="y [m]")
         plan.set_title(f"level gripper at {height:.2f} m", fontsize=9)
     file.parent.mkdir(parents=True, exist_ok=True)

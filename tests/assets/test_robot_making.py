@@ -121,3 +121,17 @@ def test_a_file_that_is_none_is_refused(tmp_path: Path) -> None:
     (tmp_path / "arm.xml").write_text("<mujoco><worldbody>")
     with pytest.raises(InvalidRobot, match=r"arm\.xml"):
         make_robot(tmp_path / "arm.xml", UR5E)
+
+
+def test_a_mobile_base_of_the_file_s_own_keeps_its_outline(linkage: Path, tmp_path: Path) -> None:
+    spec = mujoco.MjSpec.from_file(str(linkage))
+    spec.body("base").add_geom(size=[0.3, 0.2, 0.1], pos=[0, 0, 0.1], type=mujoco.mjtGeom.mjGEOM_BOX)
+    spec.compile()
+    (tmp_path / "rover.xml").write_text(spec.to_xml())
+    text, page = make_robot(tmp_path / "rover.xml", replace(UR5E, on=None, lift=None))
+    (tmp_path / "made.xml").write_text(text)
+    robot = RobotSpec.from_mjcf(tmp_path / "made.xml", **page, home=(0.0, *HOME[1:]))
+    assert {tuple(np.abs(corner)) for corner in robot.base_outline} == {(0.3, 0.2)}
+    assert robot.base_radius == pytest.approx(np.hypot(0.3, 0.2), abs=1e-6)
+    assert robot.base_height == pytest.approx(0.2)
+    assert made(linkage, UR5E, tmp_path).base_outline == (), "a round base"
