@@ -9,6 +9,7 @@ from planners.collision.world import CollisionWorld
 from planners.contact import Contact, StepLabel, contact_of, contacts, label_of
 from planners.context import ArmsError, PlanningContext
 from planners.expert.config import ExpertConfig, ExpertError, MonitorConfig
+from planners.expert.controller import ControlledWorld, Controller
 from planners.expert.execute import ExecutionResult, execute, follow
 from planners.expert.executor import Command, Executor
 from planners.expert.expert import TampExpert
@@ -23,21 +24,15 @@ from planners.grasping.arm_configurations import (
 )
 from planners.grasping.base_placement import map_parameters
 from planners.grasping.candidates import gripper_poses
-from planners.grasping.grasp_poses import (
-    SIDE,
-    TOP,
-    GraspFamily,
-    find_grasp_set,
-    generate_grasps,
-    gripper_clearances,
-    gripper_opening,
-)
+from planners.grasping.families import SIDE, TOP, AntipodalFamily, GraspFamily, find_grasp_set
+from planners.grasping.grasp_poses import generate_grasps, gripper_clearances, gripper_opening
+from planners.grasping.side_grasps import SideGripper, reachable_side_grasps
 from planners.motion.arm import tcp_pose
 from planners.motion.path import NoPath
 from planners.motion.trajectory import CONTROL_STEP
 from planners.placing.locations import rotated, stand_at
 from planners.planner import Planner, clearance_floor, lower_bound, solve, warmup
-from planners.scene import Body, HeldObject, RobotState, Scene, SceneError
+from planners.scene import Body, HeldObject, RobotState, Scene, SceneError, Solid
 from planners.scene.bodies import release_pitch
 from planners.scene.cover import BACK, drive_out, heading, is_covered
 from planners.scene.prepare import Change, Prepared, prepare
@@ -69,6 +64,7 @@ __all__ = [
     "STRATEGIES",
     "TOP",
     "AStar",
+    "AntipodalFamily",
     "ArmsError",
     "Body",
     "BoundAction",
@@ -80,6 +76,8 @@ __all__ = [
     "ConfigurationGrid",
     "Contact",
     "ControlledEnv",
+    "ControlledWorld",
+    "Controller",
     "EpisodeReport",
     "ExecutionResult",
     "Executor",
@@ -109,9 +107,11 @@ __all__ = [
     "Scene",
     "SceneError",
     "Sensor",
+    "SideGripper",
     "Skill",
     "SkillFailure",
     "SkillPlanner",
+    "Solid",
     "Solution",
     "StaticObstacle",
     "StepLabel",
@@ -145,6 +145,7 @@ __all__ = [
     "map_parameters",
     "plan_contact",
     "prepare",
+    "reachable_side_grasps",
     "release_pitch",
     "robot_arrays",
     "rotated",

@@ -1,11 +1,17 @@
 """Replay plans in a MuJoCo model of their own, at a tenth of the planner's step, and print the deepest penetration.
 
     python scripts/check_plans.py --layout shelf --objects 16 --grasps all --plans 20
+    python scripts/check_plans.py --task stack --objects 8 --grasps all --plans 20
 
-Scenes are resets of the environment from --seed on. The planner's own check is not used: this model has other contact
-bits, it begins with the poses of the first scene alone, and it carries each object rigidly from where the object stands
-when the gripper takes it. What the planner says about later scenes, grasp transforms or excluded links is not read.
+Scenes are resets of the environment from --seed on; with --task, of Rearrange, whose own goal is planned for. The
+planner's own check is not used: this model has other contact bits, it begins with the poses of the first scene alone,
+and it carries each object rigidly from where the object stands when the gripper takes it. What the planner says about
+later scenes, grasp transforms or excluded links is not read.
 Furniture must be boxes, as in all layouts.
+
+Two more things are checked. The plan says of nothing that it has moved but of what its gripper has carried. And where
+the replay ends, the objects are put into the environment's physics: nothing falls or slides, and the environment says
+that the goal is reached; of a target, that the gripper has raised it.
 """
 
 from __future__ import annotations
@@ -13,22 +19,29 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import mujoco
 import numpy as np
 import tyro
 from numpy.typing import NDArray
 
+from clutter_env.envs.rearrange import RearrangeEnv
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.reporting.progress import progress_bar
-from planners import BoundAction, Infeasible, Scene, solve
+from planners import BoundAction, Infeasible, Scene, Solution, solve
+from planners.goals import LIFTED
 from planners.motion.trajectory import Phase
 
 TOLERANCE = 0.001
 """[m] Penetration that a plan may have."""
 STEP = 0.0006
 """[m] that a geom may move between two replayed states: a tenth of the step of the planner's collision checks."""
+
+CREEP = 0.005
+"""[m] that an object may move in physics where the plan leaves it, and between what plan and replay say."""
+SETTLE_STEPS = 20
+"""Control steps, one second, in which the end of a plan is watched."""
 
 _ROBOT, _AT_REST, _HELD = 1, 2, 4
 """Contact bits: the robot touches itself and what is at rest, the held object touches both."""
@@ -44,10 +57,14 @@ Array = NDArray[np.float64]
 class Arguments:
     """Command line."""
 
+    task: str = ""
+    """Task of Rearrange; not given: retrieval."""
+    robot: str = "fetch"
+    """Name of the robot, which acts with one arm."""
     objects: int = 15
     """Number of objects, the target among them."""
-    layout: str = "paper"
-    """Layout of the table."""
+    layout: str = ""
+    """Layout of the table; that of the task, and "paper" for retrieval, if not given."""
     grasps: Literal["side", "tilted", "top", "all"] = "side"
     """Grasp set of the plans."""
     obstructed: bool = False
@@ -62,32 +79,72 @@ class Arguments:
 
 def main(arguments: Arguments) -> None:
     """Solve, replay, report."""
-    env = RetrieveEnv(num_objects=arguments.objects, layout=arguments.layout, obstructed=arguments.obstructed)
+    env = _environment(arguments)
     found: dict[int, DeepestContact] = {}
+    wrong: dict[int, str] = {}
     actions = clearances = without = 0
     with progress_bar(desc="plans", total=arguments.plans) as bar:
         for seed in itertools.count(arguments.seed):
             if len(found) == arguments.plans:
                 break
-            _, info = env.reset(seed=seed)
-            scene = Scene.from_mujoco(env.model, env.data, env.robot)
-            plan = solve(scene, info["target"], time_limit=arguments.time_limit, grasps=arguments.grasps)
+            env.reset(seed=seed)
+            regions, goal = (env.regions, env.goal) if isinstance(env, RearrangeEnv) else ((), env.target)
+            scene = Scene.from_mujoco(env.model, env.data, env.robot, regions=regions)
+            plan = solve(scene, goal, time_limit=arguments.time_limit, grasps=arguments.grasps)
             if isinstance(plan, Infeasible):
                 without += 1
                 continue
-            found[seed] = PlanReplay(scene).deepest_contact(plan.actions)
+            replay = PlanReplay(scene)
+            found[seed], moved = DeepestContact(), 0.0
+            for action in plan.actions:
+                moved = max(moved, replay.farthest_from(action.scene))
+                found[seed] = max(found[seed], replay.deepest_contact([action]))
+            problem = f"moves {1e3 * moved:.1f} mm what is not carried" if moved > CREEP else ""
+            if problem := problem or end_problem(env, plan, replay):
+                wrong[seed] = problem
             actions, clearances = actions + len(plan.actions), clearances + len(plan.clearances)
             bar.update()
     env.close()
     deep = {seed: contact for seed, contact in found.items() if contact.depth > TOLERANCE}
     worst = max(found.values(), default=DeepestContact())
     print(
-        f"{arguments.layout}, {arguments.objects} objects, {arguments.grasps}: {len(found)} plans, {actions} actions, "
-        f"{clearances} clearances, {without} scenes without a plan; deepest {worst}; "
-        f"over {1e3 * TOLERANCE:.0f} mm: {len(deep)}"
+        f"{arguments.task or 'retrieval'}, {env.layout.name}, {arguments.robot}, {arguments.objects} objects, "
+        f"{arguments.grasps}: {len(found)} plans, {actions} actions, {clearances} clearances, {without} scenes without "
+        f"a plan; deepest {worst}; over {1e3 * TOLERANCE:.0f} mm: {len(deep)}; wrong ends or moves: {len(wrong)}"
     )
     for seed, contact in deep.items():
         print(f"  seed {seed}: {contact}")
+    for seed, problem in wrong.items():
+        print(f"  seed {seed}: {problem}")
+
+
+def _environment(arguments: Arguments) -> RearrangeEnv | RetrieveEnv:
+    keywords: dict[str, Any] = {"num_objects": arguments.objects, "robot": arguments.robot}
+    if arguments.layout:
+        keywords["layout"] = arguments.layout
+    if arguments.task:
+        return RearrangeEnv(task=arguments.task, **keywords)
+    return RetrieveEnv(obstructed=arguments.obstructed, **keywords)
+
+
+def end_problem(env: RearrangeEnv | RetrieveEnv, plan: Solution, replay: PlanReplay) -> str:
+    """What is wrong with the end of a replay, "" if nothing is; the environment is where it was when it was reset."""
+    target = plan.target
+    if target:
+        held = plan.actions[-1].trajectory.phases[-1].held if plan.actions else ""
+        raised = replay.position(target)[2] - env.data.body(target).xpos[2]
+        if held != target or raised < LIFTED:
+            return f"{target} is raised by {1e3 * raised:.0f} mm, in the gripper is {held or 'nothing'}"
+    for name in set(env.object_names) - {target}:  # nothing can have taken the place where the target stood
+        env.data.joint(f"{name}_joint").qpos = replay.pose(name)
+    mujoco.mj_forward(env.model, env.data)
+    there = {name: env.data.body(name).xpos.copy() for name in env.object_names}
+    for _ in range(SETTLE_STEPS):
+        info = env.step(np.zeros(env.action_size))[-1]
+    slid, name = max((float(np.linalg.norm(env.data.body(one).xpos - there[one])), one) for one in there)
+    if slid > CREEP:
+        return f"{name} slides or falls by {1e3 * slid:.0f} mm at the end"
+    return "" if target or info["lifted"] else f"the goal is not reached: {info['unmet']} facts do not hold"
 
 
 class DeepestContact(NamedTuple):
@@ -171,10 +228,18 @@ class PlanReplay:
                     part += max(1, int(distance / (2 * step)))
         return worst
 
+    def pose(self, name: str) -> Array:
+        """Position [m] and quaternion (7,) of an object now."""
+        return np.array(self._data.joint(_OBJECT + name).qpos)
+
     def position(self, name: str) -> Array:
         """Position (3,) [m] of an object now."""
-        mujoco.mj_kinematics(self._model, self._data)
-        return np.array(self._data.body(_OBJECT + name).xpos)
+        return self.pose(name)[:3]
+
+    def farthest_from(self, scene: Scene) -> float:
+        """[m] between where an object stands now and where it stands in a scene, at most; of those not in a gripper."""
+        standing = [body for body in scene.objects if body.name not in (self._held, *scene.held_names)]
+        return max((float(np.linalg.norm(body.position - self.position(body.name))) for body in standing), default=0.0)
 
     def _change_grip(self, state: Array, held: str) -> None:
         """Take what is held from now on where it stands, leave what is no longer held where it is."""

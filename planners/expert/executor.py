@@ -22,13 +22,13 @@ from planners.tamp.solution import BoundAction
 Array = NDArray[np.float64]
 
 _GRIP_DELAY = 4
-"""Control steps after the fingers have closed, before the position of the object in the gripper is recorded."""
+"""Samples of the plan after the fingers have closed, before the position of the object in the gripper is recorded."""
 _RATE_CHANGE = 0.05
-"""Per control step: by how much of its speed the robot slows down after a deviation, or turns back; 1 s to a stop."""
+"""Per sample: by how much of its speed the robot slows down after a deviation, or turns back; 1 s to a stop."""
 _LAG, _CATCHING_UP = 0.25, 0.5
 """Share of the tolerated tracking error from which on the plan is carried out more slowly, and its speed then."""
 _ROUNDING = 1e-6
-"""Of a number of control steps."""
+"""Of a number of samples."""
 
 
 class Command(NamedTuple):
@@ -60,6 +60,7 @@ class Executor:
         config: MonitorConfig,
         by_tcp: bool = False,
         at_start: int = 0,
+        dt: float = CONTROL_STEP,
     ) -> None:
         """Begin to execute a plan.
 
@@ -68,9 +69,10 @@ class Executor:
             robot: the robot that executes it.
             sensor: reads the start; snapshots later on are of the arm that `arm` names, objects in the same order.
             config: tolerances of the monitor.
-            by_tcp: the robot is end-effector-controlled: it gets TCP poses and its controller chooses the joint angles.
-                Then the executor waits until the TCP arrives, and does not compare joint angles with the plan.
-            at_start: control steps to command the start of the plan before the robot moves along it.
+            by_tcp: the robot's controller may stay behind, or choose other joint angles for the same TCP pose. Then the
+                executor waits until the TCP arrives, and does not compare joint angles with the plan.
+            at_start: samples for which the start of the plan is commanded before the robot moves along it.
+            dt: [s] from one call of `advance` to the next; samples are `CONTROL_STEP` apart.
         """
         self._actions = tuple(actions)
         self._robot = robot
@@ -81,10 +83,11 @@ class Executor:
         self._rate = 1.0
         self._expected = sensor.read()
         self._grip: Array | None = None
-        self._closed_for = 0
+        self._closed_for = 0.0
+        self._stride = dt / CONTROL_STEP
         self._last: Command | None = None
         self._by_tcp = by_tcp
-        self._waited = 0
+        self._waited = 0.0
         self.is_over = False
         self.deviation: Deviation | None = None
         self.cleared: list[str] = []
@@ -141,7 +144,7 @@ class Executor:
 
     @property
     def _steps(self) -> int:
-        """Control steps of the present trajectory."""
+        """Samples of the present trajectory."""
         return round(self._trajectory.duration / CONTROL_STEP)
 
     # Time in the plan: it passes more slowly where the robot lags behind, and stops or runs back after a deviation.
@@ -151,8 +154,9 @@ class Executor:
         wanted: float = _CATCHING_UP if self._lags(now) else 1.0
         if self.deviation is not None:
             wanted = self._retreat_direction()
-        self._rate += min(max(wanted - self._rate, -_RATE_CHANGE), _RATE_CHANGE)
-        self._tick += self._rate
+        change = _RATE_CHANGE * self._stride
+        self._rate += min(max(wanted - self._rate, -change), change)
+        self._tick += self._rate * self._stride
         while not self._is_at_end and self._tick >= self._steps + 1 - _ROUNDING:
             self._tick -= self._steps
             action = self._actions[self.action]
@@ -172,19 +176,20 @@ class Executor:
         return tracking_error(self._last.drive, now.drive, part) is not None
 
     def _has_to_wait(self, now: Snapshot) -> bool:
-        """Whether the TCP has not reached the last commanded pose; the wait is limited to `PATIENCE` steps."""
+        """Whether the TCP has not reached the last commanded pose; the wait is limited to `PATIENCE` samples."""
         if not self._by_tcp or self._last is None or self._waited >= PATIENCE:
-            self._waited = 0
+            self._waited = 0.0
             return False
         wanted = tcp_pose(self._scene.robot, RobotState(self._last.drive[:3], self._last.drive[3:], 0.0))
         changes = [phase.start for phase in self._trajectory.phases if is_contact(phase)]
-        is_near_contact = any(start - CONTROL_STEP <= self._time <= start + CONTROL_STEP for start in changes)
+        near = CONTROL_STEP * max(self._stride, 1.0)
+        is_near_contact = any(start - near <= self._time <= start + near for start in changes)
         behind = is_behind(wanted, now.T_world_tcp, PRECISE if is_near_contact else ON_THE_WAY)
-        self._waited = self._waited + 1 if behind else 0
+        self._waited = self._waited + self._stride if behind else 0.0
         return behind
 
     def _has_stopped(self) -> bool:
-        return self._tick <= 0 or (self._retreat_direction() == 0 and abs(self._rate) < _RATE_CHANGE / 2)
+        return self._tick <= 0 or (self._retreat_direction() == 0 and abs(self._rate) < _RATE_CHANGE * self._stride / 2)
 
     def _retreat_direction(self) -> int:
         """Direction in time in which the gripper leaves the objects.
@@ -239,9 +244,9 @@ class Executor:
     def _check_grip(self, now: Snapshot, held: HeldObject | None) -> Deviation | None:
         """Whether the fingers have grasped the object as planned and it has not moved between them since."""
         if held is None:
-            self._grip, self._closed_for = None, 0
+            self._grip, self._closed_for = None, 0.0
             return None
-        self._closed_for += 1
+        self._closed_for += self._stride
         in_hand = now.in_hand(self._names.index(held.name))
         if self._closed_for < _GRIP_DELAY:
             return None

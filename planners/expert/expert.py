@@ -24,7 +24,7 @@ from planners.expert.interfaces import ScenePlanner, controlled_env, num_disturb
 from planners.expert.monitor import Sensor, held_object
 from planners.expert.report import EpisodeReport, Recorder, Recording
 from planners.goals import Goal, height_below, holding
-from planners.grasping.grasp_poses import Grasps
+from planners.grasping.families import Grasps
 from planners.motion.arm import tcp_pose, unwrap_joints
 from planners.motion.trajectory import CONTROL_STEP
 from planners.placing.surfaces import Supports
@@ -104,6 +104,7 @@ class TampExpert:
             self._env, planner, grasps, supports, canonical=canonical, hold_aside=self._config.hold_aside
         )
         self._seed = seed
+        self._dt = float(getattr(self._env, "dt", CONTROL_STEP))
         robot = self._env.robot
         self._robots = {arm: robot if arm == robot.arm_name else robot.using(arm) for arm in robot.acting_arms}
         self._has_begun = False
@@ -196,7 +197,7 @@ class TampExpert:
             deviation = str(executor.deviation)
             self._note(deviation)
             if self._may_replan(f"gave up after {self._report.replans} replans; last deviation: {deviation}"):
-                self._wait = _steps(self._config.settle_s)
+                self._wait = self._steps(self._config.settle_s)
         return self._action(command)
 
     @property
@@ -342,8 +343,9 @@ class TampExpert:
                 self._env.robot,
                 self._sensors[solution.actions[0].scene.robot.arm_name],
                 self._config.monitor,
-                by_tcp=self._env.control_mode == "ee",
+                by_tcp=self._env.control_mode == "ee" or getattr(self._env, "waits_for_tcp", False),
                 at_start=_AT_START if self._report.replans else 0,
+                dt=self._dt,
             )
 
     def _with_all_grasps(self, scene: Scene) -> Planner | None:
@@ -356,7 +358,7 @@ class TampExpert:
     def _hold(self) -> None:
         """Hold the target up; the plan is carried out to its end."""
         self._report = replace(self._report, executed=True)
-        self._wait = _steps(self._config.hold_s)
+        self._wait = self._steps(self._config.hold_s)
 
     def _check_result(self) -> None:
         """After waiting: the episode is over if the target is held up; otherwise plan again from how things are now."""
@@ -384,6 +386,10 @@ class TampExpert:
             return False
         self._report = replace(self._report, replans=self._report.replans + 1)
         return True
+
+    def _steps(self, seconds: float) -> int:
+        """Steps in a time [s]; at least one, so that the simulation advances before the next look."""
+        return max(round(seconds / self._dt), 1)
 
     def _note(self, deviation: str) -> None:
         self._report = replace(self._report, deviations=(*self._report.deviations, deviation))
@@ -454,8 +460,3 @@ def _home_of(scene: Scene) -> Array:
 
 def _is_at_home(scene: Scene) -> bool:
     return np.array_equal(scene.state.q, _home_of(scene))
-
-
-def _steps(seconds: float) -> int:
-    """Control steps in a time [s]; at least one, so that the simulation advances before the next look."""
-    return max(round(seconds / CONTROL_STEP), 1)

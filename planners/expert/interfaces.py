@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from planners.expert.config import ExpertError
-from planners.grasping.grasp_poses import Grasps
+from planners.grasping.families import Grasps
 from planners.motion.tcp_following import TcpFollower
 from planners.placing.surfaces import Supports
 from planners.planner import Planner
@@ -21,18 +21,22 @@ from planners.tamp.solution import Infeasible, Solution
 
 Array = NDArray[np.float64]
 
-CONTROL_MODES = ("joint", "ee")
-"""Joint targets, or TCP poses that the environment's controller turns into joint targets."""
+ACTIONS = {"joint": ("joint_action",), "ee": ("ee_action", "tcp_follower")}
+"""Methods for each control mode: joint targets, or TCP poses that the environment's controller turns into such."""
 
 
 class ControlledEnv(Protocol):
-    """All that the expert uses of an environment (`env.unwrapped`). One step is one control step of 0.05 s.
+    """All that the expert uses of an environment (`env.unwrapped`); `ControlledWorld` makes one of a `Controller`.
+
+    One step is one control step of 0.05 s, or of its attribute `dt` [s]. A true attribute `waits_for_tcp` lets the
+    expert wait for an arm that stays behind, as it does in control mode "ee". Only the actions of its own control mode
+    are asked for.
 
     Attributes:
         model: the simulated world; the expert only reads it.
         data: the state of the simulated world; the expert only reads it.
         robot: the robot in `model`.
-        control_mode: kind of the actions, one of `CONTROL_MODES`: "joint" calls for `joint_action`, "ee" for
+        control_mode: kind of the actions, a key of `ACTIONS`: "joint" calls for `joint_action`, "ee" for
             `ee_action`.
         object_names: of the bodies that the robot may move, in the order of the bodies of `model`.
         support_name: of the geom on whose top face the objects stand.
@@ -113,7 +117,9 @@ def controlled_env(env: Any) -> ControlledEnv:
     if hasattr(env, "num_envs"):
         raise ExpertError(f"{type(env).__name__} is a vector environment; make one TampExpert for each of its parts")
     inner = getattr(env, "unwrapped", env)
-    members = (*ControlledEnv.__annotations__, "joint_action", "ee_action", "tcp_follower")
+    members = (*ControlledEnv.__annotations__, *ACTIONS.get(getattr(inner, "control_mode", ""), ()))
+    if hasattr(type(inner), "goal"):
+        members = tuple(name for name in members if name != "target")
     # Properties are looked up in the class and not evaluated: `target` is defined after `reset` only.
     missing = [
         name for name in members if not hasattr(type(inner), name) and name not in getattr(inner, "__dict__", ())
@@ -123,8 +129,8 @@ def controlled_env(env: Any) -> ControlledEnv:
             f"{type(inner).__name__} cannot be controlled, it lacks {', '.join(missing)}; TampExpert controls "
             "clutter_env/Retrieve-o{N}-v0 and environments with the ControlledEnv protocol"
         )
-    if inner.control_mode not in CONTROL_MODES:
-        valid = ", ".join(map(repr, CONTROL_MODES))
+    if inner.control_mode not in ACTIONS:
+        valid = ", ".join(map(repr, ACTIONS))
         raise ExpertError(f"control_mode={inner.control_mode!r} of {type(inner).__name__} is not one of {valid}")
     outer_space, inner_space = getattr(env, "action_space", None), getattr(inner, "action_space", None)
     if outer_space != inner_space:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configurations import ArmConfigurations, GripperPoses, gripper_hits, scan_configurations
 from planners.grasping.candidates import GraspCandidates, gripper_poses
-from planners.grasping.grasp_poses import generate_grasps, gripper_opening
+from planners.grasping.grasp_poses import generate_grasps, opening_around
 from planners.motion.approaches import ContactQuery, fewest_hits
 from planners.placing.goal_places import Place, locations_in
 from planners.placing.locations import put_down
@@ -86,7 +86,7 @@ def put_down_masks(
 ) -> PutDownMasks:
     """What is in the way where an object is put down, with all grasps of the grasp set.
 
-    Of places with an area, and from under a shelf, nothing is claimed.
+    Of places with an area, of objects of several pieces, and from under a shelf, nothing is claimed.
 
     Args:
         search: whose base poses and arm configurations count.
@@ -96,22 +96,23 @@ def put_down_masks(
         place: where it goes.
         leaving: names of objects that do not count.
     """
-    if place.location is None or is_covered(scene, scene.body(name).foot):
+    body = scene.body(name)
+    if place.location is None or body.shape == "pieces" or is_covered(scene, body.foot):
         return PutDownMasks()
     location, gone = place.location, scene.mask({name, *leaving, *scene.held_names})
-    ways = list(_in_any_hand(candidates, scene, scene.body(name)))
+    ways = list(_in_any_hand(candidates, scene, body))
     worlds = [_lowered(candidates.compiled.world(view), place) for view, _ in ways]
     if any(
-        len(_scan(search, world, place, location, gone, world.scene.state.base[:0], first_free=True)[1].q)
-        for world in worlds
+        len(_scan(search, world, place, location, gone, np.zeros((0, 3)), first_free=True)[1].q) for world in worlds
     ):
         return PutDownMasks()
     straight, ever = set[int](), set[int]()
     for world, (view, poses) in zip(worlds, ways, strict=True):
         bases = search.arms[view.robot.arm_name].bases(poses, _BASES)[0] if len(poses) else view.state.base[None]
         straight |= set(map(int, _scan(search, world, place, location, gone, bases)[1].hits))
-        opening = gripper_opening(view.robot, scene.body(name).half_width)
-        hits = gripper_hits(world, _wanted(view, place, location), opening, held=view.held, ignore=gone)
+        held, _ = in_hand(view)
+        opening, wanted = opening_around(view.robot, body, held), _wanted(view, place, location)
+        hits = gripper_hits(world, wanted, opening, held=held, ignore=gone)
         ever |= {int(one) for one in hits if not int(one) & FIXED_BITS}
     return PutDownMasks(_minimal(straight), (0,) if name in scene.held_names else _minimal(ever))
 
@@ -159,7 +160,7 @@ def _scan(
         (bases, *(np.tile(base, (len(rows), 1)) for base, rows in zip(more_bases, near, strict=True)))
     )
     poses = GripperPoses(bases, wanted[np.concatenate((index, *near))])
-    opening, placed = gripper_opening(robot, body.half_width), put_down(scene, wanted[0], place.face.top)
+    opening, placed = opening_around(robot, body, held), put_down(scene, wanted[0], place.face.top)
     grid = search.grid(robot.arm_name)
     return poses, scan_configurations(
         world, poses, grid, opening, body=placed, held=held, ignore=ignore, first_free=first_free
@@ -168,7 +169,7 @@ def _scan(
 
 def _wanted(scene: Scene, place: Place, point: Array) -> Array:
     """The gripper poses (k, 5) that let go of the held object at a point (2,) of a place."""
-    return gripper_poses_at(scene, np.array([*point, place.face.top]), place.yaw)
+    return gripper_poses_at(scene, np.array([[*point, place.face.top]]), place.yaw)[0]
 
 
 def _in_any_hand(candidates: GraspCandidates, scene: Scene, body: Body) -> Iterator[tuple[Scene, Array]]:

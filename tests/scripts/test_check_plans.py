@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
+from clutter_env.envs.rearrange import RearrangeEnv
 from clutter_env.envs.retrieve import RetrieveEnv
 from planners import Scene, Solution, solve
 from planners.motion.arm import tcp_pose
 from planners.motion.trajectory import Phase, Trajectory
 from planners.scene import Body, RobotState
 from planners.tamp.solution import BoundAction
-from scripts.check_plans import TOLERANCE, Arguments, PlanReplay, main
+from scripts.check_plans import TOLERANCE, Arguments, PlanReplay, end_problem, main
 
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -112,4 +113,36 @@ def test_the_robot_may_not_penetrate_itself(planned: tuple[Scene, Solution]) -> 
 
 def test_the_command_counts_plans(capsys: pytest.CaptureFixture[str]) -> None:
     main(Arguments(objects=2, plans=1))
-    assert "paper, 2 objects, side: 1 plans" in capsys.readouterr().out
+    assert "retrieval, paper, fetch, 2 objects, side: 1 plans" in capsys.readouterr().out
+
+
+@pytest.fixture(scope="module")
+def swapped() -> tuple[RearrangeEnv, Solution]:
+    env = RearrangeEnv(num_objects=2, task="swap")
+    env.reset(seed=821_000)
+    plan = solve(Scene.from_mujoco(env.model, env.data, env.robot, regions=env.regions), env.goal)
+    assert isinstance(plan, Solution)
+    return env, plan
+
+
+@pytest.mark.parametrize("left_out", [0, 1, 4])
+def test_a_plan_that_ends_too_early_does_not_reach_its_goal(
+    swapped: tuple[RearrangeEnv, Solution], left_out: int
+) -> None:
+    env, plan = swapped
+    env.reset(seed=821_000)
+    replay = PlanReplay(Scene.from_mujoco(env.model, env.data, env.robot))
+    replay.deepest_contact(plan.actions[: len(plan.actions) - left_out])
+    assert bool(end_problem(env, plan, replay)) == bool(left_out)
+
+
+def test_what_a_plan_lets_float_falls_and_what_moves_by_itself_is_noticed(planned: tuple[Scene, Solution]) -> None:
+    scene, plan = planned
+    env = RetrieveEnv(num_objects=15, obstructed=True)
+    env.reset(seed=400_000)
+    other = next(body for body in scene.objects if body.name not in (plan.target, *plan.clearances))
+    replay = PlanReplay(scene.with_body(other.at(other.position + [0.0, 0.0, 0.05])))
+    assert replay.farthest_from(scene) == pytest.approx(0.05)
+    assert "is raised by 0 mm" in end_problem(env, plan, replay)
+    replay.deepest_contact(plan.actions)
+    assert f"{other.name} slides or falls" in end_problem(env, plan, replay)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -14,11 +13,9 @@ from assets import FETCH
 from clutter_env.policies.high_level.candidates import CandidateRule
 from clutter_env.policies.high_level.network import CandidateNetwork
 from clutter_env.policies.high_level.policy import LearnedHighLevelPolicy
-from clutter_env.policies.runs import DECISIONS_FILE
 from clutter_env.scene.layout import find_layout
 from clutter_env.task import Task
-from clutter_env.training.high_level import accuracy, batch_of, fit_high_level
-from clutter_env.training.high_level_examples import (
+from scripts.shipped_weights.decision_examples import (
     CandidateExamples,
     after_contact,
     examples_of_scene,
@@ -27,9 +24,7 @@ from clutter_env.training.high_level_examples import (
     scene_of,
     visited_examples,
 )
-from clutter_env.training.run import Run
-from clutter_env.training.settings import Decisions
-from clutter_env.training.train import train
+from scripts.shipped_weights.decisions import accuracy, batch_of, fit_high_level
 
 RULE = CandidateRule(FETCH, find_layout("paper"))
 TASK = Task("clutter_env/Retrieve-o5-v0")
@@ -83,6 +78,7 @@ def test_a_placed_object_stands_where_the_candidate_says(env: gym.Env[Any, Any])
         assert placed.bottom == pytest.approx(scene.support.top)
 
 
+@pytest.mark.slow
 def test_neither_order_nor_absent_objects_matter(examples: CandidateExamples, network: CandidateNetwork) -> None:
     batch, order = batch_of(examples, np.arange(40)), torch.tensor([3, 0, 4, 1, 2])
     permuted = batch._replace(others=batch.others[:, order], is_present=batch.is_present[:, order])
@@ -93,6 +89,7 @@ def test_neither_order_nor_absent_objects_matter(examples: CandidateExamples, ne
     assert torch.allclose(one[:, order], other, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_fitting_learns(examples: CandidateExamples, network: CandidateNetwork) -> None:
     untrained, trained = accuracy(CandidateNetwork(32), examples), accuracy(network, examples)
     reached = examples.is_reached
@@ -102,17 +99,9 @@ def test_fitting_learns(examples: CandidateExamples, network: CandidateNetwork) 
     assert trained["reach"] > max(untrained["reach"], reached.mean())
 
 
+@pytest.mark.slow
 def test_the_states_that_the_learner_visits_are_labelled(env: gym.Env[Any, Any], network: CandidateNetwork) -> None:
     _, info = env.reset(seed=1)
     rollout = roll_out(LearnedHighLevelPolicy(network, RULE), scene_of(env), info["target"])
     examples = list(visited_examples([rollout], RULE, np.random.default_rng(0)))
     assert len(examples) == len(rollout.decisions) > 0
-
-
-def test_training_writes_a_policy_and_its_history(tmp_path: Path) -> None:
-    settings = Decisions(steps=40, scenes=2, rounds=1, round_episodes=1, evaluation_episodes=1)
-    trained = train(Run(TASK, settings, tmp_path / "run"))
-    assert [entry["round"] for entry in trained.history] == [0, 1]
-    assert {"success", "clearances", "reach", "free"} <= set(trained.history[0])
-    policy = LearnedHighLevelPolicy.load(tmp_path / "run" / DECISIONS_FILE)
-    assert policy.info.layout == "paper"

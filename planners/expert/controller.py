@@ -1,0 +1,132 @@
+"""The expert in somebody else's simulator, or on a robot: all that it needs is to see joint positions and to move.
+
+Example:
+    world = ControlledWorld(MyController(env), model, FETCH, movable=["can", "box"], support="table")
+    expert = TampExpert(world)
+    expert.reset("can")
+    while not (expert.done or world.is_over):
+        world.step(expert.act())
+    print(expert.report)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Protocol
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from assets.robots import RobotSpec
+from planners.expert.config import ExpertError
+from planners.goals import LIFTED, Goal, Region
+from planners.scene import SUPPORT
+from planners.scene.mujoco_reading import Movable, MovableBodies, is_object_name
+
+Array = NDArray[np.float64]
+
+
+class Controller(Protocol):
+    """Whatever moves the robot, at its own rate and in its own way: targets, deltas or torques.
+
+    The expert waits for a robot that stays behind, most precisely where fingers close and open; so `act` may limit how
+    far it goes.
+
+    Attributes:
+        dt: [s] for which one `act` lasts.
+        done: nothing more will be carried out: the episode is over.
+    """
+
+    dt: float
+    done: bool
+
+    def observe(self) -> ArrayLike:
+        """(nq,) the present positions of all joints of the model that the expert plans in."""
+        ...
+
+    def act(self, configuration: Array, opening: float) -> None:
+        """Move towards a configuration for `dt`.
+
+        Args:
+            configuration: (4 + n,) base x, y [m], yaw [rad], torso [m], arm [rad]; angles may be full turns away.
+            opening: [m] between the finger pads.
+        """
+        ...
+
+
+class ControlledWorld:
+    """What `TampExpert` needs of an environment, made of a `Controller` and a model of its world.
+
+    Attributes:
+        model: the world as the planner sees it: that of the simulator, or a twin of it.
+        data: its state as observed last.
+        dt: [s] of one step.
+        regions: named rectangles on supports, for goals.
+    """
+
+    control_mode = "joint"
+    waits_for_tcp = True
+    lift_height = LIFTED
+
+    def __init__(
+        self,
+        controller: Controller,
+        model: mujoco.MjModel,
+        robot: RobotSpec,
+        *,
+        movable: Movable = is_object_name,
+        support: str = SUPPORT,
+        regions: Iterable[Region] = (),
+        goal: Goal | None = None,
+    ) -> None:
+        """Observe the world.
+
+        Args:
+            controller: of the robot.
+            model: that contains the robot with the names of `robot`; nothing is simulated in it.
+            robot: which robot it is.
+            movable, support, regions: as for `Scene.from_mujoco`.
+            goal: that the environment sets.
+
+        Raises:
+            ExpertError: a step that is no positive time, or positions that do not fit the model.
+            SceneError: the model lacks the robot or an object.
+        """
+        if not (np.isfinite(controller.dt) and controller.dt > 0):
+            raise ExpertError(
+                f"dt={controller.dt!r} of {type(controller).__name__} is not valid; it must be a time [s]"
+            )
+        self.model, self.data, self.robot = model, mujoco.MjData(model), robot
+        self.object_names = MovableBodies.of(model, robot, movable).names
+        self.support_name, self.regions, self._goal = support, tuple(regions), goal
+        self.dt, self._controller = float(controller.dt), controller
+        self._observe()
+
+    @property
+    def goal(self) -> Goal | None:
+        """That the environment sets; None: `TampExpert.reset` is told."""
+        return self._goal
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the controller carries out nothing more."""
+        return bool(self._controller.done)
+
+    def joint_action(self, q_target: Array, gripper_width: float | Array) -> Array:
+        """(5 + n,) configuration and opening of the gripper, for `step`."""
+        return np.append(q_target, gripper_width)
+
+    def step(self, action: Array) -> None:
+        """Let the controller carry out an action of the expert, and observe."""
+        if not self.is_over:
+            self._controller.act(action[:-1], float(action[-1]))
+        self.data.time += self.dt
+        self._observe()
+
+    def _observe(self) -> None:
+        positions = np.asarray(self._controller.observe(), dtype=float)
+        if positions.shape != (self.model.nq,) or not np.isfinite(positions).all():
+            raise ExpertError(f"observe() must return {self.model.nq} finite numbers, qpos of the model")
+        self.data.qpos[:] = positions
+        mujoco.mj_forward(self.model, self.data)

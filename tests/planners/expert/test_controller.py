@@ -1,0 +1,80 @@
+"""The expert moves robots at other rates, by other commands, through `Controller`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from assets.robots import FETCH
+from planners import ControlledWorld, ExpertError, TampExpert, prepare
+from tests.planners.own_scenes import MOVABLE, SUPPORT, kitchen
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class Deltas:
+    """A simulation that takes limited changes of joint positions, each held for `dt`: the robot always stays behind."""
+
+    model: mujoco.MjModel
+    data: mujoco.MjData
+    dt: float
+    most: float
+    done: bool = False
+    acts: int = 0
+
+    def observe(self) -> Array:
+        return self.data.qpos
+
+    def act(self, configuration: Array, opening: float) -> None:
+        joints = [self.model.joint(name).qposadr[0] for name in FETCH.drive_joints]
+        motors = [self.model.actuator(name).id for name in FETCH.drive_joints]
+        now = self.data.qpos[joints]
+        change = configuration - now
+        turns = [number for number, name in enumerate(FETCH.drive_joints) if "yaw" in name or number > 3]
+        change[turns] = (change[turns] + np.pi) % (2 * np.pi) - np.pi
+        self.data.ctrl[motors] = now + np.clip(change, -self.most, self.most)
+        self.data.ctrl[[self.model.actuator(name).id for name in FETCH.finger_joints]] = FETCH.finger_position(opening)
+        mujoco.mj_step(self.model, self.data, nstep=round(self.dt / self.model.opt.timestep))
+        self.acts += 1
+
+
+def controlled(dt: float, most: float) -> tuple[Deltas, ControlledWorld]:
+    raw, start = kitchen()
+    model = prepare(raw, FETCH).model
+    data = mujoco.MjData(model)
+    data.qpos[:] = start.qpos
+    data.ctrl[[model.actuator(name).id for name in FETCH.drive_joints[3:]]] = FETCH.home
+    controller = Deltas(model, data, dt, most)
+    return controller, ControlledWorld(controller, model, FETCH, movable=MOVABLE, support=SUPPORT)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("dt", "most"), [(0.1, 0.1), (0.05, 0.1), (0.02, 0.05)])
+def test_an_object_is_fetched_through_limited_changes(dt: float, most: float) -> None:
+    controller, world = controlled(dt, most)
+    expert = TampExpert(world, grasps="side")
+    expert.reset("can")
+    while not expert.done:
+        world.step(expert.act())
+    report = expert.report
+    assert report.scored, report
+    assert report.replans == 0
+    assert report.sim_s == pytest.approx(controller.acts * dt, abs=1.01 * dt)
+    assert controller.data.body("can").xpos[2] > 0.74 + 0.1
+
+
+def test_misuse_of_a_controller_is_told() -> None:
+    controller, world = controlled(0.1, 0.1)
+    expert = TampExpert(world)
+    with pytest.raises(ExpertError, match=r"goal of ControlledWorld.*reset\(goal\)"):
+        expert.reset()
+    controller.observe = lambda: np.zeros(3)  # type: ignore[method-assign]  # a fault is meant
+    with pytest.raises(ExpertError, match=f"{world.model.nq} finite numbers"):
+        world.step(np.zeros(12))
+    with pytest.raises(ExpertError, match=r"dt=0 of Deltas is not valid"):
+        controlled(0, 0.1)
