@@ -170,14 +170,14 @@ class PlacementSearch:
             return free
 
         failed = [] if failed is None else failed
-        for point in locations_in(scene, body, place, leaving, others, allowed):
+        for point, yaws in locations_in(scene, body, place, leaving, others, allowed):
             if any(np.hypot(*(point - other)) < _NEAR_FAILURE for other in failed):
                 continue
             if deadline.is_over or len(failed) >= _FAILURES:
                 return
             location, has_any = np.array([*point, place.face.top]), False
-            for look in (self._from_here, self._after_a_drive):
-                for found in look(world, location, place.yaw):
+            for look, yaw in itertools.product((self._from_here, self._after_a_drive), yaws):
+                for found in look(world, location, yaw):
                     has_any = True
                     yield replace(found, surfaces=surfaces, below=place.below)
             if not has_any:
