@@ -270,7 +270,9 @@ def _fits(
         half = np.abs(_corners(body, yaw - area.yaw)).max(axis=0)
     inside = (np.abs(area.local(points)) <= np.array(area.half_extents) - half).all(axis=1)
     for one in standing:
-        inside &= _room_beside(points, body, yaw, one) >= gap
+        away = np.linalg.norm(points - one.position[:2], axis=1)
+        near = np.flatnonzero(inside & (away < body.radius + one.radius + gap))
+        inside[near] = _room_beside(points[near], body, yaw, one) >= gap
     return np.asarray(inside)
 
 
