@@ -188,11 +188,14 @@ def must_go_first(scene: Scene, body: Body, fact: On | Inside | At) -> tuple[str
     """Names of the objects each of which alone keeps another from its place where it stands: proved.
 
     A location on a grid stands for all within half a cell, and an object counts as no larger than the circle in it.
+    Nothing is proved of objects of several pieces, beside or under which others may stand.
     """
     place, radius = place_of(scene, fact), float(min(body.half_extents[:2]))
     if place.below:
         return _on_top(scene, body, place)
-    in_the_way = [one for one in beside(scene, place.face, body) if one.name != body.name]
+    if body.shape == "pieces":
+        return ()
+    in_the_way = [one for one in beside(scene, place.face, body) if one.name != body.name and one.shape != "pieces"]
     if place.area is None:
         assert isinstance(fact, At)
         assert place.location is not None
@@ -202,7 +205,7 @@ def must_go_first(scene: Scene, body: Body, fact: On | Inside | At) -> tuple[str
         slack += float(np.hypot(*(np.array(place.area.half_extents) / (_steps(place.area) - 1))))
         inner = np.maximum(np.array(place.area.half_extents) - radius + slack, 0.0)
         centre = centre[(np.abs(place.area.local(centre)) <= inner).all(axis=1)]
-    return tuple(one.name for one in in_the_way if (_distances(centre, one) < radius - slack).all())
+    return tuple(one.name for one in in_the_way if (distances(centre, one) < radius - slack).all())
 
 
 def in_the_way(scene: Scene, body: Body, place: Place, waiting: Collection[str]) -> tuple[str, ...]:
@@ -220,7 +223,7 @@ def in_the_way(scene: Scene, body: Body, place: Place, waiting: Collection[str])
     staying = [one for one in standing if one.name not in waiting]
     if place.area is None:
         assert place.location is not None
-        near = [one for one in staying if _distances(place.location[None], one)[0] < body.radius + _GAPS[-1]]
+        near = [one for one in staying if distances(place.location[None], one)[0] < body.radius + _GAPS[-1]]
         return tuple(one.name for one in near)
     points = _grid(place.area, scene.state.base[:2])
 
@@ -286,7 +289,7 @@ def _corners(body: Body, yaw: float) -> Array:
 def _room_beside(points: Array, body: Body, yaw: float | None, one: Body) -> Array:
     """[m] between an object at points (n, 2), a box at a yaw or the circle around it, and another; 0 or less: none."""
     if yaw is None:
-        return _distances(points, one) - body.radius
+        return distances(points, one) - body.radius
     corners = _corners(body, yaw)
     if one.shape == "cylinder" and one.is_upright:
         return _distances_to_polygon(one.position[:2] - points, corners) - one.half_extents[0]
@@ -294,10 +297,12 @@ def _room_beside(points: Array, body: Body, yaw: float | None, one: Body) -> Arr
     return _distances_to_polygon(points, sums[ConvexHull(sums).vertices])
 
 
-def _distances(points: Array, body: Body) -> Array:
+def distances(points: Array, body: Body) -> Array:
     """[m] from points (n, 2) to an object seen from above; 0 inside."""
     if body.shape == "cylinder" and body.is_upright:
         return np.maximum(np.linalg.norm(points - body.position[:2], axis=1) - body.half_extents[0], 0.0)
+    if body.shape == "pieces":
+        return np.min([_distances_to_polygon(points, piece.outline) for piece in body.placed], axis=0)
     outline = footprint(body)
     axes = body.rotation[:2, :2] if abs(body.rotation[2, 2]) > 0.99 else np.eye(2)
     local, corners = (points - body.position[:2]) @ axes, (outline - body.position[:2]) @ axes
