@@ -14,7 +14,7 @@ from planners.grasping.arm_configurations import ArmConfigurations, GripperPoses
 from planners.grasping.candidates import GraspCandidates, gripper_poses
 from planners.grasping.grasp_poses import generate_grasps, opening_around
 from planners.motion.approaches import ContactQuery, fewest_hits
-from planners.placing.goal_places import Place, locations_in
+from planners.placing.goal_places import Place, Yaws, locations_in
 from planners.placing.locations import put_down
 from planners.placing.placements import PlacementSearch, can_reach, gripper_poses_at, in_hand, with_lowered
 from planners.scene import Body, HeldObject, Scene
@@ -48,8 +48,9 @@ def fewest_in_the_way(
     scene, (held, _) = world.scene, in_hand(world.scene)
     gone, lowered = scene.mask((*leaving, *scene.held_names)), _lowered(world, place)
     fewest: int | None = None
-    for point in _some_locations(world.scene, place, leaving):
-        poses, found = _scan(search, lowered, place, point, gone, scene.state.base[None])
+    for point, yaws in _some_locations(world.scene, place, leaving):
+        wanted = _wanted(scene, place, point, yaws)
+        poses, found = _scan(search, lowered, wanted, place.face.top, gone, scene.state.base[None])
         for best in np.argsort(np.bitwise_count(found.hits), kind="stable"):
             if fewest is not None and int(found.hits[best]).bit_count() >= fewest.bit_count():
                 break
@@ -99,20 +100,20 @@ def put_down_masks(
     body = scene.body(name)
     if place.location is None or body.shape == "pieces" or is_covered(scene, body.foot):
         return PutDownMasks()
-    location, gone = place.location, scene.mask({name, *leaving, *scene.held_names})
-    ways = list(_in_any_hand(candidates, scene, body))
-    worlds = [_lowered(candidates.compiled.world(view), place) for view, _ in ways]
-    if any(
-        len(_scan(search, world, place, location, gone, np.zeros((0, 3)), first_free=True)[1].q) for world in worlds
-    ):
-        return PutDownMasks()
+    level, gone = place.face.top, scene.mask({name, *leaving, *scene.held_names})
+    ways = [
+        (_lowered(candidates.compiled.world(view), place), taken, _wanted(view, place, place.location, (place.yaw,)))
+        for view, taken in _in_any_hand(candidates, scene, body)
+    ]
+    for world, _, wanted in ways:
+        if len(_scan(search, world, wanted, level, gone, np.zeros((0, 3)), first_free=True)[1].q):
+            return PutDownMasks()
     straight, ever = set[int](), set[int]()
-    for world, (view, poses) in zip(worlds, ways, strict=True):
-        bases = search.arms[view.robot.arm_name].bases(poses, _BASES)[0] if len(poses) else view.state.base[None]
-        straight |= set(map(int, _scan(search, world, place, location, gone, bases)[1].hits))
-        held, _ = in_hand(view)
-        opening, wanted = opening_around(view.robot, body, held), _wanted(view, place, location)
-        hits = gripper_hits(world, wanted, opening, held=held, ignore=gone)
+    for world, taken, wanted in ways:
+        robot, (held, _) = world.scene.robot, in_hand(world.scene)
+        bases = search.arms[robot.arm_name].bases(taken, _BASES)[0] if len(taken) else scene.state.base[None]
+        straight |= set(map(int, _scan(search, world, wanted, level, gone, bases)[1].hits))
+        hits = gripper_hits(world, wanted, opening_around(robot, body, held), held=held, ignore=gone)
         ever |= {int(one) for one in hits if not int(one) & FIXED_BITS}
     return PutDownMasks(_minimal(straight), (0,) if name in scene.held_names else _minimal(ever))
 
@@ -126,13 +127,14 @@ def _lowered(world: CollisionWorld, place: Place) -> CollisionWorld:
     return with_lowered(world, place.below) if place.below else world
 
 
-def _some_locations(scene: Scene, place: Place, leaving: Collection[str]) -> Iterator[Array]:
-    """A few locations (2,) of a place at which the held object fits once others have left."""
+def _some_locations(scene: Scene, place: Place, leaving: Collection[str]) -> Iterator[tuple[Array, Yaws]]:
+    """A few locations (2,) of a place at which the held object fits once others have left, and its yaws there."""
     staying = replace(scene, objects=tuple(one for one in scene.objects if one.name not in leaving))
     looked_at: list[Array] = []
-    for point in locations_in(staying, in_hand(scene)[1], place, (), (), lambda every: np.ones(len(every), np.bool_)):
+    everywhere = locations_in(staying, in_hand(scene)[1], place, (), (), lambda every: np.ones(len(every), np.bool_))
+    for point, yaws in everywhere:
         if all(np.hypot(*(point - other)) >= _APART for other in looked_at):
-            yield point
+            yield point, yaws
             looked_at.append(point)
         if len(looked_at) == _LOCATIONS:
             return
@@ -141,35 +143,37 @@ def _some_locations(scene: Scene, place: Place, leaving: Collection[str]) -> Ite
 def _scan(
     search: PlacementSearch,
     world: CollisionWorld,
-    place: Place,
-    point: Array,
+    wanted: Array,
+    level: float,
     ignore: int,
     more_bases: Array,
     first_free: bool = False,
 ) -> tuple[GripperPoses, ArmConfigurations]:
-    """Arm configurations that put the held object down at a point (2,) of a place, and what each of them hits.
+    """Arm configurations that let go of the held object at gripper poses (k, 5), and what each of them hits.
 
-    From wherever the base may stand, and from more base poses (k, 3); `ignore` is a mask of bits that do not count.
-    With `first_free` only those from the first base pose for which some configuration hits nothing.
+    It then stands `level` [m] high. From wherever the base may stand, and from more base poses (k, 3); `ignore` is a
+    mask of bits that do not count. With `first_free` only those from the first base pose for which some configuration
+    hits nothing.
     """
     scene, (held, body) = world.scene, in_hand(world.scene)
-    robot, wanted = scene.robot, _wanted(scene, place, point)
+    robot = scene.robot
     bases, index = search.arms[robot.arm_name].bases(wanted)
     near = [np.flatnonzero(can_reach(scene, wanted, base)) for base in more_bases]
     bases = np.concatenate(
         (bases, *(np.tile(base, (len(rows), 1)) for base, rows in zip(more_bases, near, strict=True)))
     )
     poses = GripperPoses(bases, wanted[np.concatenate((index, *near))])
-    opening, placed = opening_around(robot, body, held), put_down(scene, wanted[0], place.face.top)
+    opening, placed = opening_around(robot, body, held), put_down(scene, wanted[0], level)
     grid = search.grid(robot.arm_name)
     return poses, scan_configurations(
         world, poses, grid, opening, body=placed, held=held, ignore=ignore, first_free=first_free
     )
 
 
-def _wanted(scene: Scene, place: Place, point: Array) -> Array:
-    """The gripper poses (k, 5) that let go of the held object at a point (2,) of a place."""
-    return gripper_poses_at(scene, np.array([[*point, place.face.top]]), place.yaw)[0]
+def _wanted(scene: Scene, place: Place, point: Array, yaws: Yaws) -> Array:
+    """The gripper poses (k, 5) that let go of the held object at a point (2,) of a place, turned by one of its yaws."""
+    location = np.array([[*point, place.face.top]])
+    return np.concatenate([gripper_poses_at(scene, location, yaw)[0] for yaw in yaws])
 
 
 def _in_any_hand(candidates: GraspCandidates, scene: Scene, body: Body) -> Iterator[tuple[Scene, Array]]:

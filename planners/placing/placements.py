@@ -179,24 +179,27 @@ class PlacementSearch:
             return free
 
         failed = [] if failed is None else failed
-        for point in locations_in(scene, body, place, leaving, others, allowed):
+        for point, yaws in locations_in(scene, body, place, leaving, others, allowed):
             if any(np.hypot(*(point - other)) < _NEAR_FAILURE for other in failed):
                 continue
             if deadline.is_over or len(failed) >= _FAILURES:
                 return
             location, has_any = np.array([*point, place.face.top]), False
-            for found in self.about(world, location, place.yaw):
+            for found in self.about(world, location, yaws):
                 has_any = True
                 yield replace(found, surfaces=surfaces, below=place.below)
             if not has_any:
                 failed.append(point)
 
-    def about(self, world: CollisionWorld, location: Array, yaw: float | None = None) -> Iterator[Placement]:
-        """Placements of the held object at a location (3,) [m], which may be in the air; `yaw` [rad] is the object's.
+    def about(
+        self, world: CollisionWorld, location: Array, yaws: Sequence[float | None] = (None,)
+    ) -> Iterator[Placement]:
+        """Placements of the held object at a location (3,) [m], which may be in the air.
 
-        From where the base stands, then from wherever it may stand.
+        From where the base stands, then from wherever it may stand; `yaws` [rad] are the object's, None for any.
         """
-        free = _free(world, gripper_poses_at(world.scene, location[None], yaw)[0])
+        poses = [gripper_poses_at(world.scene, location[None], yaw)[0] for yaw in yaws]
+        free = _free(world, np.concatenate(poses))
         yield from self._from_here(world, location, free)
         yield from self._after_a_drive(world, location, free)
 
