@@ -19,6 +19,7 @@ from scipy.spatial import ConvexHull
 
 from irm.errors import ChainError
 from irm.gjk import BOX, CYLINDER, ELLIPSOID, HULL
+from irm.kernel_arguments import packed
 from irm.rotations import frame_along
 from irm.shapes import BASE, NO_SHAPES, Shapes, make_placed, near_pairs, with_pairs
 
@@ -441,13 +442,13 @@ def _share_of_touching(
     columns = model.jnt_qposadr[list(joints)]
     limited = model.jnt_limited[list(joints)].astype(bool)
     low, high = np.where(limited[:, None], model.jnt_range[list(joints)], (-np.pi, np.pi)).T
-    near, placed, rng = np.zeros(len(pairs), np.int64), make_placed(shapes), np.random.default_rng(0)
+    near, rng, solids = np.zeros(len(pairs), np.int64), np.random.default_rng(0), packed(make_placed(shapes).solids)
     for q in rng.uniform(low, high, (_SAMPLES, len(low))):
         data.qpos[columns] = q
         mujoco.mj_kinematics(model, data)
-        placed.solids.position[:] = data.geom_xpos[geoms]
-        placed.solids.rotation[:] = data.geom_xmat[geoms].reshape(-1, 3, 3)
-        near_pairs(placed.solids, pairs, near)
+        solids.position[:] = data.geom_xpos[geoms]
+        solids.rotation[:] = data.geom_xmat[geoms].reshape(-1, 3, 3)
+        near_pairs(solids, pairs, near)
     return near / _SAMPLES
 
 

@@ -322,7 +322,7 @@ def _stands_on(world: CollisionWorld, body: Body, supporter: Body) -> bool:
 
 def _are_near(some: tuple[Solids, Sequence[int]], others: tuple[Solids, Sequence[int]], padding: float) -> bool:
     """Whether some solids, by their rows, come as near to others as `padding` [m]."""
-    (a, rows), (b, other_rows) = some, others
+    (a, rows), (b, other_rows) = (packed(some[0]), some[1]), (packed(others[0]), others[1])
     for i, j in product(rows, other_rows):
         near = are_within if max(a.core[i], b.core[j]) <= CYLINDER else are_any_within
         if near(a, i, b, j, padding, np.empty((4, 3))):

@@ -82,16 +82,15 @@ def tcp_pose(robot: RobotSpec, state: RobotState) -> Array:
 
 def tcp_poses(robot: RobotArrays, X: Array) -> Array:
     """T_world_tcp (n, 4, 4) of whole-body configurations (n, 11)."""
-    return np.asarray(_tcp_poses(robot.offsets, robot.axes, robot.tip, np.ascontiguousarray(X)))
+    return np.asarray(_tcp_poses(robot, np.array(X, order="C")))
 
 
 @njit(cache=True)
-def _tcp_poses(offsets: Array, axes: NDArray[np.int64], tip: Array, X: Array) -> Array:
-    """As `tcp_poses`, of a chain of joints."""
-    n, T = axes.shape[0], np.zeros((X.shape[0], 4, 4))
+def _tcp_poses(robot: RobotArrays, X: Array) -> Array:
+    n, T = robot.axes.shape[0], np.zeros((X.shape[0], 4, 4))
     R, p = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
     for row in range(X.shape[0]):
-        fk_frames(offsets, axes, tip, X[row, 3:], R, p)
+        fk_frames(robot.offsets, robot.axes, robot.tip, X[row, 3:], R, p)
         c, s = math.cos(X[row, 2]), math.sin(X[row, 2])
         for column in range(4):
             x = p[n, 0] if column == 3 else R[n, 0, column]

@@ -276,7 +276,7 @@ class MujocoCollisionChecker:
             swing, radii = self._swing(held), radii.copy()
             radii[-1] = max(radii[-1], np.linalg.norm(robot.tip[:3]) + swing)
             reach = np.maximum(reach, robot.tip_reach + swing)
-        bounds = travelled(robot.offsets, robot.axes, robot.tip, radii, reach, states)
+        bounds = travelled(robot, radii, np.array(reach), states)
         return np.column_stack((bounds, np.zeros(len(states))))
 
     def _swing(self, held: HeldObject) -> float:

@@ -40,22 +40,22 @@ def count_kinds(links: int) -> int:
 
 
 @njit(cache=True)
-def travelled(offsets: Array, axes: NDArray[np.int64], tip: Array, radii: Array, reach: Array, states: Array) -> Array:
+def travelled(robot: RobotArrays, radii: Array, reach: Array, states: Array) -> Array:
     """Bounds (m, kinds) [m] of what has been travelled from the first state to each.
 
     Args:
-        offsets, axes, tip: of the chain of n joints.
+        robot: with n joints; packed.
         radii: (1 + n,) of the links about the origins of their frames, held objects included.
         reach: (3 + n,) how far each joint moves any point of the robot or of what it holds, per radian or metre.
         states: (m, 4 + n) base pose, torso and arm, and the finger, which moves points of the last link by as much.
     """
-    m, n = states.shape[0], axes.shape[0]
+    m, n = states.shape[0], robot.axes.shape[0]
     links = n + 1
     bounds = np.zeros((m, links + links * (links + 1) // 2))
     R, p = np.empty((2, n + 1, 3, 3)), np.empty((2, n + 1, 3))
     for row in range(m):
         now, before, x = row % 2, 1 - row % 2, states[row]
-        fk_frames(offsets, axes, tip, x[3 : 3 + n], R[now], p[now])
+        fk_frames(robot.offsets, robot.axes, robot.tip, x[3 : 3 + n], R[now], p[now])
         c, s = math.cos(x[2]), math.sin(x[2])
         for k in range(n):
             a, b = p[now, k, 0], p[now, k, 1]
