@@ -86,7 +86,7 @@ OBJECT_SETS: Mapping[str, ObjectSet] = MappingProxyType(
             height=(0.05, 0.06),
             has_side_grasps=False,
         ),
-        "household": ObjectSet(kinds=tuple(KINDS), has_side_grasps=False),
+        "household": ObjectSet(height=(0.025, 0.23), mass=(0.12, 0.60), kinds=tuple(KINDS), has_side_grasps=False),
     }
 )
 """Upright cylinders and boxes but for "lying", cylinders and boxes on one of their long sides, and "household"."""
