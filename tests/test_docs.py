@@ -76,15 +76,16 @@ def test_the_python_of_the_learning_page_runs_after_its_collection(
 ) -> None:
     """With one episode in place of two hundred."""
     page = "docs/learning.md"
-    collect = next(line for block in blocks(page, "sh") for line in block.splitlines() if "collect" in line)
-    argv = shlex.split(collect.replace("--episodes 200", "--episodes 1"))[1:]
+    lines = [line for block in blocks(page, "sh") for line in block.splitlines()]
+    collect, export = (next(line for line in lines if f"clutter-env {name}" in line) for name in ("collect", "export"))
     monkeypatch.chdir(tmp_path)
     command = [
         sys.executable,
         "-c",
         f"import sys; sys.path.insert(0, {str(ROOT)!r}); from clutter_env.cli.main import main; main()",
     ]
-    subprocess.run([*command, *argv], check=True)
+    for line in (collect.replace("--episodes 200", "--episodes 1"), export):
+        subprocess.run([*command, *shlex.split(line)[1:]], check=True)
     script = tmp_path / "page.py"
     body = "".join(f"    {line}" for line in "\n".join(blocks(page, "python")).splitlines(keepends=True))
     script.write_text(f"import sys\nsys.path.insert(0, {str(ROOT)!r})\nif __name__ == '__main__':\n{body}")
