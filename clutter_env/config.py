@@ -10,7 +10,7 @@ from assets import InvalidRobot, RobotSpec, UnknownRobot
 from assets import robot as find_robot
 from clutter_env.errors import ConfigError, check_choice, check_integer
 from clutter_env.scene.layout import Layout, find_layout
-from clutter_env.scene.object_sets import OBJECT_SETS, SHAPE_SETS, ObjectSet, capacity
+from clutter_env.scene.object_sets import OBJECT_SETS, SHAPE_SETS, ObjectSet, capacity, slot_shapes
 
 CONTROL_HZ = 20
 TIMESTEP = 0.002
@@ -130,6 +130,11 @@ class EnvConfig:
     def observed_cameras(self) -> tuple[str, ...]:
         """The cameras of the observation, none where it has no images."""
         return () if self.obs_mode == "state" else tuple(self.cameras) or self.find_robot().cameras
+
+    @property
+    def slot_shapes(self) -> tuple[str, ...]:
+        """The shape, or kind, of the object in every slot of a random scene."""
+        return slot_shapes(self.shapes, int(self.num_objects), self.find_object_set())
 
     def find_object_set(self) -> ObjectSet:
         """The ranges of sizes and masses that `object_set` names."""

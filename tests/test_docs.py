@@ -93,7 +93,7 @@ def test_the_python_of_the_learning_page_runs_after_its_collection(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["clone", "collect", "evaluate", "run_expert"])
+@pytest.mark.parametrize("name", ["clone", "collect", "evaluate", "run_expert", "objects_of_pieces"])
 def test_the_examples_run(name: str, tmp_path: Path) -> None:
     """`clone.py` imported a name that there was no longer."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
@@ -102,6 +102,8 @@ def test_the_examples_run(name: str, tmp_path: Path) -> None:
     assert ended.returncode == 0, ended.stderr
     if name == "clone":
         assert float(ended.stdout.split()[-1]) >= 0.5
+    if name == "objects_of_pieces":
+        assert ended.stdout.count("1 planned, 1 lifted") >= 5
 
 
 def commands(page: str) -> Iterator[list[str]]:
