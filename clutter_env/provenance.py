@@ -32,7 +32,7 @@ from clutter_env.version import version
 _PACKAGE = Path(__file__).parent
 _PICTURES = ("render_mode", "camera", "width", "height")
 """Keyword arguments of an environment that change its pictures alone."""
-_ABILITIES = ("cameras", "segmentation", "num_points", "head")
+_ABILITIES = ("cameras", "segmentation", "num_points", "head", "reality")
 """Keyword arguments that count only where they are not the default: records made before there were such stay valid."""
 _RULES = {
     "physics": ("envs/base.py", *(f"simulation/{name}.py" for name in ("control", "world", "model"))),
@@ -161,6 +161,7 @@ def _digest(env: gym.Env[Any, Any]) -> dict[str, Any]:
         "model": _model_digest(inner.robot, inner.layout, shapes),
         "task's code": _code_digest(*sorted(file for file in files if file)),
         **{name: _code_digest(*(str(_PACKAGE / file) for file in rules)) for name, rules in _RULES.items()},
+        **({"reality": _code_digest(str(_PACKAGE / "envs/reality.py"))} if "reality" in settings else {}),
     }
 
 

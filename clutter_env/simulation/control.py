@@ -154,7 +154,7 @@ class JointController:
             The motor commands (`SEGMENTS`, nu), for equal parts of the step.
         """
         before = self._position_command(self.state)
-        self._move_target(data, velocity, grips, is_loaded, head)
+        self.move_target(data, velocity, grips, is_loaded, head)
         after = self._position_command(self.state)
         commands: Vector = before + _SHARES * (after - before)
         self._moving_command[self._index.drive_actuators] = self._feedforward * self.state.velocity
@@ -205,7 +205,7 @@ class JointController:
         width = float(checked_vector("gripper_width", [gripper_width], (1,))[0])
         return 2 * self._robot.finger_position(width) / self._robot.max_finger_position - 1
 
-    def _move_target(
+    def move_target(
         self, data: mujoco.MjData, velocity: Vector, grips: Sequence[float], is_loaded: bool, head: Sequence[float]
     ) -> None:
         """Move the targets of joints and fingers by one control step, as far as the limits allow.
