@@ -21,7 +21,7 @@ from planners.collision.world import CollisionWorld, CompiledScenes
 from planners.context import PlanningContext
 from planners.goals import Goal
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
-from planners.motion.approaches import fewest_blockers, planned_approach, stand_off
+from planners.motion.approaches import fewest_blockers, stand_off
 from planners.motion.arm import is_among_objects, is_at_home, plan_home
 from planners.motion.base import plan_base
 from planners.motion.contact_free import merge_phases
@@ -88,7 +88,6 @@ class MotionLayer:
     is_refuted: bool = False
     unusable: int = 0
     _checkers: dict[str, MujocoCollisionChecker] = field(default_factory=dict, repr=False)
-    _can_leave: dict[tuple[tuple[str, bytes, bytes], bytes], bool] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         self.candidates, self.placement_search = self.context.grasps(self.compiled), self.context.placements()
@@ -178,18 +177,13 @@ class MotionLayer:
     def is_usable(self, scene: Scene, grasp: GraspCandidate) -> bool:
         """Whether the gripper can leave a grasp again; under a shelf also whether it knows all that is in its way.
 
-        In the open, other objects do not count: they can be cleared. So the answer is remembered for the place of the
-        object.
+        In the open, other objects do not count: they can be cleared.
         """
-        world = self.compiled.world(scene).for_arm(grasp.arm)
-        if grasp.drives:
-            blockers = fewest_blockers(world, grasp.base, grasp.q, grasp.object)
-            return blockers is not None and not blockers & ~grasp.blockers
-        key = grasp.key, scene.body(grasp.object).pose.tobytes()
-        if key not in self._can_leave:
-            lift = planned_approach(world, grasp.base, grasp.q, grasp.object)
-            self._can_leave[key] = lift is not None
-        return self._can_leave[key]
+        world = self.compiled.world(scene)
+        if not grasp.drives:
+            return self.placement_search.approach(world, grasp) is not None
+        blockers = fewest_blockers(world.for_arm(grasp.arm), grasp.base, grasp.q, grasp.object)
+        return blockers is not None and not blockers & ~grasp.blockers
 
     def ban(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Do not offer a grasp again: no motion leads to it."""

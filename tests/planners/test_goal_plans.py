@@ -101,7 +101,8 @@ def test_a_plan_reaches_its_goal_with_the_fewest_picks(case: str) -> None:
     assert plan.bound == lower_bound(scene, goal)
 
 
-@pytest.mark.parametrize("seed", [10, pytest.param(55, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [10, 55])
 def test_what_is_in_the_way_where_it_is_to_stand_goes_there_last(seed: int) -> None:
     env = gym.make("clutter_env/Rearrange-o8-v0", task="swap")
     env.reset(seed=seed)
