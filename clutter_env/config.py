@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from numbers import Real
 from typing import Any
 
@@ -27,6 +27,7 @@ OBSTRUCTED = (False, True, 2, 3)
 SUCCESS_KINDS = ("clean", "lifted")
 OBS_MODES = ("state", "rgbd", "pointcloud")
 HEAD_MODES = ("fixed", "commanded")
+BASES = ("holonomic", "differential")
 EFFECTS = ("poses", "joints", "camera", "frames", "observation_delay", "action_delay", "friction", "mass", "size")
 """By which `reality` makes the world differ from what the robot knows; see `envs.reality`."""
 SCENE_CAMERAS = ("scene", "top")
@@ -86,6 +87,8 @@ class EnvConfig:
     head: str = "fixed"
     """Whether an action has two numbers more, at its end, for the head: "commanded" or "fixed"."""
 
+    base: str = "holonomic"
+    """How the base moves: "differential" cannot move sideways, and an action has no number for it."""
     reality: float | Mapping[str, float] = 0.0
     """From 0, exact and at once, to 1: share of all `EFFECTS`, or of some by name."""
 
@@ -110,6 +113,7 @@ class EnvConfig:
             object.__setattr__(self, "reality", float(self.reality))
         check_choice("segmentation", self.segmentation, (False, True))
         check_choice("head", self.head, HEAD_MODES)
+        check_choice("base", self.base, BASES)
         if self.head == "commanded" and not robot.head_joints:
             raise ConfigError(f"head='commanded' needs a robot whose head moves; that of robot {robot.name!r} does not")
         for name in ("width", "height", "image_size"):
@@ -173,7 +177,8 @@ class EnvConfig:
             ConfigError: there is no such robot.
         """
         try:
-            return find_robot(self.robot)
+            robot = find_robot(self.robot)
+            return robot if self.base == "holonomic" else replace(robot, base_drive=self.base)
         except (UnknownRobot, InvalidRobot) as problem:
             raise ConfigError(f"robot: {problem}") from None
 

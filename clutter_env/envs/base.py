@@ -47,6 +47,8 @@ from clutter_env.simulation.world import Grip, Measurements, World
 
 _BASE, _TWIST = 3, 6
 """Numbers of an "ee" action before the gripper's: base velocity, TCP velocity."""
+_SIDEWAYS = 1
+"""Index of the number that an action of a differential base lacks."""
 _MEMORY = ("task", "monitor", "grip", "furniture_force", "target", "velocity", "fingers", "end_effector", "rng")
 """Entries of a saved state's memory: what task, success monitor, controller and environment remember besides the
 physics."""
@@ -104,6 +106,8 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         self.action_size = _BASE + _TWIST + 1 if self._end_effector else self.world.controller.action_size
         self._num_head = len(self.robot.head_joints) if config.head == "commanded" else 0
         self.action_size += self._num_head
+        self._moves_sideways = self.robot.base_drive == "holonomic"
+        self.action_size -= not self._moves_sideways
         self._observer = self._make_observer()
         self.action_space = spaces.Box(-1.0, 1.0, (self.action_size,), np.float32)
         self.observation_space = self._make_observation_space()
@@ -293,9 +297,9 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         for on_the_way in self._senses.on_the_way if self._senses else ():  # starts from where those will have led
             parts = self._parts(on_the_way)
             controller.move_target(self.data, self._joint_velocity(on_the_way), parts[0], is_holding, parts[1])
-        action = np.append(controller.action_towards(q_target, gripper_width, is_holding), self._head_action(head_target))
+        action = controller.action_towards(q_target, gripper_width, is_holding)
         controller.state = present
-        return action
+        return self._with_own_parts(action, head_target)
 
     def ee_action(
         self,
@@ -329,15 +333,15 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         T_world_base[:2, :2] = ((cosine, -sine), (sine, cosine))
         T_world_base[:2, 3] = base[:2]
         twist = self._end_effector.twist_towards(np.linalg.inv(T_world_base) @ pose)
-        return np.concatenate((drive, twist, [controller.grip_action(gripper_width)], self._head_action(head_target)))
+        action = np.concatenate((drive, twist, [controller.grip_action(gripper_width)]))
+        return self._with_own_parts(action, head_target)
 
-    def _head_action(self, target: ArrayLike | None) -> NDArray[np.float64]:
-        """The numbers of an action for the head."""
-        if target is None:
-            return np.zeros(self._num_head)
-        if not self._num_head:
+    def _with_own_parts(self, action: NDArray[np.float64], head_target: ArrayLike | None) -> NDArray[np.float64]:
+        """An action without what this base cannot do, with the numbers for the head."""
+        if head_target is not None and not self._num_head:
             raise ActionError("head_target needs head='commanded'")
-        return self.world.controller.head_action(target)
+        head = np.zeros(self._num_head) if head_target is None else self.world.controller.head_action(head_target)
+        return np.append(action if self._moves_sideways else np.delete(action, _SIDEWAYS), head)
 
     def tcp_follower(self) -> TcpFollower:
         """A model of how the joints follow "ee" actions, for planners; independent of this environment's state."""
@@ -497,6 +501,8 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """Velocities (4 + n,) that an action asks for, base x and y in the base's frame."""
         controller = self.world.controller
         state, limit = controller.state, controller.max_velocity
+        if not self._moves_sideways:
+            action = np.insert(action, _SIDEWAYS, 0.0)
         if not self._end_effector:
             return action[: len(limit)] * limit
         base, twist = action[:_BASE] * limit[:_BASE], action[_BASE : _BASE + _TWIST]

@@ -1,7 +1,7 @@
 """The reality dial: what the robot knows of the world differs from it, and its commands arrive late.
 
-`reality=1` is a mobile manipulator without special care, values between scale every effect (`LEVELS`). All effects are
-drawn from the episode's seed, after its scene, which stays that of `reality=0`. Rewards, success and info say the truth.
+`reality=1` is a mobile manipulator without special care, values between scale every effect (`LEVELS`). All are
+drawn from the seed, after the scene, which stays that of `reality=0`. Rewards, success and info say the truth.
 """
 
 from __future__ import annotations

@@ -98,6 +98,7 @@ class JointController:
     def __init__(self, model: mujoco.MjModel, index: ModelIndex, robot: RobotSpec) -> None:
         self._index = index
         self._robot = robot
+        self._moves_sideways = robot.base_drive == "holonomic"
         acting = ActingJoints.of(robot)
         self.num_grippers = acting.num_grippers
         arm = len(acting.lower) - 1
@@ -221,6 +222,8 @@ class JointController:
             speed = limit if wanted > limit else -limit if wanted < -limit else wanted
             most, least = now + change, now - change
             allowed.append(most if speed > most else least if speed < least else speed)
+        if not self._moves_sideways:
+            allowed[1] = 0.0
         allowed = _turned(allowed, cosine, sine)
         targets, actual = [], data.qpos[self._index.drive_qpos].tolist()
         rows = zip(state.target.tolist(), actual, allowed[:], self._bounds, strict=True)
