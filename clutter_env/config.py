@@ -11,7 +11,7 @@ from assets import InvalidRobot, RobotSpec, UnknownRobot
 from assets import robot as find_robot
 from clutter_env.errors import ConfigError, check_choice, check_integer
 from clutter_env.scene.layout import Layout, find_layout
-from clutter_env.scene.object_sets import OBJECT_SETS, SHAPE_SETS, ObjectSet, capacity
+from clutter_env.scene.object_sets import OBJECT_SETS, SHAPE_SETS, ObjectSet, capacity, slot_shapes
 
 CONTROL_HZ = 20
 TIMESTEP = 0.002
@@ -157,6 +157,11 @@ class EnvConfig:
             if isinstance(share, bool) or not isinstance(share, Real) or not 0 <= share <= 1:
                 raise ConfigError(f"reality={given!r} is not valid; it must be from 0 to 1, or such numbers by effect")
         return {name: float(shares.get(name, 0.0)) for name in EFFECTS}
+
+    @property
+    def slot_shapes(self) -> tuple[str, ...]:
+        """The shape, or kind, of the object in every slot of a random scene."""
+        return slot_shapes(self.shapes, int(self.num_objects), self.find_object_set())
 
     def find_object_set(self) -> ObjectSet:
         """The ranges of sizes and masses that `object_set` names."""

@@ -27,8 +27,8 @@ from clutter_env.envs.success import LIFT_HEIGHT, SuccessMonitor, checked_memory
 from clutter_env.errors import ActionError, StateError
 from clutter_env.rendering.cameras import EnvRenderer
 from clutter_env.rendering.renderer import has_display
+from clutter_env.scene.household import as_household
 from clutter_env.scene.layout import LAYOUTS, TABLE, Layout
-from clutter_env.scene.object_sets import slot_shapes
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.control import ControlState, checked_action, checked_vector
 from clutter_env.simulation.end_effector import EndEffectorController, TcpFollower
@@ -97,7 +97,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         self._make_world = partial(
             World, self.robot, self.layout, image_size=self._rendering.largest, show_meshes=show_meshes
         )
-        self.world = self._home_world = self._make_world(shapes=slot_shapes(config.shapes, config.num_objects))
+        self.world = self._home_world = self._make_world(shapes=config.slot_shapes)
         self._end_effector = EndEffectorController(self.robot) if config.control_mode == "ee" else None
         shares = config.find_reality()
         self._senses = Senses(shares, self._make_world) if any(shares.values()) else None
@@ -378,6 +378,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         if self._senses:
             raise StateError("states are restored at reality=0")
         scene, saved_physics, remembered = unpack(state, self._kind, self.has_target)
+        scene = as_household(scene) if self.config.find_object_set().kinds else scene
         world, arm = self._world_for(scene), self._end_effector
         size, grippers = len(world.controller.state.target), world.controller.num_grippers
         memory = Fields(remembered, "memory", (*_MEMORY, *["head"] * (self._num_head > 0)))

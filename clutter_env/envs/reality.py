@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from clutter_env.scene.household import HouseholdScene
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.world import Measurements, World
 
@@ -103,8 +104,12 @@ class Senses:
         self._states: deque[tuple[Any, ...]] = deque(maxlen=delay + 1)
         self._images: deque[Any] = deque(maxlen=delay + 1)
         self._actions: deque[Any] = deque(maxlen=wait + 1)
-        self._seen_poses, self._shown, self._is_dropped = None, None, False
+        self._seen_poses: NDArray[np.float64] | None = None
+        self._shown: Any = None
+        self._is_dropped = False
         self._means, self._counts = np.zeros((size, 2)), np.zeros(size)
+        if isinstance(scene, HouseholdScene):  # sizes and masses are those of the kinds
+            return scene
         return replace(scene, half_extents=scene.half_extents * sizes[:, None], masses=scene.masses * masses)
 
     def late(self, action: NDArray[np.float64], still: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -206,7 +211,7 @@ class Senses:
         pads = [pad for pads in world.index.finger_geoms for pad in pads]
         objects = world.index.object_geoms
         model.geom_friction[:, 0] = known.geom_friction[:, 0]
-        model.geom_friction[objects, 0] *= frictions[:-1]
+        model.geom_friction[objects, 0] *= frictions[:-1][world.index.geom_slots]
         model.geom_friction[pads, 0] *= frictions[-1]
         model.cam_pos[:] = known.cam_pos + self._shift
         angle, turn = float(np.linalg.norm(self._turn)), np.array((1.0, 0.0, 0.0, 0.0))

@@ -202,7 +202,7 @@ def _labels(world: World) -> NDArray[np.uint8]:
     labels = np.full(model.ngeom, FURNITURE, np.uint8)
     labels[model.geom_type == int(mujoco.mjtGeom.mjGEOM_PLANE)] = 0
     labels[model.body_rootid[model.geom_bodyid] == model.body_rootid[index.base_body]] = ROBOT
-    labels[index.object_geoms] = FIRST_OBJECT + np.arange(index.num_objects)
+    labels[index.object_geoms] = FIRST_OBJECT + index.geom_slots
     return labels
 
 

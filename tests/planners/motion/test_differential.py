@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -21,7 +22,7 @@ def test_every_part_of_a_way_is_a_turn_or_a_drive_along_the_heading() -> None:
         waypoints = rng.uniform(-2, 2, (rng.integers(2, 6), 3))
         way = driveable(TURNING, waypoints)
         np.testing.assert_array_equal(way[[0, -1]], waypoints[[0, -1]])
-        for here, there in zip(way[:-1], way[1:], strict=True):
+        for here, there in pairwise(way):
             moved = there[:2] - here[:2]
             if np.hypot(*moved) > 1e-9:
                 assert here[2] == there[2]
