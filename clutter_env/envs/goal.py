@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
@@ -21,8 +21,13 @@ from clutter_env.errors import check_choice, check_integer
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.saved_state import Fields
 
+if TYPE_CHECKING:
+    from planners.goals import Goal
+
 GOAL_TOLERANCE = 0.05
 """[m] from the goal within which it counts as reached."""
+_STANDING, _PLACE_TOLERANCE = 0.02, 0.04
+"""[m] Goals no higher than this above an object that stands are places on the table; together within the tolerance."""
 GOAL_BOUND = 16.0
 """[m] Bound of goals in the world frame; far outside the ground that the base may use."""
 
@@ -51,11 +56,11 @@ class GoalEnv(BaseEnv):
     info are those of `RetrieveEnv`. Episodes end by their time limit only.
 
     Raises:
-        ConfigError: `success` or `terminate_on_fallen` is given; they are of the retrieval task.
+        ConfigError: `success`, `terminate_on_fallen` or `reality` is given; they are of the retrieval task.
     """
 
     def __init__(self, config: EnvConfig) -> None:
-        for name in ("success", "terminate_on_fallen"):
+        for name in ("success", "terminate_on_fallen", "reality"):
             check_choice(name, getattr(config, name), (getattr(EnvConfig, name),))
         self._goal = np.zeros(3)
         super().__init__(config)
@@ -168,6 +173,23 @@ class PickEnv(GoalEnv):
     def __init__(self, **keywords: Any) -> None:
         check_integer("num_objects", keywords.get("num_objects", 1), 1)
         super().__init__(EnvConfig.from_keywords({"num_objects": 1, "control_mode": "ee", **keywords}))
+
+    @property
+    def planning_goal(self) -> Goal:
+        """The goal of this episode for a planner: the target stands there, or is held there.
+
+        Raises:
+            ActionError: the environment has not been reset.
+        """
+        # Who does not plan does without the planner, which takes longer to import than all else here.
+        from planners.goals import at, holding
+        from planners.scene import Scene
+
+        scene = Scene.from_mujoco(self.model, self.data, self.robot, support=self.support_name)
+        body = scene.body(self.target)
+        if self._goal[2] - (body.position[2] - body.bottom) <= scene.support.top + _STANDING:
+            return at(self.target, self._goal[:2], _PLACE_TOLERANCE)
+        return holding(self.target, self._goal, GOAL_TOLERANCE)
 
     def _draw_scene(self, options: ResetOptions) -> TableScene:
         scene = super()._draw_scene(options)

@@ -30,7 +30,9 @@ class ControlledEnv(Protocol):
 
     One step is one control step of 0.05 s, or of its attribute `dt` [s]. A true attribute `waits_for_tcp` lets the
     expert wait for an arm that stays behind, as it does in control mode "ee". Only the actions of its own control mode
-    are asked for.
+    are asked for. Where the world is not known exactly and at once, `perceived` has the `model` and the `data` to read
+    in place of the true ones, `pose_accuracy` [m] is the error of object poses to expect, and `latency` the steps until
+    a command shows.
 
     Attributes:
         model: the simulated world; the expert only reads it.
@@ -40,8 +42,9 @@ class ControlledEnv(Protocol):
             `ee_action`.
         object_names: of the bodies that the robot may move, in the order of the bodies of `model`.
         support_name: of the geom on whose top face the objects stand.
-        target: name of the object to retrieve, unless the environment has a `goal`, a `planners.goals.Goal`, and the
-            `regions` that it names; raises a ValueError before the environment's first `reset`.
+        target: name of the object to retrieve, unless the environment has a `planners.goals.Goal` as its
+            `planning_goal` or `goal`, and the `regions` that it names; raises a ValueError before the environment's
+            first `reset`.
         lift_height: [m] between the support that the target stood on and its lowest point, from which it counts as
             lifted.
     """
