@@ -57,6 +57,7 @@ def fewest_picks(
     candidates: GraspCandidates,
     start: Scene | None = None,
     *,
+    also: Collection[str] = (),
     search: PlacementSearch | None = None,
     buffers: bool = True,
     expansions: int = MAX_EXPANSIONS,
@@ -69,12 +70,13 @@ def fewest_picks(
         goal: what it is to be.
         candidates: the grasps of each object, and what is in their way.
         start: the scene before anything was moved, if that is another one.
+        also: names of objects that are moved besides those that must.
         search: where the base may stand to put objects down; None: what is in the way of that does not count.
         buffers: whether what is put aside must be put down, and so be picked again; not where it may stay in a hand.
         expansions: search nodes after which the proof is given up.
         deadline: when to stop.
     """
-    to_move = must_move(scene, goal, start)
+    to_move = tuple(dict.fromkeys((*must_move(scene, goal, start), *also)))
     if not to_move:
         return LowerBound(0, (), (), True, 0)
     stuck = tuple(name for name in to_move if name not in scene.held_names and not candidates.blockers(scene, name))

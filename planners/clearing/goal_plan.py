@@ -50,6 +50,20 @@ class Move:
     is_general: bool = False
 
 
+@dataclass(frozen=True)
+class NotPlaced:
+    """Objects for whose places no motion was found.
+
+    Attributes:
+        blockers: names of what is in the way of that, by object. What is in the hand is put aside, and goes to its
+            place once they have moved.
+        pitches: [rad] of the grasps through which they had been taken; they are taken through others next.
+    """
+
+    blockers: Mapping[str, frozenset[str]]
+    pitches: Mapping[str, Collection[float]]
+
+
 @dataclass
 class _Simulation:
     """The scene as the moves so far leave it, and what is still to be moved.
@@ -63,7 +77,7 @@ class _Simulation:
     problem: ClearingProblem
     goal: Goal
     start: Scene
-    not_placed: Mapping[str, frozenset[str]]
+    not_placed: NotPlaced
     to_move: tuple[str, ...]
     last: frozenset[str] = frozenset()
     moves: list[Move] = field(default_factory=list)
@@ -75,7 +89,7 @@ class _Simulation:
 
 
 def goal_plan(
-    problem: ClearingProblem, goal: Goal, start: Scene, not_placed: Mapping[str, frozenset[str]] = MappingProxyType({})
+    problem: ClearingProblem, goal: Goal, start: Scene, not_placed: NotPlaced
 ) -> ClearancePlan | NoCommitment:
     """The moves up to the goal, or up to the first object that is put aside to be moved again.
 
@@ -83,8 +97,7 @@ def goal_plan(
         problem: its target does not matter.
         goal: what it is to be.
         start: the scene before anything was moved.
-        not_placed: objects for whose place no motion was found, with what is in the way of that. What is in the hand is
-            put aside, and goes to its place once they have moved.
+        not_placed: what motion planning refuted before.
     """
     to_move = dict.fromkeys((*problem.scene.held_names, *must_move(problem.scene, goal, start)))
     sim = _Simulation(problem, goal, start, not_placed, tuple(to_move))
@@ -106,13 +119,13 @@ def goal_plan(
 
 def _moved_to_its_end(sim: _Simulation) -> bool:
     """Move the next object for which that is possible to where it is to be."""
-    in_vain = [name for name in sim.scene.held_names if name in sim.not_placed]
+    in_vain = [name for name in sim.scene.held_names if name in sim.not_placed.blockers]
     return any(_moved(sim, name) for name in _in_turn(sim) if name not in in_vain and not _refuted_by(sim, name))
 
 
 def _refuted_by(sim: _Simulation, name: str) -> frozenset[str]:
     """What was in the way when no motion put an object at its place, and has not been moved since."""
-    return sim.not_placed.get(name, frozenset()).difference(move.name for move in sim.moves)
+    return sim.not_placed.blockers.get(name, frozenset()).difference(move.name for move in sim.moves)
 
 
 def _in_turn(sim: _Simulation) -> list[str]:
@@ -163,7 +176,10 @@ def _taken_and_put(sim: _Simulation, name: str, is_general: bool) -> bool:
     fact = placed_fact(goal, name) if is_general else None
     reserved = reserved_regions(scene, goal, name if is_general else "")
     is_held = name in scene.held_names
+    refused = sim.not_placed.pitches.get(name, ()) if is_general else ()
     for grasp in (None,) if is_held else _free_grasps(sim, name):
+        if grasp is not None and grasp.pitch in refused:
+            continue
         in_hand = scene.holding(name) if grasp is None else grasped(scene, grasp)
         assert in_hand is not None
         failed: list[NDArray[np.float64]] = []
@@ -308,7 +324,8 @@ def _moving_these_too(sim: _Simulation, names: Collection[str]) -> _Simulation |
 
 
 def _bound(sim: _Simulation) -> LowerBound:
-    return fewest_picks(sim.scene, sim.goal, sim.candidates, sim.start, deadline=sim.problem.deadline)
+    also, deadline = sim.waiting, sim.problem.deadline
+    return fewest_picks(sim.scene, sim.goal, sim.candidates, sim.start, also=also, deadline=deadline)
 
 
 def _put_aside(sim: _Simulation) -> str:

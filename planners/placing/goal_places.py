@@ -104,10 +104,12 @@ def reserved_regions(scene: Scene, goal: Goal, besides: str = "") -> tuple[Regio
     Args:
         scene: the world.
         goal: what it is to be.
-        besides: name of an object, whose own place is not reserved for others.
+        besides: name of an object, whose own place is not reserved for others, nor what that lies in.
     """
     own = next((fact for fact in goal.placed if fact.object == besides), None)
     mine = None if own is None else place_of(scene, own).area
+    if own is not None and mine is None:
+        return ()
     found = {name: _region_or_face(scene, name) for name in goal.cleared}
     for fact in goal.placed:
         if fact is own:
@@ -119,7 +121,8 @@ def reserved_regions(scene: Scene, goal: Goal, besides: str = "") -> tuple[Regio
             half = scene.body(fact.object).radius
             name = f"place of {fact.object}"
             found[name] = Region(name, place.face.name, tuple(place.location), (half, half))
-    return tuple(region for name, region in found.items() if name != scene.support.name)
+    around = [] if mine is None else [one for one in found.values() if one.contains_points(mine.corners).all()]
+    return tuple(region for name, region in found.items() if name != scene.support.name and region not in around)
 
 
 def _region_or_face(scene: Scene, name: str) -> Region:

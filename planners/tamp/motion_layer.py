@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from planners.cause import Cause
 from planners.clearing.commitments import ClearingProblem, Commitments, NoCommitment
 from planners.clearing.goal_bound import LowerBound, fewest_picks
-from planners.clearing.goal_plan import goal_plan, placements_of
+from planners.clearing.goal_plan import NotPlaced, goal_plan, placements_of
 from planners.clearing.lookahead import ClearancePlan, commitments_for
 from planners.clearing.non_monotone import non_monotone_plan
 from planners.clock import NO_DEADLINE, Deadline
@@ -140,7 +140,7 @@ class MotionLayer:
         return replace(found, cause=Cause.MOTION) if self.has_refuted and found.cause.lies_in_grasps else found
 
     def plan_goal(
-        self, strategy: Strategy, scene: Scene, goal: Goal, start: Scene, not_placed: Mapping[str, frozenset[str]]
+        self, strategy: Strategy, scene: Scene, goal: Goal, start: Scene, not_placed: NotPlaced
     ) -> ClearancePlan | NoCommitment:
         """The moves for a goal with places; see `planners.clearing.goal_plan.goal_plan`."""
         found = goal_plan(self._problem(strategy, scene), goal, start, not_placed)

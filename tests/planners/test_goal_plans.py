@@ -187,6 +187,24 @@ def test_a_goal_of_which_the_bound_proves_that_nothing_reaches_it_is_refused_bef
     assert (found.cause, found.clearances, found.objects) == (Cause.TOO_WIDE, (), ("a",))
 
 
+def test_what_must_leave_a_place_may_need_others_to_leave_first() -> None:
+    near, far = cylinder("near", 0.148, -0.06, 0.031, 0.146), cylinder("far", 0.191, -0.118, 0.028, 0.126)
+    scene, goal = table_scene(near, far, cylinder("a", 0.286, 0.285, 0.025, 0.184)), goals.at("a", (0.221, -0.076))
+    plan = solve(scene, goal)
+    assert isinstance(plan, Solution)
+    assert [action.target for action in plan.actions if action.name == "PickUp"] == ["near", "far", "a"]
+
+
+def test_a_pose_in_a_region_for_others_and_a_region_within_another_are_not_kept_free() -> None:
+    scene = scene_of("three")
+    place = Region("place", "counter_left", (-0.15, 0.72), (0.2, 0.2))
+    scene = replace(scene, regions=(*scene.regions, place))
+    goal = goals.at("a", (-0.25, 0.62)) & goals.inside("b", "place") & goals.inside("c", "left")
+    plan = solve(scene, goal)
+    assert isinstance(plan, Solution)
+    assert plan.picks == 3
+
+
 def test_a_plan_that_is_given_up_for_its_put_downs_does_not_say_that_the_time_was_up(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
