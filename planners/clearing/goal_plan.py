@@ -7,6 +7,7 @@ where the plan ends for the time being, and the rest is chosen anew once that ob
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -20,7 +21,7 @@ from planners.clearing.commitments import ClearingProblem, Commitments, NoCommit
 from planners.clearing.goal_bound import LowerBound, fewest_picks, must_move
 from planners.clearing.lookahead import ClearancePlan
 from planners.clearing.saving_time import with_blockers
-from planners.goals import TOLERANCE, At, Goal, Inside, On
+from planners.goals import TOLERANCE, At, Goal, Holding, Inside, On
 from planners.grasping.candidates import GraspCandidate
 from planners.motion.approaches import can_take, fewest_blockers
 from planners.placing.blockers import fewest_in_the_way
@@ -156,7 +157,7 @@ def _moved(sim: _Simulation, name: str) -> bool:
     if name in sim.goal.held:
         grasp = None
         if name not in scene.held_names:
-            grasp = next(_free_grasps(sim, name), None)
+            grasp = _grasp_to_hold(sim, name)
             if grasp is None:
                 return False
         elif len(sim.waiting) > 1:
@@ -168,6 +169,17 @@ def _moved(sim: _Simulation, name: str) -> bool:
     if fact is not None and in_the_way(scene, scene.body(name), place_of(scene, fact), ()):
         return False
     return _taken_and_put(sim, name, is_general=fact is not None)
+
+
+def _grasp_to_hold(sim: _Simulation, name: str) -> GraspCandidate | None:
+    """The first free grasp from which the object can be held at its point, if it has one; else the first free one."""
+    point = next(fact.point for fact in sim.goal.facts if isinstance(fact, Holding))
+    free = list(_free_grasps(sim, name)) if point else list(itertools.islice(_free_grasps(sim, name), 1))
+    for grasp in free if point else ():
+        world = sim.candidates.compiled.world(grasped(sim.scene, grasp))
+        if next(sim.problem.placements.holding_at(world, np.array(point)), None) is not None:
+            return grasp
+    return next(iter(free), None)
 
 
 def _taken_and_put(sim: _Simulation, name: str, is_general: bool) -> bool:

@@ -247,9 +247,7 @@ class MotionLayer:
         """Bring the centre of the held object to a point (3,) [m], upright as where it was taken."""
         assert scene.held is not None
         world, state = self.compiled.world(scene), scene.state
-        body = scene.body(scene.held.name)
-        below = np.array([*point[:2], point[2] - (body.position[2] - body.bottom)])
-        for placement in self.placement_search.about(world, below):
+        for placement in self.placement_search.holding_at(world, point):
             driven = plan_base(
                 world, state.base, placement.base, state.q, held=scene.held, roadmap=self.context.roadmap
             )

@@ -58,6 +58,7 @@ def shifted(scene: Scene, names: tuple[str, ...]) -> Goal:
 
 FEW = random_scene(4, 0).names
 CASES = {
+    "one held high up, as not every grasp can": ("few", goals.holding(FEW[0], (-0.2, 0.0, 1.25)), 1),
     "one held at a point": ("few", goals.on(FEW[0], "tray") & goals.holding(FEW[1], (-0.3, 0.1, 1.1)), 2),
     "one into a region": ("few", goals.inside(FEW[0], "left"), 1),
     "two into a tray, one held": (
