@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,9 +100,6 @@ class RobotSpec:
     """Whether plans move the torso; a slow one stays at the height of `home`."""
     acts_with_all_arms: bool = False
     """Whether actions and plans move all arms, one after another; if not, only the active one. See `with_all_arms`."""
-
-    base_drive: ClassVar[str] = "holonomic"
-    """How the base moves: in all directions, or as that of `differential()`."""
 
     def __post_init__(self) -> None:
         for name in ("name", "mjcf", "base_body", "tcp_site", "gripper_body"):
@@ -246,6 +243,11 @@ class RobotSpec:
             parts[name] = (*getattr(self, name)[:4], *getattr(chosen, name))
         return replace(self, arm_name=arm_name, idle_arms=tuple(arms.values()), **parts)
 
+    @property
+    def base_drive(self) -> str:
+        """How the base moves: "holonomic", in all directions, or "differential"."""
+        return "holonomic"
+
     def differential(self) -> RobotSpec:
         """The same robot, whose base moves ahead and back and turns about its centre."""
         return _Differential(**{entry.name: getattr(self, entry.name) for entry in fields(self)})
@@ -308,7 +310,9 @@ class RobotSpec:
 class _Differential(RobotSpec):
     """A robot with a differential base. Its data are those of the robot: a field would be in every record of robots."""
 
-    base_drive: ClassVar[str] = "differential"
+    @property
+    def base_drive(self) -> str:
+        return "differential"
 
 
 @dataclass(frozen=True)

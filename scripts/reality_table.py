@@ -13,7 +13,10 @@ TOGETHER = "together"
 
 
 def main(
-    effects: tuple[str, ...] = (*EFFECTS, TOGETHER), shares: tuple[float, ...] = (0.5, 1.0), scenes: int = 20
+    effects: tuple[str, ...] = (*EFFECTS, TOGETHER),
+    shares: tuple[float, ...] = (0.5, 1.0),
+    scenes: int = 20,
+    base: str = "holonomic",
 ) -> None:
     """Play the first scenes of `clutter_env/Retrieve-o15-v0` in every cell.
 
