@@ -26,7 +26,7 @@ import mujoco
 import numpy as np
 import tyro
 
-import clutter_env  # noqa: F401  registers the environments
+import clutter_env
 from clutter_env.envs.success import FURNITURE_FORCE
 from clutter_env.reporting.files import JsonLines
 from clutter_env.reporting.progress import progress_bar
@@ -69,7 +69,12 @@ def main(arguments: Arguments) -> None:
     warmup(arguments.robot)
     keywords: dict[str, Any] = {"layout": arguments.layout} if arguments.layout else {}
     env = gymnasium.make(
-        f"clutter_env/Rearrange-o{arguments.objects}-v0", task=arguments.task, robot=arguments.robot, **keywords
+        "clutter_env/Rearrange-o8-v0",
+        max_episode_steps=clutter_env.rearrange_time_limit(arguments.objects),
+        num_objects=arguments.objects,
+        task=arguments.task,
+        robot=arguments.robot,
+        **keywords,
     )
     file = JsonLines(arguments.out) if arguments.out else None
     rows = {row["seed"]: row for row in (file.values if file else [])}
