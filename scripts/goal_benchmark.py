@@ -33,8 +33,8 @@ from clutter_env.reporting.progress import progress_bar
 from planners import Scene, Solution, TampExpert, solve, warmup
 from planners.goals import occupants
 
-_GAP = 0.10
-"""[m] that a fault keeps at least between the middles of objects where it puts one anywhere."""
+_GAP = 0.15
+"""[m] from where a fault puts an object to the middles of others and to the gripper, at least."""
 _ABOVE = 0.03
 """[m] between the top of an object and the foot of what stands on it, at most."""
 _SETTLED = 5
@@ -246,12 +246,13 @@ def _free_objects(env: Any, but: str) -> list[Any]:
 
 
 def _put_anywhere(env: Any, name: str, rng: np.random.Generator, lying: bool = False) -> bool:
-    """Put an object where nothing else is near on the table; whether there is such a place."""
+    """Put an object where neither another one nor the gripper is near on the table; whether there is such a place."""
     face, others = env.world.model.geom(env.support_name), [one for one in env.object_names if one != name]
+    near = np.array([env.data.site(env.robot.tcp_site).xpos, *(env.data.body(one).xpos for one in others)])[:, :2]
     for _ in range(300):
         place = rng.uniform(-1, 1, 2) * (face.size[:2] - 0.1)
-        away = [np.linalg.norm(place - env.data.body(one).xpos[:2]) for one in others]
-        if min(away) > _GAP and _put(env, name, [*place, face.pos[2] + face.size[2]], lying):
+        is_free = np.linalg.norm(place - near, axis=1).min() > _GAP
+        if is_free and _put(env, name, [*place, face.pos[2] + face.size[2]], lying):
             return True
     return False
 

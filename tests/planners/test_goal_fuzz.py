@@ -185,10 +185,10 @@ def random_wish(rng: np.random.Generator, scene: Scene) -> Goal:
     return goals.and_(*facts)
 
 
-@pytest.mark.parametrize("wishes", [3, pytest.param(60, marks=pytest.mark.slow)])
-def test_what_solve_and_bound_say_of_any_goal_agrees(wishes: int) -> None:
-    rng, answers = np.random.default_rng(wishes), set()
-    for wish in range(wishes):
+@pytest.mark.slow
+def test_what_solve_and_bound_say_of_any_goal_agrees() -> None:
+    rng, answers = np.random.default_rng(0), set()
+    for wish in range(60):
         scene = places(rng, random_scene(int(rng.integers(3, 7)), int(rng.integers(1000))))
         goal = random_wish(rng, scene)
         try:
