@@ -30,7 +30,7 @@ import clutter_env
 from clutter_env.envs.success import FURNITURE_FORCE
 from clutter_env.reporting.files import JsonLines
 from clutter_env.reporting.progress import progress_bar
-from planners import Scene, Solution, TampExpert, solve, warmup
+from planners import ExpertConfig, Scene, Solution, TampExpert, solve, warmup
 from planners.goals import occupants
 
 _GAP = 0.15
@@ -56,8 +56,8 @@ class Arguments:
     """Let the expert carry the plans out."""
     fault: str = ""
     """In physics: what happens, a name in `FAULTS`."""
-    time_limit: float = 60.0
-    """[s] of wall time for one solve; without physics."""
+    time_limit: float = 300.0
+    """[s] of wall time for one solve."""
     out: Path | None = None
     """File of JSON lines, one for each scene; scenes that it has are not tried again."""
     minutes: float = math.inf
@@ -79,15 +79,13 @@ def main(arguments: Arguments) -> None:
     file = JsonLines(arguments.out) if arguments.out else None
     rows = {row["seed"]: row for row in (file.values if file else [])}
     is_physics = arguments.physics or arguments.fault
-    try_scene = (
-        partial(carried_out, fault=arguments.fault) if is_physics else partial(planned, time_limit=arguments.time_limit)
-    )
+    try_scene = partial(carried_out, fault=arguments.fault) if is_physics else planned
     seeds, started = range(arguments.seed, arguments.seed + arguments.scenes), time.monotonic()
     for seed in progress_bar([seed for seed in seeds if seed not in rows]):
         if time.monotonic() - started > 60 * arguments.minutes:
             break
         env.reset(seed=seed)
-        rows[seed] = {"seed": seed, **try_scene(env)}
+        rows[seed] = {"seed": seed, **try_scene(env, time_limit=arguments.time_limit)}
         if file:
             file.append(rows[seed])
     report(arguments, [rows[seed] for seed in seeds if seed in rows])
@@ -132,9 +130,10 @@ def planned(env: Any, time_limit: float) -> dict[str, Any]:
     return {**row, "picks": found.picks, "bound": None if found.bound is None else found.bound.least}
 
 
-def carried_out(env: Any, fault: str = "") -> dict[str, Any]:
+def carried_out(env: Any, time_limit: float, fault: str = "") -> dict[str, Any]:
     """Let the expert bring the goal about in physics, and let a fault happen."""
-    expert, tamper, happened, own = TampExpert(env), FAULTS.get(fault, _nothing), "", (0, 0)
+    expert = TampExpert(env, config=ExpertConfig(planning_s=time_limit))
+    tamper, happened, own = FAULTS.get(fault, _nothing), "", (0, 0)
     rng = np.random.default_rng(env.unwrapped.np_random_seed)
     expert.reset()
     plan, info, is_over = expert.solution, env.unwrapped.info, expert.done
