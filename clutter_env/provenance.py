@@ -13,7 +13,7 @@ import platform
 import subprocess
 import sys
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,8 @@ from clutter_env.version import version
 _PACKAGE = Path(__file__).parent
 _PICTURES = ("render_mode", "camera", "width", "height")
 """Keyword arguments of an environment that change its pictures alone."""
+_ABILITIES = ("cameras", "segmentation", "num_points", "head")
+"""Keyword arguments that count only where they are not the default: records made before there were such stay valid."""
 _RULES = {
     "physics": ("envs/base.py", *(f"simulation/{name}.py" for name in ("control", "world", "model"))),
     "end-effector control": ("simulation/end_effector.py",),
@@ -139,7 +141,12 @@ def _digest(env: gym.Env[Any, Any]) -> dict[str, Any]:
     outer: Any = env.unwrapped
     inner = getattr(outer, "physics_env", outer)  # of a Skill environment
     config: EnvConfig = inner.config
-    settings = {name: value for name, value in config.keywords().items() if name not in _PICTURES}
+    defaults = {entry.name: entry.default for entry in fields(config) if entry.name in _ABILITIES}
+    settings = {
+        name: value
+        for name, value in config.keywords().items()
+        if name not in _PICTURES and (name not in defaults or value != defaults[name])
+    }
     settings |= {"layout": layout_identity(inner.layout), "robot": inner.robot.name}
     shapes = slot_shapes(config.shapes, int(config.num_objects))
     kinds = {

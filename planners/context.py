@@ -15,7 +15,8 @@ from planners.collision.ground_map import GroundMap
 from planners.collision.world import CompiledScenes
 from planners.grasping.base_placement import MapPlacer
 from planners.grasping.candidates import GraspCandidates
-from planners.grasping.grasp_poses import GraspFamily, Grasps, find_grasp_set, grasp_set_name, too_wide
+from planners.grasping.families import Family, Grasps, find_grasp_set, grasp_set_name
+from planners.grasping.grasp_poses import too_wide
 from planners.motion.base import BaseRoadmap
 from planners.motion.tcp_following import TcpFollower
 from planners.placing.placements import PlacementSearch
@@ -46,7 +47,7 @@ class PlanningContext:
     """
 
     arms: Mapping[str, MapPlacer]
-    families: tuple[GraspFamily, ...]
+    families: tuple[Family, ...]
     supports: tuple[str, ...]
     roadmap: BaseRoadmap
     canonical: bool = False

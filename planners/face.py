@@ -24,21 +24,14 @@ from planners.grasping.arm_configurations import (
 )
 from planners.grasping.base_placement import map_parameters
 from planners.grasping.candidates import gripper_poses
-from planners.grasping.grasp_poses import (
-    SIDE,
-    TOP,
-    GraspFamily,
-    find_grasp_set,
-    generate_grasps,
-    gripper_clearances,
-    gripper_opening,
-)
+from planners.grasping.families import SIDE, TOP, AntipodalFamily, GraspFamily, find_grasp_set
+from planners.grasping.grasp_poses import generate_grasps, gripper_clearances, gripper_opening
 from planners.motion.arm import tcp_pose
 from planners.motion.path import NoPath
 from planners.motion.trajectory import CONTROL_STEP
 from planners.placing.locations import rotated, stand_at
 from planners.planner import Planner, clearance_floor, lower_bound, solve, warmup
-from planners.scene import Body, HeldObject, RobotState, Scene, SceneError
+from planners.scene import Body, HeldObject, RobotState, Scene, SceneError, Solid
 from planners.scene.bodies import release_pitch
 from planners.scene.cover import BACK, drive_out, heading, is_covered
 from planners.scene.prepare import Change, Prepared, prepare
@@ -70,6 +63,7 @@ __all__ = [
     "STRATEGIES",
     "TOP",
     "AStar",
+    "AntipodalFamily",
     "ArmsError",
     "Body",
     "BoundAction",
@@ -115,6 +109,7 @@ __all__ = [
     "Skill",
     "SkillFailure",
     "SkillPlanner",
+    "Solid",
     "Solution",
     "StaticObstacle",
     "StepLabel",

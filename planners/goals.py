@@ -497,7 +497,11 @@ def region_named(scene: Scene, name: str) -> Region:
 
 
 def footprint(body: Body, margin: float = 0.0) -> Array:
-    """Points (k, 2) [m] whose convex hull is the object seen from above, grown by `margin` [m]."""
+    """Points (k, 2) [m] whose convex hull is the object, or its pieces, seen from above, grown by `margin` [m]."""
+    if body.shape == "pieces":
+        away = body.outline - body.position[:2]
+        distance = np.linalg.norm(away, axis=1, keepdims=True)
+        return np.asarray(body.position[:2] + away * np.maximum(1 + margin / distance, 0.0))
     grown = np.maximum(np.array(body.half_extents) + margin, 0.0)
     if body.shape == "box":
         return np.asarray(body.position[:2] + _CORNERS * grown @ body.rotation[:2].T)

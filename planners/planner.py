@@ -18,7 +18,7 @@ from planners.collision.ground_map import GroundMap
 from planners.collision.world import CompiledScenes, validate
 from planners.context import PlanningContext, check_arms
 from planners.goals import Goal, holding
-from planners.grasping.grasp_poses import Grasps, find_grasp_set
+from planners.grasping.families import Grasps, find_grasp_set
 from planners.motion.base import BaseRoadmap
 from planners.motion.path import on_base
 from planners.motion.tcp_following import TcpFollower
@@ -56,7 +56,7 @@ def solve(
             else with the cause "time limit". Loading the kernels in a new process counts, compiling them on the first
             run of a machine does not; see `warmup`.
         grasps: the grasp set to choose from: "side" (level; the paper's experiment), "tilted", "top", "all", or a tuple
-            of `GraspFamily`. Refusals hold for this grasp set, and name it.
+            of `GraspFamily` and `AntipodalFamily`. Refusals hold for this grasp set, and name it.
         supports: where objects may be put: names of the scene's supports, "all" that it declares, or None: with side
             grasps the first alone, R_plane of the paper, with other grasp sets all. What the goal names is allowed.
         hold_aside: of a robot that acts with several arms: whether one may hold an obstacle while another one takes the
@@ -140,7 +140,7 @@ class Planner:
             protocol; None for the default.
         follower: model of how the joints follow, for an end-effector-controlled robot; None for joint control.
         grasps: the grasp set that plans and minimum numbers of clearances are made of: "side" (level, the paper's),
-            "tilted", "top" or "all" (default), or a tuple of `GraspFamily`.
+            "tilted", "top" or "all" (default), or a tuple of families, as for `solve`.
         supports: where objects may be put, as for `solve`.
         canonical: make plans to learn from: in similar scenes the same contacts, chosen without random numbers. Every
             phase of a motion ends at rest; see `planners.grasping.candidates` and `planners.placing.placements`.

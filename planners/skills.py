@@ -25,12 +25,12 @@ from planners.grasping.arm_configurations import (
     scan_configurations,
 )
 from planners.grasping.candidates import GraspCandidate, as_candidates, gripper_poses
-from planners.grasping.grasp_poses import GraspPose, generate_grasps, gripper_opening
+from planners.grasping.grasp_poses import GraspPose, generate_grasps, opening_around
 from planners.motion.path import BlockedBy, NoPath
 from planners.placing.locations import put_down
 from planners.placing.placements import Placement
 from planners.placing.surfaces import KeepClear
-from planners.scene import Body, Scene
+from planners.scene import Body, HeldObject, Scene
 from planners.scene.cover import is_covered
 from planners.strategies import STRATEGIES
 from planners.tamp.motion_layer import BoundMotion, MotionLayer
@@ -245,7 +245,8 @@ def plan_contact(
         supports = map(scene.support_named, scene.supports)
         under = (support.top for support in supports if support.is_under(contact.tcp[:2, 3]))
         body = put_down(scene, gripper, max(under, default=scene.support.top))
-    opening = gripper_opening(scene.robot, scene.body(contact.object).half_width)
+    held = scene.held or HeldObject.grasped(body, contact.tcp)
+    opening = opening_around(scene.robot, body, held)
     reason: BlockedBy | NoPath = NoPath("no arm configuration reaches the contact")
     configurations = _configurations(motion_layer, scene, contact, gripper, body, opening)
     for q, hits in itertools.islice(configurations, _CONFIGURATIONS):

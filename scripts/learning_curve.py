@@ -32,8 +32,8 @@ from clutter_env.reporting.intervals import success_interval
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.reporting.tables import markdown_table
 from clutter_env.seeds import held_out_seeds
-from clutter_env.training.motion_examples import motions_of
-from clutter_env.training.motions import fit_motions, high_level_of
+from scripts.shipped_weights.motion_examples import motions_of
+from scripts.shipped_weights.motions import fit_motions, high_level_of
 
 
 @dataclass(frozen=True)

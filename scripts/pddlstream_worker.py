@@ -31,8 +31,8 @@ def main(folder: str, blocks: int, seed: int, seconds: int) -> None:
     vars(fractions)["gcd"] = math.gcd
     os.chdir(folder)
     sys.path.insert(0, ".")
-    from examples.pybullet.tamp import problems, run  # type: ignore[import-not-found]  # theirs; not installed
-    from examples.pybullet.utils.pybullet_tools.utils import get_pose  # type: ignore[import-not-found]  # theirs; not installed
+    from examples.pybullet.tamp import problems, run  # theirs; not installed
+    from examples.pybullet.utils.pybullet_tools.utils import get_pose  # theirs; not installed
 
     found: dict[str, Any] = {}
 

@@ -30,7 +30,8 @@ from planners.collision.scene_arrays import robot_arrays
 from planners.collision.world import FINGER_GAP, PADDING, CollisionWorld
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
 from planners.grasping.base_placement import MapPlacer
-from planners.grasping.grasp_poses import SIDE, even_yaws, gripper_clearances, gripper_opening
+from planners.grasping.families import SIDE
+from planners.grasping.grasp_poses import even_yaws, gripper_clearances, gripper_opening
 from planners.scene import Scene
 from planners.scene.cover import BACK, HELD_GAP
 

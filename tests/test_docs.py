@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import pkgutil
 import re
 import shlex
@@ -88,6 +89,18 @@ def test_the_python_of_the_learning_page_runs_after_its_collection(
     body = "".join(f"    {line}" for line in "\n".join(blocks(page, "python")).splitlines(keepends=True))
     script.write_text(f"import sys\nsys.path.insert(0, {str(ROOT)!r})\nif __name__ == '__main__':\n{body}")
     subprocess.run([sys.executable, script], check=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["clone", "collect", "evaluate", "run_expert"])
+def test_the_examples_run(name: str, tmp_path: Path) -> None:
+    """`clone.py` imported a name that there was no longer."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, ROOT / "examples" / f"{name}.py"]
+    ended = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr
+    if name == "clone":
+        assert float(ended.stdout.split()[-1]) >= 0.5
 
 
 def commands(page: str) -> Iterator[list[str]]:

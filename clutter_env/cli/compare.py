@@ -1,6 +1,6 @@
 """Compare expert strategies, learned policies and controls on the same scenes.
 
-    clutter-env compare --suites side-15-v2 --policies lookahead --runs outputs/runs/maskable_ppo-skill-o15/*
+    clutter-env compare --suites side-15-v2 --policies lookahead outputs/runs/maskable_ppo-skill-o15/*
     clutter-env compare --envs clutter_env/Retrieve-o15-v0 --obstructed 1 --policies lookahead my_module:Mine
     clutter-env compare --files outputs/evaluate/side-15-v2_*.json
 
@@ -37,11 +37,9 @@ class Arguments:
     obstructed: Literal[0, 1, 2, 3] = 0
     """Environments: least number of objects in the way of every side grasp of the target."""
     policies: tuple[str, ...] = ("lookahead",)
-    """Names of policies, as for `clutter-env evaluate`; or module:Class."""
+    """Names of policies, as for `clutter-env evaluate`: built-in ones, directories of training runs, module:Class."""
     files: tuple[Path, ...] = ()
     """Results files of `clutter-env evaluate`, whose scores are tabled too as they stand there; see `verify`."""
-    runs: tuple[Path, ...] = ()
-    """Directories of training runs; each plays the scenes of its kind with as many objects."""
     scenes: int | None = None
     """Number of scenes of each environment (50 if not given) and suite (all if not given)."""
     feasibility: Literal["oracle", "none"] = "oracle"
@@ -92,7 +90,6 @@ def play(arguments: Arguments) -> list[Row]:
     comparison = Comparison(
         scene_sets=scene_sets(arguments),
         policies=arguments.policies,
-        runs=arguments.runs,
         seed=arguments.seed,
         feasibility=arguments.feasibility,
         trust=arguments.trust,

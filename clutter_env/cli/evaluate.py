@@ -21,9 +21,9 @@ class Arguments:
     """Name of the suite."""
     policy: str = "lookahead"
     """lookahead, ngr, dogar, srivastava, canonical: the expert with side grasps, or, as lookahead-all, …, with all
-    grasps; keyframes (learned decisions and motions), planned-decisions, planned-motions, each also …-all and …-shelf;
-    greedy, random-skills, direct-approach, scripted, random; for other scenes reach, pick, armreach and armpick; the
-    directory of a training run; module:Class; or, with --trust, a model of Stable-Baselines3 as ALGORITHM:FILE.zip."""
+    grasps; keyframes, keyframes-all, keyframes-shelf (learned decisions and motions); greedy, random-skills,
+    direct-approach, scripted, random; for other scenes reach, pick, armreach and armpick; the directory of a training
+    run; module:Class; or, with --trust, a model of Stable-Baselines3 as ALGORITHM:FILE.zip."""
     split: str = "test"
     """"test" for results to report, "validation" to tune a policy."""
     scenes: int | None = None

@@ -24,7 +24,7 @@ COMMANDS = {
     "episode": "run the expert in physics: one episode in full, or statistics of many",
     "collect": "collect demonstrations of an expert that replay bit for bit",
     "export": "write demonstrations for LeRobot, Minari, robomimic, or as one HDF5 file",
-    "train": "train a policy, from rewards or from demonstrations",
+    "train": "train a policy from rewards",
     "compare": "compare policies, baselines and the expert on the same held-out scenes",
     "evaluate": "play a suite of fixed scenes with a policy and write one results file",
     "verify": "play the recorded actions of a results file again, and confirm its scores",
@@ -39,17 +39,18 @@ COMMANDS = {
 
 REPLACED = {
     "curve": "python scripts/learning_curve.py",
-    "decisions": "clutter-env train decisions",
+    "decisions": "python -m scripts.shipped_weights",
+    "compare --runs": "--policies, which takes directories of runs too",
     "map figures": "python scripts/map_figures.py",
     "map benchmark": "python scripts/map_speed.py",
     "map check": "python scripts/map_truth.py",
     "table --ablations": "python scripts/ablations.py",
     "table --arms": "python scripts/ablations.py --arms",
     "table --layouts": "python scripts/layout_table.py",
-    "train --imitation-steps": "--steps: clutter-env train ALGORITHM --help",
-    "train --clone-scenes": "clutter-env train keyframes or decisions, which clone plans",
-    "train dagger": "clutter-env train bc",
-    "train decisions-dagger": "clutter-env train decisions --rounds 5",
+    "train keyframes": "python -m scripts.shipped_weights",
+    "train decisions": "python -m scripts.shipped_weights",
+    "train bc": "examples/clone.py",
+    "train --demos": "examples/clone.py, which learns from demonstrations",
     "train --algorithm": "the name before all options: clutter-env train sac ..., clutter-env train maskable-ppo ...",
 }
 """Commands, sub-commands and options of version 0.1, and what there is in their place."""

@@ -1,35 +1,20 @@
-"""Train a policy, from rewards or from demonstrations, with checkpoints and TensorBoard logs.
+"""Train a policy from rewards, by a learner of Stable-Baselines3 or sb3-contrib, with checkpoints and TensorBoard logs.
 
     clutter-env train tqc --env clutter_env/ArmReach-v0 --steps 20000
     clutter-env train maskable-ppo --env clutter_env/Skill-o10-v0 --steps 30000 --seeds 3 --workers 2
-    clutter-env train bc --env clutter_env/Pick-v0 --demos outputs/demos/pick
-    clutter-env train keyframes --demos outputs/demos/o15
-    clutter-env train keyframes --env clutter_env/Retrieve-o25-v0 --grasps all --steps 6000
-    clutter-env train decisions --env clutter_env/Retrieve-o15-v0 --obstructed --rounds 2 --round-episodes 60
 
-`clutter-env train ALGORITHM --help` lists the options of an algorithm. Without --out a run is written to a directory of
-its own under outputs/runs.
+Without --out a run is written to a directory of its own under outputs/runs.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from clutter_env.training.settings import (
-    BC,
-    DQN,
-    PPO,
-    SAC,
-    TQC,
-    Decisions,
-    Keyframes,
-    MaskablePPO,
-    Settings,
-)
+from clutter_env.training.settings import ALGORITHMS, Settings
 
 if TYPE_CHECKING:
     from clutter_env.training.run import Run
@@ -37,32 +22,24 @@ if TYPE_CHECKING:
 
 _ENVIRONMENTS = {
     "reach": "clutter_env/ArmReach-v0",
-    "skill": "clutter_env/Skill-o15-v0",
     "retrieve": "clutter_env/Retrieve-o15-v0",
+    "skill": "clutter_env/Skill-o15-v0",
 }
-"""Environments to learn on if none is given, by the family that an algorithm is for."""
+"""Environments to learn on if none is given, by the first family that an algorithm is for."""
 WHEN_INTERRUPTED = "run the same command again with --resume to go on from the last checkpoint"
 
 
-@tyro.conf.configure(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes, tyro.conf.CascadeSubcommandArgs)
 @dataclass(frozen=True)
 class Arguments:
     """Train a policy."""
 
-    settings: (
-        Annotated[SAC, tyro.conf.subcommand("sac")]
-        | Annotated[TQC, tyro.conf.subcommand("tqc")]
-        | Annotated[PPO, tyro.conf.subcommand("ppo")]
-        | Annotated[MaskablePPO, tyro.conf.subcommand("maskable-ppo")]
-        | Annotated[DQN, tyro.conf.subcommand("dqn")]
-        | Annotated[BC, tyro.conf.subcommand("bc")]
-        | Annotated[Keyframes, tyro.conf.subcommand("keyframes")]
-        | Annotated[Decisions, tyro.conf.subcommand("decisions")]
-    )
-    """Algorithm, and its options."""
+    algorithm: tyro.conf.Positional[Literal["sac", "tqc", "ppo", "maskable-ppo", "dqn"]]
+    """sac, tqc: on ArmReach, ArmPick, Reach, Pick with hindsight (HER), and on Retrieve; ppo: on Retrieve and Skill;
+    maskable-ppo, dqn: on Skill."""
     env: str = ""
-    """Environment id. Without it, that of the demonstrations with all of its keyword arguments; or, for algorithms that
-    learn without demonstrations, clutter_env/ArmReach-v0, Skill-o15-v0 or Retrieve-o15-v0."""
+    """Environment id; empty for clutter_env/ArmReach-v0, Retrieve-o15-v0 or Skill-o15-v0, as the algorithm needs."""
+    settings: Annotated[Settings, tyro.conf.arg(name="")] = field(default_factory=Settings)
+    """Numbers of steps, copies and evaluations."""
     seed: int = 0
     """Random seed; the first one of several."""
     seeds: int = 1
@@ -74,7 +51,7 @@ class Arguments:
     out: Path | None = None
     """Directory of the run or runs; without it, one in outputs/runs/ named by algorithm, environment and seed."""
     control_mode: Literal["joint", "ee", ""] = ""
-    """Control mode of the environment; empty for its own, as below."""
+    """Control mode; empty for the environment's own, as below."""
     reward_mode: Literal["sparse", "dense", ""] = ""
     """Reward mode."""
     layout: str = ""
@@ -116,24 +93,16 @@ def print_history(run: Run, trained: Trained) -> None:
 
 def make_run(arguments: Arguments) -> Run:
     """The run that the arguments describe; the environment refuses what it does not know."""
-    from clutter_env.data.dataset import Dataset
     from clutter_env.task import Task
     from clutter_env.training.run import Run
 
-    settings: Settings = arguments.settings
+    algorithm = arguments.algorithm.replace("-", "_")
     names = ("control_mode", "reward_mode", "layout", "obstructed", "simulation", "geometric_mask", "feasibility")
     keywords = {name: getattr(arguments, name) for name in names if getattr(arguments, name)}
-    if arguments.env:
-        task = Task(arguments.env, keywords)
-    elif demos := getattr(settings, "demos", None):
-        collected = Dataset(demos).task
-        task = Task(collected.env_id, {**collected.keywords, **keywords})
-    else:
-        task = Task(_ENVIRONMENTS[settings.families[0]], keywords)
+    task = Task(arguments.env or _ENVIRONMENTS[ALGORITHMS[algorithm][0]], keywords)
     if task.family == "skill":
-        task = Task(task.env_id, {"simulation": "kinematic", **task.keywords})
-    name = f"{settings.algorithm}-{task.env_id.rpartition('/')[2].removesuffix('-v0').lower()}"
+        task = Task(task.env_id, {"simulation": "kinematic", **keywords})
+    name = f"{algorithm}-{task.env_id.rpartition('/')[2].removesuffix('-v0').lower()}"
     if arguments.seeds == 1:
         name += f"-{arguments.seed}"
-    directory = arguments.out or Path("outputs/runs") / name
-    return Run(task, settings, directory, arguments.seed)
+    return Run(task, algorithm, arguments.out or Path("outputs/runs") / name, arguments.seed, arguments.settings)

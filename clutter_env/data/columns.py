@@ -44,7 +44,7 @@ def episode_columns(env: gym.Env, observation: Mapping[str, Any]) -> dict[str, C
     keyframe_units = ("m", "m", "rad", "m", *["rad"] * (len(joints) - 1), "m")
     before = "row t belongs to observation t and action t, the last row to no action"
     return found | {
-        "actions": _action(str(env.get_wrapper_attr("control_mode")), joints),
+        "actions": _action(str(env.get_wrapper_attr("control_mode")), joints, "observation" not in layout),
         "rewards": Columns("reward of the step", ("reward",), ("",)),
         "terminations": Columns("whether the step ended the episode by success or failure", ("terminated",), ("",)),
         "truncations": Columns("whether the step ended the episode early", ("truncated",), ("",)),
@@ -79,8 +79,9 @@ def episode_columns(env: gym.Env, observation: Mapping[str, Any]) -> dict[str, C
 def _observation(name: str, layout: Mapping[str, EntryLayout], value: Any) -> Columns:
     """The columns of one entry of an observation."""
     if name in ("achieved_goal", "desired_goal"):
-        return Columns(f"{name.partition('_')[0]} point in the world", ("x", "y", "z"), ("m", "m", "m"))
-    if name == "observation":
+        about = "from the TCP at the start, along the base's axes" if "observation" in layout else "in the world"
+        return Columns(f"{name.partition('_')[0]} point {about}", ("x", "y", "z"), ("m", "m", "m"))
+    if name == "observation" and name not in layout:
         rows = (len(value) - sum(layout[entry].size for entry in _OWN)) // layout["objects"].size
         parts = [column._replace(name=f"{entry}.{column.name}") for entry in _OWN for column in layout[entry].columns]
         return _named(
@@ -108,9 +109,12 @@ def _named(about: str, columns: Iterable[Column]) -> Columns:
     return Columns(about, tuple(column.name for column in every), tuple(column.unit for column in every))
 
 
-def _action(control_mode: str, joints: list[str]) -> Columns:
-    base = ("base_forward", "base_left", "base_yaw_rate")
-    tcp = tuple(f"tcp_{kind}_{axis}" for kind in ("velocity", "rotation") for axis in "xyz")
-    names = (*base, *(joints if control_mode == "joint" else tcp), "gripper")
+def _action(control_mode: str, joints: list[str], has_base: bool) -> Columns:
+    """The columns of an action; one for a fixed base moves the TCP without turning it."""
+    moves = [f"tcp_velocity_{axis}" for axis in "xyz"]
+    if has_base:
+        turns = [f"tcp_rotation_{axis}" for axis in "xyz"]
+        own = joints if control_mode == "joint" else moves + turns
+        moves = ["base_forward", "base_left", "base_yaw_rate", *own]
     about = f"control mode {control_mode}: shares of the greatest velocity, and of the gripper's opening, -1 to 1"
-    return Columns(about, names, ("",) * len(names))
+    return Columns(about, (*moves, "gripper"), ("",) * (len(moves) + 1))

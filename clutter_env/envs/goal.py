@@ -98,7 +98,7 @@ class GoalEnv(BaseEnv):
 
     def _make_observer(self) -> Observer:
         shows_objects = self.config.obs_mode == "state" and self.config.num_objects > 0
-        return Observer(self.world, self.config.num_objects, shows_objects, shows_goal=False)
+        return self._observer_of(shows_objects, shows_goal=False)
 
     def _make_observation_space(self) -> spaces.Dict:
         bounds = self._observer.bounds

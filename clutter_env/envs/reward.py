@@ -128,7 +128,9 @@ class Way:
             return self._clearances
         w, x, y, z = measurements.poses[:, 3:].T
         axis = np.where(scene.is_lying, (x * z + w * y, y * z - w * x), (0.5 - y * y - z * z, x * y + w * z))
-        poses = np.column_stack((measurements.poses[:, :3], np.arctan2(axis[1], axis[0]))).round(_DECIMALS)
+        # Not `np.arctan2`, whose last bits depend on the processor.
+        yaws = [math.atan2(sine, cosine) for cosine, sine in zip(axis[0].tolist(), axis[1].tolist(), strict=True)]
+        poses = np.column_stack((measurements.poses[:, :3], yaws)).round(_DECIMALS)
         poses[measurements.is_off] = poses[[slot for slot in held if slot >= 0]] = _AWAY
         if scene is not self._scene or poses.tobytes() != self._poses:
             levels = np.array(self._layout.levels)

@@ -126,7 +126,8 @@ class SuccessMonitor:
             self._paths[is_chord] += np.sqrt(squared[is_chord])
             self._chord_starts[is_chord] = positions[is_chord]
             self._derive()
-        self._chord_starts[carried] = positions[carried]
+        for slot in carried:
+            self._chord_starts[slot] = positions[slot]
         if np.count_nonzero(measurements.is_fallen & ~self._is_fallen):
             self._is_fallen |= measurements.is_fallen
             self._derive()

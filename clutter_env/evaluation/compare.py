@@ -14,7 +14,7 @@ from clutter_env.evaluation.policy_process import PolicyProcess
 from clutter_env.evaluation.scenes import SceneSet
 from clutter_env.evaluation.tables import Row, summarise
 from clutter_env.policies.registry import load_policy, policy_families
-from clutter_env.policies.runs import load_run, run_directories, run_task
+from clutter_env.policies.runs import is_run, load_run, run_task
 from clutter_env.reporting.files import json_text
 from clutter_env.suites import Floor
 
@@ -34,8 +34,8 @@ class Comparison:
 
     Attributes:
         scene_sets: every policy plays those of them that it can play.
-        policies: names for `load_policy`; `CONTROLS` play in any case.
-        runs: directories of training runs; each plays the sets of its family with as many objects.
+        policies: names for `load_policy`; a training run plays the sets with as many objects as it was trained on.
+            `CONTROLS` play in any case.
         seed: of the built-in random policies and of the bootstrap.
         feasibility: of the Skill environment, for policies that act by skills.
         trust: whether files of Stable-Baselines3 are loaded, see `load_policy`.
@@ -43,13 +43,12 @@ class Comparison:
     Raises:
         PolicyError: an unknown policy, with the known ones.
         PolicyCrashed: the code of a policy raised an exception.
-        LearningError: a directory without a training run; a policy or run that plays none of the scenes.
+        LearningError: a policy that plays none of the scenes.
         SuiteError: no such suite or split.
     """
 
     scene_sets: Sequence[SceneSet]
     policies: Sequence[str] = ()
-    runs: Sequence[Path] = ()
     seed: int = 0
     feasibility: str = "oracle"
     trust: bool = False
@@ -61,17 +60,20 @@ class Comparison:
             else:
                 load_policy(name, self.seed)
         playing = {name for scenes in self.scene_sets for name in self.contenders(scenes)}
-        idle = [name for name in (*self.policies, *map(str, self.runs)) if name not in playing]
+        idle = [name for name in self.policies if name not in playing]
         if idle:
             sets = ", ".join(scenes.name for scenes in self.scene_sets)
             raise LearningError(f"{', '.join(idle)} cannot play any of these scenes: {sets}")
 
     def contenders(self, scenes: SceneSet) -> list[str]:
-        """The policies that play a set of scenes: those asked for, the runs, the controls."""
-        named = [name for name in self.policies if scenes.family in policy_families(name)]
-        runs = [str(run) for run in self.runs if scenes.family in policy_families(str(run))]
-        fitting = [run for run in runs if run_task(Path(run)).num_objects == scenes.num_objects]
-        return list(dict.fromkeys((*named, *fitting, *CONTROLS.get(scenes.family, ()))))
+        """The policies that play a set of scenes: those asked for, and the controls."""
+        fitting = [
+            name
+            for name in self.policies
+            if scenes.family in policy_families(name)
+            and (not is_run(name) or run_task(Path(name)).num_objects == scenes.num_objects)
+        ]
+        return list(dict.fromkeys((*fitting, *CONTROLS.get(scenes.family, ()))))
 
     @property
     def num_episodes(self) -> int:
@@ -88,7 +90,7 @@ def compare(
     count_crashes: bool = False,
     tick: Callable[[], object] = lambda: None,
 ) -> list[Row]:
-    """Evaluate every policy on every set of scenes; runs, and pairs of runs, that differ in their seeds form one row.
+    """Evaluate every policy on every set of scenes; runs that differ in their seeds form one row.
 
     Args:
         comparison: the policies and the scenes.
@@ -131,22 +133,20 @@ def compare(
 
 
 def run_names(policies: Iterable[str]) -> dict[str, str]:
-    """The name in a table of each policy that is made of training runs, by its own name.
+    """The name in a table of each policy that is a training run, by its own name.
 
-    It is that of the algorithms. Policies of the same algorithms that differ in more than their seeds also have the
-    names of their directories; other policies are left out.
+    It is that of the algorithm. Runs of the same algorithm that differ in more than their seeds also have the names of
+    their directories; other policies are left out.
     """
     groups: dict[str, list[str]] = {}
-    runs = {policy: run_directories(policy) for policy in policies}
-    for policy, directories in runs.items():
-        if directories:
-            records = [load_run(directory) for directory in directories]
-            settings = [{name: value for name, value in record.items() if name != "seed"} for record in records]
-            groups.setdefault(json_text(settings), []).append(policy)
-    plain = [" + ".join(str(load_run(run)["algorithm"]) for run in runs[group[0]]) for group in groups.values()]
+    for policy in filter(is_run, policies):
+        record = load_run(Path(policy))
+        groups.setdefault(json_text({**record, "seed": None}), []).append(policy)
+    plain = [str(load_run(Path(group[0]))["algorithm"]) for group in groups.values()]
     names: dict[str, str] = {}
     for name, group in zip(plain, groups.values(), strict=True):
         # The directory of one of several seeds is named for the seed, its parent for the run.
-        folders = [run.parent.name if run.name.startswith("seed-") else run.name for run in runs[group[0]]]
-        names |= dict.fromkeys(group, name if plain.count(name) == 1 else f"{name}, {' + '.join(folders)}")
+        run = Path(group[0])
+        folder = run.parent.name if run.name.startswith("seed-") else run.name
+        names |= dict.fromkeys(group, name if plain.count(name) == 1 else f"{name}, {folder}")
     return names

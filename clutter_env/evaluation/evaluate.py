@@ -23,7 +23,7 @@ from clutter_env.evaluation.score import PolicyCrashed, Score, play_scene
 from clutter_env.parallel import Crash, Killed, run_jobs
 from clutter_env.policies.protocol import AnyPolicy, PolicyError
 from clutter_env.policies.registry import PolicyTraits, policy_files
-from clutter_env.policies.runs import load_run, run_directories
+from clutter_env.policies.runs import is_run, load_run
 from clutter_env.provenance import differences, environment_digest, provenance
 from clutter_env.reporting.files import JsonLines
 from clutter_env.suites import Floor, suite
@@ -389,7 +389,7 @@ def _key(job: _Job, index: int, made_with: Mapping[str, Any]) -> str:
     where = f"{scenes.suite} {suite(scenes.suite).digest} {scenes.split}" if scenes.suite else scenes.env_id
     if not scenes.suite:
         where += f" {scenes.layout} {scenes.objects} {scenes.obstructed} from {scenes.first_seed}"
-    steps = "".join(f" after {load_run(run)['steps']}" for run in run_directories(job.policy))
+    steps = f" after {load_run(Path(job.policy))['steps']}" if is_run(job.policy) else ""
     if ":" in job.policy:  # a module or a model of others
         steps = "".join(f" of {digest[:16]}" for digest in policy_files(job.policy).values())
     environment = hashlib.sha256(json.dumps(made_with["environment"], sort_keys=True).encode()).hexdigest()[:16]

@@ -19,7 +19,7 @@ from clutter_env.evaluation.score import PolicyCrashed, Score
 from clutter_env.evaluation.tables import FORMAT, results
 from clutter_env.parallel import Crash, Killed, run_jobs
 from clutter_env.policies.registry import BUILT_IN, PolicyTraits, load_policy, policy_files
-from clutter_env.policies.runs import run_directories
+from clutter_env.policies.runs import is_run
 from clutter_env.provenance import differences, provenance
 from clutter_env.reporting.files import json_text
 from clutter_env.reporting.intervals import Interval, wilson
@@ -197,7 +197,7 @@ def read_results(path: Path) -> dict[str, Any]:
             raise TypeError("an episode is no object")
         if not content["policy"].isprintable():
             raise ValueError(f"policy={content['policy']!r}")
-        run_directories(content["policy"])  # a name that no file can have is an OSError
+        is_run(content["policy"])  # a name that no file can have is an OSError
         # A name with a colon would import a module.
         if not content["suite"] and (":" in content["env_id"] or content["env_id"] not in gym.registry):
             raise ValueError(f"no environment {content['env_id']!r}")

@@ -44,6 +44,9 @@ SKILLS = 20
 """The budget of an episode: skills of a policy that acts by skills, each a pick with its place; a policy of two levels
 has as many picks, and as many places."""
 
+FREE_KEYWORDS = ("control_mode", "obs_mode", "image_size", "reward_mode")
+"""Keyword arguments of the environment that a policy may choose: they change neither the scenes nor the success."""
+
 
 class PolicyError(ClutterEnvError):
     """No such policy, or one that cannot play this environment; the message says what is valid."""
@@ -90,7 +93,7 @@ class Policy(Protocol):
     """Acts on observations. What it does in an episode must not depend on earlier episodes.
 
     Optional attributes:
-        env_keywords: keyword arguments of the environment among control_mode, obs_mode, image_size and reward_mode.
+        env_keywords: keyword arguments of the environment, among `FREE_KEYWORDS`.
         grasps: "side" or "all" (the default): the grasps by whose lower bounds its results are broken down.
         acts_by_skills: true for one that plays the Skill environment of the scenes.
         done: true once the policy has finished or given up; `failure`, then the reason, "" without one.

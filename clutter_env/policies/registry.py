@@ -16,32 +16,22 @@ from typing import Any
 
 from clutter_env import GOAL_FAMILIES
 from clutter_env.policies.experts import EXPERTS, PLANNERS, GreedyPolicy, RandomPolicy, ScriptedExpert, make_expert
-from clutter_env.policies.protocol import AnyPolicy, Policy, PolicyError, PublicInfo
-from clutter_env.policies.runs import CLONERS, TWO_LEVEL_LEARNERS, load_run, run_directories
+from clutter_env.policies.protocol import FREE_KEYWORDS, AnyPolicy, PolicyError
+from clutter_env.policies.runs import is_run, run_task
 from clutter_env.policies.scripted import direct_approach
 from clutter_env.suites import GRASPS
-from clutter_env.task import family
 
 _log = logging.getLogger(__name__)
 _LOGS = (".jsonl", ".png")
 """Files of a training run that are no part of its policy."""
-_FREE_KEYWORDS = ("control_mode", "obs_mode", "image_size", "reward_mode")
-"""Keyword arguments of the environment that a policy may choose: they change neither the scenes nor the success."""
 _BASELINES: Mapping[str, Callable[[int], AnyPolicy]] = {
     "greedy": lambda _: GreedyPolicy(),
     "direct-approach": lambda _: ScriptedExpert("direct-approach", direct_approach, "side"),
     "random": RandomPolicy,
     "random-skills": partial(RandomPolicy, acts_by_skills=True),
 }
-_SHIPPED = MappingProxyType(
-    {
-        f"{levels}{ending}": (levels, problem)
-        for levels in ("keyframes", "planned-decisions", "planned-motions")
-        for ending, problem in (("", "side"), ("-all", "all"), ("-shelf", "shelf"))
-    }
-)
-"""Two-level policies with the weights of the package (`weights.PROBLEMS`): both levels learned, or one of them planned;
-with level grasps, all grasps, and under the shelf's board."""
+_SHIPPED = MappingProxyType({"keyframes": "side", "keyframes-all": "all", "keyframes-shelf": "shelf"})
+"""Policies of two levels with the weights of the package, see `weights.PROBLEMS`."""
 BUILT_IN = (*EXPERTS, *_SHIPPED, *_BASELINES)
 """Names of the built-in policies."""
 
@@ -50,9 +40,9 @@ def load_policy(name: str, seed: int, trust: bool = False) -> AnyPolicy:
     """A policy by its name.
 
     Args:
-        name: one of `BUILT_IN`; the directory of a training run, or those of learned decisions and learned motions with
-            a "+" between; "module:Class" of a class without arguments; modules are also looked for in the current
-            directory; or "ALGORITHM:FILE.zip" of a model that Stable-Baselines3 saved.
+        name: one of `BUILT_IN`; the directory of a training run; "module:Class" of a class without arguments; modules
+            are also looked for in the current directory; or "ALGORITHM:FILE.zip" of a model that Stable-Baselines3
+            saved.
         seed: of the built-in random policies.
         trust: whether a file of Stable-Baselines3 is loaded, which executes code that is in it. Nothing else that is
             loaded executes code, but for a module that is named.
@@ -67,13 +57,11 @@ def load_policy(name: str, seed: int, trust: bool = False) -> AnyPolicy:
     if name in _SHIPPED:
         from clutter_env.policies.two_level import shipped_policy  # needs torch, which the others do without
 
-        return shipped_policy(*_SHIPPED[name])
-    if directories := run_directories(name):
-        if len(directories) == 1 and load_run(directories[0])["algorithm"] not in TWO_LEVEL_LEARNERS:
-            return RunPolicy(directories[0])
-        from clutter_env.policies.two_level import two_level_policy  # needs torch
+        return shipped_policy(_SHIPPED[name])
+    if is_run(name):
+        from clutter_env.policies.reinforcement import RunPolicy  # needs torch
 
-        return two_level_policy(directories)
+        return RunPolicy(Path(name))
     module, _, attribute = name.partition(":")
     if not attribute:
         raise PolicyError(
@@ -162,10 +150,10 @@ class PolicyTraits:
                 "grasps": grasps,
                 "kind": str(),
                 "file": str(),
-            } if len(values) == 6 and set(keywords) <= set(_FREE_KEYWORDS) and grasps in GRASPS:
+            } if len(values) == 6 and set(keywords) <= set(FREE_KEYWORDS) and grasps in GRASPS:
                 return cls(**values)
         raise PolicyError(
-            f"the policy's process says {values!r} of the policy; it may choose {', '.join(_FREE_KEYWORDS)}, and "
+            f"the policy's process says {values!r} of the policy; it may choose {', '.join(FREE_KEYWORDS)}, and "
             f"grasps: {', '.join(GRASPS)}"
         )
 
@@ -187,13 +175,11 @@ def policy_files(name: str, module_file: str = "") -> dict[str, str]:
     """
     files: list[Path] = []
     if name in _SHIPPED:
-        levels, problem = _SHIPPED[name]
-        kinds = {"keyframes": ("decisions", "motions"), "planned-decisions": ("motions",)}.get(levels, ("decisions",))
         from clutter_env.policies.weights import shipped_path  # needs torch
 
-        files = [shipped_path(kind, problem) for kind in kinds]
-    for directory in run_directories(name):
-        files += sorted(path for path in directory.iterdir() if path.is_file() and path.suffix not in _LOGS)
+        files = [shipped_path(kind, _SHIPPED[name]) for kind in ("decisions", "motions")]
+    if is_run(name):
+        files = sorted(path for path in Path(name).iterdir() if path.is_file() and path.suffix not in _LOGS)
     module, _, attribute = name.partition(":")
     if attribute.endswith(".zip") and Path(attribute).is_file():
         files.append(Path(attribute))
@@ -215,8 +201,8 @@ def check_policy(policy: AnyPolicy, name: str = "") -> None:
             "is_privileged = True and reset(info, env)"
         )
     for keyword in getattr(policy, "env_keywords", {}):
-        if keyword not in _FREE_KEYWORDS:
-            raise PolicyError(f"a policy may not choose {keyword!r}; it may choose {', '.join(_FREE_KEYWORDS)}")
+        if keyword not in FREE_KEYWORDS:
+            raise PolicyError(f"a policy may not choose {keyword!r}; it may choose {', '.join(FREE_KEYWORDS)}")
     grasps = getattr(policy, "grasps", "all")
     if grasps not in GRASPS:
         raise PolicyError(f"a policy's grasps={grasps!r} are not valid; it may have {', '.join(GRASPS)}")
@@ -227,57 +213,9 @@ def policy_families(name: str) -> tuple[str, ...]:
     every = ("retrieve", "rearrange", *GOAL_FAMILIES)
     if name in GOAL_FAMILIES:
         return (name,)
-    if directories := run_directories(name):
-        own = family(load_run(directories[0])["task"]["env_id"])
+    if is_run(name):
+        own = run_task(Path(name)).family
         return ("retrieve" if own == "skill" else own,)
     if name in PLANNERS:
         return ("retrieve", "rearrange")
     return ("retrieve",) if name in BUILT_IN and name != "random" else every
-
-
-class RunPolicy:
-    """The policy of a training run by cloning or reinforcement, loaded for the first episode.
-
-    Attributes:
-        acts_by_skills: whether it plays the Skill environment of the scenes.
-        grasps: those of the skills are level ones.
-        env_keywords: keyword arguments with which an environment must be made for it.
-    """
-
-    def __init__(self, directory: Path) -> None:
-        record = load_run(directory)
-        task, self._algorithm = record["task"], str(record["algorithm"])
-        self.acts_by_skills = family(task["env_id"]) == "skill"
-        self.grasps = "side" if self.acts_by_skills else "all"
-        free = {} if self.acts_by_skills else task["keywords"]
-        self.env_keywords = {key: free[key] for key in _FREE_KEYWORDS if key in free}
-        self._directory = directory
-
-        self._policy: Policy | None = None
-
-    def check(self, public: PublicInfo) -> None:
-        """Load the policy before the first episode.
-
-        Raises:
-            PolicyError: the directory holds no trained policy, a damaged one, one of version 0.1, or one for other
-                observations or actions.
-        """
-        if self._policy is not None:
-            return
-        from clutter_env.policies.cloning import POLICY_FILE, ClonedPolicy  # these need torch
-        from clutter_env.policies.reinforcement import ModelPolicy, load_network
-
-        if self._algorithm in CLONERS:
-            self._policy = ClonedPolicy.load(self._directory / POLICY_FILE)
-        else:
-            self._policy = ModelPolicy(self._algorithm, load_network(self._algorithm, self._directory, public))
-
-    def reset(self, info: Mapping[str, Any]) -> None:
-        """Start an episode."""
-        assert self._policy is not None
-        self._policy.reset(info)
-
-    def act(self, observation: Any) -> Any:
-        """The next action."""
-        assert self._policy is not None
-        return self._policy.act(observation)

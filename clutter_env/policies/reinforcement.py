@@ -16,8 +16,10 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.policies import BasePolicy
 
 from clutter_env.envs.skill import observed_masks
-from clutter_env.policies.protocol import PolicyError, PublicInfo
-from clutter_env.policies.weights import damage_refused, has_weights
+from clutter_env.policies.protocol import FREE_KEYWORDS, PolicyError, PublicInfo
+from clutter_env.policies.runs import load_run
+from clutter_env.policies.weights import damage_refused
+from clutter_env.task import family
 
 ALGORITHMS: Mapping[str, type[BaseAlgorithm]] = MappingProxyType(
     {
@@ -49,8 +51,6 @@ def read_model(path: Path) -> dict[str, Any]:
     Raises:
         PolicyError: there is no such file, it is damaged, or another version wrote it.
     """
-    if not has_weights(path):
-        raise PolicyError(f"there is no {path.name} in {path.parent}")
     with damage_refused(path):
         return dict(torch.load(path, map_location="cpu", weights_only=True))
 
@@ -91,6 +91,33 @@ class ModelPolicy:
         options = {"action_masks": observed_masks(observation)} if self._is_masked else {}
         action, _ = self._model.predict(observation, deterministic=True, **options)
         return np.asarray(action)
+
+
+class RunPolicy(ModelPolicy):
+    """The policy of a training run, loaded for the first episode.
+
+    Args:
+        directory: of the run.
+
+    Attributes:
+        acts_by_skills: whether it plays the Skill environment of the scenes.
+        grasps: those of the skills are level ones.
+        env_keywords: keyword arguments with which an environment must be made for it.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        record = load_run(directory)
+        self._algorithm, self._directory = str(record["algorithm"]), directory
+        super().__init__(self._algorithm, None)
+        self.acts_by_skills = family(record["task"]["env_id"]) == "skill"
+        self.grasps = "side" if self.acts_by_skills else "all"
+        chosen = {} if self.acts_by_skills else record["task"]["keywords"]
+        self.env_keywords = {key: chosen[key] for key in FREE_KEYWORDS if key in chosen}
+
+    def check(self, public: PublicInfo) -> None:
+        """Load the networks before the first episode; raises `PolicyError`, see `load_network`."""
+        if self._model is None:
+            self._model = load_network(self._algorithm, self._directory, public)
 
 
 class ZipPolicy(ModelPolicy):

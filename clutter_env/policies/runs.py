@@ -1,4 +1,4 @@
-"""The record of a training run, and the names of the algorithms; read without torch."""
+"""The record of a training run; read without torch."""
 
 from __future__ import annotations
 
@@ -12,23 +12,11 @@ from clutter_env.task import Task
 RUN_FILE = "run.json"
 HISTORY_FILE = "history.json"
 """Success on held-out scenes as a run went on, in its directory."""
-CLONERS = ("bc",)
-"""Learn from an expert."""
-MOTION_LEARNERS = ("keyframes",)
-"""Learn from demonstrations, or from canonical plans without physics, how picks and places are executed."""
-MOTIONS_FILE = "motions.npz"
-"""Their weights, in the directory of a run."""
-DECISION_LEARNERS = ("decisions",)
-"""Learn from the planner's geometry what to take next and from where, and where to put it."""
-DECISIONS_FILE = "decisions.npz"
-"""Their weights, in the directory of a run."""
-TWO_LEVEL_LEARNERS = (*MOTION_LEARNERS, *DECISION_LEARNERS)
 
 
-def run_directories(name: str) -> tuple[Path, ...]:
-    """The training runs that a policy is made of, by its name: a directory, or two with a "+" between; else none."""
-    found = [Path(part) for part in name.split("+")]
-    return tuple(found) if len(found) <= 2 and all((path / RUN_FILE).exists() for path in found) else ()
+def is_run(name: str | Path) -> bool:
+    """Whether the name of a policy is the directory of a training run."""
+    return (Path(name) / RUN_FILE).exists()
 
 
 def run_task(directory: Path) -> Task:

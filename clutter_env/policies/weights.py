@@ -20,7 +20,6 @@ from zipfile import BadZipFile
 import gymnasium as gym
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import nn
 
 import assets
@@ -56,25 +55,18 @@ class WeightsInfo:
     @classmethod
     def of_env(cls, kind: str, env: gym.Env[Any, Any], grasps: str) -> WeightsInfo:
         """Weights that are trained in an environment."""
-        return cls(kind, *_identities(env), grasps, provenance(env))
+        robot, layout = env.get_wrapper_attr("robot"), env.get_wrapper_attr("layout")
+        return cls(kind, robot_identity(robot), layout_identity(layout), grasps, provenance(env))
 
     def check(self, public: PublicInfo) -> None:
         """Refuse a scene with another robot or layout (`PolicyError`)."""
         other = WeightsInfo(self.kind, robot_identity(public.robot), layout_identity(public.layout), self.grasps)
-        if not self.fits(other):
+        if (self.robot, self.layout) != (other.robot, other.layout):
             raise PolicyError(f"these are {self}; the environment needs {other}")
-
-    def fits(self, other: WeightsInfo) -> bool:
-        """Whether both are for the same robot and layout."""
-        return (self.robot, self.layout) == (other.robot, other.layout)
 
     def __str__(self) -> str:
         names = (one if isinstance(one, str) else f"{one['name']} (of your own)" for one in (self.robot, self.layout))
         return "{} for robot {!r} and layout {!r}, grasps {!r}".format(self.kind, *names, self.grasps)
-
-
-def _identities(env: gym.Env[Any, Any]) -> tuple[Any, Any]:
-    return robot_identity(env.get_wrapper_attr("robot")), layout_identity(env.get_wrapper_attr("layout"))
 
 
 def robot_identity(robot: RobotSpec) -> Any:
@@ -102,81 +94,43 @@ def save_weights(path: Path, network: nn.Module, info: WeightsInfo) -> None:
     """Write the weights of a network; missing directories are made.
 
     Raises:
-        OSError: the disk is full or cannot be written.
+        OSError: the disk is full or cannot be written; an old file stays.
     """
-    write_arrays(path, {name: value.numpy() for name, value in network.state_dict().items()}, asdict(info))
+    arrays, content = {name: value.numpy() for name, value in network.state_dict().items()}, BytesIO()
+    np.savez_compressed(content, allow_pickle=False, **arrays, **{_ABOUT: np.array(json_text(asdict(info)))})
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, content.getvalue())
 
 
 def load_weights(path: Path, kind: str) -> tuple[dict[str, torch.Tensor], WeightsInfo]:
     """The weights of a file by name, and what they are for.
 
     Raises:
-        PolicyError: there is no such file, it holds no weights, or those of another kind.
+        PolicyError: there is no such file, it is damaged, or it holds no weights, or those of another kind.
     """
-    arrays, about = read_arrays(path)
-    with damage_refused(path):
-        info, weights = WeightsInfo(**about), tensors(arrays)
+    with damage_refused(path), np.load(path, allow_pickle=False) as content:
+        weights = {name: torch.from_numpy(content[name]) for name in content.files if name != _ABOUT}
+        info = WeightsInfo(**json.loads(str(content[_ABOUT])))
     if info.kind != kind:
         raise PolicyError(f"{path} holds {info.kind}, not {kind}")
     return weights, info
 
 
-def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], about: Mapping[str, Any]) -> None:
-    """Write arrays of numbers, and what is to be known of them; missing directories are made.
-
-    Raises:
-        OSError: the disk is full or cannot be written; an old file stays.
-    """
-    content = BytesIO()
-    np.savez_compressed(content, allow_pickle=False, **{**arrays, _ABOUT: np.array(json_text(about))})
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, content.getvalue())
-
-
-def has_weights(path: Path) -> bool:
-    """Whether there is a file of weights; raises `PolicyError` if there is one of version 0.1 in its place."""
-    for old in (path.with_suffix(ending) for ending in (".zip", ".pt")):
-        if old.exists() and not path.exists():
-            raise PolicyError(
-                f"{old} is of version 0.1 and is not loaded: such files can execute code. Train again, into another "
-                "directory"
-            )
-    return path.exists()
-
-
-def read_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """What `write_arrays` wrote.
-
-    Raises:
-        PolicyError: there is no such file, it is damaged, or it holds something else.
-    """
-    if not has_weights(path):
-        raise PolicyError(f"there is no {path.name} in {path.parent}")
-    try:
-        with np.load(path, allow_pickle=False) as content:
-            arrays = {name: content[name] for name in content.files}
-        return arrays, dict(json.loads(str(arrays.pop(_ABOUT))))
-    except KeyError:
-        raise PolicyError(f"{path} does not say what its weights are for: version 0.1 wrote it; train again") from None
-    except _DAMAGED as problem:
-        raise PolicyError(f"{path} is damaged, or holds no weights of this package: {problem}") from problem
-
-
-def tensors(arrays: Mapping[str, NDArray[Any]]) -> dict[str, torch.Tensor]:
-    """The same numbers for torch."""
-    return {name: torch.from_numpy(values) for name, values in arrays.items()}
-
-
 @contextmanager
 def damage_refused(path: Path) -> Iterator[None]:
-    """Turn what is raised when the content of a file does not fit into a `PolicyError` that names the file."""
+    """Turn what is raised when a file is missing, or its content does not fit, into a `PolicyError` that names it."""
+    if not path.exists():
+        raise PolicyError(f"there is no {path.name} in {path.parent}")
     try:
         yield
-    except (*_DAMAGED, LookupError, RuntimeError, UnpicklingError) as problem:
+    except _DAMAGED as problem:
         raise PolicyError(
             f"{path} is damaged, or another version of this package wrote it; train again ({problem})"
         ) from problem
 
 
-_DAMAGED = (OSError, ValueError, TypeError, EOFError, NotImplementedError, MemoryError, BadZipFile, zlib.error)
-"""What reading a damaged archive raises, from a compression method that does not exist to an enormous shape."""
+_DAMAGED = (
+    *(OSError, ValueError, TypeError, LookupError, RuntimeError, EOFError, MemoryError),
+    *(BadZipFile, zlib.error, UnpicklingError),
+)
+"""What reading a damaged file raises, from a compression method that does not exist to an enormous shape."""

@@ -190,7 +190,7 @@ def _in_the_way(
     is_offered &= is_high[:, None] & approaches.is_reachable(layout, tcp, yaws)
     is_offered &= np.isin(np.arange(scene.num_objects), grasped)[:, None]
     own, direction = np.nonzero(is_offered)
-    grasps = tcp[own, direction], approach[own, direction], opening[own, direction]
+    grasps = tcp[own, direction], yaws[own, direction], opening[own, direction]
     hits = _hits(approaches, scene, *grasps)
     if layout.board_height is not None and layout.is_front_only:
         hits |= _hits_on_drive(approaches, layout, scene, own, *grasps)
@@ -224,7 +224,7 @@ def _hits_on_drive(
     scene: TableScene,
     own: NDArray[np.int64],
     tcp: Array,
-    approach: Array,
+    yaws: Array,
     opening: Array,
 ) -> NDArray[np.bool_]:
     """Objects that gripper, wrist or the grasped object touch on the straight drive out at k grasps, (k, n).
@@ -241,18 +241,17 @@ def _hits_on_drive(
         yaws=np.zeros_like(scene.yaws),
         positions=scene.positions + (layout.depth / 2, 0.0),
     )
-    held = scene.positions[own] - approaches.margins.back * approach
+    back = approaches.margins.back * np.column_stack((np.cos(yaws), np.sin(yaws)))
+    held = scene.positions[own] - back
     x, y = (scene.positions[:, axis] - held[:, axis, None] for axis in (0, 1))
     met_by_held = (x < 0.0) & (np.abs(y) < across[own, None] + across + approaches.margins.held_gap)
-    return met_by_held | _hits(approaches, swept, tcp - approaches.margins.back * approach, approach, opening)
+    return met_by_held | _hits(approaches, swept, tcp - back, yaws, opening)
 
 
-def _hits(
-    approaches: SideApproaches, scene: TableScene, tcp: Array, approach: Array, opening: Array
-) -> NDArray[np.bool_]:
+def _hits(approaches: SideApproaches, scene: TableScene, tcp: Array, yaws: Array, opening: Array) -> NDArray[np.bool_]:
     """Objects that gripper or wrist touch at k grasps, (k, n)."""
     x, y = (scene.positions[:, axis] - tcp[:, axis, None] for axis in (0, 1))
-    c, s = approach[:, :1], approach[:, 1:]
+    c, s = np.cos(yaws)[:, None], np.sin(yaws)[:, None]
     ahead, aside = x * c + y * s, y * c - x * s
     # Most objects are too far away for any solid to touch them, and need no distances.
     solids, padding = approaches.solids, approaches.margins.padding
@@ -263,7 +262,7 @@ def _hits(
     grasp, other = np.nonzero(is_near)
     ahead, aside = ahead[is_near], aside[is_near]
     half_x, half_y, half_z = scene.standing_extents[other].T
-    turn = scene.yaws[other] - np.arctan2(approach[:, 1], approach[:, 0])[grasp]
+    turn = scene.yaws[other] - yaws[grasp]
     touched = np.zeros(len(other), np.bool_)
     for start, end, width, radius, half_height, is_finger in zip(*solids, strict=True):
         half_length, half_width = (end - start) / 2, width + opening[grasp] * is_finger * 0.5

@@ -189,7 +189,11 @@ class World:
         return any(self._warnings.tolist())
 
     def advance(
-        self, measurements: Measurements, velocity: NDArray[np.float64], grips: Sequence[float]
+        self,
+        measurements: Measurements,
+        velocity: NDArray[np.float64],
+        grips: Sequence[float],
+        head: Sequence[float] = (),
     ) -> Measurements:
         """One control step; see `JointController.follow`.
 
@@ -200,12 +204,13 @@ class World:
             measurements: what was measured before the step.
             velocity: (4 + n,) wanted joint velocities, base x and y in the base's frame.
             grips: wanted finger position of each gripper, -1 closed to 1 open.
+            head: rates of the head's joints, -1 to 1; none where it stays as it is.
         """
         model, data, grip = self.model, self.data, measurements.grip
         for coupling in self.index.finger_couplings:
             data.eq_active[coupling] = grip.is_touching
         self._contacts, ctrl = [], data.ctrl
-        for command in self.controller.advance(data, velocity, grips, is_loaded=grip.is_holding):
+        for command in self.controller.advance(data, velocity, grips, grip.is_holding, head):
             ctrl[:] = command
             mujoco.mj_step(model, data, nstep=PHYSICS_STEPS // SEGMENTS)
             if data.ncon:
@@ -238,12 +243,6 @@ class World:
         pairs = (pair for part in self._contacts for pair in part)
         return {max(slot_of[a], slot_of[b]) for a, b in pairs if kind_of[a] + kind_of[b] == _ROBOT + _OBJECT}
 
-    def _forces(self) -> NDArray[np.float64]:
-        """The normal forces (k, 3) [N] of the contacts on the second of their geoms; 0 where the solver has none."""
-        contact = self.data.contact
-        sizes = np.append(self.data.efc_force, 0.0)[contact.efc_address]
-        return contact.frame[:, :3] * sizes[:, None]
-
     def measure(self) -> Measurements:
         """The present state of the objects."""
         return self.measure_objects(self._measure_grip(self.data.contact.geom.tolist()))
@@ -262,7 +261,8 @@ class World:
         is_off = poses[:, 2] < self._fallen_below
         tilt = poses[:, 4:6] ** 2
         is_fallen = is_off | (np.abs(tilt[:, 0] + tilt[:, 1] - self._placed_tilt) > self._toppled_change)
-        is_fallen[grip.carried] = False
+        for slot in grip.carried:
+            is_fallen[slot] = False
         measurements = Measurements(poses, is_fallen, is_off, grip)
         self._last = content, measurements
         return measurements
@@ -285,28 +285,34 @@ class World:
         Those after the other parts of the control step say whether what is held is carried: an object that vibrates in
         the grip touches the table in between.
         """
-        if not any(one in self._pads or other in self._pads for one, other in pairs):
+        at_pads = [pair for pair in pairs if pair[0] in self._pads or pair[1] in self._pads]
+        if not at_pads:
             return self._empty_grip
         slot_of, held, is_carried = self._slot_of_geom, [], []
         for pads, gripper in zip(self.index.finger_geoms, self._grippers, strict=True):
             right, left = (
-                {max(slot_of[one], slot_of[other]) for one, other in pairs if pad in (one, other)} for pad in pads
+                {max(slot_of[one], slot_of[other]) for one, other in at_pads if pad in (one, other)} for pad in pads
             )
-            slot = next((slot for slot in sorted(right & left) if slot >= 0 and self._is_pressed(slot, pads)), -1)
+            slot = next(
+                (slot for slot in sorted(right & left) if slot >= 0 and self._is_pressed(slot, pads, pairs)), -1
+            )
             held.append(slot)
             is_carried.append(slot >= 0 and all(self._touches_only(slot, gripper, pairs) for pairs in self._contacts))
         return Grip(tuple(held), tuple(is_carried), is_touching=True)
 
-    def _is_pressed(self, slot: int, pads: tuple[int, int]) -> bool:
+    def _is_pressed(self, slot: int, pads: tuple[int, int], pairs: list[list[int]]) -> bool:
         """Whether two pads press on an object from opposite sides."""
-        geom, pressed = self.index.object_geoms.start + slot, np.zeros((2, 3))
-        for (one, other), force in zip(self.data.contact.geom.tolist(), self._forces(), strict=True):
-            if one == geom and other in pads:
-                pressed[pads.index(other)] -= force
-            elif other == geom and one in pads:
-                pressed[pads.index(one)] += force
-        right, left = (math.hypot(*force) for force in pressed.tolist())
-        return min(right, left) >= LEAST_GRIP_FORCE and mujoco.mju_dot3(*pressed) <= _OPPOSITE * right * left
+        geom, contact, sizes = self.index.object_geoms.start + slot, self.data.contact, self.data.efc_force
+        frames, rows, pressed = contact.frame, contact.efc_address.tolist(), [[0.0] * 3, [0.0] * 3]
+        for (one, other), row, frame in zip(pairs, rows, frames, strict=True):
+            pad = one if other == geom else other
+            if geom in (one, other) and pad in pads and row >= 0:  # -1 where the solver has none
+                force, on = sizes[row].item() * (1.0 if other == geom else -1.0), pressed[pads.index(pad)]
+                for axis, share in enumerate(frame[:3].tolist()):  # the normal, towards the second geom
+                    on[axis] += share * force
+        right, left = (math.hypot(*force) for force in pressed)
+        along = sum(one * other for one, other in zip(*pressed, strict=True))
+        return min(right, left) >= LEAST_GRIP_FORCE and along <= _OPPOSITE * right * left
 
     def _touches_only(self, slot: int, geoms: set[int], pairs: list[list[int]]) -> bool:
         """Whether an object touches none but these geoms."""

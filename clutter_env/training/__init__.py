@@ -1,1 +1,1 @@
-"""Training: cloning, reinforcement learning, and the levels of two-level policies."""
+"""Training of policies from rewards."""

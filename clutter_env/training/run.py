@@ -1,20 +1,19 @@
-"""A training run: what to train, checked and recorded in the run's directory; without torch."""
+"""A training run: what to learn, checked and recorded in the run's directory; without torch."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from clutter_env.data.dataset import Dataset
 from clutter_env.errors import LearningError
 from clutter_env.policies.runs import RUN_FILE, load_run
 from clutter_env.provenance import differences as made_differently
 from clutter_env.reporting.files import json_values, write_json
 from clutter_env.seeds import training_seeds
 from clutter_env.task import Task
-from clutter_env.training.settings import SETTINGS, Settings
+from clutter_env.training.settings import ALGORITHMS, Settings
 
 
 @dataclass(frozen=True)
@@ -23,37 +22,32 @@ class Run:
 
     Attributes:
         task: environment and keyword arguments.
-        settings: of the algorithm; one of `SETTINGS`.
+        algorithm: one of `ALGORITHMS`.
         directory: of the run.
         seed: random seed.
+        settings: numbers of steps, copies and evaluations.
     """
 
     task: Task
-    settings: Settings
+    algorithm: str
     directory: Path
     seed: int = 0
+    settings: Settings = field(default_factory=Settings)
 
     def check(self, resume: bool = False) -> None:
         """Make sure that the run can be started, or resumed; nothing is written.
 
         Raises:
             UnknownTask: no such environment, or not with these keyword arguments.
-            DatasetError: the demonstrations are not there, or not complete.
-            LearningError: scenes to learn from are held out; the algorithm does not learn on this task; the directory
-                holds a run, and it is not to be resumed, is another one, or was made with another environment (the
-                message names what differs).
+            LearningError: scenes to learn from are held out; there is no such algorithm, or it does not learn on this
+                task; the directory holds a run, and it is not to be resumed, is another one, or was made with another
+                environment (the message names what differs).
         """
         present = self.task.provenance()
-        if self.task.family not in self.settings.families:
-            fitting = ", ".join(name for name, kind in SETTINGS.items() if self.task.family in kind.families)
-            raise LearningError(
-                f"{self.settings.algorithm} does not learn on {self.task.env_id}; for this one: {fitting}"
-            )
-        self.settings.scene_seeds(self.seed)
-        if demos := getattr(self.settings, "demos", None):
-            # Raises before the run's directory is made, where a corrected command would meet it.
-            for episode_seed in Dataset(demos).seeds:
-                training_seeds(episode_seed)
+        if self.task.family not in ALGORITHMS.get(self.algorithm, ()):
+            fitting = ", ".join(name for name, families in ALGORITHMS.items() if self.task.family in families)
+            raise LearningError(f"{self.algorithm} does not learn on {self.task.env_id}; for this one: {fitting}")
+        training_seeds(self.seed, self.settings.num_envs)  # of the first scenes; the environments go on from there
         if not (self.directory / RUN_FILE).exists():
             return
         if not resume:
@@ -75,9 +69,9 @@ class Run:
     def describe(self) -> dict[str, Any]:
         """The record of the run as JSON values: all but its directory and the interval of its checkpoints."""
         settings = json_values(self.settings)
-        settings.pop("checkpoint_every", None)
+        settings.pop("checkpoint_every")
         steps = settings.pop("steps")
-        record = {"algorithm": self.settings.algorithm, "task": self.task, "steps": steps, "seed": self.seed}
+        record = {"algorithm": self.algorithm, "task": self.task, "steps": steps, "seed": self.seed}
         return {**json_values(record), "settings": settings}
 
     def write_record(self) -> None:

@@ -1,18 +1,71 @@
-"""Training: one directory per run, with all that is needed to resume it, or to act with its policy."""
+"""Learning from rewards by Stable-Baselines3 and sb3-contrib as they are: no subclass, no wrapper, only settings.
+
+A run has a directory of its own, with all that is needed to resume it, or to act with its policy.
+"""
 
 from __future__ import annotations
 
+import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import gymnasium as gym
+import torch
+from stable_baselines3 import HerReplayBuffer
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import ConvertCallback, EveryNTimesteps
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.vec_env import VecEnv
 
 from clutter_env.errors import LearningError
+from clutter_env.evaluation.score import success_rate
 from clutter_env.parallel import Crash, Killed, run_jobs
+from clutter_env.policies.reinforcement import ALGORITHMS, MODEL_FILE, ModelPolicy, network_name, read_model
+from clutter_env.policies.runs import HISTORY_FILE
+from clutter_env.policies.weights import damage_refused
+from clutter_env.reporting.files import write_json, written_atomically
+from clutter_env.seeds import held_out_seeds
 from clutter_env.training.run import Run
-from clutter_env.training.settings import BC, Keyframes, Reinforcement, Settings
+from clutter_env.training.settings import Settings
 
 History = list[dict[str, float]]
+
+_HINDSIGHT = {
+    "replay_buffer_class": HerReplayBuffer,
+    "replay_buffer_kwargs": {"n_sampled_goal": 4, "goal_selection_strategy": "future"},
+    "learning_rate": 1e-3,
+    "gamma": 0.95,
+    "learning_starts": 1000,
+}
+_REACH = {**_HINDSIGHT, "policy_kwargs": {"net_arch": [64, 64]}}
+_PICK = {
+    **_HINDSIGHT,
+    "batch_size": 2048,
+    "tau": 0.05,
+    "policy_kwargs": {"net_arch": [512, 512, 512], "n_critics": 2},
+}
+_SKILL_DISCOUNT = 0.97
+_BUFFER = 1_000_000
+"""Transitions in a replay buffer at most, the default of Stable-Baselines3; hindsight makes a list of that length."""
+_OPTIONS: Mapping[tuple[str, ...], Mapping[str, Any]] = MappingProxyType(
+    {
+        **{(kind, name): _REACH for kind in ("armreach", "reach") for name in ("sac", "tqc")},
+        **{(kind, name): _PICK for kind in ("armpick", "pick") for name in ("sac", "tqc")},
+        ("retrieve", "sac"): {"learning_starts": 10_000},
+        ("retrieve", "tqc"): {"learning_starts": 10_000},
+        ("retrieve", "ppo"): {"n_steps": 512, "batch_size": 256},
+        ("skill", "ppo"): {"gamma": _SKILL_DISCOUNT, "n_steps": 512, "batch_size": 256},
+        ("skill", "maskable_ppo"): {"gamma": _SKILL_DISCOUNT, "n_steps": 512, "batch_size": 256},
+        ("skill", "dqn"): {"gamma": _SKILL_DISCOUNT, "learning_starts": 1000, "exploration_fraction": 0.3},
+    }
+)
+"""Options beyond the defaults of Stable-Baselines3, by family of environments and algorithm: in the goal environments
+those of RL Baselines3 Zoo for FetchReach-v1 and FetchPickAndPlace-v1, without its normalisation."""
 
 
 @dataclass(frozen=True)
@@ -29,49 +82,27 @@ def train(run: Run, resume: bool = False) -> Trained:
 
     Args:
         run: what to train.
-        resume: go on from the last checkpoint, if there is one, until `run.settings.steps` in all.
+        resume: go on from the last checkpoint, if there is one, until `run.settings.steps` in all, with the networks,
+            optimisers and number of steps of that checkpoint, and an empty replay buffer.
 
     Raises:
         LearningError: see `Run.check`; nothing is written then. Or the disk is full or cannot be written; the last
             complete checkpoint stays.
-        PolicyError: the checkpoint from which to go on is damaged, or of version 0.1.
+        PolicyError: the checkpoint from which to go on is damaged.
     """
     started, started_cpu = time.perf_counter(), time.process_time()
     run.check(resume)
+    # The networks are small: more threads are slower, and several runs share a machine.
+    torch.set_num_threads(1)
     try:
         run.write_record()
-        learn = _learner(run.settings, resume)
-        history = learn(run)
+        history = _learn(run, resume and (run.directory / MODEL_FILE).exists())
     except OSError as problem:
         raise LearningError(
             f"training had to stop: {problem}; the last complete checkpoint in {run.directory} stays, and --resume "
             "goes on from there"
         ) from problem
     return Trained(history, time.perf_counter() - started, time.process_time() - started_cpu)
-
-
-def _learner(settings: Settings, resume: bool) -> Callable[[Run], History]:
-    """The function that trains a run of an algorithm; it is imported here, since all of them need torch."""
-    import torch
-
-    # The networks are small: more threads are slower, and several runs share a machine.
-    torch.set_num_threads(1)
-    match settings:
-        case Reinforcement():
-            from clutter_env.training.reinforcement import reinforce
-
-            return partial(reinforce, resume=resume)
-        case BC():
-            from clutter_env.training.cloning import train_clone
-
-            return train_clone
-        case Keyframes():
-            from clutter_env.training.motions import train_motions
-
-            return train_motions
-    from clutter_env.training.high_level import train_decisions
-
-    return train_decisions
 
 
 def train_all(
@@ -109,3 +140,89 @@ def train_all(
     if crashed:
         raise LearningError("; ".join(crashed))
     return [trained[run.directory] for run in runs]
+
+
+def _learn(run: Run, is_resumed: bool) -> History:
+    """Learn until `run.settings.steps` in all; the history, which is written as it grows, and to TensorBoard."""
+    settings, path, history_file = run.settings, run.directory / MODEL_FILE, run.directory / HISTORY_FILE
+    started, history = time.process_time(), History()
+    evaluation_env = run.task.make()
+    copies = make_vec_env(run.task.make, n_envs=settings.num_envs, seed=run.seed)
+    model = make_model(run.algorithm, settings, run.task.family, copies, run.seed, run.directory)
+    if is_resumed:
+        load_model(model, path)
+        history = json.loads(history_file.read_text()) if history_file.exists() else history
+    policy, seeds = ModelPolicy(run.algorithm, model), held_out_seeds(settings.evaluation_episodes)
+
+    def checkpoint(*_: object) -> bool:
+        """Measure success, and save; training goes on."""
+        success = success_rate(evaluation_env, policy, seeds, settings.evaluation_steps)
+        save_model(model, path)
+        history.append({"steps": model.num_timesteps, "success": success, "cpu_s": time.process_time() - started})
+        write_json(history_file, history)
+        model.logger.record("held_out/success", success)
+        model.logger.dump(model.num_timesteps)
+        return True
+
+    left = settings.steps - model.num_timesteps
+    if left > 0:
+        checkpoints = EveryNTimesteps(settings.checkpoint_every, ConvertCallback(checkpoint))
+        checkpoints.last_time_trigger = model.num_timesteps
+        model.learn(left, callback=checkpoints, reset_num_timesteps=False, tb_log_name="tensorboard")
+        save_model(model, path)
+    copies.close()
+    evaluation_env.close()
+    return history
+
+
+def make_model(
+    algorithm: str, settings: Settings, family: str, env: gym.Env | VecEnv, seed: int = 0, log: Path | None = None
+) -> BaseAlgorithm:
+    """A new model of an algorithm for an environment of a family; it logs to the directory of a run.
+
+    Raises:
+        LearningError: there is no such device.
+    """
+    options = dict(_OPTIONS[family, algorithm])
+    if algorithm in ("sac", "tqc", "dqn"):
+        options |= {"train_freq": 1, "gradient_steps": settings.gradient_steps}
+        options["buffer_size"] = min(_BUFFER, settings.steps)
+    network, log_directory = network_name(env.observation_space), None if log is None else str(log)
+    try:
+        return ALGORITHMS[algorithm](
+            network, env, seed=seed, device=settings.device, tensorboard_log=log_directory, **options
+        )
+    except RuntimeError as problem:
+        raise LearningError(f"no model on device {settings.device!r}: {problem}") from problem
+
+
+def save_model(model: BaseAlgorithm, path: Path) -> None:
+    """Write networks, optimisers and the number of steps; the file is complete, or the old one stays.
+
+    Raises:
+        OSError: the disk is full or cannot be written.
+    """
+    content = {
+        "steps": model.num_timesteps,
+        "network": {name: value for name, value in model.policy_kwargs.items() if name in ("net_arch", "n_critics")},
+        "parameters": model.get_parameters(),
+        "log_ent_coef": getattr(model, "log_ent_coef", None),  # learned by SAC and TQC
+    }
+    with written_atomically(path) as part:
+        torch.save(content, part)
+
+
+def load_model(model: BaseAlgorithm, path: Path) -> None:
+    """Give a new model what `save_model` wrote.
+
+    Raises:
+        PolicyError: the file is missing or damaged, or it holds the model of another algorithm.
+    """
+    content = read_model(path)
+    with damage_refused(path):
+        model.set_parameters(content["parameters"], device=model.device)
+        if content["log_ent_coef"] is not None:
+            model.log_ent_coef.data.copy_(content["log_ent_coef"])
+        model.num_timesteps = int(content["steps"])
+    if hasattr(model, "learning_starts"):
+        model.learning_starts += model.num_timesteps  # the replay buffer is empty

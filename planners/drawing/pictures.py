@@ -284,6 +284,11 @@ def _draw_body(axes: Axes, body: Body, colour: str, text: str | None = None, ink
     style: dict[str, Any] = {"facecolor": colour, "edgecolor": COLOURS["ink"], "linewidth": 0.8, "alpha": 0.92}
     if body.shape == "cylinder" and body.is_upright:
         axes.add_patch(Circle(at, body.radius, zorder=5, **style))
+    elif body.shape == "pieces":
+        # Their edges are drawn below their faces, so that those of all pieces together are seen.
+        for zorder, over in ((5.0, {"linewidth": 1.6}), (5.1, {"linewidth": 0.0})):
+            for piece in body.placed:
+                axes.add_patch(Polygon(piece.outline[:, ::-1], zorder=zorder, **{**style, "alpha": None, **over}))
     else:
         level = np.delete(np.arange(3), np.abs(body.rotation[2]).argmax())
         corners = np.array([(-1, -1), (-1, 1), (1, 1), (1, -1)]) * body.half_extents[level]

@@ -136,6 +136,8 @@ class _Motors:
         self._joints = RobotJoints.of(model, data, robot)
         self._drive = np.array([model.actuator(name).id for name in robot.drive_joints])
         self._fingers = np.array([model.actuator(name).id for name in robot.finger_joints])
+        # Closed beyond 0 the fingers press with all their force; see `prepare`.
+        self._closed = min(float(model.actuator_ctrlrange[self._fingers, 0].max()), 0.0)
         self._feedforward = np.array(robot.velocity_feedforward(model))
         self._last = self._joints.read(data)
         self._finger = float(np.mean([data.joint(name).qpos[0] for name in robot.finger_joints]))
@@ -147,7 +149,7 @@ class _Motors:
         start, start_finger = self._last, self._finger
         goal = np.array(command.drive)
         goal[2] += 2 * np.pi * np.round((start[2] - goal[2]) / (2 * np.pi))  # the shorter turn
-        finger = self._robot.finger_position(command.opening)
+        finger = self._robot.finger_position(command.opening) or self._closed
         velocity = (self._joints.positions(goal) - self._joints.positions(start)) / CONTROL_STEP
         for share in np.arange(1, _SEGMENTS + 1) / _SEGMENTS:
             drive = self._joints.positions(start + share * (goal - start))

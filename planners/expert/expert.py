@@ -24,7 +24,7 @@ from planners.expert.interfaces import ScenePlanner, controlled_env, num_disturb
 from planners.expert.monitor import Sensor, held_object
 from planners.expert.report import EpisodeReport, Recorder, Recording
 from planners.goals import Goal, height_below, holding
-from planners.grasping.grasp_poses import Grasps
+from planners.grasping.families import Grasps
 from planners.motion.arm import tcp_pose, unwrap_joints
 from planners.motion.trajectory import CONTROL_STEP
 from planners.placing.surfaces import Supports

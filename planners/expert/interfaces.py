@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from planners.expert.config import ExpertError
-from planners.grasping.grasp_poses import Grasps
+from planners.grasping.families import Grasps
 from planners.motion.tcp_following import TcpFollower
 from planners.placing.surfaces import Supports
 from planners.planner import Planner

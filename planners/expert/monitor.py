@@ -131,7 +131,7 @@ def held_object(scene: Scene) -> str:
     for body in scene.objects:
         tcp_in_body = body.rotation.T @ (T_world_tcp[:3, 3] - body.position)
         is_around_tcp = bool((np.abs(tcp_in_body) < body.half_extents + _REACH).all())
-        is_gripped = gap < 2 * body.half_extent_along(T_world_tcp[:3, 1]) + _BETWEEN_PADS
+        is_gripped = gap < body.width_in_gripper(np.linalg.inv(T_world_tcp) @ body.pose) + _BETWEEN_PADS
         if is_around_tcp and is_gripped and body.bottom > height_below(scene, body) + _OFF_SUPPORT:
             return body.name
     return ""

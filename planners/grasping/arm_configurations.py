@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from functools import cache
 from typing import NamedTuple
@@ -195,6 +196,12 @@ def _scan(
     scan(query, memory, home, bases, gripper_poses, known, order, torsos, rolls, nearest_home, not is_driven)
     kept, count = memory.kept, int(memory.kept.size[0])
     return ArmConfigurations(kept.q[:count], kept.pair[:count], kept.hits[:count], kept.quality[:count])
+
+
+def gripper_rotation(yaw: float, pitch: float) -> Array:
+    """(3, 3) Rz(yaw) Ry(pitch) of a gripper pose, as in `GripperPoses`."""
+    (x, y), down, level = (math.cos(yaw), math.sin(yaw)), math.sin(pitch), math.cos(pitch)
+    return np.array([(level * x, -y, down * x), (level * y, x, down * y), (-down, 0.0, level)])
 
 
 def gripper_hits(

@@ -9,6 +9,7 @@ gripper turned relative to the base, then those of the reachability map.
 from __future__ import annotations
 
 import itertools
+import math
 import operator
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -24,7 +25,8 @@ from irm.kinematics import link_frames
 from planners.collision.world import CompiledScenes, objects_on
 from planners.grasping.arm_configurations import ArmConfigurations, ConfigurationGrid, GripperPoses, scan_configurations
 from planners.grasping.base_placement import STRAIGHT, TURNED, MapPlacer, facing_bases, farthest_reach
-from planners.grasping.grasp_poses import SIDE, GraspFamily, GraspPose, generate_grasps
+from planners.grasping.families import SIDE, Family, families_for
+from planners.grasping.grasp_poses import GraspPose, generate_grasps
 from planners.scene import Body, Scene
 from planners.scene.cover import is_covered
 
@@ -33,6 +35,8 @@ Array = NDArray[np.float64]
 _BASES = (0, 8)
 """Base poses for each gripper pose: the placer's own number, then more where these give no grasp, or, under a shelf, no
 grasp with nothing in its way."""
+_OPENINGS = 0.015
+"""[m] between the openings of groups of grasps of one object."""
 _REFILLS = 8
 """Times that grasps are looked for again once all of one kind are refuted, before an object counts as without more."""
 _MAP: tuple[float, ...] = ()
@@ -106,7 +110,7 @@ def as_candidates(
 class _Stage(NamedTuple):
     """A family of grasps, and the yaws [rad] that the gripper may have relative to the base."""
 
-    family: GraspFamily
+    family: Family
     turns: tuple[float, ...] = _MAP
 
 
@@ -143,7 +147,7 @@ class GraspCandidates:
     """
 
     arms: Mapping[str, MapPlacer]
-    families: tuple[GraspFamily, ...] = (SIDE,)
+    families: tuple[Family, ...] = (SIDE,)
     canonical: bool = False
     near_home: bool = False
     compiled: CompiledScenes = field(default_factory=CompiledScenes)
@@ -183,10 +187,12 @@ class GraspCandidates:
         found: list[GraspCandidate] = []
         for view in self._views_of(scene).values():
             body = view.body(name)
-            for family in self.families:
-                wanted, opening = _wanted(view, body, family)
-                poses = self._untried(view, body, GripperPoses(np.tile(base, (len(wanted), 1)), wanted))
-                if of_family := self._scan(view, body, poses, opening):
+            for family in families_for(body, self.families):
+                of_family: list[GraspCandidate] = []
+                for wanted, opening in _wanted(view, body, family):
+                    poses = self._untried(view, body, GripperPoses(np.tile(base, (len(wanted), 1)), wanted))
+                    of_family += self._scan(view, body, poses, opening)
+                if of_family:
                     found += of_family
                     break
         return best_first(found)
@@ -220,7 +226,7 @@ class GraspCandidates:
         key, body = (scene.robot.arm_name, name), scene.body(name)
         known = self._known.get(key)
         if known is None:
-            known = self._known[key] = _Known((), self._stages())
+            known = self._known[key] = _Known((), self._stages(body))
         while known.unseen and not any(grasp.blockers == 0 for grasp in known.candidates):
             found = self._of_stage(scene, body, known.unseen[0])
             known = known._replace(candidates=best_first((*known.candidates, *found)), unseen=known.unseen[1:])
@@ -234,29 +240,29 @@ class GraspCandidates:
         known = known._replace(candidates=best_first(candidates), tried=known.tried | {grasp.pair})
         self._known[key] = known
         if known.refills < _REFILLS and not any(other.blockers == grasp.blockers for other in candidates):
-            kept = {other.key for other in candidates}
-            stages = self._stages()[: len(self._stages()) - len(known.unseen)]
-            found = [other for stage in stages for other in self._of_stage(scene, scene.body(grasp.object), stage)]
+            kept, body = {other.key for other in candidates}, scene.body(grasp.object)
+            stages = self._stages(body)
+            seen = stages[: len(stages) - len(known.unseen)]
+            found = [other for stage in seen for other in self._of_stage(scene, body, stage)]
             new = [other for other in found if other.key not in kept]
             self._known[key] = known._replace(candidates=best_first((*candidates, *new)), refills=known.refills + 1)
 
-    def _stages(self) -> tuple[_Stage, ...]:
-        """Where grasps are looked for, in this order."""
+    def _stages(self, body: Body) -> tuple[_Stage, ...]:
+        """Where grasps of an object are looked for, in this order."""
         every_turn = (STRAIGHT, TURNED, _MAP) if self.canonical else (_MAP,)
-        return tuple(_Stage(family, turns) for family in self.families for turns in every_turn)
+        return tuple(_Stage(family, turns) for family in families_for(body, self.families) for turns in every_turn)
 
     def _of_stage(self, scene: Scene, body: Body, stage: _Stage) -> list[GraspCandidate]:
-        wanted, opening = _wanted(scene, body, stage.family)
-        if not len(wanted):
-            return []
-        if stage.turns:
-            poses = self._untried(scene, body, self._facing(scene, wanted, stage.turns))
-            found = self._scan(scene, body, poses, opening, about_home=True)
-        else:
-            found = self._from_map(scene, body, wanted, opening)
+        found: list[GraspCandidate] = []
+        for wanted, opening in _wanted(scene, body, stage.family):
+            if stage.turns:
+                poses = self._untried(scene, body, self._facing(scene, wanted, stage.turns))
+                found += self._scan(scene, body, poses, opening, about_home=True)
+            else:
+                found += self._from_map(scene, body, wanted, opening)
         if not self.canonical:
             return found
-        worse, robot = _WORSE * self._stages().index(stage), scene.robot
+        worse, robot = _WORSE * self._stages(body).index(stage), scene.robot
         return [replace(grasp, quality=_canonical_quality(grasp.base, grasp.q, robot) - worse) for grasp in found]
 
     def _from_map(self, scene: Scene, body: Body, wanted: Array, opening: float) -> list[GraspCandidate]:
@@ -301,10 +307,15 @@ class GraspCandidates:
         return as_candidates(body.name, poses, opening, found, arm, is_covered(scene, body.foot))
 
 
-def _wanted(scene: Scene, body: Body, family: GraspFamily) -> tuple[Array, float]:
-    """The gripper poses (k, 5) of a family of grasps of an object, and how far the gripper is open before [m]."""
-    grasps = generate_grasps(body, scene.robot, (family,))
-    return gripper_poses(grasps), max((grasp.opening for grasp in grasps), default=0.0)
+def _wanted(scene: Scene, body: Body, family: Family) -> list[tuple[Array, float]]:
+    """The gripper poses (k, 5) of a family of grasps of an object, in groups with one opening [m] of the gripper each.
+
+    Those around a cylinder or box are one group: they open as far as the widest of them needs.
+    """
+    groups: dict[int, list[GraspPose]] = {}
+    for grasp in generate_grasps(body, scene.robot, (family,)):
+        groups.setdefault(math.ceil(grasp.opening / _OPENINGS) if body.shape == "pieces" else 0, []).append(grasp)
+    return [(gripper_poses(group), max(grasp.opening for grasp in group)) for group in groups.values()]
 
 
 def _canonical_quality(base: Array, q: Array, robot: RobotSpec) -> float:

@@ -1,16 +1,11 @@
-"""Grasp poses around an object, by families (Lee & Kim 2019, section 3.3, Figs. 5 and 6).
-
-A grasp set is what a solve chooses grasps from, and what its minimum number of clearances is exact for. The paper's
-experiments use level grasps alone.
-"""
+"""Grasp poses around an object, by families (Lee & Kim 2019, section 3.3, Figs. 5 and 6)."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cache
-from types import MappingProxyType
 from typing import TypeAlias
 
 import numpy as np
@@ -18,8 +13,11 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from planners.collision.world import FINGER_GAP
-from planners.grasping.arm_configurations import gripper_arrays
-from planners.scene import Body
+from planners.grasping.antipodal import antipodal_lines
+from planners.grasping.arm_configurations import gripper_arrays, gripper_rotation
+from planners.grasping.families import GRASP_SETS, AntipodalFamily, Family, GraspFamily, families_for
+from planners.scene import Body, HeldObject
+from planners.scene.bodies import pose_matrix
 
 _PALM_CLEARANCE, _PALM_SIDE, _TIP_CLEARANCE, _PAD_CLEARANCE = 0.003, 0.002, 0.0045, 0.0045
 """[m] that are kept before the palm, below the palm, beyond the fingertips and at the upper edge of the pads."""
@@ -27,115 +25,6 @@ _DECIMALS = 6
 Array: TypeAlias = NDArray[np.float64]
 _STRAIGHT_DOWN = 1e-6
 """Cosine of a pitch below which the gripper points straight down, and sine below which it is level."""
-
-
-class UnknownGraspSet(ValueError):
-    """Neither the name of a grasp set nor families of grasps; the message lists the valid names."""
-
-
-class InvalidGraspFamily(ValueError):
-    """A family of grasps with a value out of range; the message says which."""
-
-
-@dataclass(frozen=True)
-class GraspFamily:
-    """Grasps that differ only in the direction they come from. A grasp set is a tuple of families.
-
-    The TCP is δ above the object's lowest point and ε short of its main axis (Fig. 5), as far as palm and fingertips
-    permit. What is None is the robot's own.
-
-    Example:
-        steep = GraspFamily("steep", pitch=math.radians(70), depth=0.03, directions=36)
-        solve(scene, "object_03", grasps=(SIDE, steep))
-
-    Attributes:
-        name: for messages.
-        pitch: [rad] of the gripper; 0 is level, π/2 points straight down.
-        directions: n of the paper: grasps of a round object, 360°/n apart. Half of them differ where the gripper points
-            straight down.
-        depth: [m] of the TCP below the object's highest point, in place of δ.
-        height: δ [m], by default the robot's `grasp_height`.
-        axis_offset: ε [m], by default the robot's `grasp_axis_offset`; more where the palm would touch the object.
-        max_width: [m] between the fingers of what is grasped so, by default what the gripper spans.
-
-    Raises:
-        InvalidGraspFamily: a value out of range, or both `depth` and `height`.
-    """
-
-    name: str
-    pitch: float
-    directions: int = 24
-    depth: float | None = None
-    height: float | None = None
-    axis_offset: float | None = None
-    max_width: float | None = None
-
-    def __post_init__(self) -> None:
-        lengths = {name: getattr(self, name) for name in ("depth", "height", "max_width")}
-        wrong = [f"{name}={length!r}" for name, length in lengths.items() if length is not None and not length >= 0]
-        if not 0 <= self.pitch <= math.pi / 2:
-            wrong.append(f"pitch={self.pitch!r}")
-        if self.directions < 1:
-            wrong.append(f"directions={self.directions!r}")
-        if self.axis_offset is not None and not math.isfinite(self.axis_offset):
-            wrong.append(f"axis_offset={self.axis_offset!r}")
-        if None not in (self.depth, self.height):
-            wrong.append("depth together with height")
-        if wrong:
-            raise InvalidGraspFamily(
-                f"grasp family {self.name!r} has {', '.join(wrong)}; valid: pitch from 0 (level) to π/2 (down) rad, "
-                "directions from 1, lengths from 0 m, depth or height"
-            )
-
-
-SIDE = GraspFamily("side", 0.0)
-"""The paper's: a level gripper."""
-_TILTED = {degrees: GraspFamily(f"tilted {degrees}°", math.radians(degrees), depth=0.02) for degrees in (20, 40, 60)}
-TOP = GraspFamily("top", math.pi / 2, depth=0.02)
-"""The gripper points straight down."""
-_CENTRED = (SIDE, _TILTED[60], _TILTED[40], TOP, _TILTED[20])
-_SHORT_OF = tuple(
-    replace(family, name=f"{family.name}, 10 mm short of the axis", axis_offset=0.01) for family in (SIDE, _TILTED[60])
-)
-"""The fingertips of these reach less far past the object, so that they touch fewer of those behind it. More families
-of this kind lowered the minimum in one of 290 scenes."""
-GRASP_SETS: Mapping[str, tuple[GraspFamily, ...]] = MappingProxyType(
-    {
-        "side": (SIDE,),
-        "tilted": (_TILTED[60], _TILTED[40], _TILTED[20]),
-        "top": (TOP,),
-        "all": (*_CENTRED, *_SHORT_OF),
-    }
-)
-"""By name; the families of a set come in the order in which they are tried."""
-
-
-Grasps: TypeAlias = str | Sequence[GraspFamily]
-"""A grasp set: its name, or families."""
-
-
-def find_grasp_set(grasps: Grasps) -> tuple[GraspFamily, ...]:
-    """The families of a grasp set.
-
-    Raises:
-        UnknownGraspSet: neither the name of a set nor families; the message lists the valid names.
-    """
-    if isinstance(grasps, str) and grasps in GRASP_SETS:
-        return GRASP_SETS[grasps]
-    families: tuple[GraspFamily, ...] = ()
-    if isinstance(grasps, Sequence) and not isinstance(grasps, str):
-        families = tuple(grasps)
-    if not families or not all(isinstance(family, GraspFamily) for family in families):
-        raise UnknownGraspSet(
-            f"no grasp set {grasps!r}; valid grasp sets: {', '.join(GRASP_SETS)}, or a tuple of GraspFamily"
-        )
-    return families
-
-
-def grasp_set_name(families: Sequence[GraspFamily]) -> str:
-    """A grasp set in words: its name, or those of its families."""
-    named = (repr(name) for name, known in GRASP_SETS.items() if known == tuple(families))
-    return next(named, f"families {', '.join(repr(family.name) for family in families)}")
 
 
 @dataclass(frozen=True)
@@ -203,34 +92,56 @@ class GraspPose:
         self.T_world_tcp.setflags(write=False)
 
 
-def generate_grasps(body: Body, robot: RobotSpec, families: Sequence[GraspFamily] = (SIDE,)) -> tuple[GraspPose, ...]:
-    """All grasps of an object, of some families, that fit between the fingers (section 3.3, Figs. 5 and 6).
+def generate_grasps(
+    body: Body, robot: RobotSpec, families: Sequence[Family] = GRASP_SETS["side"]
+) -> tuple[GraspPose, ...]:
+    """All grasps of an object, of those families by which it is grasped, that fit between the fingers.
 
-    A cylinder that stands is grasped from all directions of a family, anything else across the faces that the fingers
-    can span. δ (TCP above the object's lowest point) and ε (TCP short of its main axis) are adapted to objects too low
-    or too long for palm and fingertips.
+    A cylinder that stands is grasped from all directions of a family, a box across the faces that the fingers can span
+    (section 3.3, Figs. 5 and 6). δ (TCP above the object's lowest point) and ε (TCP short of its main axis) are adapted
+    to objects too low or too long for palm and fingertips. For objects of several pieces see `AntipodalFamily`.
     """
-    return tuple(
-        GraspPose(float(yaw), family.pitch, _pose(body, robot, family, yaw), gripper_opening(robot, half))
-        for family in families
-        for yaw, half in zip(*_yaws(body, family), strict=True)
-        if 2 * half < _widest(robot, family)
-    )
+    found: list[GraspPose] = []
+    for family in families_for(body, families):
+        found += (
+            _antipodal(body, robot, family) if isinstance(family, AntipodalFamily) else _centred(body, robot, family)
+        )
+    return tuple(found)
 
 
-def too_wide(body: Body, robot: RobotSpec, families: Sequence[GraspFamily]) -> str:
+def _centred(body: Body, robot: RobotSpec, family: GraspFamily) -> Iterator[GraspPose]:
+    for yaw, half in zip(*_yaws(body, family), strict=True):
+        if 2 * half < _widest(robot, family):
+            pose = _pose(body, robot, family, yaw)
+            yield GraspPose(float(yaw), family.pitch, pose, gripper_opening(robot, half))
+
+
+def _antipodal(body: Body, robot: RobotSpec, family: AntipodalFamily) -> Iterator[GraspPose]:
+    lowest = gripper_clearances(robot).above_support(family.pitch)
+    for yaw, position, width in antipodal_lines(body, robot, family, lowest, _widest(robot, family)):
+        T = pose_matrix(position, gripper_rotation(yaw, family.pitch))
+        yield GraspPose(yaw, family.pitch, T, gripper_opening(robot, width / 2))
+
+
+def too_wide(body: Body, robot: RobotSpec, families: Sequence[Family]) -> str:
     """Why no grasp of some families fits around an object, "" if one does."""
-    spans = [2 * float(half) for family in families for half in _yaws(body, family)[1]]
-    widest = max(_widest(robot, family) for family in families)
-    if any(2 * half < _widest(robot, family) for family in families for half in _yaws(body, family)[1]):
+    chosen = families_for(body, families)
+    if not chosen:
+        return f"{body.name} consists of several pieces, and no family of grasps is an AntipodalFamily"
+    widest = max(_widest(robot, family) for family in chosen)
+    span = f"{1000 * widest:.0f} mm"
+    most = f"the families of grasps take {span} at most" if widest < robot.max_opening else f"the gripper opens {span}"
+    centred = [family for family in chosen if isinstance(family, GraspFamily)]
+    if not centred:
+        faces = f"the gripper gets around no two opposite faces of {body.name} within the friction cones"
+        return "" if generate_grasps(body, robot, families) else f"{faces}; {most}"
+    spans = [(2 * float(half), _widest(robot, family)) for family in centred for half in _yaws(body, family)[1]]
+    if any(width < limit for width, limit in spans):
         return ""
-    across = f"{body.name} is {1000 * min(spans):.0f} mm wide"
-    if widest < robot.max_opening:
-        return f"{across}, and the families of grasps take {1000 * widest:.0f} mm at most"
-    return f"{across}, and the gripper opens {1000 * widest:.0f} mm"
+    return f"{body.name} is {1000 * min(spans)[0]:.0f} mm wide, and {most}"
 
 
-def _widest(robot: RobotSpec, family: GraspFamily) -> float:
+def _widest(robot: RobotSpec, family: Family) -> float:
     """[m] Objects are grasped by the family if they are less wide."""
     return robot.max_opening if family.max_width is None else min(family.max_width, robot.max_opening)
 
@@ -243,6 +154,12 @@ def even_yaws(count: int) -> Array:
 def gripper_opening(robot: RobotSpec, half_span: float) -> float:
     """Opening [m] with which to approach an object that is 2 `half_span` wide between the fingers."""
     return min(2 * (float(half_span) + FINGER_GAP), robot.max_opening)
+
+
+def opening_around(robot: RobotSpec, body: Body, held: HeldObject) -> float:
+    """Opening [m] with which to let go of an object as it is held, or to close on it so."""
+    pieces = body.shape == "pieces"
+    return gripper_opening(robot, body.width_in_gripper(held.T_tcp_object) / 2 if pieces else body.half_width)
 
 
 def _yaws(body: Body, family: GraspFamily) -> tuple[Array, Array]:
@@ -286,9 +203,7 @@ def _pose(body: Body, robot: RobotSpec, family: GraspFamily, yaw: float) -> Arra
     # Straight down no heading leads away from the axis.
     epsilon = max(epsilon, (behind - (delta - height / 2) * down) / level) if level > _STRAIGHT_DOWN else 0.0
     T = np.eye(4)
-    T[:3, 0] = approach
-    T[:3, 1] = (-heading[1], heading[0], 0.0)
-    T[:3, 2] = (down * heading[0], down * heading[1], level)
+    T[:3, :3] = gripper_rotation(yaw, family.pitch)
     T[:3, 3] = body.position - epsilon * heading
     T[2, 3] = body.bottom + delta
     return T

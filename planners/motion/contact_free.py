@@ -33,6 +33,8 @@ _MOST_CORNERS = 10
 """Between two contacts; a path with more of them is left as it is."""
 _HALF_WIDTHS = (0.3, 0.15, 0.07)
 """[s] at full speed before and after a corner that are rounded off, the first for which the path is free."""
+_LAG = 2
+"""Samples by which fingers may be behind their commands."""
 _OFF_LINE = 0.001
 """[m] A driven configuration farther off the planned lines keeps `CLEARANCE`: base and arm lag when both move."""
 
@@ -59,15 +61,27 @@ def merge_phases(
     if not max(len(ramp) - 1, len(phases)) <= last < sum(steps):
         return None
     bounds, states = _bounds(steps, last), timed.states.copy()
-    # The fingers begin to move with the phase in which they did as planned.
+    # The fingers begin to move with the phase in which they did as planned, or at once if they would be late.
     moving = (k for k, phase in enumerate(phases) if np.ptp(phase.finger_position) > 0.0)
-    begin = min(bounds[next(moving, 0)], last + 1 - len(ramp))
-    states[begin : begin + len(ramp), -1] = ramp
-    states[begin + len(ramp) :, -1] = end
+    for begin in (min(bounds[next(moving, 0)], last + 1 - len(ramp)), 0):
+        states[:, -1] = np.concatenate([np.full(begin, start), ramp, np.full(last + 1 - begin - len(ramp), end)])
+        if held or _may_lag(world, states):
+            break
+    else:
+        return None
     return [
         Trajectory.of_states(states[first : final + 1], phase.phases[0])
         for (first, final), phase in zip(itertools.pairwise(bounds), phases, strict=True)
     ]
+
+
+def _may_lag(world: CollisionWorld, states: Array) -> bool:
+    """Whether nothing is hit on the way (n, 12) by fingers that open `_LAG` samples late."""
+    late, robot = states[:-_LAG, -1], world.scene.robot
+    return not any(
+        world.path_hits(states[k + _LAG - 1 : k + _LAG + 1, :-1], robot.opening(late[k]), ignore=1 << SELF_BIT)
+        for k in np.flatnonzero(late < states[-1, -1])
+    )
 
 
 def _bounds(steps: Sequence[int], last: int) -> list[int]:

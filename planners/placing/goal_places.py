@@ -170,11 +170,14 @@ def must_go_first(scene: Scene, body: Body, fact: On | Inside | At) -> tuple[str
     """Names of the objects each of which alone keeps another from its place where it stands: proved.
 
     A location on a grid stands for all within half a cell, and an object counts as no larger than the circle in it.
+    Nothing is proved of objects of several pieces, beside or under which others may stand.
     """
     place, radius = place_of(scene, fact), float(min(body.half_extents[:2]))
     if place.below:
         return _on_top(scene, body, place)
-    in_the_way = [one for one in beside(scene, place.face, body) if one.name != body.name]
+    if body.shape == "pieces":
+        return ()
+    in_the_way = [one for one in beside(scene, place.face, body) if one.name != body.name and one.shape != "pieces"]
     if place.area is None:
         assert isinstance(fact, At)
         assert place.location is not None
@@ -184,7 +187,7 @@ def must_go_first(scene: Scene, body: Body, fact: On | Inside | At) -> tuple[str
         slack += float(np.hypot(*(np.array(place.area.half_extents) / (_steps(place.area) - 1))))
         inner = np.maximum(np.array(place.area.half_extents) - radius + slack, 0.0)
         centre = centre[(np.abs(place.area.local(centre)) <= inner).all(axis=1)]
-    return tuple(one.name for one in in_the_way if (_distances(centre, one) < radius - slack).all())
+    return tuple(one.name for one in in_the_way if (distances(centre, one) < radius - slack).all())
 
 
 def in_the_way(scene: Scene, body: Body, place: Place, waiting: Collection[str]) -> tuple[str, ...]:
@@ -202,7 +205,7 @@ def in_the_way(scene: Scene, body: Body, place: Place, waiting: Collection[str])
     staying = [one for one in standing if one.name not in waiting]
     if place.area is None:
         assert place.location is not None
-        near = [one for one in staying if _distances(place.location[None], one)[0] < body.radius + _GAPS[-1]]
+        near = [one for one in staying if distances(place.location[None], one)[0] < body.radius + _GAPS[-1]]
         return tuple(one.name for one in near)
     points = _grid(place.area, scene.state.base[:2])
     if _fits(points, place.area, body, staying, _GAPS[-1]).any():
@@ -243,19 +246,31 @@ def _fits(points: Array, area: Region, body: Body, standing: Sequence[Body], gap
     """Whether the circle around an object lies in an area, and keeps a gap [m] from others: (n,)."""
     inside = (np.abs(area.local(points)) <= np.array(area.half_extents) - body.radius).all(axis=1)
     for one in standing:
-        inside &= _distances(points, one) >= body.radius + gap
+        inside &= distances(points, one) >= body.radius + gap
     return np.asarray(inside)
 
 
-def _distances(points: Array, body: Body) -> Array:
+def distances(points: Array, body: Body) -> Array:
     """[m] from points (n, 2) to an object seen from above; 0 inside."""
     if body.shape == "cylinder" and body.is_upright:
         return np.maximum(np.linalg.norm(points - body.position[:2], axis=1) - body.half_extents[0], 0.0)
+    if body.shape == "pieces":
+        return np.min([_distances_to_polygon(points, piece.outline) for piece in body.placed], axis=0)
     outline = footprint(body)
     axes = body.rotation[:2, :2] if abs(body.rotation[2, 2]) > 0.99 else np.eye(2)
     local, corners = (points - body.position[:2]) @ axes, (outline - body.position[:2]) @ axes
     outside = np.maximum(np.abs(local) - np.abs(corners).max(axis=0), 0.0)
     return np.asarray(np.linalg.norm(outside, axis=1))
+
+
+def _distances_to_polygon(points: Array, corners: Array) -> Array:
+    """[m] from points (n, 2) to a convex polygon (k, 2), counter-clockwise; 0 inside."""
+    sides, away = np.roll(corners, -1, axis=0) - corners, points[:, None] - corners
+    length = np.maximum((sides**2).sum(axis=1), 1e-18)
+    shares = np.clip((away * sides).sum(axis=2) / length, 0.0, 1.0)
+    nearest = np.linalg.norm(away - shares[..., None] * sides, axis=2).min(axis=1)
+    inside = (sides[:, 0] * away[..., 1] - sides[:, 1] * away[..., 0] >= 0).all(axis=1)
+    return np.where(inside, 0.0, nearest)
 
 
 def _has_room(

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from planners.placing.rasterise import cells_of_marks, free_discs, mark_boxes, mark_discs
-from planners.scene import Body, StaticObstacle
+from planners.scene import Body, Solid, StaticObstacle
+from planners.scene.solid import LEVEL
 
 Array: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
@@ -131,14 +132,20 @@ def _is_near(grid: SupportGrid, centres: Array, radii: Array, z_high: float) -> 
 
 
 def footprint_mask(grid: SupportGrid, bodies: Iterable[Body], clearance: float = 0.0) -> Mask:
-    """Cells under objects, grown by `clearance` [m]: discs for upright cylinders, oriented rectangles for the rest."""
+    """Cells under objects, grown by `clearance` [m]: discs for upright cylinders, oriented boxes for other pieces."""
     marks = _new_marks(grid)
-    discs, boxes = [], []
+    discs: list[tuple[float, float, float]] = []
+    boxes: list[Body | Solid] = []
     for body in bodies:
         if body.shape == "cylinder" and body.is_upright:
             discs.append((body.position[0], body.position[1], body.radius + clearance))
-        else:
+        elif body.shape != "pieces":
             boxes.append(body)
+        for piece in body.placed if body.shape == "pieces" else ():
+            if piece.shape == "cylinder" and abs(piece.rotation[2, 2]) > 1 - LEVEL:
+                discs.append((piece.position[0], piece.position[1], piece.half_extents[0] + clearance))
+            else:
+                boxes.append(piece)
     place = (grid.x0, grid.y0, grid.resolution)
     if discs:
         mark_discs(marks, np.array(discs), *place)

@@ -21,7 +21,7 @@ from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import SUPPORT_SLACK, CollisionWorld
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits, scan_configurations
 from planners.grasping.base_placement import MapPlacer, facing_bases, farthest_reach
-from planners.grasping.grasp_poses import gripper_opening
+from planners.grasping.grasp_poses import opening_around
 from planners.motion.approaches import can_put_down
 from planners.placing.goal_places import Place, locations_in
 from planners.placing.locations import placement_cells, placement_levels, put_down, rotated
@@ -267,7 +267,7 @@ class PlacementSearch:
             chain = self.arms[scene.robot.arm_name].chain
             few = ConfigurationGrid.over(chain, _TORSOS, _ROLLS)
             grid = ConfigurationGrid.near_home(chain) if self.near_home else few
-        opening, own = gripper_opening(scene.robot, body.half_width), scene.mask(scene.held_names)
+        opening, own = opening_around(scene.robot, body, held), scene.mask(scene.held_names)
         placed = put_down(scene, poses.gripper_poses[0], level)
         found = scan_configurations(world, poses, grid, opening, body=placed, held=held, ignore=own, first_free=True)
         for best in np.argsort(-found.quality):
@@ -304,7 +304,7 @@ def _gripper_poses(scene: Scene, location: Array, yaw: float | None = None) -> A
     held, body = _in_hand(scene)
     pitch = release_pitch(body, held)
     T_release_object = rotated(0.0, pitch) @ held.T_tcp_object
-    offset, half_height = T_release_object[:3, 3], body.at_pose(T_release_object).half_extent_along((0.0, 0.0, 1.0))
+    offset, half_height = T_release_object[:3, 3], body.at_pose(T_release_object).reach((0.0, 0.0, -1.0))
     yaws = np.arange(_YAWS) * (2 * np.pi / _YAWS)
     if yaw is not None:
         resting = put_down(scene, np.array([0.0, 0.0, 0.0, 0.0, pitch]), 0.0)
@@ -318,7 +318,7 @@ def _gripper_poses(scene: Scene, location: Array, yaw: float | None = None) -> A
 def _free(world: CollisionWorld, gripper_poses: Array) -> Array:
     """The gripper poses, of (k, 5), that hit nothing, with the object and with the fingers opened."""
     held, body = _in_hand(world.scene)
-    opening = gripper_opening(world.scene.robot, body.half_width)
+    opening = opening_around(world.scene.robot, body, held)
     return gripper_poses[gripper_hits(world, gripper_poses, opening, held=held) == 0]
 
 

@@ -21,7 +21,9 @@ Shape = Literal["cylinder", "box", "pieces"]
 Array = NDArray[np.float64]
 _PAD = 0.004 * np.array([(0.0, 0.0, 0.0), (1, 0, 0), (-1, 0, 0), (0, 0, 1), (0, 0, -1)])
 """[m] Points of a finger pad, in the TCP frame, at which an object of several pieces is measured."""
-_JOINED = 0.002
+TIP = 0.012
+"""[m] beyond them, where it is measured if it is held by the fingertips."""
+JOINED = 0.002
 """[m] Pieces of an object nearer to each other than this, on a line, count as joined there."""
 _ON_FACE = 0.002
 """[m] that the centre of mass must be inside the edges of a face on which an object of several pieces rests."""
@@ -48,7 +50,8 @@ class Body:
 
     `half_extents` (3,) [m] (a cylinder: radius, radius, half height), `position` (3,) [m] of the centre,
     `quaternion` (4,) wxyz, all in the world. Of an object of several pieces these are the box around it and its centre;
-    `pieces` are given in the frame there. See `of_pieces`.
+    `pieces` are given in the frame there. See `of_pieces`. `centre_of_mass` (3,) [m] is in that frame, too; () for its
+    origin.
     """
 
     name: str
@@ -57,6 +60,7 @@ class Body:
     position: NDArray[np.float64]
     quaternion: NDArray[np.float64]
     pieces: tuple[Solid, ...] = ()
+    centre_of_mass: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         for name, size in (("half_extents", 3), ("position", 3), ("quaternion", 4)):
@@ -68,9 +72,16 @@ class Body:
 
     @classmethod
     def of_pieces(
-        cls, name: str, pieces: Iterable[Solid], position: ArrayLike = (0, 0, 0), quaternion: ArrayLike = (1, 0, 0, 0)
+        cls,
+        name: str,
+        pieces: Iterable[Solid],
+        position: ArrayLike = (0, 0, 0),
+        quaternion: ArrayLike = (1, 0, 0, 0),
+        centre_of_mass: ArrayLike | None = None,
     ) -> Body:
         """An object made of convex solids that are given in a frame at `position` (3,), `quaternion` (4,) wxyz.
+
+        Its `centre_of_mass` (3,) [m] is in that frame; None for pieces of one density that do not overlap.
 
         Example:
             neck = Solid("neck", (0, 0, 0.15), (0.015, 0.015, 0.05), "cylinder")
@@ -84,9 +95,13 @@ class Body:
             raise SceneError(f"{name!r} has no pieces")
         low = np.min([piece.lower for piece in given], axis=0)
         high = np.max([piece.upper for piece in given], axis=0)
-        centred = tuple(piece.moved(np.eye(3), -(low + high) / 2) for piece in given)
-        body = cls(name, "pieces", (high - low) / 2, np.zeros(3), np.asarray(quaternion, dtype=float), centred)
-        return body.at(np.asarray(position) + body.rotation @ ((low + high) / 2))
+        middle, turn = (low + high) / 2, np.asarray(quaternion, dtype=float)
+        centred = tuple(piece.moved(np.eye(3), -middle) for piece in given)
+        if centre_of_mass is None:
+            centre_of_mass = np.average([one.position for one in given], 0, [one.volume for one in given])
+        heavy = frozen(centre_of_mass, (3,), f"centre of mass of {name!r}") - middle
+        body = cls(name, "pieces", (high - low) / 2, np.zeros(3), turn, centred, tuple(heavy.tolist()))
+        return body.at(np.asarray(position) + body.rotation @ middle)
 
     @cached_property
     def rotation(self) -> NDArray[np.float64]:
@@ -107,6 +122,11 @@ class Body:
         rotation = self.rotation
         return math.atan2(rotation[1, 0], rotation[0, 0])
 
+    @property
+    def mass_centre(self) -> NDArray[np.float64]:
+        """(3,) [m] its centre of mass in the world."""
+        return self.position + self.rotation @ (self.centre_of_mass or (0.0, 0.0, 0.0))
+
     @cached_property
     def solids(self) -> tuple[Solid, ...]:
         """The convex solids that it consists of, in its own frame: one of a cylinder or box."""
@@ -118,6 +138,12 @@ class Body:
     def placed(self) -> tuple[Solid, ...]:
         """The same where they are, in the world."""
         return tuple(solid.moved(self.rotation, self.position) for solid in self.solids)
+
+    @cached_property
+    def outline(self) -> NDArray[np.float64]:
+        """(k, 2) [m] corners, counter-clockwise, of its convex hull seen from above: of what is round a polygon."""
+        points = self.corners[:, :2]
+        return np.asarray(points[ConvexHull(points).vertices])
 
     def reach(self, direction: ArrayLike) -> float:
         """[m] from the centre to the farthest plane perpendicular to a world `direction` (3,) of unit length, that way.
@@ -145,10 +171,13 @@ class Body:
         T = np.asarray(T_tcp_body, dtype=float)
         if self.shape != "pieces":
             return 2.0 * self.at_pose(T).half_extent_along((0.0, 1.0, 0.0))
-        points, along = (_PAD - T[:3, 3]) @ T[:3, :3], np.tile(T[1, :3], (len(_PAD), 1))
-        cuts = np.array([piece.cut(points, along)[:2] for piece in self.pieces]).transpose(2, 0, 1)
-        widest = max(_between_pads(intervals[intervals[:, 0] < intervals[:, 1]]) for intervals in cuts)
-        return widest if widest > 0.0 else 2.0 * self.at_pose(T).half_extent_along((0.0, 1.0, 0.0))
+        for pad in (_PAD, _PAD + (TIP, 0.0, 0.0)):
+            points, along = (pad - T[:3, 3]) @ T[:3, :3], np.tile(T[1, :3], (len(pad), 1))
+            cuts = np.array([piece.cut(points, along)[:2] for piece in self.pieces]).transpose(2, 0, 1)
+            widest = max(_between_pads(intervals[intervals[:, 0] < intervals[:, 1]]) for intervals in cuts)
+            if widest > 0.0:
+                return widest
+        return 2.0 * self.at_pose(T).half_extent_along((0.0, 1.0, 0.0))
 
     @cached_property
     def corners(self) -> NDArray[np.float64]:
@@ -264,7 +293,7 @@ def up_axis(body: Body) -> Array:
     """The direction (3,) in the world, fixed to the object, that points up once it rests as it lies or stands now."""
     z_axis, up = body.rotation[:, 2], np.array((0.0, 0.0, 1.0))
     if body.shape == "pieces":
-        ups = _resting_directions(body.pieces) @ body.rotation.T
+        ups = _resting_directions(body) @ body.rotation.T
         return np.asarray(ups[ups[:, 2].argmax()])
     if body.shape == "cylinder" and abs(z_axis[2]) < math.sqrt(0.5):
         level = up - z_axis[2] * z_axis
@@ -290,7 +319,7 @@ def _resting_axes(body: Body, rotation: Array) -> Iterator[Array]:
     """
     axes = [rotation[:, 2], -rotation[:, 2]]
     if body.shape == "pieces":
-        axes = list(_resting_directions(body.pieces) @ rotation.T)
+        axes = list(_resting_directions(body) @ rotation.T)
     elif body.shape == "cylinder":
         lying = np.array((-rotation[2, 2], 0.0, rotation[0, 2]))
         axes += [lying, -lying]
@@ -309,27 +338,28 @@ def _between_pads(intervals: Array) -> float:
     """
     joined: list[Array] = []
     for low, high in intervals[np.argsort(intervals[:, 0])]:
-        if joined and low < joined[-1][1] + _JOINED:
+        if joined and low < joined[-1][1] + JOINED:
             joined[-1][1] = max(joined[-1][1], high)
         else:
             joined.append(np.array((low, high)))
-    around = [one for one in joined if one[0] < _JOINED and one[1] > -_JOINED]
+    around = [one for one in joined if one[0] < JOINED and one[1] > -JOINED]
     if not around:
         below, above = [one for one in joined if one[1] < 0], [one for one in joined if one[0] > 0]
         around = [*below[-1:], *above[:1]]
     return 2.0 * max((float(np.abs(one).max()) for one in around), default=0.0)
 
 
-@lru_cache(maxsize=256)
-def _resting_directions(pieces: tuple[Solid, ...]) -> Array:
+def _resting_directions(body: Body) -> Array:
     """Directions (k, 3), in the frame of an object, that may point up when it rests on a level plane.
 
-    The object's own z axis comes first if it stands on its bottom, then those of the largest faces of its hull. The
-    pieces are taken to have one density.
+    The object's own z axis comes first if it stands on its bottom, then those of the largest faces of its hull.
     """
+    return _resting_on_hull(body.pieces, body.centre_of_mass or (0.0, 0.0, 0.0))
+
+
+@lru_cache(maxsize=256)
+def _resting_on_hull(pieces: tuple[Solid, ...], middle: tuple[float, ...]) -> Array:
     hull = ConvexHull(np.concatenate([piece.corners for piece in pieces]))
-    volumes = np.array([piece.volume for piece in pieces])
-    middle = volumes @ np.array([piece.position for piece in pieces]) / volumes.sum()
     normals, areas = hull.equations[:, :3], _triangle_areas(hull.points[hull.simplices])
     found: list[tuple[float, Array]] = []
     for normal in normals:
@@ -339,7 +369,7 @@ def _resting_directions(pieces: tuple[Solid, ...]) -> Array:
         # The face seen along its normal, and the centre of mass above it.
         across = np.linalg.svd(normal[None])[2][1:]
         face = ConvexHull(hull.points[np.unique(hull.simplices[is_same])] @ across.T)
-        if (face.equations[:, :2] @ (across @ middle) + face.equations[:, 2] < -_ON_FACE).all():
+        if (face.equations[:, :2] @ (across @ np.array(middle)) + face.equations[:, 2] < -_ON_FACE).all():
             found.append((float(areas[is_same].sum()), -normal))
     found.sort(key=lambda one: (one[1][2] < math.cos(UPRIGHT_TILT), -round(one[0], 9)))
     return np.array([up for _, up in found]).reshape(-1, 3)

@@ -5,21 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias, TypeVar
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from planners.scene.bodies import Body, RobotState, Shape
-from planners.scene.solid import SceneError
+from planners.scene.bodies import Body, RobotState, Shape, pose_matrix
+from planners.scene.solid import SceneError, Solid
 from planners.scene.static_obstacle import FLOOR, StaticObstacle
 
 Array: TypeAlias = NDArray[np.float64]
+SolidT = TypeVar("SolidT", bound=Solid)
 Movable: TypeAlias = Collection[str] | Callable[[str], bool]
 """The bodies that may be moved: their names, or a predicate that is asked for the name of each free body."""
-_ADVICE = "without it in `movable` it is a static obstacle"
+_ADVICE = "leave the body out of `movable`, it is a static obstacle then"
 _ON_THE_FLOOR = 0.001
 """[m] and rounding of a rotation matrix: how far the base may be off the ground, or tilted."""
 _SHAPES: dict[int, Shape] = {
@@ -139,18 +140,19 @@ def robot_state_of(model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec)
 
 @dataclass(frozen=True, eq=False)
 class MovableBodies:
-    """The movable objects of a model, in its order: bodies with a free joint and one cylinder or box that can touch.
+    """The movable objects of a model, in its order: bodies with a free joint and geoms that can touch.
 
     Attributes:
         names: of the n bodies.
-        bodies: (n,) their ids; `geoms` (n,) ids of their cylinders and boxes.
+        bodies: (n,) their ids.
+        objects: (n,) the same as the planner has them, at the origin of the world.
         addresses: (n, 7) of the poses of the bodies in `qpos`.
-        offsets: (n, 3) [m] centre of the geom in the body's frame; `turns` (n, 4) its quaternion there, wxyz.
+        offsets: (n, 3) [m] centre of the object in the body's frame; `turns` (n, 4) its quaternion there, wxyz.
     """
 
     names: tuple[str, ...]
     bodies: NDArray[np.int64]
-    geoms: NDArray[np.int64]
+    objects: tuple[Body, ...]
     addresses: NDArray[np.int64]
     offsets: Array
     turns: Array
@@ -160,26 +162,27 @@ class MovableBodies:
         """Look them up.
 
         Raises:
-            SceneError: a name that is no free body, or a body that is not one cylinder or one box.
+            SceneError: a name that is no free body, or a body with further joints, without a geom that can touch, or
+                with one that cannot be represented.
         """
         bodies = _movable_ids(model, robot, movable)
-        geoms = _object_geoms(model, bodies)
+        found = [_object(model, body) for body in bodies]
         return cls(
-            names=tuple(str(model.body(body).name) for body in bodies),
+            names=tuple(body.name for body in found),
             bodies=np.array(bodies, dtype=np.int64),
-            geoms=np.array(geoms, dtype=np.int64),
+            objects=tuple(body.at(np.zeros(3), (1.0, 0.0, 0.0, 0.0)) for body in found),
             addresses=model.jnt_qposadr[model.body_jntadr[bodies]].reshape(-1, 1).astype(np.int64) + np.arange(7),
-            offsets=model.geom_pos[geoms].reshape(-1, 3),
-            turns=model.geom_quat[geoms].reshape(-1, 4),
+            offsets=np.array([body.position for body in found]).reshape(-1, 3),
+            turns=np.array([body.quaternion for body in found]).reshape(-1, 4),
         )
 
     @cached_property
     def _are_centred(self) -> bool:
-        """Whether all geoms have the frames of their bodies."""
+        """Whether all objects have the frames of their bodies."""
         return not self.offsets.any() and bool((self.turns == (1.0, 0.0, 0.0, 0.0)).all())
 
     def poses(self, data: mujoco.MjData) -> tuple[Array, Array]:
-        """Centres (n, 3) [m] and quaternions (n, 4) wxyz of the geoms.
+        """Centres (n, 3) [m] and quaternions (n, 4) wxyz of the objects.
 
         They are worked out from the joints: `data.xpos` is one time step behind after a step.
         """
@@ -193,14 +196,16 @@ class MovableBodies:
             mujoco.mju_mulQuat(quaternions[i], quaternion, turn)
         return centres, quaternions
 
-    def read(self, model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Body, ...]:
+    def read(self, data: mujoco.MjData) -> tuple[Body, ...]:
         """The objects where they are now."""
-        bodies = []
-        for name, geom, centre, quaternion in zip(self.names, self.geoms, *self.poses(data), strict=True):
-            shape, size = _SHAPES[int(model.geom_type[geom])], model.geom_size[geom]
-            half = size if shape == "box" else size[[0, 0, 1]]
-            bodies.append(Body(name, shape, half, centre, quaternion))
-        return tuple(bodies)
+        return tuple(body.at(*pose) for body, *pose in zip(self.objects, *self.poses(data), strict=True))
+
+    def read_one(self, data: mujoco.MjData, index: int) -> Body:
+        """One object where it was at the last step, as sites of the model are."""
+        body = int(self.bodies[index])
+        T = pose_matrix(data.xpos[body], data.xmat[body])
+        own = self.objects[index].at(self.offsets[index], self.turns[index])
+        return own.at_pose(T @ own.pose)
 
 
 def _movable_ids(model: mujoco.MjModel, robot: RobotSpec, movable: Movable) -> list[int]:
@@ -217,25 +222,41 @@ def _movable_ids(model: mujoco.MjModel, robot: RobotSpec, movable: Movable) -> l
     return [body for name, body in free.items() if name in movable]
 
 
-def _object_geoms(model: mujoco.MjModel, bodies: Sequence[int]) -> list[int]:
-    """The one geom of each movable body that can touch something."""
-    touching, found = np.flatnonzero(can_touch(model)), []
-    for body in bodies:
-        name = model.body(body).name
-        if model.body_jntnum[model.body_rootid == body].sum() > 1:
-            raise SceneError(f"movable body {name!r} has joints besides its free joint; {_ADVICE}")
-        # A body with a free joint is a child of the world, so that it is the root of all that is attached to it.
-        geoms = [int(geom) for geom in touching[model.body_rootid[model.geom_bodyid[touching]] == body]]
-        if len(geoms) != 1 or int(model.geom_bodyid[geoms[0]]) != body:
-            raise SceneError(
-                f"movable body {name!r} must have one geom of its own that can touch, not {len(geoms)}; {_ADVICE}"
-            )
-        kind = int(model.geom_type[geoms[0]])
-        if kind not in _SHAPES:
-            shape = mujoco.mjtGeom(kind).name.removeprefix("mjGEOM_").lower()
-            raise SceneError(f"movable body {name!r} is a {shape}, not a cylinder or a box; {_ADVICE}")
-        found.append(geoms[0])
-    return found
+def _object(model: mujoco.MjModel, body: int) -> Body:
+    """A movable body as the planner has it, in the body's own frame: one cylinder or box, else convex pieces."""
+    name, touches = str(model.body(body).name), can_touch(model)
+    if model.body_jntnum[model.body_rootid == body].sum() > 1:
+        raise SceneError(f"movable body {name!r} has joints besides its free joint; {_ADVICE}")
+    # A body with a free joint is a child of the world, so that it is the root of all that is attached to it.
+    geoms = [int(geom) for geom in np.flatnonzero(touches & (model.body_rootid[model.geom_bodyid] == body))]
+    if not geoms:
+        raise SceneError(f"movable body {name!r} has no geom that can touch something; {_ADVICE}")
+    shape, size = _SHAPES.get(int(model.geom_type[geoms[0]])), model.geom_size[geoms[0]]
+    if shape is not None and len(geoms) == 1 and int(model.geom_bodyid[geoms[0]]) == body:
+        half = size if shape == "box" else size[[0, 0, 1]]
+        return Body(name, shape, half, model.geom_pos[geoms[0]], model.geom_quat[geoms[0]])
+    pieces = []
+    for geom in geoms:
+        position, rotation = _in_root(model, int(model.geom_bodyid[geom]), body, *_local_pose(model, "geom", geom))
+        pieces.append(_solid(Solid, model, geom, position, rotation, _ADVICE))
+    parts = np.flatnonzero((model.body_rootid == body) & (model.body_mass > 0))
+    centres = [_in_root(model, int(part), body, model.body_ipos[part], np.eye(3))[0] for part in parts]
+    return Body.of_pieces(name, pieces, centre_of_mass=np.average(centres, 0, model.body_mass[parts]))
+
+
+def _in_root(model: mujoco.MjModel, body: int, root: int, position: Array, rotation: Array) -> tuple[Array, Array]:
+    """Position (3,) and rotation (3, 3) in the frame of a body, in that of another one to which it is attached."""
+    while body != root:
+        offset, turn = _local_pose(model, "body", body)
+        position, rotation, body = offset + turn @ position, turn @ rotation, int(model.body_parentid[body])
+    return position, rotation
+
+
+def _local_pose(model: mujoco.MjModel, kind: Literal["body", "geom"], index: int) -> tuple[Array, Array]:
+    """Position (3,) [m] and rotation (3, 3) of a body in its parent's frame, or of a geom in its body's."""
+    rotation = np.empty(9)
+    mujoco.mju_quat2Mat(rotation, getattr(model, f"{kind}_quat")[index])
+    return np.array(getattr(model, f"{kind}_pos")[index]), rotation.reshape(3, 3)
 
 
 class FoundObstacle(NamedTuple):
@@ -304,36 +325,41 @@ def geom_name(model: mujoco.MjModel, geom: int) -> str:
 
 
 def _obstacle(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> StaticObstacle:
-    name, kind, size = geom_name(model, geom), mujoco.mjtGeom(int(model.geom_type[geom])), model.geom_size[geom]
     position, rotation = np.array(data.geom_xpos[geom]), data.geom_xmat[geom].reshape(3, 3)
-    kinds = mujoco.mjtGeom
-    if kind == kinds.mjGEOM_BOX:
-        return _box(name, position, size, rotation)
-    if kind == kinds.mjGEOM_PLANE:
-        return _box(name, position - _PLANE[2] * rotation[:, 2], _PLANE, rotation)
-    if kind == kinds.mjGEOM_CYLINDER:
-        return StaticObstacle(name, position, size[[0, 0, 1]], "cylinder", rotation)
-    if kind == kinds.mjGEOM_CAPSULE:
-        return StaticObstacle(name, position, size[[0, 0, 1]] + [0, 0, size[0]], "capsule", rotation)
-    if kind == kinds.mjGEOM_SPHERE:
-        return StaticObstacle(name, position, size[[0, 0, 0]], "sphere", rotation)
-    if kind == kinds.mjGEOM_ELLIPSOID:
-        return StaticObstacle(name, position, size, "ellipsoid", rotation)
-    if kind == kinds.mjGEOM_MESH:
-        return StaticObstacle.hull(name, _mesh_points(model, int(model.geom_dataid[geom])), position, rotation)
-    shape, body = kind.name.removeprefix("mjGEOM_").lower(), model.body(model.geom_bodyid[geom]).name
+    if int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_PLANE):
+        return _box(StaticObstacle, geom_name(model, geom), position - _PLANE[2] * rotation[:, 2], _PLANE, rotation)
+    return _solid(StaticObstacle, model, geom, position, rotation, "leave it out with `obstacles`")
+
+
+def _solid(kind: type[SolidT], model: mujoco.MjModel, geom: int, position: Array, rotation: Array, way: str) -> SolidT:
+    """A geom at a pose in some frame; raises `SceneError`, which says the other `way`, if it cannot be represented."""
+    name, shape, size = geom_name(model, geom), mujoco.mjtGeom(int(model.geom_type[geom])), model.geom_size[geom]
+    match shape:
+        case mujoco.mjtGeom.mjGEOM_BOX:
+            return _box(kind, name, position, size, rotation)
+        case mujoco.mjtGeom.mjGEOM_CYLINDER:
+            return kind(name, position, size[[0, 0, 1]], "cylinder", rotation)
+        case mujoco.mjtGeom.mjGEOM_CAPSULE:
+            return kind(name, position, size[[0, 0, 1]] + [0, 0, size[0]], "capsule", rotation)
+        case mujoco.mjtGeom.mjGEOM_SPHERE:
+            return kind(name, position, size[[0, 0, 0]], "sphere", rotation)
+        case mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+            return kind(name, position, size, "ellipsoid", rotation)
+        case mujoco.mjtGeom.mjGEOM_MESH:
+            return kind.hull(name, _mesh_points(model, int(model.geom_dataid[geom])), position, rotation)
+    what, body = shape.name.removeprefix("mjGEOM_").lower(), model.body(model.geom_bodyid[geom]).name
     raise SceneError(
-        f"geom {name!r} of body {body!r} is of type {shape!r}, which cannot be represented; replace it by meshes or "
-        "primitives, or leave it out with `obstacles`"
+        f"geom {name!r} of body {body!r} is of type {what!r}, which cannot be represented; replace it by meshes or "
+        f"primitives, or {way}"
     )
 
 
-def _box(name: str, position: Array, half: Array, rotation: Array) -> StaticObstacle:
-    """A box along the world's axes is written as one without rotation."""
+def _box(kind: type[SolidT], name: str, position: Array, half: Array, rotation: Array) -> SolidT:
+    """A box along the axes of the frame is written as one without rotation."""
     absolute = np.abs(rotation)
     if np.abs(absolute - absolute.round()).max() <= _AXIS_TOLERANCE:
-        return StaticObstacle(name, position, absolute @ half)
-    return StaticObstacle(name, position, half, "box", rotation)
+        return kind(name, position, absolute @ half)
+    return kind(name, position, half, "box", rotation)
 
 
 def _mesh_points(model: mujoco.MjModel, mesh: int) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -59,7 +59,8 @@ def prepare(model: mujoco.MjModel, robot: RobotSpec) -> Prepared:
 
     Contact bits: a geom that can touch something but no geom of the robot, which is then a ghost to it, gets the bits
     of the robot; planes do not, since the base stands in the ground. Time step: one that does not divide `COMMAND_STEP`
-    becomes the next shorter one that does.
+    becomes the next shorter one that does. Fingers: the range of their position actuators becomes such that a command
+    to close presses with all their force on objects of any width.
 
     Args:
         model: that contains the robot; it is not written.
@@ -90,7 +91,23 @@ def prepare(model: mujoco.MjModel, robot: RobotSpec) -> Prepared:
         mended.opt.timestep = COMMAND_STEP / math.ceil(steps)
         why = f"commands change every {COMMAND_STEP:g} s"
         changes.append(Change("time step [s]", f"{model.opt.timestep:g}", f"{mended.opt.timestep:g}", why))
+    for actuator, low in _full_grips(model, robot):
+        before = f"{model.actuator_ctrlrange[actuator, 0]:g}"
+        mended.actuator_ctrlrange[actuator, 0] = low
+        what = f"least command of {model.actuator(actuator).name} [m]"
+        changes.append(Change(what, before, f"{low:g}", "thin objects were held with little force"))
     return Prepared(mended, tuple(changes))
+
+
+def _full_grips(model: mujoco.MjModel, robot: RobotSpec) -> Iterator[tuple[int, float]]:
+    """The position actuators of fingers that press less on thinner objects, and the command [m] that mends it."""
+    for name in robot.finger_joints:
+        actuator = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name)
+        if actuator < 0 or not (model.actuator_forcelimited[actuator] and model.actuator_ctrllimited[actuator]):
+            continue
+        stiffness, force = -float(model.actuator_biasprm[actuator, 1]), float(model.actuator_forcerange[actuator, 1])
+        if stiffness > 0 and model.actuator_ctrlrange[actuator, 0] > -force / stiffness:
+            yield actuator, -force / stiffness
 
 
 def ghosts(model: mujoco.MjModel, robot: RobotSpec, bodies: Collection[int] | None = None) -> tuple[int, ...]:

@@ -52,7 +52,7 @@ class Scene:
     Attributes:
         robot: which robot it is.
         state: where it is.
-        objects: what may be moved: cylinders and boxes.
+        objects: what may be moved: cylinders, boxes, objects of several convex pieces.
         static_obstacles: what may not be touched, the support among it; the ground z = 0 is always there.
         held: the object in the gripper, None for none. The fingers are commanded to close on it, whatever finger
             position `state` was given with.
@@ -234,7 +234,8 @@ class Scene:
             robot: which robot it is.
             held: name of the object in the gripper, "" for none.
             movable: names of the bodies that may be moved, or a predicate on the names of free bodies; by default
-                names that begin with "object_". Each has one free joint and one cylinder or box that can touch.
+                names that begin with "object_". Each has one free joint; of geoms that can touch, one cylinder or box,
+                or any number of boxes, cylinders, capsules, spheres, ellipsoids and meshes (their convex hulls).
             support: name of the geom on whose level top face objects are put, or of the body that it belongs to;
                 "floor" for the floor.
             more_supports: names of other geoms or bodies on which objects may be put; by default those that the model
@@ -244,8 +245,8 @@ class Scene:
             regions: named rectangles on supports, for goals.
 
         Raises:
-            SceneError: a movable body that is neither a cylinder nor a box, a static geom that cannot be represented, a
-                name that is missing; the message says which, and lists the valid names. Or `data` has no poses yet.
+            SceneError: a movable body with joints of its own, a geom that cannot be represented, a name that is
+                missing; the message says which, and lists the valid names. Or `data` has no poses yet.
             UnknownObject: no object named `held`.
         """
         if not data.geom_xmat.any():
@@ -256,14 +257,13 @@ class Scene:
         scene = cls(
             robot,
             robot_state_of(model, data, robot),
-            bodies.read(model, data),
+            bodies.read(data),
             tuple(one.obstacle for one in found),
             supports=find_supports(found, (support, *others)),
             regions=tuple(regions),
         )
         if not held:
             return scene
-        geom, site = bodies.geoms[scene.index(held)], data.site(robot.tcp_site)
-        T_world_tcp = pose_matrix(site.xpos, site.xmat)
-        T_world_object = pose_matrix(data.geom_xpos[geom], data.geom_xmat[geom])
-        return scene.with_held(HeldObject(held, np.linalg.inv(T_world_tcp) @ T_world_object))
+        site = data.site(robot.tcp_site)
+        body = bodies.read_one(data, scene.index(held))
+        return scene.with_held(HeldObject.grasped(body, pose_matrix(site.xpos, site.xmat)))

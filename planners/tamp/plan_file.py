@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 FORMAT = "clutter-env plan"
-VERSION = 5
+VERSION = 6
 """Increased whenever the meaning of what is stored changes."""
-_RENAMED: dict[int, dict[str, str]] = {2: {"second_moves": "non_monotone"}, 3: {}, 4: {}}
+_RENAMED: dict[int, dict[str, str]] = {2: {"second_moves": "non_monotone"}, 3: {}, 4: {}, 5: {}}
 """Older versions that are read, with the fields that have other names today; fields they lack have their defaults."""
 
 

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from assets import robot as find_robot
 from assets.robots import FETCH
 from planners import ExpertError, Solution, execute, prepare, solve
 from planners.scene import Scene
@@ -32,6 +33,19 @@ def test_an_object_that_the_robot_passes_through_is_refused_and_can_be_mended() 
     mujoco.mj_forward(fit.model, moved)
     assert execute(solution, fit.model, moved).finished
     assert Scene.from_mujoco(fit.model, moved, FETCH, movable=MOVABLE, support=SUPPORT).body("can").bottom > 0.8
+
+
+@pytest.mark.parametrize("name", ["fetch", "pr2", "panda_mobile"])
+def test_fingers_of_a_prepared_model_press_with_all_their_force_on_thin_objects(name: str) -> None:
+    robot = find_robot(name)
+    model = prepare(mujoco.MjModel.from_xml_path(str(robot.mjcf_path)), robot).model
+    data = mujoco.MjData(model)
+    for finger in robot.finger_joints:
+        data.joint(finger).qpos = 0.001
+        data.actuator(finger).ctrl = model.actuator(finger).ctrlrange[0]
+    mujoco.mj_forward(model, data)
+    for finger in robot.finger_joints:
+        assert data.actuator(finger).force == pytest.approx(model.actuator(finger).forcerange[0])
 
 
 def test_a_prepared_model_needs_no_changes() -> None:

@@ -11,6 +11,7 @@ import pytest
 
 from planners import Body, GoalError, HeldObject, Region, Scene, SceneError, StaticObstacle, goals
 from planners.goals import Goal
+from tests.planners.pieces import cut_in_two, mug
 from tests.planners.scenes import HEIGHT, cylinder, table_scene
 
 LEFT = Region("left", "table_top", (0.0, 0.2), (0.10, 0.06), math.pi / 6)
@@ -75,6 +76,35 @@ def test_an_object_over_the_edge_of_a_region_is_not_inside(scene: Scene) -> None
         moved = on_top(scene.with_body(scene.body("b").at([0.4, 0.3, 1.0])), "a", HEIGHT, 0.0, y)
         assert inside.holds(moved) == is_inside
         assert clear.holds(moved) == is_clear
+
+
+def test_facts_of_an_object_of_pieces_are_those_of_the_box_that_it_was_cut_from() -> None:
+    rng, seen = np.random.default_rng(0), set()
+    for _ in range(60):
+        x, y, turn = rng.uniform(-0.4, 0.4), rng.uniform(-0.5, 0.5), rng.uniform(-3, 3)
+        quaternion = np.array((math.cos(turn / 2), 0.0, 0.0, math.sin(turn / 2)))
+        whole = Body("a", "box", np.array((0.06, 0.03, 0.05)), np.array((x, y, HEIGHT + 0.05)), quaternion)
+        below = replace(whole, name="b", position=whole.position - [0.0, 0.05, 0.1])
+        asked = [
+            goals.on("a", "table_top"), goals.inside("a", "left"), goals.inside("a", "table_top"), goals.clear("left"),
+            goals.at("a", (x, y, turn)), goals.at("a", (x, y, 0.1)), goals.on("a", "b"), goals.on("a", "left"),
+        ]  # fmt: skip
+        scenes = [scene_with(one, other) for one, other in ((whole, below), (cut_in_two(whole), cut_in_two(below)))]
+        facts = [tuple(goal.holds(scene) for goal in asked) for scene in scenes]
+        assert facts[0] == facts[1]
+        seen.add(facts[0])
+    assert len(seen) >= 5
+
+
+def test_the_footprint_of_pieces_is_their_convex_hull() -> None:
+    body = mug(position=(0.1, 0.2, HEIGHT))
+    handle, rim = body.position[:2] + (body.half_extents[0], 0.0), body.position[:2] + (0.02, 0.02)
+    for point, inside in ((handle, True), (rim, True), (handle + (0.0, 0.02), False)):
+        assert (goals.overlap(goals.footprint(body), point[None]) >= 0) == inside
+    inner = goals.footprint(body, -0.01)
+    assert goals.overlap(goals.footprint(body), inner) > 0.05
+    away = [np.linalg.norm(points - body.position[:2], axis=1) for points in (goals.footprint(body), inner)]
+    assert np.allclose(away[0] - away[1], 0.01)
 
 
 def test_stacked_objects_rest_on_each_other(scene: Scene) -> None:

@@ -10,15 +10,8 @@ import pytest
 
 from assets import FETCH, PR2, RobotSpec
 from planners import SIDE, Cause, GraspFamily, Infeasible, Planner, Scene, Solution, clearance_floor, solve
-from planners.grasping.grasp_poses import (
-    GRASP_SETS,
-    InvalidGraspFamily,
-    UnknownGraspSet,
-    generate_grasps,
-    grasp_set_name,
-    gripper_clearances,
-    too_wide,
-)
+from planners.grasping.families import GRASP_SETS, InvalidGraspFamily, UnknownGraspSet, grasp_set_name
+from planners.grasping.grasp_poses import generate_grasps, gripper_clearances, too_wide
 from tests.planners.scenes import cylinder, random_scene, shelf_scene, table_scene
 
 STEEP = GraspFamily("steep", math.radians(70), directions=8, depth=0.03)
@@ -122,4 +115,4 @@ def test_a_refusal_names_the_grasps_that_it_holds_for() -> None:
     assert isinstance(found, Infeasible)
     assert f"with the grasps of {grasp_set_name(GRASP_SETS['top'])}" in found.detail
     assert grasp_set_name((STEEP, SIDE)) == "families 'steep', 'side'"
-    assert grasp_set_name((SIDE,)) == "'side'"
+    assert grasp_set_name(GRASP_SETS["side"]) == "'side'"

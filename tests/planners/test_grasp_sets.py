@@ -14,7 +14,7 @@ from planners.collision.world import CollisionWorld
 from planners.contact import contact_of
 from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidates
-from planners.grasping.grasp_poses import GRASP_SETS, GraspFamily
+from planners.grasping.families import GRASP_SETS, GraspFamily
 from planners.motion.pick_and_place import PickPlaceMotion, plan_pick
 from planners.scene import Body
 from planners.tamp.solution import BoundAction
@@ -22,7 +22,7 @@ from tests.planners.plans import assert_free
 from tests.planners.scenes import HEIGHT, cylinder, random_scene, table_scene
 
 PLANNERS = {name: Planner(FETCH, grasps=name) for name in GRASP_SETS}
-SLANTED = GRASP_SETS["tilted"] + GRASP_SETS["top"]
+SLANTED = tuple(one for one in GRASP_SETS["tilted"] + GRASP_SETS["top"] if isinstance(one, GraspFamily))
 STEP = 0.002
 """[m] between the checks of a plan."""
 

@@ -95,7 +95,7 @@ class CandidateRule:
     def picks(self, bodies: Sequence[Body]) -> Candidates:
         """Candidate picks of objects; `index` is that of the body."""
         # The grasps of demonstrations: through the main axis, or as far off it as the robot needs.
-        families = [family for family in find_grasp_set(self.grasps) if family.axis_offset is None]
+        families = [family for family in find_grasp_set(self.grasps) if getattr(family, "axis_offset", None) is None]
         poses = [gripper_poses(generate_grasps(body, self.robot, families)) for body in bodies]
         index = np.repeat(np.arange(len(bodies)), [len(rows) for rows in poses])
         return self._with_bases(index, np.concatenate(poses) if poses else np.empty((0, 5)))

@@ -66,32 +66,13 @@ def rotations_about(axis: int, angle: torch.Tensor) -> torch.Tensor:
     return torch.stack([torch.stack(row, dim=-1) for row in entries], dim=-2)
 
 
-def nearest_home(robot: RobotSpec, q: Array) -> Array:
-    """Configurations (..., 8) with the same gripper pose, each in the one form that is nearest to home.
-
-    Joints that turn without end are brought within half a turn of home. Where three joints in a row roll, bend and roll
-    about one line, as Fetch's elbow and wrist do, both rolls by half a turn and the opposite bend are the same for all
-    that follows: the bend gets the sign that it has at home.
-    """
-    home, turned = np.array(robot.home), np.array(q)
-    for first in _rolls_and_bends(robot):
-        bend = turned[..., first + 1]
-        is_flipped = bend * np.sign(home[first + 1]) < 0
-        turned[..., first + 1] = np.where(is_flipped, -bend, bend)
-        for roll in (first, first + 2):
-            turned[..., roll] += np.where(is_flipped, np.pi, 0.0)
-    endless = list(_endless(robot))
-    turned[..., endless] = home[endless] + wrapped(turned[..., endless] - home[endless])
-    return turned
-
-
 def with_wrist_flipped(robot: RobotSpec, q: Array) -> Array:
     """Configurations (..., 8) with the same gripper pose, the wrist bent to the other side, the forearm half a turn on.
 
     A robot whose arm does not end in a roll, a bend and a roll about one line keeps its configurations.
     """
     turned = np.array(q)
-    for first in _rolls_and_bends(robot)[-1:]:
+    for first in rolls_and_bends(robot)[-1:]:
         turned[..., first + 1] *= -1.0
         turned[..., (first, first + 2)] += np.pi
     return turned
@@ -99,7 +80,7 @@ def with_wrist_flipped(robot: RobotSpec, q: Array) -> Array:
 
 def is_wrist_flipped(robot: RobotSpec, q: Array) -> bool:
     """Whether the wrist is bent to the other side than at home, in a configuration (8,)."""
-    return any(q[first + 1] * robot.home[first + 1] < 0 for first in _rolls_and_bends(robot)[-1:])
+    return any(q[first + 1] * robot.home[first + 1] < 0 for first in rolls_and_bends(robot)[-1:])
 
 
 def shorter_turns(robot: RobotSpec, q: Array, goals: Array) -> Array:
@@ -107,7 +88,7 @@ def shorter_turns(robot: RobotSpec, q: Array, goals: Array) -> Array:
 
     Where that path leads beyond a limit of the joint it is the longer one.
     """
-    endless, turned = list(_endless(robot)), np.array(goals)
+    endless, turned = list(endless_joints(robot)), np.array(goals)
     lower, upper = np.array([(robot.chain[i].lower, robot.chain[i].upper) for i in endless]).reshape(-1, 2).T
     near = q[endless] + wrapped(turned[..., endless] - q[endless])
     turned[..., endless] = near - 2 * np.pi * (near > upper) + 2 * np.pi * (near < lower)
@@ -115,7 +96,7 @@ def shorter_turns(robot: RobotSpec, q: Array, goals: Array) -> Array:
 
 
 @cache
-def _rolls_and_bends(robot: RobotSpec) -> tuple[int, ...]:
+def rolls_and_bends(robot: RobotSpec) -> tuple[int, ...]:
     """Numbers of the first of three joints that roll, bend and roll about one line."""
     chain = robot.chain
 
@@ -130,6 +111,6 @@ def _rolls_and_bends(robot: RobotSpec) -> tuple[int, ...]:
 
 
 @cache
-def _endless(robot: RobotSpec) -> tuple[int, ...]:
+def endless_joints(robot: RobotSpec) -> tuple[int, ...]:
     """Numbers of the joints that turn by more than one turn."""
     return tuple(i for i, link in enumerate(robot.chain) if link.upper - link.lower > 2 * np.pi)

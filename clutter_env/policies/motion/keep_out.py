@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 
@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_SPACING = 0.02
-"""[m] between the points by which a demonstrated drive is compared with a rectangle, and between its possible sides."""
 _CLEARANCE = 0.05
 """[m] off the rectangle's corners, along x and along y, at which the base goes round them."""
 _TOLERANCE = 1e-6
@@ -73,38 +71,6 @@ class KeepOutRegion:
             shares = sorted(((low - here) / (there - here), (high - here) / (there - here)))
             first, last = max(first, shares[0]), min(last, shares[1])
         return bool(first < last)
-
-
-def keep_out_of_drives(drives: Iterable[Array]) -> KeepOutRegion:
-    """The largest rectangle about the middle of the table that none of these drives (n, 2) [m] enters.
-
-    It is empty without drives. Sides beyond which nothing drives are infinitely far away; areas are measured as far as
-    the drives reach.
-    """
-    best, largest = KeepOutRegion(np.zeros(2), np.zeros(2)), 0.0
-    paths = [_filled(drive) for drive in drives]
-    if not paths:
-        return best
-    points = np.concatenate(paths)
-    nearest, farthest = np.minimum(points.min(axis=0), 0.0), np.maximum(points.max(axis=0), 0.0)
-    y = _SPACING * np.unique(np.round(points[:, 1] / _SPACING))
-    # Infinity comes first: of rectangles that are equally large the one without a side there is taken.
-    lows, highs = np.append(-np.inf, y[y < 0]), np.append(np.inf, y[y > 0])
-    for low, high in product(lows, highs):
-        x = points[(points[:, 1] > low) & (points[:, 1] < high), 0]
-        left, right = x[x < 0].max(initial=-np.inf), x[x >= 0].min(initial=np.inf)
-        found = KeepOutRegion(np.array((left, low)), np.array((right, high)))
-        area = float(np.prod(np.minimum(found.high, farthest) - np.maximum(found.low, nearest)))
-        if area > largest:
-            best, largest = found, area
-    return best
-
-
-def _filled(path: Array) -> Array:
-    """Points (n, 2) on a path at most `_SPACING` from one another."""
-    counts = np.ceil(_lengths(path) / _SPACING).astype(int)
-    parts = [np.linspace(one, other, count, False) for one, other, count in zip(path, path[1:], counts, strict=False)]
-    return np.concatenate((*parts, path[-1:]))
 
 
 def _lengths(path: Array) -> Array:

@@ -103,9 +103,9 @@ def test_the_version_is_that_of_the_package() -> None:
         ("collect --image-size 0 --obs-mode rgbd", "image_size=0 is not valid"),
         ("play --objects 99", "--objects 99 is not valid; valid numbers: 1, 5"),
         ("compare", "name scenes"),
-        ("train keyframs", "did you mean 'keyframes'?"),
+        ("train maskable-po", "did you mean 'maskable-ppo'?"),
         ("train --steps 9 --algorithm=maskable_ppo", "clutter-env train maskable-ppo ..."),
-        ("train keyframes --imitation-steps 9", "now: --steps"),
+        ("train bc --demos outputs/demos", "now: examples/clone.py"),
         ("curve", "python scripts/learning_curve.py"),
         ("map figures", "python scripts/map_figures.py"),
         ("table --objects 3 --ablations", "python scripts/ablations.py"),
@@ -133,7 +133,7 @@ def test_what_would_fail_or_be_ignored_after_minutes_is_refused_at_once(wrong: s
 
 
 @pytest.mark.parametrize(
-    ("command", "missing"), [("collect", "h5py"), ("train sac", "h5py"), ("evaluate --policy keyframes", "torch")]
+    ("command", "missing"), [("collect", "h5py"), ("train sac", "torch"), ("evaluate --policy keyframes", "torch")]
 )
 def test_a_command_names_the_extra_that_it_lacks(command: str, missing: str) -> None:
     lacking = (

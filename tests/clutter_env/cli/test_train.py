@@ -1,4 +1,4 @@
-"""`clutter-env train`: the advice that it gives works."""
+"""`clutter-env train`: its environments, and the advice that it gives."""
 
 from __future__ import annotations
 
@@ -13,20 +13,9 @@ import pytest
 
 from clutter_env.cli.main import main
 from clutter_env.cli.train import Arguments, make_run
-from clutter_env.data.dataset import Dataset, Job
-from clutter_env.task import Task
-from clutter_env.training.settings import Keyframes, MaskablePPO
 
 pytest.importorskip("sb3_contrib")
 ROOT = Path(__file__).resolve().parents[3]
-
-
-def test_demonstrations_that_are_not_there_are_named_before_anything_is_written(tmp_path: Path) -> None:
-    """It said "the last complete checkpoint stays, and --resume goes on from there"; there was none to resume."""
-    with pytest.raises(SystemExit, match=r"nosuch.*`clutter-env collect`") as end:
-        main(["train", "bc", "--env", "clutter_env/Pick-v0", "--demos", "nosuch", "--out", str(tmp_path / "run")])
-    assert "--resume" not in str(end.value)
-    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.slow
@@ -50,14 +39,10 @@ def test_what_ctrl_c_advises_works(tmp_path: Path) -> None:
     assert again.wait(60) == 130
 
 
-def test_the_environment_is_that_of_the_demonstrations(tmp_path: Path) -> None:
-    """Without --env it was Reach, on which keyframes cannot be learned."""
-    task = Task("clutter_env/Retrieve-o5-v0", {"layout": "wide"})
-    Dataset.open_for(Job(task, "canonical", 1), tmp_path / "demos")
-    run = make_run(Arguments(Keyframes(demos=tmp_path / "demos"), obstructed=True))
-    assert run.task == Task(task.env_id, {"layout": "wide", "obstructed": True})
-    assert make_run(Arguments(Keyframes())).task.env_id == "clutter_env/Retrieve-o15-v0"
-    assert make_run(Arguments(MaskablePPO())).task.keywords == {"simulation": "kinematic"}
+def test_each_algorithm_has_an_environment_of_its_own() -> None:
+    made = {name: make_run(Arguments(name)).task for name in ("tqc", "ppo", "maskable-ppo")}  # type: ignore[arg-type]
+    assert [task.family for task in made.values()] == ["armreach", "retrieve", "skill"]
+    assert made["maskable-ppo"].keywords == {"simulation": "kinematic"}
 
 
 @pytest.mark.slow

@@ -6,11 +6,16 @@ import dataclasses
 
 import h5py
 import numpy as np
+import pytest
 
 from clutter_env.data.dataset import Dataset
 from clutter_env.data.episode import CONTACT_SKILLS, Episode
+from clutter_env.data.episode_file import episode_arrays
 from clutter_env.data.replay import replay, replay_in_fresh_process
+from clutter_env.policies.experts import find_expert
 from clutter_env.provenance import provenance
+from clutter_env.task import Task
+from tests.clutter_env.data.conftest import recorded
 
 PICK_PHASES = ["drive", "ready", "transit", "approach", "close", "lift", "retreat"]
 
@@ -77,6 +82,17 @@ def test_every_array_names_its_numbers_and_their_units(planned_dataset: Dataset)
             assert len(names) == int(np.prod(array.shape[1:])) or name == "infos/state", name
         assert list(file["observations/objects"].attrs["names"])[2] == "object_0.x"
         assert list(file["infos/keyframe"].attrs["units"]) == ["m", "m", "rad", "m", *["rad"] * 7, "m"]
+
+
+@pytest.mark.parametrize("env_id", ["clutter_env/ArmReach-v0", "clutter_env/ArmPick-v0"])
+def test_episodes_with_a_fixed_base_are_recorded_and_name_their_numbers(env_id: str) -> None:
+    """They could not be: their observations have no entry of the base."""
+    episode = recorded(Task(env_id), find_expert(env_id), 0)
+    assert episode.succeeded
+    for name, values in episode_arrays(episode).items():
+        if name != "infos/state":
+            assert len(episode.columns[name].names) == int(np.prod(values.shape[1:])), name
+    assert replay(episode).is_identical
 
 
 def test_what_belongs_to_an_action_stands_in_the_row_of_the_state_before(

@@ -24,7 +24,7 @@ from clutter_env.reporting.intervals import wilson
 from clutter_env.suites import Floor
 from clutter_env.task import Task
 from clutter_env.training.run import Run
-from clutter_env.training.settings import SAC
+from clutter_env.training.settings import Settings
 from tests.clutter_env.evaluation.evaluations import evaluation, score
 
 O15 = SceneSet("side-15-v2", count=2)
@@ -73,7 +73,7 @@ def test_controls_play_too_and_runs_that_differ_in_their_seed_form_one_row(
 ) -> None:
     for name, seed, steps in (("a", 0, 10), ("a", 1, 10), ("b", 0, 20)):
         directory = tmp_path / name / f"seed-{seed}"
-        Run(Task("clutter_env/Reach-v0"), SAC(steps=steps), directory, seed).write_record()
+        Run(Task("clutter_env/Reach-v0"), "sac", directory, seed, Settings(steps=steps)).write_record()
     one, other, longer = sorted(tmp_path.glob("*/*"))
     assert set(run_names([str(one), str(other)]).values()) == {"sac"}
     assert run_names([str(one), str(longer)])[str(longer)] == "sac, b"
@@ -83,13 +83,13 @@ def test_controls_play_too_and_runs_that_differ_in_their_seed_form_one_row(
         return evaluation([score(scene.seed, 1) for scene in scenes.scenes], floors, scenes)
 
     monkeypatch.setattr(comparing, "evaluate", evaluated)
-    rows = compare(Comparison((REACH,), runs=(one, other)))
+    rows = compare(Comparison((REACH,), (str(one), str(other))))
     assert [(row.policy, row.runs) for row in rows] == [("sac", 2), ("random", 1)]
     rows = compare(Comparison((O15,), ("ngr",)))
     assert [row.policy for row in rows] == ["ngr", *CONTROLS["retrieve"]]
     assert {row.moved_per_floor.mean for row in rows} == {0.75}
     with pytest.raises(LearningError, match="cannot play any of these scenes: side-15-v2"):
-        Comparison((O15,), runs=(one,))
+        Comparison((O15,), (str(one),))
 
 
 def test_an_unknown_policy_is_refused_and_controls_are_known() -> None:

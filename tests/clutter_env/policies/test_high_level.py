@@ -14,7 +14,7 @@ from clutter_env.policies.high_level.candidates import MIN_STANDOFF, CandidateRu
 from clutter_env.policies.high_level.policy import MAX_COST, RISK, LearnedHighLevelPolicy, clearing_costs
 from clutter_env.policies.weights import shipped_path
 from clutter_env.scene.layout import find_layout
-from clutter_env.training.high_level_examples import after_contact, as_observed, scene_of
+from scripts.shipped_weights.decision_examples import after_contact, as_observed, scene_of
 
 Env = gym.Env[Any, Any]
 RULE = CandidateRule(FETCH, find_layout("paper"))

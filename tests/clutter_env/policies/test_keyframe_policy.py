@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from assets import FETCH
 from clutter_env.envs.observation import OBSERVATION_LAYOUT
-from clutter_env.policies.motion.arm import ArmKinematics, nearest_home, shorter_turns, with_wrist_flipped
-from clutter_env.policies.motion.keep_out import KeepOutRegion, keep_out_of_drives
+from clutter_env.policies.motion.arm import ArmKinematics, shorter_turns, with_wrist_flipped
+from clutter_env.policies.motion.keep_out import KeepOutRegion
 from clutter_env.policies.motion.keyframe_planner import OpenKeyframePlanner
 from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
 from clutter_env.policies.motion.network import KeyframeNetwork
@@ -25,6 +25,8 @@ from clutter_env.policies.registry import load_policy
 from clutter_env.policies.weights import shipped_path
 from planners import Contact, tcp_pose
 from planners.scene import RobotState
+from scripts.shipped_weights.motion_examples import nearest_home
+from scripts.shipped_weights.motions import keep_out_of_drives
 
 Array = NDArray[np.float64]
 _ROW = OBSERVATION_LAYOUT["objects"]

@@ -14,21 +14,14 @@ import pytest
 import torch
 
 from assets import FETCH
-from clutter_env.evaluation.score import play_scene
 from clutter_env.policies.experts import GreedyPolicy
-from clutter_env.policies.high_level.policy import LearnedHighLevelPolicy
 from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
 from clutter_env.policies.motion.network import KeyframeNetwork
-from clutter_env.policies.planned import PlannedHighLevelPolicy, PlannedMotionPolicy
 from clutter_env.policies.protocol import PolicyError, PublicInfo, begin_episode
 from clutter_env.policies.registry import BUILT_IN, PolicyTraits, load_policy
-from clutter_env.policies.runs import DECISIONS_FILE, MOTIONS_FILE
-from clutter_env.policies.two_level import TwoLevelPolicy, join_levels
+from clutter_env.policies.two_level import TwoLevelPolicy
 from clutter_env.policies.weights import PROBLEMS, WeightsInfo, load_weights, save_weights, shipped_path
 from clutter_env.scene.layout import Layout
-from clutter_env.task import Task
-from clutter_env.training.run import Run
-from clutter_env.training.settings import Decisions, Keyframes
 
 
 def test_every_built_in_policy_is_made_and_has_the_protocol() -> None:
@@ -40,7 +33,6 @@ def test_every_built_in_policy_is_made_and_has_the_protocol() -> None:
         assert grasps == ("all" if name.endswith("-all") else grasps)
     assert isinstance(load_policy("keyframes-shelf", 0), TwoLevelPolicy)
     assert not load_policy("keyframes", 0).is_privileged  # type: ignore[union-attr]  # a TwoLevelPolicy
-    assert load_policy("planned-motions", 0).is_privileged  # type: ignore[union-attr]  # a policy, by this name
 
 
 def test_an_unknown_policy_is_refused_with_the_known_ones() -> None:
@@ -75,14 +67,6 @@ def test_the_errors_of_a_users_module_are_not_wrapped_and_the_old_protocol_is_re
         load_policy("own:Level", 0)
 
 
-def test_wrong_grasps_and_strategies_are_refused_when_a_policy_is_made() -> None:
-    for wrong in ({"grasps": "level"}, {"strategy": "hasty"}):
-        with pytest.raises(ValueError, match=r"(valid|known) .*: "):
-            PlannedHighLevelPolicy(**wrong)
-    with pytest.raises(ValueError, match="valid grasp sets: "):
-        TwoLevelPolicy(PlannedHighLevelPolicy(), PlannedMotionPolicy(), grasps="level")
-
-
 def test_baselines_refuse_environments_in_which_they_cannot_act(env: gym.Env[Any, Any]) -> None:
     _, info = env.reset(seed=0)
     for policy, named in ((GreedyPolicy(), "Skill"), (load_policy("direct-approach", 0), "control_mode='ee'")):
@@ -107,17 +91,11 @@ def test_shipped_weights_say_what_they_are_for_and_were_trained_with(kind: str) 
         shipped_path(kind, "cabinet")
 
 
-def test_weights_refuse_another_layout_and_levels_that_do_not_fit() -> None:
+def test_weights_refuse_another_layout() -> None:
     env = gym.make("clutter_env/Retrieve-o1-v0", layout="island")
     _, info = env.reset(seed=0)
     with pytest.raises(PolicyError, match=r"'paper'.*'island'"):
         begin_episode(load_policy("keyframes", 0), info, env)
-    side, every = (KeyframePolicy.load(shipped_path("motions", problem)) for problem in ("side", "all"))
-    decisions = {name: LearnedHighLevelPolicy.load(shipped_path("decisions", name)) for name in PROBLEMS}
-    join_levels(decisions["side"], every)
-    for high_level, motion in ((decisions["all"], side), (decisions["shelf"], side)):
-        with pytest.raises(PolicyError, match="do not fit"):
-            join_levels(high_level, motion)
 
 
 def test_weights_for_a_users_own_robot_and_layout_are_loaded_again(tmp_path: Path) -> None:
@@ -132,20 +110,6 @@ def test_weights_for_a_users_own_robot_and_layout_are_loaded_again(tmp_path: Pat
         other.reset(seed=0)
         with pytest.raises(PolicyError, match=r"'mine \(of your own\)' and layout 'bench \(of your own\)'"):
             policy.check(PublicInfo.of(other))
-
-
-def test_a_pair_of_runs_is_one_policy_that_plays(tmp_path: Path) -> None:
-    task = Task("clutter_env/Retrieve-o1-v0")
-    decisions, motions = tmp_path / "decisions", tmp_path / "motions"
-    Run(task, Decisions(), decisions).write_record()
-    Run(task, Keyframes(), motions).write_record()
-    shutil.copy(shipped_path("decisions", "side"), decisions / DECISIONS_FILE)
-    shutil.copy(shipped_path("motions", "side"), motions / MOTIONS_FILE)
-    policy, env = load_policy(f"{decisions}+{motions}", 0), task.make()
-    score = play_scene(1_000_003, env, policy, max_steps=300)
-    assert score.lifted
-    with pytest.raises(PolicyError, match="no policy of two levels"):
-        load_policy(f"{motions}+{motions}", 0)
 
 
 def test_weights_survive_their_file_and_other_files_are_refused(tmp_path: Path) -> None:

@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 import inspect
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import pytest
 
 from clutter_env.evaluation.policy_process import PolicyProcess
-from clutter_env.policies.cloning import POLICY_FILE, ClonedPolicy, feature_vector
 from clutter_env.policies.protocol import PublicInfo, check_public
 from clutter_env.policies.registry import PolicyTraits, load_policy
 from clutter_env.policies.reinforcement import MODEL_FILE
 from clutter_env.task import Task
-from clutter_env.training.reinforcement import make_model, save_model
 from clutter_env.training.run import Run
-from clutter_env.training.settings import SETTINGS, Reinforcement
+from clutter_env.training.settings import Settings
+from clutter_env.training.train import make_model, save_model
 
 SHIPPED = {"keyframes": "paper", "keyframes-all": "paper", "keyframes-shelf": "shelf"}
 TASKS = {
-    **dict.fromkeys(("tqc", "bc"), Task("clutter_env/Pick-v0")),
+    "tqc": Task("clutter_env/Pick-v0"),
     **dict.fromkeys(("dqn", "maskable_ppo"), Task("clutter_env/Skill-o5-v0", {"simulation": "kinematic"})),
 }
 
@@ -33,15 +31,9 @@ def learned(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     if name in SHIPPED:
         return name, gym.make("clutter_env/Retrieve-o5-v0", layout=SHIPPED[name])
     task, directory = TASKS[name], tmp_path_factory.mktemp("runs") / name
-    settings = SETTINGS[name](**({"demos": Path()} if name == "bc" else {}))
-    Run(task, settings, directory).write_record()
+    Run(task, name, directory).write_record()
     env = task.make()
-    if name == "bc":
-        observation, _ = env.reset(seed=0)
-        ClonedPolicy(len(feature_vector(observation)), env.action_space.shape[0]).save(directory / POLICY_FILE)
-    else:
-        assert isinstance(settings, Reinforcement)
-        save_model(make_model(settings, task.family, env), directory / MODEL_FILE)
+    save_model(make_model(name, Settings(steps=100), task.family, env), directory / MODEL_FILE)
     return str(directory), env
 
 

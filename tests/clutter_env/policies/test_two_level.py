@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from assets import FETCH
 from clutter_env.policies.motion.control import GripperError, IntegralOffset, action_towards, error_to
-from clutter_env.policies.parsed_observation import Observation, parse_observation, planar_pose
-from clutter_env.policies.planned import PlannedHighLevelPolicy, PlannedMotionPolicy
-from clutter_env.policies.protocol import SKILLS, PolicyError, begin_episode
+from clutter_env.policies.parsed_observation import Observation, parse_observation
+from clutter_env.policies.protocol import SKILLS, PolicyError
 from clutter_env.policies.two_level import TwoLevelPolicy
 from planners import Contact, tcp_pose
 from planners.scene import RobotState
@@ -121,29 +120,3 @@ def test_a_policy_gives_up_with_its_high_level_or_once_the_budget_of_all_policie
     assert str(SKILLS) in endless.failure
     turns = Script([contact(skill, "a") for _ in range(50) for skill in ("pick", "place")], [False])
     assert played(turns, steps=200).started == 2 * SKILLS
-
-
-def test_both_levels_planned_retrieve_a_target_that_is_obstructed() -> None:
-    env = gym.make("clutter_env/Retrieve-o5-v0", obstructed=True)
-    policy = TwoLevelPolicy(PlannedHighLevelPolicy(), PlannedMotionPolicy())
-    observation, info = env.reset(seed=11)
-    begin_episode(policy, info, env)
-    while not (policy.done or info["lifted"]):
-        observation, _, _, _, info = env.step(policy.act(observation))
-    assert info["is_success"]
-    assert policy.started >= 3
-    assert policy.failed == 0
-
-
-def test_a_pick_out_of_reach_is_refused_and_the_robot_stays(env: Env) -> None:
-    observation, info = env.reset(seed=2)
-    motion = PlannedMotionPolicy()
-    motion.reset(info, env)
-    tcp = planar_pose(np.array([3.0, 0.0, 0.0]))
-    motion.start(Contact("pick", "object_00", np.array([-1.2, 0.0, 0.0]), tcp), observation)
-    assert (motion.is_done, motion.has_failed) == (True, True)
-    assert motion.reason
-    before = parse_observation(observation).whole_body
-    for _ in range(5):
-        observation, *_ = env.step(motion.act(observation))
-    np.testing.assert_allclose(parse_observation(observation).whole_body, before, atol=2e-3)

@@ -23,7 +23,7 @@ from clutter_env.scene.obstruction import (
 )
 from clutter_env.scene.table_scene import TableScene
 from planners.collision.world import FINGER_GAP, PADDING
-from planners.grasping.grasp_poses import SIDE
+from planners.grasping.families import SIDE
 from planners.scene.cover import BACK, HELD_GAP
 from scripts.obstruction import compare
 from scripts.side_approaches import reachable_yaws

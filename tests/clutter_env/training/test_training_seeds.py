@@ -14,16 +14,10 @@ from clutter_env.errors import LearningError
 from clutter_env.seeds import HELD_OUT, training_seeds
 from clutter_env.task import Task
 from clutter_env.training.run import Run
-from clutter_env.training.settings import SETTINGS, Keyframes, Settings
+from scripts.shipped_weights.__main__ import RECIPES
+from scripts.shipped_weights.__main__ import train as train_shipped
 
-DEMOS = Path("demos")
-
-
-def settings_of(kind: type[Settings]) -> list[Settings]:
-    """Settings of an algorithm with as many scenes as it may draw."""
-    given = {"demos": DEMOS} if kind.algorithm == "bc" else {}
-    more = {"rounds": 5} if kind.algorithm == "decisions" else {}
-    return [kind(**given), kind(**given, **more)]
+REACH = Task("clutter_env/Reach-v0")
 
 
 def test_suites_and_evaluations_use_no_seed_of_training() -> None:
@@ -38,25 +32,15 @@ def test_suites_and_evaluations_use_no_seed_of_training() -> None:
         )
 
 
-@pytest.mark.parametrize("algorithm", SETTINGS)
-def test_no_random_seed_of_training_draws_held_out_scenes(algorithm: str) -> None:
-    for settings in settings_of(SETTINGS[algorithm]):
-        for seed in (*range(100), 10_000, 19_999, 999_999, HELD_OUT, 3 * HELD_OUT):
-            try:
-                drawn = settings.scene_seeds(seed)
-            except LearningError:
-                continue
-            assert all(part.start >= 0 and part.stop <= HELD_OUT for part in drawn)
-
-
-@pytest.mark.parametrize("seed", [45, 95])
-def test_a_run_on_held_out_scenes_is_refused_before_anything_is_written(seed: int, tmp_path: Path) -> None:
-    run = Run(Task("clutter_env/Retrieve-o5-v0"), Keyframes(), tmp_path / "run", seed)
-    with pytest.raises(LearningError, match=f"would be {100_000 + 20_000 * seed} to"):
-        run.check()
-    words = ["train", "keyframes", "--env", "clutter_env/Retrieve-o5-v0", "--seed", str(seed), "--out"]
-    with pytest.raises(SystemExit):
-        main([*words, str(tmp_path / "run")])
+def test_a_run_on_held_out_scenes_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    for seed, copies in ((HELD_OUT, 1), (HELD_OUT - 1, 2)):
+        words = ["train", "tqc", "--env", REACH.env_id, "--num-envs", str(copies), "--seed", str(seed)]
+        with pytest.raises(SystemExit, match="for evaluation"):
+            main([*words, "--out", str(tmp_path / "run")])
+    Run(REACH, "tqc", tmp_path / "run", HELD_OUT - 1).check()
+    for seed in (45, 95):
+        with pytest.raises(LearningError, match=f"would be {100_000 + 20_000 * seed} to"):
+            train_shipped(RECIPES["side"], tmp_path, seed)
     assert not list(tmp_path.iterdir())
 
 
@@ -69,4 +53,4 @@ def test_demonstrations_of_held_out_scenes_are_neither_collected_nor_learned_fro
     (tmp_path / "dataset.json").write_text(json.dumps(about))
     (tmp_path / "index.json").write_text(json.dumps({"seeds": [3, HELD_OUT + 3]}))
     with pytest.raises(LearningError, match="for evaluation"):
-        Run(task, Keyframes(demos=tmp_path), tmp_path / "run").check()
+        train_shipped(RECIPES["side"], tmp_path / "weights", demos=tmp_path)

@@ -10,25 +10,13 @@ import pytest
 from planners.collision.scene_arrays import body_solids, obstacle_arrays, with_object
 from planners.collision.world import CollisionWorld
 from planners.motion.arm import tcp_pose
+from planners.placing.goal_places import distances
+from planners.placing.negative_goal_region import SupportGrid, footprint_mask
 from planners.scene import Body, HeldObject, SceneError, Solid
 from planners.scene.bodies import release_pitch
 from tests.planners.collision.slow_gjk import distance
 from tests.planners.motion_scenes import mixed_scene
-
-
-def mug(name: str = "mug", position: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Body:
-    """A floor, eight wall pieces and a handle of three boxes."""
-    pieces = [Solid("floor", np.array((0.0, 0.0, 0.003)), np.array((0.038, 0.038, 0.003)), "cylinder")]
-    for k in range(8):
-        turn = k * np.pi / 4
-        c, s = np.cos(turn), np.sin(turn)
-        R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        at = R @ (0.036, 0.0, 0.05)
-        pieces.append(Solid(f"wall {k}", at, np.array((0.002, 0.0155, 0.05)), "box", R))
-    for height in (0.03, 0.08):
-        pieces.append(Solid(f"arm {height}", np.array((0.053, 0.0, height)), np.array((0.015, 0.005, 0.005))))
-    pieces.append(Solid("grip", np.array((0.068, 0.0, 0.055)), np.array((0.005, 0.005, 0.03))))
-    return Body.of_pieces(name, pieces, position)
+from tests.planners.pieces import bottle, cut_in_two, mug
 
 
 def test_what_is_between_the_fingers_is_measured_at_the_pads() -> None:
@@ -93,3 +81,44 @@ def test_arrays_of_a_scene_of_simple_objects_have_one_solid_each() -> None:
     arrays = obstacle_arrays(scene)
     assert arrays.first.tolist() == list(range(len(scene.objects) + 1))
     assert np.array_equal(arrays.pieces.position, arrays.centre)
+
+
+def test_an_object_cut_in_two_is_the_same_to_every_check() -> None:
+    scene, rng = mixed_scene(6, 0), np.random.default_rng(1)
+    name = scene.names[0]
+    whole = Body(name, "box", np.array((0.03, 0.05, 0.08)), scene.objects[0].position, (0.8, 0.1, 0.2, 0.5))
+    cut, grid = cut_in_two(whole), SupportGrid(-0.6, -0.6, 0.005, (240, 240), scene.support.top)
+    for direction in rng.normal(size=(20, 3)):
+        unit = direction / np.linalg.norm(direction)
+        assert cut.reach(unit) == pytest.approx(whole.reach(unit), abs=1e-12)
+    points = whole.position[:2] + rng.uniform(-0.2, 0.2, (200, 2))
+    lying = [one.at(one.position, (0.8, 0.0, 0.0, 0.6)) for one in (whole, cut)]
+    assert np.allclose(*(distances(points, one) for one in lying), atol=1e-12)
+    assert np.array_equal(*(footprint_mask(grid, [one], 0.006) for one in lying))
+    worlds = [CollisionWorld.from_scene(replace(scene, objects=(one, *scene.objects[1:]))) for one in (whole, cut)]
+    T_tcp_world, seen = np.linalg.inv(tcp_pose(scene.robot, scene.state)), set()
+    for other in range(12):
+        turn = rng.normal(size=4)
+        near = scene.objects[1 + other % 4].position + rng.uniform(-0.09, 0.09, 3)
+        moved = whole.at(near, turn / np.linalg.norm(turn))
+        held = HeldObject(name, T_tcp_world @ moved.pose)
+        hits = [world.hits(scene.state.base, scene.state.q, 0.1, held, ignore=1) for world in worlds]
+        assert hits[0] == hits[1]
+        seen.add(hits[0])
+    assert len(seen) > 3
+
+
+@pytest.mark.parametrize("body", [mug(), bottle()], ids=lambda body: body.name)
+def test_the_distance_from_above_is_that_to_the_nearest_point_of_a_piece(body: Body) -> None:
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-0.15, 0.15, (40, 2))
+    inside = [rng.dirichlet(np.ones(len(one.outline)), 2000) @ one.outline for one in body.placed]
+    edges = [np.linspace(one.outline, np.roll(one.outline, 1, axis=0), 40).reshape(-1, 2) for one in body.placed]
+    near = np.concatenate((*inside, *edges))
+    slow = np.linalg.norm(points[:, None] - near, axis=2).min(axis=1)
+    fast = distances(points, body)
+    assert (fast <= slow + 1e-12).all()
+    assert np.allclose(fast, slow, atol=0.004 + (fast == 0) * 0.01)
+    assert (distances(near, body) < 1e-9).all()
+    outside = np.abs(body.outline - body.position[:2]).max(axis=0)
+    assert outside == pytest.approx(body.half_extents[:2], abs=0.001)

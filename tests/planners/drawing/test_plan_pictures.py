@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
 from PIL import Image
 
 from assets.robots import FETCH
@@ -19,8 +20,9 @@ from planners.drawing.choices import ClearancePicture, choices_of, last_picture
 from planners.drawing.pictures import COLOURS, draw_clearance, draw_plan
 from planners.placing.negative_goal_region import SweptVolume
 from planners.placing.swept_volume import path_volume
+from tests.planners.pieces import bowl, mug
 from tests.planners.plans import solved
-from tests.planners.scenes import cylinder, table_scene
+from tests.planners.scenes import HEIGHT, cylinder, table_scene
 
 mpl.use("agg")
 
@@ -57,6 +59,16 @@ def test_the_overview_joins_both_places_of_each_clearance() -> None:
     texts = [text.get_text() for text in axes.texts]
     assert {name.removeprefix("object_") for name in plan.actions[0].scene.names} <= set(texts)
     assert plan.target in axes.get_title()
+
+
+def test_objects_of_pieces_are_drawn_piece_by_piece_where_they_are() -> None:
+    bodies = mug("object_00", (-0.2, 0.1, HEIGHT)), bowl("bowl", (0.1, -0.1, HEIGHT))
+    plan = Planner(FETCH).solve(table_scene(*bodies), "object_00")
+    assert isinstance(plan, Solution)
+    axes = plan.plot()
+    drawn_corners = {patch.get_xy()[:-1].tobytes() for patch in axes.patches if isinstance(patch, Polygon)}
+    for piece in (piece for body in bodies for piece in body.placed):
+        assert np.ascontiguousarray(piece.outline[:, ::-1]).tobytes() in drawn_corners
 
 
 def test_the_overview_makes_its_own_figure() -> None:

@@ -18,7 +18,7 @@ from planners import STRATEGIES, Infeasible, Planner, Scene, Solution, Strategy,
 from planners.cause import Cause
 from planners.expert.config import ExpertConfig, ExpertError, MonitorConfig
 from planners.expert.interfaces import controlled_env
-from planners.grasping.grasp_poses import UnknownGraspSet
+from planners.grasping.families import UnknownGraspSet
 from planners.motion.tcp_following import TcpFollower
 from planners.placing.surfaces import UnknownSupport
 from planners.scene import UnknownObject

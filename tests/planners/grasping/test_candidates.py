@@ -11,7 +11,7 @@ from planners.clearing.lower_bound import smallest_set
 from planners.collision.world import CollisionWorld
 from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
-from planners.grasping.grasp_poses import GRASP_SETS
+from planners.grasping.families import GRASP_SETS
 from planners.motion.arm import tcp_pose
 from planners.scene import SELF_BIT, STATIC_BIT, RobotState, Scene
 from tests.planners.scenes import cylinder, random_scene, table_scene

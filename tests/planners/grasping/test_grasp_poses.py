@@ -11,15 +11,10 @@ from assets.robots import FETCH
 from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configurations import gripper_hits
 from planners.grasping.candidates import gripper_poses
+from planners.grasping.families import GRASP_SETS, SIDE, TOP, GraspFamily, UnknownGraspSet, find_grasp_set
 from planners.grasping.grasp_poses import (
-    GRASP_SETS,
-    SIDE,
-    TOP,
-    GraspFamily,
     GraspPose,
     GripperClearances,
-    UnknownGraspSet,
-    find_grasp_set,
     generate_grasps,
     gripper_clearances,
     gripper_opening,
@@ -30,8 +25,8 @@ from tests.planners.scenes import HEIGHT, table_scene
 
 TABLE = StaticObstacle("table_top", np.array([0.0, 0.0, HEIGHT - 0.02]), np.array([0.35, 0.5, 0.02]))
 LYING = (math.cos(math.pi / 4), math.sin(math.pi / 4), 0.0, 0.0)
-FAMILIES = GRASP_SETS["all"]
-SLANTED = GRASP_SETS["tilted"] + GRASP_SETS["top"]
+FAMILIES = tuple(family for family in GRASP_SETS["all"] if isinstance(family, GraspFamily))
+SLANTED = tuple(family for family in FAMILIES if family.depth is not None)
 
 
 def quaternion(yaw: float) -> np.ndarray:

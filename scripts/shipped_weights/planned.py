@@ -1,4 +1,4 @@
-"""Both levels of a policy by the task and motion planner: they read the exact state of the simulation."""
+"""A high-level policy by the planner, with which learned motions are measured; it reads the exact state."""
 
 from __future__ import annotations
 
@@ -7,28 +7,19 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
 
 from clutter_env.policies.parsed_observation import Observation, parse_observation
 from planners import (
-    Command,
     Contact,
-    Executor,
     Infeasible,
-    MonitorConfig,
-    MotionLayer,
-    NoPath,
     Planner,
-    PlanningContext,
     Scene,
     SceneError,
-    Sensor,
     contacts,
     controlled_env,
     find_grasp_set,
     find_strategy,
     held_object,
-    plan_contact,
 )
 
 MAX_PLANS = 8
@@ -95,7 +86,9 @@ class PlannedHighLevelPolicy:
             return
         self.plans += 1
         try:
-            outcome = self._planner.solve(_present_scene(self._env), self._target, self._strategy)
+            outcome = self._planner.solve(
+                scene_of(self._env, held_object(scene_of(self._env))), self._target, self._strategy
+            )
         except SceneError as error:
             self.failure = f"the scene is not valid for planning: {error}"
             return
@@ -105,69 +98,7 @@ class PlannedHighLevelPolicy:
         self._remaining = list(contacts(outcome))
 
 
-class PlannedMotionPolicy:
-    """Executes picks and places with the planner's motion layer, and stops when the world deviates from the plan.
-
-    Attributes:
-        is_done: the motion has ended.
-        has_failed: it could not be planned, or a deviation has stopped it.
-        reason: why it has failed, "" if it has not.
-    """
-
-    is_privileged = True
-
-    def __init__(self) -> None:
-        self.is_done, self.has_failed, self.reason = True, False, ""
-        self._executor: Executor | None = None
-
-    def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:  # noqa: ARG002  part of the protocol
-        """Start an episode."""
-        self._env = controlled_env(env)
-        self._sensor = Sensor(self._env.model, self._env.data, self._env.robot, self._env.object_names)
-        self._executor = None
-        finger_position = scene_of(self._env).state.finger_position
-        self._last = Command(self._sensor.read().drive, self._env.robot.opening(finger_position))
-        self._end("")
-
-    def start(self, contact: Contact, observation: Observation) -> None:  # noqa: ARG002  it reads the simulation
-        """Plan the motion of a pick or a place from the present state, and begin it."""
-        self._executor = None
-        scene = _present_scene(self._env)
-        if contact.skill == "place" and contact.object not in scene.held_names:
-            self._end(f"{contact.object} is not held")
-            return
-        try:
-            layer = MotionLayer(PlanningContext.of(scene.robot, scene, grasps="side"), np.random.default_rng(0))
-            found = plan_contact(layer, scene, contact)
-        except SceneError as error:
-            self._end(f"the scene is not valid for planning: {error}")
-            return
-        if not isinstance(found, tuple):
-            in_way = "" if isinstance(found, NoPath) else ", ".join(sorted(found.blockers))
-            self._end(found.reason if isinstance(found, NoPath) else f"{in_way} in the way")
-            return
-        self.is_done, self.has_failed, self.reason = False, False, ""
-        self._executor = Executor(found, self._env.robot, self._sensor, MonitorConfig())
-
-    def act(self, observation: Observation) -> NDArray[Any]:  # noqa: ARG002  it reads the simulation
-        """The next action."""
-        if self._executor is not None:
-            self._last = self._executor.advance(self._sensor.read())
-            if self._executor.is_over:
-                deviation, self._executor = self._executor.deviation, None
-                self._end("" if deviation is None else str(deviation))
-        return np.asarray(self._env.joint_action(self._last.drive, self._last.opening))
-
-    def _end(self, reason: str) -> None:
-        self.is_done, self.has_failed, self.reason = True, bool(reason), reason
-
-
 def scene_of(env: Any, held: str = "") -> Scene:
     """The planner's view of an environment as it is now, with exact poses."""
     own = env.unwrapped
     return Scene.from_mujoco(own.model, own.data, own.robot, held, movable=own.object_names, support=own.support_name)
-
-
-def _present_scene(env: Any) -> Scene:
-    """The scene with what the gripper holds."""
-    return scene_of(env, held_object(scene_of(env)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -14,11 +13,9 @@ from assets import FETCH
 from clutter_env.policies.high_level.candidates import CandidateRule
 from clutter_env.policies.high_level.network import CandidateNetwork
 from clutter_env.policies.high_level.policy import LearnedHighLevelPolicy
-from clutter_env.policies.runs import DECISIONS_FILE
 from clutter_env.scene.layout import find_layout
 from clutter_env.task import Task
-from clutter_env.training.high_level import accuracy, batch_of, fit_high_level
-from clutter_env.training.high_level_examples import (
+from scripts.shipped_weights.decision_examples import (
     CandidateExamples,
     after_contact,
     examples_of_scene,
@@ -27,9 +24,7 @@ from clutter_env.training.high_level_examples import (
     scene_of,
     visited_examples,
 )
-from clutter_env.training.run import Run
-from clutter_env.training.settings import Decisions
-from clutter_env.training.train import train
+from scripts.shipped_weights.decisions import accuracy, batch_of, fit_high_level
 
 RULE = CandidateRule(FETCH, find_layout("paper"))
 TASK = Task("clutter_env/Retrieve-o5-v0")
@@ -107,12 +102,3 @@ def test_the_states_that_the_learner_visits_are_labelled(env: gym.Env[Any, Any],
     rollout = roll_out(LearnedHighLevelPolicy(network, RULE), scene_of(env), info["target"])
     examples = list(visited_examples([rollout], RULE, np.random.default_rng(0)))
     assert len(examples) == len(rollout.decisions) > 0
-
-
-def test_training_writes_a_policy_and_its_history(tmp_path: Path) -> None:
-    settings = Decisions(steps=40, scenes=2, rounds=1, round_episodes=1, evaluation_episodes=1)
-    trained = train(Run(TASK, settings, tmp_path / "run"))
-    assert [entry["round"] for entry in trained.history] == [0, 1]
-    assert {"success", "clearances", "reach", "free"} <= set(trained.history[0])
-    policy = LearnedHighLevelPolicy.load(tmp_path / "run" / DECISIONS_FILE)
-    assert policy.info.layout == "paper"

@@ -1,20 +1,16 @@
-"""What the learners share: examples as arrays, gradient descent, and the log of a run."""
+"""What the trainings share: examples as arrays, and gradient descent."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Self, TypeAlias
+from typing import Self, TypeAlias
 
 import numpy as np
 import torch
-from torch.utils.tensorboard import SummaryWriter
 
-from clutter_env.policies.runs import HISTORY_FILE
-from clutter_env.reporting.files import write_json, written_atomically
-from clutter_env.training.run import Run
+from clutter_env.reporting.files import written_atomically
 
 Report: TypeAlias = Callable[[int, float], None]
 """Called with the number of a gradient step and the loss."""
@@ -70,34 +66,3 @@ def descend(
         schedule.step()
         if step % _REPORT_EVERY == 0 or step == steps - 1:
             report(step, loss.item())
-
-
-class RunLog:
-    """The history of a run, written to its directory as it grows, and to TensorBoard; a context manager.
-
-    A resumed run goes on with the history that is there.
-    """
-
-    def __init__(self, run: Run, is_resumed: bool = False) -> None:
-        self._file = run.directory / HISTORY_FILE
-        self.history: list[dict[str, float]] = (
-            json.loads(self._file.read_text()) if is_resumed and self._file.exists() else []
-        )
-        self._writer = SummaryWriter(str(run.directory / "tensorboard"))
-
-    def __enter__(self) -> RunLog:
-        return self
-
-    def __exit__(self, *_: Any) -> None:
-        self._writer.close()
-
-    def loss(self, step: int, loss: float) -> None:
-        """Note the loss of a gradient step."""
-        self._writer.add_scalar("train/loss", loss, step)
-
-    def add(self, **entry: float) -> None:
-        """Add an entry to the history: what was measured on held-out scenes."""
-        self.history.append(entry)
-        write_json(self._file, self.history)
-        for name, value in entry.items():
-            self._writer.add_scalar(f"held_out/{name}", value, entry.get("steps", len(self.history) - 1))

@@ -1,23 +1,21 @@
-"""Trains a motion policy from demonstrations or plans, and evaluates it with the planner's choice of actions."""
+"""Trains a motion policy from demonstrations or plans."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
+from itertools import product
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch.nn.functional import smooth_l1_loss
 
 from assets import RobotSpec
 from clutter_env.data.dataset import Dataset
 from clutter_env.errors import DatasetError
-from clutter_env.evaluation.score import success_rate
 from clutter_env.policies.experts import PLANNERS
 from clutter_env.policies.motion.arm import ArmKinematics, rotations_about
-from clutter_env.policies.motion.keep_out import keep_out_of_drives
-from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
+from clutter_env.policies.motion.keep_out import KeepOutRegion
 from clutter_env.policies.motion.network import (
     CENTRE,
     FREE,
@@ -29,24 +27,16 @@ from clutter_env.policies.motion.network import (
     Prediction,
 )
 from clutter_env.policies.motion.shelf import demonstrated_row
-from clutter_env.policies.planned import PlannedHighLevelPolicy
-from clutter_env.policies.runs import MOTIONS_FILE
-from clutter_env.policies.two_level import TwoLevelPolicy
-from clutter_env.policies.weights import WeightsInfo, save_weights
-from clutter_env.seeds import held_out_seeds
-from clutter_env.training.descent import Report, RunLog, descend
-from clutter_env.training.motion_examples import (
+from scripts.shipped_weights.descent import Report, descend
+from scripts.shipped_weights.motion_examples import (
     KeyframeExamples,
     Motion,
     cut_at_corners,
     free_joints_of,
     is_driven,
     keyframe_examples,
-    motions_of,
-    planned_motions,
 )
-from clutter_env.training.run import Run
-from clutter_env.training.settings import Keyframes
+from scripts.shipped_weights.planned import PlannedHighLevelPolicy
 
 _BATCH, _LEARNING_RATE = 256, 2e-3
 _TCP_WEIGHT = 10.0
@@ -59,42 +49,10 @@ _JOINT, _LENGTH, _FINGER = 0.05, 0.02, 0.003
 """[rad] and [m] of base, torso and arm; [m] of a straight line; [m] of a finger: errors that count like one another."""
 _MAX_GRADIENT = 100.0
 """Length to which gradients are clipped."""
+_SPACING = 0.02
+"""[m] between the points by which a demonstrated drive is compared with a rectangle, and between its possible sides."""
 _POSITION, _ROTATION = 0.01, 0.05
 """[m] and [rad]: and those of the gripper."""
-
-
-def train_motions(run: Run) -> list[dict[str, float]]:
-    """Train in this process; a resumed run starts again from the beginning, since it is short.
-
-    The scenes on which it is evaluated are drawn as those of the demonstrations were. Without demonstrations the
-    motions are those of canonical plans, of which nothing is simulated.
-    """
-    settings = run.settings
-    assert isinstance(settings, Keyframes)
-    started = time.process_time()
-    if settings.demos is None:
-        task, high_level, count = run.task, PlannedHighLevelPolicy(settings.grasps), settings.plans
-        (seeds,) = settings.scene_seeds(run.seed)
-        env: Any = task.make()
-        motions = list(planned_motions(env, settings.grasps, seeds))
-    else:
-        dataset = Dataset(settings.demos)
-        dataset.warn_if_outdated()
-        task, high_level = dataset.task, high_level_of(dataset)
-        env = task.make()
-        episodes = list(dataset)[: settings.demo_episodes]
-        motions, count = list(motions_of(episodes)), len(episodes)
-    plan_s = time.process_time() - started
-    with RunLog(run) as log:
-        network = fit_motions(env.get_wrapper_attr("robot"), motions, settings.steps, run.seed, log.loss)
-        fit_s = time.process_time() - started - plan_s
-        info = WeightsInfo.of_env("motions", env, high_level.grasps)
-        save_weights(run.directory / MOTIONS_FILE, network, info)
-        policy = TwoLevelPolicy(high_level, KeyframePolicy(network, info))
-        success = success_rate(env, policy, held_out_seeds(settings.evaluation_episodes))
-        log.add(demonstrations=count, motions=len(motions), plan_s=plan_s, fit_s=fit_s, success=success)
-    env.close()
-    return log.history
 
 
 def high_level_of(dataset: Dataset) -> PlannedHighLevelPolicy:
@@ -227,3 +185,35 @@ def _offsets(features: torch.Tensor, position: torch.Tensor) -> torch.Tensor:
     x, y = features[:, POSE.start + 3 : POSE.start + 6], features[:, POSE.start + 6 : POSE.stop]
     axes = torch.stack((x, y, torch.linalg.cross(x, y)), dim=1)
     return (axes @ (position - _positions(features))[..., None])[..., 0]
+
+
+def keep_out_of_drives(drives: Iterable[NDArray[np.float64]]) -> KeepOutRegion:
+    """The largest rectangle about the middle of the table that none of these drives (n, 2) [m] enters.
+
+    It is empty without drives. Sides beyond which nothing drives are infinitely far away; areas are measured as far as
+    the drives reach.
+    """
+    best, largest = KeepOutRegion(np.zeros(2), np.zeros(2)), 0.0
+    paths = [_filled(drive) for drive in drives]
+    if not paths:
+        return best
+    points = np.concatenate(paths)
+    nearest, farthest = np.minimum(points.min(axis=0), 0.0), np.maximum(points.max(axis=0), 0.0)
+    y = _SPACING * np.unique(np.round(points[:, 1] / _SPACING))
+    # Infinity comes first: of rectangles that are equally large the one without a side there is taken.
+    lows, highs = np.append(-np.inf, y[y < 0]), np.append(np.inf, y[y > 0])
+    for low, high in product(lows, highs):
+        x = points[(points[:, 1] > low) & (points[:, 1] < high), 0]
+        left, right = x[x < 0].max(initial=-np.inf), x[x >= 0].min(initial=np.inf)
+        found = KeepOutRegion(np.array((left, low)), np.array((right, high)))
+        area = float(np.prod(np.minimum(found.high, farthest) - np.maximum(found.low, nearest)))
+        if area > largest:
+            best, largest = found, area
+    return best
+
+
+def _filled(path: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (n, 2) on a path at most `_SPACING` from one another."""
+    counts = np.ceil(np.linalg.norm(np.diff(path, axis=0), axis=1) / _SPACING).astype(int)
+    parts = [np.linspace(one, other, count, False) for one, other, count in zip(path, path[1:], counts, strict=False)]
+    return np.concatenate((*parts, path[-1:]))

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import torch
 from torch.nn.functional import binary_cross_entropy_with_logits
@@ -13,21 +17,19 @@ from clutter_env.errors import LearningError
 from clutter_env.policies.high_level.candidates import CandidateRule
 from clutter_env.policies.high_level.network import CandidateBatch, CandidateNetwork
 from clutter_env.policies.high_level.policy import LearnedHighLevelPolicy
-from clutter_env.policies.runs import DECISIONS_FILE
-from clutter_env.policies.weights import WeightsInfo, save_weights
-from clutter_env.seeds import held_out_seeds
-from clutter_env.training.descent import Report, RunLog, descend
-from clutter_env.training.high_level_examples import (
+from clutter_env.seeds import held_out_seeds, training_seeds
+from scripts.shipped_weights.decision_examples import (
     CandidateExamples,
     examples_of_scene,
     initial_scenes,
     roll_out,
     visited_examples,
 )
-from clutter_env.training.run import Run
-from clutter_env.training.settings import Decisions
+from scripts.shipped_weights.descent import Report, descend
 
-EXAMPLES_FILE = "examples.npz"
+FIRST_SEED, SEEDS_OF_A_RUN, RUNS = 10_000, 20_000, 20
+"""First seed of the scenes for decisions; seeds from the first one of a run to that of the next; runs that have scenes
+of their own."""
 _LEARNING_RATE = 2e-3
 _BATCH = 256
 """Reached candidates in a gradient step."""
@@ -39,51 +41,77 @@ _ROUND_RATE = 0.3
 """Its learning rate, as a share of the first fit's."""
 
 
-def train_decisions(run: Run) -> list[dict[str, float]]:
-    """Train in this process; a resumed run goes on with the examples that it collected.
+@dataclass(frozen=True)
+class DecisionBudget:
+    """How much is collected and learned for decisions.
 
-    The network is fitted to examples of `scenes` scenes; in each of `rounds` the learner then decides in
-    `round_episodes` new scenes, without physics, and is fitted to all examples (DAgger).
+    Attributes:
+        scenes: from which examples are collected.
+        steps: gradient steps of the first fit.
+        rounds: after the first fit, which learn from the states that the learner comes into (DAgger).
+        round_episodes: scenes of each of these rounds.
+        evaluation: held-out scenes in which the policy of each round decides.
     """
-    settings = run.settings
-    assert isinstance(settings, Decisions)
-    env = run.task.make()
-    inner: Any = env.unwrapped
-    rule = CandidateRule(inner.robot, inner.config.find_layout(), settings.grasps)
-    seeds, of_rounds = settings.scene_seeds(run.seed)
+
+    scenes: int
+    steps: int = 3000
+    rounds: int = 0
+    round_episodes: int = 60
+    evaluation: int = 20
+
+
+def train_decisions(
+    env: gym.Env[Any, Any],
+    rule: CandidateRule,
+    seed: int,
+    budget: DecisionBudget,
+    examples_file: Path,
+    log: Callable[[str], object] = lambda _: None,
+) -> CandidateNetwork:
+    """The network of a high-level policy.
+
+    It is fitted to examples of `scenes` scenes; in each of `rounds` the learner then decides in `round_episodes` new
+    scenes, without physics, and is fitted to all examples (DAgger).
+
+    Args:
+        env: in which scenes are drawn.
+        rule: the candidates.
+        seed: of the network; the seeds of the scenes follow from it.
+        budget: how much.
+        examples_file: keeps the examples of the first fit; one that is there is read.
+        log: is told how well the policy of each round does on held-out scenes, without physics, and on the examples.
+    """
+    first = FIRST_SEED + seed % RUNS * SEEDS_OF_A_RUN
+    seeds = training_seeds(first, budget.scenes)
+    of_rounds = training_seeds(first + SEEDS_OF_A_RUN // 2, budget.rounds * budget.round_episodes)
 
     def collect() -> CandidateExamples:
         starts = zip(seeds, initial_scenes(env, seeds), strict=True)
         parts = [examples_of_scene(scene, rule, np.random.default_rng(seed)) for seed, (scene, _) in starts]
         return CandidateExamples.joined(parts)
 
-    examples = CandidateExamples.kept(run.directory / EXAMPLES_FILE, collect)
-    info = WeightsInfo.of_env("decisions", env, settings.grasps)
-    with RunLog(run) as log:
+    def tell(number: int, network: CandidateNetwork) -> None:
+        policy = LearnedHighLevelPolicy(network, rule)
+        outcomes = [roll_out(policy, *start) for start in initial_scenes(env, held_out_seeds(budget.evaluation))]
+        cleared = [outcome.clearances for outcome in outcomes if not outcome.failure]
+        rates = {"success": len(cleared) / len(outcomes), "clearances": float(np.mean(cleared or math.nan))}
+        said = ", ".join(f"{name} {value:.3g}" for name, value in {**rates, **accuracy(network, examples)}.items())
+        log(f"decisions, round {number}, {len(examples.scene)} examples: {said}")
 
-        def finish_round(number: int, network: CandidateNetwork) -> None:
-            """Save and evaluate the policy of a round: on held-out scenes without physics, and on the examples."""
-            policy = LearnedHighLevelPolicy(network, rule, info)
-            save_weights(run.directory / DECISIONS_FILE, network, info)
-            held_out = held_out_seeds(settings.evaluation_episodes)
-            outcomes = [roll_out(policy, *start) for start in initial_scenes(env, held_out)]
-            cleared = [outcome.clearances for outcome in outcomes if not outcome.failure]
-            rates = {"success": len(cleared) / len(outcomes), "clearances": float(np.mean(cleared or math.nan))}
-            log.add(round=number, examples=len(examples.scene), **rates, **accuracy(network, examples))
-
-        network = fit_high_level(examples, settings.steps, run.seed, report=log.loss)
-        finish_round(0, network)
-        steps, rate = int(_ROUND_SHARE * settings.steps), _ROUND_RATE * _LEARNING_RATE
-        for number in range(1, settings.rounds + 1):
-            of_round = of_rounds[(number - 1) * settings.round_episodes :][: settings.round_episodes]
-            policy = LearnedHighLevelPolicy(network, rule, info)
-            rollouts = [roll_out(policy, *scene) for scene in initial_scenes(env, of_round)]
-            visited = visited_examples(rollouts, rule, np.random.default_rng(of_round[0]))
-            examples = CandidateExamples.joined((examples, *visited))
-            network = fit_high_level(examples, steps, run.seed, network, rate, log.loss)
-            finish_round(number, network)
-    env.close()
-    return log.history
+    examples = CandidateExamples.kept(examples_file, collect)
+    network = fit_high_level(examples, budget.steps, seed)
+    tell(0, network)
+    for number in range(1, budget.rounds + 1):
+        of_round = of_rounds[(number - 1) * budget.round_episodes :][: budget.round_episodes]
+        policy = LearnedHighLevelPolicy(network, rule)
+        rollouts = [roll_out(policy, *scene) for scene in initial_scenes(env, of_round)]
+        visited = visited_examples(rollouts, rule, np.random.default_rng(of_round[0]))
+        examples = CandidateExamples.joined((examples, *visited))
+        network = fit_high_level(
+            examples, int(_ROUND_SHARE * budget.steps), seed, network, _ROUND_RATE * _LEARNING_RATE
+        )
+        tell(number, network)
+    return network
 
 
 def fit_high_level(

@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 
 from clutter_env.policies.high_level.candidates import CandidateRule, Candidates, ObservedScene, object_rows
 from clutter_env.policies.high_level.policy import LearnedHighLevelPolicy
-from clutter_env.policies.planned import scene_of
-from clutter_env.training.descent import ExampleArrays
 from irm import ArmChain
 from planners import (
     Body,
@@ -33,6 +31,8 @@ from planners import (
     scan_configurations,
     stand_at,
 )
+from scripts.shipped_weights.descent import ExampleArrays
+from scripts.shipped_weights.planned import scene_of
 
 Array = NDArray[np.float64]
 

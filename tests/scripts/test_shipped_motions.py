@@ -28,11 +28,12 @@ from clutter_env.policies.motion.network import (
 )
 from clutter_env.policies.motion.shelf import ShelfArm, ShelfKeyframePlanner, base_waypoint, drive_points, table_of
 from clutter_env.policies.parsed_observation import ParsedObservation, parse_observation, planar_pose
-from clutter_env.policies.runs import MOTIONS_FILE
 from clutter_env.policies.weights import shipped_path
 from clutter_env.scene.layout import find_layout
 from clutter_env.task import Task
-from clutter_env.training.motion_examples import (
+from planners import tcp_pose
+from planners.scene import RobotState
+from scripts.shipped_weights.motion_examples import (
     Motion,
     cut_at_corners,
     free_joints_of,
@@ -40,12 +41,7 @@ from clutter_env.training.motion_examples import (
     keyframe_examples,
     planned_motions,
 )
-from clutter_env.training.motions import fit_motions, high_level_of
-from clutter_env.training.run import Run
-from clutter_env.training.settings import Keyframes
-from clutter_env.training.train import train
-from planners import tcp_pose
-from planners.scene import RobotState
+from scripts.shipped_weights.motions import fit_motions, high_level_of
 
 OPEN = Task("clutter_env/Retrieve-o5-v0", {"obstructed": True})
 SHELF = Task("clutter_env/Retrieve-o10-v0", {"layout": "shelf", "obstructed": True})
@@ -203,16 +199,6 @@ def test_a_network_knows_what_it_was_fitted_to(in_the_open: list[Motion], under_
             assert len(network.shown) == len(motions)
     with pytest.raises(DatasetError, match="canonical"):
         fit_motions(FETCH, [], steps=2)
-
-
-def test_motions_are_trained_from_plans_alone(tmp_path: Path) -> None:
-    run = Run(Task("clutter_env/Retrieve-o1-v0"), Keyframes(steps=2, plans=1, evaluation_episodes=1), tmp_path / "run")
-    (entry,) = train(run).history
-    assert entry["motions"] >= 1
-    network, info = KeyframeNetwork.load(tmp_path / "run" / MOTIONS_FILE)
-    assert network.has_seen("pick", "approach")
-    assert (info.robot, info.layout, info.grasps) == ("fetch", "paper", "side")
-    assert info.provenance["version"]
 
 
 def test_demonstrations_of_a_script_are_refused(tmp_path: Path) -> None:
