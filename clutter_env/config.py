@@ -11,7 +11,6 @@ from assets import robot as find_robot
 from clutter_env.errors import ConfigError, check_choice, check_integer
 from clutter_env.scene.layout import Layout, find_layout
 from clutter_env.scene.object_sets import OBJECT_SETS, SHAPE_SETS, ObjectSet, capacity
-from clutter_env.scene.obstruction import robots_with_approaches
 
 CONTROL_HZ = 20
 TIMESTEP = 0.002
@@ -120,9 +119,6 @@ class EnvConfig:
 
     def obstruction_problem(self, least: int) -> str:
         """Why targets with at least so many objects in the way cannot be drawn here, "" if they can."""
-        robots = robots_with_approaches()
-        if self.find_robot().full_name not in robots:
-            return f"side grasps are known of these robots: {', '.join(robots)}"
         if not self.find_object_set().has_side_grasps:
             known = ", ".join(repr(name) for name, entry in OBJECT_SETS.items() if entry.has_side_grasps)
             return f"object_set={self.object_set!r} is too low for side grasps; valid values: {known}"

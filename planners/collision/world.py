@@ -293,10 +293,10 @@ def with_clearance_around(world: CollisionWorld, name: str) -> CollisionWorld:
         elif np.linalg.norm(body.position - other.position) < body_bound(body) + body_bound(other) + gap:
             # Even overlaps of `OVERLAP` are mended; what overlaps more stays in the way.
             sizes = np.linspace(0.0, gap + OVERLAP, _SIZES)
-            smaller = (shrunk_solids(obstacles.pieces, size) for size in sizes)
-            others = obstacles.pieces, obstacles.rows(row)
-            apart = [not _are_near((shrunk, obstacles.rows(index)), others, gap) for shrunk in smaller]
-            yields = max(yields, float(sizes[np.argmax(apart)])) if any(apart) else yields
+            smaller = ((size, shrunk_solids(obstacles.pieces, size)) for size in sizes)
+            rows, others = obstacles.rows(index), (obstacles.pieces, obstacles.rows(row))
+            apart = (float(size) for size, shrunk in smaller if not _are_near((shrunk, rows), others, gap))
+            yields = max(yields, next(apart, 0.0))
     return replace(world, yields=yields) if yields else world
 
 

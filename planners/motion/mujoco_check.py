@@ -15,7 +15,7 @@ from assets.robots import RobotSpec
 from irm.chain import link_of_body
 from planners.collision.scene_arrays import robot_of
 from planners.collision.world import OVERLAP
-from planners.motion.path import WholeBodyPath
+from planners.motion.path import WholeBodyPath, cut, interpolate
 from planners.motion.trajectory import Trajectory, phases_of
 from planners.motion.travel import count_kinds, link_radii, nearest_of_kinds, pair_kind, travelled
 from planners.scene import HeldObject, Scene, SceneError, Solid
@@ -146,7 +146,7 @@ class MujocoCollisionChecker:
     def __init__(self, scene: Scene) -> None:
         """Build the model; for the same objects elsewhere `move_to` is faster."""
         robot = scene.robot
-        self.scene = scene
+        self.scene, self._signature = scene, _signature(scene)
         self._model = model = scene_model(scene)
         self._data = mujoco.MjData(model)
         self._positions = ModelPositions(model, scene, self._data.qpos)
@@ -174,7 +174,7 @@ class MujocoCollisionChecker:
 
     def move_to(self, scene: Scene) -> None:
         """Put the objects where another scene has them; raises `SceneError` if it differs in more than their poses."""
-        if _signature(scene) != _signature(self.scene):
+        if scene is not self.scene and _signature(scene) != self._signature:
             raise SceneError("a collision checker serves scenes with the same robot, static obstacles and objects only")
         if scene.aside or self.scene.aside:
             self._robot = robot_of(scene)
@@ -327,8 +327,7 @@ class MujocoCollisionChecker:
             )
             reach = np.maximum(reach, robot.tip_reach + self._swing(held))
         parts = np.ceil(np.abs(np.diff(states, axis=0)) @ np.append(reach, 1.0) / step).astype(int)
-        at = np.concatenate([[0.0], *(i + np.arange(1, max(n, 1) + 1) / max(n, 1) for i, n in enumerate(parts))])
-        return np.column_stack([np.interp(at, np.arange(len(states)), column) for column in states.T])
+        return interpolate(cut(np.maximum(parts, 1)), np.arange(len(states)), states)
 
     def _place(self, state: NDArray[np.float64], held: HeldObject | None) -> None:
         """Place the robot and what its grippers hold, and find contacts."""

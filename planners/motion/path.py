@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -87,3 +88,21 @@ def on_base(bases: ArrayLike, waypoints: ArrayLike) -> Array:
     bases, waypoints = np.atleast_2d(bases), np.atleast_2d(waypoints)
     (n,) = np.broadcast_shapes(bases.shape[:1], waypoints.shape[:1])
     return np.hstack([np.broadcast_to(bases, (n, bases.shape[1])), np.broadcast_to(waypoints, (n, waypoints.shape[1]))])
+
+
+def cut(parts: NDArray[np.int64]) -> Array:
+    """Places (1 + m,) on a polygon whose segments are cut into so many parts (n,): 1.5 is the middle of the second."""
+    segment = np.repeat(np.arange(len(parts)), parts)
+    part = np.arange(1, len(segment) + 1) - np.repeat(np.cumsum(parts) - parts, parts)
+    return np.append(0.0, segment + part / parts[segment])
+
+
+def interpolate(at: Array, knots: NDArray[Any], points: Array) -> Array:
+    """`np.interp` of all columns of points (k, d), which belong to knots (k,), in one call: (m, d)."""
+    left = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, max(len(knots) - 2, 0))
+    right, found = np.minimum(left + 1, len(knots) - 1), points[left]
+    with np.errstate(invalid="ignore"):  # the last two knots may be the same
+        slopes = (points[right] - found) / (knots[right] - knots[left])[:, None]
+    found += slopes * (at - knots[left])[:, None]
+    found[at >= knots[-1]] = points[-1]
+    return np.asarray(found)
