@@ -208,6 +208,21 @@ def must_go_first(scene: Scene, body: Body, fact: On | Inside | At) -> tuple[str
     return tuple(one.name for one in in_the_way if (distances(centre, one) < radius - slack).all())
 
 
+def is_too_large(scene: Scene, fact: On | Inside | At) -> bool:
+    """Whether an object, standing or lying as it does, is larger than the area that a fact names: proved.
+
+    Its footprint is longer than the diagonal, or contains a circle wider than the narrower side. Of several pieces,
+    which may leave the middle free, only the length counts.
+    """
+    body, area = scene.body(fact.object), place_of(scene, fact).area
+    if area is None or body.name in scene.held_names or (isinstance(fact, On) and fact.place in scene.supports):
+        return False
+    half, outline = np.array(area.half_extents) + EDGE, footprint(body)
+    length = float(np.linalg.norm(outline[:, None] - outline, axis=2).max())
+    inner = 0.0 if body.shape == "pieces" else float(min(body.half_extents))
+    return inner > min(half) or length > 2 * float(np.hypot(*half))
+
+
 def in_the_way(scene: Scene, body: Body, place: Place, waiting: Collection[str]) -> tuple[str, ...]:
     """Names of objects to remove so that an object fits at its place; none if it fits, or once others have left.
 
