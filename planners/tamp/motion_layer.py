@@ -272,6 +272,9 @@ class MotionLayer:
         homing = self._home(scene) if home_first or is_among_objects(world, state) else None
         q, roadmap = state.q if homing is None else homing.end, self.context.roadmap
         found = plan_base(world, state.base, base, q, held=scene.held, roadmap=roadmap)
+        if isinstance(found, NoPath) and homing is None and scene.held is None:
+            as_open = scene.robot.opening(state.finger_position)  # fully open it may touch what it does not as it is
+            found = plan_base(world, state.base, base, q, opening=as_open, roadmap=roadmap)
         if isinstance(found, NoPath) and homing is None:
             homing = self._home(scene)
             if homing is not None:
