@@ -209,18 +209,17 @@ def must_go_first(scene: Scene, body: Body, fact: On | Inside | At) -> tuple[str
 
 
 def is_too_large(scene: Scene, fact: On | Inside | At) -> bool:
-    """Whether an object, standing or lying as it does, is larger than the area that a fact names: proved.
+    """Whether an object, standing or lying as it does, is larger than the area that a fact names, however it is turned.
 
-    Its footprint is longer than the diagonal, or contains a circle wider than the narrower side. Of several pieces,
-    which may leave the middle free, only the length counts.
+    Proved: between the angles that are tried, its extents change by less than what they may be too large.
     """
     body, area = scene.body(fact.object), place_of(scene, fact).area
     if area is None or body.name in scene.held_names or (isinstance(fact, On) and fact.place in scene.supports):
         return False
-    half, outline = np.array(area.half_extents) + EDGE, footprint(body)
-    length = float(np.linalg.norm(outline[:, None] - outline, axis=2).max())
-    inner = 0.0 if body.shape == "pieces" else float(min(body.half_extents))
-    return inner > min(half) or length > 2 * float(np.hypot(*half))
+    angles, outline = np.linspace(0.0, np.pi, 180, endpoint=False), footprint(body)
+    along = np.ptp(outline @ np.stack((np.cos(angles), np.sin(angles))), axis=0)
+    most = 2 * (np.array(area.half_extents) + EDGE) + along.max() * (angles[1] - angles[0])
+    return not bool(((along <= most[0]) & (np.roll(along, len(angles) // 2) <= most[1])).any())
 
 
 def in_the_way(scene: Scene, body: Body, place: Place, waiting: Collection[str]) -> tuple[str, ...]:
