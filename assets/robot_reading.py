@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 from assets.files import path as asset_path
 from assets.robot_parts import ChainLink, InvalidRobot, check_names, require
@@ -213,24 +215,28 @@ def _half_extent(model: mujoco.MjModel, data: mujoco.MjData, geom: int, along: F
     return float(np.abs(along @ data.geom_xmat[geom].reshape(3, 3)) @ model.geom_aabb[geom, 3:])
 
 
-def _footprint(model: mujoco.MjModel, base: str) -> dict[str, float]:
+def _footprint(model: mujoco.MjModel, base: str) -> dict[str, Any]:
     """Radius and height of the cylinder about the base's axis that contains its geoms that can touch something.
 
-    Those count that reach farthest out: what stands on them is narrower.
+    Those count that reach farthest out: what stands on them is narrower. If that one is not round, the outline of all
+    is given too.
     """
     data = mujoco.MjData(model)
     data.qpos[:] = 0.0
     mujoco.mj_kinematics(model, data)
     body = model.body(base).id
-    found = []
+    found: list[tuple[float, float, bool]] = []
+    corners: list[tuple[float, float]] = []
     for geom in range(model.ngeom):
         if int(model.geom_bodyid[geom]) == body and (model.geom_contype[geom] or model.geom_conaffinity[geom]):
             centre = data.geom_xpos[geom] - data.xpos[body]
             x, y, z = (_half_extent(model, data, geom, axis) for axis in np.eye(3))
             is_round = model.geom_type[geom] == int(mujoco.mjtGeom.mjGEOM_CYLINDER) and x == y
             radius = float(np.hypot(*centre[:2])) + x if is_round else float(np.hypot(*(np.abs(centre[:2]) + (x, y))))
-            found.append((radius, float(centre[2]) + z))
+            found.append((radius, float(centre[2]) + z, bool(is_round)))
+            corners += [(centre[0] + x * i, centre[1] + y * j) for i, j in itertools.product((-1.0, 1.0), repeat=2)]
     if not found:
         raise InvalidRobot(f"the base {base!r} has no geom that can touch something")
-    radius, height = max(found)
-    return {"base_radius": round(radius, 6), "base_height": round(height, 6)}
+    radius, height, is_round = max(found)
+    outline = () if is_round else tuple(map(_numbers, np.array(corners)[ConvexHull(corners).vertices]))
+    return {"base_radius": round(radius, 6), "base_height": round(height, 6), "base_outline": outline}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -10,8 +10,7 @@ from assets import InvalidRobot, RobotSpec, UnknownRobot
 from assets import robot as find_robot
 from clutter_env.errors import ConfigError, check_choice, check_integer
 from clutter_env.scene.layout import Layout, find_layout
-from clutter_env.scene.object_sets import OBJECT_SETS, SHAPE_SETS, ObjectSet, capacity
-from clutter_env.scene.obstruction import robots_with_approaches
+from clutter_env.scene.object_sets import OBJECT_SETS, SHAPE_SETS, ObjectSet, capacity, slot_shapes
 
 CONTROL_HZ = 20
 TIMESTEP = 0.002
@@ -25,11 +24,13 @@ REWARD_MODES = ("sparse", "dense")
 OBSTRUCTED = (False, True, 2, 3)
 """Values of `obstructed`: the least number of objects in the way of every side grasp of the target."""
 SUCCESS_KINDS = ("clean", "lifted")
-OBS_MODES = ("state", "rgbd")
+OBS_MODES = ("state", "rgbd", "pointcloud")
+HEAD_MODES = ("fixed", "commanded")
 SCENE_CAMERAS = ("scene", "top")
 """Views of every scene: all of it, and from above; the robot brings its own cameras."""
 IMAGE_SIZE_RANGE = (16, 2048)
 """Pixels."""
+MOST_POINTS = 2**20
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,15 @@ class EnvConfig:
     height: int = 480
     """Pixels of a rendered image."""
     image_size: int = 96
-    """Pixels along each side of an "rgbd" observation's images."""
+    """Pixels along each side of the images of an "rgbd" observation, or of those from which a "pointcloud" is made."""
+    cameras: Sequence[str] = ()
+    """The cameras of image observations; none named: all of the robot's own. "top" is above the table."""
+    segmentation: bool = False
+    """Whether image observations say of every pixel or point what it shows."""
+    num_points: int = 2048
+    """Points in a "pointcloud" observation."""
+    head: str = "fixed"
+    """Whether an action has two numbers more, at its end, for the head: "commanded" or "fixed"."""
 
     def __post_init__(self) -> None:
         layout, robot = self.find_layout(), self.find_robot()
@@ -86,10 +95,17 @@ class EnvConfig:
         check_choice("object_set", self.object_set, OBJECT_SETS)
         check_choice("obstructed", self.obstructed, OBSTRUCTED)
         check_choice("camera", self.camera, (*SCENE_CAMERAS, *robot.cameras))
-        if self.obs_mode == "rgbd" and not robot.cameras:
-            raise ConfigError(f"obs_mode='rgbd' needs a robot with cameras; robot {robot.name!r} has none")
+        if self.obs_mode != "state" and not robot.cameras:
+            raise ConfigError(f"obs_mode={self.obs_mode!r} needs a robot with cameras; robot {robot.name!r} has none")
+        for camera in self.cameras:
+            check_choice("cameras", camera, ("top", *robot.cameras))
+        check_choice("segmentation", self.segmentation, (False, True))
+        check_choice("head", self.head, HEAD_MODES)
+        if self.head == "commanded" and not robot.head_joints:
+            raise ConfigError(f"head='commanded' needs a robot whose head moves; that of robot {robot.name!r} does not")
         for name in ("width", "height", "image_size"):
             object.__setattr__(self, name, check_integer(name, getattr(self, name), *IMAGE_SIZE_RANGE))
+        object.__setattr__(self, "num_points", check_integer("num_points", self.num_points, 1, MOST_POINTS))
         # An integer of NumPy's becomes Python's: what is computed of it would be NumPy's too.
         object.__setattr__(self, "num_objects", check_integer("num_objects", self.num_objects, 0))
         fit = capacity(layout, self.shapes, self.find_object_set())
@@ -103,15 +119,22 @@ class EnvConfig:
 
     def obstruction_problem(self, least: int) -> str:
         """Why targets with at least so many objects in the way cannot be drawn here, "" if they can."""
-        robots = robots_with_approaches()
-        if self.find_robot().full_name not in robots:
-            return f"side grasps are known of these robots: {', '.join(robots)}"
         if not self.find_object_set().has_side_grasps:
             known = ", ".join(repr(name) for name, entry in OBJECT_SETS.items() if entry.has_side_grasps)
             return f"object_set={self.object_set!r} is too low for side grasps; valid values: {known}"
         if self.num_objects <= least:
             return f"num_objects={self.num_objects} is not valid; it must be at least {least + 1}"
         return ""
+
+    @property
+    def observed_cameras(self) -> tuple[str, ...]:
+        """The cameras of the observation, none where it has no images."""
+        return () if self.obs_mode == "state" else tuple(self.cameras) or self.find_robot().cameras
+
+    @property
+    def slot_shapes(self) -> tuple[str, ...]:
+        """The shape, or kind, of the object in every slot of a random scene."""
+        return slot_shapes(self.shapes, int(self.num_objects), self.find_object_set())
 
     def find_object_set(self) -> ObjectSet:
         """The ranges of sizes and masses that `object_set` names."""

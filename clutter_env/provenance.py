@@ -14,7 +14,7 @@ import platform
 import subprocess
 import sys
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -26,17 +26,20 @@ from assets import RobotSpec
 from clutter_env.config import EnvConfig
 from clutter_env.envs.base import layout_identity
 from clutter_env.scene.layout import Layout
-from clutter_env.scene.object_sets import slot_shapes
 from clutter_env.simulation.model import build_spec
 from clutter_env.version import version
 
 _PACKAGE = Path(__file__).parent
 _PICTURES = ("render_mode", "camera", "width", "height")
 """Keyword arguments of an environment that change its pictures alone."""
+_ABILITIES = ("cameras", "segmentation", "num_points", "head")
+"""Keyword arguments that count only where they are not the default: records made before there were such stay valid."""
 _RULES = {
     "physics": ("envs/base.py", *(f"simulation/{name}.py" for name in ("control", "world", "model"))),
     "end-effector control": ("simulation/end_effector.py",),
-    "scenes": ("scene/layout.py", "scene/object_sets.py", "scene/random_scene.py", "scene/obstruction.py"),
+    "scenes": tuple(
+        f"scene/{name}.py" for name in ("layout", "object_sets", "household", "random_scene", "obstruction")
+    ),
     "success": ("envs/success.py",),
     "reward": ("envs/reward.py",),
     "observation": ("envs/observation.py",),
@@ -149,9 +152,13 @@ def _digest(env: gym.Env[Any, Any]) -> dict[str, Any]:
     outer: Any = env.unwrapped
     inner = getattr(outer, "physics_env", outer)  # of a Skill environment
     config: EnvConfig = inner.config
-    settings = {name: value for name, value in config.keywords().items() if name not in _PICTURES}
+    defaults = {entry.name: entry.default for entry in fields(config) if entry.name in _ABILITIES}
+    settings = {
+        name: value
+        for name, value in config.keywords().items()
+        if name not in _PICTURES and (name not in defaults or value != defaults[name])
+    }
     settings |= {"layout": layout_identity(inner.layout), "robot": inner.robot.name}
-    shapes = slot_shapes(config.shapes, int(config.num_objects))
     kinds = {
         kind.__module__: kind for kind in (*type(outer).__mro__, *type(inner).__mro__) if issubclass(kind, gym.Env)
     }
@@ -161,7 +168,7 @@ def _digest(env: gym.Env[Any, Any]) -> dict[str, Any]:
         "task": type(outer).__name__,
         "settings": json.loads(json.dumps(settings, default=int)),  # integers of NumPy's become Python's
         "time limit": env.spec.max_episode_steps if env.spec else None,
-        "model": _model_digest(inner.robot, inner.layout, shapes),
+        "model": _model_digest(inner.robot, inner.layout, config.slot_shapes),
         "task's code": _code_digest(*sorted(file for file in files if file)),
         **{name: _code_digest(*(str(_PACKAGE / file) for file in rules)) for name, rules in _RULES.items()},
     }

@@ -12,7 +12,7 @@ from irm.answers import BasePlacement, PlacementBatch, Status
 from irm.common_bases import place_for_path, place_for_targets
 from irm.errors import QueryError
 from irm.free_space import FreeSpace
-from irm.inverse_table import SPARE_BASES, InverseTable, best_first
+from irm.inverse_table import SPARE_BASES, InverseTable, best_first, ranking_score
 from irm.query_kernels import SAME_PLACE, PlaceQueries, TcpPlace, Tiles, base_turns, best_bases, best_bases_batch
 from irm.query_keys import (
     FULL_TURN,
@@ -41,7 +41,7 @@ _ROWS_AT_A_TIME = 4096
 """Bases computed by one call of a kernel: some milliseconds, after which the interpreter handles Ctrl-C."""
 _SQUARE = 0.1
 """[m] Edge of the squares of `_neighbours_together`; a row of sixteen has the length of a large table."""
-_CLOSE_BASES = 64
+_CLOSE_BASES = 256
 """Bases decided exactly, beyond the number wanted, before an answer is given without a certain base."""
 
 
@@ -60,8 +60,8 @@ class InverseReachabilityMap:
         separation: smallest distance between two of them, by default 0.1 [m].
         yaw_step: largest distance between two approach yaws that are tried, at least 0.001; by default 15° [rad].
         exact: whether the bases are decided by exact inverse kinematics. Those that certainly do not reach are
-            dropped, and `certain` is exact. None, the default: for paths of arms with a closed form only, where it
-            takes little time.
+            dropped, and `certain` is exact. None, the default: where it takes little time or is needed, for paths of
+            arms with a closed form, and in `query` where no base of a ring of the map is certain.
 
     Their answers hold at most k bases, best first. The status is NO if certainly no base exists for any allowed yaw.
     They raise `QueryError` if a number is not finite, a range is empty, numbers of positions and ranges do not match,
@@ -92,7 +92,7 @@ class InverseReachabilityMap:
         yaw_range: tuple[float, float] = FULL_TURN,
         **keywords: Unpack[QueryKeywords],
     ) -> BasePlacement:
-        """The bases of highest μ from which the arm reaches a TCP pose.
+        """The bases of highest μ from which the arm reaches a TCP pose; see `inverse_table.ranking_score`.
 
         Args:
             position: (3,) of the TCP in the world, floor at z = 0 [m].
@@ -101,7 +101,7 @@ class InverseReachabilityMap:
             **keywords: of all queries.
         """
         options = checked_options(keywords)
-        table, space = self._table, options.free_space
+        table, space, rows = self._table, options.free_space, np.empty((0, 7))
         grid = table.grid
         point, bounds = as_position(position), as_yaw_range(yaw_range)
         key = find_key(grid, point[2], options.pitch, options.roll)
@@ -109,7 +109,12 @@ class InverseReachabilityMap:
             return BasePlacement.nothing(Status.NO)
         place = TcpPlace(key.number, point[0], point[1], key.height_offset, key.exact)
         window, configurations = yaw_window(grid, key, bounds, options.yaw_step), None
-        if table.is_exact_wanted(options, by_default=False):
+        is_exact = table.is_exact_wanted(options, by_default=False)
+        if not is_exact:
+            rows = self._best_bases(place, window, space, options.k, options.separation)
+            # Where no cell of a key is reached over its whole height, inverse kinematics says which bases reach.
+            is_exact = options.exact is None and key.exact and len(rows) > 0 and not rows[0, 6] and table.decides_fast
+        if is_exact:
             # If none of the bases reaches, more of them are tried, closer together.
             tries = ((options.k + SPARE_BASES, options.separation), (options.k + _CLOSE_BASES, 0.0))
             for count, separation in tries:
@@ -118,8 +123,6 @@ class InverseReachabilityMap:
                 rows, configurations = rows[kept], configurations[kept]
                 if rows[:, 6].any():
                     break
-        else:
-            rows = self._best_bases(place, window, space, options.k, options.separation)
         if len(rows):
             return BasePlacement.of_rows(rows, configurations)
         possible = table.may_exist(point, options.pitch, key, bounds, space)
@@ -299,6 +302,7 @@ class ClassicalInverseReachabilityMap:
 
     def __init__(self, reachability_map: ReachabilityMap) -> None:
         self.reachability_map = rm = reachability_map.subset(reachability_map.manipulability > 0)
+        self._score = ranking_score(rm, rm.manipulability, rm.torso, rm.flags)
         T = _inverse_transforms(rm)
         self._blocks = [np.ascontiguousarray(T[:, k : k + _BLOCK]) for k in range(0, len(rm), _BLOCK)]
 
@@ -333,7 +337,7 @@ class ClassicalInverseReachabilityMap:
         per_yaw = [self._candidates(point, yaw, angles, space) for yaw in turns]
         base, x, y, base_yaw, approach = (np.concatenate(column) for column in zip(*per_yaw, strict=True))
         mu = self.reachability_map.manipulability[base]
-        chosen = _best_apart(x, y, mu, options)
+        chosen = _best_apart(x, y, self._score[base], options)
         if not len(chosen):
             return BasePlacement.nothing(Status.UNKNOWN)
         torso, certain = self._torso_and_certainty(base[chosen], key)
@@ -396,12 +400,12 @@ def _inverse_transforms(rm: ReachabilityMap) -> Floats:
     return T
 
 
-def _best_apart(x: Floats, y: Floats, mu: NDArray[np.float32], options: QueryOptions) -> Integers:
+def _best_apart(x: Floats, y: Floats, score: NDArray[np.float32], options: QueryOptions) -> Integers:
     """Indices of the `options.k` best candidates, each farther than `options.separation` from the better ones."""
     if options.k == 1:
-        return np.array([mu.argmax()]) if len(mu) else np.empty(0, dtype=np.int64)
+        return np.array([score.argmax()]) if len(score) else np.empty(0, dtype=np.int64)
     chosen: list[int] = []
-    left = mu.astype(float)
+    left = score.astype(float)
     while len(chosen) < options.k and len(left) and left.max() > 0:
         best = int(left.argmax())
         chosen.append(best)

@@ -57,6 +57,9 @@ class _Joint(NamedTuple):
 _NO_LIFT = _Joint("", True, np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.0, 0.0)
 
 
+_MESH_KINDS = (".stl", ".obj", ".msh")
+
+
 def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: str) -> dict[str, Any]:
     """Fields of the `ArmChain` from `base` to `tip`, see `ArmChain.from_mjcf`; frames have z along the joints' axes.
 
@@ -116,30 +119,75 @@ def load_model(path: Path) -> mujoco.MjModel:
         raise ChainError(f"{path} cannot be read as an MJCF file: {problem}") from problem
 
 
-def load_urdf(path: Path) -> mujoco.MjModel:
-    """The compiled model of a URDF file, without visual shapes and without meshes, whose files may be missing.
+def arm_joints(model: mujoco.MjModel, base: str, tip: str) -> list[int]:
+    """Numbers of the joints of an arm, its lift first if it has one; arguments and errors as of `read_arm`."""
+    read_arm(model, base, tip, "x")
+    is_site, number = _find_tip(model, tip)
+    body = int(model.site_bodyid[number]) if is_site else number
+    return _joints_between(model, int(model.body(base).id), body, (base, tip))
+
+
+def tip_frame(model: mujoco.MjModel, body: int, tip: str, approach: str) -> Floats:
+    """T_body_tcp (4, 4) of a tip, with x along the approach, all joints as the file has them."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    T = np.linalg.inv(_pose(data.xmat[body], data.xpos[body])) @ _tip_pose(model, data, tip)
+    T[:3, :3] = T[:3, :3] @ _tool_rotation(approach)
+    return np.asarray(T)
+
+
+def load_urdf(path: Path, with_meshes: bool = False) -> mujoco.MjModel:
+    """The compiled model of a URDF file without visual shapes.
 
     Links keep their names and stay bodies of their own, also where they are fixed to others.
 
+    Args:
+        path: of the file.
+        with_meshes: read collision meshes; else they are left out, and their files may be missing.
+
     Raises:
         FileNotFoundError: there is no such file.
-        ChainError: it is no URDF file.
+        ChainError: it is no URDF file, or the file of a mesh is missing.
     """
     try:
         robot = ElementTree.fromstring(path.read_bytes())
         for link in robot.iter("link"):
             for shape in [*link.findall("visual"), *link.findall("collision")]:
-                if shape.tag == "visual" or shape.find("geometry/mesh") is not None:
+                mesh = shape.find("geometry/mesh")
+                if shape.tag == "visual" or (mesh is not None and not with_meshes):
                     link.remove(shape)
+                elif mesh is not None:
+                    mesh.set("filename", str(_mesh_file(path, mesh.get("filename", ""))))
         extension = robot.find("mujoco")
         if extension is None:
             extension = ElementTree.SubElement(robot, "mujoco")
         # Links without a mass are common in URDF files, and MuJoCo refuses those that move.
-        bounds = {"fusestatic": "false", "boundmass": "1e-6", "boundinertia": "1e-9", "balanceinertia": "true"}
+        bounds = {
+            "fusestatic": "false",
+            "boundmass": "1e-6",
+            "boundinertia": "1e-9",
+            "balanceinertia": "true",
+            "strippath": "false",
+        }
         ElementTree.SubElement(extension, "compiler", bounds)
         return mujoco.MjModel.from_xml_string(ElementTree.tostring(robot, encoding="unicode"))
     except (ElementTree.ParseError, ValueError) as problem:
         raise ChainError(f"{path} cannot be read as a URDF file: {problem}") from problem
+
+
+def _mesh_file(urdf: Path, name: str) -> Path:
+    """The file of a URDF's mesh: `package://` names are looked up in the folders above the URDF."""
+    parts = Path(name.removeprefix("package://").removeprefix("file://"))
+    if parts.suffix.lower() not in _MESH_KINDS:
+        raise ChainError(
+            f"{urdf}: the collision mesh {name!r} is of no kind that MuJoCo reads ({', '.join(_MESH_KINDS)}); convert "
+            "it, for example with trimesh, or give the link a box, cylinder or sphere"
+        )
+    for folder in urdf.resolve().parents:
+        for tried in (folder / parts, folder / Path(*parts.parts[1:])):
+            if tried.is_file():
+                return tried
+    raise ChainError(f"{urdf}: there is no mesh {name!r} in {urdf.parent} or the folders above it")
 
 
 def _find_tip(model: mujoco.MjModel, name: str) -> tuple[bool, int]:

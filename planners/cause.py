@@ -16,7 +16,8 @@ class Cause(StrEnum):
         NO_CLEARANCE_LOCATION: an object must be put down, but no location keeps clear of what remains to be done.
         MOTION: grasps exist, but motion planning refuted so many, or objects were put aside so, that no way to clear
             and take the target is left.
-        TIME_LIMIT: the time limit, or the limit on replans or clearances, was reached.
+        TIME_LIMIT: the time limit was reached.
+        GIVEN_UP: the limit on replans or put-downs was reached.
     """
 
     NO_SELF_CLEARABLE_SET = "no self-clearable set"
@@ -26,6 +27,7 @@ class Cause(StrEnum):
     NO_CLEARANCE_LOCATION = "no clearance location"
     MOTION = "motion"
     TIME_LIMIT = "time limit"
+    GIVEN_UP = "given up"
 
     @property
     def lies_in_grasps(self) -> bool:

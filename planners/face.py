@@ -26,6 +26,7 @@ from planners.grasping.base_placement import map_parameters
 from planners.grasping.candidates import gripper_poses
 from planners.grasping.families import SIDE, TOP, AntipodalFamily, GraspFamily, find_grasp_set
 from planners.grasping.grasp_poses import generate_grasps, gripper_clearances, gripper_opening
+from planners.grasping.side_grasps import SideGripper, reachable_side_grasps
 from planners.motion.arm import tcp_pose
 from planners.motion.path import NoPath
 from planners.motion.trajectory import CONTROL_STEP
@@ -106,6 +107,7 @@ __all__ = [
     "Scene",
     "SceneError",
     "Sensor",
+    "SideGripper",
     "Skill",
     "SkillFailure",
     "SkillPlanner",
@@ -143,6 +145,7 @@ __all__ = [
     "map_parameters",
     "plan_contact",
     "prepare",
+    "reachable_side_grasps",
     "release_pitch",
     "robot_arrays",
     "rotated",

@@ -117,15 +117,40 @@ class Region:
 
 @dataclass(frozen=True)
 class Holding:
-    """The object is in a gripper, raised `LIFTED` above where it stood."""
+    """The object is in a gripper, raised `LIFTED` above where it stood, or with its centre at a point.
+
+    Attributes:
+        object: its name.
+        point: x, y, z [m] of its centre; None for any.
+        tolerance: [m] about the point.
+
+    Raises:
+        GoalError: not three finite numbers, or a tolerance that is not positive.
+    """
 
     object: str
+    point: tuple[float, float, float] | None = None
+    tolerance: float = TOLERANCE
+
+    def __post_init__(self) -> None:
+        try:
+            if self.point is not None:
+                x, y, z = self.point
+                object.__setattr__(self, "point", (float(x), float(y), float(z)))
+            object.__setattr__(self, "tolerance", TOLERANCE if self.point is None else float(self.tolerance))
+            is_valid = np.isfinite((*(self.point or ()), self.tolerance)).all() and self.tolerance > 0
+        except (TypeError, ValueError):
+            is_valid = False
+        if not is_valid:
+            raise GoalError(f"a point is three finite numbers, its tolerance is positive, not {self!r:.200}")
 
     def holds(self, scene: Scene, start: Scene | None = None) -> bool:
         """Whether it is; see `Goal.holds`."""
         if self.object not in scene.held_names:
             return False
         body = scene.body(self.object)
+        if self.point is not None:
+            return bool(np.linalg.norm(body.position - self.point) <= self.tolerance)
         if start is None:
             return body.bottom >= height_below(scene, body) + LIFTED - EDGE
         before = start.body(self.object)
@@ -294,9 +319,9 @@ class Goal:
 
     @property
     def target(self) -> str:
-        """Name of the object that is to be held if that is all, else ""."""
+        """Name of the object that is to be held, anywhere, if that is all, else ""."""
         match self.facts:
-            case (Holding(name),):
+            case (Holding(name, None),):
                 return name
         return ""
 
@@ -411,8 +436,9 @@ class Goal:
     def from_pddl(cls, text: str) -> Goal:
         """The goal of a PDDL text: one fact, or `(and fact fact …)`.
 
-        Facts are `(holding a)`, `(on a place)`, `(inside a region)`, `(clear region)`, `(before a b)` and
-        `(at a (x 0.5) (y 0.2) (yaw 1.57) (z 0.83) (tolerance 0.02) (yaw-tolerance 0.1))`, of which x and y are needed.
+        Facts are `(holding a)`, `(on a place)`, `(inside a region)`, `(clear region)`, `(before a b)`,
+        `(at a (x 0.5) (y 0.2) (yaw 1.57) (z 0.83) (tolerance 0.02) (yaw-tolerance 0.1))`, of which x and y are needed,
+        and `(holding a (x 0.5) (y 0.2) (z 1.1) (tolerance 0.02))`.
         A name with blanks or parentheses stands in quotation marks.
 
         Raises:
@@ -422,12 +448,20 @@ class Goal:
         return cls(tuple(_fact(part, text) for part in (tree[1:] if tree[0] == "and" else [tree])))
 
 
-_VALID = "holding(a), on(a, place), inside(a, region), at(a, pose), clear(region), before(a, b), joined by &"
+_VALID = (
+    "holding(a), holding(a, point), on(a, place), inside(a, region), at(a, pose), clear(region), before(a, b), "
+    "joined by &"
+)
 
 
-def holding(name: str) -> Goal:
-    """The object is held, `LIFTED` above where it stood."""
-    return Goal((Holding(name),))
+def holding(name: str, point: ArrayLike | None = None, tolerance: float = TOLERANCE) -> Goal:
+    """The object is held, `LIFTED` above where it stood; or with its centre at a point x, y, z, within a tolerance [m].
+
+    Raises:
+        GoalError: not three finite numbers, or a tolerance that is not positive.
+    """
+    values = None if point is None else tuple(np.asarray(point, dtype=object).ravel().tolist())
+    return Goal((Holding(name, values, tolerance),))
 
 
 def on(name: str, place: str) -> Goal:
@@ -625,9 +659,12 @@ def _format(fact: Fact) -> str:
                 "tolerance": fact.tolerance,
                 "yaw-tolerance": fact.yaw_tolerance,
             }
-            given = " ".join(f"({name} {number!r})" for name, number in numbers.items() if number is not None)
-            return f"(at {_quoted(fact.object)} {given})"
-    return f"({' '.join((type(fact).__name__.lower(), *map(_quoted, _names(fact))))})"
+        case Holding(_, (x, y, z), tolerance):
+            numbers = {"x": x, "y": y, "z": z, "tolerance": tolerance}
+        case _:
+            return f"({' '.join((type(fact).__name__.lower(), *map(_quoted, _names(fact))))})"
+    given = " ".join(f"({name} {number!r})" for name, number in numbers.items() if number is not None)
+    return f"({type(fact).__name__.lower()} {_quoted(fact.object)} {given})"
 
 
 _TREE: TypeAlias = "str | list[_TREE]"
@@ -664,7 +701,7 @@ def _parse(text: str) -> list[_TREE]:
 def _fact(tree: _TREE, text: str) -> Fact:
     """A fact; raises `GoalError`."""
     match tree:
-        case ["at", str(name), *given]:
+        case ["at" | "holding" as kind, str(name), *given] if kind == "at" or given:
             numbers: dict[str, float] = {}
             for part in given:
                 match part:
@@ -677,9 +714,14 @@ def _fact(tree: _TREE, text: str) -> Fact:
                         raise GoalError(
                             f"{part!r:.100} in {text!r:.200}: valid are {_NUMBERS}, each once, as in (x 0.5)"
                         )
-            if {"x", "y"} <= numbers.keys():
+            needed = {"x", "y"} if kind == "at" else {"x", "y", "z"}
+            if kind == "at" and needed <= numbers.keys():
                 return At(name, **numbers)
-            raise GoalError(f"(at {name} …) in {text!r:.200} needs (x …) and (y …)")
+            if kind == "holding" and needed <= numbers.keys() <= needed | {"tolerance"}:
+                x, y, z = (numbers.pop(axis) for axis in "xyz")
+                return Holding(name, (x, y, z), **numbers)
+            valid = "(x …), (y …), (z …), and takes (tolerance …)" if kind == "holding" else "(x …) and (y …)"
+            raise GoalError(f"({kind} {name} …) in {text!r:.200} needs {valid}")
         case [str(kind), *names] if kind in _ARGUMENTS and len(names) == _ARGUMENTS[kind][1]:
             if all(isinstance(name, str) for name in names):
                 return _ARGUMENTS[kind][0](*names)

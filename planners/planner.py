@@ -33,6 +33,9 @@ from planners.tamp.solution import Infeasible, Solution
 from planners.tamp.state import Search
 from planners.warming import warm_once
 
+_LIMITS = (Cause.TIME_LIMIT, Cause.GIVEN_UP)
+"""Causes after which no other attempt is made, and which say nothing of the scene."""
+
 
 def solve(
     scene: Scene,
@@ -195,8 +198,9 @@ class Planner:
         """The fewest picks for a goal; see the function `lower_bound`."""
         wanted = _goal_in(scene, goal)
         self.warmup()
-        blockers = partial(PlanningContext.of(self.robot, scene, grasps=self.grasps).grasps().blockers, scene)
-        return fewest_picks(scene, wanted, blockers, buffers=not self.hold_aside, expansions=expansions)
+        context, has_buffers = PlanningContext.of(self.robot, scene, grasps=self.grasps), not self.hold_aside
+        grasps, search = context.grasps(), context.placements()
+        return fewest_picks(scene, wanted, grasps, search=search, buffers=has_buffers, expansions=expansions)
 
     def clearance_floor(self, scene: Scene, target: str, expansions: int = MAX_EXPANSIONS) -> ClearanceFloor:
         """The minimum number of clearances; see the function `clearance_floor`."""
@@ -302,7 +306,7 @@ def is_final(outcome: Solution | Infeasible, near_home: bool) -> bool:
         if outcome.bound is not None:
             return outcome.picks <= outcome.bound.least
         return not outcome.duplicated
-    is_over = outcome.cause in (Cause.TIME_LIMIT, Cause.NO_WAY_FOR_BASE)
+    is_over = outcome.cause in (*_LIMITS, Cause.NO_WAY_FOR_BASE)
     return (outcome.cause.lies_in_grasps and not near_home) or is_over
 
 
@@ -321,9 +325,11 @@ def best_outcome(
         return min(plans, key=lambda plan: (len(plan.duplicated), len(plan.clearances), plan.picks))
     refusals = [outcome for outcome in outcomes if isinstance(outcome, Infeasible)]
     last = refusals[-1]
-    is_cut_short = last.cause is Cause.TIME_LIMIT or (deadline.is_over and not is_proved)
-    if not is_cut_short:
+    if last.cause in _LIMITS:
+        cause, end = last.cause, last.detail
+    elif deadline.is_over and not is_proved:
+        cause, end = Cause.TIME_LIMIT, f"the time was up in attempt {len(outcomes)}"
+    else:
         return last
-    reasons = dict.fromkeys(f"{one.cause}: {one.detail}" for one in refusals if one.cause is not Cause.TIME_LIMIT)
-    end = last.detail if last.cause is Cause.TIME_LIMIT else f"the time was up in attempt {len(outcomes)}"
-    return replace(last, cause=Cause.TIME_LIMIT, detail="; before that, ".join([end, *reasons]))
+    reasons = dict.fromkeys(f"{one.cause}: {one.detail}" for one in refusals if one.cause not in _LIMITS)
+    return replace(last, cause=cause, detail="; before that, ".join([end, *reasons]))

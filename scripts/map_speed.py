@@ -25,6 +25,7 @@ from clutter_env.reporting.tables import NOTHING, markdown_table
 from irm.answers import BasePlacement, Status
 from irm.free_space import EVERYWHERE, FreeSpace
 from irm.inverse_map import ClassicalInverseReachabilityMap, InverseReachabilityMap
+from irm.inverse_table import ranking_score
 from irm.query_kernels import base_turns
 from irm.query_keys import FULL_TURN, YAW_STEP, as_position, as_yaw_range, find_key, yaw_window
 from irm.reachability_map import ReachabilityMap, cached_map
@@ -41,7 +42,7 @@ def full_scan(
     free_space: FreeSpace | None = None,
     yaw_step: float = YAW_STEP,
 ) -> BasePlacement:
-    """The base of highest μ, found by a test of every base of the key at every yaw (section 3.2.2 of the paper).
+    """The best base, found by a test of every base of the key at every yaw (section 3.2.2 of the paper).
 
     Arguments as in `InverseReachabilityMap.query`. The status is never better than UNKNOWN, and NO only where the map
     has no key.
@@ -57,13 +58,14 @@ def full_scan(
     c, s = np.cos(turns)[:, None], np.sin(turns)[:, None]
     x = point[0] + c * tiles.x[mine] - s * tiles.y[mine]
     y = point[1] + s * tiles.x[mine] + c * tiles.y[mine]
-    score = np.where(space.are_free(x, y), tiles.mu[mine], np.float32(0.0))
+    columns = tiles.mu[mine], tiles.torso[mine], tiles.flags[mine]
+    score = np.where(space.are_free(x, y), ranking_score(inverse_map.reachability_map, *columns), np.float32(0.0))
     if score.size == 0 or not score.max() > 0:
         return BasePlacement.nothing(Status.UNKNOWN)
     turn, base = np.unravel_index(int(score.argmax()), score.shape)
     yaw = wrap_to_pi(float(turns[turn] + tiles.yaw[mine][base]))
     approach_yaw = turns[turn] + key.yaw_shift
-    row = [x[turn, base], y[turn, base], yaw, approach_yaw, score[turn, base], tiles.torso[mine][base], 0.0]
+    row = [x[turn, base], y[turn, base], yaw, approach_yaw, tiles.mu[mine][base], tiles.torso[mine][base], 0.0]
     return BasePlacement.of_rows(np.array([row]))
 
 

@@ -1,12 +1,14 @@
-"""Check a robot's data, and draw the robot.
+"""Make a robot of an arm's file, or check a robot's data; and draw the robot.
 
+    clutter-env robot make arm.xml --base base --tip flange --tool 0.16 --on 0.15 0.75
     clutter-env robot check panda_mobile
     clutter-env robot check my_package.robots:MINE
     clutter-env robot check my_robot.xml --page my_robot.json
 
-Says what is missing or inconsistent, and draws the collision shapes, the frames of the joints and where the level
-gripper reaches. The page of an MJCF file is a JSON object with the keyword arguments of `RobotSpec.from_mjcf`. Without
-a `home` in it, configurations are suggested.
+`make` writes an MJCF file and its page: the arm, with boxes, cylinders and capsules in place of its meshes, on a base,
+with a lift, motors and two sliding fingers; see docs/add_a_robot.md. `check` says what is missing or inconsistent. Both
+draw the collision shapes, the frames of the joints and where the level gripper reaches. The page of an MJCF file is a
+JSON object with the keyword arguments of `RobotSpec.from_mjcf`. Without a `home` in it, `check` suggests some.
 """
 
 from __future__ import annotations
@@ -14,15 +16,16 @@ from __future__ import annotations
 import importlib
 import json
 import sys
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
 import assets
 from clutter_env.errors import UsageError
-from clutter_env.reporting.files import check_picture
+from clutter_env.reporting.files import check_picture, write_json
 
 if TYPE_CHECKING:
     from assets import RobotSpec
@@ -30,12 +33,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Arguments:
-    """Check a robot's data, and draw the robot."""
+    """Make a robot of an arm's file, or check a robot's data; and draw the robot."""
 
-    action: tyro.conf.Positional[Literal["check"]]
-    """There is one so far."""
+    action: tyro.conf.Positional[Literal["check", "make"]]
+    """What to do."""
     robot: tyro.conf.Positional[str]
-    """Name of a robot, module:NAME of a RobotSpec, or an MJCF file."""
+    """check: name of a robot, module:NAME of a RobotSpec, or an MJCF file. make: an MJCF or URDF file."""
     page: Path | None = None
     """JSON file of what the MJCF file does not say."""
     homes: bool = False
@@ -43,16 +46,39 @@ class Arguments:
     table: float = 0.75
     """Height of the table that the robot is to work at [m]."""
     out: Path | None = None
-    """The picture; outputs/NAME.png if not given."""
+    """check: the picture, outputs/NAME.png if not given. make: the robot's file, outputs/NAME.xml if not given; page
+    and picture lie beside it."""
+    base: str = ""
+    """make: body that the arm begins with, or that is the file's own mobile base."""
+    tip: str = ""
+    """make: site or body between the finger tips, or of the flange."""
+    approach: Literal["x", "-x", "y", "-y", "z", "-z"] = "z"
+    """make: axis of the tip along which the gripper approaches; fingers move along y."""
+    on: tuple[float, float] | None = None
+    """make: x and height of the arm's base on a round mobile base [m]; a file with a base of its own needs none."""
+    radius: float = 0.27
+    """make: of the round base [m]."""
+    lift: tuple[float, float] | None = None
+    """make: range of a lift under the arm [m]; without it there is none."""
+    opening: float = 0.085
+    """make: of the gripper [m]."""
+    tool: float = 0.0
+    """make: from the tip to the point between the finger tips [m]."""
+    without: tuple[str, ...] = ()
+    """make: bodies that are left out, with all that they carry."""
 
     def __post_init__(self) -> None:
-        check_picture(self.out)
+        if self.action == "check":
+            check_picture(self.out)
 
 
 def run(arguments: Arguments) -> None:
     """Report, draw, and end with an error if there is a problem."""
     from clutter_env.cli.robot_report import draw_robot, home_candidates, report_of
 
+    if arguments.action == "make":
+        _make(arguments)
+        return
     robot, has_home = _robot(arguments)
     if arguments.homes or not has_home:
         print("home, best first:")
@@ -68,6 +94,54 @@ def run(arguments: Arguments) -> None:
         print(f"  picture: {file}")
     if report.problems:
         sys.exit(1)
+
+
+def _make(arguments: Arguments) -> None:
+    """Write the robot's file, its page with the best home configuration, and the picture."""
+    from assets.robot_making import Mounting, make_robot
+    from clutter_env.cli.robot_report import draw_robot, home_candidates, report_of
+
+    if not (arguments.base and arguments.tip):
+        raise UsageError("make needs --base, the arm's first body, and --tip, the site or body between the finger tips")
+    mounting = Mounting(**{entry.name: getattr(arguments, entry.name) for entry in fields(Mounting)})
+    text, page = make_robot(source := Path(arguments.robot), mounting)
+    stem = source.parent.name if source.stem in ("robot", "model", "scene") else source.stem
+    file = arguments.out or Path("outputs") / f"{stem}.xml"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(text, encoding="utf-8")
+    draft = assets.RobotSpec.from_mjcf(file, **page, home=_middle(file, page))
+    homes = home_candidates(draft, count=1, table_height=arguments.table)
+    if not homes:
+        raise UsageError(
+            f"{file} is written, but its level gripper reaches no grasps on a table of {arguments.table} m: try "
+            "another height or place (--on), a lift (--lift 0 0.4), a longer --tool, or another --table"
+        )
+    page["home"] = [round(float(value), 6) for value in homes[0].q]
+    write_json(file.with_suffix(".json"), page)
+    robot = assets.RobotSpec.from_mjcf(file, **page)
+    report = report_of(robot, arguments.table)
+    print(report.summary())
+    if report.reach is not None:
+        draw_robot(robot, report.reach, file.with_suffix(".png"))
+    print(f"  written: {file}, {file.with_suffix('.json').name}, {file.with_suffix('.png').name}")
+    if report.problems:
+        sys.exit(1)
+
+
+def _middle(file: Path, page: Mapping[str, Any]) -> tuple[float, ...]:
+    """The middle of the joints' ranges, in place of a home configuration.
+
+    Raises:
+        ValueError, LookupError, TypeError: as `RobotSpec.from_mjcf` says it better.
+    """
+    import mujoco
+
+    from irm import ArmChain
+
+    model = mujoco.MjModel.from_xml_path(str(file))
+    base = model.body(model.joint(page["base_joints"][0]).bodyid[0]).name
+    arm = ArmChain.from_mjcf(model, base, page["tip"])
+    return tuple(((arm.lower + arm.upper) / 2).tolist())
 
 
 def robot_by_name(name: str) -> RobotSpec:
@@ -96,10 +170,6 @@ def robot_by_name(name: str) -> RobotSpec:
 
 def _robot(arguments: Arguments) -> tuple[RobotSpec, bool]:
     """The robot, and whether a home configuration was given: if not, it has the middle of the joints' ranges."""
-    import mujoco
-
-    from irm import ArmChain
-
     if not arguments.robot.endswith(".xml"):
         if arguments.page is not None:
             raise UsageError(f"--page is for an MJCF file, whose name ends with .xml; {arguments.robot!r} is none")
@@ -115,10 +185,7 @@ def _robot(arguments: Arguments) -> tuple[RobotSpec, bool]:
     path, has_home = Path(arguments.robot).resolve(), "home" in page
     if not has_home:
         try:
-            model = mujoco.MjModel.from_xml_path(str(path))
-            base = model.body(model.joint(page["base_joints"][0]).bodyid[0]).name
-            arm = ArmChain.from_mjcf(model, base, page["tip"])
-            page["home"] = tuple(((arm.lower + arm.upper) / 2).tolist())
+            page["home"] = _middle(path, page)
         except (ValueError, LookupError, TypeError):
             page["home"] = ()  # `from_mjcf` meets the same problem, and says what it is
     return assets.RobotSpec.from_mjcf(path, **page), has_home

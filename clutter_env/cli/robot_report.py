@@ -224,14 +224,16 @@ class _Arm:
         """(k,) whether the robot does not touch itself or the floor in configurations (k, 1 + n)."""
         return np.asarray(self.world.hits_many(np.zeros(3), Q, self.opening) == 0)
 
-    def with_high_elbow(self, x: float, z: float, pitch: float = 0.0, yaw: float = 0.0) -> Array:
-        """Those straight ahead whose elbow is above the TCP, with joints that go round in [-π, π]."""
+    def straight_ahead(
+        self, x: float, z: float, pitch: float = 0.0, yaw: float = 0.0, elbow: float = _ELBOW_ABOVE
+    ) -> Array:
+        """Those whose elbow is so far above the TCP [m], with joints that go round in [-π, π]."""
         found = self.configurations(x, 0.0, z, pitch, yaw)
         n = self.chain.size
         R, p, is_high = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.zeros(len(found), np.bool_)
         for k, q in enumerate(found):
             fk_frames(self.chain.offsets, self.chain.axes, self.chain.tip, q, R, p)
-            is_high[k] = p[self.solver.elbow, 2] - p[n, 2] > _ELBOW_ABOVE
+            is_high[k] = p[self.solver.elbow, 2] - p[n, 2] > elbow
         turned = (found + np.pi) % (2 * np.pi) - np.pi
         goes_round = self.chain.upper - self.chain.lower > 2 * np.pi
         return np.asarray(np.where(goes_round, turned, found)[is_high])
@@ -256,18 +258,21 @@ def home_candidates(robot: RobotSpec, count: int = 3, table_height: float = TABL
     The present home of the robot does not matter.
     """
     arm, table = _Arm(robot), table_height + robot.grasp_height
-    goals = [
-        found
-        for pitch, height in ((0.0, table), (np.pi / 3, table + 0.06), (np.pi / 2, table + 0.08))
-        for x in (0.6, 0.75, 0.9)
-        for yaw in (-0.5, 0.0, 0.5)
-        if len(found := arm.with_high_elbow(x, height, pitch, yaw))
-    ]
-    candidates = []
-    for x in np.arange(0.45, 0.76, _STEP):
-        for z in _HOME_HEIGHTS:
-            found = arm.with_high_elbow(float(x), table_height + z)
-            candidates += list(found[arm.free(found)]) if len(found) else []
+    for elbow in (_ELBOW_ABOVE, -np.inf):  # of an arm that stands low, the elbow may be anywhere
+        goals = [
+            found
+            for pitch, height in ((0.0, table), (np.pi / 3, table + 0.06), (np.pi / 2, table + 0.08))
+            for x in (0.6, 0.75, 0.9)
+            for yaw in (-0.5, 0.0, 0.5)
+            if len(found := arm.straight_ahead(x, height, pitch, yaw, elbow))
+        ]
+        candidates = []
+        for x in np.arange(0.45, 0.76, _STEP):
+            for z in _HOME_HEIGHTS:
+                found = arm.straight_ahead(float(x), table_height + z, elbow=elbow)
+                candidates += list(found[arm.free(found)]) if len(found) else []
+        if candidates and goals:
+            break
     weight = np.array([_TORSO_WEIGHT, *[1.0] * (arm.chain.size - 1)])
     rated = [
         HomeCandidate(q, float(np.mean([np.linalg.norm((goal - q) * weight, axis=1).min() for goal in goals])))
@@ -299,12 +304,15 @@ def draw_robot(robot: RobotSpec, reach: LevelReach, file: Path) -> None:
         axes.view_init(elevation, azimuth)
         if elevation == 0:
             axes.set(yticks=[], ylabel="")
-    count = reach.z.size
+    turn, count = np.linspace(0, 2 * np.pi, 60), reach.z.size
+    outline = (
+        np.array(robot.base_outline) if robot.base_outline else robot.base_radius * np.c_[np.cos(turn), np.sin(turn)]
+    )
+    outline = np.concatenate([outline, outline[:1]])
     for k, height in enumerate(reach.z):
         plan = below.add_subplot(1, count, k + 1)
         plan.pcolormesh(reach.y, reach.x, reach.reached[:, :, k], cmap="Greens", vmin=0, vmax=1.4, shading="nearest")
-        turn = np.linspace(0, 2 * np.pi, 60)
-        plan.plot(robot.base_radius * np.sin(turn), robot.base_radius * np.cos(turn), color="black")
+        plan.plot(*outline[:, ::-1].T, color="black")
         plan.set(xlim=(0.85, -0.85), ylim=(-0.35, 1.35), aspect="equal", xlabel="y [m]")
         plan.set_title(f"level gripper at {height:.2f} m", fontsize=9)
     file.parent.mkdir(parents=True, exist_ok=True)

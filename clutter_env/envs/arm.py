@@ -103,8 +103,9 @@ class ArmEnv(GoalEnv):
         keywords = {"num_objects": self._num_objects, "control_mode": "ee", **keywords}
         check_choice("num_objects", keywords["num_objects"], (self._num_objects,))
         check_choice("control_mode", keywords["control_mode"], ("ee",))
+        check_choice("head", keywords.get("head", "fixed"), ("fixed",))
         config = EnvConfig.from_keywords(keywords)
-        self._shown = REACH_LAYOUT if config.obs_mode == "rgbd" else self._layout
+        self._shown = self._layout if config.obs_mode == "state" else REACH_LAYOUT
         super().__init__(config)
         self.action_size = _ACTIONS
         self.action_space = spaces.Box(-1.0, 1.0, (_ACTIONS,), np.float32)
@@ -128,7 +129,7 @@ class ArmEnv(GoalEnv):
         grip = self.world.controller.grip_action(gripper_width)
         return np.append(step / max(STEP, float(np.abs(step).max())), grip)
 
-    def ee_action(self, base_target: ArrayLike, T_world_tcp: ArrayLike, gripper_width: float) -> NDArray[np.float64]:  # noqa: ARG002
+    def ee_action(self, *_: object, **__: object) -> NDArray[np.float64]:
         """Actions here have four numbers; raises ActionError, see `arm_action`."""
         raise ActionError("actions of this environment have four numbers; use arm_action")
 
@@ -189,12 +190,11 @@ class ArmEnv(GoalEnv):
     def _observe(self) -> dict[str, Any]:
         vector = np.concatenate(self._numbers())
         bounds = self._shown.bounds
-        images = self._rendering.observation(self.world) if self.config.obs_mode == "rgbd" else {}
         return {
             "observation": np.minimum(np.maximum(vector, -bounds), bounds).astype(np.float32),
             "achieved_goal": self._achieved().copy(),
             "desired_goal": self.goal,
-            **images,
+            **self._rendering.observation(self.world),
         }
 
     def _numbers(self) -> list[NDArray[np.float64]]:

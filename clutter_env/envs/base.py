@@ -26,8 +26,8 @@ from clutter_env.envs.success import LIFT_HEIGHT, SuccessMonitor, checked_memory
 from clutter_env.errors import ActionError, StateError
 from clutter_env.rendering.cameras import EnvRenderer
 from clutter_env.rendering.renderer import has_display
+from clutter_env.scene.household import as_household
 from clutter_env.scene.layout import LAYOUTS, TABLE, Layout
-from clutter_env.scene.object_sets import slot_shapes
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.control import ControlState, checked_action, checked_vector
 from clutter_env.simulation.end_effector import EndEffectorController, TcpFollower
@@ -58,8 +58,8 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     All numbers of an action are in [-1, 1]. "joint": base forward, left, yaw rate, torso and arm joint rates, each a
     share of the maximum; "ee": base forward, left, yaw rate, then linear and angular TCP velocity in the base frame.
-    Last comes the opening of each gripper. Both modes end in joint velocities, which `JointController.advance` carries
-    out.
+    Then comes the opening of each gripper and, with head="commanded", the rates of the head's joints. Both modes end in
+    joint velocities, which `JointController.advance` carries out.
 
     Attributes:
         world: the simulated world; explicit scenes may have one of their own.
@@ -90,15 +90,17 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         self.layout: Layout = config.find_layout()
         self._rendering = EnvRenderer(config)
         check_robot(self.robot)
-        show_meshes = config.render_mode is not None or config.obs_mode == "rgbd"
+        show_meshes = config.render_mode is not None or config.obs_mode != "state"
         self._make_world = partial(
             World, self.robot, self.layout, image_size=self._rendering.largest, show_meshes=show_meshes
         )
-        self.world = self._home_world = self._make_world(shapes=slot_shapes(config.shapes, config.num_objects))
+        self.world = self._home_world = self._make_world(shapes=config.slot_shapes)
         self._end_effector = EndEffectorController(self.robot) if config.control_mode == "ee" else None
         self._has_started = False
         self._actions: list[NDArray[np.float32]] = []
         self.action_size = _BASE + _TWIST + 1 if self._end_effector else self.world.controller.action_size
+        self._num_head = len(self.robot.head_joints) if config.head == "commanded" else 0
+        self.action_size += self._num_head
         self._observer = self._make_observer()
         self.action_space = spaces.Box(-1.0, 1.0, (self.action_size,), np.float32)
         self.observation_space = self._make_observation_space()
@@ -106,7 +108,16 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
     def _make_observer(self) -> Observer:
         """The maker of the observation vectors; with image observations they leave out the objects."""
         shows_objects = self.config.obs_mode == "state"
-        return Observer(self.world, self.config.num_objects, shows_objects, shows_goal=shows_objects)
+        return self._observer_of(shows_objects, shows_goal=shows_objects)
+
+    def _observer_of(self, shows_objects: bool, shows_goal: bool) -> Observer:
+        return Observer(
+            self.world,
+            self.config.num_objects,
+            shows_objects=shows_objects,
+            shows_goal=shows_goal,
+            shows_head=self._num_head > 0,
+        )
 
     # The Gymnasium surface.
 
@@ -145,8 +156,9 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         self.check_started("step()")
         self._actions.append(recorded)
         checked = recorded.astype(np.float64)
-        grips = checked[-self.world.controller.num_grippers :].tolist()
-        self.measurements = self.world.advance(self.measurements, self._joint_velocity(checked), grips)
+        end = self.action_size - self._num_head
+        grips, head = checked[end - self.world.controller.num_grippers : end].tolist(), checked[end:].tolist()
+        self.measurements = self.world.advance(self.measurements, self._joint_velocity(checked), grips, head)
         self._monitor.update(self.measurements)
         reward, terminated = self._advance()
         if self.render_mode == "human":
@@ -236,7 +248,9 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """The actions since the reset, or since a state was restored: they replay the episode bit for bit."""
         return list(self._actions)
 
-    def joint_action(self, q_target: ArrayLike, gripper_width: ArrayLike) -> NDArray[np.float64]:
+    def joint_action(
+        self, q_target: ArrayLike, gripper_width: ArrayLike, head_target: ArrayLike | None = None
+    ) -> NDArray[np.float64]:
         """The action after which the motors' targets are `q_target`, as far as the limits allow.
 
         A trajectory sampled at 20 Hz that keeps the robot's velocity and acceleration limits (of the base: those of its
@@ -245,6 +259,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         Args:
             q_target: (4 + n,) base x, y [m], yaw [rad] in the world, torso [m], arm [rad], then other arms that act.
             gripper_width: [m] between the pads; of several arms that act, one number for each.
+            head_target: (2,) pan and tilt [rad], where the head is commanded; None: it stays where it is.
 
         Raises:
             ActionError: not finite, the wrong shape, or this environment's control mode is "ee".
@@ -252,15 +267,24 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         if self._end_effector:
             raise ActionError("joint_action needs control_mode='joint'; this environment has 'ee', use ee_action")
         self.check_started("joint_action()")
-        return self.world.controller.action_towards(q_target, gripper_width, self.measurements.grip.is_holding)
+        controller, is_holding = self.world.controller, self.measurements.grip.is_holding
+        action = controller.action_towards(q_target, gripper_width, is_holding)
+        return np.append(action, self._head_action(head_target))
 
-    def ee_action(self, base_target: ArrayLike, T_world_tcp: ArrayLike, gripper_width: float) -> NDArray[np.float64]:
+    def ee_action(
+        self,
+        base_target: ArrayLike,
+        T_world_tcp: ArrayLike,
+        gripper_width: float,
+        head_target: ArrayLike | None = None,
+    ) -> NDArray[np.float64]:
         """The "ee" action that brings base and TCP targets to these, or as near as one step allows.
 
         Args:
             base_target: (3,) x, y [m], yaw [rad].
             T_world_tcp: (4, 4) TCP pose in the world once the base is at its target.
             gripper_width: [m] between the pads.
+            head_target: as of `joint_action`.
 
         Raises:
             ActionError: not finite, the wrong shape, or this environment's control mode is "joint".
@@ -279,7 +303,15 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         T_world_base[:2, :2] = ((cosine, -sine), (sine, cosine))
         T_world_base[:2, 3] = base[:2]
         twist = self._end_effector.twist_towards(np.linalg.inv(T_world_base) @ pose)
-        return np.concatenate((drive, twist, [controller.grip_action(gripper_width)]))
+        return np.concatenate((drive, twist, [controller.grip_action(gripper_width)], self._head_action(head_target)))
+
+    def _head_action(self, target: ArrayLike | None) -> NDArray[np.float64]:
+        """The numbers of an action for the head."""
+        if target is None:
+            return np.zeros(self._num_head)
+        if not self._num_head:
+            raise ActionError("head_target needs head='commanded'")
+        return self.world.controller.head_action(target)
 
     def tcp_follower(self) -> TcpFollower:
         """A model of how the joints follow "ee" actions, for planners; independent of this environment's state."""
@@ -301,6 +333,8 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             "end_effector": {"wanted_tcp": arm.wanted, "ik_failures": arm.failures} if arm else None,
             "rng": self.np_random.bit_generator.state,
         }
+        if self._num_head:
+            memory["head"] = list(control.head)
         return pack(self._kind, scene, capture_physics(self.world), memory)
 
     def restore_state(self, state: bytes) -> None:
@@ -310,9 +344,10 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             StateError: not a valid saved state of an environment like this one; nothing has changed.
         """
         scene, saved_physics, remembered = unpack(state, self._kind, self.has_target)
+        scene = as_household(scene) if self.config.find_object_set().kinds else scene
         world, arm = self._world_for(scene), self._end_effector
         size, grippers = len(world.controller.state.target), world.controller.num_grippers
-        memory = Fields(remembered, "memory", _MEMORY)
+        memory = Fields(remembered, "memory", (*_MEMORY, *["head"] * (self._num_head > 0)))
         wanted_tcp, ik_failures = np.empty(0), 0
         if arm:
             followed = Fields(memory["end_effector"], "memory end_effector", ("wanted_tcp", "ik_failures"))
@@ -325,6 +360,9 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             memory.numbers("target", (size,)),
             memory.numbers("velocity", (size,)),
             tuple(memory.numbers("fingers", (grippers,), 0.0, 1.001 * self.robot.max_finger_position).tolist()),
+            tuple(memory.numbers("head", (self._num_head,)).tolist())
+            if self._num_head
+            else self.robot.head_configuration,
         )
         if (np.abs(control.velocity) > 2 * world.controller.max_velocity).any():  # of the base, each axis of the world
             raise StateError("memory: velocity of the state must be at most twice what the robot's joints reach")
@@ -452,7 +490,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         }
 
     def _info(self) -> dict[str, Any]:
-        """The info dictionary, the same keys in all environments."""
+        """The info dictionary, the same keys in all environments; image observations add their cameras' calibration."""
         monitor, all_held = self._monitor, self.measurements.grip.held
         held = self.target_slot if self.target_slot >= 0 and self.target_slot in all_held else max(all_held)
         return {
@@ -466,22 +504,17 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             "furniture_force": self.world.furniture_force,
             "unstable": self.world.is_unstable,
             "ik_failures": self._end_effector.failures if self._end_effector else 0,
+            **self._rendering.calibration(self.world),
         }
 
     def observe_world(self, target: int, hold_progress: float, lift_left: float) -> dict[str, Any]:
         """The observation that the configuration asks for; see `Observer.observe`."""
-        observation: dict[str, Any] = {}
-        observation |= self._observer.observe(self.world, self.measurements, target, hold_progress, lift_left)
-        if self.config.obs_mode == "rgbd":
-            observation |= self._rendering.observation(self.world)
-        return observation
+        vectors = self._observer.observe(self.world, self.measurements, target, hold_progress, lift_left)
+        return {**vectors, **self._rendering.observation(self.world)}
 
     def _make_observation_space(self) -> spaces.Dict:
         """The space of `observe_world`'s observations."""
-        parts = dict(self._observer.space.spaces)
-        if self.config.obs_mode == "rgbd":
-            parts |= self._rendering.observation_spaces()
-        return spaces.Dict(parts)
+        return spaces.Dict({**self._observer.space.spaces, **self._rendering.observation_spaces()})
 
 
 @contextmanager

@@ -20,9 +20,13 @@ from clutter_env.envs.reset_options import ResetOptions
 from clutter_env.errors import check_choice, check_integer
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.saved_state import Fields
+from planners.goals import Goal, at, holding
+from planners.scene import Scene
 
 GOAL_TOLERANCE = 0.05
 """[m] from the goal within which it counts as reached."""
+_STANDING, _PLACE_TOLERANCE = 0.02, 0.04
+"""[m] Goals no higher than this above an object that stands are places on the table; together within the tolerance."""
 GOAL_BOUND = 16.0
 """[m] Bound of goals in the world frame; far outside the ground that the base may use."""
 
@@ -98,7 +102,7 @@ class GoalEnv(BaseEnv):
 
     def _make_observer(self) -> Observer:
         shows_objects = self.config.obs_mode == "state" and self.config.num_objects > 0
-        return Observer(self.world, self.config.num_objects, shows_objects, shows_goal=False)
+        return self._observer_of(shows_objects, shows_goal=False)
 
     def _make_observation_space(self) -> spaces.Dict:
         bounds = self._observer.bounds
@@ -168,6 +172,19 @@ class PickEnv(GoalEnv):
     def __init__(self, **keywords: Any) -> None:
         check_integer("num_objects", keywords.get("num_objects", 1), 1)
         super().__init__(EnvConfig.from_keywords({"num_objects": 1, "control_mode": "ee", **keywords}))
+
+    @property
+    def planning_goal(self) -> Goal:
+        """The goal of this episode for a planner: the target stands there, or is held there.
+
+        Raises:
+            ActionError: the environment has not been reset.
+        """
+        scene = Scene.from_mujoco(self.model, self.data, self.robot, support=self.support_name)
+        body = scene.body(self.target)
+        if self._goal[2] - (body.position[2] - body.bottom) <= scene.support.top + _STANDING:
+            return at(self.target, self._goal[:2], _PLACE_TOLERANCE)
+        return holding(self.target, self._goal, GOAL_TOLERANCE)
 
     def _draw_scene(self, options: ResetOptions) -> TableScene:
         scene = super()._draw_scene(options)

@@ -78,14 +78,17 @@ class EntryLayout(Mapping[str, slice]):
         return names.index(column)
 
 
-def observation_layout(robot: RobotSpec) -> Mapping[str, EntryLayout]:
+def observation_layout(robot: RobotSpec, shows_head: bool = False) -> Mapping[str, EntryLayout]:
     """The layout of the entries "robot", "tcp", "gripper", "objects" (one row of it) and "goal" for a robot.
+
+    With `shows_head` there is "head" too, for one that is commanded.
 
     Of a robot that acts with several arms the joints and grippers of the others follow those of the active one.
     """
     acting = ActingJoints.of(robot)
     arm = [joint.removesuffix("_joint") for joint in acting.names[len(robot.base_joints) + 1 :]]
     others = [f"{name}_" for name in acting.arms[1:]]
+    head = [joint.removesuffix("_joint") for joint in robot.head_joints]
     metres = ("m", POSITION_BOUND)
     quaternion = [Column(f"q{axis}", "", 1.0) for axis in "wxyz"]
     entries = {
@@ -107,6 +110,10 @@ def observation_layout(robot: RobotSpec) -> Mapping[str, EntryLayout]:
             "width": [Column(f"{arm}width", "m", 1.0) for arm in ("", *others)],
             "commanded_width": [Column(f"{arm}commanded_width", "m", 1.0) for arm in ("", *others)],
         },
+        "head": {
+            "position": [Column(f"{joint}_position", "rad", JOINT_BOUND) for joint in head],
+            "velocity": [Column(f"{joint}_velocity", "rad/s", VELOCITY_BOUND) for joint in head],
+        },
         "objects": {
             "present": [Column("present", "", 1.0)],
             "is_target": [Column("is_target", "", 1.0)],
@@ -122,7 +129,8 @@ def observation_layout(robot: RobotSpec) -> Mapping[str, EntryLayout]:
             "hold_progress": [Column("hold_progress", "", 1.0)],
         },
     }
-    return MappingProxyType({name: EntryLayout(quantities) for name, quantities in entries.items()})
+    shown = {name: columns for name, columns in entries.items() if shows_head or name != "head"}
+    return MappingProxyType({name: EntryLayout(columns) for name, columns in shown.items()})
 
 
 OBSERVATION_LAYOUT = observation_layout(FETCH)
@@ -171,22 +179,28 @@ Observation = dict[str, NDArray[np.float32]]
 
 
 class Observer:
-    """Makes the vectors of an observation: "robot", "tcp", "gripper" and, where wanted, "objects" and "goal".
+    """Makes the vectors of an observation: "robot", "tcp", "gripper" and, where wanted, "head", "objects" and "goal".
 
     Attributes:
         bounds: largest magnitudes of all numbers of an observation, one entry after the other.
     """
 
-    def __init__(self, world: World, num_slots: int, shows_objects: bool, shows_goal: bool) -> None:
+    def __init__(
+        self, world: World, num_slots: int, *, shows_objects: bool, shows_goal: bool, shows_head: bool = False
+    ) -> None:
         self._num_slots = num_slots
-        self.layout = observation_layout(world.robot)
-        names = ["robot", "tcp", "gripper", *["objects"] * shows_objects, *["goal"] * shows_goal]
+        self.layout = observation_layout(world.robot, shows_head)
+        shown = {"head": shows_head, "objects": shows_objects, "goal": shows_goal}
+        names = ["robot", "tcp", "gripper", *(name for name, is_shown in shown.items() if is_shown)]
         self._slices = entry_slices(self.layout, names, num_slots)
         rows = {name: num_slots if name == "objects" else 1 for name in names}
         bounds = np.concatenate([np.tile(self.layout[name].bounds, rows[name]) for name in names])
         self.bounds = bounds.astype(np.float32)
         self._lowest = -self.bounds
-        self._own = slice(0, self._slices["gripper"].stop)
+        self._own = slice(0, self._slices["head" if shows_head else "gripper"].stop)
+        joints = [world.model.joint(name) for name in world.robot.head_joints] if shows_head else []
+        self._head_qpos = [int(joint.qposadr[0]) for joint in joints]
+        self._head_dof = [int(joint.dofadr[0]) for joint in joints]
         self._own_qpos = np.concatenate((world.index.drive_qpos, world.index.finger_qpos))
         self._shows_objects, self._shows_goal = shows_objects, shows_goal
         self._constant = np.zeros_like(self.bounds)
@@ -231,7 +245,9 @@ class Observer:
         widths = [one + other + gap for one, other in zip(fingers[::2], fingers[1::2], strict=True)]
         commanded = map(world.robot.opening, world.controller.state.fingers)
         flat = self._constant_part(world, target).copy()
-        flat[self._own] = [base_x, base_y, sine, cosine, *joints, ahead, left, *rates, *tcp, *widths, *commanded]
+        head = [*data.qpos[self._head_qpos].tolist(), *data.qvel[self._head_dof].tolist()] if self._head_qpos else ()
+        own = [base_x, base_y, sine, cosine, *joints, ahead, left, *rates, *tcp, *widths, *commanded, *head]
+        flat[self._own] = own
         if self._shows_objects:
             rows = flat[self._slices["objects"]].reshape(self._num_slots, len(OBJECT_FIELDS))
             rows[: len(measurements.poses), _POSE] = relative.T[1:]

@@ -289,4 +289,4 @@ class RearrangeEnv(ClutterTaskEnv):
 
     def _make_observer(self) -> Observer:
         shows_objects = self.config.obs_mode == "state"
-        return Observer(self.world, self.config.num_objects, shows_objects, shows_goal=False)
+        return self._observer_of(shows_objects, shows_goal=False)

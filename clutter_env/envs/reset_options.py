@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.config import OBSTRUCTED, EnvConfig
+from clutter_env.envs.side_approaches import approaches_of
 from clutter_env.errors import OptionError, check_choice, check_integer, check_number
 from clutter_env.scene.layout import Layout
-from clutter_env.scene.obstruction import UNREACHABLE, count_blockers, side_approaches
+from clutter_env.scene.obstruction import UNREACHABLE, count_blockers
 from clutter_env.scene.random_scene import sample_base, sample_scene
 from clutter_env.scene.table_scene import TableScene, object_name
 
@@ -48,11 +49,11 @@ def _draw_obstructed(
     """A scene whose target has at least `least` objects in the way; random scenes are drawn until there is one."""
     if problem := config.obstruction_problem(least):
         raise OptionError(f"option 'obstructed': {problem}")
-    robot = config.find_robot()
+    robot, approaches = config.find_robot(), approaches_of(config.find_robot(), layout)
     is_random = options.objects is None and options.target is None
     for _ in range(MAX_DRAWS if is_random else 1):
         scene = _draw_any(rng, layout, config, options)
-        blockers = count_blockers(side_approaches(robot.full_name), layout, scene, robot.max_opening)
+        blockers = count_blockers(approaches, layout, scene, robot.max_opening)
         wanted = options.target_index(scene.num_objects)
         if wanted is not None and blockers[wanted] >= least:
             return scene.with_target(wanted)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib
 import time
+import zlib
+from collections.abc import Mapping
 from typing import Any
 
 import mujoco
@@ -13,11 +15,18 @@ from numpy.typing import NDArray
 
 from clutter_env.config import EnvConfig
 from clutter_env.errors import RenderingUnavailable
+from clutter_env.rendering.calibration import back_project, camera_matrix, camera_pose, heights
 from clutter_env.rendering.framing import FRAMED_CAMERA, across, whole_scene
 from clutter_env.rendering.renderer import Renderer, add_marks, has_display
 from clutter_env.scene.layout import Layout
 from clutter_env.simulation.world import Mark, World
 
+ROBOT, FURNITURE, FIRST_OBJECT = 1, 2, 3
+"""Values of a segmentation: of the robot, of furniture, of the object in slot 0; 0 is ground and sky."""
+POINT_BOUND = 16.0
+"""[m] Clip of points in observations."""
+_ON_GROUND = 0.02
+"""[m] Points lower than this are the ground's, of which there are more than of all objects."""
 MAX_DEPTH = 8.0
 """[m] Clip of the depth images in observations."""
 _WINDOW_ASPECT = 1.5
@@ -33,7 +42,7 @@ class EnvRenderer:
 
     def __init__(self, config: EnvConfig) -> None:
         self._config = config
-        self._cameras, self._layout = config.find_robot().cameras, config.find_layout()
+        self._layout, self._cameras = config.find_layout(), config.observed_cameras
         self._renderers: dict[tuple[int, int], Renderer] = {}
         self._window: Window | None = None
         self._world: World | None = None
@@ -41,7 +50,7 @@ class EnvRenderer:
     @property
     def largest(self) -> tuple[int, int]:
         """Width and height [pixels] of the largest image."""
-        size = self._config.image_size if self._config.obs_mode == "rgbd" else 0
+        size = self._config.image_size if self._cameras else 0
         return max(self._config.width, size), max(self._config.height, size)
 
     def render(self, world: World) -> NDArray[Any] | None:
@@ -62,24 +71,94 @@ class EnvRenderer:
         return renderer.colour(world.data, camera) if mode == "rgb_array" else renderer.depth(world.data, camera)
 
     def observation(self, world: World) -> dict[str, NDArray[Any]]:
-        """Colour (height, width, 3) uint8 and depth (height, width) float32 [m] images of the robot's cameras."""
-        size = self._config.image_size
-        renderer = self._renderer(world, size, size)
-        images: dict[str, NDArray[Any]] = {}
-        for camera in self._cameras:
-            colour, depth = renderer.colour_and_depth(world.data, camera)
-            images[f"{camera}_rgb"] = colour
-            images[f"{camera}_depth"] = np.minimum(depth, MAX_DEPTH)
-        return images
+        """What the observed cameras show, as `obs_mode` wants it; see `observation_spaces`."""
+        images = self._images(world)
+        return images if self._config.obs_mode != "pointcloud" else self._cloud(world, images)
 
-    def observation_spaces(self) -> dict[str, spaces.Space[Any]]:
-        """The spaces of `observation`."""
-        size = self._config.image_size
-        parts: dict[str, spaces.Space[Any]] = {}
+    def observation_spaces(self) -> dict[str, spaces.Box]:
+        """The spaces of `observation`.
+
+        Of each camera colour (height, width, 3) uint8, depth (height, width, 1) float32 [m] and, where wanted, the
+        segmentation (height, width, 1) uint8: 0 ground and sky, `ROBOT`, `FURNITURE`, `FIRST_OBJECT` + slot. Or of
+        all together `num_points` points (n, 3) float32 [m] in the base frame, with their colours and segments. Points
+        on the ground are left out; a point comes twice where there are too few.
+        """
+        size, count = self._config.image_size, self._config.num_points
+        bounds: dict[str, tuple[float, int, Any]]
+        bounds = {"rgb": (255, 3, np.uint8), "depth": (MAX_DEPTH, 1, np.float32), "segmentation": (255, 1, np.uint8)}
+        parts: dict[str, spaces.Box] = {}
+        if self._config.obs_mode == "pointcloud":
+            parts["points"] = spaces.Box(-POINT_BOUND, POINT_BOUND, (count, 3), np.float32)
+            for name, kind in zip(self._cloud_names[1:], self._kinds, strict=True):
+                highest, channels, dtype = bounds[kind]
+                parts[name] = spaces.Box(0, highest, (count, channels), dtype)
+            return parts
         for camera in self._cameras:
-            parts[f"{camera}_rgb"] = spaces.Box(0, 255, (size, size, 3), np.uint8)
-            parts[f"{camera}_depth"] = spaces.Box(0.0, MAX_DEPTH, (size, size), np.float32)
+            for kind in ("rgb", "depth", *self._kinds[1:]):
+                highest, channels, dtype = bounds[kind]
+                parts[f"{camera}_{kind}"] = spaces.Box(0, highest, (size, size, channels), dtype)
         return parts
+
+    def calibration(self, world: World) -> dict[str, dict[str, NDArray[np.float64]]]:
+        """What `info` says of the observed cameras: K (3, 3) and T_base_camera (4, 4) of each, by name."""
+        if not self._cameras:
+            return {}
+        size = self._config.image_size
+        return {
+            "K": {name: camera_matrix(world.model, name, size, size) for name in self._cameras},
+            "T_base_camera": {name: camera_pose(world, name) for name in self._cameras},
+        }
+
+    @property
+    def _kinds(self) -> tuple[str, ...]:
+        """What is known of a point beside its place."""
+        return ("rgb", "segmentation") if self._config.segmentation else ("rgb",)
+
+    @property
+    def _cloud_names(self) -> tuple[str, ...]:
+        return ("points", *(f"point_{kind}" for kind in self._kinds))
+
+    def _cloud(self, world: World, images: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+        """The points that the images show; one from each of equally long parts of the list of all pixels in question.
+
+        The random numbers depend on the state alone: the same state gives the same cloud, also after a restored one.
+        """
+        calibration, count = self.calibration(world), self._config.num_points
+        placed = [(calibration["K"][name], calibration["T_base_camera"][name]) for name in self._cameras]
+        depths = [images[f"{name}_depth"][..., 0] for name in self._cameras]
+        wanted = [
+            np.flatnonzero((heights(depth, *pose) > _ON_GROUND) & (depth < MAX_DEPTH))
+            for depth, pose in zip(depths, placed, strict=True)
+        ]
+        total, rng = sum(map(len, wanted)), np.random.default_rng(zlib.crc32(world.data.qpos.tobytes()))
+        chosen = (
+            ((np.arange(count) + rng.random(count)) * (total / count)).astype(np.intp) if total else np.empty(0, int)
+        )
+        ends = np.cumsum([len(pixels) for pixels in wanted])
+        cloud: dict[str, list[NDArray[Any]]] = {name: [] for name in self._cloud_names}
+        for name, pose, depth, pixels, end in zip(self._cameras, placed, depths, wanted, ends, strict=True):
+            flat = pixels[chosen[(chosen >= end - len(pixels)) & (chosen < end)] - (end - len(pixels))]
+            rows, columns = np.divmod(flat, depth.shape[1])
+            points = back_project(np.column_stack((columns, rows)), depth.ravel()[flat], *pose)
+            cloud["points"].append(np.clip(points, -POINT_BOUND, POINT_BOUND).astype(np.float32))
+            for kind in self._kinds:
+                cloud[f"point_{kind}"].append(images[f"{name}_{kind}"][rows, columns])
+        if not total:
+            return {name: np.zeros_like(space.low) for name, space in self.observation_spaces().items()}
+        return {name: np.concatenate(parts) for name, parts in cloud.items()}
+
+    def _images(self, world: World) -> dict[str, NDArray[Any]]:
+        """The images of the observed cameras."""
+        images: dict[str, NDArray[Any]] = {}
+        labels = _labels(world) if self._config.segmentation else None
+        for camera in self._cameras:
+            size = self._config.image_size
+            colour, depth, segments = self._renderer(world, size, size).camera_images(world.data, camera, labels)
+            images[f"{camera}_rgb"] = colour
+            images[f"{camera}_depth"] = np.minimum(depth, MAX_DEPTH)[..., None]
+            if segments is not None:
+                images[f"{camera}_segmentation"] = segments[..., None]
+        return images
 
     def wait_for_window(self) -> None:
         """Keep the window, if there is one, open until its user closes it."""
@@ -110,6 +189,16 @@ class EnvRenderer:
         if self._world is not world:
             self.close()
             self._world = world
+
+
+def _labels(world: World) -> NDArray[np.uint8]:
+    """The segmentation's value for each geom (ngeom,)."""
+    model, index = world.model, world.index
+    labels = np.full(model.ngeom, FURNITURE, np.uint8)
+    labels[model.geom_type == int(mujoco.mjtGeom.mjGEOM_PLANE)] = 0
+    labels[model.body_rootid[model.geom_bodyid] == model.body_rootid[index.base_body]] = ROBOT
+    labels[index.object_geoms] = FIRST_OBJECT + np.arange(index.num_objects)
+    return labels
 
 
 class Window:

@@ -30,6 +30,14 @@ _MARK_HALF_HEIGHT = 0.001
 """[m] of the drawn marks."""
 _GEOM_GROUPS = (1, 1, 1, 0, 0, 0)
 """Rendered: the scene (0), the meshes (1) and the primitives (2) that no mesh replaces."""
+_GEOM, _PLANE, _NOTHING = (
+    int(mujoco.mjtObj.mjOBJ_GEOM),
+    int(mujoco.mjtGeom.mjGEOM_PLANE),
+    int(mujoco.mjtGeom.mjGEOM_NONE),
+)
+"""As integers, with which MuJoCo's enumerations are slow to compare."""
+_SKY = np.array((235, 242, 248), np.uint8).view("V3")[0]
+"""Colour of pixels without anything in camera observations; as one value, which NumPy writes ten times as fast."""
 _opened_by: set[int] = set()
 """Processes that have opened OpenGL: this one, or those from which it was forked."""
 
@@ -108,7 +116,7 @@ class Renderer:
         buffer = model.vis.global_
         buffer.offwidth, buffer.offheight = max(buffer.offwidth, width), max(buffer.offheight, height)
         self._process, self._thread = os.getpid(), threading.get_ident()
-        self._context: Any = make_context(width, height)
+        self._context = make_context(width, height)
         self._scene = mujoco.MjvScene(model, maxgeom=_MAX_GEOMS)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
         self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
@@ -121,6 +129,7 @@ class Renderer:
 
     marks: tuple[Mark, ...] = ()
     """Shown from the next image on."""
+    _context: Any = None
 
     def colour(self, data: mujoco.MjData, camera: str | mujoco.MjvCamera) -> NDArray[np.uint8]:
         """(height, width, 3) uint8; `camera` is the name of a camera of the model, or a free camera."""
@@ -136,12 +145,39 @@ class Renderer:
         self._draw(data, camera, None, buffer)
         return self._metric(buffer)
 
-    def colour_and_depth(self, data: mujoco.MjData, camera: str) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Colour and depth as above, rendered once."""
+    def camera_images(
+        self, data: mujoco.MjData, camera: str, labels: NDArray[np.uint8] | None
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.uint8] | None]:
+        """The same, rendered once; and (height, width) the label of what each pixel shows.
+
+        Args:
+            data: the state.
+            camera: name of a camera of the model.
+            labels: (ngeom,) of the model's geoms; where nothing is, the label is 0. None: no third image.
+        """
         width, height = self._size
         picture, buffer = np.empty((height, width, 3), np.uint8), np.empty((height, width), np.float32)
+        flags = self._scene.flags
+        flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = 0  # which takes a fifth of the time, and is seldom in view
         self._draw(data, camera, picture, buffer)
-        return np.ascontiguousarray(picture[::-1]), self._metric(buffer)
+        flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = 1
+        picture.view("V3")[..., 0][buffer == 0] = _SKY
+        colour = np.ascontiguousarray(picture[::-1])
+        if labels is None:
+            return colour, self._metric(buffer), None
+        # The scene again, each geom in the one colour that says its label, without the geoms of label 1, whose meshes
+        # have most facets: they are what is seen where the distance is another one now.
+        values = labels.tolist()
+        for geom in self._scene.geoms[: self._scene.ngeom]:
+            geom.segid = values[geom.objid] if geom.objtype == _GEOM else 0  # drawn as this number plus one
+            if geom.segid == 1:
+                geom.type = _NOTHING
+        flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = 1
+        behind = np.empty_like(buffer)
+        self._read(picture, behind)
+        flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = 0
+        found = np.where(behind == buffer, picture[..., 0], np.uint8(2))
+        return colour, self._metric(buffer), np.maximum(found[::-1], 1) - np.uint8(1)
 
     def _metric(self, buffer: NDArray[np.float32]) -> NDArray[np.float32]:
         """Distances [m], upright, from the graphics device's depth buffer (0 at the far plane)."""
@@ -164,10 +200,35 @@ class Renderer:
             view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, self._model.camera(camera).id
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(self._model, data, self._option, None, view, everything, self._scene)
+        if view.type == mujoco.mjtCamera.mjCAMERA_FIXED:
+            self._leave_out_of_sight(data, view.fixedcamid)
         add_marks(self._scene, self.marks)
+        self._read(picture, depth)
+
+    def _read(self, picture: NDArray[np.uint8] | None, depth: NDArray[np.float32] | None) -> None:
+        """Draw the scene as it is, and read what was drawn."""
         viewport = mujoco.MjrRect(0, 0, *self._size)
         mujoco.mjr_render(viewport, self._scene, self._device)
         mujoco.mjr_readPixels(picture, depth, viewport, self._device)
+
+    def _leave_out_of_sight(self, data: mujoco.MjData, camera: int) -> None:
+        """Do not draw what is outside a camera's view: a software renderer pays for every facet, seen or not."""
+        model, (width, height) = self._model, self._size
+        up = math.tan(math.radians(model.cam_fovy[camera]) / 2)
+        right = up * width / height
+        near = model.vis.map.znear * model.stat.extent
+        # Inwards from the sides of the pyramid of sight, in the camera's frame and in the world's.
+        sides = np.array(((-1, 0, -right), (1, 0, -right), (0, -1, -up), (0, 1, -up), (0, 0, -1)))
+        sides = sides @ data.cam_xmat[camera].reshape(3, 3).T
+        axes, boxes = data.geom_xmat.reshape(-1, 3, 3), model.geom_aabb
+        centres = data.geom_xpos + (axes @ boxes[:, :3, None])[..., 0] - data.cam_xpos[camera]
+        reach = (np.abs(sides @ axes) * boxes[:, None, 3:]).sum(axis=-1)  # of a box towards each side
+        is_seen = (centres @ sides.T + reach > (0, 0, 0, 0, near)).all(axis=1)
+        is_seen |= model.geom_type == _PLANE
+        hidden = (~is_seen).tolist()
+        for geom in self._scene.geoms[: self._scene.ngeom]:
+            if geom.objtype == _GEOM and hidden[geom.objid]:
+                geom.type = _NOTHING
 
     def _check_owner(self) -> None:
         """Raise RenderingUnavailable if the context was made in another process or in another thread."""
@@ -178,6 +239,12 @@ class Renderer:
                 "this environment has rendered in another thread, and an OpenGL context belongs to its thread; render "
                 "and close in one thread, or make one environment for each thread"
             )
+
+    def __del__(self) -> None:
+        """Free the resources here if nobody has: MuJoCo would free those of whichever context is current then."""
+        is_owner = self._context is not None and threading.get_ident() == self._thread
+        if is_owner and not sys.is_finalizing():
+            self.close()
 
     def close(self) -> None:
         """Free the OpenGL resources; may be called twice. A forked process has none to free."""

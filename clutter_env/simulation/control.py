@@ -31,6 +31,9 @@ _SHARES = np.arange(1, SEGMENTS + 1)[:, None] / SEGMENTS
 _REAL_KINDS = "fiub"
 """NumPy's kinds of real numbers: floating, signed, unsigned, bool."""
 
+HEAD_VELOCITY = 1.57
+"""[rad/s] of the head's joints at full action: the limit of Fetch's."""
+
 _BASE_LEAD = 0.10
 _TORSO_LEAD = 0.03
 _ARM_LEAD = 0.15
@@ -44,12 +47,14 @@ class ControlState:
     """The state of the controller between two control steps.
 
     `target` (4 + n,) whole-body configuration, `velocity` (4 + n,) of that target in the world frame, `fingers` [m] of
-    each gripper. Of a robot that acts with several arms, joints and fingers of the active one come first.
+    each gripper, `head` [rad] of its joints. Of a robot that acts with several arms, joints and fingers of the active
+    one come first.
     """
 
     target: Vector
     velocity: Vector
     fingers: tuple[float, ...]
+    head: tuple[float, ...]
 
 
 def checked_action(action: ArrayLike, size: int) -> NDArray[np.float32]:
@@ -109,7 +114,11 @@ class JointController:
         self._feedforward = np.array(robot.velocity_feedforward(model, acting.names))
         self._still_command, self._moving_command = np.zeros((2, model.nu))
         self._still_command[index.still_actuators] = robot.still_configuration
-        self.state = ControlState(np.zeros(4 + arm), np.zeros(4 + arm), (0.0,) * self.num_grippers)
+        self._head_actuators = index.still_actuators[: len(robot.head_joints)]  # those of idle arms come after
+        self.head_range = [model.joint(name).range.tolist() for name in robot.head_joints]
+        self.state = ControlState(
+            np.zeros(4 + arm), np.zeros(4 + arm), (0.0,) * self.num_grippers, robot.head_configuration
+        )
         self._commanded: ControlState | None = None
         self._command = self._still_command
 
@@ -125,10 +134,13 @@ class JointController:
             target=data.qpos[self._index.drive_qpos].copy(),
             velocity=np.zeros_like(self.max_velocity),
             fingers=tuple(sum(pair) / 2 for pair in fingers),
+            head=self._robot.head_configuration,
         )
         data.ctrl[:] = self._position_command(self.state)
 
-    def advance(self, data: mujoco.MjData, velocity: Vector, grips: Sequence[float], is_loaded: bool) -> Vector:
+    def advance(
+        self, data: mujoco.MjData, velocity: Vector, grips: Sequence[float], is_loaded: bool, head: Sequence[float] = ()
+    ) -> Vector:
         """Move the target at `velocity` for one control step, as far as the limits allow.
 
         Args:
@@ -136,12 +148,13 @@ class JointController:
             velocity: (4 + n,) wanted, base x and y in the base's frame.
             grips: wanted finger position of each gripper, -1 closed to 1 open.
             is_loaded: whether something is held.
+            head: rates of its joints, each a share of `HEAD_VELOCITY`; none where it stays as it is.
 
         Returns:
             The motor commands (`SEGMENTS`, nu), for equal parts of the step.
         """
         before = self._position_command(self.state)
-        self._move_target(data, velocity, grips, is_loaded)
+        self._move_target(data, velocity, grips, is_loaded, head)
         after = self._position_command(self.state)
         commands: Vector = before + _SHARES * (after - before)
         self._moving_command[self._index.drive_actuators] = self._feedforward * self.state.velocity
@@ -178,6 +191,11 @@ class JointController:
         braking = np.sqrt(half**2 + 2 * self._max_change * np.abs(error) / CONTROL_STEP) - half
         return np.where(is_reachable, wanted, np.sign(error) * np.minimum(np.minimum(braking, np.abs(wanted)), limit))
 
+    def head_action(self, head_target: ArrayLike) -> Vector:
+        """The action's numbers for the head, (2,), that bring its joints towards these angles [rad]."""
+        goal = checked_vector("head_target", head_target, (len(self.state.head),))
+        return np.clip((goal - self.state.head) / (HEAD_VELOCITY * CONTROL_STEP), -1.0, 1.0)
+
     def grip_action(self, gripper_width: float) -> float:
         """The action's last number for pads `gripper_width` [m] apart.
 
@@ -187,7 +205,9 @@ class JointController:
         width = float(checked_vector("gripper_width", [gripper_width], (1,))[0])
         return 2 * self._robot.finger_position(width) / self._robot.max_finger_position - 1
 
-    def _move_target(self, data: mujoco.MjData, velocity: Vector, grips: Sequence[float], is_loaded: bool) -> None:
+    def _move_target(
+        self, data: mujoco.MjData, velocity: Vector, grips: Sequence[float], is_loaded: bool, head: Sequence[float]
+    ) -> None:
         """Move the targets of joints and fingers by one control step, as far as the limits allow.
 
         Joint by joint: NumPy's functions on so few numbers take several times as long.
@@ -219,13 +239,18 @@ class JointController:
         for grip, finger in zip(grips, state.fingers, strict=True):
             wanted = (grip + 1) / 2 * self._robot.max_finger_position
             fingers.append(finger + min(max(wanted - finger, -step), step))
-        self.state = ControlState(np.array(targets), np.array(allowed), tuple(fingers))
+        turned, turn = state.head, HEAD_VELOCITY * CONTROL_STEP
+        if head:
+            parts = zip(state.head, head, self.head_range, strict=True)
+            turned = tuple(min(max(angle + rate * turn, lower), upper) for angle, rate, (lower, upper) in parts)
+        self.state = ControlState(np.array(targets), np.array(allowed), tuple(fingers), turned)
 
     def _position_command(self, state: ControlState) -> Vector:
         """Motor commands (nu,) of the targets at rest; that of the last state is kept."""
         if state is not self._commanded:
             command = self._still_command.copy()
             command[self._index.drive_actuators] = state.target
+            command[self._head_actuators] = state.head
             command[self._index.finger_actuators] = [finger for finger in state.fingers for _ in range(2)]
             self._commanded, self._command = state, command
         return self._command

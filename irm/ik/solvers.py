@@ -72,6 +72,11 @@ class ExactSolver:
         self.torso_range = torso_range or (float(chain.lower[0]), float(chain.upper[0]))
         self._arrays, self._placed = solver_arrays(chain), make_placed(chain.shapes)
 
+    @property
+    def is_iterative(self) -> bool:
+        """Whether the arm has none of the structures with closed forms: answers then take milliseconds."""
+        return self._arrays.kind == ITERATIVE
+
     def solve(self, T_base_tcp: Floats) -> tuple[NDArray[np.int8], Floats]:
         """Which poses the arm reaches in a configuration that is free of self-collision.
 

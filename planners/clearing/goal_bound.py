@@ -2,24 +2,29 @@
 
 The objects that a plan has moved by its end, each taken through an option whose blockers were gone, form a
 self-clearable set (see `planners.clearing.lower_bound`) for one more, imaginary object: the goal, which all objects
-block that must be moved. An object that goes straight to its place also waits for what stands there; one that is put
-aside first does not, but is picked twice: that is one more member of the set. So the smallest set counts the picks, and
-the buffers of swaps and cyclic shifts with them. Plans that move objects about otherwise need no fewer.
+block that must be moved. An object that goes straight to its place also waits for what stands there, and for what the
+robot hits when it lets go there; one that is put aside first does not, but is picked twice: that is one more member of
+the set. What is in the way of gripper and object however they come is waited for by the goal, through a member that
+does not count. So the smallest set counts the picks, and the buffers of swaps and cyclic shifts with them. Plans that
+move objects about otherwise need no fewer.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from planners.cause import Cause
 from planners.clearing.lower_bound import MAX_EXPANSIONS, self_clearable_sets
 from planners.clock import NO_DEADLINE, Deadline
 from planners.goals import Before, Clear, Goal, Holding, On, occupants
-from planners.placing.goal_places import must_go_first
+from planners.grasping.candidates import GraspCandidates
+from planners.placing.blockers import PutDownMasks, put_down_masks
+from planners.placing.goal_places import must_go_first, place_of
+from planners.placing.placements import PlacementSearch
 from planners.scene import MAX_OBJECTS, Scene
 
-_GOAL, _ASIDE = "goal", "aside "
+_GOAL, _ASIDE, _PUT = "goal", "aside ", "put "
 """Names of the imaginary objects; no PDDL name has a space."""
 
 
@@ -49,9 +54,10 @@ class LowerBound:
 def fewest_picks(
     scene: Scene,
     goal: Goal,
-    blockers: Callable[[str], Sequence[int]],
+    candidates: GraspCandidates,
     start: Scene | None = None,
     *,
+    search: PlacementSearch | None = None,
     buffers: bool = True,
     expansions: int = MAX_EXPANSIONS,
     deadline: Deadline = NO_DEADLINE,
@@ -61,8 +67,9 @@ def fewest_picks(
     Args:
         scene: the world.
         goal: what it is to be.
-        blockers: masks of what is in the way of each grasp option of an object.
+        candidates: the grasps of each object, and what is in their way.
         start: the scene before anything was moved, if that is another one.
+        search: where the base may stand to put objects down; None: what is in the way of that does not count.
         buffers: whether what is put aside must be put down, and so be picked again; not where it may stay in a hand.
         expansions: search nodes after which the proof is given up.
         deadline: when to stop.
@@ -70,12 +77,18 @@ def fewest_picks(
     to_move = must_move(scene, goal, start)
     if not to_move:
         return LowerBound(0, (), (), True, 0)
-    stuck = tuple(name for name in to_move if name not in scene.held_names and not blockers(name))
+    stuck = tuple(name for name in to_move if name not in scene.held_names and not candidates.blockers(scene, name))
+    waiting_for = waits_for(scene, goal, to_move)
+    puts = _put_downs(scene, goal, to_move, waiting_for, candidates, search) if search and buffers else {}
+    stuck = stuck or tuple(name for name, masks in puts.items() if not masks.ever)
     if stuck:
         return LowerBound(None, stuck, (), True, 0, Cause.UNREACHABLE)
-    waits = {name: scene.mask(names) for name, names in waits_for(scene, goal, to_move).items()}
-    twice = [name for name, mask in waits.items() if mask and buffers][: MAX_OBJECTS - len(scene.names) - 1]
-    names = (*scene.names, *(f"{_ASIDE}{name}" for name in twice), _GOAL)
+    waits = {name: scene.mask(names) for name, names in waiting_for.items()}
+    twice = [name for name, mask in waits.items() if buffers and (mask or name in puts)]
+    blocked = [name for name, masks in puts.items() if 0 not in masks.ever]
+    room = MAX_OBJECTS - len(scene.names) - 1
+    twice, blocked = twice[:room], blocked[: max(room - len(twice), 0)]
+    names = (*scene.names, *(f"{_ASIDE}{name}" for name in twice), *(f"{_PUT}{name}" for name in blocked), _GOAL)
     bit = {name: 1 << index for index, name in enumerate(names)}
     held, wanted = scene.mask(scene.held_names), scene.mask(to_move)
     for name in set(to_move) - set(goal.held):
@@ -85,13 +98,16 @@ def fewest_picks(
     def options(name: str) -> Sequence[int]:
         """The blockers of each option, what the object waits for among them."""
         if name == _GOAL:
-            return [wanted & ~held]
+            return [wanted & ~held | sum(bit[f"{_PUT}{one}"] for one in blocked)]
         if name.startswith(_ASIDE):
             return [0]
-        masks = [(mask | earlier[name]) & ~held for mask in blockers(name)]
+        if name.startswith(_PUT):
+            return [mask & ~held for mask in puts[name.removeprefix(_PUT)].ever]
+        masks = [(mask | earlier[name]) & ~held for mask in candidates.blockers(scene, name)]
         if name not in twice:
             return masks
-        straight = [mask | waits[name] & ~held for mask in masks] if not waits[name] & bit[name] else []
+        hit = puts.get(name, PutDownMasks()).straight if not waits[name] & bit[name] else ()
+        straight = [mask | (waits[name] | other) & ~held for mask in masks for other in hit]
         return straight + [mask | bit[f"{_ASIDE}{name}"] for mask in masks]
 
     found = next(self_clearable_sets(options, _GOAL, names, expansions=expansions, deadline=deadline))
@@ -100,12 +116,35 @@ def fewest_picks(
         return LowerBound(None, to_move, (), found.proved, found.lower_bound, cause, found.expansions)
     # What is in a hand but not at its end yet is picked again if the hand is needed, or its place is not free.
     rest = set(to_move) - set(scene.held_names)
-    again = sum(bool(waits.get(name, 0) & ~held) or (name in goal.held and bool(rest)) for name in scene.held_names)
-    again = again if buffers else 0
-    objects = tuple(name for name in found.objects if not name.startswith(_ASIDE))
+    in_vain = [name for name in scene.held_names if waits.get(name, 0) & ~held or name in puts]
+    again = sum(name in in_vain or (name in goal.held and bool(rest)) for name in scene.held_names)
+    more = (again if buffers else 0) - len(blocked)
+    objects = tuple(name for name in found.objects if name in scene.names)
     aside = tuple(name.removeprefix(_ASIDE) for name in found.objects if name.startswith(_ASIDE))
-    picks, least = found.count + again, found.lower_bound + again
-    return LowerBound(picks, objects, aside, found.proved, least, "", found.expansions)
+    return LowerBound(found.count + more, objects, aside, found.proved, found.lower_bound + more, "", found.expansions)
+
+
+def _put_downs(
+    scene: Scene,
+    goal: Goal,
+    to_move: Collection[str],
+    waiting_for: Mapping[str, Collection[str]],
+    candidates: GraspCandidates,
+    search: PlacementSearch,
+) -> dict[str, PutDownMasks]:
+    """What is in the way of putting down each object that must move, if anything is, at a place known beforehand.
+
+    What it is to stand on may be moved too, to where nothing is in the way.
+    """
+    found: dict[str, PutDownMasks] = {}
+    for fact in goal.placed:
+        if fact.object in to_move and not (isinstance(fact, On) and fact.place in to_move):
+            place = place_of(scene, fact)
+            masks = put_down_masks(search, candidates, scene, fact.object, place, waiting_for[fact.object])
+            if 0 not in masks.straight:
+                below = (scene.mask([place.below]),) if place.below else ()
+                found[fact.object] = PutDownMasks(masks.straight + below, masks.ever + below)
+    return found
 
 
 def must_move(scene: Scene, goal: Goal, start: Scene | None = None) -> tuple[str, ...]:

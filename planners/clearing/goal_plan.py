@@ -8,9 +8,8 @@ where the plan ends for the time being, and the rest is chosen anew once that ob
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -22,8 +21,9 @@ from planners.clearing.goal_bound import LowerBound, fewest_picks, must_move
 from planners.clearing.lookahead import ClearancePlan
 from planners.clearing.saving_time import with_blockers
 from planners.goals import TOLERANCE, At, Goal, Inside, On
-from planners.grasping.candidates import GraspCandidate, GraspCandidates
+from planners.grasping.candidates import GraspCandidate
 from planners.motion.approaches import can_take, fewest_blockers
+from planners.placing.blockers import fewest_in_the_way
 from planners.placing.goal_places import in_the_way, of_same_area, place_of, placed_fact, reserved_regions
 from planners.placing.placements import Placement
 from planners.placing.surfaces import KeepClear
@@ -55,23 +55,27 @@ class _Simulation:
     """The scene as the moves so far leave it, and what is still to be moved.
 
     Attributes:
-        last: names of the objects that go to their ends after all others, in whose way they would be there.
+        to_move: names of what is moved from the present scene on.
+        last: names of those that go to their ends after all others, in whose way they would be there.
+        waiting: names of what has not been moved yet.
     """
 
     problem: ClearingProblem
     goal: Goal
     start: Scene
-    scene: Scene
-    candidates: GraspCandidates
-    reserve: dict[str, GraspCandidate]
-    waiting: list[str]
+    not_placed: Mapping[str, frozenset[str]]
+    to_move: tuple[str, ...]
     last: frozenset[str] = frozenset()
     moves: list[Move] = field(default_factory=list)
     failures: Counter[str] = field(default_factory=Counter)
+    reserve: dict[str, GraspCandidate] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.scene, self.candidates, self.waiting = self.problem.scene, self.problem.candidates, list(self.to_move)
 
 
 def goal_plan(
-    problem: ClearingProblem, goal: Goal, start: Scene, not_placed: frozenset[str] = frozenset()
+    problem: ClearingProblem, goal: Goal, start: Scene, not_placed: Mapping[str, frozenset[str]] = MappingProxyType({})
 ) -> ClearancePlan | NoCommitment:
     """The moves up to the goal, or up to the first object that is put aside to be moved again.
 
@@ -79,41 +83,36 @@ def goal_plan(
         problem: its target does not matter.
         goal: what it is to be.
         start: the scene before anything was moved.
-        not_placed: objects for whose place no motion was found: they are put aside first.
+        not_placed: objects for whose place no motion was found, with what is in the way of that. What is in the hand is
+            put aside, and goes to its place once they have moved.
     """
-    scene = problem.scene
-    to_move = dict.fromkeys((*scene.held_names, *must_move(scene, goal, start)))
-    sim = _Simulation(problem, goal, start, scene, problem.candidates, {}, list(to_move))
-    provisional = ""
-    while sim.waiting and not provisional:
+    to_move = dict.fromkeys((*problem.scene.held_names, *must_move(problem.scene, goal, start)))
+    sim = _Simulation(problem, goal, start, not_placed, tuple(to_move))
+    while sim.waiting:
         if problem.deadline.is_over:
             return NoCommitment(Cause.TIME_LIMIT, tuple(sim.waiting))
-        if any(_moved(sim, name) for name in _in_turn(sim) if name not in not_placed):
+        if _moved_to_its_end(sim):
             continue
-        bound = None
-        if not sim.scene.held_names:
-            added = _strangers(sim)
-            if not added:
-                bound = _bound(sim)
-                added = (
-                    tuple(name for name in bound.objects if name not in sim.waiting) if bound.picks is not None else ()
-                )
-            if added:
-                sim.waiting += added
-                again = {move.name for move in sim.moves if move.name in added}
-                if again and again <= sim.last:
-                    return _refusal(sim)
-                if again:
-                    # It was moved too early: begin again, now that it is known what else must be moved. If that was
-                    # known before, it is in the way where it is to stand, and goes there last.
-                    last = sim.last | again if to_move.keys() >= set(sim.waiting) else sim.last
-                    to_move |= dict.fromkeys(sim.waiting)
-                    sim = _Simulation(problem, goal, start, scene, problem.candidates, {}, list(to_move), last)
-                continue
-        provisional = _put_aside(sim, bound)
-        if not provisional:
+        in_the_way = _in_the_way(sim)
+        if not in_the_way:
+            provisional = _put_aside(sim)
+            return _as_plan(sim, provisional) if provisional else _refusal(sim)
+        with_these = _moving_these_too(sim, in_the_way)
+        if with_these is None:
             return _refusal(sim)
-    return _as_plan(sim, provisional)
+        sim = with_these
+    return _as_plan(sim, "")
+
+
+def _moved_to_its_end(sim: _Simulation) -> bool:
+    """Move the next object for which that is possible to where it is to be."""
+    in_vain = [name for name in sim.scene.held_names if name in sim.not_placed]
+    return any(_moved(sim, name) for name in _in_turn(sim) if name not in in_vain and not _refuted_by(sim, name))
+
+
+def _refuted_by(sim: _Simulation, name: str) -> frozenset[str]:
+    """What was in the way when no motion put an object at its place, and has not been moved since."""
+    return sim.not_placed.get(name, frozenset()).difference(move.name for move in sim.moves)
 
 
 def _in_turn(sim: _Simulation) -> list[str]:
@@ -254,34 +253,75 @@ def _advance(sim: _Simulation, move: Move, scene: Scene) -> None:
         sim.candidates = sim.candidates.blank_copy()
 
 
-def _strangers(sim: _Simulation) -> tuple[str, ...]:
-    """What need not be moved itself, and stands where something else is to go."""
+def _in_the_way(sim: _Simulation) -> tuple[str, ...]:
+    """What is not waiting to be moved, and is in the way: of an object at its place, of the robot there, of a grasp."""
+    if sim.scene.held_names:
+        return ()
+    for find in (_standing_there, _in_the_way_of_put_down):
+        found = next(filter(None, (find(sim, name) for name in sim.waiting)), ())
+        if found:
+            return found
+    return tuple(name for name in _bound(sim).objects if name not in sim.waiting)
+
+
+def _standing_there(sim: _Simulation, name: str) -> tuple[str, ...]:
+    """What stands where an object is to go."""
+    fact = placed_fact(sim.goal, name)
     scene = sim.scene
-    for name in sim.waiting:
-        fact = placed_fact(sim.goal, name)
-        if fact is not None:
-            found = in_the_way(scene, scene.body(name), place_of(scene, fact), sim.waiting)
-            if found:
-                return found
-    return ()
+    return () if fact is None else in_the_way(scene, scene.body(name), place_of(scene, fact), sim.waiting)
+
+
+def _in_the_way_of_put_down(sim: _Simulation, name: str) -> tuple[str, ...]:
+    """What keeps the robot from putting an object down at its place, once those that wait have left."""
+    fact = placed_fact(sim.goal, name)
+    if fact is None or (isinstance(fact, On) and fact.place in sim.waiting):
+        return ()
+    refuted_by = tuple(sorted(_refuted_by(sim, name).difference(sim.waiting)))
+    if refuted_by:
+        return refuted_by
+    leaving, fewest = [one for one in sim.waiting if one != name], tuple[str, ...]()
+    for grasp in _free_grasps(sim, name):
+        world = sim.candidates.compiled.world(grasped(sim.scene, grasp))
+        found = fewest_in_the_way(sim.problem.placements, world, place_of(sim.scene, fact), leaving)
+        if found == 0:
+            return ()
+        names = () if found is None else sim.scene.names_of(found)
+        fewest = min((one for one in (fewest, names) if one), key=len, default=())
+    return fewest
+
+
+def _moving_these_too(sim: _Simulation, names: Collection[str]) -> _Simulation | None:
+    """The simulation in which these are moved besides; None if they are in the way wherever they go.
+
+    What was moved too early is moved anew, now that it is known what else must be. If that was known before, it is in
+    the way where it is to stand, and goes there last.
+    """
+    again = {move.name for move in sim.moves if move.name in names}
+    if not again:
+        sim.waiting += names
+        return sim
+    if again <= sim.last:
+        return None
+    to_move = tuple(dict.fromkeys((*sim.to_move, *sim.waiting, *names)))
+    last = sim.last | again if len(to_move) == len(sim.to_move) else sim.last
+    return _Simulation(sim.problem, sim.goal, sim.start, sim.not_placed, to_move, last)
 
 
 def _bound(sim: _Simulation) -> LowerBound:
-    blockers = partial(sim.candidates.blockers, sim.scene)
-    return fewest_picks(sim.scene, sim.goal, blockers, sim.start, deadline=sim.problem.deadline)
+    return fewest_picks(sim.scene, sim.goal, sim.candidates, sim.start, deadline=sim.problem.deadline)
 
 
-def _put_aside(sim: _Simulation, bound: LowerBound | None) -> str:
+def _put_aside(sim: _Simulation) -> str:
     """Put aside one object that is to be moved again: its name, "" if none can be.
 
-    Those of the bound come first, then those that go to their ends last, and at the end those that left their places
-    before: they may stand aside already. `bound` is None where it is what is in the hand.
+    What is in the hand; else those of the lower bound come first, then those that go to their ends last, and at the end
+    those that left their places before: they may stand aside already.
     """
-    if bound is None:
-        names = sim.scene.held_names[:1]
-    else:
+    names = sim.scene.held_names[:1]
+    if not names:
         free = sorted(_free_by_order(sim), key=lambda name: _has_left(sim, name))
-        names = tuple(dict.fromkeys((*(name for name in (*bound.aside, *sorted(sim.last)) if name in free), *free)))
+        first = [name for name in (*_bound(sim).aside, *sorted(sim.last)) if name in free]
+        names = tuple(dict.fromkeys((*first, *free)))
     return next((name for name in names if _taken_and_put(sim, name, is_general=False)), "")
 
 

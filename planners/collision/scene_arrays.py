@@ -221,6 +221,8 @@ def shrunk_solids(solids: Solids, by: float | Array, least: float = 0.0) -> Soli
 
     Half extents of more than `least` [m] stay above it. Of a hull all corners move towards its middle.
     """
+    if not np.any(by):
+        return solids
     inwards, is_grown, is_hull = np.broadcast_to(by, solids.core.shape), solids.radius > 0.0, solids.core == HULL
     smaller = np.minimum(solids.half, np.maximum(solids.half - inwards[:, None], least))
     half = np.where(is_grown[:, None], solids.half, smaller)

@@ -115,7 +115,7 @@ class TampExpert:
 
         Args:
             goal: name of the object to retrieve, a `planners.goals.Goal` or its PDDL text; the environment's own if not
-                given: its `goal`, if it has one, else its target.
+                given: its `planning_goal`, or `goal`, if it has one, else its target.
 
         Raises:
             ExpertError: the environment has not been reset, or no goal is given and its own is none for a planner.
@@ -124,7 +124,8 @@ class TampExpert:
         """
         try:
             inner: Any = self._env
-            own = inner.goal if hasattr(type(inner), "goal") else holding(inner.target)
+            named = [name for name in ("planning_goal", "goal") if hasattr(type(inner), name)]
+            own = getattr(inner, named[0]) if named else holding(inner.target)
         except ValueError as error:
             raise ExpertError(f"reset the environment before the expert: {error}") from error
         if goal is None and not isinstance(own, Goal):

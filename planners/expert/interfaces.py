@@ -40,8 +40,9 @@ class ControlledEnv(Protocol):
             `ee_action`.
         object_names: of the bodies that the robot may move, in the order of the bodies of `model`.
         support_name: of the geom on whose top face the objects stand.
-        target: name of the object to retrieve, unless the environment has a `goal`, a `planners.goals.Goal`, and the
-            `regions` that it names; raises a ValueError before the environment's first `reset`.
+        target: name of the object to retrieve, unless the environment has a `planners.goals.Goal` as its
+            `planning_goal` or `goal`, and the `regions` that it names; raises a ValueError before the environment's
+            first `reset`.
         lift_height: [m] between the support that the target stood on and its lowest point, from which it counts as
             lifted.
     """

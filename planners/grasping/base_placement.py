@@ -190,9 +190,9 @@ class MapPlacer:
         """
         bases, index = [np.empty((0, 3))], [np.empty(0, dtype=np.int64)]
         low = gripper_poses[:, 2] < _base_height(self.robot)
-        for pitch, is_low in np.unique(np.column_stack((gripper_poses[:, 4], low)), axis=0):
+        for pitch, is_low in sorted(set(zip(gripper_poses[:, 4].tolist(), low.tolist(), strict=True))):
             rows = np.flatnonzero((gripper_poses[:, 4] == pitch) & (low == is_low))
-            found = self._bases_at_pitch(gripper_poses[rows], float(pitch), most, bool(is_low))
+            found = self._bases_at_pitch(gripper_poses[rows], pitch, most, is_low)
             bases.append(found[0])
             index.append(rows[found[1]])
         order = np.argsort(np.concatenate(index), kind="stable")
@@ -236,9 +236,7 @@ class MapPlacer:
             free_space=self.open_ground if pitch else self.ground,
             k=most,
         )
-        rank = np.concatenate([np.arange(count) for count in found.count])
-        index = np.repeat(np.arange(len(gripper_poses)), found.count)
-        return found.poses[index, rank], index
+        return found.poses[np.arange(most) < found.count[:, None]], np.repeat(np.arange(len(found.count)), found.count)
 
 
 def inner_radius(robot: RobotSpec) -> float:

@@ -92,10 +92,12 @@ class ContactQuery:
         return cls._of(world, with_clearance_around(world, name), base, q, held, ignore)
 
     @classmethod
-    def release(cls, world: CollisionWorld, base: ArrayLike, q: ArrayLike, held: HeldObject) -> ContactQuery:
-        """A release of a held object where the gripper has it then; raises `UnknownObject`."""
+    def release(
+        cls, world: CollisionWorld, base: ArrayLike, q: ArrayLike, held: HeldObject, ignore: int = 0
+    ) -> ContactQuery:
+        """A release of a held object where the gripper has it then, `ignore` as for a grasp; raises `UnknownObject`."""
         placed = world.scene.body(held.name).at_pose(_tcp_pose(world.scene, base, q) @ held.T_tcp_object)
-        return cls._of(world.with_body(placed), world, base, q, held, 0)
+        return cls._of(world.with_body(placed), world, base, q, held, ignore)
 
     @classmethod
     def _of(
@@ -177,7 +179,11 @@ def fewest_blockers(world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, 
     Returns:
         None if the robot cannot follow any of the lines, or they lead through static obstacles.
     """
-    query = ContactQuery.grasp(world, base, q_grasp, name)
+    return fewest_hits(ContactQuery.grasp(world, base, q_grasp, name))
+
+
+def fewest_hits(query: ContactQuery) -> int | None:
+    """The smallest set of objects in the way of the straight lines to and from a contact, as `fewest_blockers`."""
     return min((found.hits for found in _traced(query)), key=int.bit_count, default=None)
 
 

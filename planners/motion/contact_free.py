@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from planners.collision.scene_arrays import RobotArrays
 from planners.collision.world import CollisionWorld
 from planners.motion.arm import tcp_poses
-from planners.motion.path import CLEARANCE, SAME_BASE
+from planners.motion.path import CLEARANCE, SAME_BASE, interpolate
 from planners.motion.timing import finger_ramp, near_walls, round_corners, time_parametrise
 from planners.motion.trajectory import Phase, Trajectory
 from planners.scene import SELF_BIT, HeldObject
@@ -143,7 +143,7 @@ class _Checks(NamedTuple):
                 smooth, at = round_corners(self.world.scene.robot, polygon[begin : stop + 1], half_width)
                 path = np.vstack([polygon[:begin], smooth, polygon[stop + 1 :]])
                 at = np.concatenate([np.arange(begin), at + begin, np.arange(stop + 1, len(polygon))])
-                on_polygon = np.column_stack([np.interp(at, np.arange(len(polygon)), column) for column in polygon.T])
+                on_polygon = interpolate(at, np.arange(len(polygon)), polygon)
                 is_off = np.abs(path - on_polygon) @ self.world.robot.reach > _OFF_LINE
                 drives = np.abs(np.gradient(path[:, :3], axis=0)).max(axis=1) > SAME_BASE
                 # What is not as planned keeps `CLEARANCE`; the lines beside contacts cannot, and need only be free.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -87,3 +88,24 @@ def on_base(bases: ArrayLike, waypoints: ArrayLike) -> Array:
     bases, waypoints = np.atleast_2d(bases), np.atleast_2d(waypoints)
     (n,) = np.broadcast_shapes(bases.shape[:1], waypoints.shape[:1])
     return np.hstack([np.broadcast_to(bases, (n, bases.shape[1])), np.broadcast_to(waypoints, (n, waypoints.shape[1]))])
+
+
+def cut(parts: NDArray[np.int64]) -> Array:
+    """Places (1 + m,) on a polygon whose segments are cut into so many parts (n,): 1.5 is the middle of the second."""
+    segment = np.repeat(np.arange(len(parts)), parts)
+    part = np.arange(1, len(segment) + 1) - np.repeat(np.cumsum(parts) - parts, parts)
+    return np.append(0.0, segment + part / parts[segment])
+
+
+def interpolate(at: Array, knots: NDArray[Any], points: Array) -> Array:
+    """`np.interp` of all columns of points (k, d), which belong to knots (k,), in one call: (m, d)."""
+    if len(points) == 1:
+        return np.tile(points, (len(at), 1))
+    left = np.searchsorted(knots[1:-1], at, side="right")
+    with np.errstate(invalid="ignore"):  # knots may be the same
+        slopes = (points[1:] - points[:-1]) / (knots[1:] - knots[:-1])[:, None]
+    found = slopes.take(left, axis=0)
+    found *= (at - knots[left])[:, None]
+    found += points.take(left, axis=0)
+    found[at >= knots[-1]] = points[-1]
+    return found

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
 from planners.collision.world import CollisionWorld
-from planners.motion.path import WholeBodyPath
+from planners.motion.path import WholeBodyPath, cut, interpolate
 from planners.motion.pick_and_place import PickPlaceMotion
 from planners.motion.trajectory import CONTROL_STEP, Phase, Trajectory, join
 from planners.scene import SELF_BIT, HeldObject, RobotState
@@ -120,7 +120,7 @@ def round_corners(robot: RobotSpec, X: ArrayLike, half_width: float) -> tuple[Ar
     count = max(int(np.ceil(ends[-1] / _FINE_GRID)), 1)
     half = min(int(half_width / _FINE_GRID), count // 2)
     length = ends[-1] / count * np.arange(-half, count + half + 1)
-    points = np.column_stack([np.interp(np.clip(length, 0.0, ends[-1]), ends, column) for column in path.T])
+    points = interpolate(np.clip(length, 0.0, ends[-1]), ends, path)
     points[:half] = 2 * path[0] - points[2 * half : half : -1]
     points[count + half + 1 :] = 2 * path[-1] - points[count + half - 1 : count - 1 : -1]
     sums = np.cumsum(np.vstack([np.zeros(path.shape[1]), points]), axis=0)
@@ -223,10 +223,9 @@ def _grid(path: Array, velocity: Array) -> tuple[Array, Array]:
     durations = _times_at_full_speed(np.diff(path, axis=0), velocity)
     fewest = 2 if len(durations) == 1 else 1
     parts = np.maximum(np.ceil(durations / _GRID).astype(int), fewest)
-    at = np.concatenate([[0.0], *(i + np.arange(1, n + 1) / n for i, n in enumerate(parts))])
+    at = cut(parts)
     length = np.interp(at, np.arange(len(path)), np.concatenate([[0.0], np.cumsum(durations)]))
-    points = np.column_stack([np.interp(at, np.arange(len(path)), column) for column in path.T])
-    return length, points
+    return length, interpolate(at, np.arange(len(path)), path)
 
 
 def _in_units_of(acceleration: Array, vectors: Array) -> Array:
@@ -260,13 +259,15 @@ def _speeds(length: Array, points: Array, acceleration: Array, is_slow: NDArray[
     taken = np.maximum(np.maximum(at_corners[:-1], at_corners[1:]), swing)
     gain = 2 * steps / _in_units_of(acceleration, direction)
     gain[is_slow] *= _SLOW**2
+    # Lists: to take numbers out of arrays one by one takes longer than to compute with them.
+    gain, shares, limits = gain.tolist(), taken.tolist(), squared.tolist()
     for i in range(len(steps)):
-        spare = 1.0 - min(taken[i] * squared[i], _CORNER_SHARE)
-        squared[i + 1] = min(squared[i + 1], squared[i] + spare * gain[i])
+        spare = 1.0 - min(shares[i] * limits[i], _CORNER_SHARE)
+        limits[i + 1] = min(limits[i + 1], limits[i] + spare * gain[i])
     for i in range(len(steps) - 1, -1, -1):
-        spare = 1.0 - min(taken[i] * squared[i + 1], _CORNER_SHARE)
-        squared[i] = min(squared[i], squared[i + 1] + spare * gain[i])
-    return np.sqrt(squared)
+        spare = 1.0 - min(shares[i] * limits[i + 1], _CORNER_SHARE)
+        limits[i] = min(limits[i], limits[i + 1] + spare * gain[i])
+    return np.sqrt(limits)
 
 
 def _sample(clock: Array, speed: Array, length: Array, points: Array) -> Array:
@@ -277,7 +278,7 @@ def _sample(clock: Array, speed: Array, length: Array, points: Array) -> Array:
     span = clock[piece + 1] - clock[piece]
     travelled = speed[piece] * since + 0.5 * (speed[piece + 1] - speed[piece]) / span * since**2
     at = np.clip(length[piece] + travelled, length[piece], length[piece + 1])
-    return np.column_stack([np.interp(at, length, column) for column in points.T])
+    return interpolate(at, length, points)
 
 
 def _excess(samples: Array, velocity: Array, acceleration: Array) -> float:

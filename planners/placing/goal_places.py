@@ -1,21 +1,26 @@
 """Places that a goal names: where on a support, in a region or on another object an object may stand, best first.
 
-A region is filled from the far side inward, row by row, such that what is still to come finds room.
+A region is filled from the far side inward, row by row, such that what is still to come finds room: boxes along its
+sides where the circles about them have no room.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 from planners.goals import EDGE, At, Fact, Goal, Inside, On, Region, footprint, has_yaw, region_named, region_names
+from planners.placing.locations import stand_at
 from planners.scene import Body, Scene, SceneError, StaticObstacle
 
 Array: TypeAlias = NDArray[np.float64]
+Yaws: TypeAlias = tuple[float | None, ...]
 
 _PITCH = 0.01
 """[m] between locations tried in a region, if it has not more than `_MOST` of them to a side."""
@@ -128,8 +133,10 @@ def locations_in(
     leaving: Collection[str],
     others: Sequence[Body],
     allowed: Callable[[Array], NDArray[np.bool_]],
-) -> Iterator[Array]:
-    """Locations (2,) [m] of a place at which an object fits, best first; with wide gaps around before narrow ones.
+) -> Iterator[tuple[Array, Yaws]]:
+    """Locations (2,) [m] of a place at which an object fits, and its yaws there [rad], None for any; best first.
+
+    Those that leave room for all come first, turned anyhow before along the sides, wide gaps before narrow ones.
 
     Args:
         scene: with the objects where they stand.
@@ -141,19 +148,30 @@ def locations_in(
     """
     if place.area is None:
         assert place.location is not None
-        yield from (point for point in place.location[None] if allowed(point[None])[0])
+        yield from ((point, (place.yaw,)) for point in place.location[None] if allowed(point[None])[0])
         return
     standing = [one for one in beside(scene, place.face, body) if one.name != body.name]
     staying = [one for one in standing if one.name not in leaving]
     points = _grid(place.area, scene.state.base[:2])
     may_stand = allowed(points)
-    for gap in _GAPS:
-        free = points[may_stand & _fits(points, place.area, body, standing, gap)]
-        if len(free) and not _has_room(points, place.area, (body, free[0]), staying, others, gap):
+    for yaws, gap in itertools.product(_ways(place.area, body), _GAPS):
+        free = points[may_stand & _fits(points, place.area, body, standing, gap, yaws[0])]
+        if len(free) and not _has_room(points, place.area, (body, free[0], yaws[0]), staying, others, gap):
             free = free[:: 1 + len(free) // _TRIED]
-        roomy = (point for point in free if _has_room(points, place.area, (body, point), staying, others, gap))
-        yield from roomy
-    yield from points[may_stand & _fits(points, place.area, body, standing, _GAPS[-1])]
+        for point in free:
+            if _has_room(points, place.area, (body, point, yaws[0]), staying, others, gap):
+                yield point, yaws
+    for yaws in _ways(place.area, body):
+        fits = may_stand & _fits(points, place.area, body, standing, _GAPS[-1], yaws[0])
+        yield from ((point, yaws) for point in points[fits])
+
+
+def _ways(area: Region, body: Body) -> tuple[Yaws, ...]:
+    """How an object may stand in an area: turned anyhow; a box along the area's sides too, either way round."""
+    if body.shape != "box" or not body.is_upright:
+        return ((None,),)
+    quarters = [area.yaw + quarter * np.pi / 2 for quarter in range(4)]
+    return (None,), (quarters[0], quarters[2]), (quarters[1], quarters[3])
 
 
 def beside(scene: Scene, face: StaticObstacle, body: Body) -> list[Body]:
@@ -208,12 +226,16 @@ def in_the_way(scene: Scene, body: Body, place: Place, waiting: Collection[str])
         near = [one for one in staying if distances(place.location[None], one)[0] < body.radius + _GAPS[-1]]
         return tuple(one.name for one in near)
     points = _grid(place.area, scene.state.base[:2])
-    if _fits(points, place.area, body, staying, _GAPS[-1]).any():
+
+    def fits(others: Sequence[Body]) -> bool:
+        """Whether there is room beside these objects."""
+        assert place.area is not None
+        return any(_fits(points, place.area, body, others, _GAPS[-1], yaw).any() for yaw, *_ in _ways(place.area, body))
+
+    if fits(staying):
         return ()
     inside = [one for one in staying if place.area.touches(one)]
-    alone = [
-        one for one in inside if _fits(points, place.area, body, [o for o in staying if o is not one], _GAPS[-1]).any()
-    ]
+    alone = [one for one in inside if fits([other for other in staying if other is not one])]
     return tuple(one.name for one in alone[:1] or inside)
 
 
@@ -242,12 +264,37 @@ def _grid(area: Region, base: Array) -> Array:
     return np.asarray(area.centre + local @ np.array([[c, s], [-s, c]]))
 
 
-def _fits(points: Array, area: Region, body: Body, standing: Sequence[Body], gap: float) -> NDArray[np.bool_]:
-    """Whether the circle around an object lies in an area, and keeps a gap [m] from others: (n,)."""
-    inside = (np.abs(area.local(points)) <= np.array(area.half_extents) - body.radius).all(axis=1)
+def _fits(
+    points: Array, area: Region, body: Body, standing: Sequence[Body], gap: float, yaw: float | None
+) -> NDArray[np.bool_]:
+    """Whether a box at a yaw, or the circle around an object, lies in an area and keeps a gap [m] from others: (n,)."""
+    half = np.full(2, body.radius)
+    if yaw is not None:
+        half = np.abs(_corners(body, yaw - area.yaw)).max(axis=0)
+    inside = (np.abs(area.local(points)) <= np.array(area.half_extents) - half).all(axis=1)
     for one in standing:
-        inside &= distances(points, one) >= body.radius + gap
+        away = np.linalg.norm(points - one.position[:2], axis=1)
+        near = np.flatnonzero(inside & (away < body.radius + one.radius + gap))
+        inside[near] = _room_beside(points[near], body, yaw, one) >= gap
     return np.asarray(inside)
+
+
+def _corners(body: Body, yaw: float) -> Array:
+    """Corners (4, 2) [m] of an upright box at the origin."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    signs = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+    return np.asarray(signs * body.half_extents[:2] @ np.array([[c, s], [-s, c]]))
+
+
+def _room_beside(points: Array, body: Body, yaw: float | None, one: Body) -> Array:
+    """[m] between an object at points (n, 2), a box at a yaw or the circle around it, and another; 0 or less: none."""
+    if yaw is None:
+        return distances(points, one) - body.radius
+    corners = _corners(body, yaw)
+    if one.shape == "cylinder" and one.is_upright:
+        return _distances_to_polygon(one.position[:2] - points, corners) - one.half_extents[0]
+    sums = (footprint(one)[:, None] - corners).reshape(-1, 2)
+    return _distances_to_polygon(points, sums[ConvexHull(sums).vertices])
 
 
 def distances(points: Array, body: Body) -> Array:
@@ -276,19 +323,30 @@ def _distances_to_polygon(points: Array, corners: Array) -> Array:
 def _has_room(
     points: Array,
     area: Region,
-    first: tuple[Body, Array],
+    first: tuple[Body, Array, float | None],
     staying: Sequence[Body],
     others: Sequence[Body],
     gap: float,
 ) -> bool:
-    """Whether the others fit too once an object stands at a point: each at the first free point, the largest first."""
-    placed = [*staying, first[0].at([*first[1], first[0].position[2]])]
+    """Whether the others fit too once an object stands at a point: each at the first free point, the largest first.
+
+    If it stands along the sides, the others may too.
+    """
+    placed = [*staying, _standing(*first)]
     for other in sorted(others, key=lambda one: -one.radius):
-        free = _fits(points, area, other, placed, gap)
-        if not free.any():
+        for yaw, *_ in _ways(area, other)[slice(1) if first[2] is None else slice(None, None, -1)]:
+            free = _fits(points, area, other, placed, gap, yaw)
+            if free.any():
+                break
+        else:
             return False
-        placed.append(other.at([*points[int(free.argmax())], other.position[2]]))
+        placed.append(_standing(other, points[int(free.argmax())], yaw))
     return True
+
+
+def _standing(body: Body, point: Array, yaw: float | None) -> Body:
+    """An object at a point, turned to a yaw."""
+    return stand_at(body, np.append(point, body.bottom), 0.0 if yaw is None else yaw - body.yaw)
 
 
 def placed_fact(goal: Goal, name: str) -> On | Inside | At | None:

@@ -21,8 +21,9 @@ from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import SUPPORT_SLACK, CollisionWorld
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits, scan_configurations
 from planners.grasping.base_placement import MapPlacer, facing_bases, farthest_reach
+from planners.grasping.candidates import GraspCandidate
 from planners.grasping.grasp_poses import opening_around
-from planners.motion.approaches import can_put_down
+from planners.motion.approaches import Approach, ContactQuery, can_put_down, planned_approach
 from planners.placing.goal_places import Place, locations_in
 from planners.placing.locations import placement_cells, placement_levels, put_down, rotated
 from planners.placing.negative_goal_region import SweptVolume, is_free
@@ -94,6 +95,9 @@ class PlacementSearch:
     canonical: bool = False
     near_home: bool = False
     _volumes: dict[tuple[str, bytes, bytes], SweptVolume] = field(default_factory=dict, repr=False, compare=False)
+    _approaches: dict[tuple[object, ...], tuple[ContactQuery, Approach] | None] = field(
+        default_factory=dict, repr=False, compare=False
+    )
 
     def supports_in(self, scene: Scene) -> tuple[StaticObstacle, ...]:
         """The supports on which objects are put; raises `SceneError` if one is missing."""
@@ -125,10 +129,15 @@ class PlacementSearch:
             cells = self._cells_best_first(scene, surfaces)[: strategy.locations_per_level]
             yield from (replace(found, surfaces=surfaces) for found in self._straight(world, cells, deadline))
         levels = _free_levels(surfaces, _radius(scene), scene.state.base, rng)
-        for from_here, after_a_drive in self._locations(scene, levels, strategy, rng):
-            for look, locations in ((self._from_here, from_here), (self._after_a_drive, after_a_drive)):
-                for location in itertools.takewhile(lambda _: not deadline.is_over, locations):
-                    yield from (replace(found, surfaces=surfaces) for found in look(world, location))
+        for locations, from_here, after_a_drive in self._locations(scene, levels, strategy, rng):
+            poses, free = gripper_poses_at(scene, locations), dict[int, Array]()
+            for look, rows in ((self._from_here, from_here), (self._after_a_drive, after_a_drive)):
+                for row in itertools.takewhile(lambda _: not deadline.is_over, rows.tolist()):
+                    if row not in free:
+                        free[row] = _free(world, poses[row])
+                    if len(free[row]):
+                        found = look(world, locations[row], free[row])
+                        yield from (replace(placement, surfaces=surfaces) for placement in found)
 
     def find_at(
         self,
@@ -152,7 +161,7 @@ class PlacementSearch:
                 over, and after `_FAILURES` of them the search ends.
             deadline: when to stop.
         """
-        scene, (_, body), radius = world.scene, _in_hand(world.scene), _radius(world.scene)
+        scene, (_, body), radius = world.scene, in_hand(world.scene), _radius(world.scene)
         surfaces: tuple[Surface, ...] = ()
         if place.below:
             world = with_lowered(world, place.below)
@@ -170,39 +179,61 @@ class PlacementSearch:
             return free
 
         failed = [] if failed is None else failed
-        for point in locations_in(scene, body, place, leaving, others, allowed):
+        for point, yaws in locations_in(scene, body, place, leaving, others, allowed):
             if any(np.hypot(*(point - other)) < _NEAR_FAILURE for other in failed):
                 continue
             if deadline.is_over or len(failed) >= _FAILURES:
                 return
             location, has_any = np.array([*point, place.face.top]), False
-            for look in (self._from_here, self._after_a_drive):
-                for found in look(world, location, place.yaw):
-                    has_any = True
-                    yield replace(found, surfaces=surfaces, below=place.below)
+            for found in self.about(world, location, yaws):
+                has_any = True
+                yield replace(found, surfaces=surfaces, below=place.below)
             if not has_any:
                 failed.append(point)
+
+    def about(
+        self, world: CollisionWorld, location: Array, yaws: Sequence[float | None] = (None,)
+    ) -> Iterator[Placement]:
+        """Placements of the held object at a location (3,) [m], which may be in the air.
+
+        From where the base stands, then from wherever it may stand; `yaws` [rad] are the object's, None for any.
+        """
+        poses = [gripper_poses_at(world.scene, location[None], yaw)[0] for yaw in yaws]
+        free = _free(world, np.concatenate(poses))
+        yield from self._from_here(world, location, free)
+        yield from self._after_a_drive(world, location, free)
 
     def surfaces(
         self, world: CollisionWorld, keep_clear: KeepClear, supports: Sequence[StaticObstacle] = ()
     ) -> tuple[Surface, ...]:
         """Supports, those where objects are put aside unless others are named, as the held object may use them."""
-        _, body = _in_hand(world.scene)
+        _, body = in_hand(world.scene)
         height, supports = body.top - body.bottom + 2 * _GAP, supports or self.supports_in(world.scene)
         for grasp in keep_clear.grasps:
             if grasp.key not in self._volumes:  # the other objects of the world do not matter
-                self._volumes[grasp.key] = grasp_volume(world, grasp)
+                self._volumes[grasp.key] = grasp_volume(world, grasp, self.approach(world, grasp))
         target = SweptVolume() if keep_clear.target is None else self._volumes[keep_clear.target.key]
         obstacles = [self._volumes[grasp.key] for grasp in keep_clear.obstacles]
         reserved = keep_clear.reserved
         return tuple(Surface.of(world.scene, one, body, height, target, obstacles, reserved) for one in supports)
 
+    def approach(self, world: CollisionWorld, grasp: GraspCandidate) -> tuple[ContactQuery, Approach] | None:
+        """How the gripper comes to a grasp and leaves it, as `planned_approach`: other objects do not count.
+
+        So the answer is remembered for the place of the object.
+        """
+        key = grasp.key, world.scene.body(grasp.object).pose.tobytes()
+        if key not in self._approaches:
+            world = world.for_arm(grasp.arm)
+            self._approaches[key] = planned_approach(world, grasp.base, grasp.q, grasp.object)
+        return self._approaches[key]
+
     def _straight(self, world: CollisionWorld, locations: Array, deadline: Deadline) -> Iterator[Placement]:
         """The canonical placements of the held object at locations (n, 3) [m], the base least turned first."""
         scene, placer = world.scene, self.arms[world.scene.robot.arm_name]
         grid = ConfigurationGrid.about_home(placer.chain, scene.robot.home)
-        wanted = [_gripper_poses(scene, location) for location in locations]
-        yaws = wanted[0][:, 3] if wanted else np.zeros(0)  # the same at all locations
+        wanted = gripper_poses_at(scene, locations)
+        yaws = wanted[0, :, 3] if len(wanted) else np.zeros(0)  # the same at all locations
         turns = np.round(np.abs(np.remainder(yaws + np.pi, 2 * np.pi) - np.pi), _DECIMALS)
         for turn in np.unique(turns):
             for location, poses in zip(locations, wanted, strict=True):
@@ -215,7 +246,7 @@ class PlacementSearch:
 
     def _cells_best_first(self, scene: Scene, surfaces: Sequence[Surface]) -> Array:
         """The free cells (n, 3) [m] of some surfaces: near where the object was taken, and with free space around."""
-        _, body = _in_hand(scene)
+        _, body = in_hand(scene)
         radius = _radius(scene)
         cells = [surface.free(placement_cells(surface.support), radius) for surface in surfaces]
         margins = [_margins(surface, free, radius) for surface, free in zip(surfaces, cells, strict=True)]
@@ -226,8 +257,8 @@ class PlacementSearch:
 
     def _locations(
         self, scene: Scene, levels: Iterator[Array], strategy: Strategy, rng: np.random.Generator
-    ) -> Iterator[tuple[Array, Array]]:
-        """The locations to try from where the base stands, and after a base motion, level by level.
+    ) -> Iterator[tuple[Array, NDArray[np.intp], NDArray[np.intp]]]:
+        """Level by level locations (n, 3), those to try from where the base stands, and those after a base motion.
 
         In random order as many are drawn in all, from the locations of all levels.
         """
@@ -236,25 +267,28 @@ class PlacementSearch:
             every = list(levels)
             count = sum(min(len(level), most) for level in every)
             drawn = rng.permutation(_nearest_first(np.concatenate(every), scene.state.base))[:count]
-            yield drawn[_is_within_reach(scene, drawn)], drawn
+            yield drawn, np.flatnonzero(_is_within_reach(scene, drawn)), np.arange(len(drawn))
             return
         for nearest_first in levels:
-            within_reach = nearest_first[_is_within_reach(scene, nearest_first)]
-            yield within_reach[::-1][:most], nearest_first[:most]
+            within_reach = np.flatnonzero(_is_within_reach(scene, nearest_first))
+            yield nearest_first, within_reach[::-1][:most], np.arange(len(nearest_first))[:most]
 
-    def _from_here(self, world: CollisionWorld, location: Array, yaw: float | None = None) -> Iterator[Placement]:
-        """The placement at a location (3,) from where the base stands, if there is one; `yaw` is the object's."""
-        scene = world.scene
-        gripper_poses = _free(world, _gripper_poses(scene, location, yaw))
-        near = gripper_poses[_can_reach(scene, gripper_poses)]
-        bases = np.tile(np.array(scene.state.base), (len(near), 1))
+    def _from_here(self, world: CollisionWorld, location: Array, gripper_poses: Array) -> Iterator[Placement]:
+        """The placement at a location (3,), by free gripper poses (k, 5), from where the base stands, if any."""
+        near = gripper_poses[can_reach(world.scene, gripper_poses)]
+        bases = np.tile(np.array(world.scene.state.base), (len(near), 1))
         return self._configurations(world, GripperPoses(bases, near), location[2])
 
-    def _after_a_drive(self, world: CollisionWorld, location: Array, yaw: float | None = None) -> Iterator[Placement]:
-        """The placement at a location (3,) from wherever the base may stand, if there is one; `yaw` as above."""
-        gripper_poses = _free(world, _gripper_poses(world.scene, location, yaw))
+    def _after_a_drive(self, world: CollisionWorld, location: Array, gripper_poses: Array) -> Iterator[Placement]:
+        """The same from wherever the base may stand."""
         bases, index = self.arms[world.scene.robot.arm_name].bases(gripper_poses)
         return self._configurations(world, GripperPoses(bases, gripper_poses[index]), location[2])
+
+    def grid(self, arm: str) -> ConfigurationGrid:
+        """The arm configurations that are tried for each pose."""
+        chain = self.arms[arm].chain
+        few = ConfigurationGrid.over(chain, _TORSOS, _ROLLS)
+        return ConfigurationGrid.near_home(chain) if self.near_home else few
 
     def _configurations(
         self, world: CollisionWorld, poses: GripperPoses, level: float, grid: ConfigurationGrid | None = None
@@ -262,11 +296,8 @@ class PlacementSearch:
         """The best of these poses for which there is a configuration that the gripper can come to and leave."""
         if not len(poses.bases):
             return
-        scene, (held, body) = world.scene, _in_hand(world.scene)
-        if grid is None:
-            chain = self.arms[scene.robot.arm_name].chain
-            few = ConfigurationGrid.over(chain, _TORSOS, _ROLLS)
-            grid = ConfigurationGrid.near_home(chain) if self.near_home else few
+        scene, (held, body) = world.scene, in_hand(world.scene)
+        grid = grid or self.grid(scene.robot.arm_name)
         opening, own = opening_around(scene.robot, body, held), scene.mask(scene.held_names)
         placed = put_down(scene, poses.gripper_poses[0], level)
         found = scan_configurations(world, poses, grid, opening, body=placed, held=held, ignore=own, first_free=True)
@@ -279,7 +310,7 @@ class PlacementSearch:
                 return
 
 
-def _in_hand(scene: Scene) -> tuple[HeldObject, Body]:
+def in_hand(scene: Scene) -> tuple[HeldObject, Body]:
     """The held object, which there must be."""
     assert scene.held is not None
     return scene.held, scene.body(scene.held.name)
@@ -287,7 +318,7 @@ def _in_hand(scene: Scene) -> tuple[HeldObject, Body]:
 
 def _radius(scene: Scene) -> float:
     """[m] around a location that the held object takes."""
-    return _in_hand(scene)[1].radius + _GAP
+    return in_hand(scene)[1].radius + _GAP
 
 
 def with_lowered(world: CollisionWorld, name: str) -> CollisionWorld:
@@ -296,12 +327,12 @@ def with_lowered(world: CollisionWorld, name: str) -> CollisionWorld:
     return world.with_body(body.at(body.position - [0.0, 0.0, world.padding + SUPPORT_SLACK]))
 
 
-def _gripper_poses(scene: Scene, location: Array, yaw: float | None = None) -> Array:
-    """Gripper poses (24, 5) that hold the object just above a location: x, y, z [m], yaw and pitch [rad].
+def gripper_poses_at(scene: Scene, locations: Array, yaw: float | None = None) -> Array:
+    """Gripper poses (n, 24, 5) that hold the object just above locations (n, 3): x, y, z [m], yaw and pitch [rad].
 
-    With a `yaw` [rad] of the object, the one pose (1, 5) from which it comes to rest so.
+    With a `yaw` [rad] of the object, the one pose (n, 1, 5) from which it comes to rest so.
     """
-    held, body = _in_hand(scene)
+    held, body = in_hand(scene)
     pitch = release_pitch(body, held)
     T_release_object = rotated(0.0, pitch) @ held.T_tcp_object
     offset, half_height = T_release_object[:3, 3], body.at_pose(T_release_object).reach((0.0, 0.0, -1.0))
@@ -311,13 +342,16 @@ def _gripper_poses(scene: Scene, location: Array, yaw: float | None = None) -> A
         yaws = np.array([np.remainder(yaw - resting.yaw + np.pi, 2 * np.pi) - np.pi])
     c, s = np.cos(yaws), np.sin(yaws)
     shift = np.stack((c * offset[0] - s * offset[1], s * offset[0] + c * offset[1]), axis=-1)
-    height = location[2] + half_height + _GAP - offset[2]
-    return np.column_stack((location[:2] - shift, np.full(len(yaws), height), yaws, np.full(len(yaws), pitch)))
+    poses = np.empty((len(locations), len(yaws), 5))
+    poses[..., :2] = locations[:, None, :2] - shift
+    poses[..., 2] = (locations[:, 2] + half_height + _GAP - offset[2])[:, None]
+    poses[..., 3], poses[..., 4] = yaws, pitch
+    return poses
 
 
 def _free(world: CollisionWorld, gripper_poses: Array) -> Array:
     """The gripper poses, of (k, 5), that hit nothing, with the object and with the fingers opened."""
-    held, body = _in_hand(world.scene)
+    held, body = in_hand(world.scene)
     opening = opening_around(world.scene.robot, body, held)
     return gripper_poses[gripper_hits(world, gripper_poses, opening, held=held) == 0]
 
@@ -347,17 +381,17 @@ def _nearest_first(locations: Array, base: Array) -> Array:
 
 def _is_within_reach(scene: Scene, locations: Array) -> NDArray[np.bool_]:
     """Whether locations (k, 3) are not plainly out of reach from where the base stands: (k,)."""
-    if not len(locations):
-        return np.zeros(0, dtype=np.bool_)
-    gripper_poses = np.concatenate([_gripper_poses(scene, location) for location in locations])
-    return np.asarray(_can_reach(scene, gripper_poses).reshape(len(locations), _YAWS).any(axis=1))
+    return np.asarray(can_reach(scene, gripper_poses_at(scene, locations)).any(axis=1))
 
 
-def _can_reach(scene: Scene, gripper_poses: Array) -> NDArray[np.bool_]:
-    """Gripper poses (k, 5) not plainly out of reach: not farther than the stretched arm, and not facing backwards."""
+def can_reach(scene: Scene, gripper_poses: Array, base: Array | None = None) -> NDArray[np.bool_]:
+    """Gripper poses (..., 5) not plainly out of reach: not farther than the stretched arm, and not facing backwards.
+
+    From where the base stands, or from another base pose (3,).
+    """
     reach = farthest_reach(scene.robot)
-    away = gripper_poses[:, :2] - scene.state.base[:2]
-    bearing = np.arctan2(away[:, 1], away[:, 0])
-    turn = np.abs((gripper_poses[:, 3] - bearing + np.pi) % (2 * np.pi) - np.pi)
-    faces_down = gripper_poses[:, 4] > _FACES_DOWN
-    return (np.linalg.norm(away, axis=1) < reach) & ((turn < np.pi / 2) | faces_down)
+    away = gripper_poses[..., :2] - (scene.state.base if base is None else base)[:2]
+    bearing = np.arctan2(away[..., 1], away[..., 0])
+    turn = np.abs((gripper_poses[..., 3] - bearing + np.pi) % (2 * np.pi) - np.pi)
+    faces_down = gripper_poses[..., 4] > _FACES_DOWN
+    return (np.linalg.norm(away, axis=-1) < reach) & ((turn < np.pi / 2) | faces_down)

@@ -9,7 +9,7 @@ from irm.chain import BASE
 from planners.collision.hit_kernels import place_along
 from planners.collision.world import CollisionWorld
 from planners.grasping.candidates import GraspCandidate
-from planners.motion.approaches import planned_approach
+from planners.motion.approaches import Approach, ContactQuery
 from planners.motion.path import on_base
 from planners.placing.negative_goal_region import SweptVolume, join_volumes
 from planners.scene import HeldObject, Solid
@@ -23,15 +23,16 @@ _STEP = 0.01
 """[m] that the base may move between two configurations of a path that is covered."""
 
 
-def grasp_volume(world: CollisionWorld, grasp: GraspCandidate) -> SweptVolume:
+def grasp_volume(
+    world: CollisionWorld, grasp: GraspCandidate, planned: tuple[ContactQuery, Approach] | None
+) -> SweptVolume:
     """Space that taking an object through a grasp sweeps: Volume(robot, τ) + Volume(object, v) of eq. 1 and 2.
 
-    τ is the path of the open gripper to the grasp along the approach that is planned for it, then the lift and the
-    retreat with the object in hand, v the object's own path. The free motions before and after, which may go anywhere,
-    are left out. A grasp without an approach sweeps what it occupies.
+    τ is the path of the open gripper to the grasp along the approach `planned` for it, see `planned_approach`, then the
+    lift and the retreat with the object in hand, v the object's own path. The free motions before and after, which may
+    go anywhere, are left out. A grasp without an approach sweeps what it occupies.
     """
     world = world.for_arm(grasp.arm)
-    planned = planned_approach(world, grasp.base, grasp.q, grasp.object)
     if planned is None:
         return standing_volume(world, grasp)
     query, approach = planned

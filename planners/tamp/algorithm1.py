@@ -9,15 +9,17 @@ from __future__ import annotations
 from dataclasses import replace
 from types import MappingProxyType
 
+import numpy as np
+
 from planners.cause import Cause
+from planners.clearing.commitments import NoCommitment
 from planners.clock import cpu_seconds
-from planners.goals import LIFTED
-from planners.motion.arm import tcp_pose
+from planners.goals import LIFTED, Holding, height_below
 from planners.scene import Scene
 from planners.symbolic.problem import ROBOT_INIT_LOC, GroundAction, TaskPlan, TaskProblem, format_atom
 from planners.symbolic.transitions import GraspObstructed, grasp_references, update_from_action, update_from_error
 from planners.symbolic.transitions import initial_state as symbolic_state
-from planners.tamp.binding import bind_action, bind_grasps, gripper_symbol, rebind_grasps, task_plan
+from planners.tamp.binding import bind_action, bind_grasps, gripper_symbol, rebind_grasps, refused, task_plan
 from planners.tamp.motion_layer import BoundMotion
 from planners.tamp.solution import BoundAction, Infeasible, ReplanRecord, Solution
 from planners.tamp.state import MAX_CLEARANCES, MAX_REPLANS, PlanState, Refutation, Search, as_seen
@@ -40,8 +42,8 @@ def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
         scene: where to start; the robot in its home configuration.
     """
     state = initial_state(search, scene)
-    if isinstance(state, PlanState) and is_goal(search, state):
-        raise_target(search, state.scene)
+    if isinstance(state, PlanState):
+        state = raise_target(search, state)
     while isinstance(state, PlanState) and not is_goal(search, state):
         plan = call_task_planning(search, state)
         if isinstance(plan, Infeasible):
@@ -56,13 +58,13 @@ def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
                     state = rebind_grasps(search, state.symbols, state.scene)
                     break
             else:
-                before, state = state, update_initial_state_from_error(search, state, motion)
+                before = take_back_drive(search, state)
+                state = update_initial_state_from_error(search, before, motion)
                 record(search, plan, verified, motion, before, state)
                 break
         else:
-            # All is done that was planned for. What a goal with places still lacks is planned for now.
             if not is_goal(search, state):
-                state = rebind_grasps(search, state.symbols, state.scene)
+                state = finish(search, state, plan)
     if isinstance(state, Infeasible):
         return state
     actions, end = shorten_plan(search, state.scene), as_seen(state.scene)
@@ -77,6 +79,9 @@ def initial_state(search: Search, scene: Scene) -> PlanState | Infeasible:
         before = cpu_seconds()
         search.bound = search.motion_layer.lower_bound(scene, search.goal, buffers=not search.hold_aside)
         search.motion_planning_s += cpu_seconds() - before
+        if search.bound.picks is None and search.bound.proved:
+            none = NoCommitment(Cause(search.bound.cause), search.bound.objects)
+            return refused(search, scene, search.motion_layer.explained(scene, none))
     search.start = search.start or scene
     held = {gripper_symbol(robot, one.arm): one.held.name for one in scene.aside}
     if scene.held is not None:
@@ -92,23 +97,39 @@ def is_goal(search: Search, state: PlanState) -> bool:
     return search.goal.holds(as_seen(state.scene), search.start)
 
 
-def raise_target(search: Search, scene: Scene) -> None:
-    """F where the target is held from the start: nothing, or the arm's way home if the target is not up yet.
+def raise_target(search: Search, state: PlanState) -> PlanState:
+    """F and s0 where all is done but that what is in the hand is not where it is to be held: the arm's way there.
 
-    A plan that was ended on the way leaves it as low as where it stood.
+    That is to its point, or home: a plan that was ended on the way leaves it as low as where it stood.
     """
-    target = search.target or next(iter(search.goal.held), "")
-    scene = scene.holding(target) or scene
-    held = scene.held
-    if held is None:
-        return
-    in_hand = scene.body(held.name).at_pose(tcp_pose(scene.robot, scene.state) @ held.T_tcp_object)
-    if in_hand.bottom >= scene.support.top + LIFTED:
-        return
-    motion = search.motion_layer.bring_home(scene)
-    if isinstance(motion, BoundMotion):
-        symbols = (ROBOT_INIT_LOC, ROBOT_INIT_LOC, grasp_references(target).base_trajectory)
-        search.plan.append(BoundAction("MoveBase", symbols, motion.trajectory, scene))
+    to_hold = next((fact for fact in search.goal.facts if isinstance(fact, Holding)), None)
+    scene = None if to_hold is None else state.scene.holding(to_hold.object)
+    now = as_seen(state.scene)
+    if to_hold is None or scene is None or set(search.goal.unmet(now, search.start)) - {to_hold}:
+        return state
+    in_hand = now.body(to_hold.object)
+    if to_hold.point is not None:
+        found = None if to_hold.holds(now) else search.motion_layer.hold_at(scene, np.array(to_hold.point))
+    else:
+        is_up = in_hand.bottom >= height_below(scene, in_hand) + LIFTED
+        found = None if is_up else search.motion_layer.bring_home(scene)
+    if not isinstance(found, BoundMotion):
+        return state
+    symbols = (ROBOT_INIT_LOC, ROBOT_INIT_LOC, grasp_references(to_hold.object).base_trajectory)
+    search.plan.append(BoundAction("MoveBase", symbols, found.trajectory, scene))
+    return replace(state, scene=found.scene)
+
+
+def finish(search: Search, state: PlanState, plan: TaskPlan) -> PlanState | Infeasible:
+    """s0 where all is done that was planned for, and the goal is not reached: what is held goes to its point, else
+    what a goal with places still lacks is planned for."""
+    state = raise_target(search, state)
+    if is_goal(search, state):
+        return state
+    if not plan.actions:
+        held = search.goal.held
+        return search.infeasible(Cause.MOTION, f"no motion of the arm holds {', '.join(held)} where it is to be", held)
+    return rebind_grasps(search, state.symbols, state.scene)
 
 
 def call_task_planning(search: Search, state: PlanState) -> TaskPlan | Infeasible:
@@ -145,7 +166,20 @@ def bind_references(search: Search, scene: Scene, action: GroundAction, motion: 
     if action.name == "PutDownForClearance" or (action.name == "PutDownGeneral" and search.target):
         search.clearances.append(action.args[0])
     if action.name.startswith("PutDown"):
-        search.not_placed = frozenset()
+        gone = {name: names - {moved} for name, names in search.not_placed.items()}
+        search.not_placed = {name: names for name, names in gone.items() if names}
+
+
+def take_back_drive(search: Search, state: PlanState) -> PlanState:
+    """F and s0 without a drive after which the action that it was for is refuted.
+
+    Strategies that do not plan ahead keep it, as the paper does.
+    """
+    if not search.strategy.plans_ahead or not search.plan or search.plan[-1].name != "MoveBase":
+        return state
+    drive = search.plan.pop()
+    symbols = state.symbols.changed(add={("robotAt", drive.args[0])}, remove={("robotAt", drive.args[1])})
+    return replace(state, symbols=symbols, scene=drive.scene)
 
 
 def update_initial_state_from_action(state: PlanState, action: GroundAction, motion: BoundMotion) -> PlanState:

@@ -10,7 +10,8 @@ from planners.clearing.commitments import Commitments, NoCommitment
 from planners.clearing.lookahead import ClearancePlan, keep_clear
 from planners.clock import cpu_seconds
 from planners.goals import Goal, Holding
-from planners.motion.path import NoPath
+from planners.motion.path import BlockedBy, NoPath
+from planners.placing.placements import Placement
 from planners.scene import Scene
 from planners.symbolic.engines import checked_answer
 from planners.symbolic.problem import (
@@ -64,24 +65,29 @@ def bind_grasps(search: Search, symbols: SymbolicState, scene: Scene) -> PlanSta
     if search.has_given_up:
         return search.out_of_time()
     if isinstance(found, NoCommitment):
-        names, context, cause = ", ".join(found.objects), search.motion_layer.context, found.cause
-        too_wide = [reason for name in scene.names if (reason := context.too_wide(scene, name))]
-        if cause is Cause.UNREACHABLE and (of_these := [context.too_wide(scene, name) for name in found.objects])[0]:
-            return search.infeasible(Cause.TOO_WIDE, f"{'; '.join(of_these)}, {context.catalogue}", found.objects)
-        detail = {
-            Cause.UNREACHABLE: f"no free base pose and arm configuration reach {names}",
-            Cause.NO_WAY_FOR_BASE: f"from where the robot is, the base cannot drive to where it could take {names}",
-            Cause.NO_SELF_CLEARABLE_SET: f"whatever is removed first, something that must go before {names} is blocked",
-            Cause.MOTION: f"without the grasps that motion planning refuted, there is no way to clear and take {names}",
-            Cause.NO_CLEARANCE_LOCATION: f"no location for {names} that keeps clear of what remains to be done",
-            Cause.TIME_LIMIT: f"the time was up before a way to take {names} was found",
-        }[cause]
-        detail += f", {context.catalogue}"
-        if cause is Cause.NO_SELF_CLEARABLE_SET and too_wide:
-            detail += f"; cannot be taken: {'; '.join(too_wide)}"
-        return search.infeasible(cause, detail, found.objects)
+        return refused(search, scene, found)
     symbols = _with_obstructions(search, symbols, scene, found.commitments)
     return PlanState(replace(symbols, holds_aside=bool(found.aside)), scene, found)
+
+
+def refused(search: Search, scene: Scene, found: NoCommitment) -> Infeasible:
+    """The end of the search where nothing can be committed to, with the evidence in words."""
+    names, context, cause = ", ".join(found.objects), search.motion_layer.context, found.cause
+    too_wide = [reason for name in scene.names if (reason := context.too_wide(scene, name))]
+    if cause is Cause.UNREACHABLE and (of_these := [context.too_wide(scene, name) for name in found.objects])[0]:
+        return search.infeasible(Cause.TOO_WIDE, f"{'; '.join(of_these)}, {context.catalogue}", found.objects)
+    detail = {
+        Cause.UNREACHABLE: f"no free base pose and arm configuration reach {names}",
+        Cause.NO_WAY_FOR_BASE: f"from where the robot is, the base cannot drive to where it could take {names}",
+        Cause.NO_SELF_CLEARABLE_SET: f"whatever is removed first, something that must go before {names} is blocked",
+        Cause.MOTION: f"without the grasps that motion planning refuted, there is no way to clear and take {names}",
+        Cause.NO_CLEARANCE_LOCATION: f"no location for {names} that keeps clear of what remains to be done",
+        Cause.TIME_LIMIT: f"the time was up before a way to take {names} was found",
+    }[cause]
+    detail += f", {context.catalogue}"
+    if cause is Cause.NO_SELF_CLEARABLE_SET and too_wide:
+        detail += f"; cannot be taken: {'; '.join(too_wide)}"
+    return search.infeasible(cause, detail, found.objects)
 
 
 def _bind_moves(search: Search, symbols: SymbolicState, scene: Scene) -> PlanState | Infeasible:
@@ -91,13 +97,7 @@ def _bind_moves(search: Search, symbols: SymbolicState, scene: Scene) -> PlanSta
     found = search.motion_layer.plan_goal(search.strategy, scene, search.goal, search.start, search.not_placed)
     search.motion_planning_s += cpu_seconds() - before
     if isinstance(found, NoCommitment):
-        names = ", ".join(found.objects)
-        detail = {
-            Cause.UNREACHABLE: f"no free base pose and arm configuration reach {names}",
-            Cause.NO_SELF_CLEARABLE_SET: f"whatever is moved first, something that must go before {names} is blocked",
-            Cause.TIME_LIMIT: f"the time was up before moves of {names} were found",
-        }.get(found.cause, f"neither their places nor locations aside were found for {names}")
-        return search.infeasible(found.cause, detail, found.objects)
+        return refused(search, scene, found)
     lacking = () if found.until else search.goal.unmet(as_seen(scene), search.start)
     if lacking:
         unmet = " ".join(Goal((fact,)).to_pddl() for fact in lacking)
@@ -211,6 +211,7 @@ def _drive_to_put_down(
         placements = motion_layer.placements(scene, clear_of, search.strategy, plan.placements.get(name))
     else:
         placements = motion_layer.goal_placements(scene, search.goal, clear_of, search.strategy, plan)
+    refuted: list[tuple[Scene, Placement]] = []
     for placement in placements:
         if search.is_late:
             break
@@ -219,11 +220,14 @@ def _drive_to_put_down(
             put_down = motion_layer.put_down(driven.scene, placement)
             if isinstance(put_down, BoundMotion):
                 return replace(driven, location=location, put_down=put_down)
+            refuted.append((driven.scene, placement))
     if search.is_late:
         return search.out_of_time()
     if name in plan.general and name not in search.not_placed:
-        search.not_placed |= {name}
-        return Refutation(action, reason=f"no motion puts {name} at its place")
+        found = motion_layer.put_down(*refuted[0], find_blockers=True) if refuted else None
+        search.not_placed[name] = found.blockers if isinstance(found, BlockedBy) else frozenset()
+        by = f": {', '.join(sorted(search.not_placed[name]))} in the way" if search.not_placed[name] else ""
+        return Refutation(action, reason=f"no motion puts {name} at its place{by}")
     detail = f"no location for {name} that keeps clear of what remains to be done"
     return search.infeasible(Cause.NO_CLEARANCE_LOCATION, detail, (name,))
 
@@ -255,4 +259,5 @@ def _pick_up(search: Search, state: PlanState, action: GroundAction, name: str) 
 
 def _is_up(search: Search, picked: BoundMotion, name: str) -> bool:
     """Whether an object that is to be held at the end is high enough after a pick; others may be anywhere."""
-    return name not in search.goal.held or Holding(name).holds(as_seen(picked.scene), search.start)
+    is_held_up = Holding(name) in search.goal.facts
+    return not is_held_up or Holding(name).holds(as_seen(picked.scene), search.start)

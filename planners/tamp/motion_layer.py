@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +20,8 @@ from planners.collision.world import CollisionWorld, CompiledScenes
 from planners.context import PlanningContext
 from planners.goals import Goal
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
-from planners.motion.approaches import fewest_blockers, planned_approach, stand_off
-from planners.motion.arm import is_among_objects, is_at_home, plan_home
+from planners.motion.approaches import fewest_blockers, stand_off
+from planners.motion.arm import ArmQuery, is_among_objects, is_at_home, plan_arm, plan_home, unwrap_joints
 from planners.motion.base import plan_base
 from planners.motion.contact_free import merge_phases
 from planners.motion.mujoco_check import MujocoCollisionChecker
@@ -88,7 +87,6 @@ class MotionLayer:
     is_refuted: bool = False
     unusable: int = 0
     _checkers: dict[str, MujocoCollisionChecker] = field(default_factory=dict, repr=False)
-    _can_leave: dict[tuple[tuple[str, bytes, bytes], bytes], bool] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         self.candidates, self.placement_search = self.context.grasps(self.compiled), self.context.placements()
@@ -130,6 +128,10 @@ class MotionLayer:
             return found
         if found.cause is Cause.NO_CLEARANCE_LOCATION:
             return non_monotone_plan(problem, strategy.non_monotone - (len(cleared) - len(set(cleared)))) or found
+        return self.explained(scene, found)
+
+    def explained(self, scene: Scene, found: NoCommitment) -> NoCommitment:
+        """Why nothing can be committed to, with the cause that lies behind a lack of grasps."""
         if found.cause is Cause.UNREACHABLE and not self.has_refuted:
             anywhere = self.context.anywhere().grasps(self.compiled)
             if any(anywhere.for_object(scene, name) for name in found.objects):
@@ -138,10 +140,11 @@ class MotionLayer:
         return replace(found, cause=Cause.MOTION) if self.has_refuted and found.cause.lies_in_grasps else found
 
     def plan_goal(
-        self, strategy: Strategy, scene: Scene, goal: Goal, start: Scene, not_placed: frozenset[str]
+        self, strategy: Strategy, scene: Scene, goal: Goal, start: Scene, not_placed: Mapping[str, frozenset[str]]
     ) -> ClearancePlan | NoCommitment:
         """The moves for a goal with places; see `planners.clearing.goal_plan.goal_plan`."""
-        return goal_plan(self._problem(strategy, scene), goal, start, not_placed)
+        found = goal_plan(self._problem(strategy, scene), goal, start, not_placed)
+        return self.explained(scene, found) if isinstance(found, NoCommitment) else found
 
     def goal_placements(
         self, scene: Scene, goal: Goal, keep_clear: KeepClear, strategy: Strategy, plan: ClearancePlan
@@ -157,8 +160,8 @@ class MotionLayer:
 
     def lower_bound(self, scene: Scene, goal: Goal, buffers: bool) -> LowerBound:
         """The fewest picks for a goal, by the grasps known here."""
-        blockers = partial(self.candidates.blockers, scene)
-        return fewest_picks(scene, goal, blockers, buffers=buffers, deadline=self.deadline)
+        search, deadline = self.placement_search, self.deadline
+        return fewest_picks(scene, goal, self.candidates, search=search, buffers=buffers, deadline=deadline)
 
     def _problem(self, strategy: Strategy, scene: Scene) -> ClearingProblem:
         search, rng, deadline = self.placement_search, self.rng, self.deadline
@@ -178,18 +181,13 @@ class MotionLayer:
     def is_usable(self, scene: Scene, grasp: GraspCandidate) -> bool:
         """Whether the gripper can leave a grasp again; under a shelf also whether it knows all that is in its way.
 
-        In the open, other objects do not count: they can be cleared. So the answer is remembered for the place of the
-        object.
+        In the open, other objects do not count: they can be cleared.
         """
-        world = self.compiled.world(scene).for_arm(grasp.arm)
-        if grasp.drives:
-            blockers = fewest_blockers(world, grasp.base, grasp.q, grasp.object)
-            return blockers is not None and not blockers & ~grasp.blockers
-        key = grasp.key, scene.body(grasp.object).pose.tobytes()
-        if key not in self._can_leave:
-            lift = planned_approach(world, grasp.base, grasp.q, grasp.object)
-            self._can_leave[key] = lift is not None
-        return self._can_leave[key]
+        world = self.compiled.world(scene)
+        if not grasp.drives:
+            return self.placement_search.approach(world, grasp) is not None
+        blockers = fewest_blockers(world.for_arm(grasp.arm), grasp.base, grasp.q, grasp.object)
+        return blockers is not None and not blockers & ~grasp.blockers
 
     def ban(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Do not offer a grasp again: no motion leads to it."""
@@ -245,6 +243,29 @@ class MotionLayer:
         """Bring the arm home, with what it holds, where the base stands."""
         return self.drive(scene, scene.state.base, home_first=True)
 
+    def hold_at(self, scene: Scene, point: Array) -> BoundMotion | NoPath:
+        """Bring the centre of the held object to a point (3,) [m], upright as where it was taken."""
+        assert scene.held is not None
+        world, state = self.compiled.world(scene), scene.state
+        body = scene.body(scene.held.name)
+        below = np.array([*point[:2], point[2] - (body.position[2] - body.bottom)])
+        for placement in self.placement_search.about(world, below):
+            driven = plan_base(
+                world, state.base, placement.base, state.q, held=scene.held, roadmap=self.context.roadmap
+            )
+            if isinstance(driven, NoPath):
+                continue
+            query, q = ArmQuery(world, driven.end_base, 0.0, scene.held), driven.end
+            path = plan_arm(query, q, unwrap_joints(world.robot, q, placement.q), rng=self.rng, find_blockers=False)
+            if isinstance(path, WholeBodyPath):
+                joined = replace(path, configurations=np.vstack([driven.configurations, path.configurations]))
+                if self.is_accepted(scene, [joined]):
+                    trajectory = drive_trajectory(scene.robot, joined, state)
+                    there = RobotState(joined.end_base, joined.end, float(trajectory.finger_position[-1]))
+                    bound = self._followed(scene, BoundMotion(trajectory, scene.with_state(there)), ())
+                    return NoPath("the arm touches something") if isinstance(bound, BlockedBy) else bound
+        return NoPath("no free motion brings it there")
+
     def drive(self, scene: Scene, base: Array, home_first: bool = False) -> BoundMotion | NoPath:
         """Drive to a base pose in the present configuration; among objects the arm moves home first, if it can."""
         world, state = self.compiled.world(scene), scene.state
@@ -288,13 +309,17 @@ class MotionLayer:
                 return self._followed(scene, BoundMotion(trajectory, carrying), (grasp.object,))
         return NoPath("MuJoCo finds penetration")
 
-    def put_down(self, scene: Scene, placement: Placement) -> BoundMotion | BlockedBy | NoPath:
-        """Put the held object down as planned."""
+    def put_down(
+        self, scene: Scene, placement: Placement, find_blockers: bool = False
+    ) -> BoundMotion | BlockedBy | NoPath:
+        """Put the held object down as planned; `find_blockers` as for `plan_place`."""
         assert scene.held is not None
         world, held, start = self.compiled.world(scene), scene.held, np.concatenate((scene.state.base, scene.state.q))
         world = with_lowered(world, placement.below) if placement.below else world
         for _ in range(_TRIES):
-            motion = plan_place(world, placement.base, start, placement.q, held, rng=self.rng, find_blockers=False)
+            motion = plan_place(
+                world, placement.base, start, placement.q, held, rng=self.rng, find_blockers=find_blockers
+            )
             if not isinstance(motion, PickPlaceMotion):
                 return motion
             released = scene.with_held(None).with_body(motion.body)

@@ -78,7 +78,7 @@ class Search:
 
     `has_given_up`: a call of the task planner reached its time limit. `hold_aside`: whether one arm may hold an
     obstacle while another one takes the target. `start` is the scene before anything was moved, `bound` the lower bound
-    there, of a goal with places. `not_placed`: objects in the hand for whose place no motion was found.
+    there, of a goal with places. `not_placed`: objects for whose place no motion was found, with what is in the way.
     """
 
     goal: Goal
@@ -88,7 +88,7 @@ class Search:
     hold_aside: bool = False
     bound: LowerBound | None = None
     start: Scene | None = None
-    not_placed: frozenset[str] = frozenset()
+    not_placed: dict[str, frozenset[str]] = field(default_factory=dict)
     plan: list[BoundAction] = field(default_factory=list)
     clearances: list[str] = field(default_factory=list)
     history: list[ReplanRecord] = field(default_factory=list)
@@ -117,7 +117,7 @@ class Search:
         cleared = tuple(self.clearances)
         if cause.lies_in_grasps and (self.motion_layer.has_refuted or self.history or cleared):
             cause = Cause.MOTION
-        if cause in (Cause.MOTION, Cause.TIME_LIMIT):
+        if cause in (Cause.MOTION, Cause.TIME_LIMIT, Cause.GIVEN_UP):
             reasons = Counter(record.reason for record in self.history if record.reason)
             if cause is Cause.MOTION and set(reasons) == {NO_WAY.reason}:
                 cause = Cause.NO_WAY_FOR_BASE
@@ -128,8 +128,9 @@ class Search:
     def out_of_time(self) -> Infeasible:
         """The end of the search at the time limit, or after too many replans or clearances."""
         counts = f"{len(self.history)} replans and {len(self.clearances)} clearances"
-        reason = "the time was up" if self.is_late else "given up"
-        return self.infeasible(Cause.TIME_LIMIT, f"{reason} after {counts}", ())
+        if self.is_late or self.has_given_up:
+            return self.infeasible(Cause.TIME_LIMIT, f"the time was up after {counts}", ())
+        return self.infeasible(Cause.GIVEN_UP, f"given up after {counts}", ())
 
     def stats(self) -> SolveStats:
         """The counts so far."""

@@ -40,6 +40,7 @@ def test_a_record_survives_json_and_does_not_differ_from_itself() -> None:
         ({"layout": "shelf"}, "layout='paper'"),
         ({"max_episode_steps": 7}, "time limit has changed: 1500, now 7"),
         ({"success": "lifted"}, "success='clean'"),
+        ({"head": "commanded"}, "head=None; this one has 'commanded'"),
     ],
 )
 def test_other_settings_are_named(keywords: dict[str, object], said: str) -> None:

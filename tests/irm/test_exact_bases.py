@@ -38,6 +38,19 @@ def test_exact_bases_reach_and_the_torso_height_is_one_of_a_configuration(coarse
     assert some > 20
 
 
+def test_the_best_base_has_a_free_configuration_wherever_a_base_has_one(coarse_map, coarse_inverse):
+    rng, grid, asked = np.random.default_rng(5), coarse_map.grid, 0
+    for pitch in np.tile(np.unique(grid.orientations.pitch), 12):
+        point = (0.0, 0.0, rng.uniform(grid.bottom, grid.top - 1e-6))
+        found = coarse_inverse.query(point, pitch=pitch)
+        if not len(found):
+            continue
+        asked += 1
+        if reaches(found.poses[0], [point], found.approach_yaw[:1], pitch)[0] != Status.YES.value:
+            assert not coarse_inverse.query(point, pitch=pitch, exact=True, k=200, separation=0.0).certain.any()
+    assert asked > 50
+
+
 def test_bases_that_do_not_reach_are_dropped(coarse_inverse):
     """At the end of the arm's reach some bases of a coarse map do not reach; with `exact` none of them is left."""
     point, wrong, kept = (0.0, 0.0, 0.9), 0, 0

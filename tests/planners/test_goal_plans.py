@@ -12,8 +12,12 @@ import numpy as np
 import pytest
 
 import clutter_env  # noqa: F401  registers the environments
-from planners import Cause, Infeasible, Region, Scene, Solution, StaticObstacle, goals, lower_bound, solve
+from planners import Cause, Infeasible, Region, Scene, Solution, StaticObstacle, goals, lower_bound, solve, warmup
 from planners.goals import Goal
+from planners.grasping.candidates import GraspCandidate
+from planners.motion.path import BlockedBy, NoPath
+from planners.placing.placements import Placement
+from planners.tamp.motion_layer import MotionLayer
 from tests.planners.plans import assert_free
 from tests.planners.scenes import HEIGHT, cylinder, random_scene, table_scene
 
@@ -54,6 +58,7 @@ def shifted(scene: Scene, names: tuple[str, ...]) -> Goal:
 
 FEW = random_scene(4, 0).names
 CASES = {
+    "one held at a point": ("few", goals.on(FEW[0], "tray") & goals.holding(FEW[1], (-0.3, 0.1, 1.1)), 2),
     "one into a region": ("few", goals.inside(FEW[0], "left"), 1),
     "two into a tray, one held": (
         "few",
@@ -101,7 +106,8 @@ def test_a_plan_reaches_its_goal_with_the_fewest_picks(case: str) -> None:
     assert plan.bound == lower_bound(scene, goal)
 
 
-@pytest.mark.parametrize("seed", [10, pytest.param(55, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [10, 55])
 def test_what_is_in_the_way_where_it_is_to_stand_goes_there_last(seed: int) -> None:
     env = gym.make("clutter_env/Rearrange-o8-v0", task="swap")
     env.reset(seed=seed)
@@ -158,6 +164,95 @@ def test_a_stranger_leaves_a_region_that_is_to_be_clear_and_nothing_enters_it() 
     assert plan.end is not None
     assert goal.holds(plan.end, scene)
     assert plan.picks == 1
+
+
+@pytest.mark.parametrize(("around", "fewest"), [(4, 3), pytest.param(5, 4, marks=pytest.mark.slow)])
+def test_what_keeps_the_robot_from_putting_an_object_down_is_moved_first_and_counted(around: int, fewest: int) -> None:
+    """The object fits between its neighbours, which are taller, the gripper around it does not."""
+    places = [(0.085 * np.cos(turn), 0.085 * np.sin(turn)) for turn in np.arange(around) * 2 * np.pi / around]
+    ring = [cylinder(f"r{k}", x - 0.1, y, 0.03, 0.2) for k, (x, y) in enumerate(places)]
+    scene, goal = table_scene(cylinder("a", -0.2, -0.4, 0.03, 0.1), *ring), goals.at("a", (-0.1, 0.0))
+    plan, bound = solve(scene, goal), lower_bound(scene, goal)
+    assert isinstance(plan, Solution)
+    assert plan.end is not None
+    assert goal.holds(plan.end, scene)
+    assert (plan.picks, bound.picks, bound.proved) == (fewest, fewest, True)
+
+
+def test_a_goal_of_which_the_bound_proves_that_nothing_reaches_it_is_refused_before_anything_moves() -> None:
+    scene = scene_of("stack")
+    wide = scene.with_body(replace(scene.body("a"), half_extents=np.array([0.1, 0.1, 0.04])))
+    found = solve(wide, goals.on("b", "tray") & goals.on("c", "tray") & goals.on("a", "counter_left"))
+    assert isinstance(found, Infeasible)
+    assert (found.cause, found.clearances, found.objects) == (Cause.TOO_WIDE, (), ("a",))
+
+
+def test_a_plan_that_is_given_up_for_its_put_downs_does_not_say_that_the_time_was_up(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("planners.tamp.algorithm1.MAX_CLEARANCES", -1)
+    found = solve(scene_of("three"), CASES["swap"][1])
+    assert isinstance(found, Infeasible)
+    assert found.cause is Cause.GIVEN_UP
+
+
+def test_the_drive_to_an_object_that_cannot_be_lifted_from_there_is_taken_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    warmup()  # it plans too
+    refused: list[GraspCandidate] = []
+    pick_up = MotionLayer.pick_up
+
+    def refuse_once(self: MotionLayer, scene: Scene, grasp: GraspCandidate, rises: bool = False) -> Any:
+        if not refused:
+            refused.append(grasp)
+            return NoPath("refused")
+        return pick_up(self, scene, grasp, rises)
+
+    monkeypatch.setattr(MotionLayer, "pick_up", refuse_once)
+    plan = solve(scene_of("three"), goals.inside("a", "left"))
+    assert isinstance(plan, Solution)
+    assert plan.stats.replans == 1
+    names = [action.name for action in plan.actions]
+    assert names == ["MoveBase", "PickUp", "MoveBase", "PutDownGeneral"]
+    assert np.allclose(plan.actions[0].trajectory.base[0], scene_of("three").state.base)
+
+
+def test_what_is_in_the_way_of_the_motion_to_a_place_is_moved_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No motion leads to the place of `a` as long as `b` stands where it stands."""
+    warmup()
+    scene, put_down = scene_of("three"), MotionLayer.put_down
+
+    def blocked(self: MotionLayer, now: Scene, placement: Placement, find_blockers: bool = False) -> Any:
+        is_there = np.allclose(now.body("b").position, scene.body("b").position, atol=1e-3)
+        if is_there and placement.body.name == "a" and placement.body.position[1] > 0.5:
+            return BlockedBy(frozenset("b"), "transit") if find_blockers else NoPath("blocked")
+        return put_down(self, now, placement, find_blockers)
+
+    monkeypatch.setattr(MotionLayer, "put_down", blocked)
+    plan = solve(scene, goals.inside("a", "left"))
+    assert isinstance(plan, Solution)
+    assert [action.target for action in plan.actions if action.name == "PickUp"] == ["a", "b", "a"]
+    assert plan.stats.history[0].reason == "no motion puts a at its place: b in the way"
+
+
+def test_a_target_in_the_hand_is_raised_above_what_it_stood_on() -> None:
+    """A step on the table: what is in the hand just above it is high above the table."""
+    scene, name = scene_of("three"), "a"
+    step = StaticObstacle("step", np.array([-0.2, -0.3, HEIGHT + 0.05]), np.array([0.08, 0.08, 0.05]))
+    raised = scene.body(name).at(scene.body(name).position + [0.0, 0.0, 0.1])
+    scene = replace(
+        scene.with_body(raised), static_obstacles=(*scene.static_obstacles, step), supports=(*SIDES, "step")
+    )
+    plan = solve(scene, name)
+    assert isinstance(plan, Solution)
+    grip = plan.actions[-1].grip
+    assert grip is not None
+    in_hand = replace(scene, state=grip[0], held=grip[1])
+    for goal in (goals.holding(name), goals.holding(name) & goals.on("b", "table_top")):
+        plan = solve(in_hand, goal, time_limit=60)
+        assert isinstance(plan, Solution)
+        assert plan.end is not None
+        assert [action.name for action in plan.actions] == ["MoveBase"]
+        assert goal.holds(plan.end, in_hand)
 
 
 def test_a_goal_that_holds_already_needs_no_plan() -> None:

@@ -78,6 +78,7 @@ def test_a_placed_object_stands_where_the_candidate_says(env: gym.Env[Any, Any])
         assert placed.bottom == pytest.approx(scene.support.top)
 
 
+@pytest.mark.slow
 def test_neither_order_nor_absent_objects_matter(examples: CandidateExamples, network: CandidateNetwork) -> None:
     batch, order = batch_of(examples, np.arange(40)), torch.tensor([3, 0, 4, 1, 2])
     permuted = batch._replace(others=batch.others[:, order], is_present=batch.is_present[:, order])
@@ -88,6 +89,7 @@ def test_neither_order_nor_absent_objects_matter(examples: CandidateExamples, ne
     assert torch.allclose(one[:, order], other, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_fitting_learns(examples: CandidateExamples, network: CandidateNetwork) -> None:
     untrained, trained = accuracy(CandidateNetwork(32), examples), accuracy(network, examples)
     reached = examples.is_reached
@@ -97,6 +99,7 @@ def test_fitting_learns(examples: CandidateExamples, network: CandidateNetwork) 
     assert trained["reach"] > max(untrained["reach"], reached.mean())
 
 
+@pytest.mark.slow
 def test_the_states_that_the_learner_visits_are_labelled(env: gym.Env[Any, Any], network: CandidateNetwork) -> None:
     _, info = env.reset(seed=1)
     rollout = roll_out(LearnedHighLevelPolicy(network, RULE), scene_of(env), info["target"])

@@ -40,7 +40,7 @@ def test_what_ctrl_c_advises_works(tmp_path: Path) -> None:
 
 
 def test_each_algorithm_has_an_environment_of_its_own() -> None:
-    made = {name: make_run(Arguments(name)).task for name in ("tqc", "ppo", "maskable-ppo")}  # type: ignore[arg-type]
+    made = {name: make_run(Arguments(name)).task for name in ("tqc", "ppo", "maskable-ppo")}  # type: ignore[arg-type]  # str, not Literal
     assert [task.family for task in made.values()] == ["armreach", "retrieve", "skill"]
     assert made["maskable-ppo"].keywords == {"simulation": "kinematic"}
 

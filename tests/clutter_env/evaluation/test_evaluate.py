@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -15,7 +16,7 @@ from clutter_env.cli.main import main
 from clutter_env.errors import LearningError, SuiteError
 from clutter_env.evaluation.evaluate import ResultRecords, evaluate, lower_bounds
 from clutter_env.evaluation.scenes import SceneSet, SeededScene, find_floor, skill_scene
-from clutter_env.evaluation.score import PolicyCrashed, play_scene
+from clutter_env.evaluation.score import PolicyCrashed, Score, play_scene
 from clutter_env.evaluation.tables import results, summarise
 from clutter_env.evaluation.verify import verify
 from clutter_env.policies.protocol import PolicyError, begin_episode
@@ -83,6 +84,11 @@ class Broken(Idle):
         return super().act(observation)
 
 
+@pytest.fixture(scope="module")
+def reach() -> gym.Env:
+    return Task("clutter_env/Reach-v0").make()
+
+
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "my_policies.py").write_text(POLICY)
@@ -105,15 +111,22 @@ def test_the_command_writes_one_results_file(folder: Path) -> None:
 
 
 @pytest.mark.usefixtures("folder")
-def test_an_exception_of_a_policy_ends_the_command_or_is_counted(capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["evaluate", "--policy", "my_policies:Broken", "--scenes", "1", "--workers", "1"]
+def test_an_exception_of_a_policy_ends_the_command(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
-        main(words)
+        main(["evaluate", "--policy", "my_policies:Broken", "--scenes", "1", "--workers", "1"])
     assert ended.value.code == 1
     said = capsys.readouterr().err
     assert re.search(r"Broken on scene 0 of side-15-v2 \(seed \d+\); --count-crashes", said)
     assert re.search(r'(?s)my_policies\.py", line \d+, in act.*by design', said)
-    main([*words, "--count-crashes"])
+
+
+@pytest.mark.usefixtures("folder")
+def test_the_command_says_how_many_exceptions_were_counted(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = evaluation([score(0, 1), Score.of_crash(1, "by design")], lower_bounds(TWO, "side"), TWO)
+    monkeypatch.setattr("clutter_env.evaluation.evaluate.evaluate", lambda *_, **__: made)
+    main(["evaluate", "--policy", "ngr", "--scenes", "2", "--count-crashes"])
     assert "1 episodes, counted as failures, ended with an exception" in capsys.readouterr().out
 
 
@@ -126,7 +139,7 @@ def test_exceptions_in_this_process_are_raised_or_counted() -> None:
 
 
 @pytest.mark.parametrize("action", [np.zeros(3), None, np.full(10, np.nan)], ids=["short", "none", "nan"])
-def test_a_wrong_action_is_that_of_a_class_in_a_file(action: Any) -> None:
+def test_a_wrong_action_is_that_of_a_class_in_a_file(action: Any, reach: gym.Env) -> None:
     """The message was one line about the environment, without a word on whose action it was."""
 
     class Wrong(Idle):
@@ -134,7 +147,7 @@ def test_a_wrong_action_is_that_of_a_class_in_a_file(action: Any) -> None:
             return action
 
     with pytest.raises(PolicyCrashed, match=r"Wrong in .*test_evaluate\.py returned no valid action"):
-        play_scene(0, Task("clutter_env/Reach-v0").make(), Wrong())
+        play_scene(0, reach, Wrong())
 
 
 def test_a_full_disk_does_not_lose_the_table(
@@ -200,11 +213,11 @@ def test_the_direct_approach_lifts_without_success_and_is_counted_apart() -> Non
     assert scores[0].steps < 100, "an episode is over when the target is lifted"
 
 
-def test_random_actions_are_a_function_of_seed_and_scene() -> None:
+def test_random_actions_are_a_function_of_seed_and_scene(reach: gym.Env) -> None:
     def actions(seed: int, scene_seed: int) -> np.ndarray:
-        env, policy = Task("clutter_env/Reach-v0").make(), load_policy("random", seed)
-        observation, info = env.reset(seed=scene_seed)
-        begin_episode(policy, info, env)
+        policy = load_policy("random", seed)
+        observation, info = reach.reset(seed=scene_seed)
+        begin_episode(policy, info, reach)
         return np.array([policy.act(observation) for _ in range(3)])
 
     assert np.array_equal(actions(3, 0), actions(3, 0))

@@ -44,7 +44,8 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize("close", ["", pytest.param("env.close()", marks=pytest.mark.slow)])
+@pytest.mark.slow  # that a forked process is told, the next test says
+@pytest.mark.parametrize("close", ["", "env.close()"])
 @pytest.mark.parametrize(
     ("context", "expected"), [("fork", "RenderingUnavailable this process was forked"), ("spawn", "(2, 32, 32, 3)")]
 )

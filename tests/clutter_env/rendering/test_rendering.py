@@ -72,7 +72,7 @@ def test_cameras_see_depth_and_colour() -> None:
     env = gym.make(ID, obs_mode="rgbd", image_size=48)
     observation, _ = env.reset(seed=0)
     assert observation["head_rgb"].std() > 5
-    assert 0.3 < np.median(observation["head_depth"]) < 3
+    assert 0.3 < np.median(observation["gripper_depth"]) < 3
     assert "objects" not in observation
     env.close()
 

@@ -12,6 +12,8 @@ import pytest
 
 import clutter_env  # noqa: F401  registers the environments
 from assets.robots import FETCH, PR2, RobotSpec, robot
+from clutter_env.envs import side_approaches as own_approaches
+from clutter_env.envs.side_approaches import approaches_of, reachable_yaws
 from clutter_env.errors import ConfigError, OptionError
 from clutter_env.scene.layout import LAYOUTS, Layout
 from clutter_env.scene.obstruction import (
@@ -26,7 +28,6 @@ from planners.collision.world import FINGER_GAP, PADDING
 from planners.grasping.families import SIDE
 from planners.scene.cover import BACK, HELD_GAP
 from scripts.obstruction import compare
-from scripts.side_approaches import reachable_yaws
 
 FETCH_APPROACHES = side_approaches("fetch")
 YAWS = FETCH_APPROACHES.margins.yaws
@@ -218,6 +219,30 @@ def test_other_robots_have_a_table_of_the_paper_s_layout_each_arm_its_own(robot:
     make(robot=robot, obstructed=True).reset(seed=0)
 
 
-def test_an_arm_without_a_table_is_refused() -> None:
-    with pytest.raises(ConfigError, match="pr2_left, pr2_right"):
-        make(robot=replace(PR2, name="other"), obstructed=True)
+@pytest.fixture
+def own_panda(tmp_path, monkeypatch) -> RobotSpec:
+    monkeypatch.setenv("CLUTTER_ENV_CACHE", str(tmp_path))
+    return replace(robot("panda_mobile"), name="other", mjcf=str(robot("panda_mobile").mjcf_path))
+
+
+def test_a_robot_of_the_user_s_meets_obstructed_targets_on_a_layout_of_the_user_s(own_panda: RobotSpec) -> None:
+    own = Layout("own", depth=0.6, width=1.2)
+    make(robot=own_panda, obstructed=True, layout=own).reset(seed=0)
+    assert replace(approaches_of(own_panda, own), reachable={}).margins == side_approaches("panda_mobile").margins
+    assert approaches_of(own_panda, own).palm_reach == side_approaches("panda_mobile").palm_reach
+
+
+def test_a_robot_of_the_user_s_with_a_name_of_the_package_s_is_not_taken_for_it(own_panda: RobotSpec) -> None:
+    small = replace(own_panda, name="fetch")
+    assert approaches_of(small, Layout("own", depth=0.6, width=0.9)) is not side_approaches("fetch")
+
+
+@pytest.mark.slow
+def test_directions_of_a_robot_of_the_user_s_are_made_once_and_are_those_of_the_package(
+    own_panda: RobotSpec, monkeypatch
+) -> None:
+    made = approaches_of(own_panda, LAYOUTS["paper"]).reachable["paper"]
+    assert (made == side_approaches("panda_mobile").reachable["paper"]).mean() > 0.999
+    own_approaches._made.cache_clear()
+    monkeypatch.setattr(own_approaches, "reachable_yaws", None)
+    assert (approaches_of(own_panda, LAYOUTS["paper"]).reachable["paper"] == made).all()

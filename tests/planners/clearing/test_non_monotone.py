@@ -61,6 +61,7 @@ def test_an_object_is_moved_twice_where_no_monotone_plan_is_found(scene: Scene) 
             np.testing.assert_allclose(after.scene.body(before.target).position, before.released.position, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_search_is_bounded() -> None:
     """A table with no room at all ends with the cause, second moves or not."""
     found = Planner(FETCH, grasps="side").solve(crowded(4, 16), "object_05", TWICE)

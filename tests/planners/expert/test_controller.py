@@ -73,7 +73,7 @@ def test_misuse_of_a_controller_is_told() -> None:
     expert = TampExpert(world)
     with pytest.raises(ExpertError, match=r"goal of ControlledWorld.*reset\(goal\)"):
         expert.reset()
-    controller.observe = lambda: np.zeros(3)  # type: ignore[method-assign]
+    controller.observe = lambda: np.zeros(3)  # type: ignore[method-assign]  # a fault is meant
     with pytest.raises(ExpertError, match=f"{world.model.nq} finite numbers"):
         world.step(np.zeros(12))
     with pytest.raises(ExpertError, match=r"dt=0 of Deltas is not valid"):

@@ -68,3 +68,15 @@ def test_a_goal_that_holds_already_is_done_at_once_and_a_senseless_one_is_refuse
     assert not info["num_cleared"]
     with pytest.raises(GoalError, match="tray"):
         expert.reset(on("object_00", "tray"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "fact"), [(0, "holding"), (1, "at")])
+def test_the_goals_of_pick_are_reached_on_the_table_and_in_the_air(seed: int, fact: str) -> None:
+    env = gymnasium.make("clutter_env/Pick-v0", max_episode_steps=1000)
+    env.reset(seed=seed)
+    expert = TampExpert(env)
+    expert.reset()
+    assert expert.goal.to_pddl().startswith(f"({fact} ")
+    assert play(env, expert)["is_success"], expert.report.failure
+    assert expert.report.scored

@@ -29,6 +29,16 @@ def scene(request: pytest.FixtureRequest) -> Scene:
     return random_scene(25, request.param)
 
 
+@pytest.fixture(scope="module")
+def every(scene: Scene) -> dict[str, list[int]]:
+    """The blocker masks of the grasps of all objects, each family looked at alone."""
+    arms = PlanningContext.of(scene.robot, scene).arms
+    sources = [GraspCandidates(arms, families=(family,)) for family in GRASP_SETS["all"]]
+    return {
+        name: [grasp.blockers for source in sources for grasp in source.for_object(scene, name)] for name in scene.names
+    }
+
+
 def some_candidates(scene: Scene) -> list[GraspCandidate]:
     source = candidates(scene)
     return [grasp for name in scene.names[:6] for grasp in source.for_object(scene, name)]
@@ -60,10 +70,10 @@ def test_no_candidate_is_dominated_by_another(scene: Scene) -> None:
         assert not any(one != other and one & ~other == 0 for one in masks for other in masks)
 
 
-def test_families_are_looked_at_until_a_grasp_is_free(scene: Scene) -> None:
+def test_families_are_looked_at_until_a_grasp_is_free(scene: Scene, every: dict[str, list[int]]) -> None:
     """What is not looked at cannot change the floor, and is looked at once the free grasps are removed."""
-    every = {name: all_of(scene, name) for name in scene.names[:6]}
-    for name, masks in every.items():
+    for name in scene.names[:6]:
+        masks = every[name]
         source = PlanningContext.of(scene.robot, scene).grasps()
         least = min((mask.bit_count() for mask in masks), default=None)
         assert least == min((grasp.blockers.bit_count() for grasp in source.for_object(scene, name)), default=None)
@@ -111,17 +121,8 @@ def test_an_obstructed_grasp_stays_as_it_is_when_others_are_looked_for(scene: Sc
     assert [grasp.blockers for grasp in source.for_object(scene, name) if grasp.key == first.key] == [other]
 
 
-def all_of(scene: Scene, name: str) -> list[int]:
-    """The blocker masks of an object's grasps of all families, each looked at alone."""
-    sources = (
-        GraspCandidates(PlanningContext.of(scene.robot, scene).arms, families=(family,)) for family in GRASP_SETS["all"]
-    )
-    return [grasp.blockers for source in sources for grasp in source.for_object(scene, name)]
-
-
-def test_the_floor_of_the_lazy_candidates_is_that_of_all_families(scene: Scene) -> None:
+def test_the_floor_of_the_lazy_candidates_is_that_of_all_families(scene: Scene, every: dict[str, list[int]]) -> None:
     lazy = PlanningContext.of(scene.robot, scene).grasps()
-    every = {name: all_of(scene, name) for name in scene.names}
     for name in scene.names[:8]:
         found = smallest_set(lambda one: [g.blockers for g in lazy.for_object(scene, one)], name, scene.names)
         assert found.count == smallest_set(every.__getitem__, name, scene.names).count, name

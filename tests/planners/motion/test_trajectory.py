@@ -10,7 +10,7 @@ import pytest
 
 from assets.robots import FETCH
 from planners.collision.world import CollisionWorld
-from planners.motion.path import WholeBodyPath
+from planners.motion.path import WholeBodyPath, cut, interpolate
 from planners.motion.pick_and_place import PickPlaceMotion, plan_pick, plan_place
 from planners.motion.timing import _SLOW, drive_trajectory, pick_trajectory, place_trajectory, time_parametrise
 from planners.motion.trajectory import CONTROL_STEP, Phase, Trajectory, join
@@ -151,3 +151,16 @@ def test_picking_and_placing_in_time() -> None:
     closing = (taking.times >= taking.phases[3].start) & (taking.times <= taking.phases[4].start)
     assert np.ptp(taking.q[closing], axis=0).max() == 0.0
     assert np.allclose(putting.q[0], taking.q[-1])
+
+
+def test_interpolation_of_all_columns_is_that_of_each() -> None:
+    rng = np.random.default_rng(0)
+    for count in (1, 2, 3, 20):
+        parts, points = rng.integers(1, 9, count), rng.normal(size=(count + 1, 11))
+        at = cut(parts)
+        assert np.array_equal(at, [0.0, *(i + k / n for i, n in enumerate(parts) for k in range(1, n + 1))])
+        for knots in (np.arange(count + 1), np.cumsum(rng.uniform(0.1, 1.0, count + 1)), np.zeros(count + 1)):
+            places = np.interp(at, np.arange(count + 1), knots)
+            here = points[:1].repeat(count + 1, axis=0) if not knots.any() else points
+            alone = np.column_stack([np.interp(places, knots, column) for column in here.T])
+            assert np.array_equal(interpolate(places, knots, here), alone)

@@ -50,7 +50,7 @@ def locations_tried(
 
     def recorder(name: str) -> Any:
         def record(
-            _search: PlacementSearch, _world: CollisionWorld, location: NDArray[np.float64]
+            _search: PlacementSearch, _world: CollisionWorld, location: NDArray[np.float64], _poses: object
         ) -> Iterator[Placement]:
             nonlocal last
             if last != name or not tried[name]:
@@ -117,8 +117,10 @@ def test_no_location_that_the_arm_can_serve_counts_as_out_of_reach(
     locations = np.column_stack((level, np.full(len(level), in_hand.support.top)))
     assert not placements._is_within_reach(in_hand, locations).all()
     with monkeypatch.context() as patch:
-        patch.setattr(placements, "_can_reach", lambda _scene, poses: np.ones(len(poses), dtype=bool))
-        placements_there = [placement for place in locations for placement in finder._from_here(world, place)]
+        patch.setattr(placements, "can_reach", lambda _scene, poses: np.ones(len(poses), dtype=bool))
+        poses = [placements._free(world, some) for some in placements.gripper_poses_at(in_hand, locations)]
+        found = (finder._from_here(world, *place) for place in zip(locations, poses, strict=True))
+        placements_there = list(itertools.chain(*found))
     served = np.array([placement.location for placement in placements_there])
     assert len(served) > 50
     assert placements._is_within_reach(

@@ -17,8 +17,8 @@ from planners.grasping.candidates import GraspCandidate
 from planners.motion.approaches import APPROACH_PATTERNS, ContactQuery, planned_approach, trace
 from planners.motion.arm import tcp_pose
 from planners.motion.path import on_base
-from planners.placing import surfaces, swept_volume
-from planners.placing.negative_goal_region import NegativeGoalRegion, SupportGrid, is_free, swept_mask
+from planners.placing import surfaces
+from planners.placing.negative_goal_region import NegativeGoalRegion, SupportGrid, SweptVolume, is_free, swept_mask
 from planners.placing.swept_volume import grasp_volume, path_volume, standing_volume
 from planners.planner import Planner
 from planners.scene import HeldObject, Scene, StaticObstacle
@@ -34,6 +34,11 @@ def grasps(scene: Scene, name: str) -> list[GraspCandidate]:
     world = CollisionWorld.from_scene(scene)
     found = PlanningContext.of(scene.robot, scene, grasps="side").grasps().for_object(scene, name)
     return [grasp for grasp in found if planned_approach(world, grasp.base, grasp.q, name) is not None]
+
+
+def volume_of(world: CollisionWorld, grasp: GraspCandidate) -> SweptVolume:
+    """What taking an object through a grasp sweeps, along the approach planned for it."""
+    return grasp_volume(world, grasp, planned_approach(world, grasp.base, grasp.q, grasp.object))
 
 
 def points_of_robot(world: CollisionWorld, x: np.ndarray, opening: float, rng: np.random.Generator) -> np.ndarray:
@@ -75,7 +80,7 @@ def test_the_volume_of_a_grasp_covers_robot_and_object_on_the_whole_way(covered:
             planned = planned_approach(world, grasp.base, grasp.q, name)
             assert planned is not None
             query, approach = planned
-            mask = swept_mask(grid, grasp_volume(world, grasp), TALL)
+            mask = swept_mask(grid, volume_of(world, grasp), TALL)
             for x in approach.empty[::4]:
                 assert missed(grid, mask, points_of_robot(world, x, query.empty.opening, rng)) == 0
             for x in approach.loaded[::4]:
@@ -87,7 +92,7 @@ def test_the_volume_of_a_grasp_covers_robot_and_object_on_the_whole_way(covered:
     assert tried > 1
 
 
-def test_the_way_of_an_object_that_is_drawn_out_is_kept_clear(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_way_of_an_object_that_is_drawn_out_is_kept_clear() -> None:
     scene = table_scene(cylinder("object_00", 0.2, -0.2))
     world, grid, tried = CollisionWorld.from_scene(scene), SupportGrid.over(scene.support), 0
     for grasp in grasps(scene, "object_00"):
@@ -95,8 +100,7 @@ def test_the_way_of_an_object_that_is_drawn_out_is_kept_clear(monkeypatch: pytes
         approach = trace(query, APPROACH_PATTERNS[-1])
         if isinstance(approach, str):
             continue
-        monkeypatch.setattr(swept_volume, "planned_approach", lambda *_, found=(query, approach): found)
-        swept = swept_mask(grid, grasp_volume(world, grasp), TALL)
+        swept = swept_mask(grid, grasp_volume(world, grasp, (query, approach)), TALL)
         standing = swept_mask(grid, standing_volume(world, grasp), TALL)
         away = np.array([np.cos(grasp.yaw), np.sin(grasp.yaw)])
         on_the_way = scene.objects[0].position[:2] - np.linspace(0.0, 0.14, 8)[:, None] * away
@@ -120,7 +124,7 @@ def test_where_the_torso_lifts_the_arm_nothing_is_swept_besides_what_the_grasp_a
                 ends = on_base(grasp.base, grasp.q[None])
                 parts = (standing_volume(world, grasp), path_volume(world, ends, query.loaded.opening, query.held))
                 alone = np.any([swept_mask(grid, part, TALL) for part in parts], axis=0)
-                np.testing.assert_array_equal(swept_mask(grid, grasp_volume(world, grasp), TALL), alone)
+                np.testing.assert_array_equal(swept_mask(grid, volume_of(world, grasp), TALL), alone)
                 tried += 1
     assert tried > 3
 

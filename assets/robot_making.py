@@ -1,0 +1,335 @@
+"""A robot for the environments from the file of an arm: on a base, with a lift, motors, fingers and simple shapes.
+
+The file is compiled, and what is needed of it is written anew: bodies, joints, inertias and collision shapes. In place
+of each mesh stands the smallest box, cylinder or capsule around it, so that the result needs no other file. The moving
+parts of its own gripper, whatever their linkage, are replaced by two sliding fingers with the same opening; its other
+joints are held where the file has them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco import mjtGeom, mjtJoint
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+
+from assets.robot_parts import InvalidRobot, rotation_of
+from irm.errors import ChainError
+from irm.model_reading import arm_joints, hull_corners, is_solid, load_model, load_urdf, tip_frame
+from irm.rotations import frame_along
+
+Floats = NDArray[np.float64]
+BASE = ("base_x", "base_y", "base_yaw")
+FINGERS = ("left_finger", "right_finger")
+_NAMES = frozenset((*BASE, *FINGERS, "mobile_base", "lift", "pillar", "palm", "grip"))
+_GAINS = {"base": 20000.0, "lift": 20000.0, "arm": 2500.0, "finger": 2000.0}
+"""[N/m], [N m/rad] of the position servos, which hold the arm within millimetres."""
+_FORCE, _FINGER_FORCE = 1000.0, 60.0
+"""[N], [N m]"""
+_PAD = np.array([0.035, 0.006, 0.012])
+"""[m] Half extents of a finger along the approach, the finger motion and across both."""
+_PAD_CENTRE = -0.02
+"""[m] of the fingers along the approach, from the TCP."""
+_FACES, _TURNS, _ROUNDS = 12, 18, 100
+"""Faces of a hull whose normals are tried as axes; turns of a box about its axis; steps to the centre of a circle."""
+_SHORTEST = 1e-4
+"""[m] Half length of a capsule that is a sphere."""
+_STILL = 1e-3
+"""[m] Range of the lift of a robot that has none."""
+_LEAST_MASS, _LEAST_INERTIA = 1e-3, 1e-6
+"""[kg], [kg m²] of a body that the file gives none."""
+
+
+@dataclass(frozen=True)
+class Mounting:
+    """How an arm becomes a robot; lengths in m.
+
+    Attributes:
+        base: name of the body that the arm begins with, or of the file's own mobile base.
+        tip: name of the site or body between the finger tips, or of the flange.
+        approach: axis of the tip along which the gripper approaches; its fingers move along y.
+        on: x and z of `base` on a round base that is built for it; None for a file with a base of its own, on the
+            ground.
+        radius: of the round base.
+        lift: range of a lift that is built under the arm; None for none.
+        opening: of the gripper.
+        tool: from the tip to the point between the finger tips, along the approach.
+        without: names of bodies that are left out, with all that they carry.
+    """
+
+    base: str
+    tip: str
+    approach: str = "z"
+    on: tuple[float, float] | None = None
+    radius: float = 0.27
+    lift: tuple[float, float] | None = None
+    opening: float = 0.085
+    tool: float = 0.0
+    without: tuple[str, ...] = ()
+
+
+def make_robot(file: Path, mounting: Mounting) -> tuple[str, dict[str, Any]]:
+    """The MJCF text of a robot, and its page: the keyword arguments of `RobotSpec.from_mjcf`, but for `home`.
+
+    Raises:
+        InvalidRobot: the file cannot be read, or lacks what the mounting names; the message says what there is.
+    """
+    try:
+        model = load_urdf(file, with_meshes=True) if file.suffix == ".urdf" else load_model(file)
+        numbers = arm_joints(model, mounting.base, mounting.tip)
+        T_last_tcp = tip_frame(model, int(model.jnt_bodyid[numbers[-1]]), mounting.tip, mounting.approach)
+    except ChainError as problem:
+        raise InvalidRobot(str(problem)) from problem
+    T_last_tcp[:3, 3] += mounting.tool * T_last_tcp[:3, 0]
+    maker = _Maker(model, mounting, numbers)
+    gripper = maker.bodies[int(model.jnt_bodyid[numbers[-1]])]
+    _add_gripper(maker.robot, gripper, T_last_tcp, mounting)
+    lift = [name for name, slides in maker.joints if slides] or ["lift"]
+    _finish(maker.robot, lift[0], [name for name, slides in maker.joints if not slides])
+    maker.robot.modelname = file.parent.name if file.stem in ("robot", "model", "scene") else file.stem
+    try:
+        maker.robot.compile()
+    except ValueError as problem:
+        raise InvalidRobot(f"{file}: the robot that was made of it does not compile: {problem}") from problem
+    return maker.robot.to_xml(), {"base_joints": BASE, "tip": "grip", "finger_joints": FINGERS}
+
+
+class _Maker:
+    """Copies a compiled model's bodies into a new `robot`: `bodies` by their old number, `joints` (name, slides)."""
+
+    def __init__(self, model: mujoco.MjModel, mounting: Mounting, numbers: list[int]) -> None:
+        self.model, self.mounting, self.numbers = model, mounting, numbers
+        self.robot = mujoco.MjSpec()
+        self.bodies: dict[int, Any] = {}
+        self.joints: list[tuple[str, bool]] = []
+        self.robot.compiler.degree, self.robot.compiler.autolimits = False, True
+        self.solid = is_solid(model)
+        if not self.solid[np.isin(model.geom_bodyid, self._below(model.body(mounting.base).id))].any():
+            self.solid[:] = True  # a file with shapes for the eye alone
+        base = self.robot.worldbody.add_body(name="mobile_base", **_inertia(60.0, [2.0, 2.0, 2.0]))
+        for name, axis in zip(BASE, np.eye(3), strict=True):
+            base.add_joint(name=name, type=mjtJoint.mjJNT_HINGE if name == BASE[2] else mjtJoint.mjJNT_SLIDE, axis=axis)
+        self._add_arm(base, model.body(mounting.base).id)
+
+    def _add_arm(self, base: Any, root: int) -> None:
+        """The base's shapes, a lift unless the file has one, and all that the root carries."""
+        mounting, model = self.mounting, self.model
+        place, carrier = np.zeros(3), base
+        if mounting.on is not None:
+            (x, z), r = mounting.on, mounting.radius
+            place = np.array([x, 0.0, z])
+            if not z > 0.1:
+                raise InvalidRobot(f"on={mounting.on!r}: the arm stands on a base that is higher than 0.1 m")
+            height = min(z - 0.01, 0.34) / 2
+            base.add_geom(
+                name="wheels", type=mjtGeom.mjGEOM_CYLINDER, size=[r, height - 0.02, 0], pos=[0, 0, height + 0.02]
+            )
+            if z - 0.01 > 2 * height + 0.04:
+                half = (z - 0.01 - 2 * height) / 2
+                base.add_geom(
+                    name="column", type=mjtGeom.mjGEOM_CYLINDER, size=[0.1, half, 0], pos=[x, 0, 2 * height + half]
+                )
+        has_lift = int(model.jnt_type[self.numbers[0]]) == int(mjtJoint.mjJNT_SLIDE)
+        if not has_lift:
+            low, high = mounting.lift or (0.0, _STILL)
+            carrier = base.add_body(name="lift", pos=place, **_inertia(5.0, [0.1, 0.1, 0.1]))
+            carrier.add_joint(
+                name="lift",
+                type=mjtJoint.mjJNT_SLIDE,
+                axis=[0, 0, 1],
+                range=[low, high],
+                armature=1,
+                damping=[50, 0, 0],
+            )
+            if mounting.on is not None and high > _STILL:
+                carrier.add_geom(
+                    name="pillar", type=mjtGeom.mjGEOM_CYLINDER, size=[0.08, high / 2, 0], pos=[0, 0, -high / 2]
+                )
+        self._add_geoms(carrier if mounting.on is not None else base, root)
+        for child in self._children(root):
+            self._copy(child, carrier)
+
+    def _copy(self, body: int, parent: Any) -> None:
+        """A body with all that it carries, but for what moves it without being of the arm beyond the last joint."""
+        model = self.model
+        own = [k for k in range(model.njnt) if int(model.jnt_bodyid[k]) == body]
+        beyond = int(model.jnt_bodyid[self.numbers[-1]]) in self._above(body)
+        if model.body(body).name in self.mounting.without or (beyond and own and own[0] not in self.numbers):
+            return
+        made = parent.add_body(
+            name=self._name(model.body(body).name, f"body_{body}"),
+            pos=model.body_pos[body],
+            quat=model.body_quat[body],
+            **_inertia(
+                float(model.body_mass[body]), model.body_inertia[body], model.body_ipos[body], model.body_iquat[body]
+            ),
+        )
+        self.bodies[body] = made
+        for k in own:
+            if k in self.numbers:
+                name, slides = (
+                    self._name(model.joint(k).name, f"joint_{k}"),
+                    int(model.jnt_type[k]) == int(mjtJoint.mjJNT_SLIDE),
+                )
+                self.joints.append((name, slides))
+                joint = made.add_joint(name=name, type=mjtJoint(int(model.jnt_type[k])), axis=model.jnt_axis[k])
+                joint.pos, joint.ref = model.jnt_pos[k], model.qpos0[model.jnt_qposadr[k]]
+                if model.jnt_limited[k]:
+                    joint.range = model.jnt_range[k]
+                joint.armature, joint.damping = (1.0, [50, 0, 0]) if slides else (0.1, [2, 0, 0])
+        self._add_geoms(made, body)
+        for child in self._children(body):
+            self._copy(child, made)
+
+    def _add_geoms(self, to: Any, body: int) -> None:
+        model = self.model
+        first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
+        for geom in range(first, first + count):
+            kind = mjtGeom(int(model.geom_type[geom]))
+            if not self.solid[geom] or kind == mjtGeom.mjGEOM_PLANE:
+                continue
+            if kind in (mjtGeom.mjGEOM_MESH, mjtGeom.mjGEOM_ELLIPSOID):
+                corners = (
+                    hull_corners(model, geom) if kind == mjtGeom.mjGEOM_MESH else _sphere() * model.geom_size[geom]
+                )
+                to.add_geom(**_fitted(_moved(corners, model.geom_pos[geom], model.geom_quat[geom])), mass=0)
+            else:
+                pose = {"pos": model.geom_pos[geom], "quat": model.geom_quat[geom]}
+                to.add_geom(type=kind, size=model.geom_size[geom], mass=0, **pose)
+
+    def _children(self, body: int) -> list[int]:
+        return [k for k in range(1, self.model.nbody) if k != body and int(self.model.body_parentid[k]) == body]
+
+    def _above(self, body: int) -> list[int]:
+        """The bodies that carry a body."""
+        found = []
+        while body:
+            body = int(self.model.body_parentid[body])
+            found.append(body)
+        return found
+
+    def _below(self, body: int) -> list[int]:
+        return [k for k in range(self.model.nbody) if k == body or body in self._above(k)]
+
+    def _name(self, name: str, otherwise: str) -> str:
+        return f"own_{name}" if name in _NAMES else name or otherwise
+
+
+def _add_gripper(robot: mujoco.MjSpec, wrist: Any, T_wrist_tcp: Floats, mounting: Mounting) -> None:
+    """Two sliding fingers and what carries them, on the body of the last joint."""
+    quat = _quaternion(T_wrist_tcp[:3, :3])
+
+    def at(x: float) -> Floats:
+        return np.asarray(T_wrist_tcp[:3, 3] + T_wrist_tcp[:3, 0] * x)
+
+    back = _PAD_CENTRE - _PAD[0] - 0.005
+    half = max((mounting.tool + back) / 2, 0.02)
+    size = [half, mounting.opening / 2 + 2 * _PAD[1], 0.025]
+    wrist.add_geom(name="palm", type=mjtGeom.mjGEOM_BOX, size=size, pos=at(back - half), quat=quat, mass=0.3)
+    wrist.add_site(name="grip", pos=at(0.0), quat=quat)
+    for name, side in zip(FINGERS, (1.0, -1.0), strict=True):
+        finger = wrist.add_body(name=name, pos=at(_PAD_CENTRE), quat=quat, **_inertia(0.1, [1e-4] * 3))
+        finger.add_joint(
+            name=name,
+            type=mjtJoint.mjJNT_SLIDE,
+            axis=[0, side, 0],
+            range=[0, mounting.opening / 2],
+            armature=1,
+            damping=[20, 0, 0],
+        )
+        pad = finger.add_geom(name=name, type=mjtGeom.mjGEOM_BOX, size=_PAD, pos=[0, _PAD[1] * side, 0])
+        pad.condim, pad.friction, pad.priority, pad.solref = 4, [1, 0.02, 0.0005], 1, [0.004, 1]
+        pad.solimp[:3] = 0.95, 0.99, 0.001
+    coupling = robot.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name1=FINGERS[0], name2=FINGERS[1])
+    coupling.data[1], coupling.solref = 1, [0.004, 1]
+
+
+def _finish(robot: mujoco.MjSpec, lift: str, arm: Collection[str]) -> None:
+    """Compensate gravity, set the collision bits, and add a position servo for each joint."""
+    for body in robot.bodies[1:]:
+        body.gravcomp = 1
+    for geom in robot.geoms:
+        geom.contype, geom.conaffinity = 2, 0
+    kinds = {
+        **dict.fromkeys(BASE, "base"),
+        lift: "lift",
+        **dict.fromkeys(arm, "arm"),
+        **dict.fromkeys(FINGERS, "finger"),
+    }
+    for name, kind in kinds.items():
+        motor = robot.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        motor.set_to_position(kp=_GAINS[kind], dampratio=1)
+        force = _FINGER_FORCE if kind == "finger" else _FORCE
+        motor.forcerange, motor.forcelimited = [-force, force], True
+
+
+def _inertia(mass: float, inertia: Any, ipos: Any = (0, 0, 0), iquat: Any = (1, 0, 0, 0)) -> dict[str, Any]:
+    least = np.maximum(np.asarray(inertia, dtype=float), _LEAST_INERTIA)
+    return {"mass": max(mass, _LEAST_MASS), "inertia": least, "ipos": ipos, "iquat": iquat, "explicitinertial": True}
+
+
+def _fitted(corners: Floats) -> dict[str, Any]:
+    """Kind, size, place and orientation of the smallest box, cylinder or capsule that contains points (v, 3).
+
+    Its axis is one of the body, a principal one, or normal to one of the largest faces of their hull.
+    """
+    hull = ConvexHull(corners)
+    corners = corners[hull.vertices]
+    faces = hull.points[hull.simplices]
+    areas = np.linalg.norm(np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0]), axis=1)
+    normals = hull.equations[np.argsort(-areas)[:_FACES], :3]
+    principal = np.linalg.eigh(np.cov(corners.T))[1].T
+    best: tuple[float, dict[str, Any]] | None = None
+    for axis in (*np.eye(3), *principal, *normals):
+        R = frame_along(axis)
+        for volume, kind, size, centre, turn in _around_axis(corners @ R):
+            if best is None or volume < best[0]:
+                best = volume, {"type": kind, "size": size, "pos": R @ centre, "quat": _quaternion(R @ turn)}
+    assert best is not None
+    return best[1]
+
+
+def _around_axis(points: Floats) -> Iterator[tuple[float, mjtGeom, Floats, Floats, Floats]]:
+    """Volume, kind, size, centre and rotation of a box, a cylinder and a capsule along z that contain points (v, 3)."""
+    flat, middle = points[:, :2], (points[:, 2].max() + points[:, 2].min()) / 2
+    half, centre = float(points[:, 2].max() - middle), flat.mean(axis=0)
+    for k in range(_ROUNDS):  # towards the farthest point, by less and less: the centre of the smallest circle
+        away = flat - centre
+        centre = centre + away[np.argmax((away * away).sum(axis=1))] / (k + 2)
+    beside = np.linalg.norm(flat - centre, axis=1)
+    radius, place = float(beside.max()), np.array([*centre, middle])
+    yield 2 * np.pi * radius**2 * half, mjtGeom.mjGEOM_CYLINDER, np.array([radius, half, 0.0]), place, np.eye(3)
+    caps = np.abs(points[:, 2] - middle) - np.sqrt(np.maximum(radius**2 - beside**2, 0.0))
+    length = max(float(caps.max()), _SHORTEST)
+    volume = np.pi * radius**2 * (2 * length + 4 / 3 * radius)
+    yield volume, mjtGeom.mjGEOM_CAPSULE, np.array([radius, length, 0.0]), place, np.eye(3)
+    for angle in np.arange(_TURNS) * (np.pi / 2 / _TURNS):
+        c, s = np.cos(angle), np.sin(angle)
+        turned = flat @ np.array([[c, -s], [s, c]])
+        low, high = turned.min(axis=0), turned.max(axis=0)
+        size = np.array([*((high - low) / 2), half])
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        yield 8 * float(size.prod()), mjtGeom.mjGEOM_BOX, size, turn @ np.array([*((high + low) / 2), middle]), turn
+
+
+def _sphere() -> Floats:
+    """Points (v, 3) spread evenly over a sphere, so large that their hull contains the unit sphere."""
+    k = np.arange(400) + 0.5
+    z, turn = 1 - k / 200, np.pi * (1 + 5**0.5) * k
+    return 1.02 * np.column_stack([np.cos(turn) * np.sqrt(1 - z * z), np.sin(turn) * np.sqrt(1 - z * z), z])
+
+
+def _moved(points: Floats, position: Floats, quaternion: Floats) -> Floats:
+    return np.asarray(points @ rotation_of(quaternion).T + position)
+
+
+def _quaternion(R: Floats) -> Floats:
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(R).ravel())
+    return quaternion

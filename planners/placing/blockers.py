@@ -1,0 +1,193 @@
+"""What is in the way of putting an object down at a place of a goal, by name, as for grasps."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.collision.world import CollisionWorld
+from planners.grasping.arm_configurations import ArmConfigurations, GripperPoses, gripper_hits, scan_configurations
+from planners.grasping.candidates import GraspCandidates, gripper_poses
+from planners.grasping.grasp_poses import generate_grasps, opening_around
+from planners.motion.approaches import ContactQuery, fewest_hits
+from planners.placing.goal_places import Place, Yaws, locations_in
+from planners.placing.locations import put_down
+from planners.placing.placements import PlacementSearch, can_reach, gripper_poses_at, in_hand, with_lowered
+from planners.scene import Body, HeldObject, Scene
+from planners.scene.cover import is_covered
+from planners.scene.masks import FIXED_BITS
+
+Array = NDArray[np.float64]
+
+_LOCATIONS, _APART = 4, 0.03
+"""Locations of an area that are looked at, and how far [m] apart they are at least."""
+_BASES = 8
+"""Base poses of each grasp from which an object may be put down without driving."""
+
+
+def fewest_in_the_way(
+    search: PlacementSearch, world: CollisionWorld, place: Place, leaving: Collection[str] = ()
+) -> int | None:
+    """The smallest set of objects in the way of putting the held object down at a place, as a mask.
+
+    What the straight lines to and from the release hit counts too, as for grasps.
+
+    Args:
+        search: whose base poses and arm configurations count.
+        world: the scene, compiled, with an object held.
+        place: where.
+        leaving: names of objects that will be gone by then.
+
+    Returns:
+        None if no base pose and arm configuration reach the place, whatever is gone.
+    """
+    scene, (held, _) = world.scene, in_hand(world.scene)
+    gone, lowered = scene.mask((*leaving, *scene.held_names)), _lowered(world, place)
+    fewest: int | None = None
+    for point, yaws in _some_locations(world.scene, place, leaving):
+        wanted = _wanted(scene, place, point, yaws)
+        poses, found = _scan(search, lowered, wanted, place.face.top, gone, scene.state.base[None])
+        for best in np.argsort(np.bitwise_count(found.hits), kind="stable"):
+            if fewest is not None and int(found.hits[best]).bit_count() >= fewest.bit_count():
+                break
+            query = ContactQuery.release(lowered, poses.bases[found.pair[best]], found.q[best], held, gone)
+            hits = fewest_hits(query)
+            if hits is not None and (fewest is None or hits.bit_count() < fewest.bit_count()):
+                fewest = hits
+        if fewest == 0:
+            break
+    return fewest
+
+
+class PutDownMasks(NamedTuple):
+    """Masks of what is in the way of each put-down of an object at its place, 0 among them if nothing need be moved.
+
+    Attributes:
+        straight: from where the object stands now: what the robot hits when it lets go, from all base poses from which
+            the object can be taken or put down.
+        ever: from wherever it is taken: what gripper and object hit then, whatever the base and the arm do. Of what is
+            in a hand nothing is claimed: it may be taken otherwise.
+    """
+
+    straight: tuple[int, ...] = (0,)
+    ever: tuple[int, ...] = (0,)
+
+
+def put_down_masks(
+    search: PlacementSearch,
+    candidates: GraspCandidates,
+    scene: Scene,
+    name: str,
+    place: Place,
+    leaving: Collection[str],
+) -> PutDownMasks:
+    """What is in the way where an object is put down, with all grasps of the grasp set.
+
+    Of places with an area, of objects of several pieces, and from under a shelf, nothing is claimed.
+
+    Args:
+        search: whose base poses and arm configurations count.
+        candidates: whose arms, grasp set and compiled scenes count.
+        scene: with the objects where they stand.
+        name: of the object.
+        place: where it goes.
+        leaving: names of objects that do not count.
+    """
+    body = scene.body(name)
+    if place.location is None or body.shape == "pieces" or is_covered(scene, body.foot):
+        return PutDownMasks()
+    level, gone = place.face.top, scene.mask({name, *leaving, *scene.held_names})
+    ways = [
+        (_lowered(candidates.compiled.world(view), place), taken, _wanted(view, place, place.location, (place.yaw,)))
+        for view, taken in _in_any_hand(candidates, scene, body)
+    ]
+    for world, _, wanted in ways:
+        if len(_scan(search, world, wanted, level, gone, np.zeros((0, 3)), first_free=True)[1].q):
+            return PutDownMasks()
+    straight, ever = set[int](), set[int]()
+    for world, taken, wanted in ways:
+        robot, (held, _) = world.scene.robot, in_hand(world.scene)
+        bases = search.arms[robot.arm_name].bases(taken, _BASES)[0] if len(taken) else scene.state.base[None]
+        straight |= set(map(int, _scan(search, world, wanted, level, gone, bases)[1].hits))
+        hits = gripper_hits(world, wanted, opening_around(robot, body, held), held=held, ignore=gone)
+        ever |= {int(one) for one in hits if not int(one) & FIXED_BITS}
+    return PutDownMasks(_minimal(straight), (0,) if name in scene.held_names else _minimal(ever))
+
+
+def _minimal(masks: Collection[int]) -> tuple[int, ...]:
+    """Those that contain no other."""
+    return tuple(mask for mask in masks if not any(other != mask and other & ~mask == 0 for other in masks))
+
+
+def _lowered(world: CollisionWorld, place: Place) -> CollisionWorld:
+    return with_lowered(world, place.below) if place.below else world
+
+
+def _some_locations(scene: Scene, place: Place, leaving: Collection[str]) -> Iterator[tuple[Array, Yaws]]:
+    """A few locations (2,) of a place at which the held object fits once others have left, and its yaws there."""
+    staying = replace(scene, objects=tuple(one for one in scene.objects if one.name not in leaving))
+    looked_at: list[Array] = []
+    everywhere = locations_in(staying, in_hand(scene)[1], place, (), (), lambda every: np.ones(len(every), np.bool_))
+    for point, yaws in everywhere:
+        if all(np.hypot(*(point - other)) >= _APART for other in looked_at):
+            yield point, yaws
+            looked_at.append(point)
+        if len(looked_at) == _LOCATIONS:
+            return
+
+
+def _scan(
+    search: PlacementSearch,
+    world: CollisionWorld,
+    wanted: Array,
+    level: float,
+    ignore: int,
+    more_bases: Array,
+    first_free: bool = False,
+) -> tuple[GripperPoses, ArmConfigurations]:
+    """Arm configurations that let go of the held object at gripper poses (k, 5), and what each of them hits.
+
+    It then stands `level` [m] high. From wherever the base may stand, and from more base poses (k, 3); `ignore` is a
+    mask of bits that do not count. With `first_free` only those from the first base pose for which some configuration
+    hits nothing.
+    """
+    scene, (held, body) = world.scene, in_hand(world.scene)
+    robot = scene.robot
+    bases, index = search.arms[robot.arm_name].bases(wanted)
+    near = [np.flatnonzero(can_reach(scene, wanted, base)) for base in more_bases]
+    bases = np.concatenate(
+        (bases, *(np.tile(base, (len(rows), 1)) for base, rows in zip(more_bases, near, strict=True)))
+    )
+    poses = GripperPoses(bases, wanted[np.concatenate((index, *near))])
+    opening, placed = opening_around(robot, body, held), put_down(scene, wanted[0], level)
+    grid = search.grid(robot.arm_name)
+    return poses, scan_configurations(
+        world, poses, grid, opening, body=placed, held=held, ignore=ignore, first_free=first_free
+    )
+
+
+def _wanted(scene: Scene, place: Place, point: Array, yaws: Yaws) -> Array:
+    """The gripper poses (k, 5) that let go of the held object at a point (2,) of a place, turned by one of its yaws."""
+    location = np.array([[*point, place.face.top]])
+    return np.concatenate([gripper_poses_at(scene, location, yaw)[0] for yaw in yaws])
+
+
+def _in_any_hand(candidates: GraspCandidates, scene: Scene, body: Body) -> Iterator[tuple[Scene, Array]]:
+    """The scene with an object in hand, once for each way to hold it, and gripper poses (k, 5) that take it so.
+
+    A round object that stands is held alike from all directions of a family.
+    """
+    held_by = scene.holding(body.name)
+    if held_by is not None:
+        yield held_by, np.zeros((0, 5))
+        return
+    is_round = body.shape == "cylinder" and body.is_upright
+    for view in map(scene.using, candidates.arms):
+        for family in candidates.families:
+            grasps = generate_grasps(body, view.robot, (family,))
+            for alike in [grasps] if is_round and grasps else [(grasp,) for grasp in grasps]:
+                yield view.with_held(HeldObject.grasped(body, alike[0].T_world_tcp)), gripper_poses(alike)

@@ -1,0 +1,137 @@
+"""Robots made of the files of arms: kinematics, shapes, grippers, and what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from assets import InvalidRobot, RobotSpec
+from assets.robot_making import Mounting, _fitted, make_robot
+from clutter_env.simulation.robot_check import check_robot
+from irm import ArmChain, forward
+
+ARMS = Path(__file__).parents[1] / "data" / "arms"
+UR5E = Mounting("base", "wrist_3", on=(0.15, 0.7), lift=(0.0, 0.4), tool=0.16)
+HOME = (0.25, 2.6971, -1.372973, 2.419436, -1.046463, 1.126304, -1.570796)
+TETRAHEDRA = "0 0 0  .1 0 0  0 .1 0  0 0 .2  .08 .08 .15"
+
+
+@pytest.fixture(scope="module")
+def linkage(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A UR5e with a mesh on its forearm, and a gripper whose fingers turn."""
+    spec = mujoco.MjSpec.from_file(str(ARMS / "ur5e.xml"))
+    mesh = spec.add_mesh(name="cover")
+    mesh.uservert = [float(word) for word in TETRAHEDRA.split()]
+    spec.body("forearm").add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="cover", contype=1)
+    for side in (1, -1):
+        finger = spec.body("wrist_3").add_body(name=f"knuckle_{side}", pos=[0, 0.03 * side, 0.05])
+        finger.add_joint(name=f"knuckle_{side}", axis=[1, 0, 0])
+        finger.add_geom(size=[0.02, 0.01, 0.04], type=mujoco.mjtGeom.mjGEOM_BOX, mass=0.1)
+    file = tmp_path_factory.mktemp("arm") / "linkage.xml"
+    spec.compile()
+    file.write_text(spec.to_xml())
+    return file
+
+
+def made(file: Path, mounting: Mounting, folder: Path) -> RobotSpec:
+    text, page = make_robot(file, mounting)
+    out = folder / f"{file.stem}_mobile.xml"
+    out.write_text(text)
+    return RobotSpec.from_mjcf(out, **page, home=HOME)
+
+
+@pytest.mark.parametrize("lift", [(0.0, 0.4), None])
+def test_the_arm_moves_as_in_its_file_and_the_data_agree_with_the_new_one(linkage: Path, tmp_path: Path, lift) -> None:
+    text, page = make_robot(linkage, replace(UR5E, lift=lift))
+    (tmp_path / "made.xml").write_text(text)
+    robot = RobotSpec.from_mjcf(tmp_path / "made.xml", **page, home=(0.0 if lift is None else 0.25, *HOME[1:]))
+    check_robot(robot)
+    own, chain = ArmChain.from_mjcf(linkage, "base", "wrist_3", "z"), ArmChain.from_robot(robot)
+    rng = np.random.default_rng(0)
+    for q in rng.uniform(-2, 2, (20, 7)):
+        q[0] = 0.0
+        wanted = forward(own, q)
+        wanted[:3, 3] += wanted[:3, :3] @ (UR5E.tool, 0, 0) + (0.15, 0, 0.7)
+        np.testing.assert_allclose(forward(chain, q), wanted, atol=2e-5)
+
+
+def test_a_gripper_with_a_linkage_becomes_two_sliding_fingers(linkage: Path, tmp_path: Path) -> None:
+    robot = made(linkage, replace(UR5E, opening=0.1), tmp_path)
+    assert robot.max_opening == pytest.approx(0.1)
+    model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    names = {model.body(body).name for body in range(model.nbody)}
+    assert "knuckle_1" not in names
+    assert {"left_finger", "right_finger"} <= names
+    assert (model.body_gravcomp[1:] == 1).all()
+    assert model.nmesh == 0
+
+
+def test_what_is_named_is_left_out(linkage: Path, tmp_path: Path) -> None:
+    spec = mujoco.MjSpec.from_file(str(linkage))
+    spec.body("base").add_body(name="mast", pos=[-0.2, 0, 0]).add_geom(size=[0.03] * 3)
+    spec.compile()
+    file = tmp_path / "mast.xml"
+    file.write_text(spec.to_xml())
+    assert "mast" in make_robot(file, UR5E)[0]
+    assert 'name="mast"' not in make_robot(file, replace(UR5E, without=("mast",)))[0]
+
+
+def test_the_shape_in_place_of_a_mesh_contains_it() -> None:
+    rng = np.random.default_rng(3)
+    for sizes in rng.uniform(0.01, 0.2, (7, 3)):
+        points = rng.normal(size=(60, 3)) * sizes + rng.uniform(-1, 1, 3)
+        spec = mujoco.MjSpec()
+        spec.worldbody.add_geom(**_fitted(points))
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        local = (points - data.geom_xpos[0]) @ data.geom_xmat[0].reshape(3, 3)
+        kind, size = mujoco.mjtGeom(int(model.geom_type[0])), model.geom_size[0]
+        if kind == mujoco.mjtGeom.mjGEOM_BOX:
+            assert (np.abs(local) <= size + 1e-6).all()
+            continue
+        beyond = np.maximum(np.abs(local[:, 2]) - size[1], 0.0)
+        across = np.hypot(local[:, 0], local[:, 1])
+        if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+            assert (np.hypot(across, beyond) <= size[0] + 1e-6).all()
+        else:
+            assert max(beyond.max(), across.max() - size[0]) <= 1e-6
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"base": "bass"}, "no body 'bass'; there are .*'forearm'"),
+        ({"tip": "hand"}, "no site or body 'hand'; there are"),
+        ({"tip": "forearm"}, "6 or 7 hinges"),
+        ({"on": (0.1, 0.05)}, "higher than 0.1 m"),
+        ({"approach": "w"}, "no approach axis 'w'"),
+    ],
+)
+def test_what_is_missing_is_named(linkage: Path, wrong: dict, message: str) -> None:
+    with pytest.raises(InvalidRobot, match=message):
+        make_robot(linkage, replace(UR5E, **wrong))
+
+
+def test_a_file_that_is_none_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "arm.xml").write_text("<mujoco><worldbody>")
+    with pytest.raises(InvalidRobot, match=r"arm\.xml"):
+        make_robot(tmp_path / "arm.xml", UR5E)
+
+
+def test_a_mobile_base_of_the_file_s_own_keeps_its_outline(linkage: Path, tmp_path: Path) -> None:
+    spec = mujoco.MjSpec.from_file(str(linkage))
+    spec.body("base").add_geom(size=[0.3, 0.2, 0.1], pos=[0, 0, 0.1], type=mujoco.mjtGeom.mjGEOM_BOX)
+    spec.compile()
+    (tmp_path / "rover.xml").write_text(spec.to_xml())
+    text, page = make_robot(tmp_path / "rover.xml", replace(UR5E, on=None, lift=None))
+    (tmp_path / "made.xml").write_text(text)
+    robot = RobotSpec.from_mjcf(tmp_path / "made.xml", **page, home=(0.0, *HOME[1:]))
+    assert {tuple(np.abs(corner)) for corner in robot.base_outline} == {(0.3, 0.2)}
+    assert robot.base_radius == pytest.approx(np.hypot(0.3, 0.2), abs=1e-6)
+    assert robot.base_height == pytest.approx(0.2)
+    assert made(linkage, UR5E, tmp_path).base_outline == (), "a round base"
