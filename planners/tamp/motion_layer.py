@@ -260,7 +260,7 @@ class MotionLayer:
             if isinstance(path, WholeBodyPath):
                 joined = replace(path, configurations=np.vstack([driven.configurations, path.configurations]))
                 if self.is_accepted(scene, [joined]):
-                    trajectory = drive_trajectory(scene.robot, joined, state)
+                    trajectory = drive_trajectory(world, joined, state)
                     there = RobotState(joined.end_base, joined.end, float(trajectory.finger_position[-1]))
                     bound = self._followed(scene, BoundMotion(trajectory, scene.with_state(there)), ())
                     return NoPath("the arm touches something") if isinstance(bound, BlockedBy) else bound
