@@ -32,7 +32,7 @@ from clutter_env.version import version
 _PACKAGE = Path(__file__).parent
 _PICTURES = ("render_mode", "camera", "width", "height")
 """Keyword arguments of an environment that change its pictures alone."""
-_ABILITIES = ("cameras", "segmentation", "num_points", "head")
+_ABILITIES = ("cameras", "segmentation", "num_points", "head", "reality", "base")
 """Keyword arguments that count only where they are not the default: records made before there were such stay valid."""
 _RULES = {
     "physics": ("envs/base.py", *(f"simulation/{name}.py" for name in ("control", "world", "model"))),
@@ -171,6 +171,7 @@ def _digest(env: gym.Env[Any, Any]) -> dict[str, Any]:
         "model": _model_digest(inner.robot, inner.layout, config.slot_shapes),
         "task's code": _code_digest(*sorted(file for file in files if file)),
         **{name: _code_digest(*(str(_PACKAGE / file) for file in rules)) for name, rules in _RULES.items()},
+        **({"reality": _code_digest(str(_PACKAGE / "envs/reality.py"))} if "reality" in settings else {}),
     }
 
 
@@ -179,7 +180,10 @@ def _model_digest(robot: RobotSpec, layout: Layout, shapes: tuple[str, ...]) -> 
     """A digest of the MuJoCo model and the robot's limits; neither meshes nor the place of the robot's file count."""
     spec = build_spec(robot, layout, shapes)
     spec.compile()  # which `to_xml` needs
-    return _hash(spec.to_xml(), json.dumps({**asdict(robot), "mjcf": ""}))
+    parts = {**asdict(robot), "mjcf": ""}
+    if robot.base_drive == "holonomic":  # as in records made before there was another one
+        del parts["base_drive"]
+    return _hash(spec.to_xml(), json.dumps(parts))
 
 
 @cache

@@ -55,11 +55,11 @@ class GoalEnv(BaseEnv):
     info are those of `RetrieveEnv`. Episodes end by their time limit only.
 
     Raises:
-        ConfigError: `success` or `terminate_on_fallen` is given; they are of the retrieval task.
+        ConfigError: `success`, `terminate_on_fallen` or `reality` is given; they are of the retrieval task.
     """
 
     def __init__(self, config: EnvConfig) -> None:
-        for name in ("success", "terminate_on_fallen"):
+        for name in ("success", "terminate_on_fallen", "reality"):
             check_choice(name, getattr(config, name), (getattr(EnvConfig, name),))
         self._goal = np.zeros(3)
         super().__init__(config)

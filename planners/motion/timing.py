@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -73,6 +74,15 @@ def time_parametrise(
     path = path[np.concatenate([[True], moved])]
     if len(path) == 1:
         return Trajectory.of_states(np.tile(np.append(path[0], finger_position), (2, 1)), phase)
+    if robot.base_drive == "differential" and len(path) > 2 and np.ptp(path[:, :3], axis=0).max() > 0:
+        # Stops at both ends of every turn and every straight drive.
+        drives = np.abs(np.diff(path[:, :3], axis=0)).max(axis=1) > 0
+        stops = [0, *(np.flatnonzero(drives[1:] | drives[:-1]) + 1).tolist(), len(path) - 1]
+        pieces = [
+            time_parametrise(path[one : other + 1], robot, finger_position, phase, is_loaded, is_near).states
+            for one, other in pairwise(stops)
+        ]
+        return Trajectory.of_states(np.vstack([pieces[0], *(piece[1:] for piece in pieces[1:])]), phase)
     velocity, acceleration = HEADROOM * np.array(robot.max_velocity), HEADROOM * np.array(robot.max_acceleration)
     if is_loaded:
         velocity[2] = min(velocity[2], HEADROOM * robot.max_loaded_yaw_rate)
