@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, fields
 from functools import partial
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium as gym
 import mujoco
@@ -31,7 +31,6 @@ from clutter_env.scene.household import as_household
 from clutter_env.scene.layout import LAYOUTS, TABLE, Layout
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.control import ControlState, checked_action, checked_vector
-from clutter_env.simulation.end_effector import EndEffectorController, TcpFollower
 from clutter_env.simulation.robot_check import check_robot
 from clutter_env.simulation.saved_state import (
     Fields,
@@ -44,6 +43,9 @@ from clutter_env.simulation.saved_state import (
     unpack,
 )
 from clutter_env.simulation.world import Grip, Measurements, World
+
+if TYPE_CHECKING:
+    from clutter_env.simulation.end_effector import EndEffectorController, TcpFollower
 
 _BASE, _TWIST = 3, 6
 """Numbers of an "ee" action before the gripper's: base velocity, TCP velocity."""
@@ -98,7 +100,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             World, self.robot, self.layout, image_size=self._rendering.largest, show_meshes=show_meshes
         )
         self.world = self._home_world = self._make_world(shapes=config.slot_shapes)
-        self._end_effector = EndEffectorController(self.robot) if config.control_mode == "ee" else None
+        self._end_effector = self._make_end_effector() if config.control_mode == "ee" else None
         shares = config.find_reality()
         self._senses = Senses(shares, self._make_world) if any(shares.values()) else None
         self._has_started = False
@@ -345,7 +347,15 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     def tcp_follower(self) -> TcpFollower:
         """A model of how the joints follow "ee" actions, for planners; independent of this environment's state."""
+        from clutter_env.simulation.end_effector import TcpFollower
+
         return TcpFollower(self.robot)
+
+    def _make_end_effector(self) -> EndEffectorController:
+        # It imports mink, which takes as long as all else here; "joint" control does without.
+        from clutter_env.simulation.end_effector import EndEffectorController
+
+        return EndEffectorController(self.robot)
 
     def save_state(self) -> bytes:
         """Everything that the next steps depend on: physics, controller, task, random generator."""
