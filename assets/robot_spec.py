@@ -101,7 +101,12 @@ class RobotSpec:
     acts_with_all_arms: bool = False
     """Whether actions and plans move all arms, one after another; if not, only the active one. See `with_all_arms`."""
 
+    base_drive: str = "holonomic"
+    """How the base moves: "holonomic", in all directions, or "differential", ahead, back and about its centre."""
+
     def __post_init__(self) -> None:
+        drives = ("holonomic", "differential")
+        require(self.base_drive in drives, "base_drive", f"must be one of {drives}, not {self.base_drive!r}")
         for name in ("name", "mjcf", "base_body", "tcp_site", "gripper_body"):
             value = getattr(self, name)
             require(isinstance(value, str) and value != "", name, f"must be a non-empty string, not {value!r}")

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from numbers import Real
 from typing import Any
 
 from assets import InvalidRobot, RobotSpec, UnknownRobot
 from assets import robot as find_robot
 from clutter_env.errors import ConfigError, check_choice, check_integer
 from clutter_env.scene.layout import Layout, find_layout
-from clutter_env.scene.object_sets import OBJECT_SETS, SHAPE_SETS, ObjectSet, capacity
+from clutter_env.scene.object_sets import OBJECT_SETS, SHAPE_SETS, ObjectSet, capacity, slot_shapes
 
 CONTROL_HZ = 20
 TIMESTEP = 0.002
@@ -26,6 +27,9 @@ OBSTRUCTED = (False, True, 2, 3)
 SUCCESS_KINDS = ("clean", "lifted")
 OBS_MODES = ("state", "rgbd", "pointcloud")
 HEAD_MODES = ("fixed", "commanded")
+BASES = ("holonomic", "differential")
+EFFECTS = ("poses", "joints", "camera", "frames", "observation_delay", "action_delay", "friction", "mass", "size")
+"""By which `reality` makes the world differ from what the robot knows; see `envs.reality`."""
 SCENE_CAMERAS = ("scene", "top")
 """Views of every scene: all of it, and from above; the robot brings its own cameras."""
 IMAGE_SIZE_RANGE = (16, 2048)
@@ -83,6 +87,11 @@ class EnvConfig:
     head: str = "fixed"
     """Whether an action has two numbers more, at its end, for the head: "commanded" or "fixed"."""
 
+    base: str = "holonomic"
+    """How the base moves: "differential" cannot move sideways, and an action has no number for it."""
+    reality: float | Mapping[str, float] = 0.0
+    """From 0, exact and at once, to 1: share of all `EFFECTS`, or of some by name."""
+
     def __post_init__(self) -> None:
         layout, robot = self.find_layout(), self.find_robot()
         check_choice("control_mode", self.control_mode, ("joint",) if robot.acts_with_all_arms else CONTROL_MODES)
@@ -99,8 +108,12 @@ class EnvConfig:
             raise ConfigError(f"obs_mode={self.obs_mode!r} needs a robot with cameras; robot {robot.name!r} has none")
         for camera in self.cameras:
             check_choice("cameras", camera, ("top", *robot.cameras))
+        self.find_reality()
+        if not isinstance(self.reality, Mapping):
+            object.__setattr__(self, "reality", float(self.reality))
         check_choice("segmentation", self.segmentation, (False, True))
         check_choice("head", self.head, HEAD_MODES)
+        check_choice("base", self.base, BASES)
         if self.head == "commanded" and not robot.head_joints:
             raise ConfigError(f"head='commanded' needs a robot whose head moves; that of robot {robot.name!r} does not")
         for name in ("width", "height", "image_size"):
@@ -131,6 +144,25 @@ class EnvConfig:
         """The cameras of the observation, none where it has no images."""
         return () if self.obs_mode == "state" else tuple(self.cameras) or self.find_robot().cameras
 
+    def find_reality(self) -> dict[str, float]:
+        """The share of each effect, by name.
+
+        Raises:
+            ConfigError: an unknown effect, or a share that is no number from 0 to 1.
+        """
+        given = self.reality
+        shares = dict(given) if isinstance(given, Mapping) else dict.fromkeys(EFFECTS, given)
+        for name, share in shares.items():
+            check_choice("reality", name, EFFECTS)
+            if isinstance(share, bool) or not isinstance(share, Real) or not 0 <= share <= 1:
+                raise ConfigError(f"reality={given!r} is not valid; it must be from 0 to 1, or such numbers by effect")
+        return {name: float(shares.get(name, 0.0)) for name in EFFECTS}
+
+    @property
+    def slot_shapes(self) -> tuple[str, ...]:
+        """The shape, or kind, of the object in every slot of a random scene."""
+        return slot_shapes(self.shapes, int(self.num_objects), self.find_object_set())
+
     def find_object_set(self) -> ObjectSet:
         """The ranges of sizes and masses that `object_set` names."""
         return OBJECT_SETS[self.object_set]
@@ -150,7 +182,8 @@ class EnvConfig:
             ConfigError: there is no such robot.
         """
         try:
-            return find_robot(self.robot)
+            robot = find_robot(self.robot)
+            return robot if self.base == "holonomic" else replace(robot, base_drive=self.base)
         except (UnknownRobot, InvalidRobot) as problem:
             raise ConfigError(f"robot: {problem}") from None
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import json
+import math
 import platform
 import subprocess
 import sys
@@ -25,19 +26,20 @@ from assets import RobotSpec
 from clutter_env.config import EnvConfig
 from clutter_env.envs.base import layout_identity
 from clutter_env.scene.layout import Layout
-from clutter_env.scene.object_sets import slot_shapes
 from clutter_env.simulation.model import build_spec
 from clutter_env.version import version
 
 _PACKAGE = Path(__file__).parent
 _PICTURES = ("render_mode", "camera", "width", "height")
 """Keyword arguments of an environment that change its pictures alone."""
-_ABILITIES = ("cameras", "segmentation", "num_points", "head")
+_ABILITIES = ("cameras", "segmentation", "num_points", "head", "reality", "base")
 """Keyword arguments that count only where they are not the default: records made before there were such stay valid."""
 _RULES = {
     "physics": ("envs/base.py", *(f"simulation/{name}.py" for name in ("control", "world", "model"))),
     "end-effector control": ("simulation/end_effector.py",),
-    "scenes": ("scene/layout.py", "scene/object_sets.py", "scene/random_scene.py", "scene/obstruction.py"),
+    "scenes": tuple(
+        f"scene/{name}.py" for name in ("layout", "object_sets", "household", "random_scene", "obstruction")
+    ),
     "success": ("envs/success.py",),
     "reward": ("envs/reward.py",),
     "observation": ("envs/observation.py",),
@@ -58,10 +60,11 @@ def provenance(env: gym.Env[Any, Any] | str | None = None) -> dict[str, Any]:
 
     Returns:
         `version` of this package; `commit` of the checkout it runs from, with "-dirty" after it if files are changed,
-        None for an installed package; `mujoco`, its version; `platform`, system and processor; with an environment also
-        `environment`, its digest.
+        None for an installed package; `mujoco`, its version; `platform`, system and processor; `arithmetic`, see
+        `_arithmetic`; with an environment also `environment`, its digest.
     """
-    record = {"version": version(), "commit": _commit(), "mujoco": mujoco.__version__, "platform": _PLATFORM}
+    record = {"version": version(), "commit": _commit(), "mujoco": mujoco.__version__}
+    record |= {"platform": _PLATFORM, "arithmetic": _arithmetic()}
     return record if env is None else {**record, "environment": environment_digest(env)}
 
 
@@ -112,6 +115,14 @@ def differences(recorded: Mapping[str, Any] | None, present: Mapping[str, Any]) 
 
 
 @cache
+def _arithmetic() -> str:
+    """A digest of the last bits of sines and the like, with which the physics computes: they depend on the C library,
+    and with it on whether the processor has FMA."""
+    values = [0.0037 * k - 7.5 for k in range(4096)]  # of which a few differ
+    return _hash(*(value.hex() for function in (math.sin, math.cos, math.exp) for value in map(function, values)))
+
+
+@cache
 def _commit() -> str | None:
     """The commit of the package's own checkout, None without one: an installed package may lie in someone else's."""
 
@@ -148,7 +159,6 @@ def _digest(env: gym.Env[Any, Any]) -> dict[str, Any]:
         if name not in _PICTURES and (name not in defaults or value != defaults[name])
     }
     settings |= {"layout": layout_identity(inner.layout), "robot": inner.robot.name}
-    shapes = slot_shapes(config.shapes, int(config.num_objects))
     kinds = {
         kind.__module__: kind for kind in (*type(outer).__mro__, *type(inner).__mro__) if issubclass(kind, gym.Env)
     }
@@ -158,9 +168,10 @@ def _digest(env: gym.Env[Any, Any]) -> dict[str, Any]:
         "task": type(outer).__name__,
         "settings": json.loads(json.dumps(settings, default=int)),  # integers of NumPy's become Python's
         "time limit": env.spec.max_episode_steps if env.spec else None,
-        "model": _model_digest(inner.robot, inner.layout, shapes),
+        "model": _model_digest(inner.robot, inner.layout, config.slot_shapes),
         "task's code": _code_digest(*sorted(file for file in files if file)),
         **{name: _code_digest(*(str(_PACKAGE / file) for file in rules)) for name, rules in _RULES.items()},
+        **({"reality": _code_digest(str(_PACKAGE / "envs/reality.py"))} if "reality" in settings else {}),
     }
 
 
@@ -169,7 +180,10 @@ def _model_digest(robot: RobotSpec, layout: Layout, shapes: tuple[str, ...]) -> 
     """A digest of the MuJoCo model and the robot's limits; neither meshes nor the place of the robot's file count."""
     spec = build_spec(robot, layout, shapes)
     spec.compile()  # which `to_xml` needs
-    return _hash(spec.to_xml(), json.dumps({**asdict(robot), "mjcf": ""}))
+    parts = {**asdict(robot), "mjcf": ""}
+    if robot.base_drive == "holonomic":  # as in records made before there was another one
+        del parts["base_drive"]
+    return _hash(spec.to_xml(), json.dumps(parts))
 
 
 @cache

@@ -76,15 +76,16 @@ def test_the_python_of_the_learning_page_runs_after_its_collection(
 ) -> None:
     """With one episode in place of two hundred."""
     page = "docs/learning.md"
-    collect = next(line for block in blocks(page, "sh") for line in block.splitlines() if "collect" in line)
-    argv = shlex.split(collect.replace("--episodes 200", "--episodes 1"))[1:]
+    lines = [line for block in blocks(page, "sh") for line in block.splitlines()]
+    collect, export = (next(line for line in lines if f"clutter-env {name}" in line) for name in ("collect", "export"))
     monkeypatch.chdir(tmp_path)
     command = [
         sys.executable,
         "-c",
         f"import sys; sys.path.insert(0, {str(ROOT)!r}); from clutter_env.cli.main import main; main()",
     ]
-    subprocess.run([*command, *argv], check=True)
+    for line in (collect.replace("--episodes 200", "--episodes 1"), export):
+        subprocess.run([*command, *shlex.split(line)[1:]], check=True)
     script = tmp_path / "page.py"
     body = "".join(f"    {line}" for line in "\n".join(blocks(page, "python")).splitlines(keepends=True))
     script.write_text(f"import sys\nsys.path.insert(0, {str(ROOT)!r})\nif __name__ == '__main__':\n{body}")
@@ -92,7 +93,7 @@ def test_the_python_of_the_learning_page_runs_after_its_collection(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["clone", "collect", "evaluate", "run_expert"])
+@pytest.mark.parametrize("name", ["clone", "collect", "evaluate", "run_expert", "objects_of_pieces"])
 def test_the_examples_run(name: str, tmp_path: Path) -> None:
     """`clone.py` imported a name that there was no longer."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
@@ -101,6 +102,8 @@ def test_the_examples_run(name: str, tmp_path: Path) -> None:
     assert ended.returncode == 0, ended.stderr
     if name == "clone":
         assert float(ended.stdout.split()[-1]) >= 0.5
+    if name == "objects_of_pieces":
+        assert ended.stdout.count("1 planned, 1 lifted") >= 5
 
 
 def commands(page: str) -> Iterator[list[str]]:

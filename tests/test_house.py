@@ -26,10 +26,10 @@ CHAINS = (
         ("planners.scene", ("numba", "gymnasium", "matplotlib", *GL, *LEARNING)),
         ("planners.face", ("gymnasium", "matplotlib", *GL, *LEARNING)),
     ),
-    (("irm", ("mujoco", "mink", "gymnasium", "matplotlib", *GL, *LEARNING)),),
+    (("irm", ("mujoco", "scipy.ndimage", "scipy.spatial", "mink", "gymnasium", "matplotlib", *GL, *LEARNING)),),
     (
         *(
-            (module, ("numba", "planners", "irm", *GL, *LEARNING))
+            (module, ("numba", "planners", "irm", "mink", "scipy", *GL, *LEARNING))
             for module in ("clutter_env", "clutter_env.envs.retrieve", "clutter_env.envs.goal", "clutter_env.cli.main")
         ),
         ("clutter_env.envs.rearrange", ("numba", *GL, *LEARNING)),

@@ -44,12 +44,6 @@ class Arguments:
     """First seed; the others follow in ascending order. Seeds from 1,000,000 on are for evaluation."""
     workers: int = 2
     """Number of processes."""
-    format: Literal["minari", "hdf5"] = "minari"
-    """"minari" writes a Minari dataset beside the episodes' files, "hdf5" does not."""
-    dataset_id: str = ""
-    """Minari's name of the dataset; empty: made from the environment's id."""
-    minari_root: Path | None = None
-    """Directory of Minari datasets; without it, minari/ in --out, where an older export is replaced."""
     ray: str = ""
     """Address of Ray ("auto", "local", …): collect there instead of in processes of this machine."""
     json: Path | None = None
@@ -57,7 +51,7 @@ class Arguments:
 
 
 def run(arguments: Arguments) -> None:
-    """Collect, print the counts, and export."""
+    """Collect, and print the counts."""
     import time
     from collections import Counter
     from functools import partial
@@ -65,7 +59,6 @@ def run(arguments: Arguments) -> None:
     from clutter_env.config import IMAGE_SIZE_RANGE
     from clutter_env.data.collect import SeedResult, collect, make_job
     from clutter_env.data.dataset import Dataset
-    from clutter_env.data.minari import export_minari
     from clutter_env.errors import check_integer
     from clutter_env.parallel import run_jobs
     from clutter_env.reporting.files import write_json
@@ -99,10 +92,6 @@ def run(arguments: Arguments) -> None:
     print(f"{made} of them collected now, in {wall_s:.0f} s{rate}")
     for reason, count in rejected.most_common():
         print(f"  {count} rejected: {reason}")
-    if arguments.format == "minari":
-        root = arguments.minari_root or dataset.directory / "minari"
-        folder = export_minari(dataset, root, arguments.dataset_id, replace=arguments.minari_root is None)
-        print(f"Minari dataset: {folder}")
     if arguments.json is not None:
         content = {"seeds": seeds, "made": made, "wall_s": wall_s, "rejected": rejected, "job": job.identity()}
         write_json(arguments.json, content)

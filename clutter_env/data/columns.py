@@ -44,7 +44,9 @@ def episode_columns(env: gym.Env, observation: Mapping[str, Any]) -> dict[str, C
     keyframe_units = ("m", "m", "rad", "m", *["rad"] * (len(joints) - 1), "m")
     before = "row t belongs to observation t and action t, the last row to no action"
     return found | {
-        "actions": _action(str(env.get_wrapper_attr("control_mode")), joints, "observation" not in layout),
+        "actions": _action(
+            str(env.get_wrapper_attr("control_mode")), joints, "observation" not in layout, robot.base_drive
+        ),
         "rewards": Columns("reward of the step", ("reward",), ("",)),
         "terminations": Columns("whether the step ended the episode by success or failure", ("terminated",), ("",)),
         "truncations": Columns("whether the step ended the episode early", ("truncated",), ("",)),
@@ -109,12 +111,12 @@ def _named(about: str, columns: Iterable[Column]) -> Columns:
     return Columns(about, tuple(column.name for column in every), tuple(column.unit for column in every))
 
 
-def _action(control_mode: str, joints: list[str], has_base: bool) -> Columns:
+def _action(control_mode: str, joints: list[str], has_base: bool, base_drive: str) -> Columns:
     """The columns of an action; one for a fixed base moves the TCP without turning it."""
     moves = [f"tcp_velocity_{axis}" for axis in "xyz"]
     if has_base:
         turns = [f"tcp_rotation_{axis}" for axis in "xyz"]
         own = joints if control_mode == "joint" else moves + turns
-        moves = ["base_forward", "base_left", "base_yaw_rate", *own]
+        moves = ["base_forward", *["base_left"] * (base_drive == "holonomic"), "base_yaw_rate", *own]
     about = f"control mode {control_mode}: shares of the greatest velocity, and of the gripper's opening, -1 to 1"
     return Columns(about, (*moves, "gripper"), ("",) * (len(moves) + 1))

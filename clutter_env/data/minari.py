@@ -15,8 +15,10 @@ from clutter_env.errors import DatasetError, LearningError
 from clutter_env.reporting.files import json_values
 
 
-def export_minari(dataset: Dataset, root: Path, dataset_id: str = "", replace: bool = False) -> Path:
+def export_minari(dataset: Dataset, root: Path) -> Path:
     """Write the dataset below `root` (Minari's own is $MINARI_DATASETS_PATH or ~/.minari/datasets); its directory.
+
+    Its name is the environment's id in lower case, such as "clutter_env/retrieve-o15-v0".
 
     Infos hold the physics states and the labels of the steps; the metadata also say what the dataset was collected
     with, and the names and units of all columns.
@@ -24,8 +26,6 @@ def export_minari(dataset: Dataset, root: Path, dataset_id: str = "", replace: b
     Args:
         dataset: complete.
         root: directory of Minari datasets.
-        dataset_id: such as "clutter_env/retrieve-o15-v0"; "" for the environment's id in lower case.
-        replace: whether a dataset of that name is replaced.
 
     Raises:
         DatasetError: there is a dataset of that name already, or `dataset` is not complete.
@@ -38,10 +38,10 @@ def export_minari(dataset: Dataset, root: Path, dataset_id: str = "", replace: b
     except ImportError as problem:
         raise LearningError("Minari datasets need Minari; pip install 'clutter-env[rl]'") from problem
     seeds, identity, task = dataset.seeds, dataset.identity, dataset.task
-    dataset_id = dataset_id or task.env_id.lower()
+    dataset_id = task.env_id.lower()
     final = (root / dataset_id).absolute()  # Minari joins relative paths twice
-    if final.exists() and not replace:
-        raise DatasetError(f"{final} exists; choose another dataset id or remove it")
+    if final.exists():
+        raise DatasetError(f"{final} exists; choose another directory or remove it")
     part = final.with_name(f".{final.name}.{os.getpid()}.part")
     (part / "data").mkdir(parents=True)
     image_size = identity.get("image_size", 0)
@@ -79,8 +79,6 @@ def export_minari(dataset: Dataset, root: Path, dataset_id: str = "", replace: b
         metadata = {"dataset_id": dataset_id, "minari_version": minari.__version__, "description": about}
         metadata |= {"algorithm_name": identity["expert"], "provenance": identity.get("provenance"), "columns": columns}
         storage.update_metadata(metadata)
-        if final.exists():
-            shutil.rmtree(final)
         os.replace(part, final)
     finally:
         env.close()

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, fields
 from functools import partial
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium as gym
 import mujoco
@@ -21,16 +21,16 @@ from assets import RobotSpec, UnknownRobot
 from assets import robot as find_robot
 from clutter_env.config import CONTROL_HZ, RENDER_MODES, EnvConfig
 from clutter_env.envs.observation import EntryLayout, Observer
+from clutter_env.envs.reality import Senses
 from clutter_env.envs.reset_options import ResetOptions, draw_scene
 from clutter_env.envs.success import LIFT_HEIGHT, SuccessMonitor, checked_memory
 from clutter_env.errors import ActionError, StateError
 from clutter_env.rendering.cameras import EnvRenderer
 from clutter_env.rendering.renderer import has_display
+from clutter_env.scene.household import as_household
 from clutter_env.scene.layout import LAYOUTS, TABLE, Layout
-from clutter_env.scene.object_sets import slot_shapes
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.control import ControlState, checked_action, checked_vector
-from clutter_env.simulation.end_effector import EndEffectorController, TcpFollower
 from clutter_env.simulation.robot_check import check_robot
 from clutter_env.simulation.saved_state import (
     Fields,
@@ -44,8 +44,13 @@ from clutter_env.simulation.saved_state import (
 )
 from clutter_env.simulation.world import Grip, Measurements, World
 
+if TYPE_CHECKING:
+    from clutter_env.simulation.end_effector import EndEffectorController, TcpFollower
+
 _BASE, _TWIST = 3, 6
 """Numbers of an "ee" action before the gripper's: base velocity, TCP velocity."""
+_SIDEWAYS = 1
+"""Index of the number that an action of a differential base lacks."""
 _MEMORY = ("task", "monitor", "grip", "furniture_force", "target", "velocity", "fingers", "end_effector", "rng")
 """Entries of a saved state's memory: what task, success monitor, controller and environment remember besides the
 physics."""
@@ -94,13 +99,17 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         self._make_world = partial(
             World, self.robot, self.layout, image_size=self._rendering.largest, show_meshes=show_meshes
         )
-        self.world = self._home_world = self._make_world(shapes=slot_shapes(config.shapes, config.num_objects))
-        self._end_effector = EndEffectorController(self.robot) if config.control_mode == "ee" else None
+        self.world = self._home_world = self._make_world(shapes=config.slot_shapes)
+        self._end_effector = self._make_end_effector() if config.control_mode == "ee" else None
+        shares = config.find_reality()
+        self._senses = Senses(shares, self._make_world) if any(shares.values()) else None
         self._has_started = False
         self._actions: list[NDArray[np.float32]] = []
         self.action_size = _BASE + _TWIST + 1 if self._end_effector else self.world.controller.action_size
         self._num_head = len(self.robot.head_joints) if config.head == "commanded" else 0
         self.action_size += self._num_head
+        self._moves_sideways = self.robot.base_drive == "holonomic"
+        self.action_size -= not self._moves_sideways
         self._observer = self._make_observer()
         self.action_space = spaces.Box(-1.0, 1.0, (self.action_size,), np.float32)
         self.observation_space = self._make_observation_space()
@@ -156,9 +165,12 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         self.check_started("step()")
         self._actions.append(recorded)
         checked = recorded.astype(np.float64)
-        end = self.action_size - self._num_head
-        grips, head = checked[end - self.world.controller.num_grippers : end].tolist(), checked[end:].tolist()
+        if self._senses:
+            checked = self._senses.late(checked, self._still_action())
+        grips, head = self._parts(checked)
         self.measurements = self.world.advance(self.measurements, self._joint_velocity(checked), grips, head)
+        if self._senses:
+            self._senses.observe(self.world, self.measurements)
         self._monitor.update(self.measurements)
         reward, terminated = self._advance()
         if self.render_mode == "human":
@@ -195,6 +207,21 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
     def data(self) -> mujoco.MjData:
         """The MuJoCo data. Read it; do not write it."""
         return self.world.data
+
+    @property
+    def perceived(self) -> World:
+        """The world as the robot knows it, with `model` and `data`; the true one at reality=0."""
+        return self.world if self._senses is None or self._senses.world is None else self._senses.world
+
+    @property
+    def latency(self) -> int:
+        """Control steps by which actions and observations together are late."""
+        return self._senses.latency if self._senses else 0
+
+    @property
+    def pose_accuracy(self) -> float:
+        """[m] Error of the objects' perceived poses that is seldom exceeded; 0 at reality=0."""
+        return self._senses.pose_accuracy if self._senses else 0.0
 
     @property
     def control_mode(self) -> str:
@@ -268,8 +295,13 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             raise ActionError("joint_action needs control_mode='joint'; this environment has 'ee', use ee_action")
         self.check_started("joint_action()")
         controller, is_holding = self.world.controller, self.measurements.grip.is_holding
+        present = controller.state
+        for on_the_way in self._senses.on_the_way if self._senses else ():  # starts from where those will have led
+            parts = self._parts(on_the_way)
+            controller.move_target(self.data, self._joint_velocity(on_the_way), parts[0], is_holding, parts[1])
         action = controller.action_towards(q_target, gripper_width, is_holding)
-        return np.append(action, self._head_action(head_target))
+        controller.state = present
+        return self._with_own_parts(action, head_target)
 
     def ee_action(
         self,
@@ -303,23 +335,33 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         T_world_base[:2, :2] = ((cosine, -sine), (sine, cosine))
         T_world_base[:2, 3] = base[:2]
         twist = self._end_effector.twist_towards(np.linalg.inv(T_world_base) @ pose)
-        return np.concatenate((drive, twist, [controller.grip_action(gripper_width)], self._head_action(head_target)))
+        action = np.concatenate((drive, twist, [controller.grip_action(gripper_width)]))
+        return self._with_own_parts(action, head_target)
 
-    def _head_action(self, target: ArrayLike | None) -> NDArray[np.float64]:
-        """The numbers of an action for the head."""
-        if target is None:
-            return np.zeros(self._num_head)
-        if not self._num_head:
+    def _with_own_parts(self, action: NDArray[np.float64], head_target: ArrayLike | None) -> NDArray[np.float64]:
+        """An action without what this base cannot do, with the numbers for the head."""
+        if head_target is not None and not self._num_head:
             raise ActionError("head_target needs head='commanded'")
-        return self.world.controller.head_action(target)
+        head = np.zeros(self._num_head) if head_target is None else self.world.controller.head_action(head_target)
+        return np.append(action if self._moves_sideways else np.delete(action, _SIDEWAYS), head)
 
     def tcp_follower(self) -> TcpFollower:
         """A model of how the joints follow "ee" actions, for planners; independent of this environment's state."""
+        from clutter_env.simulation.end_effector import TcpFollower
+
         return TcpFollower(self.robot)
+
+    def _make_end_effector(self) -> EndEffectorController:
+        # It imports mink, which takes as long as all else here; "joint" control does without.
+        from clutter_env.simulation.end_effector import EndEffectorController
+
+        return EndEffectorController(self.robot)
 
     def save_state(self) -> bytes:
         """Everything that the next steps depend on: physics, controller, task, random generator."""
         self.check_started("save_state()")
+        if self._senses:
+            raise StateError("states are saved at reality=0: what is late, and the errors of the episode, are no part")
         scene, control, arm = self.world.scene, self.world.controller.state, self._end_effector
         assert scene is not None
         memory = {
@@ -343,7 +385,10 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         Raises:
             StateError: not a valid saved state of an environment like this one; nothing has changed.
         """
+        if self._senses:
+            raise StateError("states are restored at reality=0")
         scene, saved_physics, remembered = unpack(state, self._kind, self.has_target)
+        scene = as_household(scene) if self.config.find_object_set().kinds else scene
         world, arm = self._world_for(scene), self._end_effector
         size, grippers = len(world.controller.state.target), world.controller.num_grippers
         memory = Fields(remembered, "memory", (*_MEMORY, *["head"] * (self._num_head > 0)))
@@ -389,7 +434,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickling keeps what `save_state` keeps; MuJoCo's own pickles forget which bodies sleep."""
-        saved = self.save_state() if self._has_started else None
+        saved = self.save_state() if self._has_started and not self._senses else None
         attributes = {name: self.__dict__[name] for name in _PICKLED if name in self.__dict__}
         return _unpickled, (type(self), self.config.keywords(), attributes, saved)
 
@@ -445,10 +490,15 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
     def _start(self, scene: TableScene) -> None:
         """Begin an episode with the robot at rest in its home configuration."""
         self.world = self._world_for(scene)
+        if self._senses:  # the generator is that of the scene, after it
+            rng = np.random.default_rng(self.np_random.integers(2**63))
+            scene = self._senses.begin(self.world, scene, rng)
         self.world.reset(scene)
         if self._end_effector:
             self._end_effector.reset(self.world.controller.state.target[_BASE:])
         self.measurements = self.world.measure()
+        if self._senses:
+            self._senses.observe(self.world, self.measurements)
         self._has_started = True
 
     def _world_for(self, scene: TableScene) -> World:
@@ -462,11 +512,26 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """Velocities (4 + n,) that an action asks for, base x and y in the base's frame."""
         controller = self.world.controller
         state, limit = controller.state, controller.max_velocity
+        if not self._moves_sideways:
+            action = np.insert(action, _SIDEWAYS, 0.0)
         if not self._end_effector:
             return action[: len(limit)] * limit
         base, twist = action[:_BASE] * limit[:_BASE], action[_BASE : _BASE + _TWIST]
         arm = self._end_effector.joint_velocity(twist, state.target[_BASE:], state.velocity[_BASE:])
         return np.concatenate((base, arm))
+
+    def _parts(self, action: NDArray[np.float64]) -> tuple[list[float], list[float]]:
+        """The numbers of an action for the grippers, and for the head."""
+        end = self.action_size - self._num_head
+        return action[end - self.world.controller.num_grippers : end].tolist(), action[end:].tolist()
+
+    def _still_action(self) -> NDArray[np.float64]:
+        """The action that moves nothing."""
+        still, controller = np.zeros(self.action_size), self.world.controller
+        end = self.action_size - self._num_head
+        widths = [controller.grip_action(self.robot.opening(finger)) for finger in controller.state.fingers]
+        still[end - controller.num_grippers : end] = widths
+        return still
 
     @property
     def _kind(self) -> dict[str, Any]:
@@ -503,13 +568,17 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             "furniture_force": self.world.furniture_force,
             "unstable": self.world.is_unstable,
             "ik_failures": self._end_effector.failures if self._end_effector else 0,
-            **self._rendering.calibration(self.world),
+            **self._rendering.calibration(self.perceived),
         }
 
     def observe_world(self, target: int, hold_progress: float, lift_left: float) -> dict[str, Any]:
         """The observation that the configuration asks for; see `Observer.observe`."""
-        vectors = self._observer.observe(self.world, self.measurements, target, hold_progress, lift_left)
-        return {**vectors, **self._rendering.observation(self.world)}
+        measurements = self._senses.measurements if self._senses else self.measurements
+        vectors = self._observer.observe(self.perceived, measurements, target, hold_progress, lift_left)
+        images = self._rendering.images(self.world)
+        if self._senses:
+            images = self._senses.arriving(images)
+        return {**vectors, **self._rendering.observation(self.perceived, images)}
 
     def _make_observation_space(self) -> spaces.Dict:
         """The space of `observe_world`'s observations."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
@@ -20,8 +20,9 @@ from clutter_env.envs.reset_options import ResetOptions
 from clutter_env.errors import check_choice, check_integer
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.saved_state import Fields
-from planners.goals import Goal, at, holding
-from planners.scene import Scene
+
+if TYPE_CHECKING:
+    from planners.goals import Goal
 
 GOAL_TOLERANCE = 0.05
 """[m] from the goal within which it counts as reached."""
@@ -55,11 +56,11 @@ class GoalEnv(BaseEnv):
     info are those of `RetrieveEnv`. Episodes end by their time limit only.
 
     Raises:
-        ConfigError: `success` or `terminate_on_fallen` is given; they are of the retrieval task.
+        ConfigError: `success`, `terminate_on_fallen` or `reality` is given; they are of the retrieval task.
     """
 
     def __init__(self, config: EnvConfig) -> None:
-        for name in ("success", "terminate_on_fallen"):
+        for name in ("success", "terminate_on_fallen", "reality"):
             check_choice(name, getattr(config, name), (getattr(EnvConfig, name),))
         self._goal = np.zeros(3)
         super().__init__(config)
@@ -180,6 +181,10 @@ class PickEnv(GoalEnv):
         Raises:
             ActionError: the environment has not been reset.
         """
+        # Who does not plan does without the planner, which takes longer to import than all else here.
+        from planners.goals import at, holding
+        from planners.scene import Scene
+
         scene = Scene.from_mujoco(self.model, self.data, self.robot, support=self.support_name)
         body = scene.body(self.target)
         if self._goal[2] - (body.position[2] - body.bottom) <= scene.support.top + _STANDING:

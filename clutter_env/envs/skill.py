@@ -97,6 +97,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         self.physics_env = RetrieveEnv(**{**keywords, "control_mode": "joint"})
         if self.physics_env.robot.acts_with_all_arms:
             raise ConfigError(f"skills use one arm; give robot {self.physics_env.robot.name!r} without with_all_arms()")
+        check_choice("reality", self.physics_env.config.reality, (0.0,))
         self._is_kinematic = simulation == "kinematic"
         self._geometric_mask, self._tries_all = geometric_mask, feasibility == "none"
         self._count = self.physics_env.config.num_objects

@@ -70,9 +70,14 @@ class EnvRenderer:
             camera = whole_scene(world.model, self._layout, across(self._layout), width / height)
         return renderer.colour(world.data, camera) if mode == "rgb_array" else renderer.depth(world.data, camera)
 
-    def observation(self, world: World) -> dict[str, NDArray[Any]]:
-        """What the observed cameras show, as `obs_mode` wants it; see `observation_spaces`."""
-        images = self._images(world)
+    def observation(self, world: World, images: dict[str, NDArray[Any]] | None = None) -> dict[str, NDArray[Any]]:
+        """What the observed cameras show, as `obs_mode` wants it; see `observation_spaces`.
+
+        Args:
+            world: the world, as it is known where the cameras are.
+            images: that `images` gave; those of this world if not given.
+        """
+        images = self.images(world) if images is None else images
         return images if self._config.obs_mode != "pointcloud" else self._cloud(world, images)
 
     def observation_spaces(self) -> dict[str, spaces.Box]:
@@ -147,7 +152,7 @@ class EnvRenderer:
             return {name: np.zeros_like(space.low) for name, space in self.observation_spaces().items()}
         return {name: np.concatenate(parts) for name, parts in cloud.items()}
 
-    def _images(self, world: World) -> dict[str, NDArray[Any]]:
+    def images(self, world: World) -> dict[str, NDArray[Any]]:
         """The images of the observed cameras."""
         images: dict[str, NDArray[Any]] = {}
         labels = _labels(world) if self._config.segmentation else None
@@ -197,7 +202,7 @@ def _labels(world: World) -> NDArray[np.uint8]:
     labels = np.full(model.ngeom, FURNITURE, np.uint8)
     labels[model.geom_type == int(mujoco.mjtGeom.mjGEOM_PLANE)] = 0
     labels[model.body_rootid[model.geom_bodyid] == model.body_rootid[index.base_body]] = ROBOT
-    labels[index.object_geoms] = FIRST_OBJECT + np.arange(index.num_objects)
+    labels[index.object_geoms] = FIRST_OBJECT + index.geom_slots
     return labels
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from clutter_env.scene.household import KINDS, slot_kinds
 from clutter_env.scene.layout import Layout
 
 Range = tuple[float, float]
@@ -23,6 +24,9 @@ MAX_OBJECTS = 60
 _PACKING = 0.46
 """Share of the area that random placement reliably fills; the limit is 0.547 (random sequential adsorption)."""
 
+_PACKING_WIDEST_FIRST = 0.53
+"""The same of household objects, whose widest are placed first."""
+
 
 @dataclass(frozen=True)
 class ObjectSet:
@@ -36,6 +40,8 @@ class ObjectSet:
         mass: [kg]
         edge_margin: [m] from an object's axis to the table's edge at least.
         are_cylinders_lying: whether cylinders lie on their sides instead of standing.
+        kinds: names of the kinds of household objects that the slots of a scene hold in turn, in place of random
+            cylinders and boxes; none for these.
         has_side_grasps: whether a level gripper grasps these objects at the robot's usual height above the table, so
             that obstructed targets can be recognised.
     """
@@ -47,6 +53,7 @@ class ObjectSet:
     mass: Range = (0.15, 0.25)
     edge_margin: float = 0.045
     are_cylinders_lying: bool = False
+    kinds: tuple[str, ...] = ()
     has_side_grasps: bool = True
 
     def heights_on(self, layout: Layout) -> Range:
@@ -79,13 +86,16 @@ OBJECT_SETS: Mapping[str, ObjectSet] = MappingProxyType(
             height=(0.05, 0.06),
             has_side_grasps=False,
         ),
+        "household": ObjectSet(height=(0.025, 0.23), mass=(0.12, 0.60), kinds=tuple(KINDS), has_side_grasps=False),
     }
 )
-"""Upright cylinders and boxes but for "lying": cylinders and boxes on one of their long sides."""
+"""Upright cylinders and boxes but for "lying", cylinders and boxes on one of their long sides, and "household"."""
 
 
-def slot_shapes(shapes: str, count: int) -> tuple[str, ...]:
-    """The shape of every slot of a random scene: a mixed set alternates."""
+def slot_shapes(shapes: str, count: int, objects: ObjectSet = OBJECT_SETS["standard"]) -> tuple[str, ...]:
+    """The shape, or kind, of every slot of a random scene: a mixed set alternates."""
+    if objects.kinds:
+        return slot_kinds(count)
     if shapes == "mixed":
         return tuple("box" if index % 2 else "cylinder" for index in range(count))
     return (shapes,) * count
@@ -97,6 +107,11 @@ def capacity(layout: Layout, shapes: str, objects: ObjectSet = OBJECT_SETS["stan
     box = math.hypot(depth, sum(objects.half_width))
     if objects.are_cylinders_lying:
         cylinder = math.hypot(depth, cylinder)
+    if objects.kinds:
+        widest = [2 * math.hypot(*KINDS[kind].half_extents[:2]) + OBJECT_GAP for kind in objects.kinds]
+        square = sum(width**2 for width in widest) / len(widest)
+        in_one_row = int(_PACKING_WIDEST_FIRST * layout.depth * layout.width / (math.pi / 4 * square))
+        return min(in_one_row * len(layout.levels), MAX_OBJECTS)
     diameter = {"cylinder": cylinder, "box": box, "mixed": (cylinder + box) / 2}[shapes] + OBJECT_GAP
     overhang = diameter / 2 - objects.edge_margin
     area = (layout.depth + 2 * overhang) * (layout.width + 2 * overhang)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.errors import OptionError
+from clutter_env.scene.household import KINDS, HouseholdScene, slot_kinds
 from clutter_env.scene.layout import Layout
 from clutter_env.scene.object_sets import OBJECT_GAP, OBJECT_SETS, ObjectSet, slot_shapes
 from clutter_env.scene.table_scene import TableScene
@@ -35,6 +36,8 @@ def sample_scene(
     Raises:
         OptionError: no placement was found; cannot happen up to `capacity`.
     """
+    if objects.kinds:
+        return _household_scene(rng, layout, num_objects)
     is_box = np.array([shape == "box" for shape in slot_shapes(shapes, num_objects)], dtype=bool)
     is_lying = ~is_box & objects.are_cylinders_lying
     is_angular = is_box | is_lying
@@ -63,6 +66,29 @@ def sample_scene(
     )
 
 
+def _household_scene(rng: np.random.Generator, layout: Layout, num_objects: int) -> TableScene:
+    """Household objects anywhere, turned anyhow, wholly on the table."""
+    kinds = [KINDS[name] for name in slot_kinds(num_objects)]
+    half_extents = np.array([kind.half_extents for kind in kinds]).reshape(-1, 3)
+    radii, positions = np.hypot(half_extents[:, 0], half_extents[:, 1]), np.zeros((num_objects, 2))
+    rows = np.arange(num_objects) % len(layout.levels)
+    for row in range(len(layout.levels)):
+        here = np.flatnonzero(rows == row)
+        order = here[np.argsort(-radii[here], kind="stable")]  # the widest first: they find space last
+        positions[order] = _place(rng, layout, radii[order], radii[order])
+    return HouseholdScene(
+        half_extents=half_extents,
+        is_box=np.ones(num_objects, dtype=bool),
+        positions=positions,
+        yaws=rng.uniform(-math.pi, math.pi, num_objects),
+        masses=np.array([kind.mass for kind in kinds]),
+        base=sample_base(rng, layout),
+        target=int(rng.integers(num_objects)) if num_objects else -1,
+        is_lying=np.zeros(num_objects, dtype=bool),
+        levels=np.array(layout.levels)[rows],
+    )
+
+
 def sample_base(rng: np.random.Generator, layout: Layout) -> NDArray[np.float64]:
     """A base pose (x, y, yaw) in front of the table, clear of the furniture."""
     (low_x, low_y), (high_x, high_y) = layout.start_region
@@ -71,8 +97,13 @@ def sample_base(rng: np.random.Generator, layout: Layout) -> NDArray[np.float64]
     return base
 
 
-def _place(rng: np.random.Generator, layout: Layout, radii: NDArray[np.float64], margin: float) -> NDArray[np.float64]:
-    """Positions (n, 2) of circles that keep `OBJECT_GAP` apart, uniform over what is free."""
+def _place(
+    rng: np.random.Generator, layout: Layout, radii: NDArray[np.float64], margin: float | NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Positions (n, 2) of circles that keep `OBJECT_GAP` apart, uniform over what is free.
+
+    `margin` [m], one or (n,), is that of their centres to the edges.
+    """
     for _ in range(_MAX_RESTARTS):
         positions = _place_once(rng, layout, radii, margin)
         if positions is not None:
@@ -81,13 +112,14 @@ def _place(rng: np.random.Generator, layout: Layout, radii: NDArray[np.float64],
 
 
 def _place_once(
-    rng: np.random.Generator, layout: Layout, radii: NDArray[np.float64], margin: float
+    rng: np.random.Generator, layout: Layout, radii: NDArray[np.float64], margin: float | NDArray[np.float64]
 ) -> NDArray[np.float64] | None:
     """One attempt, object by object; None when the next object found no space."""
-    half_size = layout.depth / 2 - margin, layout.width / 2 - margin
+    margins = np.broadcast_to(margin, len(radii)).tolist()
     circles: list[tuple[float, float, float]] = []
     widest = float(radii.max(initial=0.0))
     for index, radius in enumerate(radii.tolist()):
+        half_size = layout.depth / 2 - margins[index], layout.width / 2 - margins[index]
         for _ in range(_MAX_BATCHES):
             draws = rng.random((_FEW if index < _EASY else _MANY, 2))
             centre = _first_free(draws, half_size, circles, radius + OBJECT_GAP, widest)

@@ -98,6 +98,7 @@ class JointController:
     def __init__(self, model: mujoco.MjModel, index: ModelIndex, robot: RobotSpec) -> None:
         self._index = index
         self._robot = robot
+        self._moves_sideways = robot.base_drive == "holonomic"
         acting = ActingJoints.of(robot)
         self.num_grippers = acting.num_grippers
         arm = len(acting.lower) - 1
@@ -154,7 +155,7 @@ class JointController:
             The motor commands (`SEGMENTS`, nu), for equal parts of the step.
         """
         before = self._position_command(self.state)
-        self._move_target(data, velocity, grips, is_loaded, head)
+        self.move_target(data, velocity, grips, is_loaded, head)
         after = self._position_command(self.state)
         commands: Vector = before + _SHARES * (after - before)
         self._moving_command[self._index.drive_actuators] = self._feedforward * self.state.velocity
@@ -205,7 +206,7 @@ class JointController:
         width = float(checked_vector("gripper_width", [gripper_width], (1,))[0])
         return 2 * self._robot.finger_position(width) / self._robot.max_finger_position - 1
 
-    def _move_target(
+    def move_target(
         self, data: mujoco.MjData, velocity: Vector, grips: Sequence[float], is_loaded: bool, head: Sequence[float]
     ) -> None:
         """Move the targets of joints and fingers by one control step, as far as the limits allow.
@@ -221,6 +222,8 @@ class JointController:
             speed = limit if wanted > limit else -limit if wanted < -limit else wanted
             most, least = now + change, now - change
             allowed.append(most if speed > most else least if speed < least else speed)
+        if not self._moves_sideways:
+            allowed[1] = 0.0
         allowed = _turned(allowed, cosine, sine)
         targets, actual = [], data.qpos[self._index.drive_qpos].tolist()
         rows = zip(state.target.tolist(), actual, allowed[:], self._bounds, strict=True)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from assets import ActingJoints, RobotSpec
 from clutter_env.config import TIMESTEP
 from clutter_env.errors import ConfigError
+from clutter_env.scene.household import KINDS, Kind
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout, furniture, supports_of
 from clutter_env.scene.table_scene import object_name
 
@@ -75,6 +76,9 @@ class ModelIndex:
     still_actuators: NDArray[np.intp]
     object_bodies: slice
     object_geoms: slice
+    """Of all objects, one after the other."""
+    geom_slots: NDArray[np.intp]
+    """The slot of the object that each of them belongs to."""
     object_bvh: NDArray[np.intp]
     """The bounding boxes of the objects' bodies."""
     object_qpos: slice
@@ -92,6 +96,7 @@ class ModelIndex:
             return _frozen([model.actuator(name).id for name in joints])
 
         first = model.body(object_name(0)).id if num_objects else model.nbody
+        first_geom = int(model.body_geomadr[first]) if num_objects else model.ngeom
         acting = ActingJoints.of(robot)
         finger_joints = tuple(name for pair in acting.finger_joints for name in pair)
         fingers = [model.joint(name).id for name in finger_joints]
@@ -109,7 +114,8 @@ class ModelIndex:
             still_qpos=qpos(robot.still_joints),
             still_actuators=actuators(robot.still_joints),
             object_bodies=slice(first, first + num_objects),
-            object_geoms=slice(model.ngeom - num_objects, model.ngeom),
+            object_geoms=slice(first_geom, model.ngeom),
+            geom_slots=_frozen((model.geom_bodyid[first_geom:] - first).tolist()),
             object_bvh=_frozen(model.body_bvhadr[first : first + num_objects].tolist()),
             object_qpos=slice(model.nq - 7 * num_objects, model.nq),
             object_dof=slice(model.nv - 6 * num_objects, model.nv),
@@ -134,7 +140,7 @@ def compile_model(
 
     Args:
         robot, layout: with which names and sizes.
-        shapes: "cylinder" or "box" for each object.
+        shapes: "cylinder", "box" or the kind of a household object for each object.
         image_size: width and height [pixels] of the largest image to be rendered.
         show_meshes: show the robot's meshes instead of its primitives, where they are installed.
     """
@@ -251,6 +257,9 @@ def _add_object(spec: mujoco.MjSpec, index: int, shape: str) -> None:
     body = spec.worldbody.add_body(name=object_name(index), pos=[0.0, 0.0, 3.0 + index])
     body.add_freejoint(name=f"{object_name(index)}_joint")
     body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_INIT
+    if shape in KINDS:
+        _add_parts(spec, body, KINDS[shape])
+        return
     contype, conaffinity = ENVIRONMENT_BITS
     body.explicitinertial = True
     body.mass, body.inertia = 0.2, [1e-3, 1e-3, 1e-3]
@@ -267,6 +276,38 @@ def _add_object(spec: mujoco.MjSpec, index: int, shape: str) -> None:
     )
 
 
+def _add_parts(spec: mujoco.MjSpec, body: mujoco.MjsBody, kind: Kind) -> None:
+    """The geoms of a household object; hulls are meshes, one for all objects of the kind."""
+    contype, conaffinity = ENVIRONMENT_BITS
+    total, known = sum(part.weight for part in kind.parts), {mesh.name for mesh in spec.meshes}
+    for number, part in enumerate(kind.parts):
+        mesh = f"{kind.name}_{number}"
+        if part.shape == "hull" and mesh not in known:
+            inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+            spec.add_mesh(name=mesh, uservert=part.points.ravel(), inertia=inertia)
+        body.add_geom(
+            name=body.name if number == 0 else f"{body.name}/{number}",
+            type=_PART_GEOMS[part.shape],
+            size=[*part.size, 0.0, 0.0, 0.0][:3],
+            pos=part.position,
+            quat=part.quaternion,
+            mass=kind.mass * part.weight / total,
+            rgba=[*part.colour, 1.0],
+            friction=_OBJECT_FRICTION,
+            solref=_OBJECT_SOLREF,
+            contype=contype,
+            conaffinity=conaffinity,
+            **({"meshname": mesh} if part.shape == "hull" else {}),
+        )
+
+
+_PART_GEOMS = {
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
+    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+    "hull": mujoco.mjtGeom.mjGEOM_MESH,
+}
 _SLEEP_TOLERANCE = 5e-3
 """[m/s] Objects slower than this for 20 ms sleep; one that tips from rest is faster unless within 2° of balance."""
 _WRONG_SPARSE_FACTOR = "4.0.0"

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from assets import ActingJoints, RobotSpec
 from clutter_env.config import PHYSICS_STEPS
+from clutter_env.scene.household import KINDS, HouseholdScene
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout, lowest_support
 from clutter_env.scene.table_scene import TableScene, object_name
 from clutter_env.simulation.control import SEGMENTS, JointController
@@ -130,7 +131,8 @@ class World:
         self.controller = JointController(self.model, self.index, robot)
         self.names = tuple(object_name(slot) for slot in range(len(shapes)))
         self._slot_of_geom = [-1] * self.model.ngeom  # of what is no object
-        self._slot_of_geom[self.index.object_geoms] = range(len(shapes))
+        self._slot_of_geom[self.index.object_geoms] = self.index.geom_slots.tolist()
+        self._colours = self.model.geom_rgba[self.index.object_geoms].copy()  # of household objects
         self._kinds = self._kinds_of_geoms()
         self._grippers = [self._gripper_geoms(pads) for pads in self.index.finger_geoms]
         self._pads = {pad for pads in self.index.finger_geoms for pad in pads}
@@ -160,16 +162,20 @@ class World:
         model, index = self.model, self.index
         if not scene.num_objects:
             return
-        _apply_shapes(model, index, scene)
-        _apply_masses(model, index, scene)
-        model.geom_rgba[index.object_geoms] = _palette(scene.num_objects)
+        if isinstance(scene, HouseholdScene):  # sizes and masses of each kind are those of the model
+            model.geom_rgba[index.object_geoms] = self._colours
+        else:
+            _apply_shapes(model, index, scene)
+            _apply_masses(model, index, scene)
+            model.geom_rgba[index.object_geoms] = _palette(scene.num_objects)
         if scene.target >= 0:
-            model.geom_rgba[index.object_geoms.start + scene.target] = _TARGET_COLOUR
+            model.geom_rgba[index.object_geoms][index.geom_slots == scene.target] = _TARGET_COLOUR
         model.qpos0[index.object_qpos] = start_poses(scene).ravel()
 
     def colour(self, slot: int) -> NDArray[np.float64]:
         """The colour (4,) of the object in a slot, which pictures show; may be written until the next scene."""
-        return np.asarray(self.model.geom_rgba[self.index.object_geoms.start + slot])
+        first = int(self.index.geom_slots.searchsorted(slot))
+        return np.asarray(self.model.geom_rgba[self.index.object_geoms.start + first])
 
     def reset(self, scene: TableScene) -> None:
         """Start afresh: objects at rest on the table, the robot at rest at the scene's base pose, at home."""
@@ -272,6 +278,9 @@ class World:
         assert self.scene is not None
         height, w, x, y, z = measurements.poses[slot, 2:].tolist()
         down_x, down_y, down_z = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+        if isinstance(self.scene, HouseholdScene):
+            points, radii = KINDS[self.shapes[slot]].cloud
+            return height + float((points @ (down_x, down_y, down_z) - radii).min())
         half_x, half_y, half_z = self.scene.half_extents[slot].tolist()
         if self.scene.is_box[slot]:
             side = half_x * abs(down_x) + half_y * abs(down_y)
@@ -302,12 +311,13 @@ class World:
 
     def _is_pressed(self, slot: int, pads: tuple[int, int], pairs: list[list[int]]) -> bool:
         """Whether two pads press on an object from opposite sides."""
-        geom, contact, sizes = self.index.object_geoms.start + slot, self.data.contact, self.data.efc_force
+        slot_of, contact, sizes = self._slot_of_geom, self.data.contact, self.data.efc_force
         frames, rows, pressed = contact.frame, contact.efc_address.tolist(), [[0.0] * 3, [0.0] * 3]
         for (one, other), row, frame in zip(pairs, rows, frames, strict=True):
-            pad = one if other == geom else other
-            if geom in (one, other) and pad in pads and row >= 0:  # -1 where the solver has none
-                force, on = sizes[row].item() * (1.0 if other == geom else -1.0), pressed[pads.index(pad)]
+            is_second = slot_of[other] == slot
+            pad = one if is_second else other
+            if (is_second or slot_of[one] == slot) and pad in pads and row >= 0:  # -1 where the solver has none
+                force, on = sizes[row].item() * (1.0 if is_second else -1.0), pressed[pads.index(pad)]
                 for axis, share in enumerate(frame[:3].tolist()):  # the normal, towards the second geom
                     on[axis] += share * force
         right, left = (math.hypot(*force) for force in pressed)
@@ -316,8 +326,11 @@ class World:
 
     def _touches_only(self, slot: int, geoms: set[int], pairs: list[list[int]]) -> bool:
         """Whether an object touches none but these geoms."""
-        geom = self.index.object_geoms.start + slot
-        return all((one != geom or other in geoms) and (other != geom or one in geoms) for one, other in pairs)
+        slot_of = self._slot_of_geom
+        return all(
+            (slot_of[one] != slot or other in geoms) and (slot_of[other] != slot or one in geoms)
+            for one, other in pairs
+        )
 
     def _gripper_geoms(self, pads: tuple[int, int]) -> set[int]:
         """The geoms of both fingers and of the body that carries them."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import combinations, product
 from typing import NamedTuple
 
@@ -141,15 +141,17 @@ class CollisionWorld:
         """What is computed once for each held object, and for none; raises `UnknownObject`."""
         key = id(held), id(robot)
         if key not in self._carried:
-            width = 0.0 if held is None else self.scene.body(held.name).width_in_gripper(held.T_tcp_object)
-            attached = packed(self._attach(held))
-            self._carried[key] = _Carried(held, robot, attached, width, packed(make_scratch(robot, attached)), {})
+            if held is None:
+                width, (attached, scratch) = 0.0, _empty_handed(self.robot, robot)
+            else:
+                width = self.scene.body(held.name).width_in_gripper(held.T_tcp_object)
+                attached = packed(self._attach(held))
+                scratch = packed(make_scratch(robot, attached))
+            self._carried[key] = _Carried(held, robot, attached, width, scratch, {})
         return self._carried[key]
 
-    def _attach(self, held: HeldObject | None) -> Attached:
+    def _attach(self, held: HeldObject) -> Attached:
         """The held object's solids for kernels, and copies with their bottoms raised; see `Attached`."""
-        if held is None:
-            return Attached(-1, join_solids(()), np.array(self.robot.reach))
         body = self.scene.body(held.name)
         position, rotation = held.T_tcp_object[:3, 3], held.T_tcp_object[:3, :3]
         solids = body_solids(body.at_pose(np.eye(4)))
@@ -238,6 +240,13 @@ class CollisionWorld:
         """What the set bits stand for: names of objects, "a static obstacle", "the robot itself"."""
         special = (("a static obstacle", STATIC_BIT), ("the robot itself", SELF_BIT))
         return (*self.scene.names_of(mask), *(name for name, bit in special if int(mask) >> bit & 1))
+
+
+@lru_cache(maxsize=16)
+def _empty_handed(robot: RobotArrays, part: RobotArrays) -> tuple[Attached, Scratch]:
+    """No held object, and memory for checks of a part of the robot, or of all of it; packed."""
+    attached = packed(Attached(-1, join_solids(()), np.array(robot.reach)))
+    return attached, packed(make_scratch(part, attached))
 
 
 class CompiledScenes:

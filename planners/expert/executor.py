@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -61,6 +62,7 @@ class Executor:
         by_tcp: bool = False,
         at_start: int = 0,
         dt: float = CONTROL_STEP,
+        latency: int = 0,
     ) -> None:
         """Begin to execute a plan.
 
@@ -73,6 +75,7 @@ class Executor:
                 executor waits until the TCP arrives, and does not compare joint angles with the plan.
             at_start: samples for which the start of the plan is commanded before the robot moves along it.
             dt: [s] from one call of `advance` to the next; samples are `CONTROL_STEP` apart.
+            latency: calls of `advance` until a snapshot shows what was commanded, beyond the first.
         """
         self._actions = tuple(actions)
         self._robot = robot
@@ -86,6 +89,7 @@ class Executor:
         self._closed_for = 0.0
         self._stride = dt / CONTROL_STEP
         self._last: Command | None = None
+        self._sent: deque[Command] = deque(maxlen=latency + 1)
         self._by_tcp = by_tcp
         self._waited = 0.0
         self.is_over = False
@@ -170,17 +174,18 @@ class Executor:
 
     def _lags(self, now: Snapshot) -> bool:
         """Whether a joint-controlled robot is behind by a part of what would be a tracking error."""
-        if self._by_tcp or self._last is None:
+        if self._by_tcp or not self._sent:
             return False
         part = replace(self._config, base=_LAG * self._config.base, arm=_LAG * self._config.arm)
-        return tracking_error(self._last.drive, now.drive, part) is not None
+        return tracking_error(self._sent[0].drive, now.drive, part) is not None
 
     def _has_to_wait(self, now: Snapshot) -> bool:
         """Whether the TCP has not reached the last commanded pose; the wait is limited to `PATIENCE` samples."""
         if not self._by_tcp or self._last is None or self._waited >= PATIENCE:
             self._waited = 0.0
             return False
-        wanted = tcp_pose(self._scene.robot, RobotState(self._last.drive[:3], self._last.drive[3:], 0.0))
+        due = self._sent[0].drive
+        wanted = tcp_pose(self._scene.robot, RobotState(due[:3], due[3:], 0.0))
         changes = [phase.start for phase in self._trajectory.phases if is_contact(phase)]
         near = CONTROL_STEP * max(self._stride, 1.0)
         is_near_contact = any(start - near <= self._time <= start + near for start in changes)
@@ -217,6 +222,7 @@ class Executor:
             if is_empty_retreat or self.deviation.kind is DeviationKind.GRASP_MISSED:
                 opening = self._robot.max_opening
         self._last = Command(drive, opening, self.arm)
+        self._sent.append(self._last)
         return self._last
 
     # Comparison of the world with the plan.
@@ -229,9 +235,10 @@ class Executor:
         touched = phase.held or (action.target if action.name != "MoveBase" else "")
         ignore = {touched, *(one.held.name for one in action.scene.aside)} - {""}
         deviation = deviation or object_moved(self._expected, now, self._names, self._config, ignore)
-        if deviation is None and self._last is not None:
-            expected = now.drive.copy() if self._by_tcp else self._last.drive.copy()
-            expected[:3] = self._last.drive[:3]
+        if deviation is None and self._sent:
+            due = self._sent[0].drive
+            expected = now.drive.copy() if self._by_tcp else due.copy()
+            expected[:3] = due[:3]
             deviation = tracking_error(expected, now.drive, self._config)
         if deviation is None and action.name == "PickUp" and not phase.held:
             # The approach leads to where the object stood.

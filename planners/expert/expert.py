@@ -107,6 +107,8 @@ class TampExpert:
         self._dt = float(getattr(self._env, "dt", CONTROL_STEP))
         robot = self._env.robot
         self._robots = {arm: robot if arm == robot.arm_name else robot.using(arm) for arm in robot.acting_arms}
+        monitor, accuracy = self._config.monitor, float(getattr(self._env, "pose_accuracy", 0.0))
+        self._tolerances = replace(monitor, displacement=monitor.displacement + accuracy, slip=monitor.slip + accuracy)
         self._has_begun = False
         self._solution: Solution | Infeasible | None = None
 
@@ -144,10 +146,11 @@ class TampExpert:
         self._goal, self._start_scene = wanted, scene
         self._rng = np.random.default_rng(self._seed)
         self._recorder = Recorder(env, wanted.target)
-        self._data = env.data
+        self._data = self._perceived.data
         self._started = self._now = float(env.data.time)
         self._sensors = {
-            arm: Sensor(env.model, env.data, robot, env.object_names) for arm, robot in self._robots.items()
+            arm: Sensor(self._perceived.model, self._data, robot, env.object_names)
+            for arm, robot in self._robots.items()
         }
         self._report = EpisodeReport()
         # While there is an executor, a plan is carried out. Otherwise the robot waits for `_wait` control steps, to
@@ -175,7 +178,7 @@ class TampExpert:
         """
         self._check_begun("act()")
         now = float(self._env.data.time)
-        if self._env.data is not self._data or now < self._now:
+        if self._perceived.data is not self._data or now < self._now:
             raise ExpertError("the environment was reset after the expert; call TampExpert.reset() again")
         self._now = now
         executor = self._executor
@@ -342,10 +345,11 @@ class TampExpert:
                 solution.actions,
                 self._env.robot,
                 self._sensors[solution.actions[0].scene.robot.arm_name],
-                self._config.monitor,
+                self._tolerances,
                 by_tcp=self._env.control_mode == "ee" or getattr(self._env, "waits_for_tcp", False),
                 at_start=_AT_START if self._report.replans else 0,
                 dt=self._dt,
+                latency=getattr(self._env, "latency", 0),
             )
 
     def _with_all_grasps(self, scene: Scene) -> Planner | None:
@@ -439,7 +443,13 @@ class TampExpert:
         env, robot = self._env, self._robots.get(arm, self._env.robot)
         regions = getattr(env, "regions", ())
         names, support = env.object_names, env.support_name
-        return Scene.from_mujoco(env.model, env.data, robot, held, movable=names, support=support, regions=regions)
+        known = self._perceived
+        return Scene.from_mujoco(known.model, known.data, robot, held, movable=names, support=support, regions=regions)
+
+    @property
+    def _perceived(self) -> Any:
+        """`model` and `data` as the robot knows them: of an environment that says so, not the true ones."""
+        return getattr(self._env, "perceived", self._env)
 
     def _is_retrieved(self) -> bool:
         """Whether the goal is reached: the target held, high enough above the support that it stood on for success."""

@@ -30,7 +30,9 @@ class ControlledEnv(Protocol):
 
     One step is one control step of 0.05 s, or of its attribute `dt` [s]. A true attribute `waits_for_tcp` lets the
     expert wait for an arm that stays behind, as it does in control mode "ee". Only the actions of its own control mode
-    are asked for.
+    are asked for. Where the world is not known exactly and at once, `perceived` has the `model` and the `data` to read
+    in place of the true ones, `pose_accuracy` [m] is the error of object poses to expect, and `latency` the steps until
+    a command shows.
 
     Attributes:
         model: the simulated world; the expert only reads it.

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from assets.robots import RobotSpec
 from planners.collision.ground_map import GroundMap
 from planners.collision.world import OVERLAP, STEP, SUPPORT_SLACK, CollisionWorld
 from planners.motion.arm import SHORTCUTS
@@ -30,6 +32,8 @@ _MOST_NODES = 100_000
 _AWAY, _WAYS, _SIZES = (0.03, 0.08, 0.2, 0.4), 16, 19
 """[m] and directions that the base moves away from what it touches; sizes tried by which that counts as smaller."""
 
+_STANDS = 1e-6
+"""[m] A base that moves less stands."""
 Array = NDArray[np.float64]
 
 
@@ -117,7 +121,7 @@ def plan_base(
     wide = world.with_padding(CLEARANCE)
     for padded in (wide, world):
         for waypoints in _simple_paths(here, there):
-            X = on_base(waypoints, configuration)
+            X = on_base(driveable(world.scene.robot, waypoints), configuration)
             if not padded.path_hits(X, opening, held, first_only=True):
                 return WholeBodyPath(X, opening, held)
     away = _moved_away(world, here, configuration, opening, held)
@@ -138,6 +142,8 @@ def plan_base(
         if any(padded.hits(place, configuration, opening, held) for place in (here, there)):
             continue
         path = roadmap.search(padded, X, opening, held, rng)
+        if path is not None:
+            path = on_base(driveable(world.scene.robot, path[:, :3]), configuration)
         if path is not None and not world.path_hits(path, opening, held):
             return WholeBodyPath(path, opening, held)
     return NO_WAY
@@ -162,13 +168,35 @@ def _moved_away(world: CollisionWorld, start: Array, q: Array, opening: float, h
     heading = math.atan2(from_them[1], from_them[0])
     for padded in (world.with_padding(CLEARANCE), world):
         for distance in _AWAY:
-            for turn in sorted(np.arange(_WAYS) * 2 * math.pi / _WAYS, key=lambda turn: -math.cos(turn)):
+            for turn in _ways_out(world.scene.robot, start[2] - heading):
                 end = start + distance * np.array([math.cos(heading + turn), math.sin(heading + turn), 0.0])
                 if not padded.hits(end, q, opening, held) and not smaller.path_hits(
                     on_base(np.stack((start, end)), q), opening, held, first_only=True
                 ):
                     return np.asarray(end)
     return None
+
+
+def _ways_out(robot: RobotSpec, ahead: float) -> list[float]:
+    """Directions [rad] in which the base can leave at once, best first; 0 is away, `ahead` its own."""
+    if robot.base_drive == "differential":
+        return [ahead, ahead + math.pi]
+    return sorted(np.arange(_WAYS) * 2 * math.pi / _WAYS, key=lambda turn: -math.cos(turn))
+
+
+def driveable(robot: RobotSpec, waypoints: Array) -> Array:
+    """Waypoints (n, 3) such that a differential base turns where it stands and drives ahead or back between them."""
+    if robot.base_drive == "holonomic":
+        return waypoints
+    way, last = [waypoints[0]], waypoints[-1]
+    for here, there in pairwise(waypoints):
+        if math.hypot(*(there[:2] - here[:2])) < _STANDS:
+            continue
+        yaw, heading = way[-1][2], math.atan2(there[1] - here[1], there[0] - here[0])
+        choices = [unwrap_yaw(heading + turn, near) for turn in (0.0, math.pi) for near in (yaw, last[2])]
+        heading = min(choices, key=lambda choice: abs(choice - yaw) + abs(last[2] - choice))
+        way += [np.array([*way[-1][:2], heading]), np.array([*there[:2], heading])]
+    return np.stack([*way, last])
 
 
 def unwrap_yaw(yaw: float, near: float) -> float:

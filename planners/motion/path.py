@@ -99,10 +99,13 @@ def cut(parts: NDArray[np.int64]) -> Array:
 
 def interpolate(at: Array, knots: NDArray[Any], points: Array) -> Array:
     """`np.interp` of all columns of points (k, d), which belong to knots (k,), in one call: (m, d)."""
-    left = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, max(len(knots) - 2, 0))
-    right, found = np.minimum(left + 1, len(knots) - 1), points[left]
-    with np.errstate(invalid="ignore"):  # the last two knots may be the same
-        slopes = (points[right] - found) / (knots[right] - knots[left])[:, None]
-    found += slopes * (at - knots[left])[:, None]
+    if len(points) == 1:
+        return np.tile(points, (len(at), 1))
+    left = np.searchsorted(knots[1:-1], at, side="right")
+    with np.errstate(invalid="ignore"):  # knots may be the same
+        slopes = (points[1:] - points[:-1]) / (knots[1:] - knots[:-1])[:, None]
+    found = slopes.take(left, axis=0)
+    found *= (at - knots[left])[:, None]
+    found += points.take(left, axis=0)
     found[at >= knots[-1]] = points[-1]
-    return np.asarray(found)
+    return found

@@ -128,8 +128,8 @@ def join(pieces: list[Trajectory]) -> Trajectory:
 def phases_of(trajectory: Trajectory) -> list[Trajectory]:
     """The phases of a trajectory; each begins with the sample that the one before ends with."""
     starts = [round(phase.start / CONTROL_STEP) for phase in trajectory.phases]
-    ends = [*starts[1:], len(trajectory.times) - 1]
+    ends, states = [*starts[1:], len(trajectory.times) - 1], trajectory.states
     return [
-        Trajectory.of_states(trajectory.states[start : end + 1], phase)
+        Trajectory.of_states(states[start : end + 1], phase)
         for start, end, phase in zip(starts, ends, trajectory.phases, strict=True)
     ]

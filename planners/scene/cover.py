@@ -32,8 +32,8 @@ def is_covered(scene: Scene, point: ArrayLike) -> bool:
 
 
 def _hangs_over(obstacle: StaticObstacle, point: Array) -> bool:
-    is_near = (np.abs(obstacle.position[:2] - point[:2]) < obstacle.extent[:2] + _REACH).all()
-    return bool(is_near and point[2] < obstacle.lower[2] < point[2] + _HEADROOM)
+    is_above = point[2] < obstacle.lower[2] < point[2] + _HEADROOM
+    return bool(is_above and (np.abs(obstacle.position[:2] - point[:2]) < obstacle.extent[:2] + _REACH).all())
 
 
 def driven_out_of(scene: Scene, body: Body) -> StaticObstacle:

@@ -1,7 +1,7 @@
 """Train the weights of `keyframes`, `keyframes-all` or `keyframes-shelf` anew, and play a suite with them.
 
     clutter-env collect --env clutter_env/Retrieve-o15-v0 --obstructed --strategy canonical --episodes 100 \
-        --format hdf5 --out outputs/demos/o15-canonical
+        --out outputs/demos/o15-canonical
     python -m scripts.shipped_weights side --demos outputs/demos/o15-canonical
     python -m scripts.shipped_weights all --seed 1
 

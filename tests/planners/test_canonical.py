@@ -84,7 +84,7 @@ def free_straight(source: GraspCandidates, scene: Scene, name: str) -> list[Gras
     return [grasp for options in found for grasp in options if not grasp.blockers]
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 6))])
 def test_other_grasps_are_chosen_only_where_all_straight_ones_are_blocked(seed: int) -> None:
     scene = random_scene(18, seed)
     source = canonical_context(scene).grasps()
