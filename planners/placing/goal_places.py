@@ -211,6 +211,20 @@ def must_go_first(scene: Scene, body: Body, fact: On | Inside | At) -> tuple[str
     return tuple(one.name for one in in_the_way if (distances(centre, one) < radius - slack).all())
 
 
+def is_too_large(scene: Scene, fact: On | Inside | At) -> bool:
+    """Whether an object, standing or lying as it does, is larger than the area that a fact names, however it is turned.
+
+    Proved: between the angles that are tried, its extents change by less than what they may be too large.
+    """
+    body, area = scene.body(fact.object), place_of(scene, fact).area
+    if area is None or body.name in scene.held_names or (isinstance(fact, On) and fact.place in scene.supports):
+        return False
+    angles, outline = np.linspace(0.0, np.pi, 180, endpoint=False), footprint(body)
+    along = np.ptp(outline @ np.stack((np.cos(angles), np.sin(angles))), axis=0)
+    most = 2 * (np.array(area.half_extents) + EDGE) + along.max() * (angles[1] - angles[0])
+    return not bool(((along <= most[0]) & (np.roll(along, len(angles) // 2) <= most[1])).any())
+
+
 def in_the_way(scene: Scene, body: Body, place: Place, waiting: Collection[str]) -> tuple[str, ...]:
     """Names of objects to remove so that an object fits at its place; none if it fits, or once others have left.
 

@@ -258,7 +258,7 @@ class MotionLayer:
             if isinstance(path, WholeBodyPath):
                 joined = replace(path, configurations=np.vstack([driven.configurations, path.configurations]))
                 if self.is_accepted(scene, [joined]):
-                    trajectory = drive_trajectory(scene.robot, joined, state)
+                    trajectory = drive_trajectory(world, joined, state)
                     there = RobotState(joined.end_base, joined.end, float(trajectory.finger_position[-1]))
                     bound = self._followed(scene, BoundMotion(trajectory, scene.with_state(there)), ())
                     return NoPath("the arm touches something") if isinstance(bound, BlockedBy) else bound
@@ -270,13 +270,16 @@ class MotionLayer:
         homing = self._home(scene) if home_first or is_among_objects(world, state) else None
         q, roadmap = state.q if homing is None else homing.end, self.context.roadmap
         found = plan_base(world, state.base, base, q, held=scene.held, roadmap=roadmap)
+        if isinstance(found, NoPath) and homing is None and scene.held is None:
+            as_open = scene.robot.opening(state.finger_position)  # fully open it may touch what it does not as it is
+            found = plan_base(world, state.base, base, q, opening=as_open, roadmap=roadmap)
         if isinstance(found, NoPath) and homing is None:
             homing = self._home(scene)
             if homing is not None:
                 found = plan_base(world, state.base, base, homing.end, held=scene.held, roadmap=roadmap)
         if isinstance(found, NoPath):
             return found
-        trajectory = drive_trajectory(scene.robot, found, scene.state, homing)
+        trajectory = drive_trajectory(world, found, scene.state, homing)
         state = RobotState(found.end_base, found.end, float(trajectory.finger_position[-1]))
         bound = self._followed(scene, BoundMotion(trajectory, scene.with_state(state)), ())
         return NoPath("following the base, the arm touches something") if isinstance(bound, BlockedBy) else bound
@@ -302,7 +305,7 @@ class MotionLayer:
             if not isinstance(motion, PickPlaceMotion):
                 return motion
             if self.checks_at_end or self.is_accepted(scene, motion.paths):
-                trajectory = pick_trajectory(scene.robot, motion, scene.state)
+                trajectory = pick_trajectory(world, motion, scene.state)
                 carrying = scene.with_state(_end_state(motion, trajectory)).with_held(motion.held)
                 return self._followed(scene, BoundMotion(trajectory, carrying), (grasp.object,))
         return NoPath("MuJoCo finds penetration")
@@ -325,7 +328,7 @@ class MotionLayer:
                 self.is_accepted(scene, motion.paths[:2]) and self.is_accepted(released, motion.paths[2:])
             )
             if are_accepted:
-                trajectory = place_trajectory(scene.robot, motion, scene.state)
+                trajectory = place_trajectory(world, motion, scene.state)
                 left = released.with_state(_end_state(motion, trajectory))
                 return self._followed(scene, BoundMotion(trajectory, left, surfaces=placement.surfaces), (held.name,))
         return NoPath("MuJoCo finds penetration")

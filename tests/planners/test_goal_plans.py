@@ -280,6 +280,22 @@ def test_a_goal_that_holds_already_needs_no_plan() -> None:
     assert plan.actions == ()
 
 
+@pytest.mark.parametrize("name", ["a", "lying"])
+def test_what_is_larger_than_its_region_is_refused_by_the_bound(name: str) -> None:
+    scene, half = scene_of("three"), 0.06 if name == "lying" else 0.03
+    body = cylinder("lying", -0.1, 0.15, 0.03, 0.15)  # shorter than the diagonal of its place
+    lying = body.at([*body.position[:2], HEIGHT + 0.03], np.sqrt(0.5) * np.array([1, 1, 0, 0]))
+    place = Region("place", "table_top", (0.0, -0.15), (half, half))
+    scene = replace(scene, objects=(*scene.objects, lying), regions=(place,))
+    goal = goals.inside(name, "place")
+    found, bound = solve(scene, goal), lower_bound(scene, goal)
+    assert isinstance(found, Infeasible)
+    assert f"{name}, as it stands or lies, is larger than its place" in found.detail
+    assert (bound.picks, bound.cause, bound.proved) == (None, found.cause, True)
+    long = replace(scene, regions=(Region("place", "table_top", (0.0, -0.15), (0.1, 0.04)),))
+    assert lower_bound(long, goal).picks == 1
+
+
 def test_what_cannot_be_reached_is_refused_by_the_bound() -> None:
     scene = scene_of("three")
     far = scene.with_body(scene.body("a").at([3.0, 3.0, 3.0]))
