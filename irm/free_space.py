@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import distance_transform_edt
 
 from irm.compilation import WITHOUT_REFERENCE_COUNTS, njit
 from irm.errors import QueryError
@@ -227,6 +226,8 @@ class FreeSpace:
         resolution: float = 0.02,
     ) -> FreeSpace:
         """Floor around simple polygons, each (v, 2) corners [m] in order; otherwise like `from_boxes`."""
+        from scipy.ndimage import distance_transform_edt  # a tenth of a second, which only this needs
+
         shape_rule = "a polygon is an array (v, 2) of at least 3 corners"
         outlines = [_numbers(polygon, shape_rule) for polygon in polygons]
         if any(outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 3 for outline in outlines):

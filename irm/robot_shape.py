@@ -22,7 +22,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import ConvexHull
 
 from irm.chain import Robot
 from irm.errors import QueryError
@@ -340,6 +339,8 @@ def _corners(shapes: list[Floats]) -> Floats:
 
 def _room(shapes: list[Floats], points: Floats) -> Floats:
     """(n,) radius of the largest ball around each point (n, 3) that is inside one of the shapes; negative outside."""
+    from scipy.spatial import ConvexHull  # a tenth of a second, which only this needs
+
     room = np.full(len(points), -np.inf)
     for shape in shapes:
         faces = ConvexHull(shape).equations

@@ -67,8 +67,9 @@ def decide(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> NDArray[np.int8]:
 
     The map answers first, see `classify`. The arm's exact solver decides the poses for which
     the map says UNKNOWN: by arithmetic (the wrist centre farther from the shoulder than upper arm and forearm are
-    long), then by inverse kinematics. It also decides those for which a map that was built by sampling says NO: such a
-    map may miss narrow parts of the workspace. UNKNOWN is left where even the solver has no answer, or where the map
+    long), then by inverse kinematics. A map that was built by sampling may miss narrow parts of the workspace, and its
+    rolls are far apart: there the solver decides every pose, or for an arm without a structure that it knows, those for
+    which the map does not say YES. UNKNOWN is left where even the solver has no answer, or where the map
     is that of somebody else and its arm is not known.
 
     Args:
@@ -86,8 +87,9 @@ def decide(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> NDArray[np.int8]:
     answers = classify(rm, T) if is_whole else np.full(len(T), UNKNOWN, dtype=np.int8)
     if rm.chain is None:
         return answers
-    is_open = answers == UNKNOWN if rm.chain.has_closed_form else answers != YES
-    answers[is_open] = ExactSolver(rm.chain, rm.grid.torso_range).solve(T[is_open])[0]
+    solver = ExactSolver(rm.chain, rm.grid.torso_range)
+    is_open = answers == UNKNOWN if rm.chain.has_closed_form else (answers != YES) | (not solver.is_iterative)
+    answers[is_open] = solver.solve(T[is_open])[0]
     return answers
 
 

@@ -26,7 +26,7 @@ CHAINS = (
         ("planners.scene", ("numba", "gymnasium", "matplotlib", *GL, *LEARNING)),
         ("planners.face", ("gymnasium", "matplotlib", *GL, *LEARNING)),
     ),
-    (("irm", ("mujoco", "mink", "gymnasium", "matplotlib", *GL, *LEARNING)),),
+    (("irm", ("mujoco", "scipy.ndimage", "scipy.spatial", "mink", "gymnasium", "matplotlib", *GL, *LEARNING)),),
     (
         *(
             (module, ("numba", "planners", "irm", "mink", "scipy", *GL, *LEARNING))

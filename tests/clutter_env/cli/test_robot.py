@@ -85,3 +85,24 @@ def test_a_page_without_a_home_ends_with_suggestions(tmp_path: Path, capsys: pyt
     line = capsys.readouterr().out.splitlines()[1]
     home = json.loads(line[line.index("[") : line.index("]") + 1])
     assert RobotSpec.from_mjcf(PANDA.mjcf_path, **page, home=tuple(home)).home == tuple(home)
+
+
+ARM = Path(__file__).parents[2] / "data" / "arms" / "ur5e.xml"
+
+
+def test_make_says_what_it_needs(capsys: pytest.CaptureFixture[str]) -> None:
+    for wrong, message in ([], "--base"), (["--base", "base", "--tip", "hand"], "there is no site or body 'hand'"):
+        with pytest.raises(SystemExit):
+            main(["robot", "make", str(ARM), *wrong])
+        assert message in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_robot_is_made_of_an_arm_s_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """And its home is one that the check accepts."""
+    file, place = tmp_path / "made.xml", ["--on", "0.15", "0.75", "--lift", "0", "0.4", "--tool", "0.24"]
+    main(["robot", "make", str(ARM), "--base", "base", "--tip", "wrist_3", *place, "--out", str(file)])
+    assert "no problem found" in capsys.readouterr().out
+    page = json.loads(file.with_suffix(".json").read_text())
+    assert report_of(RobotSpec.from_mjcf(file, **page)).problems == ()
+    assert file.with_suffix(".png").stat().st_size > 10_000
