@@ -180,10 +180,7 @@ def _model_digest(robot: RobotSpec, layout: Layout, shapes: tuple[str, ...]) -> 
     """A digest of the MuJoCo model and the robot's limits; neither meshes nor the place of the robot's file count."""
     spec = build_spec(robot, layout, shapes)
     spec.compile()  # which `to_xml` needs
-    parts = {**asdict(robot), "mjcf": ""}
-    if robot.base_drive == "holonomic":  # as in records made before there was another one
-        del parts["base_drive"]
-    return _hash(spec.to_xml(), json.dumps(parts))
+    return _hash(spec.to_xml(), json.dumps({**asdict(robot), "mjcf": ""}))
 
 
 @cache

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from planners.cause import Cause
 from planners.clearing.commitments import ClearingProblem, Commitments, NoCommitment
 from planners.clearing.goal_bound import LowerBound, fewest_picks
-from planners.clearing.goal_plan import goal_plan, placements_of
+from planners.clearing.goal_plan import NotPlaced, goal_plan, placements_of
 from planners.clearing.lookahead import ClearancePlan, commitments_for
 from planners.clearing.non_monotone import non_monotone_plan
 from planners.clock import NO_DEADLINE, Deadline
@@ -140,7 +140,7 @@ class MotionLayer:
         return replace(found, cause=Cause.MOTION) if self.has_refuted and found.cause.lies_in_grasps else found
 
     def plan_goal(
-        self, strategy: Strategy, scene: Scene, goal: Goal, start: Scene, not_placed: Mapping[str, frozenset[str]]
+        self, strategy: Strategy, scene: Scene, goal: Goal, start: Scene, not_placed: NotPlaced
     ) -> ClearancePlan | NoCommitment:
         """The moves for a goal with places; see `planners.clearing.goal_plan.goal_plan`."""
         found = goal_plan(self._problem(strategy, scene), goal, start, not_placed)
@@ -247,9 +247,7 @@ class MotionLayer:
         """Bring the centre of the held object to a point (3,) [m], upright as where it was taken."""
         assert scene.held is not None
         world, state = self.compiled.world(scene), scene.state
-        body = scene.body(scene.held.name)
-        below = np.array([*point[:2], point[2] - (body.position[2] - body.bottom)])
-        for placement in self.placement_search.about(world, below):
+        for placement in self.placement_search.holding_at(world, point):
             driven = plan_base(
                 world, state.base, placement.base, state.q, held=scene.held, roadmap=self.context.roadmap
             )
@@ -272,6 +270,9 @@ class MotionLayer:
         homing = self._home(scene) if home_first or is_among_objects(world, state) else None
         q, roadmap = state.q if homing is None else homing.end, self.context.roadmap
         found = plan_base(world, state.base, base, q, held=scene.held, roadmap=roadmap)
+        if isinstance(found, NoPath) and homing is None and scene.held is None:
+            as_open = scene.robot.opening(state.finger_position)  # fully open it may touch what it does not as it is
+            found = plan_base(world, state.base, base, q, opening=as_open, roadmap=roadmap)
         if isinstance(found, NoPath) and homing is None:
             homing = self._home(scene)
             if homing is not None:
