@@ -26,6 +26,7 @@ def env() -> gym.Env:
 
 def test_there_are_twelve_kinds_of_real_size_and_mass() -> None:
     assert len(KINDS) == 12
+    assert not KINDS.keys() & {"cylinder", "box"}, "these are shapes of other sets"
     for kind in KINDS.values():
         assert 0.02 < 2 * kind.half_extents.min() <= 2 * kind.half_extents.max() < 0.3, kind.name
         assert 0.1 <= kind.mass <= 0.8, kind.name
