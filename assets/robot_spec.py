@@ -101,12 +101,7 @@ class RobotSpec:
     acts_with_all_arms: bool = False
     """Whether actions and plans move all arms, one after another; if not, only the active one. See `with_all_arms`."""
 
-    base_drive: str = "holonomic"
-    """How the base moves: "holonomic", in all directions, or "differential", ahead, back and about its centre."""
-
     def __post_init__(self) -> None:
-        drives = ("holonomic", "differential")
-        require(self.base_drive in drives, "base_drive", f"must be one of {drives}, not {self.base_drive!r}")
         for name in ("name", "mjcf", "base_body", "tcp_site", "gripper_body"):
             value = getattr(self, name)
             require(isinstance(value, str) and value != "", name, f"must be a non-empty string, not {value!r}")
@@ -248,6 +243,15 @@ class RobotSpec:
             parts[name] = (*getattr(self, name)[:4], *getattr(chosen, name))
         return replace(self, arm_name=arm_name, idle_arms=tuple(arms.values()), **parts)
 
+    @property
+    def base_drive(self) -> str:
+        """How the base moves: "holonomic", in all directions, or "differential"."""
+        return "holonomic"
+
+    def differential(self) -> RobotSpec:
+        """The same robot, whose base moves ahead and back and turns about its centre."""
+        return _Differential(**{entry.name: getattr(self, entry.name) for entry in fields(self)})
+
     def with_all_arms(self) -> RobotSpec:
         """The same robot, whose actions and plans move all arms, one after another.
 
@@ -300,6 +304,15 @@ class RobotSpec:
         """
         motors = [(model.joint(name), model.actuator(name)) for name in joints or self.drive_joints]
         return [float((joint.damping.flat[0] - motor.biasprm[2]) / motor.gainprm[0]) for joint, motor in motors]
+
+
+@dataclass(frozen=True)
+class _Differential(RobotSpec):
+    """A robot with a differential base. Its data are those of the robot: a field would be in every record of robots."""
+
+    @property
+    def base_drive(self) -> str:
+        return "differential"
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from numbers import Real
 from typing import Any
 
@@ -183,7 +183,7 @@ class EnvConfig:
         """
         try:
             robot = find_robot(self.robot)
-            return robot if self.base == "holonomic" else replace(robot, base_drive=self.base)
+            return robot if self.base == "holonomic" else robot.differential()
         except (UnknownRobot, InvalidRobot) as problem:
             raise ConfigError(f"robot: {problem}") from None
 

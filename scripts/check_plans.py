@@ -2,6 +2,7 @@
 
     python scripts/check_plans.py --layout shelf --objects 16 --grasps all --plans 20
     python scripts/check_plans.py --task stack --objects 8 --grasps all --plans 20
+    python scripts/check_plans.py --object-set household --grasps all --plans 20
 
 Scenes are resets of the environment from --seed on; with --task, of Rearrange, whose own goal is planned for. The
 planner's own check is not used: this model has other contact bits, it begins with the poses of the first scene alone,
@@ -47,6 +48,15 @@ _ROBOT, _AT_REST, _HELD = 1, 2, 4
 """Contact bits: the robot touches itself and what is at rest, the held object touches both."""
 _MARGIN = 0.03
 """[m] Distance up to which MuJoCo reports pairs of geoms; where the nearest is farther, states are left out."""
+_GEOMS = {
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
+    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+    "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+    "hull": mujoco.mjtGeom.mjGEOM_MESH,
+}
+"""By the shape of a convex piece."""
 _OBJECT = "object/"
 """Prefix of the names of objects in the model; the robot may have geoms of the same names."""
 
@@ -65,6 +75,8 @@ class Arguments:
     """Number of objects, the target among them."""
     layout: str = ""
     """Layout of the table; that of the task, and "paper" for retrieval, if not given."""
+    object_set: str = ""
+    """Sizes or kinds of the objects; those of the task, and "standard" for retrieval, if not given."""
     grasps: Literal["side", "tilted", "top", "all"] = "side"
     """Grasp set of the plans."""
     obstructed: bool = False
@@ -122,6 +134,8 @@ def _environment(arguments: Arguments) -> RearrangeEnv | RetrieveEnv:
     keywords: dict[str, Any] = {"num_objects": arguments.objects, "robot": arguments.robot}
     if arguments.layout:
         keywords["layout"] = arguments.layout
+    if arguments.object_set:
+        keywords["object_set"] = arguments.object_set
     if arguments.task:
         return RearrangeEnv(task=arguments.task, **keywords)
     return RetrieveEnv(obstructed=arguments.obstructed, **keywords)
@@ -263,8 +277,9 @@ class PlanReplay:
 
     def _set_bits(self, name: str, contype: int, conaffinity: int) -> None:
         """Of an object; MuJoCo keeps the bits of geoms once more for each body."""
-        geom = self._model.geom(_OBJECT + name)
-        for of, i in (("geom", geom.id), ("body", geom.bodyid[0])):
+        body = self._model.body(_OBJECT + name).id
+        geoms = slice(self._model.body_geomadr[body], self._model.body_geomadr[body] + self._model.body_geomnum[body])
+        for of, i in (("geom", geoms), ("body", body)):
             getattr(self._model, f"{of}_contype")[i] = contype
             getattr(self._model, f"{of}_conaffinity")[i] = conaffinity
 
@@ -305,10 +320,11 @@ class PlanReplay:
 
     def _nearest(self, phase: Phase) -> tuple[float, tuple[str, str]]:
         """The least distance [m] between geoms whose contact counts, `_MARGIN` at most, and their names."""
-        touched = -1 if phase.touched is None else int(self._model.geom(_OBJECT + phase.touched.name).id)
+        touched = -1 if phase.touched is None else int(self._model.body(_OBJECT + phase.touched.name).id)
         nearest, pair = _MARGIN, (-1, -1)
         for distance, *geoms in self._contacts():
-            is_grip = touched in geoms and any(int(self._model.geom_bodyid[geom]) in self._fingers for geom in geoms)
+            bodies = {int(self._model.geom_bodyid[geom]) for geom in geoms}
+            is_grip = touched in bodies and bool(bodies & self._fingers)
             if distance < nearest and not is_grip and frozenset(geoms) not in self._touching_at_home:
                 nearest, pair = distance, (geoms[0], geoms[1])
         if nearest >= 0.0:
@@ -338,7 +354,19 @@ def _build(scene: Scene) -> mujoco.MjModel:
         kind = mujoco.mjtGeom.mjGEOM_BOX if is_box else mujoco.mjtGeom.mjGEOM_CYLINDER
         added = spec.worldbody.add_body(name=_OBJECT + body.name)
         added.add_freejoint(name=_OBJECT + body.name)
-        added.add_geom(name=_OBJECT + body.name, type=kind, size=[x, y, z] if is_box else [x, z, 0.0], **at_rest)
+        if body.shape != "pieces":
+            added.add_geom(name=_OBJECT + body.name, type=kind, size=[x, y, z] if is_box else [x, z, 0.0], **at_rest)
+        for index, piece in enumerate(body.pieces):
+            (x, y, z), quaternion, name = piece.half_extents, np.empty(4), f"{_OBJECT}{body.name}/{index}"
+            mujoco.mju_mat2Quat(quaternion, piece.rotation.ravel())
+            shape: dict[str, Any] = {"type": _GEOMS[piece.shape], "pos": piece.position, "quat": quaternion}
+            if piece.shape == "hull":
+                spec.add_mesh(name=name, uservert=piece.vertices.ravel())
+                shape["meshname"] = name
+            else:
+                sizes = {"cylinder": [x, z, 0.0], "capsule": [x, z - x, 0.0]}
+                shape["size"] = sizes.get(piece.shape, [x, y, z])
+            added.add_geom(name=name, **shape, **at_rest)
     for geom in spec.geoms:
         geom.margin = _MARGIN
     return spec.compile()

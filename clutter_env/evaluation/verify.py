@@ -45,7 +45,7 @@ class Verification:
     Attributes:
         policy, track: that the file names. A replay proves the scores, not who made them: policy, track and weights
             are claims until the policy itself has been run.
-        scenes: name of the scenes.
+        scenes: name of the scenes, and which of them if they were chosen: some of a suite's, or by their seeds.
         episodes: number of episodes.
         clean: claimed successes.
         differences: one sentence for everything in the file that is not as a replay gives it; empty if all is.
@@ -114,7 +114,7 @@ def verify(path: Path, workers: int = 1, tick: Callable[[], object] = lambda: No
     return Verification(
         policy=content["policy"],
         track=content["track"],
-        scenes=scenes.name,
+        scenes=_which(scenes),
         episodes=len(claims),
         clean=sum(bool(claim.get("clean")) for claim in claims),
         differences=tuple(found),
@@ -258,13 +258,22 @@ def scenes_of(content: Mapping[str, Any]) -> SceneSet:
     )
 
 
+def _which(scenes: SceneSet) -> str:
+    """The scenes in words; whoever chooses how many are played, or their seeds, can choose those that are won."""
+    first, last, count = scenes.scenes[0].seed, scenes.scenes[-1].seed, len(scenes.scenes)
+    if not scenes.suite:
+        return f"{scenes.name}, seeds {first} to {last}"
+    whole = len(suite(scenes.suite).split(scenes.split))
+    return scenes.name if count == whole else f"{scenes.name}, its first {count} of {whole} scenes"
+
+
 def _other_machine(content: Mapping[str, Any], environment: Mapping[str, Any]) -> list[str]:
     """Why the replays of a file on this machine need not give its scores; empty if they must."""
     there, here = content["provenance"], provenance()
     found = [
         f"It was recorded with {name} {there.get(name)}; this is {here[name]}."
-        for name in ("mujoco", "platform")
-        if there.get(name) != here[name]
+        for name in ("mujoco", "platform", "arithmetic")
+        if there.get(name, here[name]) != here[name]
     ]
     return found + differences({**here, "environment": content["judged_in"]}, {**here, "environment": environment})
 

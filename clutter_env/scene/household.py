@@ -238,8 +238,8 @@ def _carton() -> Kind:
     return Kind.of("carton", 0.55, _box((x, x, top / 2), (0.0, 0.0, top / 2), (0.93, 0.95, 0.97), 0.95), gable)
 
 
-def _box_of_tea() -> Kind:
-    return Kind.of("box", 0.20, _box((0.030, 0.045, 0.070), (0.0, 0.0, 0.070), CARDBOARD))
+def _packet() -> Kind:
+    return Kind.of("packet", 0.20, _box((0.030, 0.045, 0.070), (0.0, 0.0, 0.070), CARDBOARD))
 
 
 def _jar() -> Kind:
@@ -309,7 +309,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         kind.name: kind
         for kind in (
             _mug(),
-            _box_of_tea(),
+            _packet(),
             _bottle(),
             _bowl(),
             _can(),

@@ -133,6 +133,7 @@ class World:
         self._slot_of_geom = [-1] * self.model.ngeom  # of what is no object
         self._slot_of_geom[self.index.object_geoms] = self.index.geom_slots.tolist()
         self._colours = self.model.geom_rgba[self.index.object_geoms].copy()  # of household objects
+        self._grip_command = _full_grip(self.model, self.index) if KINDS.keys() & set(shapes) else 0.0
         self._kinds = self._kinds_of_geoms()
         self._grippers = [self._gripper_geoms(pads) for pads in self.index.finger_geoms]
         self._pads = {pad for pads in self.index.finger_geoms for pad in pads}
@@ -218,6 +219,9 @@ class World:
         self._contacts, ctrl = [], data.ctrl
         for command in self.controller.advance(data, velocity, grips, grip.is_holding, head):
             ctrl[:] = command
+            if self._grip_command:  # thin walls are held with all the force of the fingers
+                for actuator in self.index.finger_actuators:
+                    ctrl[actuator] = ctrl[actuator] or self._grip_command
             mujoco.mj_step(model, data, nstep=PHYSICS_STEPS // SEGMENTS)
             if data.ncon:
                 self._watch_contacts()
@@ -347,6 +351,14 @@ class World:
         kinds[root[model.geom_bodyid] == root[self.index.base_body]] = _ROBOT
         kinds[self.index.object_geoms] = _OBJECT
         return kinds.tolist()
+
+
+def _full_grip(model: mujoco.MjModel, index: ModelIndex) -> float:
+    """The command [m] of closed fingers that press with all their force on objects of any width; it is made valid."""
+    fingers = index.finger_actuators
+    command = float((model.actuator_forcerange[fingers, 1] / model.actuator_biasprm[fingers, 1]).min())
+    model.actuator_ctrlrange[fingers, 0] = command
+    return command
 
 
 def _apply_shapes(model: mujoco.MjModel, index: ModelIndex, scene: TableScene) -> None:

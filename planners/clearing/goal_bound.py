@@ -20,7 +20,7 @@ from planners.clock import NO_DEADLINE, Deadline
 from planners.goals import Before, Clear, Goal, Holding, On, occupants
 from planners.grasping.candidates import GraspCandidates
 from planners.placing.blockers import PutDownMasks, put_down_masks
-from planners.placing.goal_places import must_go_first, place_of
+from planners.placing.goal_places import is_too_large, must_go_first, place_of
 from planners.placing.placements import PlacementSearch
 from planners.scene import MAX_OBJECTS, Scene
 
@@ -38,7 +38,8 @@ class LowerBound:
         aside: those of them that must be picked twice: put aside first, since others wait for them to leave.
         proved: whether `picks` is exact for the places where objects stand; if not, `least` is what is proved.
         least: no plan has fewer picks.
-        cause: "" or why there is no plan: "unreachable", "no self-clearable set", or "time limit" if it was aborted.
+        cause: "" or why there is no plan: "unreachable", "no self-clearable set", "no clearance location" where an
+            object is larger than its place, or "time limit" if it was aborted.
         expansions: search nodes visited.
     """
 
@@ -57,6 +58,7 @@ def fewest_picks(
     candidates: GraspCandidates,
     start: Scene | None = None,
     *,
+    also: Collection[str] = (),
     search: PlacementSearch | None = None,
     buffers: bool = True,
     expansions: int = MAX_EXPANSIONS,
@@ -69,14 +71,18 @@ def fewest_picks(
         goal: what it is to be.
         candidates: the grasps of each object, and what is in their way.
         start: the scene before anything was moved, if that is another one.
+        also: names of objects that are moved besides those that must.
         search: where the base may stand to put objects down; None: what is in the way of that does not count.
         buffers: whether what is put aside must be put down, and so be picked again; not where it may stay in a hand.
         expansions: search nodes after which the proof is given up.
         deadline: when to stop.
     """
-    to_move = must_move(scene, goal, start)
+    to_move = tuple(dict.fromkeys((*must_move(scene, goal, start), *also)))
     if not to_move:
         return LowerBound(0, (), (), True, 0)
+    too_large = tuple(fact.object for fact in goal.placed if fact.object in to_move and is_too_large(scene, fact))
+    if too_large:
+        return LowerBound(None, too_large, (), True, 0, Cause.NO_CLEARANCE_LOCATION)
     stuck = tuple(name for name in to_move if name not in scene.held_names and not candidates.blockers(scene, name))
     waiting_for = waits_for(scene, goal, to_move)
     puts = _put_downs(scene, goal, to_move, waiting_for, candidates, search) if search and buffers else {}

@@ -7,6 +7,7 @@ where the plan ends for the time being, and the rest is chosen anew once that ob
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -20,7 +21,7 @@ from planners.clearing.commitments import ClearingProblem, Commitments, NoCommit
 from planners.clearing.goal_bound import LowerBound, fewest_picks, must_move
 from planners.clearing.lookahead import ClearancePlan
 from planners.clearing.saving_time import with_blockers
-from planners.goals import TOLERANCE, At, Goal, Inside, On
+from planners.goals import TOLERANCE, At, Goal, Holding, Inside, On
 from planners.grasping.candidates import GraspCandidate
 from planners.motion.approaches import can_take, fewest_blockers
 from planners.placing.blockers import fewest_in_the_way
@@ -50,6 +51,20 @@ class Move:
     is_general: bool = False
 
 
+@dataclass(frozen=True)
+class NotPlaced:
+    """Objects for whose places no motion was found.
+
+    Attributes:
+        blockers: names of what is in the way of that, by object. What is in the hand is put aside, and goes to its
+            place once they have moved.
+        pitches: [rad] of the grasps through which they had been taken; they are taken through others next.
+    """
+
+    blockers: Mapping[str, frozenset[str]]
+    pitches: Mapping[str, Collection[float]]
+
+
 @dataclass
 class _Simulation:
     """The scene as the moves so far leave it, and what is still to be moved.
@@ -63,7 +78,7 @@ class _Simulation:
     problem: ClearingProblem
     goal: Goal
     start: Scene
-    not_placed: Mapping[str, frozenset[str]]
+    not_placed: NotPlaced
     to_move: tuple[str, ...]
     last: frozenset[str] = frozenset()
     moves: list[Move] = field(default_factory=list)
@@ -75,7 +90,7 @@ class _Simulation:
 
 
 def goal_plan(
-    problem: ClearingProblem, goal: Goal, start: Scene, not_placed: Mapping[str, frozenset[str]] = MappingProxyType({})
+    problem: ClearingProblem, goal: Goal, start: Scene, not_placed: NotPlaced
 ) -> ClearancePlan | NoCommitment:
     """The moves up to the goal, or up to the first object that is put aside to be moved again.
 
@@ -83,8 +98,7 @@ def goal_plan(
         problem: its target does not matter.
         goal: what it is to be.
         start: the scene before anything was moved.
-        not_placed: objects for whose place no motion was found, with what is in the way of that. What is in the hand is
-            put aside, and goes to its place once they have moved.
+        not_placed: what motion planning refuted before.
     """
     to_move = dict.fromkeys((*problem.scene.held_names, *must_move(problem.scene, goal, start)))
     sim = _Simulation(problem, goal, start, not_placed, tuple(to_move))
@@ -106,13 +120,13 @@ def goal_plan(
 
 def _moved_to_its_end(sim: _Simulation) -> bool:
     """Move the next object for which that is possible to where it is to be."""
-    in_vain = [name for name in sim.scene.held_names if name in sim.not_placed]
+    in_vain = [name for name in sim.scene.held_names if name in sim.not_placed.blockers]
     return any(_moved(sim, name) for name in _in_turn(sim) if name not in in_vain and not _refuted_by(sim, name))
 
 
 def _refuted_by(sim: _Simulation, name: str) -> frozenset[str]:
     """What was in the way when no motion put an object at its place, and has not been moved since."""
-    return sim.not_placed.get(name, frozenset()).difference(move.name for move in sim.moves)
+    return sim.not_placed.blockers.get(name, frozenset()).difference(move.name for move in sim.moves)
 
 
 def _in_turn(sim: _Simulation) -> list[str]:
@@ -143,7 +157,7 @@ def _moved(sim: _Simulation, name: str) -> bool:
     if name in sim.goal.held:
         grasp = None
         if name not in scene.held_names:
-            grasp = next(_free_grasps(sim, name), None)
+            grasp = _grasp_to_hold(sim, name)
             if grasp is None:
                 return False
         elif len(sim.waiting) > 1:
@@ -157,13 +171,27 @@ def _moved(sim: _Simulation, name: str) -> bool:
     return _taken_and_put(sim, name, is_general=fact is not None)
 
 
+def _grasp_to_hold(sim: _Simulation, name: str) -> GraspCandidate | None:
+    """The first free grasp from which the object can be held at its point, if it has one; else the first free one."""
+    point = next(fact.point for fact in sim.goal.facts if isinstance(fact, Holding))
+    free = list(_free_grasps(sim, name)) if point else list(itertools.islice(_free_grasps(sim, name), 1))
+    for grasp in free if point else ():
+        world = sim.candidates.compiled.world(grasped(sim.scene, grasp))
+        if next(sim.problem.placements.holding_at(world, np.array(point)), None) is not None:
+            return grasp
+    return next(iter(free), None)
+
+
 def _taken_and_put(sim: _Simulation, name: str, is_general: bool) -> bool:
     """Take an object and put it where the goal wants it, or aside; through another grasp where one does not fit."""
     scene, goal = sim.scene, sim.goal
     fact = placed_fact(goal, name) if is_general else None
     reserved = reserved_regions(scene, goal, name if is_general else "")
     is_held = name in scene.held_names
+    refused = sim.not_placed.pitches.get(name, ()) if is_general else ()
     for grasp in (None,) if is_held else _free_grasps(sim, name):
+        if grasp is not None and grasp.pitch in refused:
+            continue
         in_hand = scene.holding(name) if grasp is None else grasped(scene, grasp)
         assert in_hand is not None
         failed: list[NDArray[np.float64]] = []
@@ -308,7 +336,8 @@ def _moving_these_too(sim: _Simulation, names: Collection[str]) -> _Simulation |
 
 
 def _bound(sim: _Simulation) -> LowerBound:
-    return fewest_picks(sim.scene, sim.goal, sim.candidates, sim.start, deadline=sim.problem.deadline)
+    also, deadline = sim.waiting, sim.problem.deadline
+    return fewest_picks(sim.scene, sim.goal, sim.candidates, sim.start, also=also, deadline=deadline)
 
 
 def _put_aside(sim: _Simulation) -> str:

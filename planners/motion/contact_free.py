@@ -19,7 +19,7 @@ from planners.collision.scene_arrays import RobotArrays
 from planners.collision.world import CollisionWorld
 from planners.motion.arm import tcp_poses
 from planners.motion.path import CLEARANCE, SAME_BASE, interpolate
-from planners.motion.timing import finger_ramp, round_corners, time_parametrise
+from planners.motion.timing import finger_ramp, near_walls, round_corners, time_parametrise
 from planners.motion.trajectory import Phase, Trajectory
 from planners.scene import SELF_BIT, HeldObject
 
@@ -56,7 +56,9 @@ def merge_phases(
         return None
     robot, held, steps = world.scene.robot, phases[0].phases[0].held, [len(phase.times) - 1 for phase in phases]
     start, end = phases[0].finger_position[0], phases[-1].finger_position[-1]
-    timed, ramp = time_parametrise(path, robot, start, Phase("", 0.0), bool(held)), finger_ramp(robot, start, end)
+    is_near = near_walls(world, robot.opening(max(start, end)))
+    timed = time_parametrise(path, robot, start, Phase("", 0.0), bool(held), is_near)
+    ramp = finger_ramp(robot, start, end)
     last = len(timed.times) - 1
     if not max(len(ramp) - 1, len(phases)) <= last < sum(steps):
         return None

@@ -9,16 +9,19 @@ the end.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
+from planners.collision.world import CollisionWorld
 from planners.motion.path import WholeBodyPath, cut, interpolate
 from planners.motion.pick_and_place import PickPlaceMotion
 from planners.motion.trajectory import CONTROL_STEP, Phase, Trajectory, join
-from planners.scene import HeldObject, RobotState
+from planners.scene import SELF_BIT, HeldObject, RobotState
 
 SETTLE_TIME = 0.15
 """[s] to wait after the fingers have closed or opened, before the arm moves on."""
@@ -26,6 +29,11 @@ HEADROOM = 0.97
 """Share of the limits that is used; rounding and the turning base frame need the rest."""
 _CORNER_SHARE = 0.75
 """Share of the acceleration spent on corners; the rest is for speeding up and slowing down."""
+_SLOW = 0.25
+"""Share of full speed beside a wall, and its square of the accelerations. At full speed an arm lags by 8 mm and a base
+that brakes overshoots by 5 mm, more than the `PADDING` that is left there."""
+_NEAR = 0.006
+"""[m] from what is beside a wall. Above a support, across which the robot moves, it does not hit it."""
 _TINY = 1e-12
 """A smaller change of direction is none."""
 _GRID = 0.04
@@ -39,7 +47,12 @@ Array = NDArray[np.float64]
 
 
 def time_parametrise(
-    X: ArrayLike, robot: RobotSpec, finger_position: float, phase: Phase, is_loaded: bool = False
+    X: ArrayLike,
+    robot: RobotSpec,
+    finger_position: float,
+    phase: Phase,
+    is_loaded: bool = False,
+    is_near: Callable[[Array], bool] | None = None,
 ) -> Trajectory:
     """A trajectory along a polygon of whole-body configurations, at rest at both ends.
 
@@ -49,6 +62,8 @@ def time_parametrise(
         finger_position: [m], constant.
         phase: the phase that this trajectory is.
         is_loaded: whether an object is held: the base then turns at `robot.max_loaded_yaw_rate` at most.
+        is_near: whether a part (k, 11) of the path is so near to something that the robot moves slowly; see
+            `near_walls`.
 
     Returns:
         samples every `CONTROL_STEP`, the last one at rest at the end. Their first differences keep the velocity limits
@@ -64,7 +79,7 @@ def time_parametrise(
         drives = np.abs(np.diff(path[:, :3], axis=0)).max(axis=1) > 0
         stops = [0, *(np.flatnonzero(drives[1:] | drives[:-1]) + 1).tolist(), len(path) - 1]
         pieces = [
-            time_parametrise(path[one : other + 1], robot, finger_position, phase, is_loaded).states
+            time_parametrise(path[one : other + 1], robot, finger_position, phase, is_loaded, is_near).states
             for one, other in pairwise(stops)
         ]
         return Trajectory.of_states(np.vstack([pieces[0], *(piece[1:] for piece in pieces[1:])]), phase)
@@ -72,7 +87,10 @@ def time_parametrise(
     if is_loaded:
         velocity[2] = min(velocity[2], HEADROOM * robot.max_loaded_yaw_rate)
     length, points = _grid(path, velocity)
-    speed = _speeds(length, points, acceleration)
+    is_slow = np.zeros(len(points) - 1, bool)
+    if is_near is not None and is_near(path):
+        is_slow[:] = [is_near(points[k : k + 2]) for k in range(len(points) - 1)]
+    speed = _speeds(length, points, acceleration, is_slow)
     clock = np.concatenate([[0.0], np.cumsum(2 * np.diff(length) / (speed[:-1] + speed[1:]))])
     for _ in range(_STRETCHES):
         samples = _sample(clock, speed, length, points)
@@ -82,6 +100,16 @@ def time_parametrise(
         stretch = min(max(np.sqrt(excess), 1.01), 1.5)
         clock, speed = clock * stretch, speed / stretch
     return Trajectory.of_states(np.column_stack([samples, np.full(len(samples), finger_position)]), phase)
+
+
+def near_walls(world: CollisionWorld, opening: float) -> Callable[[Array], bool]:
+    """Whether the robot comes nearer than `_NEAR` to a fixed obstacle that is no support along a path (k, 11)."""
+    scene = world.scene
+    walls = tuple(body for body in scene.static_obstacles if body.name not in scene.supports)
+    alone = CollisionWorld.from_scene(
+        replace(scene, objects=(), held=None, aside=(), supports=(), static_obstacles=walls), _NEAR
+    )
+    return lambda X: bool(alone.path_hits(X, opening, ignore=1 << SELF_BIT, first_only=True))
 
 
 def round_corners(robot: RobotSpec, X: ArrayLike, half_width: float) -> tuple[Array, Array]:
@@ -111,65 +139,69 @@ def round_corners(robot: RobotSpec, X: ArrayLike, half_width: float) -> tuple[Ar
 
 
 def drive_trajectory(
-    robot: RobotSpec, path: WholeBodyPath, state: RobotState, homing: WholeBodyPath | None = None
+    world: CollisionWorld, path: WholeBodyPath, state: RobotState, homing: WholeBodyPath | None = None
 ) -> Trajectory:
     """The trajectory of a base path, arm and fingers still: the phase "drive".
 
     Where the arm moves home before, its motion comes first: the phases "ready" (the fingers open) and "home".
     """
+    robot = world.scene.robot
     if homing is None:
-        return _along(robot, path, state.finger_position, "drive")
+        return _along(world, path, state.finger_position, "drive")
     open_at = state.finger_position if path.held is not None else robot.finger_position(homing.opening)
     return join(
         [
             _fingers(robot, homing.configurations[0], state.finger_position, open_at, _phase("ready", path.held), 0.0),
-            _along(robot, homing, open_at, "home"),
-            _along(robot, path, open_at, "drive"),
+            _along(world, homing, open_at, "home"),
+            _along(world, path, open_at, "drive"),
         ]
     )
 
 
-def pick_trajectory(robot: RobotSpec, motion: PickPlaceMotion, state: RobotState) -> Trajectory:
+def pick_trajectory(world: CollisionWorld, motion: PickPlaceMotion, state: RobotState) -> Trajectory:
     """The trajectory of a pick from a state.
 
     Its phases are "ready" (the fingers open), "transit", "approach", "close", "lift" and "retreat"; the object counts
     as held from the lift on.
     """
+    robot = world.scene.robot
     open_at = robot.finger_position(motion.transit.opening)
     here, grasp = motion.transit.configurations[0], motion.approach.configurations[-1]
     return join(
         [
             _fingers(robot, here, state.finger_position, open_at, Phase("ready", 0.0), 0.0),
-            _along(robot, motion.transit, open_at, "transit"),
-            _along(robot, motion.approach, open_at, "approach"),
+            _along(world, motion.transit, open_at, "transit"),
+            _along(world, motion.approach, open_at, "approach"),
             _fingers(robot, grasp, open_at, 0.0, Phase("close", 0.0, "", motion.held), SETTLE_TIME),
-            _along(robot, motion.departure, 0.0, "lift"),
-            _along(robot, motion.retreat, 0.0, "retreat"),
+            _along(world, motion.departure, 0.0, "lift"),
+            _along(world, motion.retreat, 0.0, "retreat"),
         ]
     )
 
 
-def place_trajectory(robot: RobotSpec, motion: PickPlaceMotion, state: RobotState) -> Trajectory:
+def place_trajectory(world: CollisionWorld, motion: PickPlaceMotion, state: RobotState) -> Trajectory:
     """The trajectory of a placement from a state.
 
     Its phases are "transit", "lower", "open", "rise" and "retreat"; the object counts as held until the fingers open.
     """
+    robot = world.scene.robot
     closed, open_at = state.finger_position, robot.finger_position(motion.departure.opening)
     release = motion.approach.configurations[-1]
     return join(
         [
-            _along(robot, motion.transit, closed, "transit"),
-            _along(robot, motion.approach, closed, "lower"),
+            _along(world, motion.transit, closed, "transit"),
+            _along(world, motion.approach, closed, "lower"),
             _fingers(robot, release, closed, open_at, Phase("open", 0.0, "", motion.held), SETTLE_TIME),
-            _along(robot, motion.departure, open_at, "rise"),
-            _along(robot, motion.retreat, open_at, "retreat"),
+            _along(world, motion.departure, open_at, "rise"),
+            _along(world, motion.retreat, open_at, "retreat"),
         ]
     )
 
 
-def _along(robot: RobotSpec, path: WholeBodyPath, finger_position: float, name: str) -> Trajectory:
-    phase, is_loaded = _phase(name, path.held), path.held is not None
-    return time_parametrise(path.configurations, robot, finger_position, phase, is_loaded)
+def _along(world: CollisionWorld, path: WholeBodyPath, finger_position: float, name: str) -> Trajectory:
+    phase, robot, is_loaded = _phase(name, path.held), world.scene.robot, path.held is not None
+    is_near = near_walls(world, path.opening)
+    return time_parametrise(path.configurations, robot, finger_position, phase, is_loaded, is_near)
 
 
 def _phase(name: str, held: HeldObject | None) -> Phase:
@@ -212,8 +244,9 @@ def _in_units_of(acceleration: Array, vectors: Array) -> Array:
     return np.asarray(np.maximum(planar, (np.abs(vectors[:, 2:]) / acceleration[2:]).max(axis=1)))
 
 
-def _speeds(length: Array, points: Array, acceleration: Array) -> Array:
-    """Speed along the path (m,), in seconds at full speed per second: at most 1, and 0 at the ends.
+def _speeds(length: Array, points: Array, acceleration: Array, is_slow: NDArray[np.bool_]) -> Array:
+    """Speed along the path (m,), in seconds at full speed per second: at most 1, `_SLOW` where `is_slow` (m - 1,) says
+    so, and 0 at the ends.
 
     Corners need a part of the acceleration, and so does driving while the base turns; what they do not need at full
     speed is left for speeding up and slowing down.
@@ -230,11 +263,14 @@ def _speeds(length: Array, points: Array, acceleration: Array) -> Array:
     slow = _CORNER_SHARE / np.maximum(swing, _TINY)
     squared = np.minimum(squared, np.minimum(np.append(slow, 1.0), np.append(1.0, slow)))
     squared = np.minimum(squared, 1.0)
+    squared[:-1][is_slow] = np.minimum(squared[:-1][is_slow], _SLOW**2)
+    squared[1:][is_slow] = np.minimum(squared[1:][is_slow], _SLOW**2)
     squared[0] = squared[-1] = 0.0
     taken = np.maximum(np.maximum(at_corners[:-1], at_corners[1:]), swing)
-    gain = (2 * steps / _in_units_of(acceleration, direction)).tolist()
+    gain = 2 * steps / _in_units_of(acceleration, direction)
+    gain[is_slow] *= _SLOW**2
     # Lists: to take numbers out of arrays one by one takes longer than to compute with them.
-    shares, limits = taken.tolist(), squared.tolist()
+    gain, shares, limits = gain.tolist(), taken.tolist(), squared.tolist()
     for i in range(len(steps)):
         spare = 1.0 - min(shares[i] * limits[i], _CORNER_SHARE)
         limits[i + 1] = min(limits[i + 1], limits[i] + spare * gain[i])

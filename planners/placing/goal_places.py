@@ -104,10 +104,12 @@ def reserved_regions(scene: Scene, goal: Goal, besides: str = "") -> tuple[Regio
     Args:
         scene: the world.
         goal: what it is to be.
-        besides: name of an object, whose own place is not reserved for others.
+        besides: name of an object, whose own place is not reserved for others, nor what that lies in.
     """
     own = next((fact for fact in goal.placed if fact.object == besides), None)
     mine = None if own is None else place_of(scene, own).area
+    if own is not None and mine is None:
+        return ()
     found = {name: _region_or_face(scene, name) for name in goal.cleared}
     for fact in goal.placed:
         if fact is own:
@@ -119,7 +121,8 @@ def reserved_regions(scene: Scene, goal: Goal, besides: str = "") -> tuple[Regio
             half = scene.body(fact.object).radius
             name = f"place of {fact.object}"
             found[name] = Region(name, place.face.name, tuple(place.location), (half, half))
-    return tuple(region for name, region in found.items() if name != scene.support.name)
+    around = [] if mine is None else [one for one in found.values() if one.contains_points(mine.corners).all()]
+    return tuple(region for name, region in found.items() if name != scene.support.name and region not in around)
 
 
 def _region_or_face(scene: Scene, name: str) -> Region:
@@ -206,6 +209,20 @@ def must_go_first(scene: Scene, body: Body, fact: On | Inside | At) -> tuple[str
         inner = np.maximum(np.array(place.area.half_extents) - radius + slack, 0.0)
         centre = centre[(np.abs(place.area.local(centre)) <= inner).all(axis=1)]
     return tuple(one.name for one in in_the_way if (distances(centre, one) < radius - slack).all())
+
+
+def is_too_large(scene: Scene, fact: On | Inside | At) -> bool:
+    """Whether an object, standing or lying as it does, is larger than the area that a fact names, however it is turned.
+
+    Proved: between the angles that are tried, its extents change by less than what they may be too large.
+    """
+    body, area = scene.body(fact.object), place_of(scene, fact).area
+    if area is None or body.name in scene.held_names or (isinstance(fact, On) and fact.place in scene.supports):
+        return False
+    angles, outline = np.linspace(0.0, np.pi, 180, endpoint=False), footprint(body)
+    along = np.ptp(outline @ np.stack((np.cos(angles), np.sin(angles))), axis=0)
+    most = 2 * (np.array(area.half_extents) + EDGE) + along.max() * (angles[1] - angles[0])
+    return not bool(((along <= most[0]) & (np.roll(along, len(angles) // 2) <= most[1])).any())
 
 
 def in_the_way(scene: Scene, body: Body, place: Place, waiting: Collection[str]) -> tuple[str, ...]:

@@ -203,6 +203,11 @@ class PlacementSearch:
         yield from self._from_here(world, location, free)
         yield from self._after_a_drive(world, location, free)
 
+    def holding_at(self, world: CollisionWorld, point: Array) -> Iterator[Placement]:
+        """Ways to hold the held object with its centre at a point (3,) [m], upright as where it was taken."""
+        _, body = in_hand(world.scene)
+        yield from self.about(world, np.array([*point[:2], point[2] - (body.position[2] - body.bottom)]))
+
     def surfaces(
         self, world: CollisionWorld, keep_clear: KeepClear, supports: Sequence[StaticObstacle] = ()
     ) -> tuple[Surface, ...]:

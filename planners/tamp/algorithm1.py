@@ -6,6 +6,7 @@ on is in `planners.tamp.state`; what the references stand for is decided in `pla
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -22,7 +23,7 @@ from planners.symbolic.transitions import initial_state as symbolic_state
 from planners.tamp.binding import bind_action, bind_grasps, gripper_symbol, rebind_grasps, refused, task_plan
 from planners.tamp.motion_layer import BoundMotion
 from planners.tamp.solution import BoundAction, Infeasible, ReplanRecord, Solution
-from planners.tamp.state import MAX_CLEARANCES, MAX_REPLANS, PlanState, Refutation, Search, as_seen
+from planners.tamp.state import MAX_ASIDE, MAX_CLEARANCES, MAX_REPLANS, PlanState, Refutation, Search, as_seen
 
 _CAUSES = {
     "cyclic": Cause.NO_SELF_CLEARABLE_SET,
@@ -134,8 +135,10 @@ def finish(search: Search, state: PlanState, plan: TaskPlan) -> PlanState | Infe
 
 def call_task_planning(search: Search, state: PlanState) -> TaskPlan | Infeasible:
     """T = callTaskPlanning(A, s0, g): the task plan, or why there is none."""
-    put_down = sum(action.name.startswith("PutDown") for action in search.plan) - len(search.goal.placed)
-    if search.is_late or len(search.history) >= MAX_REPLANS or put_down >= MAX_CLEARANCES:
+    put_down = Counter(action.target for action in search.plan if action.name.startswith("PutDown"))
+    is_too_often = put_down.total() - len(search.goal.placed) >= MAX_CLEARANCES
+    is_too_often |= not search.target and max(put_down.values(), default=0) > MAX_ASIDE
+    if search.is_late or len(search.history) >= MAX_REPLANS or is_too_often:
         return search.out_of_time()
     found = task_plan(search, state)
     if isinstance(found, TaskPlan):

@@ -7,10 +7,12 @@ from dataclasses import replace
 from assets.robots import RobotSpec
 from planners.cause import Cause
 from planners.clearing.commitments import Commitments, NoCommitment
+from planners.clearing.goal_plan import NotPlaced
 from planners.clearing.lookahead import ClearancePlan, keep_clear
 from planners.clock import cpu_seconds
 from planners.goals import Goal, Holding
 from planners.motion.path import BlockedBy, NoPath
+from planners.placing.goal_places import is_too_large
 from planners.placing.placements import Placement
 from planners.scene import Scene
 from planners.symbolic.engines import checked_answer
@@ -76,6 +78,9 @@ def refused(search: Search, scene: Scene, found: NoCommitment) -> Infeasible:
     too_wide = [reason for name in scene.names if (reason := context.too_wide(scene, name))]
     if cause is Cause.UNREACHABLE and (of_these := [context.too_wide(scene, name) for name in found.objects])[0]:
         return search.infeasible(Cause.TOO_WIDE, f"{'; '.join(of_these)}, {context.catalogue}", found.objects)
+    too_large = [fact for fact in search.goal.placed if fact.object in found.objects and is_too_large(scene, fact)]
+    if cause is Cause.NO_CLEARANCE_LOCATION and too_large:
+        return search.infeasible(cause, f"{names}, as it stands or lies, is larger than its place", found.objects)
     detail = {
         Cause.UNREACHABLE: f"no free base pose and arm configuration reach {names}",
         Cause.NO_WAY_FOR_BASE: f"from where the robot is, the base cannot drive to where it could take {names}",
@@ -94,7 +99,8 @@ def _bind_moves(search: Search, symbols: SymbolicState, scene: Scene) -> PlanSta
     """Choose the moves for a goal with places, as `bind_grasps` chooses grasps for a target."""
     before = cpu_seconds()
     assert search.start is not None
-    found = search.motion_layer.plan_goal(search.strategy, scene, search.goal, search.start, search.not_placed)
+    known = NotPlaced(search.not_placed, search.refused_pitches)
+    found = search.motion_layer.plan_goal(search.strategy, scene, search.goal, search.start, known)
     search.motion_planning_s += cpu_seconds() - before
     if isinstance(found, NoCommitment):
         return refused(search, scene, found)
@@ -225,7 +231,9 @@ def _drive_to_put_down(
         return search.out_of_time()
     if name in plan.general and name not in search.not_placed:
         found = motion_layer.put_down(*refuted[0], find_blockers=True) if refuted else None
-        search.not_placed[name] = found.blockers if isinstance(found, BlockedBy) else frozenset()
+        search.not_placed[name] = found.blockers - {name} if isinstance(found, BlockedBy) else frozenset()
+        if name in plan.commitments.grasps:
+            search.refused_pitches.setdefault(name, set()).add(plan.commitments.grasps[name].pitch)
         by = f": {', '.join(sorted(search.not_placed[name]))} in the way" if search.not_placed[name] else ""
         return Refutation(action, reason=f"no motion puts {name} at its place{by}")
     detail = f"no location for {name} that keeps clear of what remains to be done"

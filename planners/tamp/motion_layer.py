@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from planners.cause import Cause
 from planners.clearing.commitments import ClearingProblem, Commitments, NoCommitment
 from planners.clearing.goal_bound import LowerBound, fewest_picks
-from planners.clearing.goal_plan import goal_plan, placements_of
+from planners.clearing.goal_plan import NotPlaced, goal_plan, placements_of
 from planners.clearing.lookahead import ClearancePlan, commitments_for
 from planners.clearing.non_monotone import non_monotone_plan
 from planners.clock import NO_DEADLINE, Deadline
@@ -140,7 +140,7 @@ class MotionLayer:
         return replace(found, cause=Cause.MOTION) if self.has_refuted and found.cause.lies_in_grasps else found
 
     def plan_goal(
-        self, strategy: Strategy, scene: Scene, goal: Goal, start: Scene, not_placed: Mapping[str, frozenset[str]]
+        self, strategy: Strategy, scene: Scene, goal: Goal, start: Scene, not_placed: NotPlaced
     ) -> ClearancePlan | NoCommitment:
         """The moves for a goal with places; see `planners.clearing.goal_plan.goal_plan`."""
         found = goal_plan(self._problem(strategy, scene), goal, start, not_placed)
@@ -247,9 +247,7 @@ class MotionLayer:
         """Bring the centre of the held object to a point (3,) [m], upright as where it was taken."""
         assert scene.held is not None
         world, state = self.compiled.world(scene), scene.state
-        body = scene.body(scene.held.name)
-        below = np.array([*point[:2], point[2] - (body.position[2] - body.bottom)])
-        for placement in self.placement_search.about(world, below):
+        for placement in self.placement_search.holding_at(world, point):
             driven = plan_base(
                 world, state.base, placement.base, state.q, held=scene.held, roadmap=self.context.roadmap
             )
@@ -260,7 +258,7 @@ class MotionLayer:
             if isinstance(path, WholeBodyPath):
                 joined = replace(path, configurations=np.vstack([driven.configurations, path.configurations]))
                 if self.is_accepted(scene, [joined]):
-                    trajectory = drive_trajectory(scene.robot, joined, state)
+                    trajectory = drive_trajectory(world, joined, state)
                     there = RobotState(joined.end_base, joined.end, float(trajectory.finger_position[-1]))
                     bound = self._followed(scene, BoundMotion(trajectory, scene.with_state(there)), ())
                     return NoPath("the arm touches something") if isinstance(bound, BlockedBy) else bound
@@ -272,13 +270,16 @@ class MotionLayer:
         homing = self._home(scene) if home_first or is_among_objects(world, state) else None
         q, roadmap = state.q if homing is None else homing.end, self.context.roadmap
         found = plan_base(world, state.base, base, q, held=scene.held, roadmap=roadmap)
+        if isinstance(found, NoPath) and homing is None and scene.held is None:
+            as_open = scene.robot.opening(state.finger_position)  # fully open it may touch what it does not as it is
+            found = plan_base(world, state.base, base, q, opening=as_open, roadmap=roadmap)
         if isinstance(found, NoPath) and homing is None:
             homing = self._home(scene)
             if homing is not None:
                 found = plan_base(world, state.base, base, homing.end, held=scene.held, roadmap=roadmap)
         if isinstance(found, NoPath):
             return found
-        trajectory = drive_trajectory(scene.robot, found, scene.state, homing)
+        trajectory = drive_trajectory(world, found, scene.state, homing)
         state = RobotState(found.end_base, found.end, float(trajectory.finger_position[-1]))
         bound = self._followed(scene, BoundMotion(trajectory, scene.with_state(state)), ())
         return NoPath("following the base, the arm touches something") if isinstance(bound, BlockedBy) else bound
@@ -304,7 +305,7 @@ class MotionLayer:
             if not isinstance(motion, PickPlaceMotion):
                 return motion
             if self.checks_at_end or self.is_accepted(scene, motion.paths):
-                trajectory = pick_trajectory(scene.robot, motion, scene.state)
+                trajectory = pick_trajectory(world, motion, scene.state)
                 carrying = scene.with_state(_end_state(motion, trajectory)).with_held(motion.held)
                 return self._followed(scene, BoundMotion(trajectory, carrying), (grasp.object,))
         return NoPath("MuJoCo finds penetration")
@@ -327,7 +328,7 @@ class MotionLayer:
                 self.is_accepted(scene, motion.paths[:2]) and self.is_accepted(released, motion.paths[2:])
             )
             if are_accepted:
-                trajectory = place_trajectory(scene.robot, motion, scene.state)
+                trajectory = place_trajectory(world, motion, scene.state)
                 left = released.with_state(_end_state(motion, trajectory))
                 return self._followed(scene, BoundMotion(trajectory, left, surfaces=placement.surfaces), (held.name,))
         return NoPath("MuJoCo finds penetration")

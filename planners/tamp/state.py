@@ -20,9 +20,9 @@ from planners.symbolic.problem import Atom, GroundAction, SymbolicState, TaskPla
 from planners.tamp.motion_layer import BoundMotion, MotionLayer
 from planners.tamp.solution import BoundAction, Infeasible, ReplanRecord, SolveStats
 
-MAX_CLEARANCES, MAX_REPLANS = 60, 200
-"""Put-downs in one plan beyond one for each object that the goal places, and turns of the loop that ended with a
-refuted action, before a run is given up."""
+MAX_CLEARANCES, MAX_REPLANS, MAX_ASIDE = 60, 200, 6
+"""Put-downs in one plan beyond one for each object that the goal places, turns of the loop that ended with a refuted
+action, and times that one object is put aside for a goal with places, before a run is given up."""
 TASK_PLANNING_S = 10.0
 """[s] of wall time for one call of the task planner; a call that takes longer ends the run."""
 
@@ -78,7 +78,8 @@ class Search:
 
     `has_given_up`: a call of the task planner reached its time limit. `hold_aside`: whether one arm may hold an
     obstacle while another one takes the target. `start` is the scene before anything was moved, `bound` the lower bound
-    there, of a goal with places. `not_placed`: objects for whose place no motion was found, with what is in the way.
+    there, of a goal with places. `not_placed`: objects for whose place no motion was found, with what is in the way;
+    `refused_pitches`: and the pitches [rad] of the grasps through which they had been taken.
     """
 
     goal: Goal
@@ -89,6 +90,7 @@ class Search:
     bound: LowerBound | None = None
     start: Scene | None = None
     not_placed: dict[str, frozenset[str]] = field(default_factory=dict)
+    refused_pitches: dict[str, set[float]] = field(default_factory=dict)
     plan: list[BoundAction] = field(default_factory=list)
     clearances: list[str] = field(default_factory=list)
     history: list[ReplanRecord] = field(default_factory=list)

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import platform
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -15,6 +19,8 @@ from clutter_env.provenance import differences, environment_digest, provenance
 
 ROOT = Path(__file__).resolve().parents[2]
 ENV_ID = "clutter_env/Retrieve-o5-v0"
+CPU = Path("/proc/cpuinfo")
+HAS_FMA = platform.libc_ver()[0] == "glibc" and CPU.exists() and " fma " in CPU.read_text()
 
 
 def test_the_version_stands_in_one_place() -> None:
@@ -67,3 +73,14 @@ def test_code_counts_but_comments_do_not(tmp_path: Path) -> None:
 
 def test_every_file_with_rules_exists() -> None:
     assert all((ROOT / "clutter_env" / file).is_file() for files in module._RULES.values() for file in files)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not HAS_FMA, reason="no C library with FMA")
+def test_a_c_library_without_fma_is_another_arithmetic() -> None:
+    tunables = "glibc.cpu.hwcaps=-AVX2,-FMA,-AVX512F,-AVX"
+    code = "from clutter_env.provenance import provenance; print(provenance()['arithmetic'])"
+    found = subprocess.run(
+        [sys.executable, "-c", code], env={**os.environ, "GLIBC_TUNABLES": tunables}, capture_output=True, check=True
+    )
+    assert found.stdout.decode().strip() != provenance()["arithmetic"]

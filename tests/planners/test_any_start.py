@@ -81,3 +81,10 @@ def test_the_robot_may_start_in_any_configuration(seed: int) -> None:
     for before, after in itertools.pairwise(solution.actions):
         np.testing.assert_allclose(before.trajectory.states[-1, :-1], after.trajectory.states[0, :-1], atol=1e-9)
     assert_free(solution)
+
+
+def test_a_gripper_that_is_not_fully_open_drives_away_where_an_open_one_would_touch() -> None:
+    """After something was put on a counter from its far side, the fingers are as far apart as they were for that."""
+    scene = table_scene(cylinder("a", -0.15, -0.2))
+    beside = RobotState(np.array([-0.11955888, 1.41362266, -1.04719858]), np.array(FETCH.home), 0.043736624)
+    assert isinstance(solve(scene.with_state(beside), "a"), Solution)

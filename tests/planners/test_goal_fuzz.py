@@ -9,11 +9,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners import Body, Scene, goals
+from planners import Body, Infeasible, Scene, Solution, goals, lower_bound, solve
 from planners.goals import Goal, GoalError, Region
 from planners.scene import HeldObject, StaticObstacle
 from tests.planners.goal_judge import margin
-from tests.planners.scenes import HEIGHT, cylinder, table_scene
+from tests.planners.scenes import HEIGHT, SHELF, cylinder, random_scene, table_scene
 
 THIN = 0.003
 """[m] of a tray on the table: less than what counts as resting on the table below it."""
@@ -147,3 +147,72 @@ def test_what_is_no_goal_is_an_error_of_goals(make: Callable[[], object]) -> Non
 def test_names_with_blanks_and_numbers_of_numpy_are_kept_in_text() -> None:
     goal = goals.on("my cup", "a (new) plate") & Goal((goals.At("b;", *np.array([0.1, 0.2])),))
     assert Goal.from_pddl(goal.to_pddl()) == goal
+
+
+def places(rng: np.random.Generator, scene: Scene) -> Scene:
+    """The scene under a shelf, with regions, turned ones too, on the table, on the shelf and on a counter."""
+    scene = replace(scene, static_obstacles=(*scene.static_obstacles, *SHELF))
+    supports = "table_top", "shelf_board", "counter_left"
+    found = []
+    for name in supports:
+        face, half = scene.support_named(name), rng.uniform(0.04, 0.15, 2)
+        middle = face.position[:2] + 0.9 * rng.uniform(-1, 1, 2) * (face.extent[:2] - half)
+        found.append(Region(f"on_{name}", name, tuple(middle), tuple(half), rng.choice([0.0, rng.uniform(-1, 1)])))
+    return replace(scene, supports=supports, regions=tuple(found))
+
+
+def random_wish(rng: np.random.Generator, scene: Scene) -> Goal:
+    """One to three facts that may contradict each other, hold already, or be out of reach."""
+    facts: list[Goal] = []
+    for kind in rng.choice(9, rng.integers(1, 4)):
+        name, other = map(str, rng.choice(scene.names, 2, replace=False))
+        region, support = str(rng.choice([one.name for one in scene.regions])), str(rng.choice(scene.supports))
+        face = scene.support_named(support)
+        place = face.position[:2] + rng.uniform(-0.7, 0.7, 2) * face.extent[:2]
+        facts.append(
+            (
+                goals.on(name, support),
+                goals.inside(name, region),
+                goals.clear(region),
+                goals.at(name, [*place, rng.uniform(-3, 3)]),
+                goals.at(name, place),
+                goals.on(name, other),
+                goals.holding(name),
+                goals.before(name, other),
+                goals.inside(name, support),
+            )[kind]
+        )
+    return goals.and_(*facts)
+
+
+@pytest.mark.slow
+def test_what_solve_and_bound_say_of_any_goal_agrees() -> None:
+    rng, answers = np.random.default_rng(0), set()
+    for wish in range(60):
+        scene = places(rng, random_scene(int(rng.integers(3, 7)), int(rng.integers(1000))))
+        goal = random_wish(rng, scene)
+        try:
+            goal.check(scene)
+        except GoalError:
+            for ask in (solve, lower_bound):
+                with pytest.raises(GoalError):
+                    ask(scene, goal)
+            continue
+        bound, plan = lower_bound(scene, goal), solve(scene, goal, time_limit=60)
+        answers.add(type(plan))
+        if isinstance(plan, Infeasible):
+            assert plan.detail, goal
+            assert not goal.holds(scene), goal
+            continue
+        assert isinstance(plan, Solution)
+        assert plan.end is not None
+        assert goal.holds(plan.end, scene), goal
+        assert bound.picks is not None, goal
+        assert bound.least <= plan.picks, goal
+        assert goal.is_in_order([action.target for action in plan.actions if action.name == "PickUp"]), goal
+        assert bool(plan.actions) != goal.holds(scene), goal
+        if wish % 5 == 0:
+            again = solve(scene, goal.to_pddl(), time_limit=60)
+            assert isinstance(again, Solution)
+            assert again.actions == plan.actions
+    assert Solution in answers

@@ -58,6 +58,7 @@ def shifted(scene: Scene, names: tuple[str, ...]) -> Goal:
 
 FEW = random_scene(4, 0).names
 CASES = {
+    "one held high up, as not every grasp can": ("few", goals.holding(FEW[0], (-0.2, 0.0, 1.25)), 1),
     "one held at a point": ("few", goals.on(FEW[0], "tray") & goals.holding(FEW[1], (-0.3, 0.1, 1.1)), 2),
     "one into a region": ("few", goals.inside(FEW[0], "left"), 1),
     "two into a tray, one held": (
@@ -187,6 +188,24 @@ def test_a_goal_of_which_the_bound_proves_that_nothing_reaches_it_is_refused_bef
     assert (found.cause, found.clearances, found.objects) == (Cause.TOO_WIDE, (), ("a",))
 
 
+def test_what_must_leave_a_place_may_need_others_to_leave_first() -> None:
+    near, far = cylinder("near", 0.148, -0.06, 0.031, 0.146), cylinder("far", 0.191, -0.118, 0.028, 0.126)
+    scene, goal = table_scene(near, far, cylinder("a", 0.286, 0.285, 0.025, 0.184)), goals.at("a", (0.221, -0.076))
+    plan = solve(scene, goal)
+    assert isinstance(plan, Solution)
+    assert [action.target for action in plan.actions if action.name == "PickUp"] == ["near", "far", "a"]
+
+
+def test_a_pose_in_a_region_for_others_and_a_region_within_another_are_not_kept_free() -> None:
+    scene = scene_of("three")
+    place = Region("place", "counter_left", (-0.15, 0.72), (0.2, 0.2))
+    scene = replace(scene, regions=(*scene.regions, place))
+    goal = goals.at("a", (-0.25, 0.62)) & goals.inside("b", "place") & goals.inside("c", "left")
+    plan = solve(scene, goal)
+    assert isinstance(plan, Solution)
+    assert plan.picks == 3
+
+
 def test_a_plan_that_is_given_up_for_its_put_downs_does_not_say_that_the_time_was_up(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -259,6 +278,22 @@ def test_a_goal_that_holds_already_needs_no_plan() -> None:
     plan = solve(scene_of("three"), goals.on("a", "table_top"))
     assert isinstance(plan, Solution)
     assert plan.actions == ()
+
+
+@pytest.mark.parametrize("name", ["a", "lying"])
+def test_what_is_larger_than_its_region_is_refused_by_the_bound(name: str) -> None:
+    scene, half = scene_of("three"), 0.06 if name == "lying" else 0.03
+    body = cylinder("lying", -0.1, 0.15, 0.03, 0.15)  # shorter than the diagonal of its place
+    lying = body.at([*body.position[:2], HEIGHT + 0.03], np.sqrt(0.5) * np.array([1, 1, 0, 0]))
+    place = Region("place", "table_top", (0.0, -0.15), (half, half))
+    scene = replace(scene, objects=(*scene.objects, lying), regions=(place,))
+    goal = goals.inside(name, "place")
+    found, bound = solve(scene, goal), lower_bound(scene, goal)
+    assert isinstance(found, Infeasible)
+    assert f"{name}, as it stands or lies, is larger than its place" in found.detail
+    assert (bound.picks, bound.cause, bound.proved) == (None, found.cause, True)
+    long = replace(scene, regions=(Region("place", "table_top", (0.0, -0.15), (0.1, 0.04)),))
+    assert lower_bound(long, goal).picks == 1
 
 
 def test_what_cannot_be_reached_is_refused_by_the_bound() -> None:

@@ -173,8 +173,10 @@ def forge(file: Path, change: Callable[[dict[str, Any]], object]) -> Path:
 
 def test_a_results_file_is_confirmed_by_its_recorded_actions(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main(["verify", str(file), "--workers", "1", "--json", str(file.with_name("found.json"))])
-    assert "confirmed: 2 clean successes in 2 episodes of reach" in capsys.readouterr().out
+    assert "confirmed: 2 clean successes in 2 episodes of reach, seeds 1000000 to 1000001" in capsys.readouterr().out
     assert json.loads(file.with_name("found.json").read_text())["differences"] == []
+    assert verifying._which(SceneSet("side-15-v2")) == "side-15-v2"
+    assert verifying._which(SceneSet("side-15-v2", count=7)).endswith("its first 7 of 100 scenes")
 
 
 def a_failure_as_a_success(content: dict[str, Any]) -> None:
@@ -268,6 +270,10 @@ def test_a_file_made_with_something_else_is_confirmed_by_the_same_digits_alone(f
     found = verify(forge(file, forge_version))
     assert found.is_confirmed
     assert "mujoco 1.0.0" in found.other_than[0]
+    other_library = verify(forge(file, lambda content: content["provenance"].update(arithmetic="0")))
+    assert other_library.is_confirmed
+    assert "arithmetic 0" in other_library.other_than[1]
+    assert len(verify(forge(file, lambda content: content["provenance"].pop("arithmetic"))).other_than) == 1
     changed = verify(forge(file, lambda content: content["judged_in"].update(success="0")))
     assert any("success has changed" in said for said in changed.other_than)
     claimed = verify(forge(file, lambda content: (forge_version(content), shorter(content))))

@@ -26,6 +26,7 @@ def env() -> gym.Env:
 
 def test_there_are_twelve_kinds_of_real_size_and_mass() -> None:
     assert len(KINDS) == 12
+    assert not KINDS.keys() & {"cylinder", "box"}, "these are shapes of other sets"
     for kind in KINDS.values():
         assert 0.02 < 2 * kind.half_extents.min() <= 2 * kind.half_extents.max() < 0.3, kind.name
         assert 0.1 <= kind.mass <= 0.8, kind.name
@@ -67,13 +68,13 @@ def test_the_planner_reads_the_parts_and_grasps_every_kind(env: gym.Env) -> None
     env.reset(seed=1)
     inner = env.unwrapped
     scene = Scene.from_mujoco(inner.model, inner.data, inner.robot)  # type: ignore[attr-defined]  # of this package
-    world = inner.world  # type: ignore[attr-defined]
+    world = inner.world  # type: ignore[attr-defined]  # of this package
     measured, seen = world.measure(), set[str]()
     for slot, (body, name) in enumerate(zip(scene.objects, world.shapes, strict=True)):
         assert body.half_extents == pytest.approx(KINDS[name].half_extents, abs=1e-4), name
         assert body.position == pytest.approx(measured.poses[slot, :3])
         assert body.bottom == pytest.approx(world.lowest_point(measured, slot), abs=1e-4)
-        assert model_mass(inner.model, body.name) == pytest.approx(KINDS[name].mass)  # type: ignore[attr-defined]
+        assert model_mass(inner.model, body.name) == pytest.approx(KINDS[name].mass)  # type: ignore[attr-defined]  # of this package
         if name not in seen:
             seen.add(name)
             assert any(generate_grasps(body, scene.robot, GRASP_SETS[grasps]) for grasps in ("side", "top")), name
@@ -90,7 +91,7 @@ def test_the_lowest_point_of_a_leaning_object_is_that_of_its_geoms(env: gym.Env)
     q = world.data.qpos[world.index.object_qpos].reshape(-1, 7)
     q[:, 3:] = rng.normal(size=(15, 4))
     q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
-    scene = Scene.from_mujoco(inner.model, world.data, inner.robot)  # type: ignore[attr-defined]
+    scene = Scene.from_mujoco(inner.model, world.data, inner.robot)  # type: ignore[attr-defined]  # of this package
     measured = world.measure()
     for slot, body in enumerate(scene.objects):
         assert world.lowest_point(measured, slot) == pytest.approx(body.bottom, abs=0.0003)
@@ -102,8 +103,8 @@ def test_a_saved_state_goes_on_alike_in_another_environment(env: gym.Env) -> Non
     for seed in (4, 5):
         other = gym.make(ID, object_set="household")
         other.reset(seed=seed)
-        other.unwrapped.restore_state(state)  # type: ignore[attr-defined]
-        assert isinstance(other.unwrapped.world.scene, HouseholdScene)  # type: ignore[attr-defined]
+        other.unwrapped.restore_state(state)  # type: ignore[attr-defined]  # of this package
+        assert isinstance(other.unwrapped.world.scene, HouseholdScene)  # type: ignore[attr-defined]  # of this package
         other.action_space.seed(0)
         for _ in range(10):
             observation = other.step(other.action_space.sample())[0]
@@ -115,4 +116,4 @@ def test_explicit_objects_stay_cylinders_and_boxes(env: gym.Env) -> None:
     entry = {"shape": "cylinder", "position": (0.0, 0.0), "radius": 0.03, "height": 0.15}
     env.reset(seed=0, options={"objects": [entry]})
     assert env.unwrapped.world.shapes == ("cylinder",)  # type: ignore[attr-defined]  # of this package
-    assert math.isclose(env.unwrapped.model.geom("object_00").size[0], 0.03)  # type: ignore[attr-defined]
+    assert math.isclose(env.unwrapped.model.geom("object_00").size[0], 0.03)  # type: ignore[attr-defined]  # of this package

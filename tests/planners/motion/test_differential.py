@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,7 +12,7 @@ from planners.motion.path import on_base
 from planners.motion.timing import time_parametrise
 from planners.motion.trajectory import CONTROL_STEP, Phase
 
-TURNING = replace(FETCH, base_drive="differential")
+TURNING = FETCH.differential()
 
 
 def test_every_part_of_a_way_is_a_turn_or_a_drive_along_the_heading() -> None:

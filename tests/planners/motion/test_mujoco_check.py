@@ -123,7 +123,7 @@ def test_a_trajectory_is_checked_with_the_object_held_at_the_time() -> None:
     motion = plan_pick(world, base, HOME, q, "object_00", rng=rng)
     assert isinstance(motion, PickPlaceMotion)
     state = RobotState(base, HOME, FETCH.max_finger_position)
-    trajectory = pick_trajectory(FETCH, motion, state)
+    trajectory = pick_trajectory(world, motion, state)
     checker = MujocoCollisionChecker(scene)
     assert checker.accepts(trajectory, step=0.002)
     unaware = Trajectory(

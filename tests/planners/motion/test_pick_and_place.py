@@ -94,7 +94,7 @@ def test_what_was_picked_can_be_put_back(picks: Picks) -> None:
         assert isinstance(place, PickPlaceMotion), place
         assert np.allclose(place.body.pose, scene.body(motion.body.name).pose, atol=1e-9)
         assert_joined_and_free(place, scene, scene.with_body(place.body))
-        assert place_trajectory(FETCH, place, RobotState(start[:3], start[3:], 0.02)).held == ""
+        assert place_trajectory(world, place, RobotState(start[:3], start[3:], 0.02)).held == ""
 
 
 def test_on_the_table_a_pick_ends_at_home() -> None:
@@ -112,7 +112,7 @@ def test_under_a_shelf_the_base_drives_and_the_arm_is_rigid_then(shelf_picks: Pi
 
 def test_the_end_of_a_pick_holds_the_object_as_high_as_counts_as_lifted(shelf_picks: Picks) -> None:
     for scene, motion in shelf_picks:
-        trajectory = pick_trajectory(FETCH, motion, scene.state)
+        trajectory = pick_trajectory(CollisionWorld.from_scene(scene), motion, scene.state)
         assert trajectory.held == "object_00"
         assert np.allclose(trajectory.base[-1], motion.retreat.end_base)
         body = scene.body("object_00")

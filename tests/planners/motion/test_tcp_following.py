@@ -37,7 +37,7 @@ def followed_pick() -> tuple[Scene, GraspCandidate, Trajectory]:
         world = CollisionWorld.from_scene(scene)
         motion = plan_pick(world, grasp.base, scene.state.q, grasp.q, "wanted", rng=np.random.default_rng(0))
         if isinstance(motion, PickPlaceMotion):
-            trajectory = pick_trajectory(FETCH, motion, scene.state)
+            trajectory = pick_trajectory(world, motion, scene.state)
             if isinstance(layer._followed(scene, BoundMotion(trajectory, scene), ("wanted",)), BoundMotion):
                 return scene, grasp, trajectory
     raise AssertionError("no pick of a single object can be followed")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,9 +12,9 @@ from assets.robots import FETCH
 from planners.collision.world import CollisionWorld
 from planners.motion.path import WholeBodyPath, cut, interpolate
 from planners.motion.pick_and_place import PickPlaceMotion, plan_pick, plan_place
-from planners.motion.timing import drive_trajectory, pick_trajectory, place_trajectory, time_parametrise
+from planners.motion.timing import _SLOW, drive_trajectory, pick_trajectory, place_trajectory, time_parametrise
 from planners.motion.trajectory import CONTROL_STEP, Phase, Trajectory, join
-from planners.scene import HeldObject, RobotState
+from planners.scene import HeldObject, RobotState, StaticObstacle
 from tests.planners.motion_scenes import grasp_configurations
 from tests.planners.scenes import cylinder, table_scene
 
@@ -82,11 +83,29 @@ def test_a_single_move_takes_about_the_least_time() -> None:
 def test_a_loaded_base_turns_slowly() -> None:
     X = np.zeros((2, 11))
     X[1, 2], X[:, 3:] = 2.0, HOME
+    world = CollisionWorld.from_scene(table_scene())
     path = WholeBodyPath(X, 0.0, HeldObject("object_00", np.eye(4)))
-    trajectory = drive_trajectory(FETCH, path, STATE)
+    trajectory = drive_trajectory(world, path, STATE)
     assert np.abs(rates(trajectory)[:, 2]).max() <= FETCH.max_loaded_yaw_rate
     assert trajectory.held == "object_00"
-    assert drive_trajectory(FETCH, WholeBodyPath(X, 0.0), STATE).duration < trajectory.duration
+    assert drive_trajectory(world, WholeBodyPath(X, 0.0), STATE).duration < trajectory.duration
+
+
+def test_beside_a_wall_the_robot_moves_and_brakes_slowly() -> None:
+    """At full speed it overshoots by more than planned paths keep from walls."""
+    scene = table_scene()
+    for gap, is_beside in ((0.004, True), (0.02, False)):
+        ahead = -1.1 + 0.6 + FETCH.base_radius + gap
+        obstacle = StaticObstacle("box", np.array([ahead + 0.05, 0.0, 0.1]), np.array([0.05, 0.5, 0.1]))
+        world = CollisionWorld.from_scene(replace(scene, static_obstacles=(obstacle,)))
+        X = np.zeros((2, 11))
+        X[:, 0], X[:, 3:] = (-1.1, -0.5), HOME
+        trajectory = drive_trajectory(world, WholeBodyPath(X, 0.0), STATE)
+        speed = np.abs(rates(trajectory)[:, 0])
+        braking = -np.diff(np.append(speed, 0.0))[-3:].min() / CONTROL_STEP
+        assert (braking <= 1.5 * _SLOW**2 * ACCELERATION[0]) == is_beside
+        assert speed.max() > _SLOW * VELOCITY[0]
+        assert_within_limits(trajectory)
 
 
 def test_samples_interpolate_and_are_clipped_and_ragged_ones_are_refused() -> None:
@@ -122,8 +141,8 @@ def test_picking_and_placing_in_time() -> None:
     assert isinstance(pick, PickPlaceMotion)
     place = plan_place(world, base, pick.retreat.end, q, pick.held, rng=rng)
     assert isinstance(place, PickPlaceMotion)
-    taking = pick_trajectory(FETCH, pick, RobotState(base, HOME, FETCH.max_finger_position))
-    putting = place_trajectory(FETCH, place, RobotState(base, pick.retreat.end, float(taking.finger_position[-1])))
+    taking = pick_trajectory(world, pick, RobotState(base, HOME, FETCH.max_finger_position))
+    putting = place_trajectory(world, place, RobotState(base, pick.retreat.end, float(taking.finger_position[-1])))
     for trajectory in (taking, putting):
         assert_within_limits(trajectory)
     assert (taking.held, putting.held) == ("object_00", "")
