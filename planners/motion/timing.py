@@ -107,7 +107,7 @@ def near_walls(world: CollisionWorld, opening: float) -> Callable[[Array], bool]
     scene = world.scene
     walls = tuple(body for body in scene.static_obstacles if body.name not in scene.supports)
     alone = CollisionWorld.from_scene(
-        replace(scene, objects=(), held=None, aside=(), supports=(), static_obstacles=walls), _NEAR
+        replace(scene, objects=(), held=None, aside=(), supports=(), regions=(), static_obstacles=walls), _NEAR
     )
     return lambda X: bool(alone.path_hits(X, opening, ignore=1 << SELF_BIT, first_only=True))
 

@@ -11,6 +11,7 @@ import pytest
 import clutter_env  # noqa: F401  registers the environments
 from assets.robots import PR2
 from irm.chain import BASE, ArmChain
+from irm.kernel_arguments import packed
 from planners import Planner, Solution
 from planners.collision.scene_arrays import robot_arrays
 from planners.collision.world import CollisionWorld
@@ -61,7 +62,7 @@ def _without_idle_arms(world: CollisionWorld) -> CollisionWorld:
     robot = world.robot
     first_idle = int(np.flatnonzero(robot.link == BASE).max()) + 1
     pairs = robot.self_pairs[(robot.self_pairs < first_idle).all(axis=1)]
-    return replace(world, robot=robot._replace(self_pairs=pairs))
+    return replace(world, robot=packed(robot._replace(self_pairs=pairs)))
 
 
 @pytest.mark.slow

@@ -119,12 +119,11 @@ def test_other_environments_are_refused_with_the_reason() -> None:
     with pytest.raises(ExpertError, match=r"it lacks .*; TampExpert controls clutter_env/Retrieve"):
         TampExpert(skill)
     skill.close()
-    for name in ("clutter_env/Reach-v0", "clutter_env/Pick-v0"):
-        other = gymnasium.make(name)
-        other.reset(seed=0)
-        with pytest.raises(ExpertError, match=r"the goal of .* is no planners\.goals\.Goal"):
-            TampExpert(other).reset()
-        other.close()
+    reach = gymnasium.make("clutter_env/Reach-v0")
+    reach.reset(seed=0)
+    with pytest.raises(ExpertError, match=r"the goal of .* is no planners\.goals\.Goal"):
+        TampExpert(reach).reset()
+    reach.close()
     for foreign in (None, gymnasium.make("CartPole-v1"), object()):
         with pytest.raises(ExpertError, match="lacks model, data, robot"):
             TampExpert(foreign)

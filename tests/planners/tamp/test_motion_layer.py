@@ -8,6 +8,7 @@ from unittest.mock import patch
 import numpy as np
 
 from planners.context import PlanningContext
+from planners.placing import placements
 from planners.tamp import motion_layer
 from planners.tamp.motion_layer import MotionLayer
 from tests.planners.scenes import random_scene
@@ -38,7 +39,7 @@ def test_whether_the_gripper_can_leave_a_grasp_is_worked_out_once_for_each_place
     other, own = (SCENE.body(name) for name in ("object_01", "object_00"))
     elsewhere = SCENE.with_body(other.at(other.position + [0.0, 0.0, 0.001]))
     moved = SCENE.with_body(own.at(own.position + [0.0, 0.0, 0.001]))
-    with patch.object(motion_layer, "planned_approach", wraps=motion_layer.planned_approach) as asked:
+    with patch.object(placements, "planned_approach", wraps=placements.planned_approach) as asked:
         layer = new_layer()
         answers = [layer.is_usable(scene, first) for scene in (SCENE, SCENE, elsewhere)]
         assert asked.call_count == 1
