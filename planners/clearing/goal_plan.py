@@ -305,7 +305,7 @@ def _in_the_way_of_put_down(sim: _Simulation, name: str) -> tuple[str, ...]:
     if fact is None or (isinstance(fact, On) and fact.place in sim.waiting):
         return ()
     refuted_by = tuple(sorted(_refuted_by(sim, name).difference(sim.waiting)))
-    if refuted_by:
+    if refuted_by or not sim.failures[name]:  # to ask takes as long as to look for a placement
         return refuted_by
     leaving, fewest = [one for one in sim.waiting if one != name], tuple[str, ...]()
     for grasp in _free_grasps(sim, name):
