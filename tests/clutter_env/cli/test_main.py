@@ -186,9 +186,14 @@ def test_the_help_names_every_policy() -> None:
 def test_ctrl_c_ends_with_code_130_and_says_how_to_go_on(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "clutter_env", "table", "--workers", "1", "--objects", "1", "--out", str(tmp_path)]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    process = subprocess.Popen(
-        command, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
-    )
+    # A shell's background jobs, of which the tests may be one, ignore Ctrl-C, and so do their children.
+    before = signal.signal(signal.SIGINT, signal.SIG_DFL)
+    try:
+        process = subprocess.Popen(
+            command, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
+        )
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert process.stdout is not None
     process.stdout.readline()  # the workers are being started
     time.sleep(0.5)
