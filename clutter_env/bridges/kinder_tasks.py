@@ -36,6 +36,8 @@ _OPENING, _CLOSED = 0.085, 0.79
 """[m] of the gripper, and [rad] of its driver joints when it is closed."""
 _TOOL = 0.025
 """[m] from the robot's pinch site to the middle of its finger pads where they hold an object of 4 cm."""
+_DAMPING = 0.15
+"""[s] Damping over stiffness of the arm's controller: it stays behind by its speed times this, unless told farther."""
 _STEP = 0.1
 """[m], [rad] The largest change of a joint in one step."""
 
@@ -72,6 +74,7 @@ class KinderTask:
         self._ours = np.array([model.joint(name).qposadr[0] for name in robot.drive_joints])
         self._fingers = [model.joint(name).qposadr[0] for name in robot.finger_joints]
         self._robot, self._others = robot, [(theirs[name], *_addresses(model, name)) for name in _shared(model, theirs)]
+        self._wanted = np.array(start["qpos"])[self._theirs]
         self._qpos, self._state = model.qpos0.copy(), np.array(start["qpos"])
         anchors = set(start["anchors"].values())
         free = [model.body(model.jnt_bodyid[joint]).name for joint in np.flatnonzero(model.jnt_type == 0)]
@@ -106,8 +109,11 @@ class KinderTask:
 
     def act(self, configuration: Array, opening: float) -> None:
         """One step of the environment, by changes of joint positions."""
-        change = np.delete(configuration, 3) - self._state[self._theirs]
+        wanted = np.delete(configuration, 3)
+        change = wanted - self._state[self._theirs]
+        change[3:] += _DAMPING * (wanted - self._wanted)[3:] / self.dt
         change[2:] = (change[2:] + np.pi) % (2 * np.pi) - np.pi
+        self._wanted = wanted
         grip = np.clip(1 - opening / _OPENING, 0, 1)
         answer = self._kinder("step", action=[*np.clip(change, -_STEP, _STEP), grip])
         self._state, self.steps = np.array(answer["qpos"]), self.steps + 1
@@ -121,7 +127,7 @@ def tidybot(file: str) -> RobotSpec:
     Raises:
         InvalidRobot: the file is not that of TidyBot.
     """
-    text, page = make_robot(Path(file), Mounting(base="base_link", tip="pinch_site", tool=_TOOL, opening=_OPENING))
+    text, page = make_robot(Path(file), Mounting("base_link", "pinch_site", turn=np.pi / 2, tool=_TOOL, opening=_OPENING))
     made = Path(platformdirs.user_cache_dir("clutter-env")) / f"tidybot-{hashlib.sha256(text.encode()).hexdigest()[:16]}.xml"
     made.parent.mkdir(parents=True, exist_ok=True)
     made.write_text(text, encoding="utf-8")
