@@ -76,10 +76,20 @@ def main(arguments: Arguments) -> None:
 
 def episode(kinder: Remote, id: str, seed: int, most: int) -> dict[str, Any]:
     """One episode: what became of it, the CPU time [s] to the first plan, steps taken."""
-    row: dict[str, Any] = {"task": id, "seed": seed, "planned": False, "executed": False, "scored": False, "failure": ""}
+    row: dict[str, Any] = {
+        "task": id,
+        "seed": seed,
+        "planned": False,
+        "executed": False,
+        "scored": False,
+        "failure": "",
+    }
     try:
         task = KinderTask(kinder, id, seed)
-        expert, before = TampExpert(task.world, config=ExpertConfig(planning_s=300.0, with_floor=False)), time.process_time()
+        expert, before = (
+            TampExpert(task.world, config=ExpertConfig(planning_s=300.0, with_floor=False)),
+            time.process_time(),
+        )
         expert.reset()
     except SceneError as problem:
         return {**row, "failure": f"scene: {problem}"}

@@ -1,12 +1,12 @@
 """KinDER's mobile manipulation tasks (TidyBot), solved through their own `step`.
 
-    with Remote("venv-kinder/bin/python", "kinder_worker.py") as kinder:
-        task = KinderTask(kinder, "kinder/PickPlace3D-o1-v0", seed=0)
-        expert = TampExpert(task.world)
-        expert.reset()
-        while not (expert.done or task.world.is_over):
-            task.world.step(expert.act())
-        print(expert.report, task.is_solved)
+with Remote("venv-kinder/bin/python", "kinder_worker.py") as kinder:
+    task = KinderTask(kinder, "kinder/PickPlace3D-o1-v0", seed=0)
+    expert = TampExpert(task.world)
+    expert.reset()
+    while not (expert.done or task.world.is_over):
+        task.world.step(expert.act())
+    print(expert.report, task.is_solved)
 """
 
 from __future__ import annotations
@@ -127,8 +127,13 @@ def tidybot(file: str) -> RobotSpec:
     Raises:
         InvalidRobot: the file is not that of TidyBot.
     """
-    text, page = make_robot(Path(file), Mounting("base_link", "pinch_site", turn=np.pi / 2, tool=_TOOL, opening=_OPENING))
-    made = Path(platformdirs.user_cache_dir("clutter-env")) / f"tidybot-{hashlib.sha256(text.encode()).hexdigest()[:16]}.xml"
+    text, page = make_robot(
+        Path(file), Mounting("base_link", "pinch_site", turn=np.pi / 2, tool=_TOOL, opening=_OPENING)
+    )
+    made = (
+        Path(platformdirs.user_cache_dir("clutter-env"))
+        / f"tidybot-{hashlib.sha256(text.encode()).hexdigest()[:16]}.xml"
+    )
     made.parent.mkdir(parents=True, exist_ok=True)
     made.write_text(text, encoding="utf-8")
     return RobotSpec.from_mjcf(made, **page, name="tidybot", home=_HOME, grasp_height=0.03)

@@ -255,7 +255,10 @@ def _outside_base(robot: RobotSpec, bases: Array, points: Array) -> Array:
     if not robot.base_outline:
         return np.asarray(np.linalg.norm(away, axis=1) - robot.base_radius)
     corners = np.array(robot.base_outline)
-    local, normals = np.column_stack((c * away[:, 0] + s * away[:, 1], c * away[:, 1] - s * away[:, 0])), _normals(corners)
+    local, normals = (
+        np.column_stack((c * away[:, 0] + s * away[:, 1], c * away[:, 1] - s * away[:, 0])),
+        _normals(corners),
+    )
     return np.asarray((local @ normals.T - (corners @ normals.T).max(axis=0)).max(axis=1))
 
 
