@@ -53,7 +53,8 @@ class Mounting:
     Attributes:
         base: name of the body that the arm begins with, or of the file's own mobile base.
         tip: name of the site or body between the finger tips, or of the flange.
-        approach: axis of the tip along which the gripper approaches; its fingers move along y, turned by `turn` [rad] about it.
+        approach: axis of the tip along which the gripper approaches.
+        turn: [rad] about it from the tip's y axis to the axis along which the fingers move.
         on: x and z of `base` on a round base that is built for it; None for a file with a base of its own, on the
             ground.
         radius: of the round base.

@@ -306,7 +306,7 @@ class Goal:
 
     @classmethod
     def of(cls, goal: str | Goal | Sequence[Sequence[str]]) -> Goal:
-        """A goal as it is, that of a PDDL text, of a list of facts as `[["on", "a", "tray"]]`, or of a name: it is held.
+        """A goal as it is, of a PDDL text, of a list of facts, `[["on", "a", "tray"]]`, or of a name: it is held.
 
         Raises:
             GoalError: none of these.

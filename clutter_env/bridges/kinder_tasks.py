@@ -14,7 +14,6 @@ from __future__ import annotations
 import hashlib
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np

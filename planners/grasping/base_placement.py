@@ -264,7 +264,7 @@ def _outside_base(robot: RobotSpec, bases: Array, points: Array) -> Array:
 
 @cache
 def _half_thickness(robot: RobotSpec) -> float:
-    """[m] from the axis of the approach to the nearest side of the palm: nearer to the base the gripper is inside it."""
+    """[m] from the axis of the approach to the nearest side of the palm: nearer to the base it is inside."""
     arrays = gripper_arrays(robot)
     extent = np.einsum("kij,kj->ki", np.abs(arrays.rotation), arrays.half) + arrays.radius[:, None]
     solid = ~arrays.slides

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import mujoco
+import numpy as np
 from numpy.typing import ArrayLike
 
 from assets.robots import RobotSpec
@@ -21,9 +22,9 @@ def insert_robot(
     *,
     without: Iterable[str] = (),
 ) -> mujoco.MjModel:
-    """A model of a scene with a robot in it, which has the names of its own file: for `prepare` and `Scene.from_mujoco`.
+    """A model of a scene with a robot in it under its own names, for `prepare` and `Scene.from_mujoco`.
 
-    Keyframes of the scene are left out: they say nothing about the robot. `reset_robot` brings it to its home.
+    Keyframes of the scene are left out: they say nothing about the robot.
 
     Args:
         scene: MJCF file, its text, or a specification, which is not written.
@@ -45,7 +46,7 @@ def insert_robot(
             spec.delete(body)
         for key in list(spec.keys):
             spec.delete(key)
-        x, y, yaw = (float(value) for value in base)
+        x, y, yaw = np.asarray(base, dtype=float)
         frame = spec.worldbody.add_frame(pos=[x, y, 0.0], quat=[math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)])
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the robot keeps its names: the planner looks for them

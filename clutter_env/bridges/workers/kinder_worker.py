@@ -88,7 +88,7 @@ def main() -> None:
         request = json.loads(line)
         try:
             answer = getattr(task, request.pop("call"))(**request)
-        except Exception as problem:  # noqa: BLE001  told to the other side, which raises it
+        except Exception as problem:
             answer = {"error": f"{type(problem).__name__}: {problem}"}
         print(json.dumps(answer), file=ANSWERS, flush=True)
 

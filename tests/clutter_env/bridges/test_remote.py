@@ -16,7 +16,8 @@ for line in sys.stdin:
     request = json.loads(line)
     if request["call"] == "leave":
         sys.exit(3)
-    print(json.dumps({"error": "ValueError: no"} if request["call"] == "fail" else {"twice": 2 * request["number"]}), flush=True)
+    fails = request["call"] == "fail"
+    print(json.dumps({"error": "ValueError: no"} if fails else {"twice": 2 * request["number"]}), flush=True)
 """
 
 
