@@ -17,6 +17,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from clutter_env.errors import missing_extra
+
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
@@ -54,12 +56,6 @@ REPLACED = {
     "train --algorithm": "the name before all options: clutter-env train sac ..., clutter-env train maskable-ppo ...",
 }
 """Commands, sub-commands and options of version 0.1, and what there is in their place."""
-
-EXTRAS = {
-    **dict.fromkeys(("torch", "stable_baselines3", "sb3_contrib", "h5py", "minari", "tensorboard"), "rl"),
-    **dict.fromkeys(("pyarrow", "av"), "data"),
-}
-"""Modules that not every installation has, and the extra of the package that brings each."""
 
 MAX_SEED = 2**32 - 1
 """The largest that every generator takes: NumPy's, PyTorch's and Gymnasium's."""
@@ -114,9 +110,8 @@ def _run(command: str, argv: Sequence[str]) -> None:
     except KeyboardInterrupt:
         _end(f"clutter-env {command}: interrupted{advice and f'; {advice}'}", 130)
     except Exception as problem:
-        if isinstance(problem, ModuleNotFoundError) and problem.name in EXTRAS and not _is_raised_by_user(problem):
-            extra = EXTRAS[problem.name]
-            _end(f"clutter-env {command}: {problem.name} is not installed; pip install 'clutter-env[{extra}]'", 1)
+        if (missing := missing_extra(problem)) and not _is_raised_by_user(problem):
+            _end(f"clutter-env {command}: {missing}", 1)
         if not is_own(problem):
             raise
         # Misuse is a ValueError; what went wrong while it ran is (also) a RuntimeError or an OSError.
