@@ -126,7 +126,7 @@ def as_position(position: Iterable[float]) -> tuple[float, float, float]:
 
 
 def as_position_and_angles(
-    T_world_tcp: ArrayLike, yaw_range: tuple[float, float], keywords: QueryKeywords
+    T_world_tcp: Iterable[Any], yaw_range: tuple[float, float], keywords: QueryKeywords
 ) -> tuple[Floats, tuple[float, float], QueryKeywords]:
     """Position, yaw range and keywords of the query for one TCP pose (4, 4).
 
@@ -136,7 +136,7 @@ def as_position_and_angles(
     given = [name for name in ("pitch", "roll") if name in keywords] + ["yaw_range"] * (yaw_range != FULL_TURN)
     if given:
         raise QueryError(f"a pose (4, 4) has its own angles; it goes without {', '.join(given)}")
-    T = as_poses(np.asarray(T_world_tcp)[None])
+    T = as_poses(np.asarray([T_world_tcp]))
     yaw, pitch, roll = yaw_pitch_roll(T[:, :3, :3])[0].tolist()
     return T[0, :3, 3], (yaw, yaw), {**keywords, "pitch": pitch, "roll": roll}
 

@@ -30,6 +30,7 @@ COMMANDS = {
     "compare": "compare policies, baselines and the expert on the same held-out scenes",
     "evaluate": "play a suite of fixed scenes with a policy and write one results file",
     "verify": "play the recorded actions of a results file again, and confirm its scores",
+    "leaderboard": "make a page of results files, every score confirmed by replay",
     "play": "play one episode of a policy, in a window or as a film",
     "table": "compare strategies on scenes that need clearing (Table 1 of Lee & Kim 2019)",
     "map": "build the reachability map of a robot",
@@ -207,7 +208,7 @@ def _is_users(module: dict[str, Any]) -> bool:
 
 
 def _overview() -> str:
-    lines = "\n".join(f"  {name:<11}{text}" for name, text in COMMANDS.items())
+    lines = "\n".join(f"  {name:<12}{text}" for name, text in COMMANDS.items())
     return (
         "usage: clutter-env COMMAND [arguments]\n       clutter-env --version\n"
         f"       clutter-env --completion {{{','.join(SHELLS)}}}\n\n{lines}\n\n"
