@@ -80,7 +80,7 @@ def refused(search: Search, scene: Scene, found: NoCommitment) -> Infeasible:
         return search.infeasible(Cause.TOO_WIDE, f"{'; '.join(of_these)}, {context.catalogue}", found.objects)
     too_large = [fact for fact in search.goal.placed if fact.object in found.objects and is_too_large(scene, fact)]
     if cause is Cause.NO_CLEARANCE_LOCATION and too_large:
-        return search.infeasible(cause, f"{names}, as it stands or lies, is larger than its place", found.objects)
+        return search.infeasible(cause, f"{names}, however it is put down, is larger than its place", found.objects)
     detail = {
         Cause.UNREACHABLE: f"no free base pose and arm configuration reach {names}",
         Cause.NO_WAY_FOR_BASE: f"from where the robot is, the base cannot drive to where it could take {names}",
@@ -216,7 +216,8 @@ def _drive_to_put_down(
     if search.target:
         placements = motion_layer.placements(scene, clear_of, search.strategy, plan.placements.get(name))
     else:
-        placements = motion_layer.goal_placements(scene, search.goal, clear_of, search.strategy, plan)
+        assert search.start is not None
+        placements = motion_layer.goal_placements(scene, search.goal, search.start, clear_of, search.strategy, plan)
     refuted: list[tuple[Scene, Placement]] = []
     for placement in placements:
         if search.is_late:

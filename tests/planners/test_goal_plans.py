@@ -282,18 +282,42 @@ def test_a_goal_that_holds_already_needs_no_plan() -> None:
 
 @pytest.mark.parametrize("name", ["a", "lying"])
 def test_what_is_larger_than_its_region_is_refused_by_the_bound(name: str) -> None:
-    scene, half = scene_of("three"), 0.06 if name == "lying" else 0.03
-    body = cylinder("lying", -0.1, 0.15, 0.03, 0.15)  # shorter than the diagonal of its place
-    lying = body.at([*body.position[:2], HEIGHT + 0.03], np.sqrt(0.5) * np.array([1, 1, 0, 0]))
-    place = Region("place", "table_top", (0.0, -0.15), (half, half))
-    scene = replace(scene, objects=(*scene.objects, lying), regions=(place,))
+    scene = with_one_lying(0.025)
     goal = goals.inside(name, "place")
     found, bound = solve(scene, goal), lower_bound(scene, goal)
     assert isinstance(found, Infeasible)
-    assert f"{name}, as it stands or lies, is larger than its place" in found.detail
+    assert f"{name}, however it is put down, is larger than its place" in found.detail
     assert (bound.picks, bound.cause, bound.proved) == (None, found.cause, True)
     long = replace(scene, regions=(Region("place", "table_top", (0.0, -0.15), (0.1, 0.04)),))
     assert lower_bound(long, goal).picks == 1
+
+
+def with_one_lying(half: float) -> Scene:
+    """The scene "three" with a cylinder "lying", and a square place of that half side [m] that is shorter than it."""
+    body = cylinder("lying", -0.2, 0.15, 0.03, 0.15)
+    lying = body.at([*body.position[:2], HEIGHT + 0.03], np.sqrt(0.5) * np.array([1, 1, 0, 0]))
+    place = Region("place", "table_top", (-0.15, -0.15), (half, half))
+    return replace(scene_of("three"), objects=(*scene_of("three").objects, lying), regions=(place,))
+
+
+def test_what_lies_is_stood_up_where_it_does_not_fit_lying() -> None:
+    scene, goal = with_one_lying(0.06), goals.inside("lying", "place")
+    plan = solve(scene, goal)
+    assert isinstance(plan, Solution)
+    assert plan.end is not None
+    assert plan.picks == 1
+    assert plan.end.body("lying").is_upright
+    assert goal.holds(plan.end, scene)
+
+
+def test_what_has_fallen_is_stood_up_for_a_goal_from_before() -> None:
+    fallen, goal = with_one_lying(0.2), goals.inside("lying", "place")
+    before = fallen.with_body(cylinder("lying", -0.2, 0.15, 0.03, 0.15))
+    for start in (fallen, before):
+        plan = Planner(FETCH).solve(fallen, goal, start=start)
+        assert isinstance(plan, Solution)
+        assert plan.end is not None
+        assert goal.holds(plan.end, start)
 
 
 def test_what_cannot_be_reached_is_refused_by_the_bound() -> None:
