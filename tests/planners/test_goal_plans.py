@@ -12,7 +12,20 @@ import numpy as np
 import pytest
 
 import clutter_env  # noqa: F401  registers the environments
-from planners import Cause, Infeasible, Region, Scene, Solution, StaticObstacle, goals, lower_bound, solve, warmup
+from assets.robots import FETCH
+from planners import (
+    Cause,
+    Infeasible,
+    Planner,
+    Region,
+    Scene,
+    Solution,
+    StaticObstacle,
+    goals,
+    lower_bound,
+    solve,
+    warmup,
+)
 from planners.goals import Goal
 from planners.grasping.candidates import GraspCandidate
 from planners.motion.path import BlockedBy, NoPath
