@@ -24,6 +24,7 @@ from planners.motion.path import on_base
 from planners.motion.tcp_following import TcpFollower
 from planners.placing.surfaces import Supports
 from planners.scene import Scene, SceneError
+from planners.scene.bodies import leans
 from planners.strategies import STRATEGIES, Strategy, find_strategy
 from planners.symbolic.engines import task_planner
 from planners.symbolic.problem import TaskPlanner
@@ -284,6 +285,9 @@ class Planner:
             if deadline.is_over or is_proved:
                 break
         best = best_outcome(outcomes, is_proved, deadline)
+        leaning = [one.name for one in scene.objects if one.name not in scene.held_names and leans(one)]
+        if isinstance(best, Infeasible) and leaning:
+            best = replace(best, detail=f"{best.detail}; neither upright nor lying: {', '.join(leaning)}")
         return replace(best, stats=replace(best.stats, total_s=cpu_seconds() - started))
 
 

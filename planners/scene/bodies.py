@@ -309,12 +309,18 @@ def resting_ways(body: Body) -> tuple[Body, ...]:
     """
     if body.is_upright:
         return (body,)
-    ups = np.eye(3) if body.shape == "box" else np.eye(3)[2:]
-    if body.shape == "cylinder":
-        ups = np.vstack((ups, up_axis(body) @ body.rotation))
-    elif body.shape == "pieces":
+    x, y, z = np.eye(3)
+    if body.shape == "pieces":
         ups = _resting_directions(body)
-    return tuple(body.at_pose(with_up(body, up)) for up in ups @ body.rotation.T)
+    else:
+        ups = np.array([z, -z, *([up_axis(body) @ body.rotation] if body.shape == "cylinder" else [x, -x, y, -y])])
+    return tuple(body.at_pose(with_up(body, up)) for up in ups @ body.rotation.T) or (body,)
+
+
+def leans(body: Body) -> bool:
+    """Whether an object neither stands nor lies, within `UPRIGHT_TILT`."""
+    turned = [(np.trace(way.rotation.T @ body.rotation) - 1) / 2 for way in resting_ways(body)]
+    return bool(max(turned) < math.cos(UPRIGHT_TILT))
 
 
 def with_up(body: Body, up: Array) -> Array:
