@@ -15,7 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from planners.goals import EDGE, At, Fact, Goal, Inside, On, Region, footprint, has_yaw, region_named, region_names
+from planners.goals import (
+    EDGE,
+    At,
+    Fact,
+    Goal,
+    Inside,
+    On,
+    Region,
+    footprint,
+    has_yaw,
+    overlap,
+    region_named,
+    region_names,
+)
 from planners.placing.locations import stand_at
 from planners.scene import Body, Scene, SceneError, StaticObstacle
 from planners.scene.bodies import resting_ways
@@ -229,6 +242,33 @@ def is_too_large(scene: Scene, fact: On | Inside | At) -> bool:
         if ((along <= most[0]) & (np.roll(along, len(angles) // 2) <= most[1])).any():
             return False
     return True
+
+
+def overlapping(scene: Scene, goal: Goal, to_move: Collection[str]) -> tuple[str, ...]:
+    """Names of two objects that would overlap at the poses of a goal, () if none would: proved.
+
+    One of them must move; the other one overlaps both at its pose and, if it may stay, where it stands. Boxes that may
+    be turned anyhow, and what lies, count as the circle within; of objects of several pieces nothing is claimed.
+    """
+    facts = [fact for fact in goal.placed if isinstance(fact, At) and scene.body(fact.object).shape != "pieces"]
+    for one, other in itertools.permutations(facts, 2):
+        if one.object not in to_move or place_of(scene, one).face.name != place_of(scene, other).face.name:
+            continue
+        stays = [] if other.object in to_move else [footprint(scene.body(other.object))]
+        there = _least_footprint(scene, one)
+        if all(overlap(there, outline) > 0 for outline in (_least_footprint(scene, other), *stays)):
+            return one.object, other.object
+    return ()
+
+
+def _least_footprint(scene: Scene, fact: At) -> Array:
+    """Points (k, 2) [m] of an object at a pose, whose convex hull it covers there however it is put down."""
+    body, location = scene.body(fact.object), np.array([fact.x, fact.y])
+    if body.is_upright and fact.yaw is not None:
+        return footprint(_standing(body, location, fact.yaw))
+    radius = float(min(body.half_extents[:2] if body.is_upright else body.half_extents))
+    angles = np.linspace(0.0, 2 * np.pi, 24, endpoint=False)
+    return np.asarray(location + radius * np.column_stack((np.cos(angles), np.sin(angles))))
 
 
 def in_the_way(scene: Scene, body: Body, place: Place, waiting: Collection[str]) -> tuple[str, ...]:

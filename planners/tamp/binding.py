@@ -12,7 +12,7 @@ from planners.clearing.lookahead import ClearancePlan, keep_clear
 from planners.clock import cpu_seconds
 from planners.goals import Goal, Holding
 from planners.motion.path import BlockedBy, NoPath
-from planners.placing.goal_places import is_too_large
+from planners.placing.goal_places import is_too_large, overlapping
 from planners.placing.placements import Placement
 from planners.scene import Scene
 from planners.symbolic.engines import checked_answer
@@ -81,6 +81,9 @@ def refused(search: Search, scene: Scene, found: NoCommitment) -> Infeasible:
     too_large = [fact for fact in search.goal.placed if fact.object in found.objects and is_too_large(scene, fact)]
     if cause is Cause.NO_CLEARANCE_LOCATION and too_large:
         return search.infeasible(cause, f"{names}, however it is put down, is larger than its place", found.objects)
+    overlap = overlapping(scene, search.goal, found.objects)
+    if cause is Cause.NO_CLEARANCE_LOCATION and overlap and set(overlap) == set(found.objects):
+        return search.infeasible(cause, f"{' and '.join(found.objects)} overlap at their poses", found.objects)
     detail = {
         Cause.UNREACHABLE: f"no free base pose and arm configuration reach {names}",
         Cause.NO_WAY_FOR_BASE: f"from where the robot is, the base cannot drive to where it could take {names}",

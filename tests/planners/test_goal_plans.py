@@ -305,6 +305,31 @@ def test_what_is_larger_than_its_region_is_refused_by_the_bound(name: str) -> No
     assert lower_bound(long, goal).picks == 1
 
 
+@pytest.mark.parametrize("is_there", [False, True])
+@pytest.mark.parametrize(("apart", "is_refused"), [(0.05, True), (0.068, True), (0.075, False)])
+def test_poses_at_which_two_objects_overlap_are_refused_by_the_bound(
+    is_there: bool, apart: float, is_refused: bool
+) -> None:
+    """Both were put aside in turn until the planner gave up; cylinders of 35 mm radius."""
+    scene, place = scene_of("three"), np.array([0.0, 0.15])
+    scene = scene.with_body(cylinder("a", *place, 0.035, 0.08)) if is_there else scene
+    goal = goals.at("a", place) & goals.at("b", place - [apart, 0.0])
+    bound = lower_bound(scene, goal)
+    assert (bound.picks is None) == is_refused
+    if is_refused:
+        found = solve(scene, goal)
+        assert isinstance(found, Infeasible)
+        assert (bound.cause, bound.proved, found.cause) == (Cause.NO_CLEARANCE_LOCATION, True, bound.cause)
+        assert "a and b overlap at their poses" in found.detail or "b and a overlap" in found.detail
+
+
+def test_an_object_within_the_tolerance_of_its_pose_may_stay_beside_another() -> None:
+    """At its very pose it would overlap."""
+    place = np.array([0.0, 0.15])
+    scene = scene_of("three").with_body(cylinder("a", 0.015, 0.15, 0.035, 0.08))
+    assert lower_bound(scene, goals.at("a", place) & goals.at("b", place - [0.065, 0.0])).picks == 1
+
+
 def with_one_lying(half: float) -> Scene:
     """The scene "three" with a cylinder "lying", and a square place of that half side [m] that is shorter than it."""
     body = cylinder("lying", -0.2, 0.15, 0.03, 0.15)
