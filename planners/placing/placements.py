@@ -25,11 +25,11 @@ from planners.grasping.candidates import GraspCandidate
 from planners.grasping.grasp_poses import opening_around
 from planners.motion.approaches import Approach, ContactQuery, can_put_down, planned_approach
 from planners.placing.goal_places import Place, locations_in
-from planners.placing.locations import placement_cells, placement_levels, put_down, rotated
+from planners.placing.locations import in_hand, placement_cells, placement_levels, put_down, rotated
 from planners.placing.negative_goal_region import SweptVolume, is_free
 from planners.placing.surfaces import KeepClear, Surface
 from planners.placing.swept_volume import grasp_volume
-from planners.scene import Body, HeldObject, Scene, StaticObstacle
+from planners.scene import Body, Scene, StaticObstacle
 from planners.scene.bodies import release_pitch
 from planners.strategies import Strategy
 
@@ -313,12 +313,6 @@ class PlacementSearch:
                 placed = put_down(scene, pose, level)
                 yield Placement(placed, base, found.q[best], yaw, pitch, opening)
                 return
-
-
-def in_hand(scene: Scene) -> tuple[HeldObject, Body]:
-    """The held object, which there must be."""
-    assert scene.held is not None
-    return scene.held, scene.body(scene.held.name)
 
 
 def _radius(scene: Scene) -> float:
