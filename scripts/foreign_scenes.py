@@ -55,33 +55,66 @@ class Case(NamedTuple):
 
 
 _FETCH = ("robot0:mocap", "robot0:base_link")
-_BINS = {"can": (0.05, -0.35, 0.88), "milk": (0.15, -0.15, 0.905), "cereal": (0.0, -0.12, 0.92), "bread": (0.2, -0.4, 0.86)}
+_BINS = {
+    "can": (0.05, -0.35, 0.88),
+    "milk": (0.15, -0.15, 0.905),
+    "cereal": (0.0, -0.12, 0.92),
+    "bread": (0.2, -0.4, 0.86),
+}
 CASES = {
     "gymnasium-robotics pick_and_place": Case(
-        "gym/fetch/pick_and_place.xml", "object0", ("object0",), "table0", (0.4, 0.75, 0.0), _FETCH,
+        "gym/fetch/pick_and_place.xml",
+        "object0",
+        ("object0",),
+        "table0",
+        (0.4, 0.75, 0.0),
+        _FETCH,
         {"object0": (1.2, 0.7, 0.425)},
     ),
     "gymnasium-robotics slide": Case(
-        "gym/fetch/slide.xml", "object0", ("object0",), "table0", (0.0, 0.75, 0.0), _FETCH, {"object0": (0.9, 0.9, 0.42)}
+        "gym/fetch/slide.xml",
+        "object0",
+        ("object0",),
+        "table0",
+        (0.0, 0.75, 0.0),
+        _FETCH,
+        {"object0": (0.9, 0.9, 0.42)},
     ),
     "gymnasium-robotics kitchen": Case(
-        "gym/kitchen_franka/kitchen_assets/kitchen_env_model.xml", "kettle", ("kettle",), "counters", (-0.3, -1.0, 1.57),
+        "gym/kitchen_franka/kitchen_assets/kitchen_env_model.xml",
+        "kettle",
+        ("kettle",),
+        "counters",
+        (-0.3, -1.0, 1.57),
         ("panda0_link0",),
     ),
     "gymnasium-robotics adroit_relocate": Case(
         "gym/adroit_hand/adroit_relocate.xml", "Object", ("Object",), "table", (-1.0, 0.0, 0.0), ("forearm",)
     ),
     "robosuite bins, fetch": Case(
-        "robosuite/robosuite/models/assets/arenas/bins_arena.xml", "can", tuple(_BINS), "bin1", (-0.8, -0.25, 0.0),
+        "robosuite/robosuite/models/assets/arenas/bins_arena.xml",
+        "can",
+        tuple(_BINS),
+        "bin1",
+        (-0.8, -0.25, 0.0),
         objects=_BINS,
     ),
     "robosuite bins, milk to the other bin": Case(
-        "robosuite/robosuite/models/assets/arenas/bins_arena.xml", "(on milk bin2)", tuple(_BINS), "bin1",
-        (-0.8, -0.25, 0.0), objects=_BINS, robot="panda_mobile",
+        "robosuite/robosuite/models/assets/arenas/bins_arena.xml",
+        "(on milk bin2)",
+        tuple(_BINS),
+        "bin1",
+        (-0.8, -0.25, 0.0),
+        objects=_BINS,
+        robot="panda_mobile",
     ),
     "robosuite table": Case(
-        "robosuite/robosuite/models/assets/arenas/table_arena.xml", "bottle", ("bottle", "lemon", "square-nut"), "table",
-        (-0.9, 0.0, 0.0), objects={"bottle": (0.0, 0.0, 0.9), "lemon": (0.1, 0.2, 0.85), "square-nut": (-0.1, -0.2, 0.83)},
+        "robosuite/robosuite/models/assets/arenas/table_arena.xml",
+        "bottle",
+        ("bottle", "lemon", "square-nut"),
+        "table",
+        (-0.9, 0.0, 0.0),
+        objects={"bottle": (0.0, 0.0, 0.9), "lemon": (0.1, 0.2, 0.85), "square-nut": (-0.1, -0.2, 0.83)},
     ),
     "dm_control stacker": Case(
         "dm_control/dm_control/suite/stacker.xml", "box0", ("box0",), "floor", (-1.0, 0.0, 0.0), ("upper_arm",)
@@ -110,9 +143,7 @@ def outcome(case: Case, packages: Path) -> str:
             data.joint(int(model.body(body).jntadr[0])).qpos[:3] = place
         _settle(model, data, robot)
         more = [word.strip("()") for word in case.goal.split()[2:]]
-        scene = Scene.from_mujoco(
-            model, data, robot, movable=case.movable, support=case.support, more_supports=more
-        )
+        scene = Scene.from_mujoco(model, data, robot, movable=case.movable, support=case.support, more_supports=more)
         before = time.process_time()
         goal = Goal.from_pddl(case.goal.replace(more[0], scene.supports[1])) if more else case.goal
         solution = solve(scene, goal, rng=np.random.default_rng(0), time_limit=300.0)
