@@ -37,6 +37,7 @@ from planners.scene.bodies import release_pitch
 from planners.scene.cover import BACK, drive_out, heading, is_covered
 from planners.scene.prepare import Change, Prepared, prepare
 from planners.scene.static_obstacle import StaticObstacle
+from planners.search.expert import SearchExpert, SearchReport, SearchStep
 from planners.skills import DIRECTIONS, Skill, SkillFailure, SkillPlanner, plan_contact
 from planners.strategies import STRATEGIES, Strategy, find_strategy
 from planners.symbolic.astar import AStar
@@ -106,6 +107,9 @@ __all__ = [
     "RobotState",
     "Scene",
     "SceneError",
+    "SearchExpert",
+    "SearchReport",
+    "SearchStep",
     "Sensor",
     "SideGripper",
     "Skill",

@@ -18,7 +18,7 @@ from clutter_env.config import EnvConfig
 from clutter_env.envs.reset_options import MAX_DRAWS, ResetOptions, draw_scene
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ConfigError, OptionError, StateError, check_choice, check_integer, check_number
-from clutter_env.rendering.cameras import FIRST_OBJECT, FURNITURE
+from clutter_env.rendering.cameras import FIRST_OBJECT, FURNITURE, MAX_DEPTH
 from clutter_env.scene.screened_scene import screened
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.world import World
@@ -169,7 +169,7 @@ class SearchEnv(RetrieveEnv):
         rng = np.random.default_rng(zlib.crc32(name.encode() + self.data.qpos.tobytes()))
         if name.endswith("_depth") and self.config.depth_noise:
             noisy = image + self.config.depth_noise * rng.standard_normal(image.shape)
-            return np.clip(noisy, 0.0, self.observation_space[name].high).astype(np.float32)
+            return np.clip(noisy, 0.0, MAX_DEPTH).astype(np.float32)
         if not name.endswith("_segmentation"):
             return image
         labels = image[..., 0].copy()

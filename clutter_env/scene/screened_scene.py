@@ -15,9 +15,11 @@ _SCREEN = 3
 """Objects of the screen: side by side they hide the target from a camera that moves along the table, too."""
 _TALLER = 0.02
 """[m] by which each of them is taller than the target: the camera looks down."""
-_SLACK = 0.02
-"""[m] by which they stand farther from the target than they must, at most."""
-_TURN = 0.2
+_FINGERS = 0.03
+"""[m] between them, and between them and the target: what a finger needs that is to go between two objects."""
+_SLACK = 0.01
+"""[m] by which they stand farther from the target, at most."""
+_TURN = 0.05
 """[rad] by which the screen is turned away from the robot's start, at most."""
 _TRIES = 60
 """Places tried for the target with its screen, and for each other object that is in their way."""
@@ -40,9 +42,9 @@ def screened(rng: np.random.Generator, layout: Layout, scene: TableScene) -> Tab
         positions = scene.positions.copy()
         positions[target] = rng.uniform((-half[0] / 2, -half[1]), half)
         heading = math.atan2(*(scene.base[:2] - positions[target])[::-1]) + rng.uniform(-_TURN, _TURN)
-        distance = radii[target] + radii[screen] + OBJECT_GAP + rng.uniform(0.0, _SLACK)
-        # Neighbours in the screen stand OBJECT_GAP apart: the angle between them follows from the triangle's sides.
-        middle = np.array([(a + b + OBJECT_GAP) / 2 for a, b in zip(radii[screen], radii[screen][1:], strict=False)])
+        distance = radii[target] + radii[screen] + _FINGERS + rng.uniform(0.0, _SLACK)
+        # Neighbours stand `_FINGERS` apart: the angle between them follows from the triangle's sides.
+        middle = np.array([(a + b + _FINGERS) / 2 for a, b in zip(radii[screen], radii[screen][1:], strict=False)])
         steps = 2 * np.arcsin(np.minimum(middle / np.minimum(distance[:-1], distance[1:]), 1.0))
         angles = heading + np.array((-steps[0], 0.0, steps[1]))
         positions[screen] = positions[target] + distance[:, None] * np.column_stack((np.cos(angles), np.sin(angles)))

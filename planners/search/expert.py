@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -281,9 +281,7 @@ class SearchExpert:
             return best
         return None
 
-    def _ranked(
-        self, prospect: Prospect, views: Sequence[Viewpoint], target: Seen | None
-    ) -> tuple[list[str], float]:
+    def _ranked(self, prospect: Prospect, views: Sequence[Viewpoint], target: Seen | None) -> tuple[list[str], float]:
         """Names of objects, the first to be moved first, and what moving that one is worth."""
         names = [body.name for body in prospect.bodies if target is None or body.name != target.name]
         fresh = [name for name in names if name not in self.report.moves]
@@ -394,7 +392,7 @@ class SearchExpert:
                 height = max(under, default=0.0) + size[2]
                 there = one.body.at((*body.position[:2], height), (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)))
                 T = there.pose @ np.linalg.inv(one.body.pose)
-                one = replace(one, body=there, points=one.points @ T[:3, :3].T + T[:3, 3])  # noqa: PLW2901
+                one = replace(one, body=there, points=one.points @ T[:3, :3].T + T[:3, 3])
                 self._belief.forget(there)
             kept.append(one)
         self._known = tuple(kept)
@@ -439,7 +437,10 @@ class SearchExpert:
         """Look at supports, and what stands on them; the arm out of sight for it, and home again."""
         home = self._reading.drive.copy()
         home[3:] = np.append(home[3], self._home[1:])
-        options = [self._aside[1:], *(self._home[1:] + turn * np.eye(len(self._home) - 1)[0] for turn in (_ASIDE, -_ASIDE))]
+        options = [
+            self._aside[1:],
+            *(self._home[1:] + turn * np.eye(len(self._home) - 1)[0] for turn in (_ASIDE, -_ASIDE)),
+        ]
         supports = [self._empty.support_named(name) for name in names]
         for number, support in enumerate(sorted(supports, key=lambda one: float(one.position[1]))):
             point = np.append(support.position[:2], support.top + self._target.height / 2)

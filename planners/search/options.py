@@ -108,8 +108,8 @@ def viewpoints(scene: Scene, belief_points: Array, T_base_eye: Array, torso: tup
     front, middle = support.lower[0], belief_points[..., 1].mean() if len(belief_points) else support.position[1]
     found = []
     poses = [np.array((front - away, middle + y, 0.0)) for away in _STAND_OFF for y in _SIDEWAYS]
-    for base in [np.array(state.base), *poses]:
-        if base is not poses and not np.array_equal(base, state.base):
+    for number, base in enumerate([np.array(state.base), *poses]):
+        if number:
             base[2] = math.atan2(middle - base[1], support.position[0] - base[0])
         for height in (torso[0], float(state.q[0]), torso[1]):
             turn = abs(math.remainder(base[2] - state.base[2], 2 * math.pi))
@@ -126,7 +126,7 @@ def viewpoints(scene: Scene, belief_points: Array, T_base_eye: Array, torso: tup
 def spots(
     scene: Scene, body: Body, belief: Belief, prospect: Prospect, eyes: Sequence[Array], rng: np.random.Generator
 ) -> list[Region]:
-    """Where an object can be put: seen to be free, hiding as little as possible of what is unknown, near; best first."""
+    """Where an object can be put: seen to be free, hiding little of what is unknown, near; best first."""
     radius = float(np.hypot(*body.half_extents[:2])) if body.shape == "box" else float(body.half_extents[0])
     around = radius + _SPOT_GAP
     others = [one for one in scene.objects if one.name != body.name]

@@ -26,7 +26,8 @@ _FITTED = 300
 _RIM = 0.008
 """[m] below an object's highest point in which points are those of its top face."""
 _SIZES = (0.01, 0.10)
-"""[m] radius or half extent of an object."""
+"""[m] radius or half extent of an object; and of what is seen of its width no more than `_UNSEEN`."""
+_UNSEEN = 0.75
 _WIDEST = 0.22
 """[m] of what counts as one object: a wider mask covers several."""
 _HUE = 0.12
@@ -225,10 +226,10 @@ def _fit_circle(xy: Array, is_side: NDArray[np.bool_], size: Array | None) -> tu
         away = np.hypot(*(xy - parameters[:2]).T) - radius
         return np.where(is_side, away, np.maximum(away, 0.0))
 
-    first = np.array((*centre, min(start, _SIZES[1] * 0.99)))[: 3 if size is None else 2]
+    widest = float(np.clip(_UNSEEN * np.ptp(xy, axis=0).max(), _SIZES[0] * 1.05, _SIZES[1]))
+    first = np.array((*centre, min(start, widest * 0.99)))[: 3 if size is None else 2]
     low = np.array((-np.inf, -np.inf, _SIZES[0]))[: len(first)]
-    high = np.array((np.inf, np.inf, _SIZES[1]))[: len(first)]
-    # The circle must not slide away from the points towards the eye or behind them: both starts are tried.
+    high = np.array((np.inf, np.inf, widest))[: len(first)]
     solved = least_squares(errors, first, bounds=(low, high), loss="soft_l1", f_scale=0.004, max_nfev=60)
     x, y, *radius = solved.x
     r = float(radius[0]) if radius else start
@@ -267,10 +268,11 @@ def _fit_rectangle(xy: Array, is_side: NDArray[np.bool_], size: Array | None) ->
         low, high = extents(yaw)
         c, s = math.cos(yaw), math.sin(yaw)
         x, y = np.array(((c, -s), (s, c))) @ ((low + high) / 2)
-        half = np.clip((high - low) / 2, _SIZES[0] * 1.01, _SIZES[1] * 0.99)
+        widest = np.clip(_UNSEEN * (high - low), _SIZES[0] * 1.05, _SIZES[1])
+        half = np.clip((high - low) / 2, _SIZES[0] * 1.01, widest * 0.99)
         first = np.array((x, y, yaw, *(half if size is None else ())))
         least = np.array((-np.inf, -np.inf, -np.inf, _SIZES[0], _SIZES[0]))[: len(first)]
-        most = np.array((np.inf, np.inf, np.inf, _SIZES[1], _SIZES[1]))[: len(first)]
+        most = np.array((np.inf, np.inf, np.inf, *widest))[: len(first)]
         solved = least_squares(errors, first, bounds=(least, most), loss="soft_l1", f_scale=0.004, max_nfev=40)
         error = float(np.sqrt((errors(solved.x) ** 2).mean()))
         if best is None or error < best[1]:

@@ -26,8 +26,8 @@ _AROUND = 0.03
 
 @dataclass(frozen=True, eq=False)
 class RobotReading:
-    """One control step: `drive` (4 + n,) base x, y [m], yaw [rad], torso, arm; T_world_base, T_world_tcp (4, 4); `width`
-    [m] between the finger pads, and `commanded` [m]; `head` (2,) pan and tilt [rad], or (0,) if it does not move."""
+    """One control step: `drive` (4 + n,) base x, y [m], yaw [rad], torso, arm; T_world_base, T_world_tcp (4, 4);
+    `width` and `commanded` [m] between the finger pads; `head` (2,) pan and tilt [rad], or (0,) if it does not move."""
 
     drive: Array
     T_world_base: Array

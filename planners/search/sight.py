@@ -1,4 +1,4 @@
-"""Lines of sight, compiled: which cells an image shows to be empty, and which solids stand between an eye and points."""
+"""Lines of sight, compiled: cells that an image shows to be empty, and solids between an eye and points."""
 
 from __future__ import annotations
 
@@ -136,8 +136,8 @@ def carve(
                     continue
                 right = R[0, 0] * x + R[0, 1] * y + R[0, 2] * z + t[0]
                 down = R[1, 0] * x + R[1, 1] * y + R[1, 2] * z + t[1]
-                u = int(math.floor(K[0, 0] * right / ahead + K[0, 2] + 0.5))
-                v = int(math.floor(K[1, 1] * down / ahead + K[1, 2] + 0.5))
+                u = math.floor(K[0, 0] * right / ahead + K[0, 2] + 0.5)
+                v = math.floor(K[1, 1] * down / ahead + K[1, 2] + 0.5)
                 if 0 <= u < width and 0 <= v < height and ahead < depth[v, u] - margin:
                     is_unseen[i, j, k] = False
                     cleared += 1
