@@ -362,7 +362,7 @@ class SearchExpert:
             return True
         env, bodies = self._env, actions[0].scene.objects
         sensor = BelievedSensor(bodies, self._reading, env.robot, self._held)
-        executor = Executor(actions, env.robot, sensor, self._tolerances, at_start=2)  # type: ignore[arg-type]
+        executor = Executor(actions, env.robot, sensor, self._tolerances, at_start=2)  # type: ignore[arg-type]  # its members names and read are used
         head = np.array(env.robot.head_configuration) if len(self._reading.head) else None
         while not executor.is_over:
             sensor.update(self._reading)

@@ -277,7 +277,7 @@ def _fit_rectangle(xy: Array, is_side: NDArray[np.bool_], size: Array | None) ->
         error = float(np.sqrt((errors(solved.x) ** 2).mean()))
         if best is None or error < best[1]:
             x, y, yaw, *rest = (float(value) for value in solved.x)
-            a, b = rest or (float(size[0]), float(size[1]))  # type: ignore[index]
+            a, b = rest or (float(size[0]), float(size[1]))  # type: ignore[index]  # rest is empty where a size is given
             best = (x, y, a, b, yaw), error
     assert best is not None
     return best
