@@ -38,6 +38,7 @@ from planners.scene.cover import BACK, drive_out, heading, is_covered
 from planners.scene.insert import insert_robot
 from planners.scene.prepare import Change, Prepared, prepare
 from planners.scene.static_obstacle import StaticObstacle
+from planners.search.expert import SearchExpert, SearchReport, SearchStep
 from planners.skills import DIRECTIONS, Skill, SkillFailure, SkillPlanner, plan_contact
 from planners.strategies import STRATEGIES, Strategy, find_strategy
 from planners.symbolic.astar import AStar
@@ -107,6 +108,9 @@ __all__ = [
     "RobotState",
     "Scene",
     "SceneError",
+    "SearchExpert",
+    "SearchReport",
+    "SearchStep",
     "Sensor",
     "SideGripper",
     "Skill",
