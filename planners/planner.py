@@ -24,6 +24,7 @@ from planners.motion.path import on_base
 from planners.motion.tcp_following import TcpFollower
 from planners.placing.surfaces import Supports
 from planners.scene import Scene, SceneError
+from planners.scene.bodies import leans
 from planners.strategies import STRATEGIES, Strategy, find_strategy
 from planners.symbolic.engines import task_planner
 from planners.symbolic.problem import TaskPlanner
@@ -184,15 +185,19 @@ class Planner:
         strategy: str | Strategy = "lookahead",
         rng: np.random.Generator | None = None,
         time_limit: float | None = None,
+        start: Scene | None = None,
     ) -> Solution | Infeasible:
-        """Plan for a goal; see the function `solve`."""
+        """Plan for a goal; see the function `solve`.
+
+        `start` is the scene from which the goal counts, as for `Goal.holds`, if something has happened since.
+        """
         wanted = _goal_in(scene, goal)
         chosen = find_strategy(strategy)
         deadline = warm_once(self.robot, self.follower, self._exercise, Deadline.after(time_limit))
         if deadline.is_over:
             detail = "the time was up before planning began; planners.warmup() loads what a solve needs beforehand"
             return Infeasible(Cause.TIME_LIMIT, detail, target=wanted.target, strategy=chosen, goal=wanted)
-        return self._solve(scene, wanted, chosen, rng or np.random.default_rng(0), deadline)
+        return self._solve(scene, wanted, chosen, rng or np.random.default_rng(0), deadline, start)
 
     def lower_bound(self, scene: Scene, goal: str | Goal, expansions: int = MAX_EXPANSIONS) -> LowerBound:
         """The fewest picks for a goal; see the function `lower_bound`."""
@@ -247,7 +252,13 @@ class Planner:
         BaseRoadmap(GroundMap(scene)).search(world, X, 0.0, None, np.random.default_rng(0))
 
     def _solve(
-        self, scene: Scene, goal: Goal, strategy: Strategy, rng: np.random.Generator, deadline: Deadline
+        self,
+        scene: Scene,
+        goal: Goal,
+        strategy: Strategy,
+        rng: np.random.Generator,
+        deadline: Deadline,
+        start: Scene | None = None,
     ) -> Solution | Infeasible:
         """Run Algorithm 1 several times, with other random choices, until another attempt could do no better."""
         started, compiled = cpu_seconds(), CompiledScenes()
@@ -265,7 +276,7 @@ class Planner:
             for checks_at_end in (True, False) if chosen.shortens else (False,):
                 draws.bit_generator.state = before
                 layer = MotionLayer(chosen, draws, compiled, deadline, checks_at_end)
-                search = Search(goal, strategy, self._task_planner, layer, self.hold_aside, bound)
+                search = Search(goal, strategy, self._task_planner, layer, self.hold_aside, bound, start)
                 outcome = task_and_motion_plan(search, scene)
                 if not layer.is_refuted:
                     break
@@ -274,6 +285,9 @@ class Planner:
             if deadline.is_over or is_proved:
                 break
         best = best_outcome(outcomes, is_proved, deadline)
+        leaning = [one.name for one in scene.objects if one.name not in scene.held_names and leans(one)]
+        if isinstance(best, Infeasible) and leaning:
+            best = replace(best, detail=f"{best.detail}; neither upright nor lying: {', '.join(leaning)}")
         return replace(best, stats=replace(best.stats, total_s=cpu_seconds() - started))
 
 

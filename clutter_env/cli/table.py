@@ -51,7 +51,8 @@ class Arguments:
     """Where objects may be put: all, table, or names of the layout's supports. If not given, the table alone with side
     grasps, and all supports with the others."""
     physics: bool = False
-    """Let the expert execute its plans in physics, where the environment decides about success."""
+    """Let the expert execute its plans in physics, where the environment decides about success; an episode has 1500
+    control steps for each object, as in a suite in which all others must be cleared."""
     control_mode: Literal["joint", "ee"] = "joint"
     """Control mode."""
     time_limit: float = 20.0

@@ -20,7 +20,7 @@ from planners.clock import NO_DEADLINE, Deadline
 from planners.goals import Before, Clear, Goal, Holding, On, occupants
 from planners.grasping.candidates import GraspCandidates
 from planners.placing.blockers import PutDownMasks, put_down_masks
-from planners.placing.goal_places import is_too_large, must_go_first, place_of
+from planners.placing.goal_places import is_too_large, must_go_first, overlapping, place_of
 from planners.placing.placements import PlacementSearch
 from planners.scene import MAX_OBJECTS, Scene
 
@@ -39,7 +39,7 @@ class LowerBound:
         proved: whether `picks` is exact for the places where objects stand; if not, `least` is what is proved.
         least: no plan has fewer picks.
         cause: "" or why there is no plan: "unreachable", "no self-clearable set", "no clearance location" where an
-            object is larger than its place, or "time limit" if it was aborted.
+            object is larger than its place or two overlap at their poses, or "time limit" if it was aborted.
         expansions: search nodes visited.
     """
 
@@ -81,8 +81,8 @@ def fewest_picks(
     if not to_move:
         return LowerBound(0, (), (), True, 0)
     too_large = tuple(fact.object for fact in goal.placed if fact.object in to_move and is_too_large(scene, fact))
-    if too_large:
-        return LowerBound(None, too_large, (), True, 0, Cause.NO_CLEARANCE_LOCATION)
+    if nowhere := too_large or overlapping(scene, goal, to_move):
+        return LowerBound(None, nowhere, (), True, 0, Cause.NO_CLEARANCE_LOCATION)
     stuck = tuple(name for name in to_move if name not in scene.held_names and not candidates.blockers(scene, name))
     waiting_for = waits_for(scene, goal, to_move)
     puts = _put_downs(scene, goal, to_move, waiting_for, candidates, search) if search and buffers else {}

@@ -26,6 +26,7 @@ from planners.grasping.candidates import GraspCandidate
 from planners.motion.approaches import can_take, fewest_blockers
 from planners.placing.blockers import fewest_in_the_way
 from planners.placing.goal_places import in_the_way, of_same_area, place_of, placed_fact, reserved_regions
+from planners.placing.locations import in_hand
 from planners.placing.placements import Placement
 from planners.placing.surfaces import KeepClear
 from planners.scene import RobotState, Scene
@@ -192,15 +193,16 @@ def _taken_and_put(sim: _Simulation, name: str, is_general: bool) -> bool:
     for grasp in (None,) if is_held else _free_grasps(sim, name):
         if grasp is not None and grasp.pitch in refused:
             continue
-        in_hand = scene.holding(name) if grasp is None else grasped(scene, grasp)
-        assert in_hand is not None
+        with_it = scene.holding(name) if grasp is None else grasped(scene, grasp)
+        assert with_it is not None
         failed: list[NDArray[np.float64]] = []
         for keep in _tiers(sim, name):
             keep = replace(keep, reserved=reserved)
-            placement = next(placements_of(sim.problem, goal, in_hand, fact, keep, sim.waiting, failed), None)
+            found = placements_of(sim.problem, goal, sim.start, with_it, fact, keep, sim.waiting, failed)
+            placement = next(found, None)
             if placement is not None:
-                state = RobotState(placement.base, in_hand.state.q, in_hand.state.finger_position)
-                after = in_hand.with_held(None).with_body(placement.body).with_state(state)
+                state = RobotState(placement.base, with_it.state.q, with_it.state.finger_position)
+                after = with_it.with_held(None).with_body(placement.body).with_state(state)
                 _advance(sim, Move(name, grasp, placement, is_general), after)
                 return True
     sim.failures[name] += 1
@@ -210,6 +212,7 @@ def _taken_and_put(sim: _Simulation, name: str, is_general: bool) -> bool:
 def placements_of(
     problem: ClearingProblem,
     goal: Goal,
+    start: Scene,
     scene: Scene,
     fact: On | Inside | At | None,
     keep: KeepClear,
@@ -221,6 +224,7 @@ def placements_of(
     Args:
         problem: where placements come from.
         goal: the whole one.
+        start: the scene before anything was moved: what stood there is to stand, even if it has fallen since.
         scene: with the object in hand.
         fact: of the goal; None to put the object aside.
         keep: what it must not stand in the way of.
@@ -230,6 +234,8 @@ def placements_of(
     world = problem.candidates.compiled.world(scene)
     if fact is None:
         return problem.placements.find(world, keep, problem.strategy, problem.rng, problem.deadline)
+    if start.body(fact.object).is_upright and not in_hand(scene)[1].is_upright:
+        return iter(())
     place, others = place_of(scene, fact), of_same_area(scene, goal, fact.object, waiting)
     return problem.placements.find_at(world, place, keep, waiting, others, failed, problem.deadline)
 

@@ -316,11 +316,12 @@ class TampExpert:
         """Solve and begin to execute, or end the episode with the reason for failure."""
         before = time.process_time()
         try:
-            goal = self._goal.target or self._goal
-            solution = self._planner.solve(scene, goal, self._strategy, self._rng, self._config.planning_s)
+            goal, planner = self._goal.target or self._goal, self._planner
+            given = scene, goal, self._strategy, self._rng, self._config.planning_s
+            solution = planner.solve(*given, *[self._start_scene] * isinstance(planner, Planner))
             if isinstance(solution, Infeasible) and (wider := self._with_all_grasps(scene)) is not None:
                 self._note(f"{solution.cause}: {solution.detail}; planned with all grasps")
-                solution = wider.solve(scene, goal, self._strategy, self._rng, self._config.planning_s)
+                solution = wider.solve(*given, self._start_scene)
         except SceneError as error:
             self._end(f"the scene is not valid for planning: {error}")
             return
@@ -441,10 +442,17 @@ class TampExpert:
     def _measure(self, arm: str = "", held: str = "") -> Scene:
         """The scene as it is now, with an arm active and this object in its gripper."""
         env, robot = self._env, self._robots.get(arm, self._env.robot)
-        regions = getattr(env, "regions", ())
-        names, support = env.object_names, env.support_name
         known = self._perceived
-        return Scene.from_mujoco(known.model, known.data, robot, held, movable=names, support=support, regions=regions)
+        return Scene.from_mujoco(
+            known.model,
+            known.data,
+            robot,
+            held,
+            movable=env.object_names,
+            support=env.support_name,
+            more_supports=getattr(env, "more_supports", None),
+            regions=getattr(env, "regions", ()),
+        )
 
     @property
     def _perceived(self) -> Any:

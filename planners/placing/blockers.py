@@ -15,8 +15,8 @@ from planners.grasping.candidates import GraspCandidates, gripper_poses
 from planners.grasping.grasp_poses import generate_grasps, opening_around
 from planners.motion.approaches import ContactQuery, fewest_hits
 from planners.placing.goal_places import Place, Yaws, locations_in
-from planners.placing.locations import put_down
-from planners.placing.placements import PlacementSearch, can_reach, gripper_poses_at, in_hand, with_lowered
+from planners.placing.locations import in_hand, put_down
+from planners.placing.placements import PlacementSearch, can_reach, gripper_poses_at, with_lowered
 from planners.scene import Body, HeldObject, Scene
 from planners.scene.cover import is_covered
 from planners.scene.masks import FIXED_BITS

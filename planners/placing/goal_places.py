@@ -15,9 +15,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from planners.goals import EDGE, At, Fact, Goal, Inside, On, Region, footprint, has_yaw, region_named, region_names
+from planners.goals import (
+    EDGE,
+    At,
+    Fact,
+    Goal,
+    Inside,
+    On,
+    Region,
+    footprint,
+    has_yaw,
+    overlap,
+    region_named,
+    region_names,
+)
 from planners.placing.locations import stand_at
 from planners.scene import Body, Scene, SceneError, StaticObstacle
+from planners.scene.bodies import resting_ways
 
 Array: TypeAlias = NDArray[np.float64]
 Yaws: TypeAlias = tuple[float | None, ...]
@@ -151,7 +165,8 @@ def locations_in(
     """
     if place.area is None:
         assert place.location is not None
-        yield from ((point, (place.yaw,)) for point in place.location[None] if allowed(point[None])[0])
+        yaw = place.yaw if has_yaw(body) else None
+        yield from ((point, (yaw,)) for point in place.location[None] if allowed(point[None])[0])
         return
     standing = [one for one in beside(scene, place.face, body) if one.name != body.name]
     staying = [one for one in standing if one.name not in leaving]
@@ -193,7 +208,8 @@ def must_go_first(scene: Scene, body: Body, fact: On | Inside | At) -> tuple[str
     A location on a grid stands for all within half a cell, and an object counts as no larger than the circle in it.
     Nothing is proved of objects of several pieces, beside or under which others may stand.
     """
-    place, radius = place_of(scene, fact), float(min(body.half_extents[:2]))
+    place, radius = place_of(scene, fact), float(min(body.half_extents[:2] if body.is_upright else body.half_extents))
+    body = min(resting_ways(body), key=lambda way: way.top - way.bottom)
     if place.below:
         return _on_top(scene, body, place)
     if body.shape == "pieces":
@@ -212,17 +228,47 @@ def must_go_first(scene: Scene, body: Body, fact: On | Inside | At) -> tuple[str
 
 
 def is_too_large(scene: Scene, fact: On | Inside | At) -> bool:
-    """Whether an object, standing or lying as it does, is larger than the area that a fact names, however it is turned.
+    """Whether an object is larger than the area that a fact names, however it is turned, and put down if it lies.
 
     Proved: between the angles that are tried, its extents change by less than what they may be too large.
     """
     body, area = scene.body(fact.object), place_of(scene, fact).area
     if area is None or body.name in scene.held_names or (isinstance(fact, On) and fact.place in scene.supports):
         return False
-    angles, outline = np.linspace(0.0, np.pi, 180, endpoint=False), footprint(body)
-    along = np.ptp(outline @ np.stack((np.cos(angles), np.sin(angles))), axis=0)
-    most = 2 * (np.array(area.half_extents) + EDGE) + along.max() * (angles[1] - angles[0])
-    return not bool(((along <= most[0]) & (np.roll(along, len(angles) // 2) <= most[1])).any())
+    angles = np.linspace(0.0, np.pi, 180, endpoint=False)
+    for way in resting_ways(body):
+        along = np.ptp(footprint(way) @ np.stack((np.cos(angles), np.sin(angles))), axis=0)
+        most = 2 * (np.array(area.half_extents) + EDGE) + along.max() * (angles[1] - angles[0])
+        if ((along <= most[0]) & (np.roll(along, len(angles) // 2) <= most[1])).any():
+            return False
+    return True
+
+
+def overlapping(scene: Scene, goal: Goal, to_move: Collection[str]) -> tuple[str, ...]:
+    """Names of two objects that would overlap at the poses of a goal, () if none would: proved.
+
+    One of them must move; the other one overlaps both at its pose and, if it may stay, where it stands. Boxes that may
+    be turned anyhow, and what lies, count as the circle within; of objects of several pieces nothing is claimed.
+    """
+    facts = [fact for fact in goal.placed if isinstance(fact, At) and scene.body(fact.object).shape != "pieces"]
+    for one, other in itertools.permutations(facts, 2):
+        if one.object not in to_move or place_of(scene, one).face.name != place_of(scene, other).face.name:
+            continue
+        stays = [] if other.object in to_move else [footprint(scene.body(other.object))]
+        there = _least_footprint(scene, one)
+        if all(overlap(there, outline) > 0 for outline in (_least_footprint(scene, other), *stays)):
+            return one.object, other.object
+    return ()
+
+
+def _least_footprint(scene: Scene, fact: At) -> Array:
+    """Points (k, 2) [m] of an object at a pose, whose convex hull it covers there however it is put down."""
+    body, location = scene.body(fact.object), np.array([fact.x, fact.y])
+    if body.is_upright and fact.yaw is not None:
+        return footprint(_standing(body, location, fact.yaw))
+    radius = float(min(body.half_extents[:2] if body.is_upright else body.half_extents))
+    angles = np.linspace(0.0, 2 * np.pi, 24, endpoint=False)
+    return np.asarray(location + radius * np.column_stack((np.cos(angles), np.sin(angles))))
 
 
 def in_the_way(scene: Scene, body: Body, place: Place, waiting: Collection[str]) -> tuple[str, ...]:
@@ -230,10 +276,11 @@ def in_the_way(scene: Scene, body: Body, place: Place, waiting: Collection[str])
 
     Args:
         scene: with the objects where they stand.
-        body: to be put there.
+        body: to be put there, in the way in which it takes least room.
         place: where.
         waiting: names of objects that are to leave anyway.
     """
+    body = least_room(body)
     if place.below:
         return tuple(name for name in _on_top(scene, body, place) if name not in waiting)
     standing = [one for one in beside(scene, place.face, body) if one.name != body.name]
@@ -254,6 +301,11 @@ def in_the_way(scene: Scene, body: Body, place: Place, waiting: Collection[str])
     inside = [one for one in staying if place.area.touches(one)]
     alone = [one for one in inside if fits([other for other in staying if other is not one])]
     return tuple(one.name for one in alone[:1] or inside)
+
+
+def least_room(body: Body) -> Body:
+    """An object as it takes the least room once it has been put down: one that lies may come to stand."""
+    return min(resting_ways(body), key=lambda way: way.radius)
 
 
 def _on_top(scene: Scene, body: Body, place: Place) -> tuple[str, ...]:
@@ -378,4 +430,5 @@ def of_same_area(scene: Scene, goal: Goal, name: str, waiting: Collection[str]) 
     others: list[Fact] = [fact for fact in goal.placed if fact.object in waiting and fact.object != name]
     if area is None:
         return []
-    return [scene.body(f.object) for f in others if isinstance(f, On | Inside) and place_of(scene, f).area == area]
+    those = (f.object for f in others if isinstance(f, On | Inside) and place_of(scene, f).area == area)
+    return [least_room(scene.body(one)) for one in those]

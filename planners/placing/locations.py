@@ -11,8 +11,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.scene import Body, Scene, StaticObstacle
-from planners.scene.bodies import up_axis
+from planners.scene import Body, HeldObject, Scene, StaticObstacle
+from planners.scene.bodies import release_pitch, up_axis, with_up
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -85,14 +85,18 @@ def put_down(scene: Scene, gripper_pose: Array, level: float) -> Body:
     if dropped.is_upright:
         body = replace(dropped, quaternion=np.array([np.cos(dropped.yaw / 2), 0.0, 0.0, np.sin(dropped.yaw / 2)]))
     else:
-        # It turns by the smallest angle such that it rests: the rotation that takes its upward axis to the vertical.
-        up = up_axis(dropped)
-        cross = np.cross(up, (0.0, 0.0, 1.0))
-        K = np.array([[0.0, -cross[2], cross[1]], [cross[2], 0.0, -cross[0]], [-cross[1], cross[0], 0.0]])
-        T = dropped.pose
-        T[:3, :3] = (np.eye(3) + K + K @ K / (1.0 + up @ (0.0, 0.0, 1.0))) @ T[:3, :3]
-        body = dropped.at_pose(T)
+        body = dropped.at_pose(with_up(dropped, up_axis(dropped)))
     return stand_at(body, np.array([*dropped.position[:2], level]))
+
+
+def in_hand(scene: Scene) -> tuple[HeldObject, Body]:
+    """The held object, which there must be, and how it will rest once it is put down, where it was taken."""
+    assert scene.held is not None
+    body = scene.body(scene.held.name)
+    if body.is_upright:
+        return scene.held, body
+    resting = put_down(scene, np.array([0.0, 0.0, 0.0, 0.0, release_pitch(body, scene.held)]), 0.0)
+    return scene.held, stand_at(resting, body.foot)
 
 
 def rotated(yaw: float, pitch: float) -> Array:

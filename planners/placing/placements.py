@@ -20,16 +20,16 @@ from scipy.ndimage import distance_transform_edt
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import SUPPORT_SLACK, CollisionWorld
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits, scan_configurations
-from planners.grasping.base_placement import MapPlacer, facing_bases, farthest_reach
+from planners.grasping.base_placement import Placer, facing_bases, farthest_reach
 from planners.grasping.candidates import GraspCandidate
 from planners.grasping.grasp_poses import opening_around
 from planners.motion.approaches import Approach, ContactQuery, can_put_down, planned_approach
 from planners.placing.goal_places import Place, locations_in
-from planners.placing.locations import placement_cells, placement_levels, put_down, rotated
+from planners.placing.locations import in_hand, placement_cells, placement_levels, put_down, rotated
 from planners.placing.negative_goal_region import SweptVolume, is_free
 from planners.placing.surfaces import KeepClear, Surface
 from planners.placing.swept_volume import grasp_volume
-from planners.scene import Body, HeldObject, Scene, StaticObstacle
+from planners.scene import Body, Scene, StaticObstacle
 from planners.scene.bodies import release_pitch
 from planners.strategies import Strategy
 
@@ -90,7 +90,7 @@ class PlacementSearch:
         near_home: only the configuration nearest to home, for end-effector-controlled robots.
     """
 
-    arms: Mapping[str, MapPlacer]
+    arms: Mapping[str, Placer]
     supports: tuple[str, ...] = ()
     canonical: bool = False
     near_home: bool = False
@@ -313,12 +313,6 @@ class PlacementSearch:
                 placed = put_down(scene, pose, level)
                 yield Placement(placed, base, found.q[best], yaw, pitch, opening)
                 return
-
-
-def in_hand(scene: Scene) -> tuple[HeldObject, Body]:
-    """The held object, which there must be."""
-    assert scene.held is not None
-    return scene.held, scene.body(scene.held.name)
 
 
 def _radius(scene: Scene) -> float:

@@ -302,6 +302,38 @@ def up_axis(body: Body) -> Array:
     return np.asarray(body.rotation[:, axis] * np.sign(body.rotation[2, axis]))
 
 
+def resting_ways(body: Body) -> tuple[Body, ...]:
+    """The object where it is, once for each way in which it may rest after it has been put down.
+
+    As it stands, if it does; else standing first, and on its other sides, turned by the smallest angle.
+    """
+    if body.is_upright:
+        return (body,)
+    x, y, z = np.eye(3)
+    if body.shape == "pieces":
+        ups = _resting_directions(body)
+    else:
+        ups = np.array([z, -z, *([up_axis(body) @ body.rotation] if body.shape == "cylinder" else [x, -x, y, -y])])
+    return tuple(body.at_pose(with_up(body, up)) for up in ups @ body.rotation.T) or (body,)
+
+
+def leans(body: Body) -> bool:
+    """Whether an object neither stands nor lies, within `UPRIGHT_TILT`."""
+    turned = [(np.trace(way.rotation.T @ body.rotation) - 1) / 2 for way in resting_ways(body)]
+    return bool(max(turned) < math.cos(UPRIGHT_TILT))
+
+
+def with_up(body: Body, up: Array) -> Array:
+    """The pose (4, 4) of an object turned by the smallest angle such that a world direction (3,) of it points up."""
+    T, (x, y, z) = body.pose, up
+    if z < -1 + 1e-9:
+        T[:3, :3] = np.diag((1.0, -1.0, -1.0)) @ T[:3, :3]
+        return T
+    K = np.array([[0.0, 0.0, -x], [0.0, 0.0, -y], [x, y, 0.0]])
+    T[:3, :3] = (np.eye(3) + K + K @ K / (1.0 + z)) @ T[:3, :3]
+    return T
+
+
 def release_pitch(body: Body, held: HeldObject) -> float:
     """Pitch [rad] of the gripper at which a held object rests on a level plane: standing if it can be, else lying.
 

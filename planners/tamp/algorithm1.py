@@ -76,14 +76,14 @@ def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
 def initial_state(search: Search, scene: Scene) -> PlanState | Infeasible:
     """s0: the facts that the scene gives, and what the grasp references stand for."""
     robot = scene.robot
+    search.start = search.start or scene
     if not search.target and search.bound is None:
         before = cpu_seconds()
-        search.bound = search.motion_layer.lower_bound(scene, search.goal, buffers=not search.hold_aside)
+        search.bound = search.motion_layer.lower_bound(scene, search.goal, search.start, not search.hold_aside)
         search.motion_planning_s += cpu_seconds() - before
         if search.bound.picks is None and search.bound.proved:
             none = NoCommitment(Cause(search.bound.cause), search.bound.objects)
             return refused(search, scene, search.motion_layer.explained(scene, none))
-    search.start = search.start or scene
     held = {gripper_symbol(robot, one.arm): one.held.name for one in scene.aside}
     if scene.held is not None:
         held = {gripper_symbol(robot, robot.arm_name): scene.held.name, **held}

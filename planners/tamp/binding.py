@@ -12,7 +12,7 @@ from planners.clearing.lookahead import ClearancePlan, keep_clear
 from planners.clock import cpu_seconds
 from planners.goals import Goal, Holding
 from planners.motion.path import BlockedBy, NoPath
-from planners.placing.goal_places import is_too_large
+from planners.placing.goal_places import is_too_large, overlapping
 from planners.placing.placements import Placement
 from planners.scene import Scene
 from planners.symbolic.engines import checked_answer
@@ -80,9 +80,12 @@ def refused(search: Search, scene: Scene, found: NoCommitment) -> Infeasible:
         return search.infeasible(Cause.TOO_WIDE, f"{'; '.join(of_these)}, {context.catalogue}", found.objects)
     too_large = [fact for fact in search.goal.placed if fact.object in found.objects and is_too_large(scene, fact)]
     if cause is Cause.NO_CLEARANCE_LOCATION and too_large:
-        return search.infeasible(cause, f"{names}, as it stands or lies, is larger than its place", found.objects)
+        return search.infeasible(cause, f"{names}, however it is put down, is larger than its place", found.objects)
+    overlap = overlapping(scene, search.goal, found.objects)
+    if cause is Cause.NO_CLEARANCE_LOCATION and overlap and set(overlap) == set(found.objects):
+        return search.infeasible(cause, f"{' and '.join(found.objects)} overlap at their poses", found.objects)
     detail = {
-        Cause.UNREACHABLE: f"no free base pose and arm configuration reach {names}",
+        Cause.UNREACHABLE: context.unreached(scene, found.objects) if cause is Cause.UNREACHABLE else "",
         Cause.NO_WAY_FOR_BASE: f"from where the robot is, the base cannot drive to where it could take {names}",
         Cause.NO_SELF_CLEARABLE_SET: f"whatever is removed first, something that must go before {names} is blocked",
         Cause.MOTION: f"without the grasps that motion planning refuted, there is no way to clear and take {names}",
@@ -216,7 +219,8 @@ def _drive_to_put_down(
     if search.target:
         placements = motion_layer.placements(scene, clear_of, search.strategy, plan.placements.get(name))
     else:
-        placements = motion_layer.goal_placements(scene, search.goal, clear_of, search.strategy, plan)
+        assert search.start is not None
+        placements = motion_layer.goal_placements(scene, search.goal, search.start, clear_of, search.strategy, plan)
     refuted: list[tuple[Scene, Placement]] = []
     for placement in placements:
         if search.is_late:

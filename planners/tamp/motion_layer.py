@@ -34,7 +34,7 @@ from planners.placing.goal_places import placed_fact, reserved_regions
 from planners.placing.placements import Placement, PlacementSearch, with_lowered
 from planners.placing.surfaces import KeepClear, Surface
 from planners.scene import RobotState, Scene
-from planners.scene.cover import is_covered
+from planners.scene.cover import needs_drive
 from planners.scene.masks import FIXED_BITS
 from planners.strategies import Strategy
 from planners.tamp.solution import BoundAction
@@ -147,7 +147,7 @@ class MotionLayer:
         return self.explained(scene, found) if isinstance(found, NoCommitment) else found
 
     def goal_placements(
-        self, scene: Scene, goal: Goal, keep_clear: KeepClear, strategy: Strategy, plan: ClearancePlan
+        self, scene: Scene, goal: Goal, start: Scene, keep_clear: KeepClear, strategy: Strategy, plan: ClearancePlan
     ) -> Iterator[Placement]:
         """Placements of the held object, as it is planned to be moved for a goal: the one planned, then others."""
         assert scene.held is not None
@@ -155,13 +155,13 @@ class MotionLayer:
         fact = placed_fact(goal, name) if name in plan.general else None
         keep = replace(keep_clear, reserved=reserved_regions(scene, goal, name if name in plan.general else ""))
         waiting = plan.commitments.grasps
-        others = placements_of(self._problem(strategy, scene), goal, scene, fact, keep, waiting)
+        others = placements_of(self._problem(strategy, scene), goal, start, scene, fact, keep, waiting)
         return itertools.islice(itertools.chain((plan.placements[name],), others), strategy.placements)
 
-    def lower_bound(self, scene: Scene, goal: Goal, buffers: bool) -> LowerBound:
+    def lower_bound(self, scene: Scene, goal: Goal, start: Scene, buffers: bool) -> LowerBound:
         """The fewest picks for a goal, by the grasps known here."""
         search, deadline = self.placement_search, self.deadline
-        return fewest_picks(scene, goal, self.candidates, search=search, buffers=buffers, deadline=deadline)
+        return fewest_picks(scene, goal, self.candidates, start, search=search, buffers=buffers, deadline=deadline)
 
     def _problem(self, strategy: Strategy, scene: Scene) -> ClearingProblem:
         search, rng, deadline = self.placement_search, self.rng, self.deadline
@@ -235,7 +235,7 @@ class MotionLayer:
 
     def drive_to_placement(self, scene: Scene, placement: Placement) -> BoundMotion | NoPath:
         """Drive to where the put-down begins; under a shelf, outside, where the base drives straight in from."""
-        is_inside = is_covered(scene, placement.body.foot)
+        is_inside = needs_drive(scene, placement.body.foot)
         base = stand_off(scene, placement.base, placement.q, placement.body) if is_inside else placement.base
         return self.drive(scene, base)
 

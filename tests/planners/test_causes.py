@@ -27,6 +27,15 @@ def test_where_no_motion_leads_to_any_grasp_the_cause_is_motion(monkeypatch: pyt
     assert "object_00" in found.detail
 
 
+@pytest.mark.parametrize(("tilt", "leans"), [(0.1, False), (0.6, True), (1.5, False), (2.4, True), (3.1, False)])
+def test_a_refusal_says_what_leans(tilt: float, leans: bool) -> None:
+    body = cylinder("b", -0.1, 0.0)
+    turned = body.at(body.position, [math.cos(tilt / 2), math.sin(tilt / 2), 0.0, 0.0])
+    found = solve(table_scene(cylinder("far", 0.0, 0.0).at([0.0, 0.0, 3.0]), turned), "far")
+    assert isinstance(found, Infeasible)
+    assert found.detail.endswith("neither upright nor lying: b") == leans
+
+
 def refusal(cause: Cause) -> Infeasible:
     return Infeasible(cause, f"evidence of {cause}", target="object_00")
 

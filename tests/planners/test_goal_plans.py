@@ -12,7 +12,20 @@ import numpy as np
 import pytest
 
 import clutter_env  # noqa: F401  registers the environments
-from planners import Cause, Infeasible, Region, Scene, Solution, StaticObstacle, goals, lower_bound, solve, warmup
+from assets.robots import FETCH
+from planners import (
+    Cause,
+    Infeasible,
+    Planner,
+    Region,
+    Scene,
+    Solution,
+    StaticObstacle,
+    goals,
+    lower_bound,
+    solve,
+    warmup,
+)
 from planners.goals import Goal
 from planners.grasping.candidates import GraspCandidate
 from planners.motion.path import BlockedBy, NoPath
@@ -282,18 +295,67 @@ def test_a_goal_that_holds_already_needs_no_plan() -> None:
 
 @pytest.mark.parametrize("name", ["a", "lying"])
 def test_what_is_larger_than_its_region_is_refused_by_the_bound(name: str) -> None:
-    scene, half = scene_of("three"), 0.06 if name == "lying" else 0.03
-    body = cylinder("lying", -0.1, 0.15, 0.03, 0.15)  # shorter than the diagonal of its place
-    lying = body.at([*body.position[:2], HEIGHT + 0.03], np.sqrt(0.5) * np.array([1, 1, 0, 0]))
-    place = Region("place", "table_top", (0.0, -0.15), (half, half))
-    scene = replace(scene, objects=(*scene.objects, lying), regions=(place,))
+    scene = with_one_lying(0.025)
     goal = goals.inside(name, "place")
     found, bound = solve(scene, goal), lower_bound(scene, goal)
     assert isinstance(found, Infeasible)
-    assert f"{name}, as it stands or lies, is larger than its place" in found.detail
+    assert f"{name}, however it is put down, is larger than its place" in found.detail
     assert (bound.picks, bound.cause, bound.proved) == (None, found.cause, True)
     long = replace(scene, regions=(Region("place", "table_top", (0.0, -0.15), (0.1, 0.04)),))
     assert lower_bound(long, goal).picks == 1
+
+
+@pytest.mark.parametrize("is_there", [False, True])
+@pytest.mark.parametrize(("apart", "is_refused"), [(0.05, True), (0.068, True), (0.075, False)])
+def test_poses_at_which_two_objects_overlap_are_refused_by_the_bound(
+    is_there: bool, apart: float, is_refused: bool
+) -> None:
+    """Both were put aside in turn until the planner gave up; cylinders of 35 mm radius."""
+    scene, place = scene_of("three"), np.array([0.0, 0.15])
+    scene = scene.with_body(cylinder("a", *place, 0.035, 0.08)) if is_there else scene
+    goal = goals.at("a", place) & goals.at("b", place - [apart, 0.0])
+    bound = lower_bound(scene, goal)
+    assert (bound.picks is None) == is_refused
+    if is_refused:
+        found = solve(scene, goal)
+        assert isinstance(found, Infeasible)
+        assert (bound.cause, bound.proved, found.cause) == (Cause.NO_CLEARANCE_LOCATION, True, bound.cause)
+        assert "a and b overlap at their poses" in found.detail or "b and a overlap" in found.detail
+
+
+def test_an_object_within_the_tolerance_of_its_pose_may_stay_beside_another() -> None:
+    """At its very pose it would overlap."""
+    place = np.array([0.0, 0.15])
+    scene = scene_of("three").with_body(cylinder("a", 0.015, 0.15, 0.035, 0.08))
+    assert lower_bound(scene, goals.at("a", place) & goals.at("b", place - [0.065, 0.0])).picks == 1
+
+
+def with_one_lying(half: float) -> Scene:
+    """The scene "three" with a cylinder "lying", and a square place of that half side [m] that is shorter than it."""
+    body = cylinder("lying", -0.2, 0.15, 0.03, 0.15)
+    lying = body.at([*body.position[:2], HEIGHT + 0.03], np.sqrt(0.5) * np.array([1, 1, 0, 0]))
+    place = Region("place", "table_top", (-0.15, -0.15), (half, half))
+    return replace(scene_of("three"), objects=(*scene_of("three").objects, lying), regions=(place,))
+
+
+def test_what_lies_is_stood_up_where_it_does_not_fit_lying() -> None:
+    scene, goal = with_one_lying(0.06), goals.inside("lying", "place")
+    plan = solve(scene, goal)
+    assert isinstance(plan, Solution)
+    assert plan.end is not None
+    assert plan.picks == 1
+    assert plan.end.body("lying").is_upright
+    assert goal.holds(plan.end, scene)
+
+
+def test_what_has_fallen_is_stood_up_for_a_goal_from_before() -> None:
+    fallen, goal = with_one_lying(0.2), goals.inside("lying", "place")
+    before = fallen.with_body(cylinder("lying", -0.2, 0.15, 0.03, 0.15))
+    for start in (fallen, before):
+        plan = Planner(FETCH).solve(fallen, goal, start=start)
+        assert isinstance(plan, Solution)
+        assert plan.end is not None
+        assert goal.holds(plan.end, start)
 
 
 def test_what_cannot_be_reached_is_refused_by_the_bound() -> None:

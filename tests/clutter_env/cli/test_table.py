@@ -12,12 +12,13 @@ import pytest
 import planners
 from assets import FETCH
 from clutter_env.cli.clearance_page import draw, scene_row, strategy_rows, summarise
-from clutter_env.cli.clearance_trials import ASSESSMENT, CRASH, Record, Trials
+from clutter_env.cli.clearance_trials import ASSESSMENT, CRASH, Record, Trials, _environment
 from clutter_env.cli.main import main
 from clutter_env.cli.table import STRATEGIES, Arguments
 from clutter_env.errors import UsageError
 from planners import Planner
 from scripts.ablations import ABLATIONS
+from scripts.make_suites import STEPS_PER_PICK
 
 LOOKAHEAD = planners.STRATEGIES["lookahead"]
 
@@ -159,3 +160,10 @@ def test_a_small_table_is_made_and_made_again_from_its_trials(tmp_path: Path) ->
     lines = (tmp_path / "trials.jsonl").read_text().splitlines()
     assert len(lines) == 1 + sum('"strategy": "floor"' in line for line in lines) + 2 * 2
     assert (tmp_path / "docs" / "images" / "t.png").stat().st_size > 10_000
+
+
+def test_an_episode_in_physics_has_time_to_clear_all_objects_as_in_the_suites() -> None:
+    """Before a cabinet eight clearances took longer than the environment's own limit for sixteen objects."""
+    spec = _environment(16, "cabinet", "joint", FETCH).spec
+    assert spec is not None
+    assert spec.max_episode_steps == 16 * STEPS_PER_PICK
