@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RobotSpec:
-    """A mobile manipulator: planar base (x, y, yaw), torso lift, arm, parallel gripper.
+    """A mobile manipulator: planar base (x, y, yaw), torso lift, arm, parallel gripper; or an arm that stands: `fixed`.
 
     Of a robot with several arms one is active, and the fields describe it: `using` makes another one active. The others
     stay in their home configuration with closed grippers; collision checks include them.
@@ -164,7 +164,8 @@ class RobotSpec:
             **page: what the file does not say. Needed are `base_joints`, names of the joints that move the base along
                 x, along y and about z; `tip`, name of the TCP's site; `finger_joints`; `home`. More fields may be said:
                 `name`, `finger_geoms`, `head_joints`, `head_configuration`, `grasp_height`, `grasp_axis_offset`,
-                and the limits, which are slow ones otherwise: a model has none.
+                and the limits, which are slow ones otherwise: a model has none. `base` is "holonomic" if not said,
+                "differential" or "fixed": how the base moves.
 
         Raises:
             FileNotFoundError: there is no such file.
@@ -172,7 +173,10 @@ class RobotSpec:
         """
         from assets.robot_reading import read_fields  # a function needs the simulator, the package does not
 
-        return cls(**read_fields(path, page))
+        drives = {"holonomic": cls, "differential": _Differential, "fixed": _Fixed}
+        base = page.pop("base", "holonomic")
+        require(base in drives, "base", f"must be one of {', '.join(map(repr, drives))}, not {base!r}")
+        return drives[base](**read_fields(path, page))
 
     @property
     def mjcf_path(self) -> Path:
@@ -245,12 +249,20 @@ class RobotSpec:
 
     @property
     def base_drive(self) -> str:
-        """How the base moves: "holonomic", in all directions, or "differential"."""
+        """How the base moves: "holonomic", in all directions, "differential", or "fixed", not at all."""
         return "holonomic"
 
     def differential(self) -> RobotSpec:
         """The same robot, whose base moves ahead and back and turns about its centre."""
-        return _Differential(**{entry.name: getattr(self, entry.name) for entry in fields(self)})
+        return self._driving(_Differential)
+
+    def fixed(self) -> RobotSpec:
+        """The same robot, whose base stays where it is, as that of an arm on a pedestal; what it stands on or in does
+        not count as an obstacle to the base itself."""
+        return self._driving(_Fixed)
+
+    def _driving(self, kind: type[RobotSpec]) -> RobotSpec:
+        return kind(**{entry.name: getattr(self, entry.name) for entry in fields(self)})
 
     def with_all_arms(self) -> RobotSpec:
         """The same robot, whose actions and plans move all arms, one after another.
@@ -313,6 +325,15 @@ class _Differential(RobotSpec):
     @property
     def base_drive(self) -> str:
         return "differential"
+
+
+@dataclass(frozen=True)
+class _Fixed(RobotSpec):
+    """A robot whose base does not move, like `_Differential`."""
+
+    @property
+    def base_drive(self) -> str:
+        return "fixed"
 
 
 @dataclass(frozen=True)

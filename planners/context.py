@@ -6,17 +6,19 @@ collision worlds) and `PlacementSearch` (what grasps sweep). A context makes new
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+
+import numpy as np
 
 from assets.robots import RobotSpec
 from planners.collision.ground_map import GroundMap
 from planners.collision.world import CompiledScenes
-from planners.grasping.base_placement import MapPlacer
+from planners.grasping.base_placement import FixedBase, Placer, placer_of
 from planners.grasping.candidates import GraspCandidates
 from planners.grasping.families import Family, Grasps, find_grasp_set, grasp_set_name
-from planners.grasping.grasp_poses import too_wide
+from planners.grasping.grasp_poses import generate_grasps, too_wide
 from planners.motion.base import BaseRoadmap
 from planners.motion.tcp_following import TcpFollower
 from planners.placing.placements import PlacementSearch
@@ -46,7 +48,7 @@ class PlanningContext:
         saves_time: whether strategies that plan ahead choose grasps that take less time.
     """
 
-    arms: Mapping[str, MapPlacer]
+    arms: Mapping[str, Placer]
     families: tuple[Family, ...]
     supports: tuple[str, ...]
     roadmap: BaseRoadmap
@@ -80,7 +82,7 @@ class PlanningContext:
             UnknownSupport: the scene declares no support of a name.
         """
         ground = GroundMap(scene)
-        arms = {name: MapPlacer.of_scene(scene.using(name), _BASES, ground) for name in robot.acting_arms}
+        arms = {name: placer_of(scene.using(name), _BASES, ground) for name in robot.acting_arms}
         return cls(
             MappingProxyType(arms),
             find_grasp_set(grasps),
@@ -98,12 +100,12 @@ class PlanningContext:
 
     def only_near_home(self) -> PlanningContext:
         """The same with arm configurations near home only, from more base poses."""
-        arms = {name: replace(arm, per_gripper_pose=_BASES_NEAR_HOME) for name, arm in self.arms.items()}
+        arms = {name: arm.with_more(_BASES_NEAR_HOME) for name, arm in self.arms.items()}
         return replace(self, arms=MappingProxyType(arms), near_home=True)
 
     def anywhere(self) -> PlanningContext:
         """The same as if the base could drive everywhere, through walls too: to find out why there is no grasp."""
-        arms = {name: replace(arm, ground_map=None) for name, arm in self.arms.items()}
+        arms = {name: arm.anywhere() for name, arm in self.arms.items()}
         return replace(self, arms=MappingProxyType(arms))
 
     def grasps(self, compiled: CompiledScenes | None = None) -> GraspCandidates:
@@ -119,6 +121,22 @@ class PlanningContext:
         """Why no grasp fits around an object with any arm, "" if one does."""
         reasons = [too_wide(scene.body(name), placer.robot, self.families) for placer in self.arms.values()]
         return "" if "" in reasons else reasons[0]
+
+    def unreached(self, scene: Scene, names: Sequence[str]) -> str:
+        """Words for objects that no grasp takes, for want of a base pose or of arm configurations."""
+        listed, placers = ", ".join(names), [*self.arms.values()]
+        fixed = [placer for placer in placers if isinstance(placer, FixedBase)]
+        if not fixed:
+            return f"no free base pose and arm configuration reach {listed}"
+        words = f"the base cannot move, and no free arm configuration reaches {listed} from where it stands"
+        poses = [
+            np.array([grasp.T_world_tcp for grasp in generate_grasps(scene.body(name), placer.robot, self.families)])
+            for name in names
+            for placer in fixed
+        ]
+        if all(len(T) and placer.reaches_none(T) for T, placer in zip(poses, fixed * len(names), strict=True)):
+            words += f"; it is proved that its joints reach none of {sum(map(len, poses))} gripper poses"
+        return words
 
     def placements(self) -> PlacementSearch:
         """A new search for placements, with a cache of what grasps sweep."""

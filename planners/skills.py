@@ -31,7 +31,7 @@ from planners.placing.locations import put_down
 from planners.placing.placements import Placement
 from planners.placing.surfaces import KeepClear
 from planners.scene import Body, HeldObject, Scene
-from planners.scene.cover import is_covered
+from planners.scene.cover import needs_drive
 from planners.strategies import STRATEGIES
 from planners.tamp.motion_layer import BoundMotion, MotionLayer
 from planners.tamp.solution import BoundAction
@@ -257,7 +257,7 @@ def plan_contact(
         if contact.skill == "place":
             found = _place(motion_layer, scene, contact.object, Placement(body, base, q, yaw, pitch, opening))
         else:
-            covered, arm = is_covered(scene, body.foot), scene.robot.arm_name
+            covered, arm = needs_drive(scene, body.foot), scene.robot.arm_name
             grasp = GraspCandidate(contact.object, base, q, yaw, pitch, opening, 0, 0.0, covered, arm)
             found = _pick(motion_layer, scene, grasp)
         if isinstance(found, _Planned):

@@ -74,7 +74,7 @@ class _Loading:
 
     def _load(self, robot: RobotSpec, exercise: Callable[[Scene, str], None]) -> None:
         parameters = map_parameters(robot)
-        if not is_map_at_hand(robot, **parameters):
+        if robot.base_drive != "fixed" and not is_map_at_hand(robot, **parameters):
             path = cache_file(robot, **parameters)
             _LOG.warning("building the reachability map of %s, once; kept in %s", robot.name, path)
         with event.install_listener("numba:compile", self.compilation):
@@ -144,5 +144,6 @@ def warmup_scene(robot: RobotSpec) -> Scene:
         )
         for number, (x, y) in enumerate(places)
     ]
-    state = RobotState(np.array([-1.1, 0.0, 0.0]), np.array(robot.home), robot.max_finger_position)
+    before = -0.37 - robot.base_radius if robot.base_drive == "fixed" else -1.1
+    state = RobotState(np.array([before, 0.0, 0.0]), np.array(robot.home), robot.max_finger_position)
     return Scene(robot, state, tuple(objects), tuple(furniture))

@@ -243,17 +243,21 @@ def _hits_static(
     held: int,
     obstacles: Obstacles,
     link: NDArray[np.int64],
+    stands: bool,
     padding: float,
     simplex: Array,
 ) -> bool:
     """Whether the robot's `count` solids, or the `held` ones, come nearer than `padding` [m] to an obstacle.
 
-    These are the static obstacles and the ground; what is fixed to the base may be near the ground.
+    These are the static obstacles and the ground; what is fixed to the base may be near the ground, and to anything if
+    the base `stands` still.
     """
     static, extent = obstacles.static, obstacles.extent
     position, bounds, centre, core = solids.position, solids.bound, static.position, static.core
     for k in range(count + held):
         i = k if k < count else held + k
+        if stands and k < count and link[i] == BASE:
+            continue
         x, y, z = position[i, 0], position[i, 1], position[i, 2]
         bound = bounds[i] + padding
         if z < bound and (k >= count or link[i] != BASE) and z < height(solids, i) + padding:
@@ -308,7 +312,9 @@ def configuration_hits(query: CollisionQuery, active: np.uint64, base: Array, q:
         hits = _object_hits(solids, count + held, obstacles, wanted, padding, query.first_only, simplex)
     if query.first_only and hits != _NONE:
         return np.uint64(hits)
-    if active & _STATIC != _NONE and _hits_static(solids, count, held, obstacles, robot.link, padding, simplex):
+    if active & _STATIC != _NONE and _hits_static(
+        solids, count, held, obstacles, robot.link, robot.stands, padding, simplex
+    ):
         hits |= _STATIC
     if query.first_only and hits != _NONE:
         return np.uint64(hits)
@@ -405,7 +411,7 @@ def _is_clear_around(query: CollisionQuery, x: Array, slack: Array) -> bool:
     if wanted != _NONE:
         is_clear = _object_hits(solids, count + held, obstacles, wanted, padding, True, simplex) == _NONE
     if is_clear and active & _STATIC != _NONE:
-        is_clear = not _hits_static(solids, count, held, obstacles, link, padding, simplex)
+        is_clear = not _hits_static(solids, count, held, obstacles, link, robot.stands, padding, simplex)
     for i in range(count + 2 * held):
         radius[i] = robot.radius[i] if i < count else attached.solids.radius[i - count]
         bound[i] = robot.bound[i] if i < count else attached.solids.bound[i - count]

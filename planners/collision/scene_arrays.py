@@ -54,6 +54,7 @@ class RobotArrays(NamedTuple):
         held_from: solids from this one on are checked against the held object; those before are the gripper's.
         reach: (3 + n,) upper bound of the motion of any point of the robot per radian or metre of each joint.
         tip_reach: (3 + n,) the same for the TCP alone.
+        stands: whether the base does not move, so that the static obstacles that it touches do not count.
     """
 
     offsets: NDArray[np.float64]
@@ -77,6 +78,7 @@ class RobotArrays(NamedTuple):
     held_from: int
     reach: NDArray[np.float64]
     tip_reach: NDArray[np.float64]
+    stands: bool
 
 
 class Obstacles(NamedTuple):
@@ -313,6 +315,7 @@ def robot_arrays(robot: RobotSpec) -> RobotArrays:
         held_from=int(np.argmax(link < chain.size - 1)),
         reach=_reach(chain, link, shapes.position, bound + robot.max_finger_position * slides),
         tip_reach=_reach(chain, np.array([chain.size - 1]), chain.tip[None, :3], np.zeros(1)),
+        stands=robot.base_drive == "fixed",
     )
     return packed(arrays)
 

@@ -25,7 +25,7 @@ from planners.scene.cover import (
     direction_out,
     distance_out,
     driven_out_of,
-    is_covered,
+    needs_drive,
     objects_before,
 )
 from planners.scene.masks import FIXED_BITS
@@ -141,7 +141,7 @@ def scan_configurations(
         ignore: mask of bits that do not count.
         first_free: stop after the first pair, in the order given, for which some configuration hits nothing.
     """
-    if body is None or not is_covered(world.scene, body.foot):
+    if body is None or not needs_drive(world.scene, body.foot):
         return _scan(world, world, poses, grid, opening, held, ignore, first_free)
     none = np.zeros(0, np.int64)
     parts = [ArmConfigurations(np.zeros((0, len(world.robot.lower))), none, np.zeros(0, np.uint64), np.zeros(0))]

@@ -1,22 +1,28 @@
-"""Base poses for gripper poses, on free ground: from the inverse reachability map, or facing the gripper."""
+"""Base poses for gripper poses, on free ground: from the inverse reachability map, or facing the gripper.
+
+A robot whose base does not move has one, where it stands.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from assets.robots import RobotSpec
+from irm.answers import NO
 from irm.chain import BASE, ArmChain
 from irm.free_space import FreeSpace
+from irm.ik.solvers import ExactSolver
 from irm.inverse_map import InverseReachabilityMap
 from irm.reachability_map import cached_map
+from irm.rotations import world_to_base
 from planners.collision.ground_map import GroundMap
 from planners.collision.scene_arrays import robot_arrays
 from planners.grasping.grasp_poses import wrap_to_pi
@@ -49,6 +55,8 @@ _STANDOFF = 0.648
 """Share of the arm's reach, from the base's centre to the TCP, at which it moves well; 0.75 m for Fetch."""
 _STEP, _FINER = 0.01, 64
 """[m] between distances tried, and into how many parts the last step is cut to find the edge of the free ground."""
+_AT_ONCE = 8
+"""Gripper poses that are decided at once."""
 _YAW_COST = 0.5
 """Cost of a radian of the base's yaw, if a radian of the gripper's yaw relative to the base costs 1."""
 
@@ -178,6 +186,14 @@ class MapPlacer:
         """The joints of torso and arm."""
         return ArmChain.from_robot(self.robot)
 
+    def with_more(self, per_gripper_pose: int) -> MapPlacer:
+        """The same with so many base poses for each gripper pose."""
+        return replace(self, per_gripper_pose=per_gripper_pose)
+
+    def anywhere(self) -> MapPlacer:
+        """The same as if the base could drive everywhere, through walls too."""
+        return replace(self, ground_map=None)
+
     def bases(self, gripper_poses: Array, most: int = 0) -> tuple[Array, NDArray[np.int64]]:
         """Base poses from which gripper poses can be reached.
 
@@ -239,6 +255,54 @@ class MapPlacer:
         return found.poses[np.arange(most) < found.count[:, None]], np.repeat(np.arange(len(found.count)), found.count)
 
 
+@dataclass(frozen=True)
+class FixedBase:
+    """The one base pose of a robot whose base does not move, with the methods of `MapPlacer`; it needs no map.
+
+    Attributes:
+        robot: which one.
+        base: (3,) x [m], y [m], yaw [rad] where it stands.
+    """
+
+    robot: RobotSpec
+    base: Array
+
+    @cached_property
+    def chain(self) -> ArmChain:
+        """The joints of torso and arm."""
+        return ArmChain.from_robot(self.robot)
+
+    def with_more(self, per_gripper_pose: int) -> FixedBase:  # noqa: ARG002  there is one
+        """The same."""
+        return self
+
+    def anywhere(self) -> FixedBase:
+        """The same."""
+        return self
+
+    def bases(self, gripper_poses: Array, most: int = 0) -> tuple[Array, NDArray[np.int64]]:  # noqa: ARG002
+        """Where it stands, for each gripper pose (k, 5) that is no farther away than the stretched arm reaches."""
+        away = np.linalg.norm(gripper_poses[:, :2] - self.base[:2], axis=1)
+        index = np.flatnonzero(away < farthest_reach(self.robot))
+        return np.tile(self.base, (len(index), 1)), index
+
+    def reaches_none(self, T_world_tcp: Array) -> bool:
+        """Whether it is proved that the joints reach none of some TCP poses (k, 4, 4), whatever stands around."""
+        solver, T = ExactSolver(self.chain), world_to_base(self.base) @ T_world_tcp
+        some = (T[k : k + _AT_ONCE] for k in range(0, len(T), _AT_ONCE))  # the first that is reached ends it
+        return all((solver.reach(poses)[0] == NO).all() for poses in some)
+
+
+Placer: TypeAlias = MapPlacer | FixedBase
+
+
+def placer_of(scene: Scene, per_gripper_pose: int = 3, ground_map: GroundMap | None = None) -> Placer:
+    """Base poses for the active arm of a scene; parameters as of `MapPlacer.of_scene`."""
+    if scene.robot.base_drive == "fixed":
+        return FixedBase(scene.robot, np.array(scene.state.base))
+    return MapPlacer.of_scene(scene, per_gripper_pose, ground_map)
+
+
 def inner_radius(robot: RobotSpec) -> float:
     """[m] of a circle inside the base's outline: no base pose is free where this circle is not."""
     if not robot.base_outline:
@@ -282,14 +346,16 @@ def _normals(corners: Array) -> Array:
 
 
 def facing_bases(
-    placer: MapPlacer, gripper_poses: Array, reach: float, turns: Sequence[float] = STRAIGHT
+    placer: Placer, gripper_poses: Array, reach: float, turns: Sequence[float] = STRAIGHT
 ) -> tuple[Array, NDArray[np.int64]]:
     """Base poses that face gripper poses from a fixed distance, smooth in the gripper's pose, the least turned first.
 
     The distance is `_STANDOFF` of the reach [m] in whole centimetres, or where the free ground begins behind that.
     `turns` [rad] are the gripper's yaws relative to the base. Result as of `MapPlacer.bases`, but those of all gripper
-    poses in one order, the least cost first.
+    poses in one order, the least cost first. A base that does not move stands as it does.
     """
+    if isinstance(placer, FixedBase):
+        return placer.bases(gripper_poses)
     yaw = wrap_to_pi(gripper_poses[:, 3:4] - np.array(turns))
     distance = np.full(yaw.shape, np.inf)
     is_level = gripper_poses[:, 4] == 0.0

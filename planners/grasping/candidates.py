@@ -24,11 +24,11 @@ from irm.chain import ArmChain
 from irm.kinematics import link_frames
 from planners.collision.world import CompiledScenes, objects_on
 from planners.grasping.arm_configurations import ArmConfigurations, ConfigurationGrid, GripperPoses, scan_configurations
-from planners.grasping.base_placement import STRAIGHT, TURNED, MapPlacer, facing_bases, farthest_reach
+from planners.grasping.base_placement import STRAIGHT, TURNED, Placer, facing_bases, farthest_reach
 from planners.grasping.families import SIDE, Family, families_for
 from planners.grasping.grasp_poses import GraspPose, generate_grasps
 from planners.scene import Body, Scene
-from planners.scene.cover import is_covered
+from planners.scene.cover import is_covered, needs_drive
 
 Array = NDArray[np.float64]
 
@@ -146,7 +146,7 @@ class GraspCandidates:
         compiled: the compiled scenes, shared with the other users in one solve.
     """
 
-    arms: Mapping[str, MapPlacer]
+    arms: Mapping[str, Placer]
     families: tuple[Family, ...] = (SIDE,)
     canonical: bool = False
     near_home: bool = False
@@ -267,10 +267,13 @@ class GraspCandidates:
 
     def _from_map(self, scene: Scene, body: Body, wanted: Array, opening: float) -> list[GraspCandidate]:
         """The grasps from base poses of the reachability map."""
-        covered, placer = is_covered(scene, body.foot), self.arms[scene.robot.arm_name]
+        covered, placer, before = is_covered(scene, body.foot), self.arms[scene.robot.arm_name], -1
         candidates: list[GraspCandidate] = []
         for most in _BASES:
             bases, index = placer.bases(wanted, most)
+            if len(bases) == before:
+                break  # there are no more
+            before = len(bases)
             poses = self._untried(scene, body, GripperPoses(bases, wanted[index]))
             candidates = self._scan(scene, body, poses, opening)
             if any(not (covered and grasp.blockers) for grasp in candidates):
@@ -304,7 +307,7 @@ class GraspCandidates:
         ignore = scene.mask({body.name, *scene.held_names})
         found = scan_configurations(world, poses, grid, opening, body=body, ignore=ignore)
         found = found._replace(hits=found.hits | np.uint64(objects_on(world, body.name)))
-        return as_candidates(body.name, poses, opening, found, arm, is_covered(scene, body.foot))
+        return as_candidates(body.name, poses, opening, found, arm, needs_drive(scene, body.foot))
 
 
 def _wanted(scene: Scene, body: Body, family: Family) -> list[tuple[Array, float]]:

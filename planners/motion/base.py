@@ -15,7 +15,7 @@ from planners.collision.ground_map import GroundMap
 from planners.collision.world import OVERLAP, STEP, SUPPORT_SLACK, CollisionWorld
 from planners.motion.arm import SHORTCUTS
 from planners.motion.lattice import NEAR, search_lattice, ways_to
-from planners.motion.path import CLEARANCE, NO_WAY, NoPath, WholeBodyPath, on_base
+from planners.motion.path import CLEARANCE, NO_WAY, SAME_BASE, NoPath, WholeBodyPath, on_base
 from planners.motion.rrt import shortcut
 from planners.scene import HeldObject
 from planners.scene.masks import FIXED_BITS
@@ -32,6 +32,7 @@ _MOST_NODES = 100_000
 _AWAY, _WAYS, _SIZES = (0.03, 0.08, 0.2, 0.4), 16, 19
 """[m] and directions that the base moves away from what it touches; sizes tried by which that counts as smaller."""
 
+CANNOT_MOVE = NoPath("the base cannot move")
 _STANDS = 1e-6
 """[m] A base that moves less stands."""
 Array = NDArray[np.float64]
@@ -118,6 +119,8 @@ def plan_base(
     if opening is None:
         opening = 0.0 if held is not None else world.scene.robot.max_opening
     there[2] = unwrap_yaw(there[2], here[2])
+    if world.scene.robot.base_drive == "fixed":
+        return _standing(world, on_base(np.stack((here, there)), configuration), opening, held)
     wide = world.with_padding(CLEARANCE)
     for padded in (wide, world):
         for waypoints in _simple_paths(here, there):
@@ -147,6 +150,14 @@ def plan_base(
         if path is not None and not world.path_hits(path, opening, held):
             return WholeBodyPath(path, opening, held)
     return NO_WAY
+
+
+def _standing(world: CollisionWorld, X: Array, opening: float, held: HeldObject | None) -> WholeBodyPath | NoPath:
+    """The "drive" (2, 11) of a base that does not move; none to elsewhere."""
+    if np.abs(X[1, :3] - X[0, :3]).max() > SAME_BASE:
+        return CANNOT_MOVE
+    touched = world.path_hits(X, opening, held)
+    return NoPath(f"{' and '.join(world.names_of(touched))} touched") if touched else WholeBodyPath(X, opening, held)
 
 
 def _moved_away(world: CollisionWorld, start: Array, q: Array, opening: float, held: HeldObject | None) -> Array | None:
@@ -186,7 +197,7 @@ def _ways_out(robot: RobotSpec, ahead: float) -> list[float]:
 
 def driveable(robot: RobotSpec, waypoints: Array) -> Array:
     """Waypoints (n, 3) such that a differential base turns where it stands and drives ahead or back between them."""
-    if robot.base_drive == "holonomic":
+    if robot.base_drive != "differential":
         return waypoints
     way, last = [waypoints[0]], waypoints[-1]
     for here, there in pairwise(waypoints):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from assets.robot_reading import collision_geoms
 from assets.robots import RobotSpec
-from irm.chain import link_of_body
+from irm.chain import BASE, link_of_body
 from planners.collision.scene_arrays import robot_of
 from planners.collision.world import OVERLAP
 from planners.motion.path import WholeBodyPath, cut, interpolate
@@ -58,6 +58,8 @@ def scene_model(scene: Scene) -> mujoco.MjModel:
             geom.contype, geom.conaffinity, geom.margin = _ROBOT, _ROBOT | _OTHER, _ROBOT_MARGIN
     for first, second in _neighbours(scene.robot):
         spec.add_exclude(bodyname1=first, bodyname2=second)
+    for name in _on_base(scene.robot) if scene.robot.base_drive == "fixed" else ():
+        spec.add_exclude(bodyname1="world", bodyname2=name)
     spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], **_OTHER_GEOM)
     for obstacle in scene.static_obstacles:
         _add_solid(spec, spec.worldbody, _OBSTACLE + obstacle.name, obstacle)
@@ -96,6 +98,13 @@ def _neighbours(robot: RobotSpec) -> tuple[tuple[str, str], ...]:
     model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
     links, pairs = link_of_body(model, robot), itertools.combinations(range(1, model.nbody), 2)
     return tuple((model.body(a).name, model.body(b).name) for a, b in pairs if abs(links[a] - links[b]) <= 1)
+
+
+def _on_base(robot: RobotSpec) -> tuple[str, ...]:
+    """The names of the bodies that move with the base alone."""
+    model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    links = link_of_body(model, robot)
+    return tuple(model.body(body).name for body in range(1, model.nbody) if links[body] == BASE)
 
 
 class ModelPositions:

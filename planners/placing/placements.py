@@ -20,7 +20,7 @@ from scipy.ndimage import distance_transform_edt
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import SUPPORT_SLACK, CollisionWorld
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits, scan_configurations
-from planners.grasping.base_placement import MapPlacer, facing_bases, farthest_reach
+from planners.grasping.base_placement import Placer, facing_bases, farthest_reach
 from planners.grasping.candidates import GraspCandidate
 from planners.grasping.grasp_poses import opening_around
 from planners.motion.approaches import Approach, ContactQuery, can_put_down, planned_approach
@@ -90,7 +90,7 @@ class PlacementSearch:
         near_home: only the configuration nearest to home, for end-effector-controlled robots.
     """
 
-    arms: Mapping[str, MapPlacer]
+    arms: Mapping[str, Placer]
     supports: tuple[str, ...] = ()
     canonical: bool = False
     near_home: bool = False

@@ -31,6 +31,11 @@ def is_covered(scene: Scene, point: ArrayLike) -> bool:
     return any(_hangs_over(obstacle, np.asarray(point, dtype=float)) for obstacle in scene.static_obstacles)
 
 
+def needs_drive(scene: Scene, point: ArrayLike) -> bool:
+    """Whether the base drives in and out, the arm rigid, with what stands at a point: under a shelf, if it moves."""
+    return scene.robot.base_drive != "fixed" and is_covered(scene, point)
+
+
 def _hangs_over(obstacle: StaticObstacle, point: Array) -> bool:
     is_above = point[2] < obstacle.lower[2] < point[2] + _HEADROOM
     return bool(is_above and (np.abs(obstacle.position[:2] - point[:2]) < obstacle.extent[:2] + _REACH).all())

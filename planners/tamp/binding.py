@@ -85,7 +85,7 @@ def refused(search: Search, scene: Scene, found: NoCommitment) -> Infeasible:
     if cause is Cause.NO_CLEARANCE_LOCATION and overlap and set(overlap) == set(found.objects):
         return search.infeasible(cause, f"{' and '.join(found.objects)} overlap at their poses", found.objects)
     detail = {
-        Cause.UNREACHABLE: f"no free base pose and arm configuration reach {names}",
+        Cause.UNREACHABLE: context.unreached(scene, found.objects) if cause is Cause.UNREACHABLE else "",
         Cause.NO_WAY_FOR_BASE: f"from where the robot is, the base cannot drive to where it could take {names}",
         Cause.NO_SELF_CLEARABLE_SET: f"whatever is removed first, something that must go before {names} is blocked",
         Cause.MOTION: f"without the grasps that motion planning refuted, there is no way to clear and take {names}",

@@ -34,7 +34,7 @@ from planners.placing.goal_places import placed_fact, reserved_regions
 from planners.placing.placements import Placement, PlacementSearch, with_lowered
 from planners.placing.surfaces import KeepClear, Surface
 from planners.scene import RobotState, Scene
-from planners.scene.cover import is_covered
+from planners.scene.cover import needs_drive
 from planners.scene.masks import FIXED_BITS
 from planners.strategies import Strategy
 from planners.tamp.solution import BoundAction
@@ -235,7 +235,7 @@ class MotionLayer:
 
     def drive_to_placement(self, scene: Scene, placement: Placement) -> BoundMotion | NoPath:
         """Drive to where the put-down begins; under a shelf, outside, where the base drives straight in from."""
-        is_inside = is_covered(scene, placement.body.foot)
+        is_inside = needs_drive(scene, placement.body.foot)
         base = stand_off(scene, placement.base, placement.q, placement.body) if is_inside else placement.base
         return self.drive(scene, base)
 

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from planners.contact import Contact, contact_of
 from planners.drawing.choices import ClearancePicture, DrawnSurface, choices_of
 from planners.expert.report import Frame, Note, Recording, Solve
-from planners.grasping.base_placement import MapPlacer
+from planners.grasping.base_placement import Placer, placer_of
 from planners.motion.arm import tcp_pose
 from planners.scene import RobotState
 from planners.tamp.solution import BoundAction, Solution
@@ -223,7 +223,7 @@ def _plan(plan: Solution, arrays: ArrayBlock) -> dict[str, Any]:
     """The actions of a plan and the choices of its clearance locations."""
     first = plan.actions[0].scene
     views = {action.scene.robot.arm_name: action.scene for action in plan.actions}
-    placers = {arm: MapPlacer.of_scene(scene) for arm, scene in views.items()}
+    placers = {arm: placer_of(scene) for arm, scene in views.items()}
     return {
         "strategy": plan.strategy.name,
         "clearances": list(plan.clearances),
@@ -233,7 +233,7 @@ def _plan(plan: Solution, arrays: ArrayBlock) -> dict[str, Any]:
     }
 
 
-def _action(action: BoundAction, placer: MapPlacer, arrays: ArrayBlock) -> dict[str, Any]:
+def _action(action: BoundAction, placer: Placer, arrays: ArrayBlock) -> dict[str, Any]:
     robot, trajectory = action.scene.robot, action.trajectory
     states = [RobotState(*row) for row in zip(trajectory.base, trajectory.q, trajectory.finger_position, strict=True)]
     kept = [*states[:-1:_STRIDE], states[-1]]
@@ -251,7 +251,7 @@ def _action(action: BoundAction, placer: MapPlacer, arrays: ArrayBlock) -> dict[
     }
 
 
-def _bases(contact: Contact, placer: MapPlacer) -> NDArray[np.float64]:
+def _bases(contact: Contact, placer: Placer) -> NDArray[np.float64]:
     """Base poses (k, 3) from which the map reaches the gripper's pose at a contact, and the planned one first."""
     T = contact.tcp
     pitch = math.atan2(-T[2, 0], T[2, 2])
