@@ -30,6 +30,7 @@ from planners.search.belief import Belief
 from planners.search.options import Prospect, Viewpoint, spots, viewpoints
 from planners.search.perception import ROBOT, Description, Seen, View, perceive
 from planners.search.sensing import BelievedSensor, RobotReading
+from planners.search.sight import load_kernels
 from planners.tamp.solution import BoundAction, Infeasible, Solution
 
 Array = NDArray[np.float64]
@@ -90,12 +91,14 @@ class SearchedEnv(Protocol):
 class SearchStep:
     """One decision of a search: when [s], what in words, and the belief that it was made with.
 
-    `places` are the cells at which the target can be, by support; `known` the objects, `eye` (3,) the camera.
+    `places` are the cells at which the target can be, by support, `extents` [m] x low, x high, y low, y high of these;
+    `known` the objects, `eye` (3,) the camera.
     """
 
     time: float
     text: str
     places: Mapping[str, NDArray[np.bool_]]
+    extents: Mapping[str, tuple[float, float, float, float]]
     known: tuple[Seen, ...]
     eye: Array
 
@@ -176,6 +179,7 @@ class SearchExpert:
         """Begin an episode with its first observation; `info` has `K` and `T_base_camera`."""
         self._rng = np.random.default_rng(self._seed)
         self._planner.warmup()
+        load_kernels()
         model, data = self._env.workplace, mujoco.MjData(self._env.workplace)
         mujoco.mj_forward(model, data)
         self._empty = Scene.from_mujoco(model, data, self._env.robot, movable=(), support=self._env.support_name)
@@ -526,7 +530,9 @@ class SearchExpert:
         return scene
 
     def _note(self, text: str, places: Mapping[str, NDArray[np.bool_]]) -> None:
-        self.report.steps.append(SearchStep(self._ticks * CONTROL_STEP, text, places, self._known, self._eye()))
+        extents = {name: self._belief.grid(name).extent for name in places}
+        step = SearchStep(self._ticks * CONTROL_STEP, text, places, extents, self._known, self._eye())
+        self.report.steps.append(step)
 
     def _end(self, failure: str) -> None:
         self.report.failure = failure
