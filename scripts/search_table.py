@@ -152,7 +152,7 @@ def summary(rows: list[Search]) -> str:
     rate = wilson(sum(row.clean for row in rows), len(rows))
     ends = sum(row.failure == "cannot be found" for row in rows)
     return (
-        f"| {rows[0].policy} | {len(rows)} | {rate.value:.0%} [{rate.low:.0%}, {rate.high:.0%}] | "
+        f"| {rows[0].policy} | {len(rows)} | {rate.mean:.0%} [{rate.low:.0%}, {rate.high:.0%}] | "
         f"{sum(row.lifted for row in rows)} | {ends} | {sum(row.moves for row in rows)} | "
         f"{np.median([row.sim_s for row in rows]):.0f} s | {np.median([row.cpu_s for row in rows]):.1f} s | "
         f"{1000 * max(row.belief_s for row in rows):.0f} ms | {max(row.decision_s for row in rows):.1f} s |"
