@@ -26,6 +26,7 @@ from planners.motion.base import unwrap_yaw
 from planners.motion.trajectory import CONTROL_STEP
 from planners.planner import Planner
 from planners.scene import Body, HeldObject, RobotState, Scene, SceneError
+from planners.scene.masks import MAX_OBJECTS
 from planners.search.belief import Belief
 from planners.search.options import Prospect, Viewpoint, spots, viewpoints
 from planners.search.perception import ROBOT, Description, Seen, View, perceive
@@ -59,10 +60,14 @@ _HIDES = 0.12
 """Share of an image that the robot itself may hide."""
 _SPEED = 0.6
 """Share of the largest joint velocities between viewpoints."""
+_EVERY = 4
+"""Samples of a planned motion from one that is looked at to the next."""
 _HOLD = 20
 """Control steps for which the target is held up."""
 _GONE = 0.6
 """Share of an object's cells that must be seen to be empty until it counts as gone."""
+_LURKING = 0.02
+"""[m] radius of an object that may stand, unseen, where the arm would pass."""
 _SHRINK = (0.0, 0.001, 0.002, 0.004, 0.008)
 """[m] by which perceived objects are made narrower until they do not overlap."""
 
@@ -260,14 +265,7 @@ class SearchExpert:
     ) -> Viewpoint | tuple[str, Goal, tuple[BoundAction, ...]] | None:
         """The view or the move that reveals most per second; None if there is none."""
         prospect = Prospect(self._belief, dict(places), scene)
-        T = np.linalg.inv(self._reading.T_world_base) @ np.append(self._eye(), 1.0)
-        limits = self._env.robot.chain[0]
-        torso = (limits.lower + 0.01, limits.upper - 0.01)
-        views = [
-            replace(one, gain=prospect.gain(one.eye))
-            for one in viewpoints(scene, prospect.points, T[:3], torso)
-            if _key(one) not in refused
-        ]
+        views = [one for one in self._viewpoints(scene, prospect) if _key(one) not in refused]
         eyes = [one.eye for one in views[:: max(len(views) // 6, 1)]]
         names, worth = self._ranked(prospect, views, target)
         best = max(views, key=lambda one: one.rate, default=None)
@@ -320,13 +318,21 @@ class SearchExpert:
 
     def _take(self, name: str) -> Actions:
         """Take the target; whether it is held in the end."""
-        for _ in range(_RETRIES):
+        looks = 0
+        for _ in range(2 * _RETRIES):
             started = time.process_time()
             outcome = self._solved(self._scene(), Goal.of(name))
             self.report.decision_s.append(time.process_time() - started)
             if isinstance(outcome, Infeasible):
                 self.report.deviations.append(f"{outcome.cause}: {outcome.detail}")
                 return False
+            view = self._view_of_unseen(outcome.actions) if self._order == "expected" and looks < _RETRIES else None
+            if view is not None:
+                looks += 1
+                self._note("look at what is on the way to the target", self._places())
+                yield from self._go(view)
+                yield from self._look([self._empty.support.name])
+                continue
             self._note(f"take {name}", self._places())
             self.report.moves += [action.target for action in outcome.actions if action.is_clearance]
             if (yield from self._follow(outcome.actions)):
@@ -354,6 +360,44 @@ class SearchExpert:
                 break
             actions = outcome.actions
         yield from self._recover()
+
+    def _view_of_unseen(self, actions: Sequence[BoundAction]) -> Viewpoint | None:
+        """The view that shows most of the unseen places that motions pass through; None if there are none, or no view.
+
+        Something of the target's height and `_LURKING` wide is taken to stand at each of them.
+        """
+        scene, places = self._scene(), self._places()
+        prospect = Prospect(self._belief, places, scene)
+        feet, room = prospect.points[:, 0], MAX_OBJECTS - len(scene.objects)
+        target = next(one.body.position for one in self._known if one.is_target)
+        near = np.argsort(np.hypot(*(feet - target)[:, :2].T), kind="stable")
+        chosen: list[int] = []
+        for index in near:
+            if len(chosen) < room and all(math.dist(feet[index], feet[other]) > 2 * _LURKING for other in chosen):
+                chosen.append(int(index))
+        half = np.array((_LURKING, _LURKING, self._target.height / 2))
+        unseen = [Body(f"unseen_{i}", "cylinder", half, feet[i], np.array((1.0, 0, 0, 0))) for i in chosen]
+        world = CollisionWorld.from_scene(replace(scene, objects=(*scene.objects, *unseen), held=None))
+        known = scene.mask(scene.names)
+        hit = 0
+        for action in actions:
+            trajectory = action.trajectory
+            X = np.column_stack((trajectory.base, trajectory.q))[::_EVERY]
+            hit |= world.path_hits(X, self._env.robot.max_opening, ignore=known)
+        rows = [index for number, index in enumerate(chosen) if hit >> (len(scene.objects) + number) & 1]
+        if not rows:
+            return None
+        prospect.points = prospect.points[rows]
+        views = self._viewpoints(scene, prospect)
+        best = max(views, key=lambda one: one.rate, default=None)
+        return best if best is not None and best.gain >= 0.5 else None
+
+    def _viewpoints(self, scene: Scene, prospect: Prospect) -> list[Viewpoint]:
+        """Viewpoints before the support, with what they are worth."""
+        T = np.linalg.inv(self._reading.T_world_base) @ np.append(self._eye(), 1.0)
+        limits = self._env.robot.chain[0]
+        found = viewpoints(scene, prospect.points, T[:3], (limits.lower + 0.01, limits.upper - 0.01))
+        return [replace(one, gain=prospect.gain(one.eye)) for one in found]
 
     def _solved(self, scene: Scene, goal: Goal) -> Solution | Infeasible:
         return self._planner.solve(scene, goal.target or goal, "lookahead", self._rng)

@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import clutter_env  # noqa: F401  registers the environments
+import clutter_env
 from planners import ExpertError, SearchExpert
 from planners.search.options import Prospect, spots
 from planners.search.perception import Description
@@ -50,6 +50,15 @@ def test_it_finds_and_takes_a_hidden_target_by_camera_data_alone() -> None:
     assert info["is_success"]
     assert expert.report.found
     assert max(expert.report.belief_s) < 0.05
+
+
+@pytest.mark.slow
+def test_it_looks_where_the_arm_would_pass_before_it_takes_the_target() -> None:
+    """The target is in sight at once here, and an object that is not stands on the way to it."""
+    scene = clutter_env.suite("hidden-shelf-10-v1").test[7]
+    expert, info = _search(scene.make(frame_every=10), scene.seed)
+    assert info["is_success"]
+    assert expert.report.views > 0
 
 
 @pytest.mark.slow
