@@ -193,6 +193,7 @@ class SearchExpert:
         self._belief = Belief.begin(self._empty, self._target)
         self._known: tuple[Seen, ...] = ()
         self._held: HeldObject | None = None
+        self._attempted: list[str] = []
         self._ticks, self._done = 0, False
         self._observation, self._info = observation, info
         self._reading = RobotReading.of(observation)
@@ -255,7 +256,7 @@ class SearchExpert:
                 continue
             name, goal, actions = step
             self._note(f"move {name}", places)
-            self.report.moves.append(name)
+            self._attempted.append(name)
             yield from self._carry_out(actions, goal, name)
             yield from self._look([one for one, cells in places.items() if cells.any()])
         self._end("gave up: too many steps")
@@ -286,7 +287,7 @@ class SearchExpert:
     def _ranked(self, prospect: Prospect, views: Sequence[Viewpoint], target: Seen | None) -> tuple[list[str], float]:
         """Names of objects, the first to be moved first, and what moving that one is worth."""
         names = [body.name for body in prospect.bodies if target is None or body.name != target.name]
-        fresh = [name for name in names if name not in self.report.moves]
+        fresh = [name for name in names if name not in self._attempted]
         if self._order == "random":
             return list(self._rng.permutation(fresh)), 0.0
         if self._order == "front":
@@ -301,7 +302,7 @@ class SearchExpert:
             for name, share in prospect.shadows(view.eye).items():
                 if name in best:
                     best[name] = max(best[name], share * _MOVE_SECONDS / (_MOVE_SECONDS + view.seconds))
-        again = {name: 0.5 ** self.report.moves.count(name) for name in names}
+        again = {name: 0.5 ** self._attempted.count(name) for name in names}
         order = sorted((name for name in names if best[name] > 0), key=lambda name: -best[name] * again[name])
         return order, best[order[0]] if order else 0.0
 
@@ -334,7 +335,6 @@ class SearchExpert:
                 yield from self._look([self._empty.support.name])
                 continue
             self._note(f"take {name}", self._places())
-            self.report.moves += [action.target for action in outcome.actions if action.is_clearance]
             if (yield from self._follow(outcome.actions)):
                 for _ in range(_HOLD):
                     yield self._env.joint_action(self._last, self._width)
@@ -420,6 +420,7 @@ class SearchExpert:
         sensor.update(self._reading)
         self._held = sensor.held
         self._settle_belief(bodies, sensor.bodies)
+        self.report.moves += executor.cleared
         if executor.deviation is not None:
             self.report.deviations.append(str(executor.deviation))
         return executor.deviation is None
