@@ -11,6 +11,7 @@ import math
 import time
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 from typing import Any, Protocol
 
 import mujoco
@@ -555,24 +556,29 @@ class SearchExpert:
         return self._belief.places([one.body for one in self._known], self._empty.static_obstacles)
 
     def _scene(self) -> Scene:
-        """The known objects, narrower where they would overlap; the robot as it is, at home if it is near it."""
+        """The known objects, narrower where they would overlap; the robot as it is, at home if it is near it.
+
+        Where that does not help, one object has been taken for two: those of which least was seen are left out.
+        """
         reading, robot = self._reading, self._env.robot
         q = self._home if np.abs(reading.drive[3:] - self._home).max() < 0.05 else reading.drive[3:]
         state = RobotState(reading.drive[:3], q, robot.finger_position(reading.width))
-        for by in _SHRINK:
+        needed = {one.name for one in self._known if one.is_target} | {self._held.name if self._held else ""}
+        surest_last = sorted(self._known, key=lambda one: (one.name in needed, len(one.points)))
+        for left_out, by in product(range(len(self._known) + 1), _SHRINK):
+            out = {one.name for one in surest_last[:left_out]}
             bodies = tuple(
                 replace(one.body, half_extents=np.maximum(one.body.half_extents - (by, by, 0.0), 0.005))
                 for one in self._known
+                if one.name not in out
             )
-            scene = replace(self._empty, state=state, objects=bodies, held=self._held)
+            scene = replace(self._empty, state=state, objects=bodies, held=None if out & needed else self._held)
             try:
                 validate(CollisionWorld.from_scene(scene))
             except SceneError:
-                if by == _SHRINK[-1]:
-                    raise
                 continue
-            break
-        return scene
+            return scene
+        raise ExpertError("the robot stands inside the furniture of env.workplace")
 
     def _note(self, text: str, places: Mapping[str, NDArray[np.bool_]]) -> None:
         extents = {name: self._belief.grid(name).extent for name in places}
