@@ -334,6 +334,8 @@ class SearchExpert:
                 self._note("look at what is on the way to the target", self._places())
                 yield from self._go(view)
                 yield from self._look([self._empty.support.name])
+                if name not in [one.name for one in self._known]:
+                    return False
                 continue
             self._note(f"take {name}", self._places())
             if (yield from self._follow(outcome.actions)):
