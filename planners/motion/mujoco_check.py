@@ -180,9 +180,16 @@ class MujocoCollisionChecker:
         self._robot = robot_of(scene)
         self._radii, links = link_radii(self._robot), len(robot.chain) + 1
         # Links as in `planners.motion.travel`, -1 for what is not of the robot.
-        of_bodies, geoms = link_of_body(model, robot), set(collision_geoms(model, robot))
+        of_bodies, geoms = link_of_body(model, robot), collision_geoms(model, robot)
         self._link = [of_bodies[int(model.geom_bodyid[g])] + 1 if g in geoms else -1 for g in range(model.ngeom)]
         self._pair_kinds = np.array([[_kind(a, b, links) for b in self._link] for a in self._link])
+        # Of the robot those pairs count that count for the planner: shapes that always touch, such as boxes around
+        # the meshes of short links, do not.
+        of_robot = np.full((len(geoms), len(geoms)), count_kinds(links))
+        for one, other in robot.shapes.pairs:
+            kind = self._pair_kinds[geoms[one], geoms[other]]
+            of_robot[one, other] = of_robot[other, one] = kind
+        self._pair_kinds[np.ix_(geoms, geoms)] = of_robot
         self._margins = np.full(count_kinds(links) + 1, 2 * _ROBOT_MARGIN)
         self._margins[:links] = _ROBOT_MARGIN + _OTHER_MARGIN
         self._margins[-1] = np.inf

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -202,3 +204,23 @@ def test_no_point_moves_farther_than_the_bounds_say() -> None:
                 assert (
                     np.linalg.norm(seen[1] - seen[0], axis=1).max() <= bounds[last, kind] - bounds[first, kind] + 1e-9
                 )
+
+
+def test_shapes_that_always_touch_count_for_neither_check(tmp_path: Path) -> None:
+    spec = mujoco.MjSpec.from_file(str(FETCH.mjcf_path))
+    for name in ("wrist_roll_link", "forearm_roll_link"):  # two joints apart, so wide that they touch in every posture
+        spec.body(name).add_geom(
+            name=f"cover_{name}", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.2, 0, 0], contype=2, conaffinity=0, mass=0
+        )
+    spec.compile()
+    file = tmp_path / "wide.xml"
+    file.write_text(spec.to_xml())
+    scene = replace(table_scene(), robot=replace(FETCH, name="wide", mjcf=str(file)))
+    world, checker = CollisionWorld.from_scene(scene), MujocoCollisionChecker(scene)
+    rng, base = np.random.default_rng(0), np.array([-3.0, 0.0, 0.0])
+    lower, upper = np.maximum(world.robot.lower, -3), np.minimum(world.robot.upper, 3)
+    free = [q for q in rng.uniform(lower, upper, (400, 8)) if not world.hits(base, q, 0.1)]
+    assert len(free) > 5
+    for q in free[:20]:
+        report = checker.deepest_penetration(arm_path(base, q[None], 0.1))
+        assert report.penetration <= TOLERANCE, report
