@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import replace
-
-import numpy as np
 
 from clutter_env.envs.base import BaseEnv
 from clutter_env.envs.reset_options import ResetOptions
 from clutter_env.envs.reward import dense_reward, event_terms
-from clutter_env.errors import OptionError
 from clutter_env.scene.table_scene import TableScene
 
 
@@ -31,22 +27,9 @@ class ClutterTaskEnv(BaseEnv):
         if self.robot.base_drive != "fixed":
             return super()._stand(scene, options)
         # The other robots do without the planner, which takes longer to import than all else here.
-        from planners import CollisionWorld, Scene, SceneError, standing_place, validate
+        from clutter_env.envs.standing import stand
 
-        world = self._world_for(scene)
-        world.reset(scene)
-        snapshot = Scene.from_mujoco(world.model, world.data, self.robot, support=self.support_name)
-        if options.base is None:
-            wanted = (world.names[scene.target],) if scene.target >= 0 else ()
-            base = standing_place(snapshot, wanted)
-            return scene if base is None else replace(scene, base=base)
-        base, state = np.array(options.base), snapshot.state
-        stands = replace(snapshot, robot=self.robot.holonomic(), state=replace(state, base=base))
-        try:
-            validate(CollisionWorld.from_scene(stands))
-        except SceneError as problem:
-            raise OptionError(f"option 'base': {problem}") from None
-        return replace(scene, base=base)
+        return stand(self._world_for(scene), scene, options.base)
 
     def _advance(self) -> tuple[float, bool]:
         is_success, is_over = self._is_success(), self._is_over()
