@@ -6,6 +6,19 @@ import math
 from collections.abc import Iterable
 from numbers import Integral, Real
 
+EXTRAS = {
+    **dict.fromkeys(("torch", "stable_baselines3", "sb3_contrib", "tensorboard"), "rl"),
+    **dict.fromkeys(("h5py", "minari", "pyarrow", "av"), "data"),
+    "ray": "distributed",
+}
+"""Modules that not every installation has, and the extra of the package that brings each."""
+
+
+def missing_extra(problem: BaseException) -> str:
+    """The module that an exception says is not installed, and how to install it; "" for all other exceptions."""
+    name = (problem.name or "").partition(".")[0] if isinstance(problem, ModuleNotFoundError) else ""
+    return f"{name} is not installed; pip install 'clutter-env[{EXTRAS[name]}]'" if name in EXTRAS else ""
+
 
 class ClutterEnvError(ValueError):
     """Base of every exception raised here for misuse."""

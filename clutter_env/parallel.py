@@ -20,7 +20,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from clutter_env.errors import ClutterEnvError
+from clutter_env.errors import ClutterEnvError, missing_extra
 
 J = TypeVar("J")
 R = TypeVar("R")
@@ -209,8 +209,8 @@ class _RayTasks:
     def __init__(self, workers: int, address: str) -> None:
         try:
             import ray  # an optional dependency
-        except ImportError:
-            raise WorkerError("Ray is not installed; pip install 'clutter-env[distributed]'") from None
+        except ModuleNotFoundError as problem:
+            raise WorkerError(missing_extra(problem) or str(problem)) from None
         self._ray = ray
         self._is_ours = not ray.is_initialized()
         if self._is_ours:

@@ -51,6 +51,20 @@ class BasePlacement:
     def __bool__(self) -> bool:
         return len(self.poses) > 0
 
+    def __str__(self) -> str:
+        return "\n".join("  ".join(f"{cell:>9}" for cell in row) for row in ((str(self.status),), *self._table()))
+
+    def _repr_html_(self) -> str:
+        rows = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in self._table())
+        return f"<table><caption>{self.status}</caption>{rows}</table>"
+
+    def _table(self) -> list[tuple[str, ...]]:
+        """A row of names and one a base; of several targets, with the torso height for the first one."""
+        rows = zip(self.poses, self.manipulability, self.torso, self.certain, strict=True)
+        numbers = [(*pose, mu, *np.atleast_1d(torso)[:1], is_certain) for pose, mu, torso, is_certain in rows]
+        words = [(*(f"{value:.3f}" for value in row[:-1]), "yes" if row[-1] else "no") for row in numbers]
+        return [("x [m]", "y [m]", "yaw [rad]", "μ", "torso [m]", "certain"), *words]
+
     @staticmethod
     def nothing(status: Status) -> BasePlacement:
         """An answer without bases."""

@@ -22,6 +22,7 @@ from irm.query_keys import (
     QueryOptions,
     YawWindow,
     as_position,
+    as_position_and_angles,
     as_positions,
     as_yaw_range,
     as_yaw_ranges,
@@ -95,11 +96,14 @@ class InverseReachabilityMap:
         """The bases of highest μ from which the arm reaches a TCP pose; see `inverse_table.ranking_score`.
 
         Args:
-            position: (3,) of the TCP in the world, floor at z = 0 [m].
+            position: (3,) of the TCP in the world, floor at z = 0 [m]; or its pose, an array (4, 4), which stands for
+                yaw_range, pitch and roll too.
             yaw_range: allowed approach yaws in the world [rad], at most a full turn; (3.0, 3.4) crosses π. Ignored for
                 a vertical approach of a wrist that rolls freely: every yaw of the TCP fits every yaw of the base.
             **keywords: of all queries.
         """
+        if getattr(position, "ndim", 1) == 2:
+            position, yaw_range, keywords = as_position_and_angles(position, yaw_range, keywords)
         options = checked_options(keywords)
         table, space, rows = self._table, options.free_space, np.empty((0, 7))
         grid = table.grid
@@ -324,6 +328,8 @@ class ClassicalInverseReachabilityMap:
         Raises:
             QueryError: as of `InverseReachabilityMap.query`, or `exact` is true.
         """
+        if getattr(position, "ndim", 1) == 2:
+            position, yaw_range, keywords = as_position_and_angles(position, yaw_range, keywords)
         options = checked_options(keywords)
         if options.exact:
             raise QueryError("exact=True is for the map of equation 5: InverseReachabilityMap")

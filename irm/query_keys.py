@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from irm.errors import QueryError
 from irm.free_space import EVERYWHERE, FreeSpace
 from irm.grid import MapGrid, Orientations
-from irm.rotations import wrap_to_pi
+from irm.rotations import as_poses, wrap_to_pi, yaw_pitch_roll
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -123,6 +123,22 @@ def as_position(position: Iterable[float]) -> tuple[float, float, float]:
     if not (isfinite(x) and isfinite(y) and isfinite(z)):
         raise QueryError(f"a TCP position is three finite numbers [m], not {position!r}")
     return x, y, z
+
+
+def as_position_and_angles(
+    T_world_tcp: Iterable[Any], yaw_range: tuple[float, float], keywords: QueryKeywords
+) -> tuple[Floats, tuple[float, float], QueryKeywords]:
+    """Position, yaw range and keywords of the query for one TCP pose (4, 4).
+
+    Raises:
+        QueryError: not a rotation and a translation, or angles are given beside it.
+    """
+    given = [name for name in ("pitch", "roll") if name in keywords] + ["yaw_range"] * (yaw_range != FULL_TURN)
+    if given:
+        raise QueryError(f"a pose (4, 4) has its own angles; it goes without {', '.join(given)}")
+    T = as_poses(np.asarray([T_world_tcp]))
+    yaw, pitch, roll = yaw_pitch_roll(T[:, :3, :3])[0].tolist()
+    return T[0, :3, 3], (yaw, yaw), {**keywords, "pitch": pitch, "roll": roll}
 
 
 def as_positions(positions: ArrayLike) -> Floats:

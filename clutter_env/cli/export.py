@@ -2,7 +2,7 @@
 
     clutter-env export --demos outputs/demos/o15 --to lerobot --out outputs/lerobot/o15 --image-size 96
 
-The demonstrations are those of `clutter-env collect`. LeRobot needs pip install "clutter-env[data]".
+The demonstrations are those of `clutter-env collect`.
 """
 
 from __future__ import annotations

@@ -17,6 +17,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from clutter_env.errors import missing_extra
+
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
@@ -28,6 +30,7 @@ COMMANDS = {
     "compare": "compare policies, baselines and the expert on the same held-out scenes",
     "evaluate": "play a suite of fixed scenes with a policy and write one results file",
     "verify": "play the recorded actions of a results file again, and confirm its scores",
+    "leaderboard": "make a page of results files, every score confirmed by replay",
     "play": "play one episode of a policy, in a window or as a film",
     "table": "compare strategies on scenes that need clearing (Table 1 of Lee & Kim 2019)",
     "map": "build the reachability map of a robot",
@@ -54,12 +57,6 @@ REPLACED = {
     "train --algorithm": "the name before all options: clutter-env train sac ..., clutter-env train maskable-ppo ...",
 }
 """Commands, sub-commands and options of version 0.1, and what there is in their place."""
-
-EXTRAS = {
-    **dict.fromkeys(("torch", "stable_baselines3", "sb3_contrib", "h5py", "minari", "tensorboard"), "rl"),
-    **dict.fromkeys(("pyarrow", "av"), "data"),
-}
-"""Modules that not every installation has, and the extra of the package that brings each."""
 
 MAX_SEED = 2**32 - 1
 """The largest that every generator takes: NumPy's, PyTorch's and Gymnasium's."""
@@ -114,9 +111,8 @@ def _run(command: str, argv: Sequence[str]) -> None:
     except KeyboardInterrupt:
         _end(f"clutter-env {command}: interrupted{advice and f'; {advice}'}", 130)
     except Exception as problem:
-        if isinstance(problem, ModuleNotFoundError) and problem.name in EXTRAS and not _is_raised_by_user(problem):
-            extra = EXTRAS[problem.name]
-            _end(f"clutter-env {command}: {problem.name} is not installed; pip install 'clutter-env[{extra}]'", 1)
+        if (missing := missing_extra(problem)) and not _is_raised_by_user(problem):
+            _end(f"clutter-env {command}: {missing}", 1)
         if not is_own(problem):
             raise
         # Misuse is a ValueError; what went wrong while it ran is (also) a RuntimeError or an OSError.
@@ -212,7 +208,7 @@ def _is_users(module: dict[str, Any]) -> bool:
 
 
 def _overview() -> str:
-    lines = "\n".join(f"  {name:<11}{text}" for name, text in COMMANDS.items())
+    lines = "\n".join(f"  {name:<12}{text}" for name, text in COMMANDS.items())
     return (
         "usage: clutter-env COMMAND [arguments]\n       clutter-env --version\n"
         f"       clutter-env --completion {{{','.join(SHELLS)}}}\n\n{lines}\n\n"

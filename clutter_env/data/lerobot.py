@@ -25,7 +25,7 @@ from clutter_env.data.dataset import Dataset
 from clutter_env.data.episode import Episode
 from clutter_env.data.hub import TASKS, agent_entries, environment_entries, image_entries
 from clutter_env.data.replay import with_images
-from clutter_env.errors import DatasetError, LearningError
+from clutter_env.errors import DatasetError, LearningError, missing_extra
 from clutter_env.reporting.files import write_json
 
 FORMAT = "v3.0"
@@ -69,7 +69,7 @@ def export_lerobot(dataset: Dataset, directory: Path, image_size: int = 0) -> Pa
 
 
 def _write(dataset: Dataset, directory: Path, image_size: int) -> None:
-    arrow = _imported("pyarrow", "LeRobot datasets need pyarrow")
+    arrow = _imported("pyarrow")
     env = dataset.task.make()
     fps, robot = int(env.metadata["render_fps"]), str(env.get_wrapper_attr("robot").name)
     env.close()
@@ -148,11 +148,11 @@ def _write(dataset: Dataset, directory: Path, image_size: int) -> None:
     write_json(directory / "meta/stats.json", {name: _all_statistics(parts) for name, parts in statistics.items()})
 
 
-def _imported(module: str, need: str) -> Any:
+def _imported(module: str) -> Any:
     try:
         return importlib.import_module(module)
-    except ImportError as problem:
-        raise LearningError(f"{need}; pip install 'clutter-env[data]'") from problem
+    except ModuleNotFoundError as problem:
+        raise LearningError(missing_extra(problem) or str(problem)) from problem
 
 
 class _Video:
@@ -165,7 +165,7 @@ class _Video:
     def __init__(self, path: Path, size: Sequence[int], fps: int) -> None:
         if any(side % 2 for side in size):
             raise LearningError(f"images of {size[0]} x {size[1]} pixels do not fit a video; take even numbers")
-        self._av = _imported("av", "videos need PyAV")
+        self._av = _imported("av")
         path.parent.mkdir(parents=True, exist_ok=True)
         self._file = self._av.open(str(path), "w")
         self._stream = self._file.add_stream("libx264", rate=fps, options=dict(_VIDEO_OPTIONS))

@@ -11,7 +11,7 @@ from gymnasium import spaces
 
 from clutter_env.data.dataset import Dataset
 from clutter_env.data.episode_file import episode_arrays
-from clutter_env.errors import DatasetError, LearningError
+from clutter_env.errors import DatasetError, LearningError, missing_extra
 from clutter_env.reporting.files import json_values
 
 
@@ -35,8 +35,8 @@ def export_minari(dataset: Dataset, root: Path) -> Path:
         import minari
         from minari.data_collector import EpisodeBuffer
         from minari.dataset.minari_storage import MinariStorage
-    except ImportError as problem:
-        raise LearningError("Minari datasets need Minari; pip install 'clutter-env[rl]'") from problem
+    except ModuleNotFoundError as problem:
+        raise LearningError(missing_extra(problem) or str(problem)) from problem
     seeds, identity, task = dataset.seeds, dataset.identity, dataset.task
     dataset_id = task.env_id.lower()
     final = (root / dataset_id).absolute()  # Minari joins relative paths twice

@@ -114,7 +114,7 @@ def verify(path: Path, workers: int = 1, tick: Callable[[], object] = lambda: No
     return Verification(
         policy=content["policy"],
         track=content["track"],
-        scenes=_which(scenes),
+        scenes=which_scenes(scenes),
         episodes=len(claims),
         clean=sum(bool(claim.get("clean")) for claim in claims),
         differences=tuple(found),
@@ -258,7 +258,7 @@ def scenes_of(content: Mapping[str, Any]) -> SceneSet:
     )
 
 
-def _which(scenes: SceneSet) -> str:
+def which_scenes(scenes: SceneSet) -> str:
     """The scenes in words; whoever chooses how many are played, or their seeds, can choose those that are won."""
     first, last, count = scenes.scenes[0].seed, scenes.scenes[-1].seed, len(scenes.scenes)
     if not scenes.suite:

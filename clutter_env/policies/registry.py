@@ -15,6 +15,7 @@ from types import MappingProxyType
 from typing import Any
 
 from clutter_env import GOAL_FAMILIES
+from clutter_env.errors import missing_extra
 from clutter_env.policies.experts import EXPERTS, PLANNERS, GreedyPolicy, RandomPolicy, ScriptedExpert, make_expert
 from clutter_env.policies.protocol import FREE_KEYWORDS, AnyPolicy, PolicyError
 from clutter_env.policies.runs import is_run, run_task
@@ -54,28 +55,17 @@ def load_policy(name: str, seed: int, trust: bool = False) -> AnyPolicy:
         return make_expert(name)
     if name in _BASELINES:
         return _BASELINES[name](seed)
-    if name in _SHIPPED:
-        from clutter_env.policies.two_level import shipped_policy  # needs torch, which the others do without
-
-        return shipped_policy(_SHIPPED[name])
-    if is_run(name):
-        from clutter_env.policies.reinforcement import RunPolicy  # needs torch
-
-        return RunPolicy(Path(name))
     module, _, attribute = name.partition(":")
+    if name in _SHIPPED or is_run(name) or attribute.endswith(".zip"):
+        try:
+            return _learned_policy(name, trust)
+        except ModuleNotFoundError as problem:
+            raise PolicyError(missing_extra(problem) or str(problem)) from problem
     if not attribute:
         raise PolicyError(
             f"no policy {name!r}; give module:Class, the directory of a training run, ALGORITHM:FILE.zip, or one of "
             f"{', '.join(BUILT_IN)}"
         )
-    if attribute.endswith(".zip"):
-        executes = f"{attribute} is a file of Stable-Baselines3, and loading it executes code that is in it"
-        if not trust:
-            raise PolicyError(f"{executes}; if you trust those who made it: --trust, or load_policy(..., trust=True)")
-        _log.warning("%s", executes)
-        from clutter_env.policies.reinforcement import ZipPolicy  # needs torch
-
-        return ZipPolicy(module, Path(attribute))
     here = str(Path.cwd())
     if here not in sys.path:
         sys.path.insert(0, here)
@@ -99,6 +89,26 @@ def load_policy(name: str, seed: int, trust: bool = False) -> AnyPolicy:
     policy: AnyPolicy = make_own()
     check_policy(policy, name)
     return policy
+
+
+def _learned_policy(name: str, trust: bool) -> AnyPolicy:
+    """A policy that needs torch, which the others do without."""
+    if name in _SHIPPED:
+        from clutter_env.policies.two_level import shipped_policy
+
+        return shipped_policy(_SHIPPED[name])
+    if is_run(name):
+        from clutter_env.policies.reinforcement import RunPolicy
+
+        return RunPolicy(Path(name))
+    algorithm, _, file = name.partition(":")
+    executes = f"{file} is a file of Stable-Baselines3, and loading it executes code that is in it"
+    if not trust:
+        raise PolicyError(f"{executes}; if you trust those who made it: --trust, or load_policy(..., trust=True)")
+    _log.warning("%s", executes)
+    from clutter_env.policies.reinforcement import ZipPolicy
+
+    return ZipPolicy(algorithm, Path(file))
 
 
 @dataclass(frozen=True)

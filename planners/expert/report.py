@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.expert.interfaces import ControlledEnv
-from planners.tamp.solution import Infeasible, Solution
+from planners.tamp.solution import Infeasible, Solution, html_table
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,9 @@ class EpisodeReport:
 
     def __str__(self) -> str:
         return "\n".join(f"{name}: {value}" for name, value in {"result": self.result, **self.rows()}.items())
+
+    def _repr_html_(self) -> str:
+        return html_table(str(self))
 
     def with_clearances(self, names: list[str]) -> EpisodeReport:
         """The report after more clearances."""

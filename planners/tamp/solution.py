@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import reprlib
 import textwrap
 from dataclasses import dataclass, field
@@ -200,6 +201,9 @@ class Solution(Stored):
         }
         return "\n".join([*lines, *(f"{name}: {value}" for name, value in rows.items())])
 
+    def _repr_html_(self) -> str:
+        return html_table(self.summary())
+
     def to_joint_trajectory(self) -> JointTrajectory:
         """The plan as one trajectory of joints, base and grippers, for a robot's controllers.
 
@@ -311,6 +315,15 @@ class Infeasible(Stored):
         reaches = f"takes {self.target or 'the target'}" if self.goal is None or self.target else f"reaches {self.goal}"
         lines = [f"No plan {reaches}{by}"]
         return "\n".join([*lines, *(f"{name}: {value}" for name, value in rows.items())])
+
+    def _repr_html_(self) -> str:
+        return html_table(self.summary())
+
+
+def html_table(summary: str) -> str:
+    """A summary, lines of "name: value", as a table in HTML, which notebooks show."""
+    cells = [[html.escape(cell) for cell in line.partition(": ")[::2]] for line in summary.splitlines()]
+    return f"<table>{''.join(f'<tr><th>{name}</th><td>{value}</td></tr>' for name, value in cells)}</table>"
 
 
 def _clearance(action: BoundAction) -> str:

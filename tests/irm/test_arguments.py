@@ -9,6 +9,7 @@ from irm.errors import QueryError
 from irm.inverse_map import ClassicalInverseReachabilityMap
 from irm.query_kernels import base_turns
 from irm.query_keys import YawWindow
+from irm.rotations import rotation
 
 POSITION = (0.0, 0.0, 0.9)
 
@@ -93,3 +94,31 @@ def test_approach_yaws_cover_the_range_in_steps():
         assert np.all(np.diff(yaws) <= step + 1e-9)
         assert yaws[0] >= low
         assert yaws[-1] <= high
+
+
+def test_a_pose_stands_for_its_position_and_angles(coarse_inverse, coarse_map):
+    yaw, pitch = 0.4, 0.2
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = rotation(yaw, pitch, 0.0), (0.1, 0.0, 0.82)
+    for queries in (coarse_inverse, ClassicalInverseReachabilityMap(coarse_map)):
+        found = queries.query(T, k=3)
+        same = queries.query((0.1, 0.0, 0.82), yaw_range=(yaw, yaw), pitch=pitch, k=3)
+        assert len(found) == 3
+        np.testing.assert_allclose(found.poses, same.poses, atol=1e-9)
+        with pytest.raises(QueryError, match="without pitch, yaw_range"):
+            queries.query(T, pitch=0.0, yaw_range=(-0.5, 0.5))
+        with pytest.raises(QueryError, match="not a rotation"):
+            queries.query(2 * T)
+
+
+def test_an_answer_prints_as_a_table_and_shows_one_in_a_notebook(coarse_inverse):
+    for answer in (
+        coarse_inverse.query((0.1, 0.0, 0.82), k=3),
+        coarse_inverse.query((9.0, 0.0, 9.0)),
+        coarse_inverse.query_multi([(0.1, 0.0, 0.82), (0.1, 0.1, 0.82)], k=2),
+    ):
+        status, names, *rows = str(answer).splitlines()
+        assert status.strip() == str(answer.status)
+        assert "yaw [rad]" in names
+        assert [float(row.split()[0]) for row in rows] == pytest.approx(answer.poses[:, 0], abs=1e-3)
+        assert answer._repr_html_().count("<tr>") == 1 + len(answer)

@@ -121,6 +121,31 @@ def test_results_files_are_tabled_as_they_stand(tmp_path: Path, capsys: pytest.C
         main(["compare", "--files", str(file)])
 
 
+def test_a_leaderboard_shows_what_a_replay_confirms(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    good, forged = tmp_path / "random.json", tmp_path / "forged.json"
+    content = results(evaluate("random", SceneSet(env_id="clutter_env/Reach-v0", count=1)))
+    write_json(good, content)
+    content["episodes"][0]["clean"] = True
+    write_json(forged, {**content, "policy": "greedy"})
+    with pytest.raises(SystemExit) as end:
+        main(["leaderboard", str(good), str(forged), "--out", str(tmp_path / "board")])
+    assert end.value.code == 1
+    page = (tmp_path / "board" / "leaderboard.html").read_text()
+    assert "| random | observations | 0.00 [0.00, 0.79] |" in capsys.readouterr().out
+    assert '<a href="../random.json"' in page
+    assert "http" not in page
+    for text in (page, (tmp_path / "board" / "leaderboard.md").read_text()):
+        assert f"clutter-env verify {good}" in text or f"`{good}`" in text
+        assert "forged.json" in text[text.index("Not confirmed") :]
+    # What has been found is kept: nothing is played again.
+    monkeypatch.setattr("clutter_env.evaluation.verify.run_jobs", pytest.fail)
+    main(["leaderboard", str(good), "--out", str(tmp_path / "board")])
+    with pytest.raises(SystemExit, match="of one policy on the same scenes"):
+        main(["leaderboard", str(good), str(good), "--out", str(tmp_path / "board")])
+
+
 def test_a_comparison_runs_no_code_of_a_policy_in_its_own_process(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

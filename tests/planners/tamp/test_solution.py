@@ -10,6 +10,7 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from matplotlib.figure import Figure
 
 from planners import Infeasible, Solution, solve
 from planners.cause import Cause
+from planners.expert.report import EpisodeReport
 from planners.tamp.plan_file import VERSION, PlanFileError, is_same
 from tests.planners.own_scenes import kitchen, read
 from tests.planners.plans import refused, solved
@@ -54,6 +56,13 @@ def test_the_summary_of_a_failure_names_cause_and_evidence() -> None:
     assert f"Cause: {refused().cause}" in text
     assert f"Evidence: {refused().detail}" in text
     assert "object_00" in text.splitlines()[0]
+
+
+def test_plans_failures_and_reports_are_tables_in_a_notebook() -> None:
+    report = EpisodeReport(failure="no plan for <a>")
+    for shown, text in ((solved(), solved().summary()), (refused(), refused().summary()), (report, str(report))):
+        table = ElementTree.fromstring(shown._repr_html_())
+        assert [": ".join(filter(None, (cell.text for cell in row))) for row in table] == text.splitlines()
 
 
 def test_every_action_keeps_the_scene_that_it_starts_in() -> None:
