@@ -2,7 +2,8 @@
 
     clutter-env benchmark --objects 1 15 40 --steps 2000
 
-CPU times of one process. Every number of objects is measured in a process of its own, whose peak memory is reported.
+CPU times of one process. Every number of objects is measured in a process of its own, whose peak memory is reported;
+it takes ten seconds or so.
 """
 
 from __future__ import annotations

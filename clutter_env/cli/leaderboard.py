@@ -86,7 +86,7 @@ def _entries(arguments: Arguments) -> list[Entry]:
     import hashlib
     import shlex
 
-    from clutter_env.evaluation.verify import read_results, scenes_of, verify
+    from clutter_env.evaluation.verify import read_results, replay_seconds, scenes_of, verify
     from clutter_env.provenance import provenance
     from clutter_env.reporting.files import JsonLines, json_text
     from clutter_env.reporting.intervals import wilson
@@ -96,13 +96,16 @@ def _entries(arguments: Arguments) -> list[Entry]:
     records = JsonLines(arguments.out / "verified.jsonl")
     known: dict[str, Any] = {line["key"]: line["found"] for line in records.values}
     entries = []
-    with progress_bar(total=sum(len(content["episodes"]) for content in contents), unit="episode") as bar:
-        for file, content in zip(arguments.files, contents, strict=True):
-            here = {**provenance(scenes_of(content).scenes[0].env_id), "commit": None}
-            key = hashlib.sha256(file.read_bytes() + json_text(here).encode()).hexdigest()
-            if key in known:
-                bar.update(len(content["episodes"]))
-            else:
+    keys = []
+    for file, content in zip(arguments.files, contents, strict=True):
+        here = {**provenance(scenes_of(content).scenes[0].env_id), "commit": None}
+        keys.append(hashlib.sha256(file.read_bytes() + json_text(here).encode()).hexdigest())
+    new = [
+        claim for key, content in zip(keys, contents, strict=True) if key not in known for claim in content["episodes"]
+    ]
+    with progress_bar(total=len(new), unit="episode", seconds=replay_seconds(new) / arguments.workers) as bar:
+        for file, content, key in zip(arguments.files, contents, keys, strict=True):
+            if key not in known:
                 known[key] = asdict(verify(file, arguments.workers, bar.update))
                 records.append({"key": key, "found": known[key]})
             found = known[key]
