@@ -30,8 +30,6 @@ class Arguments:
     """Results files of `clutter-env evaluate`."""
     out: Path = Path("outputs/leaderboard")
     """Directory of leaderboard.md, leaderboard.html and verified.jsonl."""
-    title: str = "Leaderboard"
-    """Heading of the pages."""
     workers: int = 2
     """Number of processes."""
     json: Path | None = None
@@ -72,9 +70,9 @@ def run(arguments: Arguments) -> int:
             f"of one policy on the same scenes, {twice[2]}; give one of them"
         )
     arguments.out.mkdir(parents=True, exist_ok=True)
-    text = _markdown(arguments.title, entries)
+    text = _markdown(entries)
     print(text)
-    for name, page in (("leaderboard.md", text), ("leaderboard.html", _html(arguments.title, entries, arguments.out))):
+    for name, page in (("leaderboard.md", text), ("leaderboard.html", _html(entries, arguments.out))):
         write_atomically(arguments.out / name, page.encode())
         print(f"written: {arguments.out / name}")
     if arguments.json is not None:
@@ -143,7 +141,7 @@ def _table(entries: Sequence[Entry]) -> tuple[list[str], dict[tuple[str, str], l
     return scenes, {place: rows[place] for place in ranked}
 
 
-def _markdown(title: str, entries: Sequence[Entry]) -> str:
+def _markdown(entries: Sequence[Entry]) -> str:
     from clutter_env.reporting.tables import NOTHING, markdown_table
 
     scenes, rows = _table(entries)
@@ -154,7 +152,7 @@ def _markdown(title: str, entries: Sequence[Entry]) -> str:
     refused = [f"- `{entry.file}`: {entry.problem}" for entry in entries if entry.problem]
     return "\n".join(
         [
-            f"# {title}\n\n{_ABOUT}\n",
+            f"# Leaderboard\n\n{_ABOUT}\n",
             markdown_table(["policy", "track", *scenes], cells),
             "Confirmed:\n",
             *said,
@@ -164,7 +162,7 @@ def _markdown(title: str, entries: Sequence[Entry]) -> str:
     )
 
 
-def _html(title: str, entries: Sequence[Entry], out: Path) -> str:
+def _html(entries: Sequence[Entry], out: Path) -> str:
     """One page without scripts and without anything from elsewhere; every score leads to its results file."""
     import os
 
@@ -185,8 +183,8 @@ def _html(title: str, entries: Sequence[Entry], out: Path) -> str:
     commands = html.escape("\n".join(line for entry in entries if not entry.problem for line in entry.commands))
     refused = "".join(f"<li>{html.escape(f'{e.file}: {e.problem}')}</li>" for e in entries if e.problem)
     return (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{html.escape(title)}</title>'
-        f"<style>{_STYLE}</style>\n<h1>{html.escape(title)}</h1><p>{_ABOUT}</p>\n<table><tr>{head}</tr>\n{body}</table>\n"
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Leaderboard</title>'
+        f"<style>{_STYLE}</style>\n<h1>Leaderboard</h1><p>{_ABOUT}</p>\n<table><tr>{head}</tr>\n{body}</table>\n"
         f"<h2>Commands</h2><pre>{commands}</pre>\n" + (f"<h2>Not confirmed</h2><ul>{refused}</ul>" if refused else "")
     )
 

@@ -123,9 +123,7 @@ def test_wrong_arguments_end_with_code_2_and_a_hint_in_the_last_line(
     assert hint in capsys.readouterr().err.splitlines()[-1]
 
 
-@pytest.mark.parametrize(
-    "wrong", ["map --out map.png", "map --tip hand", "benchmark --out x", "robot check x --out x.y"]
-)
+@pytest.mark.parametrize("wrong", ["map --out map.png", "map --tip hand", "robot check x --out x.y"])
 def test_what_would_fail_or_be_ignored_after_minutes_is_refused_at_once(wrong: str) -> None:
     """The picture of a map replaced the map; a plot whose ending matplotlib does not know ended with its traceback."""
     with pytest.raises(SystemExit) as end:
