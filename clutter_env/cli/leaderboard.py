@@ -70,7 +70,8 @@ def run(arguments: Arguments) -> int:
             f"of one policy on the same scenes, {twice[2]}; give one of them"
         )
     arguments.out.mkdir(parents=True, exist_ok=True)
-    text = _markdown(entries)
+    # Text from a file cannot move the cursor of a terminal.
+    text = "".join(sign if sign.isprintable() or sign == "\n" else "?" for sign in _markdown(entries))
     print(text)
     for name, page in (("leaderboard.md", text), ("leaderboard.html", _html(entries, arguments.out))):
         write_atomically(arguments.out / name, page.encode())
@@ -93,8 +94,7 @@ def _entries(arguments: Arguments) -> list[Entry]:
     contents = [read_results(file) for file in arguments.files]  # all of them, before the first is played
     records = JsonLines(arguments.out / "verified.jsonl")
     known: dict[str, Any] = {line["key"]: line["found"] for line in records.values}
-    entries = []
-    keys = []
+    entries, keys = [], []
     for file, content in zip(arguments.files, contents, strict=True):
         here = {**provenance(scenes_of(content).scenes[0].env_id), "commit": None}
         keys.append(hashlib.sha256(file.read_bytes() + json_text(here).encode()).hexdigest())
@@ -148,18 +148,15 @@ def _markdown(entries: Sequence[Entry]) -> str:
     cells = [
         [*place, *(NOTHING if entry is None else str(entry.clean) for entry in row)] for place, row in rows.items()
     ]
-    said = [f"- `{entry.file}`: `{entry.commands[0]}`" for entry in entries if not entry.problem]
-    refused = [f"- `{entry.file}`: {entry.problem}" for entry in entries if entry.problem]
-    return "\n".join(
-        [
-            f"# Leaderboard\n\n{_ABOUT}\n",
-            markdown_table(["policy", "track", *scenes], cells),
-            "Confirmed:\n",
-            *said,
-            *(["\nNot confirmed:\n", *refused] if refused else []),
-            "",
-        ]
-    )
+    said = [f"- `{entry.file}`: `{entry.commands[0]}`\n" for entry in entries if not entry.problem]
+    refused = [f"- `{entry.file}`: {entry.problem}\n" for entry in entries if entry.problem]
+    parts = [
+        f"# Leaderboard\n\n{_ABOUT}\n\n",
+        markdown_table(["policy", "track", *scenes], cells),
+        "\nConfirmed:\n\n",
+        *said,
+    ]
+    return "".join([*parts, *(["\nNot confirmed:\n\n", *refused] if refused else [])])
 
 
 def _html(entries: Sequence[Entry], out: Path) -> str:

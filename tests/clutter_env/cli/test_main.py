@@ -105,11 +105,6 @@ def test_the_version_is_that_of_the_package() -> None:
         ("play --objects 99", "--objects 99 is not valid; valid numbers: 1, 5"),
         ("compare", "name scenes"),
         ("train maskable-po", "did you mean 'maskable-ppo'?"),
-        ("train --steps 9 --algorithm=maskable_ppo", "clutter-env train maskable-ppo ..."),
-        ("train bc --demos outputs/demos", "now: examples/clone.py"),
-        ("curve", "python scripts/learning_curve.py"),
-        ("map figures", "python scripts/map_figures.py"),
-        ("table --objects 3 --ablations", "python scripts/ablations.py"),
         ("--completion fish", "bash, zsh, tcsh"),
     ],
 )
