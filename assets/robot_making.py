@@ -53,7 +53,8 @@ class Mounting:
     Attributes:
         base: name of the body that the arm begins with, or of the file's own mobile base.
         tip: name of the site or body between the finger tips, or of the flange.
-        approach: axis of the tip along which the gripper approaches; its fingers move along y.
+        approach: axis of the tip along which the gripper approaches.
+        turn: [rad] about it from the tip's y axis to the axis along which the fingers move.
         on: x and z of `base` on a round base that is built for it; None for a file with a base of its own, on the
             ground.
         radius: of the round base.
@@ -66,6 +67,7 @@ class Mounting:
     base: str
     tip: str
     approach: str = "z"
+    turn: float = 0.0
     on: tuple[float, float] | None = None
     radius: float = 0.27
     lift: tuple[float, float] | None = None
@@ -86,6 +88,7 @@ def make_robot(file: Path, mounting: Mounting) -> tuple[str, dict[str, Any]]:
         T_last_tcp = tip_frame(model, int(model.jnt_bodyid[numbers[-1]]), mounting.tip, mounting.approach)
     except ChainError as problem:
         raise InvalidRobot(str(problem)) from problem
+    T_last_tcp[:3, :3] = T_last_tcp[:3, :3] @ _about_x(mounting.turn)
     T_last_tcp[:3, 3] += mounting.tool * T_last_tcp[:3, 0]
     maker = _Maker(model, mounting, numbers)
     gripper = maker.bodies[int(model.jnt_bodyid[numbers[-1]])]
@@ -98,6 +101,11 @@ def make_robot(file: Path, mounting: Mounting) -> tuple[str, dict[str, Any]]:
     except ValueError as problem:
         raise InvalidRobot(f"{file}: the robot that was made of it does not compile: {problem}") from problem
     return maker.robot.to_xml(), {"base_joints": BASE, "tip": "grip", "finger_joints": FINGERS}
+
+
+def _about_x(angle: float) -> Floats:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([(1.0, 0.0, 0.0), (0.0, c, -s), (0.0, s, c)])
 
 
 class _Maker:

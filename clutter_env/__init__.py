@@ -21,10 +21,12 @@ __all__ = [
     "GOAL_FAMILIES",
     "OBJECT_COUNTS",
     "REARRANGE_COUNTS",
+    "SEARCH_COUNTS",
     "SKILL_OBJECT_COUNTS",
     "Box",
     "Layout",
     "rearrange_time_limit",
+    "search_time_limit",
     "skill_budget",
     "suite",
     "suite_names",
@@ -33,6 +35,7 @@ __all__ = [
 
 OBJECT_COUNTS = (1, 5, 10, 15, 20, 25, 30, 35, 40, 50, 60)
 REARRANGE_COUNTS = (4, 8, 12, 20)
+SEARCH_COUNTS = (5, 10, 12, 16)
 SKILL_OBJECT_COUNTS = (5, 10, 15, 20)
 
 GOAL_FAMILIES = ("reach", "pick", "armreach", "armpick")
@@ -50,6 +53,11 @@ def time_limit(num_objects: int) -> int:
 def rearrange_time_limit(num_objects: int) -> int:
     """Control steps in an episode of Rearrange: 20 s, and 50 s for each object."""
     return 400 + 1000 * num_objects
+
+
+def search_time_limit(num_objects: int) -> int:
+    """Control steps in an episode of Search: 60 s, and 40 s for each object."""
+    return 1200 + 800 * num_objects
 
 
 def skill_budget(num_objects: int) -> int:
@@ -83,6 +91,7 @@ for _name, _module, _steps in (
     )
 
 _register_counts("Rearrange", REARRANGE_COUNTS, rearrange_time_limit)
+_register_counts("Search", SEARCH_COUNTS, search_time_limit)
 _register_counts("Skill", SKILL_OBJECT_COUNTS, skill_budget)
 
 

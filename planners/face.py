@@ -35,8 +35,10 @@ from planners.planner import Planner, clearance_floor, lower_bound, solve, warmu
 from planners.scene import Body, HeldObject, RobotState, Scene, SceneError, Solid
 from planners.scene.bodies import release_pitch
 from planners.scene.cover import BACK, drive_out, heading, is_covered
+from planners.scene.insert import insert_robot
 from planners.scene.prepare import Change, Prepared, prepare
 from planners.scene.static_obstacle import StaticObstacle
+from planners.search.expert import SearchExpert, SearchReport, SearchStep
 from planners.skills import DIRECTIONS, Skill, SkillFailure, SkillPlanner, plan_contact
 from planners.strategies import STRATEGIES, Strategy, find_strategy
 from planners.symbolic.astar import AStar
@@ -106,6 +108,9 @@ __all__ = [
     "RobotState",
     "Scene",
     "SceneError",
+    "SearchExpert",
+    "SearchReport",
+    "SearchStep",
     "Sensor",
     "SideGripper",
     "Skill",
@@ -139,6 +144,7 @@ __all__ = [
     "gripper_poses",
     "heading",
     "held_object",
+    "insert_robot",
     "is_covered",
     "label_of",
     "lower_bound",

@@ -14,7 +14,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING, TypeAlias
@@ -305,14 +305,16 @@ class Goal:
         return self.to_pddl()
 
     @classmethod
-    def of(cls, goal: str | Goal) -> Goal:
-        """A goal as it is, that of a PDDL text, or of a name: that object is held.
+    def of(cls, goal: str | Goal | Sequence[Sequence[str]]) -> Goal:
+        """A goal as it is, of a PDDL text, of a list of facts, `[["on", "a", "tray"]]`, or of a name: it is held.
 
         Raises:
             GoalError: none of these.
         """
         if isinstance(goal, Goal):
             return goal
+        if isinstance(goal, list | tuple):
+            return cls(tuple(_fact(list(fact), str(goal)) for fact in goal))
         if not isinstance(goal, str):
             raise GoalError(f"{goal!r} is no goal; valid are an object's name, PDDL text, and {_VALID}")
         return cls.from_pddl(goal) if goal.lstrip().startswith("(") else holding(goal)

@@ -55,23 +55,30 @@ Actions = Iterator[Array]
 
 
 def main(
-    scenes: int = 50, grasps: str = "side", workers: int = 2, file: Path = Path("outputs/reward_returns.jsonl")
+    scenes: int = 50,
+    wholly: int = 11,
+    grasps: str = "side",
+    workers: int = 2,
+    file: Path = Path("outputs/reward_returns.jsonl"),
 ) -> None:
     """Play the behaviours and print the table.
 
     Args:
         scenes: Number of scenes of each suite, the first ones of its test split.
+        wholly: Number of those in which every behaviour is played; in the others finishing, hovering and oscillating.
         grasps: Grasp set of the expert: with "side" it has to clear in most of the scenes.
         workers: Number of processes.
         file: Returns of each scene; those that stand in it are not played again.
     """
     records = JsonLines(file)
-    known = {tuple(record["job"]) for record in records.values}
+    known = {tuple(record["job"]): record["returns"] or {} for record in records.values}  # {}: the expert has failed
     env_ids = {name: clutter_env.suite(name).test[0].env_id for name in clutter_env.suite_names()}
     suites = [name for name, env_id in env_ids.items() if family(env_id) == "retrieve"]
     jobs = [(name, index, grasps) for index in range(scenes) for name in suites]
-    todo = [job for job in jobs if job not in known]
-    for job, returns in progress_bar(run_jobs(play, todo, workers), total=len(todo), unit="scene"):
+    wanted = {job: list(BEHAVIOURS)[: None if job[1] < wholly else SOME] for job in jobs}
+    done = {job for job, returns in known.items() if not returns or set(wanted.get(job, ())) <= returns.keys()}
+    todo = [(*job, wanted[job]) for job in jobs if job not in done]
+    for (*job, _), returns in progress_bar(run_jobs(play, todo, workers), total=len(todo), unit="scene"):
         if isinstance(returns, Crash | Killed):
             raise RuntimeError(f"{job}: {returns}")
         records.append({"job": job, "returns": returns})
@@ -83,26 +90,28 @@ def main(
 def rows(name: str, scenes: list[dict[str, list[float]]]) -> Iterator[tuple[str, ...]]:
     """The table's rows of a suite: means over its scenes."""
     for behaviour in scenes[0] if scenes else ():
-        returns = np.array([scene[behaviour] for scene in scenes])
-        leads = np.array([scene[FINISHING] for scene in scenes]) - returns
+        played = [scene for scene in scenes if behaviour in scene]
+        returns = np.array([scene[behaviour] for scene in played])
+        leads = np.array([scene[FINISHING] for scene in played]) - returns
         means = [f"{value:.3f}" for value in returns.mean(axis=0)]
-        won = [f"{np.count_nonzero(column > 0)} of {len(scenes)}" for column in leads.T]
+        won = [f"{np.count_nonzero(column > 0)} of {len(played)}" for column in leads.T]
         least = f"{leads[:, DISCOUNTS.index(0.99)].min():.0e}"
         is_finishing = behaviour == FINISHING
         yield (name, behaviour, *means, *((("–",) * 4) if is_finishing else (*won, least)))
 
 
-def play(job: tuple[str, int, str]) -> dict[str, list[float]] | None:
+def play(job: tuple[str, int, str, list[str]]) -> dict[str, list[float]] | None:
     """Returns for each of `DISCOUNTS`, by behaviour; None if the expert does not finish.
 
     Args:
-        job: suite, number of the scene, grasp set of the expert.
+        job: suite, number of the scene, grasp set of the expert, behaviours to play besides finishing.
     """
-    name, index, grasps = job
+    name, index, grasps, behaviours = job
     scene = clutter_env.suite(name).test[index]
     taken: list[Array] = []
     returns: dict[str, list[float]] = {}
-    for behaviour, (control_mode, act) in ((FINISHING, ("joint", None)), *BEHAVIOURS.items()):
+    played = [(behaviour, *BEHAVIOURS[behaviour]) for behaviour in behaviours]
+    for behaviour, control_mode, act in [(FINISHING, "joint", None), *played]:
         env = scene.make(control_mode=control_mode, reward_mode="dense")
         scene.reset(env)
         inner = cast(RetrieveEnv, env.unwrapped)
@@ -202,6 +211,8 @@ BEHAVIOURS: Mapping[str, tuple[str, Callable[[RetrieveEnv, list[Array]], Actions
     "idling": ("joint", idle),
 }
 """By name: control mode, and actions in an environment, given those that the expert has taken to finish."""
+SOME = 2
+"""The first behaviours, which are played in every scene."""
 
 
 if __name__ == "__main__":

@@ -54,6 +54,8 @@ class Arguments:
     """make: site or body between the finger tips, or of the flange."""
     approach: Literal["x", "-x", "y", "-y", "z", "-z"] = "z"
     """make: axis of the tip along which the gripper approaches; fingers move along y."""
+    turn: float = 0.0
+    """make: angle about the approach from the tip's y axis to the axis along which the fingers move [rad]."""
     on: tuple[float, float] | None = None
     """make: x and height of the arm's base on a round mobile base [m]; a file with a base of its own needs none."""
     radius: float = 0.27

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 from clutter_env.config import EnvConfig
 from clutter_env.envs.clutter_task import ClutterTaskEnv
@@ -37,9 +37,12 @@ class RetrieveEnv(ClutterTaskEnv):
         ['goal', 'gripper', 'objects', 'robot', 'tcp']
     """
 
+    config_type: ClassVar[type[EnvConfig]] = EnvConfig
+    """Of the keyword arguments."""
+
     def __init__(self, **keywords: Any) -> None:
         check_integer("num_objects", keywords.get("num_objects", 1), 1)
-        super().__init__(EnvConfig.from_keywords(keywords))
+        super().__init__(self.config_type.from_keywords(keywords))
         self._potential, self._way = 0.0, Way(self.robot.full_name, self.layout)
 
     def _begin(self) -> None:

@@ -145,8 +145,7 @@ class Surroundings:
         across = np.maximum(np.linalg.norm(away[..., :2], axis=-1) - self.radius, 0.0)
         above = np.maximum(np.abs(away[..., 2]) - self.height, 0.0)
         of_objects = np.hypot(across, above).min(axis=-1, initial=np.inf)
-        outside = np.maximum(np.abs(points[..., None, :] - self.centre) - self.half, 0.0)
-        return np.minimum(np.linalg.norm(outside, axis=-1).min(axis=-1, initial=np.inf), of_objects)
+        return np.minimum(distance_to_boxes(points, self.centre, self.half), of_objects)
 
     def contain(self, points: Array) -> bool:
         """Whether any of the points (..., 3) is inside a box or an object for certain."""
@@ -154,6 +153,12 @@ class Surroundings:
         is_beside = np.hypot(away[..., 0], away[..., 1]) < self.core
         is_in_box = (np.abs(points[..., None, :] - self.centre) < self.half).all(axis=-1)
         return bool((is_beside & (np.abs(away[..., 2]) < self.height)).any() or is_in_box.any())
+
+
+def distance_to_boxes(points: Array, centre: Array, half: Array) -> Array:
+    """(...) [m] from points (..., 3) to the nearest of boxes (m, 3), 0 inside; infinite if there is none."""
+    outside = np.maximum(np.abs(points[..., None, :] - centre) - half, 0.0)
+    return np.asarray(np.linalg.norm(outside, axis=-1).min(axis=-1, initial=np.inf))
 
 
 def planar_pose(base: Array) -> Array:

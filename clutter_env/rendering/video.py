@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +47,7 @@ class Video:
             self._file.mux(self._stream.encode())
         self._file.close()
 
-    def write(self, images: Sequence[NDArray[np.uint8]]) -> None:
+    def write(self, images: Iterable[NDArray[np.uint8]]) -> None:
         """Append images (n, height, width, 3)."""
         for image in images:
             frame = self._av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")

@@ -243,8 +243,11 @@ class World:
             pressing = [row for row, kind in zip(rows, kinds, strict=True) if kind == _ROBOT + _FURNITURE and row >= 0]
             self.furniture_force = max(self.furniture_force, sum(forces[row].item() for row in pressing))
         if _ROBOT + _OBJECT in kinds:
-            island = data.tree_island[self._robot_tree]
-            data.tree_asleep[(data.tree_island == island) & (data.tree_asleep < 0)] = _AWAKE
+            islands, asleep = data.tree_island.tolist(), data.tree_asleep
+            island = islands[self._robot_tree]
+            for tree, (its_island, state) in enumerate(zip(islands, asleep.tolist(), strict=True)):
+                if its_island == island and state < 0:
+                    asleep[tree] = _AWAKE
 
     @property
     def touched(self) -> set[int]:
@@ -317,12 +320,12 @@ class World:
         """Whether two pads press on an object from opposite sides."""
         slot_of, contact, sizes = self._slot_of_geom, self.data.contact, self.data.efc_force
         frames, rows, pressed = contact.frame, contact.efc_address.tolist(), [[0.0] * 3, [0.0] * 3]
-        for (one, other), row, frame in zip(pairs, rows, frames, strict=True):
+        for number, ((one, other), row) in enumerate(zip(pairs, rows, strict=True)):
             is_second = slot_of[other] == slot
             pad = one if is_second else other
             if (is_second or slot_of[one] == slot) and pad in pads and row >= 0:  # -1 where the solver has none
                 force, on = sizes[row].item() * (1.0 if is_second else -1.0), pressed[pads.index(pad)]
-                for axis, share in enumerate(frame[:3].tolist()):  # the normal, towards the second geom
+                for axis, share in enumerate(frames[number, :3].tolist()):  # the normal, towards the second geom
                     on[axis] += share * force
         right, left = (math.hypot(*force) for force in pressed)
         along = sum(one * other for one, other in zip(*pressed, strict=True))

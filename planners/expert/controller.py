@@ -11,7 +11,7 @@ Example:
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import Protocol
 
 import mujoco
@@ -62,6 +62,7 @@ class ControlledWorld:
         model: the world as the planner sees it: that of the simulator, or a twin of it.
         data: its state as observed last.
         dt: [s] of one step.
+        more_supports: other geoms or bodies on which objects may be put; None: those that the model declares.
         regions: named rectangles on supports, for goals.
     """
 
@@ -77,6 +78,7 @@ class ControlledWorld:
         *,
         movable: Movable = is_object_name,
         support: str = SUPPORT,
+        more_supports: Collection[str] | None = None,
         regions: Iterable[Region] = (),
         goal: Goal | None = None,
     ) -> None:
@@ -86,7 +88,7 @@ class ControlledWorld:
             controller: of the robot.
             model: that contains the robot with the names of `robot`; nothing is simulated in it.
             robot: which robot it is.
-            movable, support, regions: as for `Scene.from_mujoco`.
+            movable, support, more_supports, regions: as for `Scene.from_mujoco`.
             goal: that the environment sets.
 
         Raises:
@@ -99,7 +101,7 @@ class ControlledWorld:
             )
         self.model, self.data, self.robot = model, mujoco.MjData(model), robot
         self.object_names = MovableBodies.of(model, robot, movable).names
-        self.support_name, self.regions, self._goal = support, tuple(regions), goal
+        self.support_name, self.more_supports, self.regions, self._goal = support, more_supports, tuple(regions), goal
         self.dt, self._controller = float(controller.dt), controller
         self._observe()
 

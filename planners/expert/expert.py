@@ -442,10 +442,17 @@ class TampExpert:
     def _measure(self, arm: str = "", held: str = "") -> Scene:
         """The scene as it is now, with an arm active and this object in its gripper."""
         env, robot = self._env, self._robots.get(arm, self._env.robot)
-        regions = getattr(env, "regions", ())
-        names, support = env.object_names, env.support_name
         known = self._perceived
-        return Scene.from_mujoco(known.model, known.data, robot, held, movable=names, support=support, regions=regions)
+        return Scene.from_mujoco(
+            known.model,
+            known.data,
+            robot,
+            held,
+            movable=env.object_names,
+            support=env.support_name,
+            more_supports=getattr(env, "more_supports", None),
+            regions=getattr(env, "regions", ()),
+        )
 
     @property
     def _perceived(self) -> Any:

@@ -25,6 +25,7 @@ from irm.reachability_map import cached_map
 from irm.rotations import world_to_base
 from planners.collision.ground_map import GroundMap
 from planners.collision.scene_arrays import robot_arrays
+from planners.grasping.arm_configurations import gripper_arrays
 from planners.grasping.grasp_poses import wrap_to_pi
 from planners.scene import Scene, StaticObstacle
 
@@ -232,8 +233,7 @@ class MapPlacer:
         if not is_round:
             usable &= fits(self.robot, bases, self.outlines, GROUND_MARGIN)
         if is_low:
-            away = np.linalg.norm(bases[:, :2] - gripper_poses[index, :2], axis=1)
-            usable &= away > inner_radius(self.robot) + GROUND_MARGIN
+            usable &= _outside_base(self.robot, bases, gripper_poses[index, :2]) > _half_thickness(self.robot)
         bases, index = bases[usable], index[usable]
         kept = np.arange(len(index)) - np.searchsorted(index, index) < wanted
         return bases[kept], index[kept]
@@ -311,6 +311,28 @@ def inner_radius(robot: RobotSpec) -> float:
     edges = np.roll(corners, -1, axis=0) - corners
     across = edges[:, 0] * corners[:, 1] - edges[:, 1] * corners[:, 0]
     return float(np.abs(across / np.linalg.norm(edges, axis=1)).min())
+
+
+def _outside_base(robot: RobotSpec, bases: Array, points: Array) -> Array:
+    """[m] that points (n, 2) are at least outside the outline of the base at base poses (n, 3); negative inside."""
+    away, (c, s) = points - bases[:, :2], (np.cos(bases[:, 2]), np.sin(bases[:, 2]))
+    if not robot.base_outline:
+        return np.asarray(np.linalg.norm(away, axis=1) - robot.base_radius)
+    corners = np.array(robot.base_outline)
+    local, normals = (
+        np.column_stack((c * away[:, 0] + s * away[:, 1], c * away[:, 1] - s * away[:, 0])),
+        _normals(corners),
+    )
+    return np.asarray((local @ normals.T - (corners @ normals.T).max(axis=0)).max(axis=1))
+
+
+@cache
+def _half_thickness(robot: RobotSpec) -> float:
+    """[m] from the axis of the approach to the nearest side of the palm: nearer to the base it is inside."""
+    arrays = gripper_arrays(robot)
+    extent = np.einsum("kij,kj->ki", np.abs(arrays.rotation), arrays.half) + arrays.radius[:, None]
+    solid = ~arrays.slides
+    return max(float((extent - np.abs(arrays.position))[solid, 1:].min(axis=1).max()), GROUND_MARGIN)
 
 
 def fits(robot: RobotSpec, bases: Array, obstacles: Sequence[Array], margin: float) -> NDArray[np.bool_]:

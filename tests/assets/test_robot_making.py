@@ -135,3 +135,13 @@ def test_a_mobile_base_of_the_file_s_own_keeps_its_outline(linkage: Path, tmp_pa
     assert robot.base_radius == pytest.approx(np.hypot(0.3, 0.2), abs=1e-6)
     assert robot.base_height == pytest.approx(0.2)
     assert made(linkage, UR5E, tmp_path).base_outline == (), "a round base"
+
+
+def test_fingers_move_along_the_axis_that_is_said(linkage: Path, tmp_path: Path) -> None:
+    """Of a gripper whose fingers move along another axis of the tip: the approach stays, the fingers are turned."""
+    straight, turned = (
+        ArmChain.from_robot(made(linkage, replace(UR5E, turn=turn), tmp_path)) for turn in (0.0, np.pi / 2)
+    )
+    own, other = (forward(chain, np.array(HOME)) for chain in (straight, turned))
+    np.testing.assert_allclose(other[:3, [0, 3]], own[:3, [0, 3]], atol=1e-6)
+    np.testing.assert_allclose(other[:3, 1], own[:3, 2], atol=1e-6)

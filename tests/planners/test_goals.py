@@ -135,6 +135,12 @@ def test_a_toppled_object_rests_nowhere(scene: Scene) -> None:
     assert goals.on("a", "table_top").holds(toppled, toppled)  # it lay already
 
 
+def test_a_list_of_facts_is_a_goal_as_task_files_write_it() -> None:
+    assert Goal.of([["on", "a", "tray"], ["holding", "b"]]) == Goal.from_pddl("(and (on a tray) (holding b))")
+    with pytest.raises(GoalError, match="is no fact"):
+        Goal.of([["balanced", "a", "5"]])
+
+
 def test_text_and_back_again() -> None:
     goal = goals.and_(
         goals.on("a", "tray"),

@@ -1,7 +1,8 @@
-"""The robot's arm: forward kinematics in torch, and configurations that are the same for the gripper."""
+"""The robot's arm: forward kinematics in torch, configurations that are the same for the gripper, its surface."""
 
 from __future__ import annotations
 
+import itertools
 from functools import cache
 
 import numpy as np
@@ -10,9 +11,13 @@ from numpy.typing import NDArray
 
 from assets import RobotSpec
 from clutter_env.policies.parsed_observation import wrapped
-from irm import PRISMATIC, frames_of
+from irm import PRISMATIC, frames_of, pose_of
+from planners import robot_arrays
 
 Array = NDArray[np.float64]
+
+_POINT_SPACING = 0.02
+"""[m] between points on the gripper's surface, at most."""
 
 
 class ArmKinematics:
@@ -114,3 +119,21 @@ def rolls_and_bends(robot: RobotSpec) -> tuple[int, ...]:
 def endless_joints(robot: RobotSpec) -> tuple[int, ...]:
     """Numbers of the joints that turn by more than one turn."""
     return tuple(i for i, link in enumerate(robot.chain) if link.upper - link.lower > 2 * np.pi)
+
+
+def gripper_points(robot: RobotSpec, finger: float) -> Array:
+    """Points (n, 3) [m] on the boxes about palm, fingers and last wrist joint, in the TCP's frame.
+
+    Args:
+        robot: whose gripper it is.
+        finger: [m] position of each finger.
+    """
+    arrays, found = robot_arrays(robot), []
+    T = np.linalg.inv(pose_of(arrays.tip))
+    for solid in range(arrays.held_from):
+        half = arrays.half[solid] + arrays.radius[solid]
+        steps = [np.linspace(-size, size, 1 + max(int(np.ceil(2 * size / _POINT_SPACING)), 1)) for size in half]
+        grid = np.array(list(itertools.product(*steps)))
+        surface = grid[np.isclose(np.abs(grid), half).any(axis=1)]
+        found.append(arrays.position[solid] + surface @ arrays.rotation[solid].T + finger * arrays.slide[solid])
+    return np.concatenate(found) @ T[:3, :3].T + T[:3, 3]

@@ -26,7 +26,7 @@ _GAIN = 0.15
 """Share of the measured error by which the offset changes in a control step; the arm follows in 0.1 s."""
 MAX_SHIFT, MAX_TURN = 0.06, 0.3
 """[m], [rad] of the offset at most: the network was fitted to such."""
-_CLOSE, _ALIGNED = 0.008, 0.08
+CLOSE, _ALIGNED = 0.008, 0.08
 """[m], [rad] that a gripper may be off a straight line while it goes on along the line; it leaves 12 mm a side."""
 _SHORT = 0.02
 """[m] from the contact up to which the error along the line counts too."""
@@ -108,7 +108,7 @@ class GripperError:
 
     def is_small(self, share: float = 1.0) -> bool:
         """Whether the gripper may go on along its line, or the error is at most a share of the greatest such error."""
-        return bool(np.linalg.norm(self.shift) < share * _CLOSE and np.linalg.norm(self.turn) < share * _ALIGNED)
+        return bool(np.linalg.norm(self.shift) < share * CLOSE and np.linalg.norm(self.turn) < share * _ALIGNED)
 
 
 class IntegralOffset:

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets import RobotSpec
-from clutter_env.policies.motion.arm import ArmKinematics, shorter_turns
-from clutter_env.policies.motion.control import GripperError, IntegralOffset
+from clutter_env.policies.motion.arm import ArmKinematics, gripper_points, shorter_turns
+from clutter_env.policies.motion.control import CLOSE, GripperError, IntegralOffset
 from clutter_env.policies.motion.network import (
     AWAY,
     LINES,
@@ -22,7 +22,14 @@ from clutter_env.policies.motion.network import (
     contact_in_base,
     line_distance,
 )
-from clutter_env.policies.parsed_observation import ParsedObservation, Surroundings, base_from, planar_pose
+from clutter_env.policies.parsed_observation import (
+    ParsedObservation,
+    Surroundings,
+    base_from,
+    distance_to_boxes,
+    planar_pose,
+)
+from clutter_env.scene.layout import TABLE_HEIGHT, Layout, furniture
 from planners import Contact
 
 Array = NDArray[np.float64]
@@ -70,23 +77,40 @@ class Keyframe(NamedTuple):
 
 
 class OpenKeyframePlanner:
-    """Keyframes as the network predicts them, in the current base frame."""
+    """Keyframes as the network predicts them, in the current base frame.
 
-    def __init__(self, network: KeyframeNetwork, robot: RobotSpec) -> None:
+    Attributes:
+        raise_picks: [m] by which objects are taken higher than planned: table and wrist are hardly farther apart than
+            the gripper may be off its line.
+    """
+
+    raise_picks = CLOSE
+
+    def __init__(self, network: KeyframeNetwork, robot: RobotSpec, layout: Layout) -> None:
         self._network, self._robot, self._keep_out = network, robot, network.keep_out
         self._kinematics = ArmKinematics(robot)
+        self._furniture = np.array([(box.position, box.half_extents) for box in furniture(layout)])
+        self._walls = self._furniture[self._furniture[:, :, 2].sum(axis=1) > TABLE_HEIGHT]
 
     def begin(self, contact: Contact, index: int, seen: ParsedObservation) -> list[str]:
-        """Choose the arm configuration at a contact of object `index`; the phases to go through."""
+        """Choose the arm configuration at a contact of object `index`; the phases to go through.
+
+        There are none where the open gripper would touch what stands beside the table: the pick or place is refused.
+        """
         self._sizes = seen.sizes(index)
         self._free = self.free_joints(contact, index, seen)
+        opens = "ready" if contact.skill == "pick" else "open"
+        finger = float(self._predict(opens, contact, contact.tcp, np.array(contact.base), 0.0)[14])
+        gripper = gripper_points(self._robot, finger) @ contact.tcp[:3, :3].T + contact.tcp[:3, 3]
+        if distance_to_boxes(gripper, *self._walls.swapaxes(0, 1)).min() < CLOSE:
+            return []
         return [phase for phase in PHASES[contact.skill] if self._network.has_seen(contact.skill, phase)]
 
     def free_joints(self, contact: Contact, index: int, seen: ParsedObservation) -> Array:
         """(2,) torso [m] and upper-arm roll [rad] at a contact of object `index`, less those of home.
 
         Of a grid those nearest to home are chosen for which network and kinematics predict a forearm clear of the
-        objects.
+        objects and above the furniture: there without more clearance, which the wrist of a level gripper never has.
         """
         phase = "approach" if contact.skill == "pick" else "lower"
         pose = contact_in_base(contact.tcp, contact.base)
@@ -97,11 +121,14 @@ class OpenKeyframePlanner:
         joints = origins.reshape(len(_GRID), len(_DISTANCES), -1, 3)
         starts, ends = joints[:, :, _ELBOW:_WRIST], joints[:, :, _ELBOW + 1 : _WRIST + 1]
         points = np.concatenate([starts + share * (ends - starts) for share in _SHARES], axis=2)
-        T = np.linalg.inv(planar_pose(np.array(contact.base))) @ planar_pose(seen.base)
+        T_world_base = planar_pose(np.array(contact.base))
+        T = np.linalg.inv(T_world_base) @ planar_pose(seen.base)
         clearance = Surroundings.beside(seen, index, T).distance(points).min(axis=(1, 2))
+        in_world = points @ T_world_base[:3, :3].T + T_world_base[:3, 3]
+        above = distance_to_boxes(in_world, *self._furniture.swapaxes(0, 1)).min(axis=(1, 2))
         from_home = _TORSO_COST * np.abs(_GRID[:, 0]) + np.abs(_GRID[:, 1])
         miss = np.linalg.norm(joints[:, 0, -1] - pose[:3, 3], axis=-1)
-        lacking = np.maximum(_CLEARANCE + _RADIUS - clearance, 0.0)
+        lacking = np.maximum(_CLEARANCE + _RADIUS - clearance, 0.0) + np.maximum(_RADIUS - above, 0.0)
         return np.asarray(_GRID[np.argmin(from_home + _MISS_COST * miss + _HIT_COST * lacking)])
 
     def keyframe(self, phase: str, contact: Contact, offset: IntegralOffset, seen: ParsedObservation) -> Keyframe:

@@ -56,7 +56,7 @@ class KeyframePolicy:
     and the network input is offset by the integral of the measured gripper error.
 
     Attributes:
-        info: robot, layout and grasps that it was trained for; under a shelf it also knows that layout's furniture.
+        info: robot, layout and grasps that it was trained for; it knows that layout's furniture.
         is_done: the motion has ended.
         has_failed: it has ended without the object in the gripper, or, of a place, still with it or before it.
     """
@@ -78,17 +78,18 @@ class KeyframePolicy:
 
     def reset(self, info: Mapping[str, Any]) -> None:  # noqa: ARG002  part of the protocol
         """Start an episode."""
-        self._planner: OpenKeyframePlanner | ShelfKeyframePlanner = (
-            ShelfKeyframePlanner(self._network, self._robot, find_layout(self.info.layout))
-            if self._network.is_under_shelf
-            else OpenKeyframePlanner(self._network, self._robot)
+        kind = ShelfKeyframePlanner if self._network.is_under_shelf else OpenKeyframePlanner
+        self._planner: OpenKeyframePlanner | ShelfKeyframePlanner = kind(
+            self._network, self._robot, find_layout(self.info.layout)
         )
         self.is_done, self.has_failed = True, False
 
     def start(self, contact: Contact, observation: Observation) -> None:
         """Begin to execute a pick or a place."""
         seen = parse_observation(observation)
-        self._planned = self._contact = contact
+        tcp = np.array(contact.tcp)
+        tcp[2, 3] += self._planner.raise_picks if contact.skill == "pick" else 0.0
+        self._planned = self._contact = contact = Contact(contact.skill, contact.object, contact.base, tcp)
         self._index = seen.index(contact.object)
         self._first_seen = seen.position(self._index)
         self._offset, self._phases = IntegralOffset(), self._planner.begin(contact, self._index, seen)

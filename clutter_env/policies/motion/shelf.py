@@ -17,7 +17,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from assets import RobotSpec
-from clutter_env.policies.motion.arm import ArmKinematics, is_wrist_flipped, shorter_turns, with_wrist_flipped
+from clutter_env.policies.motion.arm import (
+    ArmKinematics,
+    gripper_points,
+    is_wrist_flipped,
+    shorter_turns,
+    with_wrist_flipped,
+)
 from clutter_env.policies.motion.control import MAX_SHIFT, MAX_TURN, IntegralOffset, limited
 from clutter_env.policies.motion.keyframe_planner import AHEAD, Keyframe, drive_goal, gripper_error
 from clutter_env.policies.motion.network import (
@@ -31,7 +37,6 @@ from clutter_env.policies.motion.network import (
 )
 from clutter_env.policies.parsed_observation import ParsedObservation, Surroundings, planar_pose, wrapped
 from clutter_env.scene.layout import TABLE, Layout, furniture
-from irm import pose_of
 from planners import Contact, StaticObstacle, drive_out, robot_arrays
 
 Array = NDArray[np.float64]
@@ -99,12 +104,12 @@ _MISS_COST, _CLEARANCE_COST, _HIT_COST = 60.0, 20.0, 300.0
 """Costs of a metre by which the gripper misses its pose, and of a metre that a ball of the arm lacks to a clearance."""
 _MAX_RISK = 6.0
 """Cost of lacking clearance up to which an arm is expected to get through."""
-_POINT_SPACING = 0.02
-"""[m] between points on the gripper's surface, at most."""
 
 
 class ShelfKeyframePlanner:
     """Drives in with the arm rigid, straight and then along the gripper, and out again on the same path."""
+
+    raise_picks = 0.0
 
     def __init__(self, network: KeyframeNetwork, robot: RobotSpec, layout: Layout) -> None:
         self._robot, self._keep_out, self._table = robot, network.keep_out, table_of(layout)
@@ -349,21 +354,3 @@ def demonstrated_row(contact: Contact, free: Array) -> Array:
     turn = wrapped(contact.yaw - contact.base[2])
     skill, yaw = SKILLS.index(contact.skill), wrapped(contact.base[2])
     return np.array((skill, contact.tcp[0, 3], yaw, turn, np.linalg.norm(away), *free))
-
-
-def gripper_points(robot: RobotSpec, finger: float) -> Array:
-    """Points (n, 3) [m] on the boxes about palm, fingers and last wrist joint, in the TCP's frame.
-
-    Args:
-        robot: whose gripper it is.
-        finger: [m] position of each finger.
-    """
-    arrays, found = robot_arrays(robot), []
-    T = np.linalg.inv(pose_of(arrays.tip))
-    for solid in range(arrays.held_from):
-        half = arrays.half[solid] + arrays.radius[solid]
-        steps = [np.linspace(-size, size, 1 + max(int(np.ceil(2 * size / _POINT_SPACING)), 1)) for size in half]
-        grid = np.array(list(itertools.product(*steps)))
-        surface = grid[np.isclose(np.abs(grid), half).any(axis=1)]
-        found.append(arrays.position[solid] + surface @ arrays.rotation[solid].T + finger * arrays.slide[solid])
-    return np.concatenate(found) @ T[:3, :3].T + T[:3, 3]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from assets import FETCH
 from clutter_env.envs.observation import OBSERVATION_LAYOUT
 from clutter_env.policies.motion.arm import ArmKinematics, shorter_turns, with_wrist_flipped
+from clutter_env.policies.motion.control import CLOSE
 from clutter_env.policies.motion.keep_out import KeepOutRegion
 from clutter_env.policies.motion.keyframe_planner import OpenKeyframePlanner
 from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
@@ -23,6 +24,7 @@ from clutter_env.policies.parsed_observation import parse_observation, planar_po
 from clutter_env.policies.protocol import begin_episode
 from clutter_env.policies.registry import load_policy
 from clutter_env.policies.weights import shipped_path
+from clutter_env.scene.layout import find_layout
 from planners import Contact, tcp_pose
 from planners.scene import RobotState
 from scripts.shipped_weights.motion_examples import nearest_home
@@ -142,7 +144,7 @@ def test_a_drive_to_the_side_of_a_counter_goes_round_its_corner(
     np.testing.assert_allclose(reached[:2], base[:2], atol=0.03)
 
 
-def test_a_pick_moves_with_its_object_until_the_fingers_close(env: gym.Env[Any, Any]) -> None:
+def test_a_pick_is_above_the_contact_and_moves_with_its_object_until_the_fingers_close(env: gym.Env[Any, Any]) -> None:
     observation, _ = env.reset(seed=0)
     policy = KeyframePolicy.load(shipped_path("motions", "side"))
     contact = Contact("pick", "object_00", np.array((-0.9, 0.0, 0.0)), planar_pose(np.array((-0.1, 0.0, 0.0))))
@@ -151,7 +153,8 @@ def test_a_pick_moves_with_its_object_until_the_fingers_close(env: gym.Env[Any, 
     moved["objects"][2] += 0.01
     policy.act(moved)
     shift = parse_observation(moved).position(0) - parse_observation(observation).position(0)
-    np.testing.assert_allclose(policy.contact.tcp[:3, 3] - contact.tcp[:3, 3], shift, atol=1e-9)
+    higher = shift + (0.0, 0.0, CLOSE)
+    np.testing.assert_allclose(policy.contact.tcp[:3, 3] - contact.tcp[:3, 3], higher, atol=1e-9)
     np.testing.assert_allclose(policy.contact.base[:2] - contact.base[:2], shift[:2], atol=1e-9)
 
 
@@ -162,7 +165,7 @@ def test_of_two_arm_configurations_the_one_that_is_clear_of_an_object_is_chosen(
     ahead = np.eye(4)
     ahead[:3, 3] = 0.78, 0.0, 0.85
     contact = Contact("pick", "object_00", base, planar_pose(base) @ ahead)
-    planner = OpenKeyframePlanner(network, FETCH)
+    planner = OpenKeyframePlanner(network, FETCH, find_layout("paper"))
     np.testing.assert_allclose(planner.free_joints(contact, 0, seen), 0.0)
     # A small object in the elbow of that configuration before the descent, higher than the wrist ever is.
     predicted = network.predict("pick", "approach", ahead[None], seen.sizes(0), 0.18, np.zeros(2))
@@ -173,6 +176,33 @@ def test_of_two_arm_configurations_the_one_that_is_clear_of_an_object_is_chosen(
     small[_ROW["half_extents"]] = 0.01
     crowded = dataclasses.replace(seen, objects=np.stack((seen.objects[0], small)))
     assert np.abs(planner.free_joints(contact, 0, crowded)).max() > 0.04
+
+
+def test_a_pick_whose_open_gripper_would_touch_the_wall_is_refused(env: gym.Env[Any, Any]) -> None:
+    observation, _ = env.reset(seed=0)
+    layout, phases = find_layout("paper"), []
+    for before_wall in (0.02, 0.10):
+        policy = KeyframePolicy.load(shipped_path("motions", "side"))
+        tcp = planar_pose(np.array((layout.depth / 2 - before_wall, 0.0, 0.0)))
+        tcp[2, 3] = 0.85
+        policy.start(Contact("pick", "object_00", np.array((-0.65, 0.0, 0.0)), tcp), observation)
+        phases.append(policy.phase)
+        assert policy.has_failed == (not policy.phase)
+    assert phases == ["", "drive"]
+
+
+def test_an_arm_that_would_lie_on_furniture_is_not_chosen(env: gym.Env[Any, Any]) -> None:
+    seen = parse_observation(env.reset(seed=0)[0])
+    network, _ = KeyframeNetwork.load(shipped_path("motions", "side"))
+    base, ahead = np.array((-0.9, 0.1, 0.0)), np.eye(4)
+    ahead[:3, 3] = 0.78, 0.0, 0.85
+    contact = Contact("pick", "object_00", base, planar_pose(base) @ ahead)
+    planner = OpenKeyframePlanner(network, FETCH, find_layout("paper"))
+    np.testing.assert_allclose(planner.free_joints(contact, 0, seen), 0.0)
+    q = network.predict("pick", "approach", ahead[None], seen.sizes(0), 0.0, np.zeros(2)).q
+    elbow = planar_pose(base) @ np.append(ArmKinematics(FETCH).links(q)[0][0, 4].numpy().astype(float), 1.0)
+    planner._furniture = np.array([(elbow[:3] - (0.0, 0.0, 0.08), (0.02, 0.02, 0.02))])
+    assert np.abs(planner.free_joints(contact, 0, seen)).max() > 0.04
 
 
 def test_the_policy_of_the_package_takes_a_target_from_observations_alone(env: gym.Env[Any, Any]) -> None:

@@ -14,6 +14,7 @@ from irm.reachability_map import cache_file, is_map_at_hand, shipped_file
 from planners.grasping.base_placement import (
     TURNED,
     MapPlacer,
+    _outside_base,
     facing_bases,
     farthest_reach,
     fits,
@@ -122,3 +123,23 @@ def test_it_is_what_is_built() -> None:
     assert shipped.key == built.key
     for name in ("cells", "manipulability", "torso_index", "flags"):
         np.testing.assert_array_equal(getattr(shipped, name), getattr(built, name), err_msg=name)
+
+
+@pytest.mark.parametrize("robot", [FETCH, PR2], ids=["round", "with corners"])
+def test_how_far_a_point_is_outside_the_base_is_never_overestimated(robot: assets.RobotSpec) -> None:
+    """A gripper that reaches low must be beside the base, not in it, whatever the base's yaw."""
+    rng = np.random.default_rng(0)
+    bases, points = rng.uniform(-1, 1, (500, 3)) * (1, 1, np.pi), rng.uniform(-1, 1, (500, 2))
+    rim = np.array(robot.base_outline) if robot.base_outline else robot.base_radius * _circle()
+    edge = np.concatenate([np.linspace(a, b, 50) for a, b in zip(rim, np.roll(rim, -1, axis=0), strict=True)])
+    found = _outside_base(robot, bases, points)
+    for base, point, away in zip(bases, points, found, strict=True):
+        c, s = np.cos(base[2]), np.sin(base[2])
+        true = np.linalg.norm(base[:2] + edge @ np.array([[c, s], [-s, c]]) - point, axis=1).min()
+        assert abs(away) <= true + 1e-3
+    assert 0 < (found < 0).mean() < 0.5
+
+
+def _circle() -> np.ndarray:
+    angles = np.linspace(0, 2 * np.pi, 100, endpoint=False)
+    return np.column_stack((np.cos(angles), np.sin(angles)))

@@ -1,0 +1,167 @@
+"""KinDER's mobile manipulation tasks (TidyBot), solved through their own `step`.
+
+with Remote("venv-kinder/bin/python", "kinder_worker.py") as kinder:
+    task = KinderTask(kinder, "kinder/PickPlace3D-o1-v0", seed=0)
+    expert = TampExpert(task.world)
+    expert.reset()
+    while not (expert.done or task.world.is_over):
+        task.world.step(expert.act())
+    print(expert.report, task.is_solved)
+"""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cache
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import platformdirs
+from numpy.typing import NDArray
+
+from assets import RobotSpec
+from assets.robot_making import Mounting, make_robot
+from clutter_env.bridges.remote import BridgeError, Remote
+from planners import ControlledWorld, Goal, Region, Scene, insert_robot
+
+Array = NDArray[np.float64]
+
+_PREFIX = "robot_"
+"""Of the names of KinDER's robot in the models of its tasks."""
+_HOME = (0.0005, 0.0, -0.3491, 3.1416, -2.5482, 0.0, -0.8727, 1.5708)
+"""[m, rad] The configuration in which KinDER's robot starts, with the lift that ours has."""
+_OPENING, _CLOSED = 0.085, 0.79
+"""[m] of the gripper, and [rad] of its driver joints when it is closed."""
+_TOOL = 0.025
+"""[m] from the robot's pinch site to the middle of its finger pads where they hold an object of 4 cm."""
+_DAMPING = 0.15
+"""[s] Damping over stiffness of the arm's controller: it stays behind by its speed times this, unless told farther."""
+_STEP = 0.1
+"""[m], [rad] The largest change of a joint in one step."""
+
+
+class KinderTask:
+    """One episode of a KinDER task: a `Controller` of its robot, and the world in which the expert plans.
+
+    Attributes:
+        world: for `TampExpert`; its goal is that of the task.
+        dt: [s] of one step.
+        done: the environment has ended the episode without success.
+        is_solved: what the environment's own check said after the last step.
+        steps: taken so far.
+    """
+
+    dt = 0.1
+
+    def __init__(self, kinder: Remote, id: str, seed: int) -> None:
+        """Reset the environment.
+
+        Raises:
+            BridgeError: there is no such task, it has another robot, or a goal that is not about places of objects.
+        """
+        self._kinder, self.done, self.is_solved, self.steps = kinder, False, False, 0
+        start = kinder("reset", id=id, seed=seed)
+        facts = start["goal"]
+        if not all(fact[0] == "on" and fact[2] in start["boxes"] for fact in facts):
+            raise BridgeError(f"{id} asks for {facts}; only places of objects can be planned for")
+        robot = tidybot(start["robot"])
+        model = insert_robot(start["xml"], robot, without=[_PREFIX + "base_link"])
+        theirs = start["joints"]
+        self._theirs = np.array([theirs[_PREFIX + name] for name in _names(robot)])
+        self._driver = theirs[_PREFIX + "left_driver_joint"]
+        self._ours = np.array([model.joint(name).qposadr[0] for name in robot.drive_joints])
+        self._fingers = [model.joint(name).qposadr[0] for name in robot.finger_joints]
+        self._robot, self._others = robot, [(theirs[name], *_addresses(model, name)) for name in _shared(model, theirs)]
+        self._wanted = np.array(start["qpos"])[self._theirs]
+        self._qpos, self._state = model.qpos0.copy(), np.array(start["qpos"])
+        anchors = set(start["anchors"].values())
+        free = [model.body(model.jnt_bodyid[joint]).name for joint in np.flatnonzero(model.jnt_type == 0)]
+        movable = [name for name in free if name not in anchors]
+        data = mujoco.MjData(model)
+        data.qpos[:] = self.observe()
+        mujoco.mj_forward(model, data)
+        scene = Scene.from_mujoco(model, data, robot, movable=movable, support="floor")
+        regions = [_region(scene, name, np.array(boxes), facts) for name, boxes in start["boxes"].items()]
+        below = {scene.support_under(body).name for body in scene.objects} | {region.support for region in regions}
+        first, *more = sorted(below)
+        self.world = ControlledWorld(
+            self,
+            model,
+            robot,
+            movable=movable,
+            support=first,
+            more_supports=more,
+            regions=regions,
+            goal=Goal.of(facts),
+        )
+
+    def observe(self) -> Array:
+        """(nq,) joint positions in our model."""
+        for theirs, ours, count in self._others:
+            self._qpos[ours : ours + count] = self._state[theirs : theirs + count]
+        drive = self._state[self._theirs]
+        self._qpos[self._ours] = np.concatenate((drive[:3], [0.0005], drive[3:]))
+        opening = _OPENING * (1 - self._state[self._driver] / _CLOSED)
+        self._qpos[self._fingers] = np.clip(self._robot.finger_position(opening), 0, _OPENING / 2)
+        return self._qpos
+
+    def act(self, configuration: Array, opening: float) -> None:
+        """One step of the environment, by changes of joint positions."""
+        wanted = np.delete(configuration, 3)
+        change = wanted - self._state[self._theirs]
+        change[3:] += _DAMPING * (wanted - self._wanted)[3:] / self.dt
+        change[2:] = (change[2:] + np.pi) % (2 * np.pi) - np.pi
+        self._wanted = wanted
+        grip = np.clip(1 - opening / _OPENING, 0, 1)
+        answer = self._kinder("step", action=[*np.clip(change, -_STEP, _STEP), grip])
+        self._state, self.steps = np.array(answer["qpos"]), self.steps + 1
+        self.is_solved, self.done = answer["terminated"], answer["truncated"]
+
+
+@cache
+def tidybot(file: str) -> RobotSpec:
+    """KinDER's robot as ours, made of its own MJCF file and kept in the user's cache.
+
+    Raises:
+        InvalidRobot: the file is not that of TidyBot.
+    """
+    text, page = make_robot(
+        Path(file), Mounting("base_link", "pinch_site", turn=np.pi / 2, tool=_TOOL, opening=_OPENING)
+    )
+    made = (
+        Path(platformdirs.user_cache_dir("clutter-env"))
+        / f"tidybot-{hashlib.sha256(text.encode()).hexdigest()[:16]}.xml"
+    )
+    made.parent.mkdir(parents=True, exist_ok=True)
+    made.write_text(text, encoding="utf-8")
+    return RobotSpec.from_mjcf(made, **page, name="tidybot", home=_HOME, grasp_height=0.03)
+
+
+def _names(robot: RobotSpec) -> list[str]:
+    """Of KinDER's joints, in our order, the lift aside."""
+    return ["joint_x", "joint_y", "joint_th", *robot.drive_joints[4:]]
+
+
+def _shared(model: mujoco.MjModel, theirs: dict[str, int]) -> list[str]:
+    """Names of the joints that are not the robot's."""
+    return [name for name in theirs if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) >= 0]
+
+
+def _addresses(model: mujoco.MjModel, name: str) -> tuple[int, int]:
+    """Of a joint in `qpos`, and how many numbers it has there."""
+    joint = model.joint(name)
+    return int(joint.qposadr[0]), 7 if int(joint.type[0]) == 0 else 1
+
+
+def _region(scene: Scene, name: str, boxes: Array, facts: list[list[str]]) -> Region:
+    """A region for our goals: KinDER's first box, grown as far as an object's centre stays within the box.
+
+    KinDER compares the centre of an object with the box, our goals its whole footprint.
+    """
+    low, high = boxes[0, :3], boxes[0, 3:]
+    centre = (low[:2] + high[:2]) / 2
+    level = [one for one in scene.static_obstacles if one.has_level_top and one.is_under(centre) and one.top < high[2]]
+    support = max(level, key=lambda one: one.top).name if level else "floor"
+    half = min(float(scene.body(fact[1]).half_extents.min()) for fact in facts if fact[2] == name)
+    return Region(name, support, tuple(centre), tuple((high[:2] - low[:2]) / 2 + half))

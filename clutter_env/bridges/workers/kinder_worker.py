@@ -1,0 +1,97 @@
+"""KinDER's environments for another process: one JSON object a line comes in, one goes out.
+
+It runs where `kindergarden[dynamic3d]` is installed and imports nothing of this project. What the environments print
+goes to standard error.
+"""
+
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("DISPLAY", ":99")  # without one, KinDER forces a renderer that may not be there
+os.environ.setdefault("MUJOCO_GL", "egl")
+os.environ.setdefault("DISABLE_AUTO_DYNAMIC3D_SCENES_DOWNLOAD", "1")
+ANSWERS = os.fdopen(os.dup(1), "w")
+os.dup2(2, 1)
+
+import kinder  # noqa: E402  the lines above come first
+import mujoco  # noqa: E402
+import numpy as np  # noqa: E402
+
+kinder.register_all_environments()
+
+
+class Task:
+    """One environment."""
+
+    def __init__(self) -> None:
+        self.env: Any = None
+        self.id = ""
+
+    def reset(self, id: str, seed: int) -> dict[str, Any]:
+        """A new episode: the model as MJCF text, addresses of joints, the task's goal and the boxes of its regions."""
+        if id != self.id:
+            self.env, self.id = kinder.make(id), id
+        self.env.reset(seed=seed)
+        task = self.task
+        model = task._robot_env.sim.model.mj_model
+        file = Path(f"/tmp/kinder-{os.getpid()}.xml")
+        mujoco.mj_saveLastXML(str(file), model)
+        text = file.read_text()
+        file.unlink()
+        tools = Path(kinder.__file__).parent / "envs/dynamic3d/models"
+        owners = {"ground": task._ground_fixture, **task._fixtures_dict, **task._objects_dict}
+        wanted = {fact[2] for fact in task.task_config["goal_state"] if len(fact) == 3 and fact[0] in ("on", "in")}
+        boxes, anchors = {}, {}
+        for name in wanted:
+            owner = anchors[name] = task.task_config["regions"][name]["target"]
+            regions = owners[owner].region_objects[name]
+            for region in regions:
+                region.env = task._robot_env
+            boxes[name] = [[float(value) for value in region.bbox] for region in regions]
+        joints = {model.joint(i).name: int(model.jnt_qposadr[i]) for i in range(model.njnt)}
+        return {
+            "xml": text,
+            "joints": joints,
+            "robot": str(tools / "stanford_tidybot" / "tidybot.xml"),
+            "goal": task.task_config["goal_state"],
+            "boxes": boxes,
+            "anchors": anchors,
+            **self.state(False, False),
+        }
+
+    def step(self, action: list[float]) -> dict[str, Any]:
+        """One step of the environment."""
+        space = self.env.action_space
+        _, _, terminated, truncated, _ = self.env.step(
+            np.clip(np.array(action, dtype=np.float32), space.low, space.high)
+        )
+        return self.state(terminated, truncated)
+
+    def state(self, terminated: bool, truncated: bool) -> dict[str, Any]:
+        """Joint positions, and whether the environment says that its goal is reached."""
+        qpos = self.task._robot_env.sim.data.mj_data.qpos
+        return {"qpos": qpos.tolist(), "terminated": bool(terminated), "truncated": bool(truncated)}
+
+    @property
+    def task(self) -> Any:
+        """The environment inside its wrappers."""
+        return self.env.unwrapped._object_centric_env
+
+
+def main() -> None:
+    """Answer until the input ends."""
+    task = Task()
+    for line in sys.stdin:
+        request = json.loads(line)
+        try:
+            answer = getattr(task, request.pop("call"))(**request)
+        except Exception as problem:
+            answer = {"error": f"{type(problem).__name__}: {problem}"}
+        print(json.dumps(answer), file=ANSWERS, flush=True)
+
+
+if __name__ == "__main__":
+    main()

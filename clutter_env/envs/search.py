@@ -1,0 +1,241 @@
+"""`Search`: find and lift a target that no camera sees at the start."""
+
+from __future__ import annotations
+
+import math
+import zlib
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import mujoco
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from clutter_env.config import EnvConfig
+from clutter_env.envs.reset_options import MAX_DRAWS, ResetOptions, draw_scene
+from clutter_env.envs.retrieve import RetrieveEnv
+from clutter_env.errors import ConfigError, OptionError, StateError, check_choice, check_integer, check_number
+from clutter_env.rendering.cameras import FIRST_OBJECT, FURNITURE, MAX_DEPTH
+from clutter_env.scene.screened_scene import screened
+from clutter_env.scene.table_scene import TableScene
+from clutter_env.simulation.world import World
+
+_POINTS = 12
+"""Points along each direction of a surface that rays are cast to."""
+_SEEN_GROUPS = np.array((1, 0, 0, 0, 0, 0), np.uint8)
+"""Geoms that hide a target from a camera: furniture and objects, not the robot, whose arm may move away."""
+
+
+@dataclass(frozen=True)
+class SearchConfig(EnvConfig):
+    """The keyword arguments of `SearchEnv`: those of `EnvConfig`, and what makes perception hard.
+
+    Raises:
+        ConfigError: see `EnvConfig`; or a value outside its range.
+    """
+
+    num_objects: int = 10
+    layout: Any = "shelf"
+    shapes: str = "mixed"
+    obs_mode: str = "rgbd"
+    cameras: Any = ("head",)
+    segmentation: bool = True
+    image_size: int = 192
+    head: str = ""
+    """As in `EnvConfig`; "commanded" if not given and the robot's head moves."""
+    visible_fraction: float = 0.0
+    """Largest share of the target's silhouette that the observed cameras may see at the start, whichever way they are
+    turned, the robot's own body left out."""
+    mask_errors: float = 0.0
+    """Probability that an object's mask is missed, the same that it is merged with a neighbour's, the same that its
+    edge is jagged; drawn anew for every image."""
+    depth_noise: float = 0.0
+    """[m] standard deviation of the noise of each pixel's depth."""
+    frame_every: int = 1
+    """Control steps from one image to the next; in between the last one is shown again."""
+
+    def __post_init__(self) -> None:
+        if not self.head:
+            moves = bool(self.find_robot().head_joints)
+            object.__setattr__(self, "head", "commanded" if moves else "fixed")
+        check_choice("obs_mode", self.obs_mode, ("rgbd",))
+        check_choice("segmentation", self.segmentation, (True,))
+        super().__post_init__()
+        check_choice("obstructed", self.obstructed, (False,))
+        if self.find_object_set().kinds or self.find_object_set().are_cylinders_lying:
+            raise ConfigError(f"object_set={self.object_set!r}: only upright cylinders and boxes can be searched for")
+        check_number("visible_fraction", self.visible_fraction, (0.0, 1.0), "")
+        check_number("mask_errors", self.mask_errors, (0.0, 0.3), "")
+        check_number("depth_noise", self.depth_noise, (0.0, 0.1), "m")
+        check_integer("frame_every", self.frame_every, 1, 10)
+        check_integer("num_objects", self.num_objects, 2)
+
+
+class SearchEnv(RetrieveEnv):
+    """`RetrieveEnv` without the objects' poses: images and masks, the robot's own state, and what the target is like.
+
+    Keyword arguments are the fields of `SearchConfig`. Reset options: `target`, which must be hidden, `objects`,
+    `state`. The observation has `robot`, `tcp`, `gripper` and `head`, of each camera `rgb`, `depth` and `segmentation`,
+    and `target` (7,): colour (red, green, blue), whether it is a box, half extents [m]. The masks are numbered anew in
+    every image, from 3 on: a number says nothing of which object it is. Success is that of `RetrieveEnv`; its info
+    says the truth, and `K` and `T_base_camera` are those of the images.
+
+    Example:
+        >>> import gymnasium as gym, clutter_env
+        >>> env = gym.make("clutter_env/Search-o5-v0", image_size=64, visible_fraction=1.0)
+        >>> observation, info = env.reset(seed=0)
+        >>> sorted(observation)[:5]
+        ['gripper', 'head', 'head_depth', 'head_rgb', 'head_segmentation']
+    """
+
+    config: SearchConfig
+    config_type: ClassVar[type[EnvConfig]] = SearchConfig
+    task_modules: ClassVar[tuple[str, ...]] = ("clutter_env.envs.retrieve",)
+
+    @cached_property
+    def workplace(self) -> mujoco.MjModel:
+        """The robot and the furniture, without any object: what is known before the first image."""
+        return self._make_world(shapes=()).model
+
+    def visible_shares(self, scene: TableScene) -> NDArray[np.float64]:
+        """Share of each object's silhouette that some observed camera sees, (n,); the largest of the cameras' counts.
+
+        The robot stands where the scene puts it, in its home configuration; its own body hides nothing, and a camera
+        may be turned any way.
+        """
+        world = self._world_for(scene)
+        world.reset(scene)
+        eyes = [world.data.cam_xpos[world.model.camera(name).id].copy() for name in self.config.observed_cameras]
+        return np.array([max(_visible_share(world, slot, eye) for eye in eyes) for slot in range(scene.num_objects)])
+
+    def save_state(self) -> bytes:
+        """As of `BaseEnv`; the present image is not part of it."""
+        if self.config.frame_every > 1:
+            raise StateError("states are saved with frame_every=1: the image shown is no part of them")
+        return super().save_state()
+
+    def _draw_scene(self, options: ResetOptions) -> TableScene:
+        most = float(self.config.visible_fraction)
+        is_random = options.objects is None and options.target is None
+        for _ in range(MAX_DRAWS if is_random else 1):
+            drawn: TableScene | None = draw_scene(self.np_random, self.layout, self.config, options)
+            if is_random and most < 1:
+                assert drawn is not None
+                drawn = screened(self.np_random, self.layout, drawn)
+            if drawn is not None and (most >= 1 or self.visible_shares(drawn)[drawn.target] <= most):
+                return drawn
+        raise OptionError(
+            f"no target of which at most {most:.0%} is seen; ask for more objects or for another layout"
+            if is_random
+            else f"the cameras see more than {most:.0%} of the target; hide it, or allow more by visible_fraction"
+        )
+
+    def _make_observation_space(self) -> spaces.Dict:
+        target = spaces.Box(0.0, 1.0, (7,), np.float32)
+        return spaces.Dict({**super()._make_observation_space().spaces, "target": target})
+
+    def observe_world(self, target: int, hold_progress: float, lift_left: float) -> dict[str, Any]:
+        """The observation, with the last image between two frames; see `Observer.observe`."""
+        if self._shows_new_frame:
+            observation = super().observe_world(target, hold_progress, lift_left)
+            self._shown = {name: self._seen(name, observation) for name in self._image_names}
+        else:
+            measured = self._senses.measurements if self._senses else self.measurements
+            vectors = self._observer.observe(self.perceived, measured, target, hold_progress, lift_left)
+            observation = dict(vectors)
+        return {**observation, **self._shown, "target": self._description()}
+
+    def _info(self) -> dict[str, Any]:
+        info = super()._info()
+        if self._shows_new_frame:
+            self._calibration = {name: info[name] for name in ("K", "T_base_camera")}
+        return {**info, **self._calibration}
+
+    @property
+    def _shows_new_frame(self) -> bool:
+        return len(self._actions) % self.config.frame_every == 0
+
+    @property
+    def _image_names(self) -> list[str]:
+        kinds = ("rgb", "depth", "segmentation")
+        return [f"{camera}_{kind}" for camera in self.config.observed_cameras for kind in kinds]
+
+    def _seen(self, name: str, observation: dict[str, Any]) -> NDArray[Any]:
+        """An image with the errors of depth and masks, which follow from the state; masks numbered as they come."""
+        image: NDArray[Any] = observation[name]
+        rng = np.random.default_rng(zlib.crc32(name.encode() + self.data.qpos.tobytes()))
+        if name.endswith("_depth") and self.config.depth_noise:
+            noisy = image + self.config.depth_noise * rng.standard_normal(image.shape)
+            return np.clip(noisy, 0.0, MAX_DEPTH).astype(np.float32)
+        if not name.endswith("_segmentation"):
+            return image
+        labels = image[..., 0].copy()
+        if self.config.mask_errors:
+            _spoil(labels, self.config.mask_errors, rng)
+        values, first = np.unique(labels, return_index=True)
+        order = np.argsort(first[values >= FIRST_OBJECT], kind="stable")
+        numbers = np.arange(256, dtype=np.uint8)
+        numbers[values[values >= FIRST_OBJECT][order]] = FIRST_OBJECT + np.arange(len(order))
+        return numbers[labels][..., None]
+
+    def _description(self) -> NDArray[np.float32]:
+        """Colour, whether it is a box, and half extents of the target."""
+        scene, slot = self.world.scene, self.target_slot
+        assert scene is not None
+        return np.array((*self.world.colour(slot)[:3], scene.is_box[slot], *scene.half_extents[slot]), np.float32)
+
+
+def _spoil(labels: NDArray[np.uint8], probability: float, rng: np.random.Generator) -> None:
+    """Write errors into the masks (height, width): some missed, some merged with a neighbour's, some jagged."""
+    for label in np.unique(labels[labels >= FIRST_OBJECT]).tolist():
+        mask = labels == label
+        is_missed, is_merged, is_jagged = rng.random(3) < probability
+        ring = ndimage.binary_dilation(mask, iterations=2) & ~mask
+        beside = labels[ring & (labels >= FIRST_OBJECT)]
+        if is_jagged:
+            edge = mask & ~ndimage.binary_erosion(mask)
+            labels[edge & (rng.random(mask.shape) < 1 / 2)] = FURNITURE
+            labels[ring & (rng.random(mask.shape) < 1 / 4)] = label
+        if is_missed:
+            labels[mask] = FURNITURE
+        elif is_merged and len(beside):
+            labels[mask] = beside[0]
+
+
+def _visible_share(world: World, slot: int, eye: NDArray[np.float64]) -> float:
+    """Share of an object's silhouette that is seen from a point (3,) [m]: of rays to points spread over its surface."""
+    model, data, index = world.model, world.data, world.index
+    geom = index.object_geoms.start + int(index.geom_slots.searchsorted(slot))
+    half, is_box = model.geom_size[geom], model.geom_type[geom] == int(mujoco.mjtGeom.mjGEOM_BOX)
+    points = _box_surface(half) if is_box else _cylinder_surface(half[0], half[1])
+    rays = data.geom_xpos[geom] + points @ data.geom_xmat[geom].reshape(3, 3).T - eye
+    found, distance = np.empty(len(rays), np.int32), np.empty(len(rays))
+    flat = np.ascontiguousarray(rays.ravel())
+    mujoco.mj_multiRay(
+        model, data, eye, flat, _SEEN_GROUPS, True, -1, found, distance, None, len(rays), mujoco.mjMAXVAL
+    )
+    return float((found == geom).mean())
+
+
+def _box_surface(half: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 3) points on the six faces of a box."""
+    steps = (2 * np.arange(_POINTS) + 1) / _POINTS - 1
+    u, v = (grid.ravel() for grid in np.meshgrid(steps, steps))
+    faces = [np.roll(np.column_stack((np.full(len(u), side), u, v)), axis, 1) for axis in range(3) for side in (-1, 1)]
+    return np.concatenate(faces) * half
+
+
+def _cylinder_surface(radius: float, half_height: float) -> NDArray[np.float64]:
+    """(n, 3) points on the side and on the two ends of an upright cylinder."""
+    angle, steps = 2 * math.pi * np.arange(2 * _POINTS) / (2 * _POINTS), (2 * np.arange(_POINTS) + 1) / _POINTS - 1
+    rim = np.column_stack((np.cos(angle), np.sin(angle)))
+    side = [np.column_stack((radius * rim, np.full(len(rim), half_height * step))) for step in steps]
+    ends = [
+        np.column_stack((radius * share * rim, np.full(len(rim), level)))
+        for share in (0.35, 0.7, 1.0)
+        for level in (-half_height, half_height)
+    ]
+    return np.concatenate([*side, *ends])

@@ -1,0 +1,64 @@
+"""A robot of this project put into somebody's MuJoCo model, in place of the robot that is there, if any."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterable
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from assets.robots import RobotSpec
+from planners.scene.solid import SceneError
+
+
+def insert_robot(
+    scene: str | Path | mujoco.MjSpec,
+    robot: RobotSpec,
+    base: ArrayLike = (0.0, 0.0, 0.0),
+    *,
+    without: Iterable[str] = (),
+) -> mujoco.MjModel:
+    """A model of a scene with a robot in it under its own names, for `prepare` and `Scene.from_mujoco`.
+
+    Keyframes of the scene are left out: they say nothing about the robot.
+
+    Args:
+        scene: MJCF file, its text, or a specification, which is not written.
+        robot: to put in.
+        base: x, y [m], yaw [rad] of its base when its joints are 0, on the ground z = 0.
+        without: names of bodies to leave out with all that they carry, actuators, constraints and sensors: another
+            robot above all.
+
+    Raises:
+        SceneError: a scene that MuJoCo cannot read, that lacks such a body, or that has names of the robot; the message
+            says which.
+    """
+    try:
+        spec = _read(scene)
+        for name in without:
+            if (body := spec.body(name)) is None:
+                names = ", ".join(body.name for body in spec.bodies[1:] if body.name)
+                raise SceneError(f"no body {name!r} to leave out; bodies: {names or 'none'}")
+            spec.delete(body)
+        for key in list(spec.keys):
+            spec.delete(key)
+        x, y, yaw = np.asarray(base, dtype=float)
+        frame = spec.worldbody.add_frame(pos=[x, y, 0.0], quat=[math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the robot keeps its names: the planner looks for them
+            spec.attach(mujoco.MjSpec.from_file(str(robot.mjcf_path)), frame=frame, prefix="")
+            return spec.compile()
+    except (ValueError, OSError) as problem:
+        if isinstance(problem, SceneError):
+            raise
+        raise SceneError(f"robot {robot.name!r} cannot be put into this scene: {problem}") from problem
+
+
+def _read(scene: str | Path | mujoco.MjSpec) -> mujoco.MjSpec:
+    if isinstance(scene, mujoco.MjSpec):
+        return scene.copy()
+    return mujoco.MjSpec.from_string(scene) if "<" in str(scene) else mujoco.MjSpec.from_file(str(scene))

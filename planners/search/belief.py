@@ -1,0 +1,119 @@
+"""Where the target can still be: cells of the supports that no view has shown to be empty, large enough for it.
+
+Over each support there is a grid as high as the target. Every view clears the cells in front of what it shows. The
+target may stand, with equal probability, wherever it lies wholly within cells that are left. So a place is given up
+only when some part of the target would have been seen through: what hides behind what does not matter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+
+from planners.placing.negative_goal_region import SupportGrid, footprint_mask
+from planners.scene import Body, Scene, StaticObstacle
+from planners.search.perception import Description, View
+from planners.search.sight import carve
+
+Array = NDArray[np.float64]
+
+CELL, LAYER = 0.01, 0.02
+"""[m] sides of a cell along the support, and its height."""
+_MARGIN = 0.01
+"""[m] by which a cell must be in front of what is seen there; more with noise."""
+_FIT_ERROR = 0.008
+"""[m] by which the footprints of perceived objects may be too large."""
+
+
+@dataclass(eq=False)
+class _Level:
+    """One support: its grid, and whether each of its cells (nx, ny, nz) is unseen."""
+
+    grid: SupportGrid
+    is_unseen: NDArray[np.bool_]
+
+
+@dataclass(eq=False)
+class Belief:
+    """What has not been seen on the supports of a scene.
+
+    Attributes:
+        target: what is looked for.
+    """
+
+    target: Description
+    _levels: dict[str, _Level] = field(default_factory=dict)
+
+    @classmethod
+    def begin(cls, scene: Scene, target: Description) -> Belief:
+        """Nothing seen yet; the target stands on one of the scene's supports."""
+        layers = max(int((target.height - _MARGIN) / LAYER), 1)
+        levels = {}
+        for name in scene.supports:
+            grid = SupportGrid.over(scene.support_named(name), CELL)
+            levels[name] = _Level(grid, np.ones((*grid.shape, layers), np.bool_))
+        return cls(target, levels)
+
+    def update(self, view: View, noise: float = 0.0) -> int:
+        """Clear what a view shows to be empty; the number of cells. `noise` [m] is that of its depth."""
+        T_camera_world, cell = np.linalg.inv(view.T_world_camera), np.array((CELL, CELL, LAYER))
+        cleared = 0
+        for level in self._levels.values():
+            origin = np.array((level.grid.x0, level.grid.y0, level.grid.height))
+            margin = _MARGIN + 3 * noise
+            cleared += carve(level.is_unseen, origin, cell, view.depth, view.K, T_camera_world, margin)
+        return cleared
+
+    def emptied(self, body: Body) -> float:
+        """Share of the cells inside an object that have been seen to be empty: near 1 if it is no longer there."""
+        for level in self._levels.values():
+            inside = footprint_mask(level.grid, [body], -_FIT_ERROR)
+            if abs(level.grid.height - body.bottom) < 2 * LAYER and inside.any():
+                return float(1 - level.is_unseen[inside].mean())
+        return 0.0
+
+    def forget(self, body: Body) -> None:
+        """Take the cells in and around an object, which has been put there or has gone, for unseen."""
+        for level in self._levels.values():
+            if abs(level.grid.height - body.bottom) < 2 * LAYER:
+                level.is_unseen[footprint_mask(level.grid, [body], CELL)] = True
+
+    def places(self, known: Sequence[Body], furniture: Sequence[StaticObstacle] = ()) -> dict[str, NDArray[np.bool_]]:
+        """The places (nx, ny) of each support at which the target's centre can be, among known objects and furniture.
+
+        The target is taken to be narrower by half a cell's diagonal than it is, so that none of its places is missed.
+        """
+        found = {}
+        for name, level in self._levels.items():
+            top, bottom = level.grid.height + self.target.height, level.grid.height + LAYER
+            beside = [one for one in known if one.bottom < top and one.top > bottom]
+            free = level.is_unseen.all(axis=2) & ~footprint_mask(level.grid, beside, -_FIT_ERROR)
+            for one in furniture:
+                if one.lower[2] < top - LAYER and one.top > bottom and one.shape == "box":
+                    x, y = np.moveaxis(level.grid.centres(), -1, 0)
+                    free &= ~((x > one.lower[0]) & (x < one.upper[0]) & (y > one.lower[1]) & (y < one.upper[1]))
+            away = distance_transform_edt(np.pad(free, 1))[1:-1, 1:-1] * CELL
+            found[name] = free & (away >= self.target.radius - CELL / 2**0.5)
+        return found
+
+    def points(self, places: dict[str, NDArray[np.bool_]], shares: Sequence[float] = (0.5, 0.9)) -> Array:
+        """(m, n, 3) [m] points of the target at each of its m places, at these shares of its height."""
+        found = [
+            np.column_stack((level.grid.centres()[places[name]], np.full(places[name].sum(), level.grid.height)))
+            for name, level in self._levels.items()
+        ]
+        feet = np.concatenate(found)
+        up = np.outer(np.asarray(shares) * self.target.height, (0.0, 0.0, 1.0))
+        return np.asarray(feet[:, None] + up)
+
+    def grid(self, support: str) -> SupportGrid:
+        """The cells of a support."""
+        return self._levels[support].grid
+
+    def unseen(self, support: str) -> NDArray[np.bool_]:
+        """Cells (nx, ny) of a support above which something has not been seen."""
+        return np.asarray(self._levels[support].is_unseen.any(axis=2))

@@ -1,0 +1,537 @@
+"""The search expert: look, and as long as the target is not in sight, look from elsewhere or move what hides most.
+
+look -> target seen? -> take it
+  ^      | no: another view, or an object put where it hides nothing: what reveals more per second
+  +------+ every place seen: it cannot be found
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Generator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from assets.robots import RobotSpec
+from planners.collision.world import CollisionWorld, validate
+from planners.expert.config import ExpertError, MonitorConfig
+from planners.expert.executor import Executor
+from planners.goals import Goal, inside
+from planners.motion.base import unwrap_yaw
+from planners.motion.trajectory import CONTROL_STEP
+from planners.planner import Planner
+from planners.scene import Body, HeldObject, RobotState, Scene, SceneError
+from planners.search.belief import Belief
+from planners.search.options import Prospect, Viewpoint, spots, viewpoints
+from planners.search.perception import ROBOT, Description, Seen, View, perceive
+from planners.search.sensing import BelievedSensor, RobotReading
+from planners.tamp.solution import BoundAction, Infeasible, Solution
+
+Array = NDArray[np.float64]
+Actions = Generator[Array, None, Any]
+"""Yields actions; after each, the next observation has arrived."""
+
+ORDERS = ("expected", "random", "front", "shadow")
+"""Ways to choose what is moved: by probability revealed per second, beside views; and three baselines without views."""
+_MOVE_SECONDS = 35.0
+"""[s] that moving an object takes, about."""
+_LEAST_GAIN = 0.02
+"""Probability that a view must reveal."""
+_TRIED = 5
+"""Objects for which a plan is tried before another view, or the end, is considered."""
+_MOST_STEPS = 40
+"""Views and moves of one search at most."""
+_RETRIES = 3
+"""Plans for one move, or for taking the target, after deviations."""
+_SETTLE = 10
+"""Control steps at rest before an image counts: those of a slow camera, too, show the present by then."""
+_AIMED, _AIM_STEPS = 0.04, 40
+"""[rad] to which the camera is aimed at a point; control steps after which it is looked anyway."""
+_ASIDE = 0.6
+"""[rad] by which the first joint of the arm is turned where the arm hides the view."""
+_HIDES = 0.12
+"""Share of an image that the robot itself may hide."""
+_SPEED = 0.6
+"""Share of the largest joint velocities between viewpoints."""
+_HOLD = 20
+"""Control steps for which the target is held up."""
+_GONE = 0.6
+"""Share of an object's cells that must be seen to be empty until it counts as gone."""
+_SHRINK = (0.0, 0.001, 0.002, 0.004, 0.008)
+"""[m] by which perceived objects are made narrower until they do not overlap."""
+
+
+class SearchedEnv(Protocol):
+    """All that the search expert uses of an environment beside observations, `K` and `T_base_camera`.
+
+    Attributes:
+        robot: which robot it is.
+        workplace: a model of robot and furniture, without any object.
+        support_name: of the geom on whose top face objects stand.
+        control_mode: "joint".
+    """
+
+    robot: RobotSpec
+    workplace: mujoco.MjModel
+    support_name: str
+    control_mode: str
+
+    def joint_action(self, q_target: Array, gripper_width: float, head_target: Array | None = None) -> Array:
+        """The action that moves the robot to a whole-body configuration, and its head to pan and tilt."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class SearchStep:
+    """One decision of a search: when [s], what in words, and the belief that it was made with.
+
+    `places` are the cells at which the target can be, by support; `known` the objects, `eye` (3,) the camera.
+    """
+
+    time: float
+    text: str
+    places: Mapping[str, NDArray[np.bool_]]
+    known: tuple[Seen, ...]
+    eye: Array
+
+
+@dataclass
+class SearchReport:
+    """How a search went.
+
+    Attributes:
+        found: the target has been seen.
+        taken: it has been taken and is still between the fingers.
+        failure: why the search ended without, "" for success; "cannot be found" if every place has been seen.
+        moves: names of the objects moved, in order, as the expert calls them.
+        views: viewpoints looked from.
+        deviations: that stopped motions, as text.
+        belief_s, decision_s: [s] CPU time of each belief update, of each decision with its plan.
+        steps: decisions, in order.
+    """
+
+    found: bool = False
+    taken: bool = False
+    failure: str = "unfinished"
+    moves: list[str] = field(default_factory=list)
+    views: int = 0
+    deviations: list[str] = field(default_factory=list)
+    belief_s: list[float] = field(default_factory=list)
+    decision_s: list[float] = field(default_factory=list)
+    steps: list[SearchStep] = field(default_factory=list)
+
+
+class SearchExpert:
+    """A policy for `clutter_env/Search-…` that finds and takes a target by camera data alone.
+
+    It knows the robot, the furniture, and what the target is like; of objects it knows what it has seen.
+
+    Example:
+        env = gymnasium.make("clutter_env/Search-o10-v0")
+        observation, info = env.reset(seed=0)
+        expert = SearchExpert(env)
+        expert.reset(observation, info)
+        while not expert.done:
+            observation, _, terminated, truncated, info = env.step(expert.act(observation, info))
+            if terminated or truncated:
+                break
+        print(expert.report.failure or "taken")
+    """
+
+    def __init__(
+        self, env: Any, order: str = "expected", *, planner: Planner | None = None, seed: int = 0, noise: float = 0.0
+    ) -> None:
+        """Make an expert; call `reset` to begin an episode.
+
+        Args:
+            env: wrapped or not, with the `SearchedEnv` protocol.
+            order: "expected" weighs views and objects by the probability that they reveal per second. "random",
+                "front" (the nearest first) and "shadow" (what hides most first) are baselines that look from where
+                the robot stands.
+            planner: plans what is moved and taken; one for the robot if not given.
+            seed: of the planner's sampling, and of the random order.
+            noise: [m] of the camera's depth, as far as it is known.
+
+        Raises:
+            ExpertError: an order or an environment that cannot be used.
+        """
+        inner = getattr(env, "unwrapped", env)
+        missing = [name for name in (*SearchedEnv.__annotations__, "joint_action") if not hasattr(inner, name)]
+        if missing or inner.control_mode != "joint":
+            what = f"it lacks {', '.join(missing)}" if missing else "control_mode must be 'joint'"
+            raise ExpertError(f"{type(inner).__name__} cannot be searched, {what}; use clutter_env/Search-o{{N}}-v0")
+        if order not in ORDERS:
+            raise ExpertError(f"order={order!r} is not valid; valid values: {', '.join(ORDERS)}")
+        self._env: SearchedEnv = inner
+        self._order, self._seed, self._noise = order, seed, noise
+        self._planner = planner or Planner(inner.robot)
+        self._run: Actions | None = None
+
+    def reset(self, observation: Mapping[str, Any], info: Mapping[str, Any]) -> None:
+        """Begin an episode with its first observation; `info` has `K` and `T_base_camera`."""
+        self._rng = np.random.default_rng(self._seed)
+        self._planner.warmup()
+        model, data = self._env.workplace, mujoco.MjData(self._env.workplace)
+        mujoco.mj_forward(model, data)
+        self._empty = Scene.from_mujoco(model, data, self._env.robot, movable=(), support=self._env.support_name)
+        self._cameras = [name.removesuffix("_depth") for name in sorted(observation) if name.endswith("_depth")]
+        self._target = Description.of(observation["target"])
+        self._belief = Belief.begin(self._empty, self._target)
+        self._known: tuple[Seen, ...] = ()
+        self._held: HeldObject | None = None
+        self._ticks, self._done = 0, False
+        self._observation, self._info = observation, info
+        self._reading = RobotReading.of(observation)
+        self._width = self._reading.width
+        self._home = np.array(self._env.robot.home)
+        self._aside = self._home.copy()
+        self.report = SearchReport()
+        self._run = self._search()
+
+    def act(self, observation: Mapping[str, Any], info: Mapping[str, Any]) -> Array:
+        """The next action after an observation and its info.
+
+        Raises:
+            ExpertError: `reset` has not been called.
+        """
+        if self._run is None:
+            raise ExpertError("call SearchExpert.reset(observation, info) before act()")
+        self._observation, self._info = observation, info
+        self._reading = RobotReading.of(observation, self._reading.drive[2])
+        self._ticks += 1
+        action = None if self._done else next(self._run, None)
+        if action is None:
+            self._done = True
+            return self._env.joint_action(self._reading.drive, self._width)
+        return action
+
+    @property
+    def done(self) -> bool:
+        """Whether the search has ended."""
+        return self._run is not None and self._done
+
+    # The search, as a story; each part yields actions.
+
+    def _search(self) -> Actions:
+        yield from self._look(list(self._empty.supports))
+        refused: set[str] = set()
+        for _ in range(_MOST_STEPS):
+            target = next((one for one in self._known if one.is_target), None)
+            if target is not None:
+                self.report.found = True
+                if (yield from self._take(target.name)):
+                    self.report.failure, self._done = "", True
+                    return
+                if not any(one.is_target for one in self._known):
+                    continue
+            started = time.process_time()
+            scene, places = self._scene(), self._places()
+            if target is None and not any(cells.any() for cells in places.values()):
+                return self._end("cannot be found")
+            step = self._next(scene, places, refused, target)
+            self.report.decision_s.append(time.process_time() - started)
+            if step is None:
+                left = sum(int(cells.sum()) for cells in places.values())
+                return self._end(f"gave up: {left} places cannot be brought into sight, or the target cannot be taken")
+            if isinstance(step, Viewpoint):
+                self._note(f"look from ({step.base[0]:.2f}, {step.base[1]:.2f}), gain {step.gain:.2f}", places)
+                if not (yield from self._go(step)):
+                    refused.add(_key(step))
+                yield from self._look([name for name, cells in places.items() if cells.any()])
+                continue
+            name, goal, actions = step
+            self._note(f"move {name}", places)
+            self.report.moves.append(name)
+            yield from self._carry_out(actions, goal, name)
+            yield from self._look([one for one, cells in places.items() if cells.any()])
+        self._end("gave up: too many steps")
+
+    def _next(
+        self, scene: Scene, places: Mapping[str, NDArray[np.bool_]], refused: set[str], target: Seen | None
+    ) -> Viewpoint | tuple[str, Goal, tuple[BoundAction, ...]] | None:
+        """The view or the move that reveals most per second; None if there is none."""
+        prospect = Prospect(self._belief, dict(places), scene)
+        T = np.linalg.inv(self._reading.T_world_base) @ np.append(self._eye(), 1.0)
+        limits = self._env.robot.chain[0]
+        torso = (limits.lower + 0.01, limits.upper - 0.01)
+        views = [
+            replace(one, gain=prospect.gain(one.eye))
+            for one in viewpoints(scene, prospect.points, T[:3], torso)
+            if _key(one) not in refused
+        ]
+        eyes = [one.eye for one in views[:: max(len(views) // 6, 1)]]
+        names, worth = self._ranked(prospect, views, target)
+        best = max(views, key=lambda one: one.rate, default=None)
+        is_worth = best is not None and best.gain >= _LEAST_GAIN and self._order == "expected" and target is None
+        if is_worth and best is not None and best.rate >= worth / _MOVE_SECONDS:
+            refused.add(_key(best))
+            return best
+        for name in names[:_TRIED]:
+            planned = self._planned_move(scene, name, prospect, eyes)
+            if planned is not None:
+                refused.clear()
+                return planned
+        if is_worth and best is not None:
+            refused.add(_key(best))
+            return best
+        return None
+
+    def _ranked(self, prospect: Prospect, views: Sequence[Viewpoint], target: Seen | None) -> tuple[list[str], float]:
+        """Names of objects, the first to be moved first, and what moving that one is worth."""
+        names = [body.name for body in prospect.bodies if target is None or body.name != target.name]
+        fresh = [name for name in names if name not in self.report.moves]
+        if self._order == "random":
+            return list(self._rng.permutation(fresh)), 0.0
+        if self._order == "front":
+            x = {body.name: body.position[0] - body.half_extents[0] for body in prospect.bodies}
+            return sorted(fresh, key=lambda name: x[name]), 0.0
+        if self._order == "shadow":
+            alone = {body.name: prospect.hidden_by(body, [self._eye()]) for body in prospect.bodies}
+            return sorted(fresh, key=lambda name: -alone[name]), 0.0
+        # From the viewpoints near to hand, the one from which most would be seen.
+        best: dict[str, float] = dict.fromkeys(names, 0.0)
+        for view in sorted(views, key=lambda one: one.seconds)[:12]:
+            for name, share in prospect.shadows(view.eye).items():
+                if name in best:
+                    best[name] = max(best[name], share * _MOVE_SECONDS / (_MOVE_SECONDS + view.seconds))
+        again = {name: 0.5 ** self.report.moves.count(name) for name in names}
+        order = sorted((name for name in names if best[name] > 0), key=lambda name: -best[name] * again[name])
+        return order, best[order[0]] if order else 0.0
+
+    def _planned_move(
+        self, scene: Scene, name: str, prospect: Prospect, eyes: Sequence[Array]
+    ) -> tuple[str, Goal, tuple[BoundAction, ...]] | None:
+        """A plan that puts an object where it hides nothing unknown, None if none is found."""
+        for region in spots(scene, scene.body(name), self._belief, prospect, eyes, self._rng):
+            goal, wanted = inside(name, region.name), replace(scene, regions=(region,))
+            outcome = self._planner.solve(wanted, goal, "lookahead", self._rng)
+            if isinstance(outcome, Solution) and outcome.actions:
+                return name, goal, outcome.actions
+        return None
+
+    def _take(self, name: str) -> Actions:
+        """Take the target; whether it is held in the end."""
+        for _ in range(_RETRIES):
+            started = time.process_time()
+            outcome = self._solved(self._scene(), Goal.of(name))
+            self.report.decision_s.append(time.process_time() - started)
+            if isinstance(outcome, Infeasible):
+                self.report.deviations.append(f"{outcome.cause}: {outcome.detail}")
+                return False
+            self._note(f"take {name}", self._places())
+            self.report.moves += [action.target for action in outcome.actions if action.is_clearance]
+            if (yield from self._follow(outcome.actions)):
+                for _ in range(_HOLD):
+                    yield self._env.joint_action(self._last, self._width)
+                if self._held is not None and self._held.name == name and self._reading.is_gripping:
+                    self.report.taken = True
+                    return True
+            yield from self._recover()
+            yield from self._look([self._empty.support.name])
+            if name not in [one.name for one in self._known]:
+                return False
+        return False
+
+    def _carry_out(self, actions: tuple[BoundAction, ...], goal: Goal, name: str) -> Actions:
+        """Follow a plan; after a deviation plan again from where things are believed to be."""
+        regions = actions[0].scene.regions
+        for _ in range(_RETRIES):
+            if (yield from self._follow(actions)):
+                return
+            if self._held is None or self._held.name != name:
+                break
+            outcome = self._solved(replace(self._scene(), regions=regions), goal)
+            if isinstance(outcome, Infeasible):
+                break
+            actions = outcome.actions
+        yield from self._recover()
+
+    def _solved(self, scene: Scene, goal: Goal) -> Solution | Infeasible:
+        return self._planner.solve(scene, goal.target or goal, "lookahead", self._rng)
+
+    # Motions.
+
+    def _follow(self, actions: tuple[BoundAction, ...]) -> Actions:
+        """Follow planned motions; whether they came to their end."""
+        if not actions:
+            return True
+        env, bodies = self._env, actions[0].scene.objects
+        sensor = BelievedSensor(bodies, self._reading, env.robot, self._held)
+        executor = Executor(actions, env.robot, sensor, self._tolerances, at_start=2)  # type: ignore[arg-type]  # its members names and read are used
+        head = np.array(env.robot.head_configuration) if len(self._reading.head) else None
+        while not executor.is_over:
+            sensor.update(self._reading)
+            command = executor.advance(sensor.read())
+            self._last, self._width = command.drive, command.opening
+            yield env.joint_action(command.drive, command.opening, head)
+        sensor.update(self._reading)
+        self._held = sensor.held
+        self._settle_belief(bodies, sensor.bodies)
+        if executor.deviation is not None:
+            self.report.deviations.append(str(executor.deviation))
+        return executor.deviation is None
+
+    @property
+    def _tolerances(self) -> MonitorConfig:
+        return MonitorConfig(slip=0.03)
+
+    def _settle_belief(self, before: Sequence[Body], after: Sequence[Body]) -> None:
+        """Objects that the robot has moved are where it let go of them, upright; around there nothing is known."""
+        moved = {new.name: new for old, new in zip(before, after, strict=True) if new is not old}
+        kept = []
+        for one in self._known:
+            if (body := moved.get(one.name)) is not None:
+                size = one.body.half_extents
+                yaw = math.atan2(body.rotation[1, 0], body.rotation[0, 0])
+                under = [s.top for s in self._supports if s.is_under(body.position[:2]) and s.top < body.position[2]]
+                height = max(under, default=0.0) + size[2]
+                there = one.body.at((*body.position[:2], height), (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)))
+                T = there.pose @ np.linalg.inv(one.body.pose)
+                one = replace(one, body=there, points=one.points @ T[:3, :3].T + T[:3, 3])
+                self._belief.forget(there)
+            kept.append(one)
+        self._known = tuple(kept)
+
+    def _recover(self) -> Actions:
+        """After a deviation: let go of what is held where the planner finds a place, and bring the arm home."""
+        if self._held is not None:
+            name = self._held.name
+            outcome = self._solved(self._scene(), inside(name, self._empty.support.name))
+            if isinstance(outcome, Solution):
+                yield from self._follow(outcome.actions)
+        drive = self._reading.drive.copy()
+        drive[3:] = self._home
+        yield from self._interpolate(drive)
+
+    def _go(self, view: Viewpoint) -> Actions:
+        """Drive to a viewpoint in a straight line, the arm aside; whether that is free."""
+        drive = np.concatenate((view.base, [view.torso], self._aside[1:]))
+        drive[2] = unwrap_yaw(drive[2], self._reading.drive[2])
+        self.report.views += 1
+        return (yield from self._interpolate(drive))
+
+    def _interpolate(self, goal: Array) -> Actions:
+        """Move all joints together to a whole-body configuration, if nothing known is in the way; whether it is."""
+        start, robot = self._reading.drive.copy(), self._env.robot
+        world = CollisionWorld.from_scene(self._scene())
+        if world.path_hits(np.stack((start, goal)), robot.max_opening, self._held, first_only=True):
+            return False
+        seconds = float((np.abs(goal - start) / (_SPEED * np.array(robot.max_velocity))).max()) * 1.5
+        steps = max(math.ceil(seconds / CONTROL_STEP), 1)
+        for step in range(1, steps + 1):
+            share = step / steps
+            self._last = start + (goal - start) * share * share * (3 - 2 * share)
+            yield self._env.joint_action(self._last, self._width)
+        for _ in range(_SETTLE):
+            yield self._env.joint_action(goal, self._width)
+        return True
+
+    # Looking.
+
+    def _look(self, names: Sequence[str]) -> Actions:
+        """Look at supports, and what stands on them; the arm out of sight for it, and home again."""
+        home = self._reading.drive.copy()
+        home[3:] = np.append(home[3], self._home[1:])
+        options = [
+            self._aside[1:],
+            *(self._home[1:] + turn * np.eye(len(self._home) - 1)[0] for turn in (_ASIDE, -_ASIDE)),
+        ]
+        supports = [self._empty.support_named(name) for name in names]
+        for number, support in enumerate(sorted(supports, key=lambda one: float(one.position[1]))):
+            point = np.append(support.position[:2], support.top + self._target.height / 2)
+            for arm in options if number == 0 else ():
+                drive = np.append(home[:4], arm)
+                if not np.allclose(drive, self._reading.drive, atol=0.02):
+                    yield from self._interpolate(drive)
+                yield from self._aim(point)
+                hidden = float((self._view(self._cameras[0]).masks == ROBOT).mean())
+                if hidden <= _HIDES:
+                    self._aside[1:] = arm
+                    break
+            if number:
+                yield from self._aim(point)
+            self._take_in()
+        if not np.allclose(self._reading.drive[4:], home[4:], atol=0.02):
+            home[3] = self._home[0]
+            yield from self._interpolate(home)
+
+    def _aim(self, point: Array) -> Actions:
+        """Turn the head until the first camera looks at a point (3,) [m], and wait until the image is still."""
+        name = self._cameras[0]
+        for _ in range(_AIM_STEPS if len(self._reading.head) else 0):
+            T_world_camera = self._reading.T_world_base @ self._info["T_base_camera"][name]
+            x, y, z, _ = np.linalg.inv(T_world_camera) @ np.append(point, 1.0)
+            errors = np.array((-math.atan2(x, z), math.atan2(y, math.hypot(x, z))))
+            if np.abs(errors).max() < _AIMED:
+                break
+            yield self._env.joint_action(self._last_drive, self._width, self._reading.head + 0.5 * errors)
+        for _ in range(_SETTLE):
+            yield self._env.joint_action(self._last_drive, self._width)
+
+    @property
+    def _last_drive(self) -> Array:
+        return getattr(self, "_last", self._reading.drive)
+
+    def _take_in(self) -> None:
+        """Carve, forget what is gone, and perceive, with each camera."""
+        started = time.process_time()
+        views = [self._view(name) for name in self._cameras]
+        for view in views:
+            self._belief.update(view, self._noise)
+        self.report.belief_s.append(time.process_time() - started)
+        known = tuple(one for one in self._known if self._belief.emptied(one.body) < _GONE)
+        for view in views:
+            known = perceive(view, known, self._supports, self._target)
+        self._known = known
+
+    def _view(self, camera: str) -> View:
+        return View.of(self._observation, self._info, camera, self._reading.T_world_base)
+
+    def _eye(self) -> Array:
+        """(3,) [m] where the first camera is."""
+        return (self._reading.T_world_base @ self._info["T_base_camera"][self._cameras[0]])[:3, 3]
+
+    # What is known.
+
+    @property
+    def _supports(self) -> list[Any]:
+        return [self._empty.support_named(name) for name in self._empty.supports]
+
+    def _places(self) -> dict[str, NDArray[np.bool_]]:
+        return self._belief.places([one.body for one in self._known], self._empty.static_obstacles)
+
+    def _scene(self) -> Scene:
+        """The known objects, narrower where they would overlap; the robot as it is, at home if it is near it."""
+        reading, robot = self._reading, self._env.robot
+        q = self._home if np.abs(reading.drive[3:] - self._home).max() < 0.05 else reading.drive[3:]
+        state = RobotState(reading.drive[:3], q, robot.finger_position(reading.width))
+        for by in _SHRINK:
+            bodies = tuple(
+                replace(one.body, half_extents=np.maximum(one.body.half_extents - (by, by, 0.0), 0.005))
+                for one in self._known
+            )
+            scene = replace(self._empty, state=state, objects=bodies, held=self._held)
+            try:
+                validate(CollisionWorld.from_scene(scene))
+            except SceneError:
+                if by == _SHRINK[-1]:
+                    raise
+                continue
+            break
+        return scene
+
+    def _note(self, text: str, places: Mapping[str, NDArray[np.bool_]]) -> None:
+        self.report.steps.append(SearchStep(self._ticks * CONTROL_STEP, text, places, self._known, self._eye()))
+
+    def _end(self, failure: str) -> None:
+        self.report.failure = failure
+        self._note(failure, self._places())
+
+
+def _key(view: Viewpoint) -> str:
+    return f"{np.round(view.base, 2).tolist()} {view.torso:.2f}"

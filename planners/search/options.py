@@ -1,0 +1,170 @@
+"""What a search can do next, and what it is worth: another view, an object moved, and where to put it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.goals import Region
+from planners.placing.negative_goal_region import SupportGrid, footprint_mask
+from planners.scene import Body, Scene, StaticObstacle
+from planners.search.belief import Belief
+from planners.search.sight import FIXED, Screens, between
+
+Array = NDArray[np.float64]
+
+_SIDEWAYS = (-0.5, -0.3, -0.15, 0.0, 0.15, 0.3, 0.5)
+"""[m] along the support's front, from where the target can be, at which views are taken."""
+_STAND_OFF = (0.95, 1.25)
+"""[m] from the support's front edge to the base centre."""
+_DRIVE, _TURN, _LIFT, _LOOK = 0.5, 0.8, 0.08, 2.5
+"""[m/s], [rad/s], [m/s], [s] by which the time of a view is estimated."""
+_SPOTS, _SPOT_SPACING = 4, 0.06
+"""Spots proposed at most, and [m] between those looked at."""
+_SPOT_GAP = 0.03
+"""[m] around an object that stays free where it is put: for the fingers."""
+_MOST_POINTS = 1200
+"""Places that options are weighed by, at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Viewpoint:
+    """A base pose (3,), a torso height [m], where the camera is then (3,) [m], and the time [s] to get there and look.
+
+    `gain` is the probability that the target is in sight from there.
+    """
+
+    base: Array
+    torso: float
+    eye: Array
+    seconds: float
+    gain: float = 0.0
+
+    @property
+    def rate(self) -> float:
+        """Probability revealed per second."""
+        return self.gain / self.seconds
+
+
+class Prospect:
+    """The places where the target can be, and what stands between them and each viewpoint.
+
+    Attributes:
+        points: (m, n, 3) [m] n points of the target at each place.
+        bodies: the objects that are known.
+    """
+
+    def __init__(self, belief: Belief, places: dict[str, NDArray[np.bool_]], scene: Scene) -> None:
+        points = belief.points(places)
+        stride = math.ceil(len(points) / _MOST_POINTS) or 1
+        self.points, self.bodies = points[::stride], scene.objects
+        self._screens = Screens.of(scene.objects, scene.static_obstacles)
+
+    def masks(self, eye: Array) -> NDArray[np.int64]:
+        """(m, n) what stands between an eye (3,) and each point."""
+        return between(eye, self.points.reshape(-1, 3), self._screens).reshape(self.points.shape[:2])
+
+    def gain(self, eye: Array) -> float:
+        """Probability that the target is in sight from an eye (3,)."""
+        return float((self.masks(eye) == 0).any(axis=1).mean()) if len(self.points) else 0.0
+
+    def shadows(self, eye: Array) -> dict[str, float]:
+        """What each object hides from an eye (3,): probability; what k objects hide together counts 1/2^(k-1) for each.
+
+        Places that furniture hides do not count.
+        """
+        masks = self.masks(eye)
+        count = sum((masks >> i) & 1 for i in range(len(self.bodies))) + np.zeros(masks.shape, int)
+        least = np.where(masks & FIXED, 99, count).min(axis=1)
+        worth = np.where((least > 0) & (least < 99), 0.5 ** (least - 1.0), 0.0)
+        rows = np.arange(len(masks))
+        chosen = masks[rows, np.where(masks & FIXED, 99, count).argmin(axis=1)] if len(masks) else masks[:, 0]
+        return {
+            body.name: float((((chosen >> i) & 1) * worth).sum() / max(len(masks), 1))
+            for i, body in enumerate(self.bodies)
+        }
+
+    def hidden_by(self, body: Body, eyes: Sequence[Array]) -> float:
+        """Probability that the target is behind an object of this pose, mean over eyes."""
+        alone = Screens.of([body], ())
+        shares = [(between(eye, self.points.reshape(-1, 3), alone) != 0).mean() for eye in eyes]
+        return float(np.mean(shares)) if len(self.points) else 0.0
+
+
+def viewpoints(scene: Scene, belief_points: Array, T_base_eye: Array, torso: tuple[float, float]) -> list[Viewpoint]:
+    """Viewpoints before the support that most places are on: from its front, several sides and heights.
+
+    Args:
+        scene: where the robot stands, and the furniture.
+        belief_points: (m, n, 3) [m] of the places.
+        T_base_eye: (3,) [m] where the camera is in the base frame now.
+        torso: [m] range of its height.
+    """
+    support, state = scene.support, scene.state
+    front, middle = support.lower[0], belief_points[..., 1].mean() if len(belief_points) else support.position[1]
+    found = []
+    poses = [np.array((front - away, middle + y, 0.0)) for away in _STAND_OFF for y in _SIDEWAYS]
+    for number, base in enumerate([np.array(state.base), *poses]):
+        if number:
+            base[2] = math.atan2(middle - base[1], support.position[0] - base[0])
+        for height in (torso[0], float(state.q[0]), torso[1]):
+            turn = abs(math.remainder(base[2] - state.base[2], 2 * math.pi))
+            seconds = _LOOK + max(
+                float(np.hypot(*(base - state.base)[:2])) / _DRIVE, turn / _TURN, abs(height - state.q[0]) / _LIFT
+            )
+            c, s = math.cos(base[2]), math.sin(base[2])
+            x, y, z = T_base_eye
+            eye = np.array((base[0] + c * x - s * y, base[1] + s * x + c * y, z + height - state.q[0]))
+            found.append(Viewpoint(base, height, eye, seconds))
+    return found
+
+
+def spots(
+    scene: Scene, body: Body, belief: Belief, prospect: Prospect, eyes: Sequence[Array], rng: np.random.Generator
+) -> list[Region]:
+    """Where an object can be put: seen to be free, hiding little of what is unknown, near; best first."""
+    radius = float(np.hypot(*body.half_extents[:2])) if body.shape == "box" else float(body.half_extents[0])
+    around = radius + _SPOT_GAP
+    others = [one for one in scene.objects if one.name != body.name]
+    found: list[tuple[float, Region]] = []
+    for name in scene.supports:
+        support, grid = scene.support_named(name), belief.grid(name)
+        coarse = SupportGrid.over(support, _SPOT_SPACING).centres().reshape(-1, 2)
+        taken = footprint_mask(grid, [one for one in others if one.top > support.top], around)
+        taken |= _narrow(grid, scene.static_obstacles, support, body, radius)
+        unseen = belief.unseen(name)
+        for x, y in coarse:
+            i, j = (int(v) for v in np.floor((np.array((x, y)) - (grid.x0, grid.y0)) / grid.resolution))
+            near = slice(max(i - 4, 0), i + 5), slice(max(j - 4, 0), j + 5)
+            inside = min(x - support.lower[0], support.upper[0] - x, y - support.lower[1], support.upper[1] - y)
+            if taken[i, j] or unseen[near].any() or inside < around:
+                continue
+            there = body.at((x, y, support.top + body.half_extents[2]))
+            hidden = prospect.hidden_by(there, eyes)
+            away = float(np.hypot(x - body.position[0], y - body.position[1]))
+            region = Region("spot", name, (float(x), float(y)), (around, around))
+            found.append((round(hidden, 2) + 0.02 * away + 1e-6 * float(rng.random()), region))
+    chosen: list[Region] = []
+    for _, region in sorted(found, key=lambda one: one[0]):
+        if all(math.dist(region.centre, other.centre) > 2 * _SPOT_SPACING for other in chosen):
+            chosen.append(region)
+        if len(chosen) == _SPOTS:
+            break
+    return chosen
+
+
+def _narrow(
+    grid: SupportGrid, furniture: Sequence[StaticObstacle], support: StaticObstacle, body: Body, radius: float
+) -> NDArray[np.bool_]:
+    """Cells where an object would touch furniture beside or above the support."""
+    x, y = np.moveaxis(grid.centres(), -1, 0)
+    top, taken = support.top + 2 * body.half_extents[2] + 0.02, grid.empty()
+    for one in furniture:
+        if one.lower[2] < top and one.top > support.top + 0.001:
+            low, high = one.lower[:2] - radius, one.upper[:2] + radius
+            taken |= (x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1])
+    return taken

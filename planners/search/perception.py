@@ -1,0 +1,283 @@
+"""From images to objects: masks and depth become upright cylinders and boxes, with the uncertainty of their poses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial import ConvexHull, QhullError
+
+from planners.scene import Body, StaticObstacle
+
+Array = NDArray[np.float64]
+
+FIRST_MASK, ROBOT = 3, 1
+"""The lowest label of an object in an image's masks, and that of the robot."""
+_LEAST_PIXELS = 10
+"""Pixels of a mask that is looked at."""
+_MOST_POINTS = 4000
+"""Points kept of an object, and `_FITTED` of them that its shape is fitted to."""
+_FITTED = 300
+_RIM = 0.008
+"""[m] below an object's highest point in which points are those of its top face."""
+_SIZES = (0.01, 0.10)
+"""[m] radius or half extent of an object; and of what is seen of its width no more than `_UNSEEN`."""
+_UNSEEN = 0.75
+_WIDEST = 0.22
+"""[m] of what counts as one object: a wider mask covers several."""
+_HUE = 0.12
+"""Difference of the shares of red, green and blue up to which two colours count as one."""
+_SHARED = 0.5
+"""Share of a mask's points that lie in an object already known, from which on it is that object's."""
+_NEAR = 0.012
+"""[m] around a known object in which points count as its own."""
+
+
+@dataclass(frozen=True)
+class Description:
+    """What the target is like: `colour` (3,), `shape`, `half_extents` (3,) [m]."""
+
+    colour: tuple[float, float, float]
+    shape: str
+    half_extents: tuple[float, float, float]
+
+    @classmethod
+    def of(cls, values: Sequence[float]) -> Description:
+        """Of seven numbers: colour, whether it is a box, half extents."""
+        red, green, blue, is_box, *half = (float(value) for value in values)
+        return cls((red, green, blue), "box" if is_box else "cylinder", (half[0], half[1], half[2]))
+
+    @property
+    def height(self) -> float:
+        """[m]"""
+        return 2 * self.half_extents[2]
+
+    @property
+    def radius(self) -> float:
+        """[m] of the largest upright cylinder inside it."""
+        return min(self.half_extents[:2])
+
+    def has_colour(self, colour: Array) -> bool:
+        """Whether this is its colour, by the shares of red, green and blue, which shade does not change."""
+        own, other = np.array(self.colour) / (sum(self.colour) or 1.0), colour / (colour.sum() or 1.0)
+        return bool(np.abs(own - other).max() < _HUE)
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One image: `colours` (h, w, 3), `depth` (h, w) [m], `masks` (h, w), K (3, 3), T_world_camera (4, 4)."""
+
+    colours: NDArray[np.uint8]
+    depth: NDArray[np.float32]
+    masks: NDArray[np.uint8]
+    K: Array
+    T_world_camera: Array
+
+    @classmethod
+    def of(cls, observation: Mapping[str, Any], info: Mapping[str, Any], camera: str, T_world_base: Array) -> View:
+        """That of a camera of an "rgbd" observation."""
+        return cls(
+            observation[f"{camera}_rgb"],
+            np.ascontiguousarray(observation[f"{camera}_depth"][..., 0]),
+            observation[f"{camera}_segmentation"][..., 0],
+            info["K"][camera],
+            T_world_base @ info["T_base_camera"][camera],
+        )
+
+    def points(self, mask: NDArray[np.bool_]) -> Array:
+        """(n, 3) [m] in the world of the pixels of a mask."""
+        v, u = np.nonzero(mask)
+        rays = np.column_stack(((u - self.K[0, 2]) / self.K[0, 0], (v - self.K[1, 2]) / self.K[1, 1], np.ones(len(u))))
+        T = self.T_world_camera
+        return np.asarray(rays * self.depth[mask][:, None] @ T[:3, :3].T + T[:3, 3])
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """An object as it has been seen.
+
+    Attributes:
+        body: its fitted shape and pose.
+        points: (n, 3) [m] of its surface.
+        colour: (3,) mean, 0 to 1.
+        sigma: [m] standard deviation of its place that is to be expected: of the fit, and of sides not seen.
+        is_target: whether it has the target's colour.
+    """
+
+    body: Body
+    points: Array
+    colour: Array
+    sigma: float
+    is_target: bool = False
+
+    @property
+    def name(self) -> str:
+        """Of the body."""
+        return self.body.name
+
+
+def perceive(
+    view: View, known: Sequence[Seen], supports: Sequence[StaticObstacle], target: Description
+) -> tuple[Seen, ...]:
+    """The known objects with what a view adds to them, and those that it shows for the first time.
+
+    A mask belongs to the known object in which most of its points lie. One that covers several objects is left out.
+
+    Args:
+        view: the image.
+        known: what was seen before, in the present places.
+        supports: on which objects stand.
+        target: whose colour and size are known.
+    """
+    found = {one.name: one for one in known}
+    count = max((int(one.name.rpartition("_")[2]) for one in known), default=-1) + 1
+    for label in np.unique(view.masks[view.masks >= FIRST_MASK]).tolist():
+        mask = view.masks == label
+        if mask.sum() < _LEAST_PIXELS:
+            continue
+        points, colour = view.points(mask), view.colours[mask].mean(axis=0) / 255
+        low, high = np.percentile(points, (2, 98), axis=0)
+        if max((high - low)[:2]) > _WIDEST:
+            continue
+        is_target = target.has_colour(colour)
+        shares = {
+            name: float(_inside(one.body, points).mean()) for name, one in found.items() if one.is_target == is_target
+        }
+        best = max(shares, key=lambda name: shares[name], default="")
+        if best and shares[best] >= _SHARED:
+            merged = np.concatenate((found[best].points, points))
+            if len(merged) > _MOST_POINTS:
+                merged = merged[np.linspace(0, len(merged) - 1, _MOST_POINTS).astype(int)]
+            body, sigma = fit_upright(best, merged, supports, target if is_target else None)
+            found[best] = replace(found[best], body=body, points=merged, sigma=sigma)
+            continue
+        if any(share > _SHARED / 3 for share in shares.values()) and not is_target:
+            continue  # partly another object's: masks that run into each other
+        name = f"seen_{count:02d}"
+        count += 1
+        body, sigma = fit_upright(name, points, supports, target if is_target else None)
+        found[name] = Seen(body, points, colour, sigma, is_target)
+    return tuple(found.values())
+
+
+def _inside(body: Body, points: Array) -> NDArray[np.bool_]:
+    """Whether points (n, 3) lie in an object, or near it: (n,)."""
+    local = (points - body.position) @ body.rotation
+    return np.asarray((np.abs(local) < body.half_extents + _NEAR).all(axis=1))
+
+
+def fit_upright(
+    name: str, points: Array, supports: Sequence[StaticObstacle], target: Description | None = None
+) -> tuple[Body, float]:
+    """The upright cylinder or box that fits points of a surface best, and the uncertainty [m] of its place.
+
+    The outline from above is fitted by least squares: points of the sides lie on it, those of the top within it. Of
+    both shapes the one with the smaller error is taken. A side that no point shows is as near as the points allow.
+
+    Args:
+        name: of the body.
+        points: (n, 3) [m] in the world.
+        supports: the object stands on the highest of them under its lowest point.
+        target: an object of known shape and size, of which only the pose is sought.
+    """
+    z_low, z_high = np.percentile(points[:, 2], (1, 99))
+    middle = np.median(points[:, :2], axis=0)
+    under = [one.top for one in supports if one.is_under(middle) and one.top < z_low + 0.03]
+    bottom = max(under, default=float(z_low))
+    top = bottom + target.height if target else max(float(z_high), bottom + 0.02)
+    chosen = points[np.linspace(0, len(points) - 1, min(len(points), _FITTED)).astype(int)]
+    xy, is_side = chosen[:, :2], chosen[:, 2] < z_high - _RIM
+    size = None if target is None else np.array(target.half_extents[:2])
+    fits = {}
+    if target is None or target.shape == "cylinder":
+        fits["cylinder"] = _fit_circle(xy, is_side, size)
+    if target is None or target.shape == "box":
+        fits["box"] = _fit_rectangle(xy, is_side, size)
+    # A rectangle has more parameters, and fits noise better.
+    shape = min(fits, key=lambda kind: fits[kind][1] * (1.25 if kind == "box" else 1.0))
+    (x, y, half_x, half_y, yaw), error = fits[shape]
+    half = np.array((half_x, half_y, (top - bottom) / 2))
+    body = Body(
+        name,
+        "box" if shape == "box" else "cylinder",
+        half,
+        np.array((x, y, (top + bottom) / 2)),
+        np.array((math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))),
+    )
+    around = np.arctan2(*(xy - (x, y)).T[::-1])
+    at_edge = np.hypot(*(xy - (x, y)).T) > 0.6 * min(half_x, half_y)
+    sectors = len(np.unique(np.floor(around[at_edge] / (math.pi / 6))))
+    sigma = 0.002 + error + 0.008 * (1 - min(sectors, 12) / 12) * (1.0 if target is None else 0.5)
+    return body, float(sigma)
+
+
+def _fit_circle(xy: Array, is_side: NDArray[np.bool_], size: Array | None) -> tuple[tuple[float, ...], float]:
+    """x, y, radius, radius, 0 of the circle, and its root mean square error [m]."""
+    centre = (xy.min(axis=0) + xy.max(axis=0)) / 2
+    start = max(float(np.hypot(*(xy - centre).T).max()), _SIZES[0] * 1.01) if size is None else float(size[0])
+
+    def errors(parameters: Array) -> Array:
+        radius = float(size[0]) if size is not None else parameters[2]
+        away = np.hypot(*(xy - parameters[:2]).T) - radius
+        return np.where(is_side, away, np.maximum(away, 0.0))
+
+    widest = float(np.clip(_UNSEEN * np.ptp(xy, axis=0).max(), _SIZES[0] * 1.05, _SIZES[1]))
+    first = np.array((*centre, min(start, widest * 0.99)))[: 3 if size is None else 2]
+    low = np.array((-np.inf, -np.inf, _SIZES[0]))[: len(first)]
+    high = np.array((np.inf, np.inf, widest))[: len(first)]
+    solved = least_squares(errors, first, bounds=(low, high), loss="soft_l1", f_scale=0.004, max_nfev=60)
+    x, y, *radius = solved.x
+    r = float(radius[0]) if radius else start
+    return (float(x), float(y), r, r, 0.0), float(np.sqrt((errors(solved.x) ** 2).mean()))
+
+
+def _fit_rectangle(xy: Array, is_side: NDArray[np.bool_], size: Array | None) -> tuple[tuple[float, ...], float]:
+    """x, y, half extents, yaw of the rectangle, and its root mean square error [m]; yaws from a fan of starts."""
+    try:
+        outline = xy[ConvexHull(xy).vertices]
+    except QhullError:  # points on a line
+        outline = xy
+    best: tuple[tuple[float, ...], float] | None = None
+
+    def signed(parameters: Array) -> Array:
+        x, y, yaw = parameters[:3]
+        half = parameters[3:] if size is None else size
+        c, s = math.cos(yaw), math.sin(yaw)
+        away = np.abs((xy - (x, y)) @ np.array(((c, -s), (s, c)))) - half
+        outside = np.hypot(*np.maximum(away, 0.0).T)
+        return np.asarray(np.where((away > 0).any(axis=1), outside, away.max(axis=1)))
+
+    def errors(parameters: Array) -> Array:
+        away = signed(parameters)
+        return np.where(is_side, away, np.maximum(away, 0.0))
+
+    def extents(yaw: float) -> tuple[Array, Array]:
+        c, s = math.cos(yaw), math.sin(yaw)
+        local = outline @ np.array(((c, -s), (s, c)))
+        return local.min(axis=0), local.max(axis=0)
+
+    yaws = np.arange(30) * math.pi / (60 if size is None or abs(size[0] - size[1]) < 1e-3 else 30)
+    areas = [float(np.prod(np.maximum(high - low, 0.01))) for low, high in map(extents, yaws)]
+    for index in np.argsort(areas)[:2]:
+        yaw = float(yaws[index])
+        low, high = extents(yaw)
+        c, s = math.cos(yaw), math.sin(yaw)
+        x, y = np.array(((c, -s), (s, c))) @ ((low + high) / 2)
+        widest = np.clip(_UNSEEN * (high - low), _SIZES[0] * 1.05, _SIZES[1])
+        half = np.clip((high - low) / 2, _SIZES[0] * 1.01, widest * 0.99)
+        first = np.array((x, y, yaw, *(half if size is None else ())))
+        least = np.array((-np.inf, -np.inf, -np.inf, _SIZES[0], _SIZES[0]))[: len(first)]
+        most = np.array((np.inf, np.inf, np.inf, *widest))[: len(first)]
+        solved = least_squares(errors, first, bounds=(least, most), loss="soft_l1", f_scale=0.004, max_nfev=40)
+        error = float(np.sqrt((errors(solved.x) ** 2).mean()))
+        if best is None or error < best[1]:
+            x, y, yaw, *rest = (float(value) for value in solved.x)
+            a, b = rest or (float(size[0]), float(size[1]))  # type: ignore[index]  # rest is empty where a size is given
+            best = (x, y, a, b, yaw), error
+    assert best is not None
+    return best

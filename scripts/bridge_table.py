@@ -1,0 +1,123 @@
+"""Other people's tasks, solved through their own `step`: planned, executed, and scored by their own check.
+
+    python scripts/bridge_table.py --python venv-kinder/bin/python --seeds 50 --out outputs/bridges.jsonl
+    python scripts/bridge_table.py --out outputs/bridges.jsonl --show
+
+One line of the file is one episode; episodes that the file has are not run again.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import tyro
+
+from clutter_env.bridges.kinder_tasks import KinderTask
+from clutter_env.bridges.remote import Remote
+from planners import ExpertConfig, SceneError, Solution, TampExpert
+
+KINDER = (
+    "kinder/PickPlace3D-o1-v0",
+    "kinder/Shelf3D-o1-v0",
+    "kinder/Shelf3D-o3-v0",
+    "kinder/SortClutteredBlocks3D-o4-sort_the_cluttered_blocks_into_bins-v0",
+    "kinder/Rearrange3D-o1-put_the_boxed_drink_behind_the_bowl-v0",
+    "kinder/Rearrange3D-o1-put_the_boxed_drink_in_front_of_the_bowl-v0",
+    "kinder/Rearrange3D-o1-put_the_boxed_drink_next_to_the_bowl-v0",
+    "kinder/Rearrange3D-o1-put_the_boxed_drink_on_the_left_side_of_the_bowl-v0",
+    "kinder/Rearrange3D-o1-put_the_boxed_drink_on_the_right_side_of_the_bowl-v0",
+    "kinder/Rearrange3D-o2-put_the_boxed_drink_and_the_can_next_to_the_bowl-v0",
+    "kinder/Rearrange3D-o2-put_the_boxed_drink_in_front_of_and_the_can_behind_the_bowl-v0",
+    "kinder/Rearrange3D-o2-put_the_boxed_drink_on_the_left_and_the_can_on_the_right_side_of_the_bowl-v0",
+    "kinder/Rearrange3D-o2-put_the_can_in_front_of_and_the_boxed_drink_behind_the_bowl-v0",
+    "kinder/Rearrange3D-o2-put_the_can_on_the_left_and_the_boxed_drink_on_the_right_side_of_the_bowl-v0",
+)
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Solve other people's tasks, and print the table."""
+
+    out: Path
+    """JSON lines, one an episode."""
+    python: Path = Path("venv-kinder/bin/python")
+    """Of the environment in which KinDER is installed."""
+    tasks: tuple[str, ...] = KINDER
+    """Ids."""
+    first: int = 0
+    """First seed."""
+    seeds: int = 5
+    """How many seeds for each task."""
+    steps: int = 4000
+    """Episodes end after so many; KinDER's have no limit of their own."""
+    show: bool = False
+    """Only print the table."""
+
+
+def main(arguments: Arguments) -> None:
+    """Run the missing episodes in the order of their seeds, and print the table."""
+    rows = [json.loads(line) for line in arguments.out.read_text().splitlines()] if arguments.out.exists() else []
+    if not arguments.show:
+        done = {(row["task"], row["seed"]) for row in rows}
+        with Remote(arguments.python, "kinder_worker.py") as kinder, arguments.out.open("a") as file:
+            for seed in range(arguments.first, arguments.first + arguments.seeds):
+                for task in arguments.tasks:
+                    if (task, seed) not in done:
+                        rows.append(episode(kinder, task, seed, arguments.steps))
+                        print(json.dumps(rows[-1]), file=file, flush=True)
+    print("\n".join(table(rows)))
+
+
+def episode(kinder: Remote, id: str, seed: int, most: int) -> dict[str, Any]:
+    """One episode: what became of it, the CPU time [s] to the first plan, steps taken."""
+    row: dict[str, Any] = {
+        "task": id,
+        "seed": seed,
+        "planned": False,
+        "executed": False,
+        "scored": False,
+        "failure": "",
+    }
+    try:
+        task = KinderTask(kinder, id, seed)
+        expert, before = (
+            TampExpert(task.world, config=ExpertConfig(planning_s=300.0, with_floor=False)),
+            time.process_time(),
+        )
+        expert.reset()
+    except SceneError as problem:
+        return {**row, "failure": f"scene: {problem}"}
+    row |= {"cpu": time.process_time() - before, "planned": isinstance(expert.solution, Solution)}
+    while not (expert.done or task.world.is_over) and task.steps < most:
+        task.world.step(expert.act())
+    report = expert.report
+    return row | {
+        "executed": report.executed,
+        "scored": task.is_solved,
+        "failure": report.failure,
+        "replans": report.replans,
+        "deviations": list(report.deviations),
+        "steps": task.steps,
+    }
+
+
+def table(rows: list[dict[str, Any]]) -> Iterator[str]:
+    """Lines of Markdown, one for each task."""
+    yield "| task | seeds | planned | executed | scored | first plan, CPU s (median) | steps (median) | replans |"
+    yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
+    for task in dict.fromkeys(row["task"] for row in rows):
+        own = [row for row in rows if row["task"] == task]
+        counts = " | ".join(str(sum(row[key] for row in own)) for key in ("planned", "executed", "scored"))
+        played = [row for row in own if "steps" in row]
+        numbers = " | ".join(f"{median(row[key] for row in played):.3g}" if played else "" for key in ("cpu", "steps"))
+        yield f"| {task} | {len(own)} | {counts} | {numbers} | {sum(row['replans'] for row in played)} |"
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Arguments))

@@ -1,0 +1,102 @@
+"""`Search`: a target that is hidden, and observations that say nothing of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import clutter_env  # noqa: F401  registers the environments
+from clutter_env.envs.search import SearchEnv
+from clutter_env.errors import ConfigError, OptionError, StateError
+
+REST = np.zeros(14, np.float32)
+REST[11] = 1.0
+
+
+@pytest.fixture(scope="module")
+def env() -> SearchEnv:
+    return SearchEnv(num_objects=5, image_size=64)
+
+
+def test_the_target_is_hidden_whichever_way_the_head_turns(env: SearchEnv) -> None:
+    for seed in range(3):
+        env.reset(seed=seed)
+        scene = env.world.scene
+        assert scene is not None
+        shares = env.visible_shares(scene)
+        assert shares[scene.target] == 0
+        assert (shares > 0.3).sum() >= 3
+        for _ in range(4):  # down by as much as the head goes: no pixel has the target's colour
+            observation, *_ = env.step(np.append(REST[:-2], (0.0, 1.0)))
+            colours = observation["head_rgb"][observation["head_segmentation"][..., 0] >= 3].astype(float)
+            assert not ((colours[:, 0] > 2 * colours[:, 1]) & (colours[:, 0] > 2 * colours[:, 2])).any()
+
+
+def test_an_observation_has_no_poses_and_masks_without_names(env: SearchEnv) -> None:
+    observation, info = env.reset(seed=0)
+    assert observation in env.observation_space
+    assert {"objects", "goal"}.isdisjoint(observation)
+    masks = observation["head_segmentation"]
+    labels = np.unique(masks[masks >= 3])
+    assert labels.tolist() == list(range(3, 3 + len(labels)))
+    assert {"K", "T_base_camera"} <= info.keys()
+    assert not env.workplace.nq > len(env.world.index.drive_qpos) + 8
+
+
+def test_the_same_seed_gives_the_same_scene_and_images(env: SearchEnv) -> None:
+    first, _ = env.reset(seed=5)
+    env.reset(seed=6)
+    again, _ = env.reset(seed=5)
+    assert all(np.array_equal(first[name], again[name]) for name in first)
+    saved = env.save_state()
+    stepped, *_ = env.step(REST)
+    env.restore_state(saved)
+    repeated, *_ = env.step(REST)
+    assert all(np.array_equal(stepped[name], repeated[name]) for name in stepped)
+
+
+def test_errors_of_depth_and_masks() -> None:
+    noisy = SearchEnv(num_objects=5, image_size=64, depth_noise=0.005, mask_errors=0.3)
+    exact = SearchEnv(num_objects=5, image_size=64)
+    (seen, _), (true, _) = noisy.reset(seed=0), exact.reset(seed=0)
+    away = (seen["head_depth"] - true["head_depth"])[true["head_depth"] < 7.9]
+    assert 0.004 < away.std() < 0.006
+    assert (seen["head_segmentation"] != true["head_segmentation"]).any()
+    assert seen in noisy.observation_space
+
+
+def test_images_come_every_few_steps() -> None:
+    slow = SearchEnv(num_objects=5, image_size=32, frame_every=3)
+    first, info = slow.reset(seed=0)
+    turn = np.append(REST[:-2], (1.0, 0.0))
+    frames = [slow.step(turn) for _ in range(3)]
+    assert all(np.array_equal(frame[0]["head_depth"], first["head_depth"]) for frame in frames[:2])
+    assert np.array_equal(frames[1][4]["T_base_camera"]["head"], info["T_base_camera"]["head"])
+    assert not np.array_equal(frames[2][0]["head_depth"], first["head_depth"])
+    assert not np.array_equal(frames[2][4]["T_base_camera"]["head"], info["T_base_camera"]["head"])
+    with pytest.raises(StateError, match="frame_every=1"):
+        slow.save_state()
+
+
+@pytest.mark.parametrize(
+    ("keywords", "message"),
+    [
+        ({"obs_mode": "state"}, "obs_mode"),
+        ({"visible_fraction": 2.0}, "visible_fraction"),
+        ({"frame_every": 0}, "frame_every"),
+        ({"object_set": "household"}, "only upright cylinders and boxes"),
+        ({"masks": 1}, "unknown keyword argument 'masks'"),
+    ],
+)
+def test_misuse_is_named(keywords: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        gym.make("clutter_env/Search-o5-v0", **keywords)
+
+
+def test_a_visible_target_is_refused(env: SearchEnv) -> None:
+    alone = [{"shape": "cylinder", "radius": 0.03, "height": 0.15, "position": (0.0, 0.2 * i)} for i in range(2)]
+    with pytest.raises(OptionError, match="hide it, or allow more"):
+        env.reset(seed=0, options={"objects": alone, "target": "object_00"})

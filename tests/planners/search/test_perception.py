@@ -1,0 +1,70 @@
+"""Perception: points of a surface become the object that they are of."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from planners.scene import StaticObstacle
+from planners.search.perception import Description, fit_upright
+from tests.planners.scenes import HEIGHT, OBSTACLES
+
+Array = NDArray[np.float64]
+_SUPPORTS: list[StaticObstacle] = [OBSTACLES[0]]
+
+
+def _seen_from_the_front(shape: str, half: Array, yaw: float, noise: float, rng: np.random.Generator) -> Array:
+    """Points of the top and of the sides that face (-x), as a camera in front of the table sees them."""
+    x, y = rng.uniform(-1, 1, (2, 600))
+    angle = rng.uniform(-np.pi, np.pi, 900)
+    rim = np.column_stack((np.cos(angle), np.sin(angle)))
+    if shape == "box":
+        top = np.column_stack((x, y)) * half[:2]
+        sides = rim / np.abs(rim).max(axis=1)[:, None] * half[:2]
+    else:
+        top = (np.column_stack((x, y)) * half[:2])[np.hypot(x, y) < 1]
+        sides = rim * half[:2]
+    turn = np.array(((np.cos(yaw), -np.sin(yaw)), (np.sin(yaw), np.cos(yaw))))
+    top, sides = top @ turn.T, sides @ turn.T
+    # A side faces the camera where the way on from it to the camera leaves the object: here, its nearer half.
+    sides = sides[sides[:, 0] < 0]
+    points = np.vstack(
+        (
+            np.column_stack((top, np.full(len(top), 2 * half[2]))),
+            np.column_stack((sides, rng.uniform(0, 2 * half[2], len(sides)))),
+        )
+    )
+    return points + (0.1, -0.2, HEIGHT) + noise * rng.standard_normal(points.shape)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.004])
+@pytest.mark.parametrize(("shape", "half"), [("cylinder", (0.03, 0.03, 0.08)), ("box", (0.022, 0.028, 0.07))])
+def test_shape_size_and_place_are_found(shape: str, half: tuple[float, ...], noise: float) -> None:
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        points = _seen_from_the_front(shape, np.array(half), rng.uniform(-1, 1), noise, rng)
+        body, sigma = fit_upright("it", points, _SUPPORTS)
+        away = float(np.linalg.norm(body.position[:2] - (0.1, -0.2)))
+        assert away < min(0.002 + noise, 3 * sigma)
+        assert np.abs(np.sort(body.half_extents[:2]) - np.sort(half[:2])).max() < 0.003 + 1.5 * noise
+        assert body.bottom == pytest.approx(HEIGHT, abs=1e-9)
+        assert abs(body.half_extents[2] - half[2]) < 0.001 + noise
+        assert body.shape == shape or noise
+
+
+def test_a_sliver_of_a_known_target_tells_its_place() -> None:
+    """Its size is known, and a strip of it 1 cm wide is seen."""
+    rng, half = np.random.default_rng(4), (0.03, 0.03, 0.06)
+    points = _seen_from_the_front("cylinder", np.array(half), 0.0, 0.0, rng)
+    strip = points[points[:, 1] > -0.2 + 0.02]
+    body, _ = fit_upright("target", strip, _SUPPORTS, Description((1, 0, 0), "cylinder", half))
+    assert np.linalg.norm(body.position[:2] - (0.1, -0.2)) < 0.006
+    assert np.allclose(body.half_extents, half)
+
+
+def test_colours_are_compared_in_any_shade() -> None:
+    target = Description.of((0.87, 0.12, 0.1, 1.0, 0.02, 0.03, 0.06))
+    assert (target.shape, target.height, target.radius) == ("box", 0.12, 0.02)
+    assert target.has_colour(0.4 * np.array(target.colour))
+    assert not target.has_colour(np.array((0.8, 0.6, 0.1)))
