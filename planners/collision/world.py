@@ -172,7 +172,8 @@ class CollisionWorld:
             up = held.T_tcp_object[:3, :3].T @ (-np.sin(pitch), 0.0, np.cos(pitch))
         else:
             up = body.rotation.T @ up_axis(body)
-        raised, axis = 0.5 * (self.padding + SUPPORT_SLACK), int(np.abs(up).argmax())
+        # By what it takes to be lifted; a motion that keeps more from everything keeps the rest below too.
+        raised, axis = 0.5 * (min(self.padding, PADDING) + SUPPORT_SLACK), int(np.abs(up).argmax())
         if body.shape == "pieces":
             return solids._replace(position=solids.position + 2 * raised * up)
         if body.shape == "cylinder" and axis != 2:
