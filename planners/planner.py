@@ -15,9 +15,9 @@ from planners.clearing.goal_bound import LowerBound, fewest_picks
 from planners.clearing.lower_bound import MAX_EXPANSIONS, ClearanceFloor, smallest_set
 from planners.clock import NO_DEADLINE, Deadline, cpu_seconds
 from planners.collision.ground_map import GroundMap
-from planners.collision.world import CompiledScenes, validate
+from planners.collision.world import SUPPORT_SLACK, CompiledScenes, validate
 from planners.context import PlanningContext, check_arms
-from planners.goals import Goal, holding
+from planners.goals import Goal, holding, levels_under
 from planners.grasping.families import Grasps, find_grasp_set
 from planners.motion.base import BaseRoadmap
 from planners.motion.path import on_base
@@ -261,7 +261,7 @@ class Planner:
         start: Scene | None = None,
     ) -> Solution | Infeasible:
         """Run Algorithm 1 several times, with other random choices, until another attempt could do no better."""
-        started, compiled = cpu_seconds(), CompiledScenes()
+        started, compiled, scene = cpu_seconds(), CompiledScenes(), _not_sunk(scene)
         validate(compiled.world(scene))
         context = self.context(scene)
         # An end-effector-controlled robot first tries configurations near home, where its controller keeps the joints.
@@ -307,6 +307,19 @@ def _goal_in(scene: Scene, goal: str | Goal) -> Goal:
         scene.index(wanted.target)
     wanted.check(scene)
     return wanted
+
+
+def _not_sunk(scene: Scene) -> Scene:
+    """The scene, objects that press deeper into what they stand on than the planner lets go raised onto it.
+
+    Contacts of simulators are soft, and seen poses are not exact.
+    """
+    for name in sorted(scene.names, key=lambda name: scene.body(name).bottom):
+        body = scene.body(name)
+        sunk = max((level - body.bottom for level in levels_under(scene, body)), default=0.0)
+        if sunk > SUPPORT_SLACK and name not in scene.held_names:
+            scene = scene.with_body(body.at(body.position + [0.0, 0.0, sunk]))
+    return scene
 
 
 def is_final(outcome: Solution | Infeasible, near_home: bool) -> bool:

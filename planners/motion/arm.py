@@ -150,8 +150,11 @@ def plan_arm(
     # The robot may be nearer than that to itself: its links are where they are in every path.
     wide = replace(query, world=query.world.with_padding(CLEARANCE), ignore=query.ignore | 1 << SELF_BIT)
     if wide.path_hits(on_base(query.base, path), first_only=True):
-        detour = _path_within(replace(wide, ignore=query.ignore), start, goals, rng)
-        path = path if detour is None else detour
+        to_itself = replace(wide, ignore=query.ignore)
+        is_near_itself = any(hits >> SELF_BIT & 1 for hits in to_itself.hits(np.vstack([start[None], goals])))
+        detour = _path_within(wide if is_near_itself else to_itself, start, goals, rng)
+        if detour is not None and not query.path_hits(on_base(query.base, detour), first_only=True):
+            path = detour
     return WholeBodyPath(on_base(query.base, path), query.opening, query.held, query.ignore)
 
 

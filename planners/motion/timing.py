@@ -10,7 +10,7 @@ the end.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -21,7 +21,7 @@ from planners.collision.world import CollisionWorld
 from planners.motion.path import WholeBodyPath, cut, interpolate
 from planners.motion.pick_and_place import PickPlaceMotion
 from planners.motion.trajectory import CONTROL_STEP, Phase, Trajectory, join
-from planners.scene import SELF_BIT, HeldObject, RobotState
+from planners.scene import SELF_BIT, HeldObject, RobotState, Scene, StaticObstacle
 
 SETTLE_TIME = 0.15
 """[s] to wait after the fingers have closed or opened, before the arm moves on."""
@@ -105,11 +105,15 @@ def time_parametrise(
 def near_walls(world: CollisionWorld, opening: float) -> Callable[[Array], bool]:
     """Whether the robot comes nearer than `_NEAR` to a fixed obstacle that is no support along a path (k, 11)."""
     scene = world.scene
-    walls = tuple(body for body in scene.static_obstacles if body.name not in scene.supports)
-    alone = CollisionWorld.from_scene(
-        replace(scene, objects=(), held=None, aside=(), supports=(), regions=(), static_obstacles=walls), _NEAR
-    )
+    alone = _among(scene.robot, tuple(body for body in scene.static_obstacles if body.name not in scene.supports))
     return lambda X: bool(alone.path_hits(X, opening, ignore=1 << SELF_BIT, first_only=True))
+
+
+@lru_cache(maxsize=16)
+def _among(robot: RobotSpec, walls: tuple[StaticObstacle, ...]) -> CollisionWorld:
+    """A robot among walls and nothing else; made once for all phases of a plan."""
+    home = RobotState(np.zeros(3), np.array(robot.home), 0.0)
+    return CollisionWorld.from_scene(Scene(robot, home, (), walls, supports=()), _NEAR)
 
 
 def round_corners(robot: RobotSpec, X: ArrayLike, half_width: float) -> tuple[Array, Array]:

@@ -222,6 +222,7 @@ def _drive_to_put_down(
         assert search.start is not None
         placements = motion_layer.goal_placements(scene, search.goal, search.start, clear_of, search.strategy, plan)
     refuted: list[tuple[Scene, Placement]] = []
+    no_drive = ""
     for placement in placements:
         if search.is_late:
             break
@@ -231,6 +232,8 @@ def _drive_to_put_down(
             if isinstance(put_down, BoundMotion):
                 return replace(driven, location=location, put_down=put_down)
             refuted.append((driven.scene, placement))
+        else:
+            no_drive = f"; {driven.reason}"
     if search.is_late:
         return search.out_of_time()
     if name in plan.general and name not in search.not_placed:
@@ -241,7 +244,7 @@ def _drive_to_put_down(
         by = f": {', '.join(sorted(search.not_placed[name]))} in the way" if search.not_placed[name] else ""
         return Refutation(action, reason=f"no motion puts {name} at its place{by}")
     detail = f"no location for {name} that keeps clear of what remains to be done"
-    return search.infeasible(Cause.NO_CLEARANCE_LOCATION, detail, (name,))
+    return search.infeasible(Cause.NO_CLEARANCE_LOCATION, detail + no_drive, (name,))
 
 
 def _pick_up(search: Search, state: PlanState, action: GroundAction, name: str) -> BoundMotion | Refutation:

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from planners import STRATEGIES, Cause, Infeasible, NoPlan, Planner, TaskPlan, solve
+from planners import STRATEGIES, Cause, Infeasible, NoPlan, Planner, Solution, TaskPlan, solve
 from planners.clock import Deadline
 from planners.motion.path import BlockedBy, NoPath
 from planners.planner import best_outcome
 from planners.symbolic.astar import AStar
 from planners.symbolic.problem import TaskProblem
 from planners.tamp import motion_layer
-from tests.planners.scenes import cylinder, table_scene
+from tests.planners.scenes import HEIGHT, cylinder, table_scene
 
 
 def test_where_no_motion_leads_to_any_grasp_the_cause_is_motion(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -34,6 +34,15 @@ def test_a_refusal_says_what_leans(tilt: float, leans: bool) -> None:
     found = solve(table_scene(cylinder("far", 0.0, 0.0).at([0.0, 0.0, 3.0]), turned), "far")
     assert isinstance(found, Infeasible)
     assert found.detail.endswith("neither upright nor lying: b") == leans
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.08])
+def test_what_presses_into_its_support_is_taken_all_the_same(tilt: float) -> None:
+    """It was refused as if the table were in the way of its lift."""
+    body = cylinder("b", -0.1, 0.0)
+    aslant = body.at(body.position, [math.cos(tilt / 2), math.sin(tilt / 2), 0.0, 0.0])
+    sunk = aslant.at(aslant.position + [0.0, 0.0, HEIGHT - 0.0014 - aslant.bottom])
+    assert isinstance(solve(table_scene(sunk), "b"), Solution)
 
 
 def refusal(cause: Cause) -> Infeasible:

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from assets.robots import FETCH
 from planners.collision.hit_kernels import edge_samples, place_along
 from planners.collision.scene_arrays import obstacle_arrays
-from planners.collision.world import STEP, CollisionWorld, validate
+from planners.collision.world import PADDING, STEP, SUPPORT_SLACK, CollisionWorld, validate
 from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import MujocoCollisionChecker
+from planners.motion.path import CLEARANCE
 from planners.motion.trajectory import Phase, Trajectory
 from planners.scene import (
     SELF_BIT,
@@ -321,3 +322,18 @@ def test_obstacles_may_be_called_as_parts_of_the_robot_are() -> None:
     checker = MujocoCollisionChecker(replace(scene, static_obstacles=(*scene.static_obstacles, *twins)))
     path = arm_path(np.array([0.0, 3.0, 0.0]), np.array(scene.state.q)[None], OPENING)
     assert set(checker.deepest_penetration(path).pair) & {"floor", "palm", "base"}
+
+
+@pytest.mark.parametrize("padding", [PADDING, CLEARANCE])
+def test_what_is_held_keeps_below_it_what_is_asked_for_but_for_what_a_lift_takes(padding: float) -> None:
+    """With a clearance of a centimetre it passed one millimetre above trays, and the arm lags by more."""
+    base, body = np.array([-1.1, 0.0, 0.0]), cylinder("held", 0.0, 0.0)
+    T_world_tcp = tcp_pose(FETCH, RobotState(base, np.array(FETCH.home), 0.0))
+    body = body.at(T_world_tcp[:3, 3])
+    held, scene = HeldObject.grasped(body, T_world_tcp), table_scene(body)
+    for gap in (0.0, 0.004, 0.007, 0.008):
+        centre = [*body.position[:2], body.bottom - gap - 0.01]
+        slab = StaticObstacle("slab", np.array(centre), np.array([0.1, 0.1, 0.01]))
+        world = CollisionWorld.from_scene(replace(scene, static_obstacles=(slab,)), padding)
+        hits = world.hits(base, FETCH.home, 0.0, held) & 1 << STATIC_BIT
+        assert bool(hits) == (gap < padding - PADDING - SUPPORT_SLACK)

@@ -17,7 +17,7 @@ from planners.collision.world import FINGER_GAP, STEP, CollisionWorld
 from planners.motion.arm import ArmQuery, plan_arm, tcp_pose, tcp_poses, unwrap_joints
 from planners.motion.mujoco_check import TOLERANCE, MujocoCollisionChecker
 from planners.motion.path import CLEARANCE, BlockedBy, NoPath, WholeBodyPath, on_base
-from planners.scene import Body, RobotState
+from planners.scene import SELF_BIT, Body, RobotState
 from tests.planners.motion_scenes import grasp_configurations, mixed_scene
 from tests.planners.scenes import cylinder, table_scene
 
@@ -197,3 +197,21 @@ def test_tcp_poses_of_many_configurations_are_those_of_each() -> None:
     X = np.hstack([rng.normal(size=(40, 3)), rng.uniform(-2, 2, (40, 8))])
     one_by_one = [tcp_pose(FETCH, RobotState(x[:3], x[3:], 0.0)) for x in X]
     assert np.allclose(tcp_poses(world.robot, X), one_by_one, atol=1e-12)
+
+
+def test_a_robot_near_itself_at_the_start_keeps_away_from_all_else() -> None:
+    """No way around was looked for: the robot at home with a long object in hand brushed trays and tables."""
+    world, rng = CollisionWorld.from_scene(mixed_scene(18, 2)), np.random.default_rng(2)
+    wide, found = world.with_padding(CLEARANCE), list[bool]()
+    for base, q, opening in hovers(world, rng, 3):
+        if wide.hits(base, q, opening) & ~(1 << SELF_BIT):
+            continue
+        Q = np.clip(HOME + rng.normal(0, 0.5, (400, 8)), world.robot.lower, world.robot.upper)
+        free, near = world.hits_many(base, Q, opening) == 0, wide.hits_many(base, Q, opening) == 1 << SELF_BIT
+        for start in Q[free & near][:5]:
+            path = plan_arm(ArmQuery(world, base, opening), start, q, rng=np.random.default_rng(0))
+            assert isinstance(path, WholeBodyPath)
+            assert not world.path_hits(path.configurations, opening)
+            found.append(not wide.path_hits(path.configurations, opening, None, 1 << SELF_BIT))
+    assert len(found) >= 10
+    assert np.mean(found) > 0.9
