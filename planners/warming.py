@@ -15,10 +15,13 @@ from assets.robots import RobotSpec
 from irm.reachability_map import cache_file, is_map_at_hand
 from planners.clock import NO_DEADLINE, Deadline
 from planners.grasping.base_placement import map_parameters
+from planners.motion.arm import tcp_pose
 from planners.scene import Body, RobotState, Scene, StaticObstacle
 
 _LOG = logging.getLogger(__name__)
 
+_HAND = 0.2
+"""[m] about the TCP."""
 _TABLE_HEIGHT = 0.75
 """[m]"""
 _TARGET, _TARGET_X = "object_00", 0.25
@@ -144,6 +147,10 @@ def warmup_scene(robot: RobotSpec) -> Scene:
         )
         for number, (x, y) in enumerate(places)
     ]
-    before = -0.37 - robot.base_radius if robot.base_drive == "fixed" else -1.1
+    home = RobotState(np.zeros(3), np.array(robot.home), 0.0)
+    ahead, _, height = tcp_pose(robot, home)[:3, 3]
+    # A gripper that hangs down at home must be before the table, not in it.
+    near = max(robot.base_radius, ahead + _HAND if height < _TABLE_HEIGHT + _HAND else 0.0)
+    before = -0.37 - near if robot.base_drive == "fixed" else -1.1
     state = RobotState(np.array([before, 0.0, 0.0]), np.array(robot.home), robot.max_finger_position)
     return Scene(robot, state, tuple(objects), tuple(furniture))

@@ -10,17 +10,15 @@ must be installed: `pip install gymnasium-robotics`.
 from __future__ import annotations
 
 import time
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from itertools import product, repeat
-from types import SimpleNamespace
 from typing import Any
 
 import gymnasium as gym
-import mujoco
 import numpy as np
 import tyro
 
+from clutter_env.bridges.fetch_tasks import make
 from clutter_env.cli.benchmark import timed_physics
 from clutter_env.config import CONTROL_MODES
 from clutter_env.envs.retrieve import RetrieveEnv
@@ -46,7 +44,7 @@ def main(repeats: int = 10, steps: int = 300, resets: int = 60, objects: int = 2
         rows.append(
             [f"step, {mode}, {motion}", f"{own_s * 1e6:.0f}", f"{physics_s * 1e6:.0f}", f"{own_s / physics_s:.2f}"]
         )
-    own_s, peer_s = reset_times(envs["joint"], fetch_pick_and_place(), resets, repeats)
+    own_s, peer_s = reset_times(envs["joint"], make("FetchPickAndPlace-v4"), resets, repeats)
     rows.append(["reset", f"{own_s * 1e6:.0f}", f"{peer_s * 1e6:.0f}", f"{own_s / peer_s:.2f}"])
     print(markdown_table(["", "µs", "physics alone, or the peer's reset: µs", "ratio"], rows), end="")
 
@@ -96,19 +94,6 @@ MOTIONS: Mapping[str, Callable[[RetrieveEnv, np.random.Generator], Iterator[Any]
     "blind grasps": blind_grasps,
     "at rest": no_motion,
 }
-
-
-def fetch_pick_and_place() -> gym.Env:
-    """Gymnasium-Robotics' environment, whose comparison of joint types does not hold with MuJoCo 4's enumerations."""
-    import gymnasium_robotics
-    from gymnasium_robotics.utils import mujoco_utils
-
-    kinds = SimpleNamespace(**{name: int(kind) for name, kind in mujoco.mjtJoint.__members__.items()})
-    mujoco_utils.mujoco = SimpleNamespace(**{**vars(mujoco), "mjtJoint": kinds})
-    gym.register_envs(gymnasium_robotics)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return gym.make("FetchPickAndPlace-v4")
 
 
 if __name__ == "__main__":

@@ -39,6 +39,8 @@ _DAMPING = 0.15
 """[s] Damping over stiffness of the arm's controller: it stays behind by its speed times this, unless told farther."""
 _STEP = 0.1
 """[m], [rad] The largest change of a joint in one step."""
+_MARGIN = 0.01
+"""[m] by which an object may be beside where it was to be put down, and still be in its region."""
 
 
 class KinderTask:
@@ -163,5 +165,5 @@ def _region(scene: Scene, name: str, boxes: Array, facts: list[list[str]]) -> Re
     centre = (low[:2] + high[:2]) / 2
     level = [one for one in scene.static_obstacles if one.has_level_top and one.is_under(centre) and one.top < high[2]]
     support = max(level, key=lambda one: one.top).name if level else "floor"
-    half = min(float(scene.body(fact[1]).half_extents.min()) for fact in facts if fact[2] == name)
+    half = min(float(scene.body(fact[1]).half_extents.min()) for fact in facts if fact[2] == name) - _MARGIN
     return Region(name, support, tuple(centre), tuple((high[:2] - low[:2]) / 2 + half))

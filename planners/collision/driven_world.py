@@ -7,7 +7,7 @@ the whole drive is checked at its start, in a world in which every obstacle is t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -82,7 +82,7 @@ class Extents:
         radius, height, half = np.hypot(objects.half[:, 0], objects.half[:, 1]), objects.position[:, 2], objects.half
         upright = objects.position, radius, height - half[:, 2], height + half[:, 2]
         extent, first = solids.half @ np.abs(self.R).T, np.arange(len(half) + 1)
-        return replace(self.world, obstacles=Obstacles.of(objects, first, upright, solids, extent))
+        return self.world.with_obstacles(Obstacles.of(objects, first, upright, solids, extent))
 
     def _middle_of_drive(self, centre: Array, drive: Drive) -> Array:
         return np.asarray(centre - 0.5 * drive.distance * self.R[:, 0] - [*drive.offset, 0.0])

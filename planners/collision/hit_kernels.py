@@ -374,14 +374,14 @@ def edge_hits(query: CollisionQuery, start: Array, end: Array, step: float) -> n
 
 
 @leaf_kernel
-def _is_clear_around(query: CollisionQuery, x: Array, slack: Array) -> bool:
+def _is_clear_around(query: CollisionQuery, x: Array, opening: float, slack: Array) -> bool:
     """Whether nothing that counts is hit at a configuration (3 + n,), nor where each link has moved by its slack.
 
-    `slack` (1 + n,) [m] of the base and the links: what all joints before do, added up.
+    `slack` (1 + n,) [m] of the base and the links: what all joints before do, added up; `opening` of the gripper [m].
     """
     robot, obstacles, attached, padding = query.robot, query.obstacles, query.attached, query.padding
     scratch, active, link = query.scratch, query.active, query.robot.link
-    place_robot(robot, attached, scratch, x[:3], x[3:], query.opening)
+    place_robot(robot, attached, scratch, x[:3], x[3:], opening)
     solids, simplex, count = scratch.solids, scratch.simplex, robot.core.shape[0]
     held, last = attached.solids.core.shape[0] // 2, slack.shape[0] - 1
     if active & _SELF != _NONE:
@@ -418,6 +418,62 @@ def _is_clear_around(query: CollisionQuery, x: Array, slack: Array) -> bool:
     return is_clear
 
 
+@leaf_kernel
+def _add_motion(reach: Array, before: Array, now: Array, moved_before: Array, moved: Array) -> None:
+    """Write how far the base and each joint have moved a point at most (1 + n,) [m], one configuration later."""
+    way = math.hypot(now[0] - before[0], now[1] - before[1])
+    moved[0] = moved_before[0] + way + abs(now[2] - before[2]) * reach[2]
+    for joint in range(1, moved.shape[0]):
+        moved[joint] = moved_before[joint] + abs(now[2 + joint] - before[2 + joint]) * reach[2 + joint]
+
+
+@leaf_kernel
+def _motion_about(moved: Array, first: Array, last: Array, slack: Array) -> None:
+    """Write how far points of the base and the links are at most [m] from where they are now, between two places.
+
+    The places are given as what the base and each joint have `moved` a point until now, and until there: (1 + n,).
+    """
+    far = 0.0
+    for link in range(slack.shape[0]):
+        far += max(moved[link] - first[link], last[link] - moved[link])
+        slack[link] = far
+
+
+@njit(cache=True)
+def unproved_states(query: CollisionQuery, states: Array) -> NDArray[np.bool_]:
+    """Whether something may be hit at each state or half-way to its neighbours (m,); elsewhere it is proved to be free.
+
+    Of a stretch of a motion through states (m, 3 + n + 1), the finger's position [m] last, nothing is hit if in its
+    middle everything is farther away than a point of the robot moves from there; if not, its halves are looked at.
+    """
+    m, d, gap = states.shape[0], states.shape[1] - 1, query.robot.gap
+    # Every second row is half-way between two states.
+    moved, slack, unproved = np.zeros((2 * m + 1, d - 2)), np.empty(d - 2), np.zeros(m, np.bool_)
+    for row in range(1, m):
+        before, now = moved[2 * row - 1], moved[2 * row + 1]
+        _add_motion(query.attached.reach, states[row - 1], states[row], before, now)
+        now[d - 3] += abs(states[row, d] - states[row - 1, d])
+        for link in range(d - 2):
+            moved[2 * row, link] = 0.5 * (before[link] + now[link])
+    copy_row(moved[2 * m - 1], moved[2 * m])
+    stretches, count = np.empty((64, 2), np.int64), 1
+    stretches[0, 0], stretches[0, 1] = 0, m
+    while count:
+        count -= 1
+        first, last = stretches[count, 0], stretches[count, 1]
+        middle = (first + last) // 2
+        _motion_about(moved[2 * middle + 1], moved[2 * first], moved[2 * last], slack)
+        if _is_clear_around(query, states[middle, :d], gap + 2.0 * states[middle, d], slack):
+            continue
+        if last - first == 1:
+            unproved[first] = True
+            continue
+        stretches[count, 0], stretches[count, 1] = first, middle
+        stretches[count + 1, 0], stretches[count + 1, 1] = middle, last
+        count += 2
+    return unproved
+
+
 @njit(cache=True)
 def path_hits(query: CollisionQuery, X: Array, step: float) -> np.uint64:
     """What a piecewise straight motion through whole-body configurations `X` (k, 3 + n) hits, both ends included.
@@ -441,11 +497,7 @@ def path_hits(query: CollisionQuery, X: Array, step: float) -> np.uint64:
                 points[at, joint] = X[row - 1, joint] + (X[row, joint] - X[row - 1, joint]) * i / edges[row]
             if i == edges[row]:
                 copy_row(X[row], points[at])
-            way = math.hypot(points[at, 0] - points[at - 1, 0], points[at, 1] - points[at - 1, 1])
-            moved[at, 0] = moved[at - 1, 0] + way + abs(points[at, 2] - points[at - 1, 2]) * reach[2]
-            for joint in range(1, d - 2):
-                way = abs(points[at, 2 + joint] - points[at - 1, 2 + joint]) * reach[2 + joint]
-                moved[at, joint] = moved[at - 1, joint] + way
+            _add_motion(reach, points[at - 1], points[at], moved[at - 1], moved[at])
     hits, slack, blocks = _NONE, np.empty(d - 2), (total + _BLOCK - 1) // _BLOCK
     is_clear, order, stride, count = np.zeros(blocks, np.bool_), np.zeros(blocks, np.int64), 1, 1
     while 2 * stride < blocks:
@@ -459,12 +511,10 @@ def path_hits(query: CollisionQuery, X: Array, step: float) -> np.uint64:
     for place in range(blocks):
         block = int(order[place])
         first, last = block * _BLOCK, min(block * _BLOCK + _BLOCK, total) - 1
-        middle, far = (first + last) // 2, 0.0
+        middle = (first + last) // 2
         if last > first:
-            for link in range(d - 2):
-                far += max(moved[middle, link] - moved[first, link], moved[last, link] - moved[middle, link])
-                slack[link] = far
-            is_clear[block] = _is_clear_around(query, points[middle], slack)
+            _motion_about(moved[middle], moved[first], moved[last], slack)
+            is_clear[block] = _is_clear_around(query, points[middle], query.opening, slack)
         if not is_clear[block]:
             hits |= configuration_hits(query, query.active, points[middle, :3], points[middle, 3:])
             if query.first_only and hits != _NONE:

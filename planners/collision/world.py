@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from itertools import combinations, product
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -87,7 +87,7 @@ class CollisionWorld:
     obstacles: Obstacles
     padding: float = PADDING
     yields: float = 0.0
-    _carried: dict[tuple[int, int], _Carried] = field(init=False, repr=False, default_factory=dict)
+    _carried: dict[tuple[object, ...], _Carried] = field(repr=False, default_factory=dict)
     _padded: dict[float, CollisionWorld] = field(init=False, repr=False, default_factory=dict)
 
     @classmethod
@@ -112,14 +112,18 @@ class CollisionWorld:
             UnknownObject: no object of that name.
         """
         moved = with_object(self.obstacles, self.scene.index(body.name), body)
-        return replace(self, scene=self.scene.with_body(body), obstacles=moved)
+        return self.with_obstacles(moved, self.scene.with_body(body))
 
     def with_smaller(self, mask: int, by: float) -> CollisionWorld:
         """The same world with the surfaces of the objects of a mask farther in by `by` [m]."""
         counted = [bool(mask >> i & 1) for i in range(len(self.scene.objects))]
         inwards = by * np.repeat(counted, np.diff(self.obstacles.first))
         pieces = shrunk_solids(self.obstacles.pieces, inwards, by)
-        return replace(self, obstacles=self.obstacles._replace(pieces=pieces))
+        return self.with_obstacles(self.obstacles._replace(pieces=pieces))
+
+    def with_obstacles(self, obstacles: Obstacles, scene: Scene | None = None) -> CollisionWorld:
+        """The same world with other obstacles; what is prepared for checks is not shared with it."""
+        return replace(self, scene=scene or self.scene, obstacles=obstacles, _carried={})
 
     def for_arm(self, arm: str) -> CollisionWorld:
         """The same world with that arm active and nothing in any gripper; this one if the arm is active already."""
@@ -138,8 +142,12 @@ class CollisionWorld:
         return self.scene.mask(one.held.name for one in self.scene.aside)
 
     def _carry(self, held: HeldObject | None, robot: RobotArrays) -> _Carried:
-        """What is computed once for each held object, and for none; raises `UnknownObject`."""
-        key = id(held), id(robot)
+        """What is computed once for each held object, and for none; raises `UnknownObject`.
+
+        Worlds with the same obstacles share it, whatever their padding and wherever the robot is in their scenes.
+        """
+        is_in_hand = held is not None and self.scene.held is not None and self.scene.held.name == held.name
+        key = id(held), id(robot), self.padding, self.yields, is_in_hand
         if key not in self._carried:
             if held is None:
                 width, (attached, scratch) = 0.0, _empty_handed(self.robot, robot)
@@ -196,10 +204,10 @@ class CollisionWorld:
         carried, active = self._carry(held, robot or self.robot), self.active(ignore)
         # Fingers that are commanded to close on the held object stay at its width.
         apart, padding = max(float(opening), carried.width), float(self.padding)
-        key = apart, int(active), bool(first_only)
+        key = apart, int(active), first_only
         if key not in carried.queries:
             scratch, attached = carried.scratch, carried.attached
-            query = CollisionQuery(carried.robot, self.obstacles, attached, scratch, apart, active, padding, key[2])
+            query = CollisionQuery(carried.robot, self.obstacles, attached, scratch, apart, active, padding, first_only)
             carried.queries[key] = packed(query)
         return carried.queries[key]
 
@@ -294,13 +302,16 @@ def with_clearance_around(world: CollisionWorld, name: str) -> CollisionWorld:
     the lift may come nearer to them by `SUPPORT_SLACK` at most. What the robot keeps from them stays the padding.
     """
     body, scene, gap = world.scene.body(name), world.scene, world.padding + SUPPORT_SLACK
-    index, obstacles, yields = scene.index(name), world.obstacles, 0.0
-    for row, other in enumerate(scene.objects):
+    index, obstacles, yields, far = scene.index(name), world.obstacles, 0.0, max(gap, _CONTACT)
+    away = np.hypot(*(obstacles.centre - obstacles.centre[index])[:, :2].T) - obstacles.radius - obstacles.radius[index]
+    above = np.maximum(obstacles.bottom - obstacles.top[index], obstacles.bottom[index] - obstacles.top)
+    for row in np.flatnonzero((away < far) & (above < far)).tolist():
+        other = scene.objects[row]
         if row == index or other.name in scene.held_names:
             continue
         if _stands_on(world, body, other):
             world = world.with_body(other.at(other.position - [0.0, 0.0, gap]))
-        elif np.linalg.norm(body.position - other.position) < body_bound(body) + body_bound(other) + gap:
+        else:
             # Even overlaps of `OVERLAP` are mended; what overlaps more stays in the way.
             sizes = np.linspace(0.0, gap + OVERLAP, _SIZES)
             smaller = ((size, shrunk_solids(obstacles.pieces, size)) for size in sizes)
@@ -362,9 +373,8 @@ def _overlaps(world: CollisionWorld) -> list[tuple[str, str]]:
     obstacles, names = world.obstacles, world.scene.names
     shrunk = shrunk_solids(obstacles.pieces, OVERLAP / 2, 1e-4)
     found: list[tuple[str, str]] = []
-    for i, j in combinations(range(len(names)), 2):
-        away = np.linalg.norm(obstacles.centre[i, :2] - obstacles.centre[j, :2])
-        is_near = away < obstacles.radius[i] + obstacles.radius[j]
-        if is_near and _are_near((shrunk, obstacles.rows(i)), (shrunk, obstacles.rows(j)), 0.0):
+    away = np.linalg.norm(obstacles.centre[:, None, :2] - obstacles.centre[None, :, :2], axis=2)
+    for i, j in np.argwhere(np.triu(away < obstacles.radius[:, None] + obstacles.radius, 1)).tolist():
+        if _are_near((shrunk, obstacles.rows(i)), (shrunk, obstacles.rows(j)), 0.0):
             found.append((names[i], names[j]))
     return found

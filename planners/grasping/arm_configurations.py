@@ -23,7 +23,7 @@ from planners.scene.cover import (
     BACK,
     LEAST_LIFT,
     direction_out,
-    distance_out,
+    distances_out,
     driven_out_of,
     needs_drive,
     objects_before,
@@ -129,7 +129,8 @@ def scan_configurations(
     manipulability, more for a high elbow, less for travel from the home configuration.
 
     Under a shelf the base drives straight in and out with the arm rigid; see `cover.drive_out`. Hits are then those of
-    the configuration, of the drive, and of the object `body`, moved out.
+    the configuration, of the drive, and of the object `body`, moved out. A base pose is left out if outside, where the
+    base drives in from, the robot would hit a static obstacle with what it holds, both as it carries it and at home.
 
     Args:
         world: the scene, compiled.
@@ -146,7 +147,10 @@ def scan_configurations(
     none = np.zeros(0, np.int64)
     parts = [ArmConfigurations(np.zeros((0, len(world.robot.lower))), none, np.zeros(0, np.uint64), np.zeros(0))]
     extents: dict[bytes, Extents] = {}
-    for drive, rows in _drives(driven_out_of(world.scene, body), poses):
+    support = driven_out_of(world.scene, body)
+    for drive, rows in _drives(support, poses):
+        if held is not None:
+            rows = rows[_fit_outside(world, held, support, drive, poses.bases[rows], poses.gripper_poses[rows])]
         chosen = GripperPoses(poses.bases[rows], poses.gripper_poses[rows])
         backed_off = body.at(body.position + [*drive.offset, 0.0])
         before = objects_before(world.scene, backed_off, drive.direction) & ~ignore
@@ -249,6 +253,17 @@ def gripper_arrays(robot: RobotSpec) -> RobotArrays:
     return packed(gripper)
 
 
+def _fit_outside(
+    world: CollisionWorld, held: HeldObject, support: StaticObstacle, drive: Drive, bases: Array, gripper_poses: Array
+) -> NDArray[np.bool_]:
+    """Whether the robot fits with what it holds where the drive to each of k pairs of poses begins: (k,)."""
+    starts, outside = gripper_poses[:, :2] + drive.offset, bases.copy()
+    outside[:, :2] += drive.offset + np.outer(distances_out(support, starts, drive.direction), drive.direction)
+    ways = np.array([world.scene.state.q, world.scene.robot.home])
+    fixed = [world.hits_many(base, ways, 0.0, held) & np.uint64(FIXED_BITS) for base in outside]
+    return np.array([not hits.all() for hits in fixed], dtype=np.bool_)
+
+
 def _drives(support: StaticObstacle, poses: GripperPoses) -> Iterator[tuple[Drive, NDArray[np.int64]]]:
     """The straight drives out after backing off, and the rows of the pairs of base and gripper pose for each."""
     yaws, directions = poses.gripper_poses[:, 3], direction_out(support, poses.bases)
@@ -258,5 +273,5 @@ def _drives(support: StaticObstacle, poses: GripperPoses) -> Iterator[tuple[Driv
         yaw, direction = yaws[rows[0]], directions[rows[0]]
         offset = -BACK * np.array([np.cos(yaw), np.sin(yaw)])
         starts = poses.gripper_poses[rows, :2] + offset
-        farthest = max(distance_out(support, start, direction) for start in starts)
+        farthest = max(distances_out(support, starts, direction))
         yield Drive(offset, direction, farthest, LEAST_LIFT), rows

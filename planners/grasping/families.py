@@ -46,6 +46,8 @@ class GraspFamily:
         height: δ [m], by default the robot's `grasp_height`.
         axis_offset: ε [m], by default the robot's `grasp_axis_offset`; more where the palm would touch the object.
         max_width: [m] between the fingers of what is grasped so, by default what the gripper spans.
+        yaws: [rad] least and greatest yaw of the gripper in the world, from -π to π, for grippers that do not turn
+            freely; any by default.
 
     Raises:
         InvalidGraspFamily: a value out of range, or both `depth` and `height`.
@@ -58,6 +60,7 @@ class GraspFamily:
     height: float | None = None
     axis_offset: float | None = None
     max_width: float | None = None
+    yaws: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         lengths = {name: getattr(self, name) for name in ("depth", "height", "max_width")}

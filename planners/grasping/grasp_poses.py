@@ -179,6 +179,10 @@ def _yaws(body: Body, family: GraspFamily) -> tuple[Array, Array]:
         yaws = wrap_to_pi(np.concatenate((headings, headings + math.pi)))
         across = np.stack((-np.sin(yaws), np.cos(yaws), np.zeros(len(yaws))), axis=-1)
         half_spans = np.array([body.half_extent_along(direction) for direction in across])
+    if family.yaws is not None:
+        low, high = family.yaws
+        kept = (yaws >= low) & (yaws <= high)
+        return yaws[kept], half_spans[kept]
     count = len(yaws) // 2 if math.cos(family.pitch) < _STRAIGHT_DOWN else len(yaws)
     return yaws[:count], half_spans[:count]
 

@@ -1,4 +1,8 @@
-"""Paths and trajectories checked once more, by MuJoCo's own collision detection, self-collision included."""
+"""Paths and trajectories checked once more, by MuJoCo's own collision detection, self-collision included.
+
+MuJoCo looks where the planner's own model does not prove the motion, between the states too, to keep `_NEAR` from
+everything: its distances within a margin are no lower bounds, those of `irm.gjk` are.
+"""
 
 from __future__ import annotations
 
@@ -14,23 +18,18 @@ from numpy.typing import NDArray
 from assets.robot_reading import collision_geoms
 from assets.robots import RobotSpec
 from irm.chain import BASE, link_of_body
-from planners.collision.scene_arrays import robot_of
-from planners.collision.world import OVERLAP
+from planners.collision.hit_kernels import unproved_states
+from planners.collision.world import OVERLAP, CollisionWorld
 from planners.motion.path import WholeBodyPath, cut, interpolate
 from planners.motion.trajectory import Trajectory, phases_of
-from planners.motion.travel import count_kinds, link_radii, nearest_of_kinds, pair_kind, travelled
 from planners.scene import HeldObject, Scene, SceneError, Solid
 from planners.scene.bodies import pose_matrix
 
 _ROBOT, _OTHER = 1, 2
 """Collision bits: the robot collides with itself and all other geoms; of these only held objects with others."""
-_ROBOT_MARGIN, _OTHER_MARGIN = 0.02, 0.01
-"""[m] The sum of two geoms' margins is the distance at which MuJoCo begins to report that of a pair.
-
-Held objects have the robot's. Reported distances are not always lower bounds: of two boxes up to 5 cm apart MuJoCo 3.17
-reports one in eight too far or not at all, of capsules and cylinders one in a hundred. So margins are small.
-"""
-_OTHER_GEOM = {"contype": _OTHER, "conaffinity": 0, "margin": _OTHER_MARGIN}
+_NEAR = 0.001
+"""[m] What is proved to be farther away MuJoCo does not look at; as much the shapes of two models may differ."""
+_OTHER_GEOM = {"contype": _OTHER, "conaffinity": 0, "margin": 0.0}
 _MEMORY = 1 << 25
 """[bytes] for contacts, far more than there can be."""
 OBJECT, _OBSTACLE = "object/", "obstacle/"
@@ -55,7 +54,7 @@ def scene_model(scene: Scene) -> mujoco.MjModel:
     spec.memory = _MEMORY
     for geom in spec.geoms:
         if geom.contype or geom.conaffinity:
-            geom.contype, geom.conaffinity, geom.margin = _ROBOT, _ROBOT | _OTHER, _ROBOT_MARGIN
+            geom.contype, geom.conaffinity, geom.margin = _ROBOT, _ROBOT | _OTHER, 0.0
     for first, second in _neighbours(scene.robot):
         spec.add_exclude(bodyname1=first, bodyname2=second)
     for name in _on_base(scene.robot) if scene.robot.base_drive == "fixed" else ():
@@ -147,19 +146,11 @@ class PenetrationReport(NamedTuple):
     where: NDArray[np.float64]
 
 
-class _Segment(NamedTuple):
-    """A part of a motion with the same held object, or none."""
-
-    states: NDArray[np.float64]  # (k, 12) whole-body configurations and finger position
-    held: HeldObject | None
-    ignore: int  # mask of objects that do not count
-
-
 class MujocoCollisionChecker:
     """Checks motions in a MuJoCo model of a scene. The model is its own, not that of a simulation."""
 
-    def __init__(self, scene: Scene) -> None:
-        """Build the model; for the same objects elsewhere `move_to` is faster."""
+    def __init__(self, scene: Scene, world: CollisionWorld | None = None) -> None:
+        """Build the model; for the same objects elsewhere `move_to` is faster. The `world` is the scene, compiled."""
         robot = scene.robot
         self.scene, self._signature = scene, _signature(scene)
         self._model = model = scene_model(scene)
@@ -177,23 +168,19 @@ class MujocoCollisionChecker:
         self._in_object = {
             geom: pose_matrix(model.geom_pos[geom], _rotation(model.geom_quat[geom])) for geom in self._names
         }
-        self._robot = robot_of(scene)
-        self._radii, links = link_radii(self._robot), len(robot.chain) + 1
-        # Links as in `planners.motion.travel`, -1 for what is not of the robot.
-        of_bodies, geoms = link_of_body(model, robot), set(collision_geoms(model, robot))
-        self._link = [of_bodies[int(model.geom_bodyid[g])] + 1 if g in geoms else -1 for g in range(model.ngeom)]
-        self._pair_kinds = np.array([[_kind(a, b, links) for b in self._link] for a in self._link])
-        self._margins = np.full(count_kinds(links) + 1, 2 * _ROBOT_MARGIN)
-        self._margins[:links] = _ROBOT_MARGIN + _OTHER_MARGIN
-        self._margins[-1] = np.inf
+        # Of the robot those pairs count that count for the planner: shapes that touch in nearly every configuration,
+        # such as boxes around the meshes of short links, do not.
+        geoms = collision_geoms(model, robot)
+        counted = {frozenset((geoms[one], geoms[other])) for one, other in robot.shapes.pairs.tolist()}
+        self._uncounted = set(map(frozenset, itertools.combinations(geoms, 2))) - counted
+        self._world = (world or CollisionWorld.from_scene(scene)).with_padding(_NEAR)
 
-    def move_to(self, scene: Scene) -> None:
+    def move_to(self, scene: Scene, world: CollisionWorld | None = None) -> None:
         """Put the objects where another scene has them; raises `SceneError` if it differs in more than their poses."""
         if scene is not self.scene and _signature(scene) != self._signature:
             raise SceneError("a collision checker serves scenes with the same robot, static obstacles and objects only")
-        if scene.aside or self.scene.aside:
-            self._robot = robot_of(scene)
-            self._radii = link_radii(self._robot)
+        if scene is not self.scene:
+            self._world = (world or CollisionWorld.from_scene(scene)).with_padding(_NEAR)
         self.scene = scene
         for body in scene.objects:
             self._positions.put(body.name, body.position, body.quaternion)
@@ -207,44 +194,35 @@ class MujocoCollisionChecker:
     ) -> PenetrationReport:
         """The deepest penetration of a motion.
 
-        What touches others when it is taken counts as far as it gets deeper into them. States are left
-        out where the distances found in others prove that nothing is touched.
+        What touches others when it is taken counts as far as it gets deeper into them. States are left out where
+        `unproved_states` proves that nothing is nearer than `_NEAR`, there and half-way to the states beside them.
 
         Args:
             motion: a path, or a trajectory: its phases say what is held, and a released object stays where it is.
             step: [m] that a point of the robot may move between two configurations.
             enough: [m] A deeper one ends the check.
         """
-        worst = PenetrationReport(0.0, ("", ""), np.zeros(len(self.scene.robot.drive_joints)))
-        for segment in self._segments(motion):
-            grips = self._grips(segment.held)
+        worst, world = PenetrationReport(0.0, ("", ""), np.zeros(len(self.scene.robot.drive_joints))), self._world
+        for states, held, ignore in self._segments(motion):
+            query = world.query(0.0, held, ignore)
+            states = self._refine(states, held, query.attached.reach, step)
+            grips, before = self._grips(held), dict[tuple[int, int], float]()
             for geom in grips:
                 self._let_collide(geom, _OTHER)
-            states = self._refine(segment, step)
-            bounds, kinds = self._travelled(states, segment.held), self._kinds(segment, grips)
-            # What is not deeper than enough need not be found.
-            slack = 2.0 * enough if np.isfinite(enough) else 0.0
-            nearest: dict[int, NDArray[np.float64]] = {}
-            before: dict[tuple[int, int], float] = {}
-            open_ended = [(0, len(states) - 1)]
-            while open_ended and worst.penetration <= enough:
-                first, last = open_ended.pop()
-                for row in (first, last):
-                    if row not in nearest:
-                        self._place(states[row], segment.held)
-                        before = self._depths(segment.held) if row == 0 else before
-                        distances = self._distances(before)
-                        nearest[row] = self._nearest(kinds, distances)
-                        worst = self._worse(worst, states[row], kinds, distances, nearest[row])
-                if last - first > 1 and (bounds[last] - bounds[first] > nearest[first] + nearest[last] + slack).any():
-                    middle = (first + last) // 2
-                    open_ended += [(first, middle), (middle, last)]
-            if segment.held is not None:
+            ignored = {geom for name in self.scene.names_of(ignore) for geom in self._geoms[name]}
+            for row in np.flatnonzero(unproved_states(query, states)):
+                if worst.penetration > enough:
+                    break
+                self._place(states[row], held)
+                before = self._depths(held) if row == 0 else before
+                worst = self._worse(worst, states[row], before, grips, ignored)
+            if held is not None:
                 # From now on the object stays where it is placed last.
-                self._place(states[-1], segment.held)
-                (position, R), quaternion = self._held_pose(segment.held, self._tcp), np.empty(4)
+                self._place(states[-1], held)
+                (position, R), quaternion = self._held_pose(held, self._tcp), np.empty(4)
                 mujoco.mju_mat2Quat(quaternion, R.ravel())
-                self._positions.put(segment.held.name, position, quaternion)
+                self._positions.put(held.name, position, quaternion)
+                world = world.with_body(self.scene.body(held.name).at(position, quaternion))
             for geom in grips:
                 self._let_collide(geom, 0)
         self.move_to(self.scene)
@@ -258,41 +236,6 @@ class MujocoCollisionChecker:
             grips |= dict.fromkeys(self._geoms[one.held.name], gripper)
         return grips
 
-    def _kinds(self, segment: _Segment, grips: dict[int, set[int]]) -> NDArray[np.int64]:
-        """The kind (ngeom, ngeom) of each pair of geoms, see `planners.motion.travel`; the last one does not count."""
-        kinds, links = self._pair_kinds, len(self.scene.robot.chain) + 1
-        uncounted = count_kinds(links)
-        names = self.scene.names_of(segment.ignore)
-        in_hand = [geom for one in self.scene.aside for geom in self._geoms[one.held.name]]
-        if not names and not grips:
-            return kinds
-        kinds = kinds.copy()
-        for geom, gripper in grips.items():
-            # What idle arms hold moves with the torso.
-            link, others = 1 if geom in in_hand else links - 1, self._link
-            kinds[geom] = [link if other < 0 else pair_kind(link, other, links) for other in others]
-            kinds[geom, in_hand] = pair_kind(link, 1, links)
-            kinds[geom, list(gripper)] = uncounted
-            kinds[:, geom] = kinds[geom]
-        for name in names:
-            kinds[self._geoms[name]] = kinds[:, self._geoms[name]] = uncounted
-        return kinds
-
-    def _travelled(self, states: NDArray[np.float64], held: HeldObject | None) -> NDArray[np.float64]:
-        """Bounds (m, kinds + 1) [m] of how far pairs of each kind have moved since the first state."""
-        robot, radii, reach = self._robot, self._radii, self._robot.reach
-        if held is not None:
-            swing, radii = self._swing(held), radii.copy()
-            radii[-1] = max(radii[-1], np.linalg.norm(robot.tip[:3]) + swing)
-            reach = np.maximum(reach, robot.tip_reach + swing)
-        bounds = travelled(robot, radii, np.array(reach), states)
-        return np.column_stack((bounds, np.zeros(len(states))))
-
-    def _swing(self, held: HeldObject) -> float:
-        """[m] from the TCP to the farthest point of a held object."""
-        half = self.scene.body(held.name).half_extents
-        return float(np.linalg.norm(held.T_tcp_object[:3, 3]) + np.linalg.norm(half))
-
     def _depths(self, held: HeldObject | None) -> dict[tuple[int, int], float]:
         """How deep a held object is in others, in the contacts found last [m]: no deeper than in a possible scene."""
         if held is None:
@@ -303,44 +246,31 @@ class MujocoCollisionChecker:
                 depths[one, other] = max(depths.get((one, other), 0.0), -float(distance))
         return {pair: depth for pair, depth in depths.items() if 0.0 < depth <= OVERLAP}
 
-    def _distances(self, before: dict[tuple[int, int], float]) -> NDArray[np.float64]:
-        """Distance (k,) [m] of every contact found last, negative as far as it is deeper than `before`."""
-        distances = self._data.contact.dist
-        if not before:
-            return distances
-        pairs = map(tuple, self._data.contact.geom.tolist())
-        return distances + np.array([before.get(pair, 0.0) for pair in pairs])
+    def _segments(
+        self, motion: WholeBodyPath | Trajectory
+    ) -> Iterator[tuple[NDArray[np.float64], HeldObject | None, int]]:
+        """Parts of a motion with the same held object, or none, and the mask of objects that do not count.
 
-    def _nearest(self, kinds: NDArray[np.int64], distances: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The least distance (kinds + 1,) [m] of pairs of each kind in the state placed last, their margin at most."""
-        nearest = self._margins.copy()
-        if len(distances):
-            nearest_of_kinds(distances, self._data.contact.geom, kinds, nearest)
-            nearest[-1] = np.inf
-        return nearest
-
-    def _segments(self, motion: WholeBodyPath | Trajectory) -> Iterator[_Segment]:
+        Each is whole-body configurations and finger positions (k, 12).
+        """
         if not isinstance(motion, Trajectory):
             X = motion.configurations
             finger = self.scene.robot.finger_position(motion.opening)
-            yield _Segment(np.column_stack([X, np.full(len(X), finger)]), motion.held, motion.ignore)
+            yield np.column_stack([X, np.full(len(X), finger)]), motion.held, motion.ignore
             return
         for piece in phases_of(motion):
             phase = piece.phases[0]
             held = phase.touched if phase.held else None
             between = () if phase.touched is None or phase.held else (phase.touched.name,)
-            yield _Segment(piece.states, held, self.scene.mask(between))
+            yield piece.states, held, self.scene.mask(between)
 
-    def _refine(self, segment: _Segment, step: float) -> NDArray[np.float64]:
+    def _refine(
+        self, states: NDArray[np.float64], held: HeldObject | None, reach: NDArray[np.float64], step: float
+    ) -> NDArray[np.float64]:
         """States (m, 12) at most `step` [m] apart for any point of the robot; fingers stay at a held object's width."""
-        robot, held, states = self._robot, segment.held, segment.states.copy()
-        reach = robot.reach
         if held is not None:
-            body = self.scene.body(held.name)
-            states[:, -1] = states[:, -1].clip(
-                self.scene.robot.finger_position(body.width_in_gripper(held.T_tcp_object))
-            )
-            reach = np.maximum(reach, robot.tip_reach + self._swing(held))
+            width = self.scene.body(held.name).width_in_gripper(held.T_tcp_object)
+            states = np.column_stack((states[:, :-1], states[:, -1].clip(self.scene.robot.finger_position(width))))
         parts = np.ceil(np.abs(np.diff(states, axis=0)) @ np.append(reach, 1.0) / step).astype(int)
         return interpolate(cut(np.maximum(parts, 1)), np.arange(len(states)), states)
 
@@ -369,35 +299,29 @@ class MujocoCollisionChecker:
 
     def _let_collide(self, geom: int, bits: int) -> None:
         """Let a held object collide with others, or not; MuJoCo keeps what geoms have once more per body."""
-        body, margin = self._model.geom_bodyid[geom], _ROBOT_MARGIN if bits else _OTHER_MARGIN
-        self._model.geom_conaffinity[geom] = self._model.body_conaffinity[body] = bits
-        self._model.geom_margin[geom] = self._model.body_margin[body] = margin
+        self._model.geom_conaffinity[geom] = self._model.body_conaffinity[self._model.geom_bodyid[geom]] = bits
 
     def _worse(
         self,
         worst: PenetrationReport,
         state: NDArray[np.float64],
-        kinds: NDArray[np.int64],
-        distances: NDArray[np.float64],
-        nearest: NDArray[np.float64],
+        before: dict[tuple[int, int], float],
+        grips: dict[int, set[int]],
+        ignored: set[int],
     ) -> PenetrationReport:
-        """The deeper of a report and the contacts found last; their distances and the least of each kind are known."""
-        if -nearest.min() <= worst.penetration:
-            return worst
-        geoms = self._data.contact.geom
-        counted = kinds[geoms[:, 0], geoms[:, 1]] < len(nearest) - 1
-        deepest = int(np.argmin(np.where(counted, distances, np.inf)))
-        first, second = (
-            self._names.get(geom) or self._model.geom(geom).name.removeprefix(_OBSTACLE) for geom in geoms[deepest]
-        )
-        return PenetrationReport(-float(distances[deepest]), (first, second), state[:-1].copy())
-
-
-def _kind(first: int, second: int, links: int) -> int:
-    """The kind of a pair of links, -1 for what does not move; two of these are never compared."""
-    if min(first, second) < 0:
-        return max(first, second, 0)
-    return pair_kind(first, second, links)
+        """The deeper of a report and the contacts found last, as far as they are deeper than `before`."""
+        contact = self._data.contact
+        for distance, (one, other) in zip(contact.dist.tolist(), contact.geom.tolist(), strict=True):
+            depth = -distance - before.get((one, other), 0.0)
+            is_grip = other in grips.get(one, ()) or one in grips.get(other, ())
+            is_left_out = is_grip or {one, other} & ignored or frozenset((one, other)) in self._uncounted
+            if depth > worst.penetration and not is_left_out:
+                first, second = (
+                    self._names.get(geom) or self._model.geom(geom).name.removeprefix(_OBSTACLE)
+                    for geom in (one, other)
+                )
+                worst = PenetrationReport(depth, (first, second), state[:-1].copy())
+        return worst
 
 
 def _signature(scene: Scene) -> tuple[object, ...]:

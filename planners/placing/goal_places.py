@@ -7,6 +7,7 @@ sides where the circles about them have no room.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -341,7 +342,10 @@ def _fits(
     if yaw is not None:
         half = np.abs(_corners(body, yaw - area.yaw)).max(axis=0)
     inside = (np.abs(area.local(points)) <= np.array(area.half_extents) - half).all(axis=1)
+    within = math.hypot(*area.half_extents) + body.radius + gap
     for one in standing:
+        if math.dist(one.position[:2], area.centre) > within + one.radius:
+            continue
         away = np.linalg.norm(points - one.position[:2], axis=1)
         near = np.flatnonzero(inside & (away < body.radius + one.radius + gap))
         inside[near] = _room_beside(points[near], body, yaw, one) >= gap

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -74,7 +76,7 @@ def drive_out(support: StaticObstacle, base: ArrayLike, T_world_tcp: Array) -> A
     poses = np.tile(np.asarray(base, dtype=float), (3, 1))
     direction, back = direction_out(support, poses[0]), -BACK * heading(T_world_tcp)
     poses[1:, :2] += back
-    poses[2, :2] += distance_out(support, T_world_tcp[:2, 3] + back, direction) * direction
+    poses[2, :2] += distances_out(support, [T_world_tcp[:2, 3] + back], direction)[0] * direction
     return poses
 
 
@@ -83,10 +85,10 @@ def heading(T_world_tcp: Array) -> Array:
     return np.array([T_world_tcp[1, 1], -T_world_tcp[0, 1]])
 
 
-def distance_out(support: StaticObstacle, tcp: ArrayLike, direction: Array) -> float:
-    """[m] along `direction` (2,) until a TCP at (2,) is `DRIVE_CLEARANCE` beyond the support."""
+def distances_out(support: StaticObstacle, tcps: Iterable[Array], direction: Array) -> list[float]:
+    """[m] along `direction` (2,) until each TCP at (2,) is `DRIVE_CLEARANCE` beyond the support."""
     edge = float(direction @ support.position[:2]) + support.half_extent_along((*direction, 0.0))
-    return max(edge + DRIVE_CLEARANCE - float(direction @ np.asarray(tcp, dtype=float)), 0.0)
+    return [max(edge + DRIVE_CLEARANCE - float(direction @ tcp), 0.0) for tcp in tcps]
 
 
 def objects_before(scene: Scene, body: Body, direction: Array) -> int:

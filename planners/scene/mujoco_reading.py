@@ -383,8 +383,8 @@ def declared_supports(model: mujoco.MjModel) -> tuple[str, ...]:
 
 
 def find_supports(found: Sequence[FoundObstacle], wanted: Iterable[str]) -> tuple[str, ...]:
-    """Names of the obstacles on which objects can be put: each the geom of that name, or the highest level one of that
-    body; without duplicates.
+    """Names of the obstacles on which objects can be put: each the geom of that name, or, of that body, the highest
+    level one at least half as large as its largest, so that of a bin it is not the rim; without duplicates.
 
     Raises:
         SceneError: there is none of a name; the message lists what objects can stand on.
@@ -401,5 +401,7 @@ def find_supports(found: Sequence[FoundObstacle], wanted: Iterable[str]) -> tupl
             both = (known for one in level for known in (one.obstacle.name, one.body) if known != "world")
             known = ", ".join(dict.fromkeys(both)) or "none"
             raise SceneError(f"no support {name!r}; geoms and bodies with a level top face: {known}")
-        names.append(max(tops, key=lambda top: (top.top, float(np.prod(top.extent[:2])))).name)
+        areas = [float(np.prod(top.extent[:2])) for top in tops]
+        large = [(top.top, area, top.name) for top, area in zip(tops, areas, strict=True) if area >= max(areas) / 2]
+        names.append(max(large)[2])
     return tuple(dict.fromkeys(names))

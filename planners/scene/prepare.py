@@ -18,8 +18,8 @@ from planners.scene.solid import SceneError
 
 COMMAND_STEP = 0.01
 """[s] Motor commands change this often; a time step must divide it."""
-
-
+_IMPRATIO = 10.0
+"""Stiffness of friction over that of normal forces, as in the environments of this project."""
 _PLANE = int(mujoco.mjtGeom.mjGEOM_PLANE)
 
 
@@ -59,7 +59,8 @@ def prepare(model: mujoco.MjModel, robot: RobotSpec) -> Prepared:
 
     Contact bits: a geom that can touch something but no geom of the robot, which is then a ghost to it, gets the bits
     of the robot; planes do not, since the base stands in the ground. Time step: one that does not divide `COMMAND_STEP`
-    becomes the next shorter one that does. Fingers: the range of their position actuators becomes such that a command
+    becomes the next shorter one that does. Contacts: the elliptic friction cone and `_IMPRATIO`, without which what is
+    held creeps out of the fingers. Fingers: the range of their position actuators becomes such that a command
     to close presses with all their force on objects of any width.
 
     Args:
@@ -91,6 +92,13 @@ def prepare(model: mujoco.MjModel, robot: RobotSpec) -> Prepared:
         mended.opt.timestep = COMMAND_STEP / math.ceil(steps)
         why = f"commands change every {COMMAND_STEP:g} s"
         changes.append(Change("time step [s]", f"{model.opt.timestep:g}", f"{mended.opt.timestep:g}", why))
+    creeps, option = "what is held crept out of the fingers", mended.opt
+    if option.cone != mujoco.mjtCone.mjCONE_ELLIPTIC:
+        option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        changes.append(Change("friction cone", "pyramidal", "elliptic", creeps))
+    if option.impratio < _IMPRATIO:
+        changes.append(Change("impratio", f"{option.impratio:g}", f"{_IMPRATIO:g}", creeps))
+        option.impratio = _IMPRATIO
     for actuator, low in _full_grips(model, robot):
         before = f"{model.actuator_ctrlrange[actuator, 0]:g}"
         mended.actuator_ctrlrange[actuator, 0] = low

@@ -386,10 +386,10 @@ class MotionLayer:
 
     def is_accepted(self, scene: Scene, paths: Sequence[WholeBodyPath | Trajectory]) -> bool:
         """Whether MuJoCo finds no penetration on any of the paths."""
-        arm = scene.robot.arm_name
+        arm, world = scene.robot.arm_name, self.compiled.world(scene)
         if arm not in self._checkers:
-            self._checkers[arm] = MujocoCollisionChecker(scene)
-        self._checkers[arm].move_to(scene)
+            self._checkers[arm] = MujocoCollisionChecker(scene, world)
+        self._checkers[arm].move_to(scene, world)
         return all(self._checkers[arm].accepts(path) for path in paths)
 
 

@@ -50,8 +50,9 @@ def test_fingers_of_a_prepared_model_press_with_all_their_force_on_thin_objects(
 
 def test_a_prepared_model_needs_no_changes() -> None:
     model, _ = kitchen()
-    model.opt.timestep = 0.0035
+    model.opt.timestep, model.opt.cone, model.opt.impratio = 0.0035, mujoco.mjtCone.mjCONE_PYRAMIDAL, 1
     fit = prepare(model, FETCH)
+    assert (fit.model.opt.cone, fit.model.opt.impratio) == (mujoco.mjtCone.mjCONE_ELLIPTIC, 10)
     assert fit.model.opt.timestep == pytest.approx(0.01 / 3)
     assert prepare(fit.model, FETCH).changes == ()
     assert str(prepare(fit.model, FETCH)) == "no changes"

@@ -177,3 +177,14 @@ def test_the_lengths_of_the_gripper_are_read_from_its_solids():
         palm_reach=0.044, palm_height=0.042, fingertip_reach=0.028, pad_half_height=0.0135, least_depth=0.018
     )
     assert gripper_clearances(FETCH) == wanted
+
+
+def test_a_gripper_that_does_not_turn_grasps_only_from_its_own_yaws() -> None:
+    """As one that always points down: a box has grasps across both pairs of faces, of which one pair is left."""
+    box = Body("a", "box", np.array([0.02, 0.03, 0.02]), np.array([1.0, 0.0, 0.02]), np.array([1.0, 0.0, 0.0, 0.0]))
+    every, some = (
+        generate_grasps(box, FETCH, (GraspFamily("down", np.pi / 2, depth=0.02, yaws=yaws),))
+        for yaws in (None, (-0.5, 0.5))
+    )
+    assert {round(grasp.yaw, 6) for grasp in every} == {0.0, round(np.pi / 2, 6)}
+    assert [grasp.yaw for grasp in some] == [0.0]

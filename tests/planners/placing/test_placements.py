@@ -15,14 +15,16 @@ from assets.robots import FETCH
 from planners.clearing.commitments import grasped
 from planners.collision.world import CollisionWorld
 from planners.context import PlanningContext
+from planners.motion.approaches import stand_off
 from planners.placing import placements
 from planners.placing.locations import placement_levels
 from planners.placing.placements import Placement, PlacementSearch
 from planners.placing.surfaces import KeepClear, UnknownSupport, find_supports
 from planners.planner import Planner
 from planners.scene import Scene, StaticObstacle
+from planners.scene.masks import FIXED_BITS
 from planners.strategies import STRATEGIES, Strategy, StrategyError
-from tests.planners.scenes import cylinder, table_scene
+from tests.planners.scenes import cylinder, shelf_scene, table_scene
 
 CHOICES = ("name", "grasps", "region", "locations")
 PLANNING_AHEAD = ("plans_ahead", "sets", "slack", "variations", "non_monotone")
@@ -177,3 +179,17 @@ def test_an_object_stands_on_one_support_wholly_and_as_high_as_that(in_hand: Sce
             away = np.abs(body.position[:2] - support.position[:2])
             assert (away + body.radius <= support.extent[:2]).all()
             assert body.bottom == pytest.approx(support.top, abs=1e-9)
+
+
+def test_under_a_shelf_the_drive_in_begins_where_what_is_carried_fits() -> None:
+    """Beside a post the gripper comes from the side; the base then stands so near that the board is in the way."""
+    scene = shelf_scene(cylinder("object_00", -0.29, -0.15, 0.027, 0.175), cylinder("object_01", -0.3, -0.4, 0.03))
+    context = PlanningContext.of(scene.robot, scene, grasps="side")
+    free = next(one for one in context.grasps().for_object(scene, "object_00") if not one.blockers)
+    world, outside = CollisionWorld.from_scene(grasped(scene, free)), []
+    for x, y in ((-0.21, -0.38), (-0.22, -0.36)):
+        for placement in context.placements().about(world, np.array([x, y, scene.support.top])):
+            outside.append(stand_off(world.scene, placement.base, placement.q, placement.body))
+    held, home = world.scene.held, np.array(scene.robot.home)
+    assert outside
+    assert not any(world.hits(base, home, 0.0, held) & FIXED_BITS for base in outside)

@@ -77,3 +77,14 @@ def test_the_floor_is_a_support_where_there_is_no_other_or_by_its_name() -> None
     assert "ground" in KITCHEN
     read = Scene.from_mujoco(model, data, FETCH, movable=(), support=SUPPORT, more_supports=(FLOOR,))
     assert read.supports == ("plate", FLOOR)
+
+
+def test_of_a_bin_its_floor_is_the_support_and_not_the_rim() -> None:
+    walls = "".join(
+        f'<geom type="box" size="{a} {b} 0.05" pos="{x} {y} 0.06"/>'
+        for a, b, x, y in ((0.1, 0.005, 0, 0.1), (0.1, 0.005, 0, -0.1), (0.005, 0.1, 0.1, 0), (0.005, 0.1, -0.1, 0))
+    )
+    crate = f'<body name="crate" pos="0.9 0.3 0.75"><geom name="bottom" type="box" size="0.1 0.1 0.01"/>{walls}</body>'
+    model, data = kitchen(crate)
+    scene = Scene.from_mujoco(model, data, FETCH, movable=["can"], support=SUPPORT, more_supports=["crate"])
+    assert scene.supports == ("plate", "bottom")
