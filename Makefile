@@ -80,6 +80,7 @@ $(VENV)/.docs: $(VENV)/.core
 
 docs: $(VENV)/.docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	@! grep -rlE '<(script|link|img)[^>]*(src|href)="https?:' outputs/site --include='*.html' || { echo "these pages fetch from a server"; exit 1; }
 	@echo "documentation: outputs/site/index.html"
 
 bench: $(VENV)/.core

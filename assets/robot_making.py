@@ -62,6 +62,7 @@ class Mounting:
         opening: of the gripper.
         tool: from the tip to the point between the finger tips, along the approach.
         without: names of bodies that are left out, with all that they carry.
+        fixed: whether the base does not move; the round base is then a pedestal as high as the arm's base.
     """
 
     base: str
@@ -74,6 +75,7 @@ class Mounting:
     opening: float = 0.085
     tool: float = 0.0
     without: tuple[str, ...] = ()
+    fixed: bool = False
 
 
 def make_robot(file: Path, mounting: Mounting) -> tuple[str, dict[str, Any]]:
@@ -100,7 +102,8 @@ def make_robot(file: Path, mounting: Mounting) -> tuple[str, dict[str, Any]]:
         maker.robot.compile()
     except ValueError as problem:
         raise InvalidRobot(f"{file}: the robot that was made of it does not compile: {problem}") from problem
-    return maker.robot.to_xml(), {"base_joints": BASE, "tip": "grip", "finger_joints": FINGERS}
+    page = {"base_joints": BASE, "tip": "grip", "finger_joints": FINGERS}
+    return maker.robot.to_xml(), page | ({"base": "fixed"} if mounting.fixed else {})
 
 
 def _about_x(angle: float) -> Floats:
@@ -134,7 +137,7 @@ class _Maker:
             place = np.array([x, 0.0, z])
             if not z > 0.1:
                 raise InvalidRobot(f"on={mounting.on!r}: the arm stands on a base that is higher than 0.1 m")
-            height = min(z - 0.01, 0.34) / 2
+            height = min(z - 0.01, z if mounting.fixed else 0.34) / 2
             base.add_geom(
                 name="wheels", type=mjtGeom.mjGEOM_CYLINDER, size=[r, height - 0.02, 0], pos=[0, 0, height + 0.02]
             )
@@ -159,7 +162,11 @@ class _Maker:
                 carrier.add_geom(
                     name="pillar", type=mjtGeom.mjGEOM_CYLINDER, size=[0.08, high / 2, 0], pos=[0, 0, -high / 2]
                 )
-        self._add_geoms(carrier if mounting.on is not None else base, root)
+        # What stands on a pedestal is a part of it: see `RobotSpec.fixed`.
+        stands = mounting.fixed and mounting.lift is None
+        self._add_geoms(
+            carrier if mounting.on is not None and not stands else base, root, place if stands else np.zeros(3)
+        )
         for child in self._children(root):
             self._copy(child, carrier)
 
@@ -191,11 +198,12 @@ class _Maker:
                 if model.jnt_limited[k]:
                     joint.range = model.jnt_range[k]
                 joint.armature, joint.damping = (1.0, [50, 0, 0]) if slides else (0.1, [2, 0, 0])
-        self._add_geoms(made, body)
+        self._add_geoms(made, body, np.zeros(3))
         for child in self._children(body):
             self._copy(child, made)
 
-    def _add_geoms(self, to: Any, body: int) -> None:
+    def _add_geoms(self, to: Any, body: int, place: Floats) -> None:
+        """The shapes of a body, whose frame is at `place` [m] in that of the new one."""
         model = self.model
         first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
         for geom in range(first, first + count):
@@ -206,9 +214,9 @@ class _Maker:
                 corners = (
                     hull_corners(model, geom) if kind == mjtGeom.mjGEOM_MESH else _sphere() * model.geom_size[geom]
                 )
-                to.add_geom(**_fitted(_moved(corners, model.geom_pos[geom], model.geom_quat[geom])), mass=0)
+                to.add_geom(**_fitted(_moved(corners, place + model.geom_pos[geom], model.geom_quat[geom])), mass=0)
             else:
-                pose = {"pos": model.geom_pos[geom], "quat": model.geom_quat[geom]}
+                pose = {"pos": place + model.geom_pos[geom], "quat": model.geom_quat[geom]}
                 to.add_geom(type=kind, size=model.geom_size[geom], mass=0, **pose)
 
     def _children(self, body: int) -> list[int]:

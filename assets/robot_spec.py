@@ -261,6 +261,10 @@ class RobotSpec:
         not count as an obstacle to the base itself."""
         return self._driving(_Fixed)
 
+    def holonomic(self) -> RobotSpec:
+        """The same robot, whose base moves in all directions."""
+        return self._driving(RobotSpec)
+
     def _driving(self, kind: type[RobotSpec]) -> RobotSpec:
         return kind(**{entry.name: getattr(self, entry.name) for entry in fields(self)})
 

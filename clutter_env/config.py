@@ -27,7 +27,7 @@ OBSTRUCTED = (False, True, 2, 3)
 SUCCESS_KINDS = ("clean", "lifted")
 OBS_MODES = ("state", "rgbd", "pointcloud")
 HEAD_MODES = ("fixed", "commanded")
-BASES = ("holonomic", "differential")
+BASES = ("holonomic", "differential", "fixed")
 EFFECTS = ("poses", "joints", "camera", "frames", "observation_delay", "action_delay", "friction", "mass", "size")
 """By which `reality` makes the world differ from what the robot knows; see `envs.reality`."""
 SCENE_CAMERAS = ("scene", "top")
@@ -88,12 +88,15 @@ class EnvConfig:
     """Whether an action has two numbers more, at its end, for the head: "commanded" or "fixed"."""
 
     base: str = "holonomic"
-    """How the base moves: "differential" cannot move sideways, and an action has no number for it."""
+    """How the base moves: "differential" cannot move sideways, and an action has no number for it; "fixed" stands where
+    the arm can work, and an action has no numbers for it. A `RobotSpec` that is not holonomic says so itself."""
     reality: float | Mapping[str, float] = 0.0
     """From 0, exact and at once, to 1: share of all `EFFECTS`, or of some by name."""
 
     def __post_init__(self) -> None:
+        check_choice("base", self.base, BASES)
         layout, robot = self.find_layout(), self.find_robot()
+        object.__setattr__(self, "base", robot.base_drive)
         check_choice("control_mode", self.control_mode, ("joint",) if robot.acts_with_all_arms else CONTROL_MODES)
         check_choice("reward_mode", self.reward_mode, REWARD_MODES)
         check_choice("success", self.success, SUCCESS_KINDS)
@@ -113,7 +116,6 @@ class EnvConfig:
             object.__setattr__(self, "reality", float(self.reality))
         check_choice("segmentation", self.segmentation, (False, True))
         check_choice("head", self.head, HEAD_MODES)
-        check_choice("base", self.base, BASES)
         if self.head == "commanded" and not robot.head_joints:
             raise ConfigError(f"head='commanded' needs a robot whose head moves; that of robot {robot.name!r} does not")
         for name in ("width", "height", "image_size"):
@@ -183,7 +185,7 @@ class EnvConfig:
         """
         try:
             robot = find_robot(self.robot)
-            return robot if self.base == "holonomic" else robot.differential()
+            return robot if self.base == "holonomic" else getattr(robot, self.base)()
         except (UnknownRobot, InvalidRobot) as problem:
             raise ConfigError(f"robot: {problem}") from None
 

@@ -5,7 +5,7 @@ from planners.cause import Cause
 from planners.clearing.goal_bound import LowerBound
 from planners.clearing.lower_bound import ClearanceFloor
 from planners.collision.scene_arrays import GeometryError, RobotArrays, robot_arrays
-from planners.collision.world import CollisionWorld
+from planners.collision.world import CollisionWorld, validate
 from planners.contact import Contact, StepLabel, contact_of, contacts, label_of
 from planners.context import ArmsError, PlanningContext
 from planners.expert.config import ExpertConfig, ExpertError, MonitorConfig
@@ -40,6 +40,7 @@ from planners.scene.prepare import Change, Prepared, prepare
 from planners.scene.static_obstacle import StaticObstacle
 from planners.search.expert import SearchExpert, SearchReport, SearchStep
 from planners.skills import DIRECTIONS, Skill, SkillFailure, SkillPlanner, plan_contact
+from planners.standing import standing_place
 from planners.strategies import STRATEGIES, Strategy, find_strategy
 from planners.symbolic.astar import AStar
 from planners.symbolic.problem import (
@@ -158,6 +159,8 @@ __all__ = [
     "scan_configurations",
     "solve",
     "stand_at",
+    "standing_place",
     "tcp_pose",
+    "validate",
     "warmup",
 ]

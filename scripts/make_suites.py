@@ -20,7 +20,7 @@ import gymnasium as gym
 import tyro
 
 import assets
-from clutter_env import OBJECT_COUNTS
+from clutter_env import OBJECT_COUNTS, search_time_limit
 from clutter_env.envs.rearrange_tasks import TASKS
 from clutter_env.evaluation.scenes import search_floor
 from clutter_env.parallel import Crash, Killed, run_jobs
@@ -45,12 +45,16 @@ class SuitePlan:
     """Only scenes with a proved lower bound of at least so many clearances for side grasps; 0: all scenes."""
     task: str = ""
     """Of Rearrange; "" for Retrieve."""
+    is_hidden: bool = False
+    """Of Search: without lower bounds, since nobody who plays knows the scene; all have the environment's time."""
 
     @property
     def env_id(self) -> str:
         """The environment with as many objects, or else the next smaller one."""
         if self.task:
             return f"clutter_env/Rearrange-o{self.objects}-v0"
+        if self.is_hidden:
+            return f"clutter_env/Search-o{self.objects}-v0"
         return f"clutter_env/Retrieve-o{max(n for n in OBJECT_COUNTS if n <= self.objects)}-v0"
 
     @property
@@ -58,12 +62,15 @@ class SuitePlan:
         """`keywords`, and what the environment's id does not say."""
         if self.task:
             return {"task": self.task, "layout": TASKS[self.task].layout, **self.keywords}
+        if self.is_hidden:
+            return self.keywords
         number = {} if self.objects in OBJECT_COUNTS else {"num_objects": self.objects}
         return {**self.keywords, "layout": self.keywords.get("layout", "paper"), **number}
 
 
 _BLOCKED = {"obstructed": True}
 _IN_SHELF, _DENSE = {"layout": "shelf", **_BLOCKED}, {"layout": "dense", **_BLOCKED}
+_HIDDEN = "a target that no camera sees"
 PLANS = (
     SuitePlan("side-15-v2", "15 objects on the paper's table, an obstructed target", 15, _BLOCKED),
     SuitePlan("side-25-v2", "25 objects on the paper's table, an obstructed target", 25, _BLOCKED),
@@ -81,6 +88,11 @@ PLANS = (
     SuitePlan("swap-8-v2", "2 to 6 of 8 objects to change places", 8, clearances=0, task="swap"),
     SuitePlan("stack-8-v2", "3 of 8 blocks to be stacked, 3 stand in a stack", 8, clearances=0, task="stack"),
     SuitePlan("fetch-8-v2", "3 of 8 objects to be brought to a second table", 8, clearances=0, task="fetch"),
+    SuitePlan("hidden-shelf-10-v1", f"10 objects in the shelf, {_HIDDEN}", 10, {"layout": "shelf"}, 0, is_hidden=True),
+    SuitePlan(
+        "hidden-cabinet-12-v1", f"12 objects in the cabinet, {_HIDDEN}", 12, {"layout": "cabinet"}, 0, is_hidden=True
+    ),
+    SuitePlan("hidden-shelf-16-v1", f"16 objects in the shelf, {_HIDDEN}", 16, {"layout": "shelf"}, 0, is_hidden=True),
 )
 """All suites. Their seeds follow from their places in this list: append, never insert."""
 NAMES = tuple(plan.name for plan in PLANS)
@@ -205,20 +217,24 @@ def _entry(job: _Job) -> dict[str, Any] | None:
     """The entry of one scene in the suite's file, None if it does not qualify."""
     env = _env(job.env_id, job.keywords)
     _, info = env.reset(seed=job.seed)
+    if "/Search-" in job.env_id:
+        floors = dict.fromkeys([f"floor_{grasps}" for grasps in GRASPS])
+        steps = search_time_limit(env.get_wrapper_attr("config").num_objects)
+        return {"seed": job.seed, "target": info["target"], "max_steps": steps, **floors, "digests": scene_digests(env)}
     wanted = info.get("unmet", 1)
     if not wanted:
         return None
-    floors = {}
+    found = {}
     for grasps in GRASPS:
-        floor = floors[f"floor_{grasps}"] = search_floor(env, info, grasps)
+        floor = found[f"floor_{grasps}"] = search_floor(env, info, grasps)
         if grasps == "side" and job.clearances and not (floor.is_proved and (floor.count or 0) >= job.clearances):
             return None
-    counts = [floor.count for floor in floors.values() if floor.count is not None]
+    counts = [floor.count for floor in found.values() if floor.count is not None]
     return {
         "seed": job.seed,
         "target": info["target"],
         "max_steps": step_limit(max(counts, default=0), wanted),
-        **{name: asdict(floor) for name, floor in floors.items()},
+        **{name: asdict(floor) for name, floor in found.items()},
         "digests": scene_digests(env),
     }
 

@@ -126,6 +126,18 @@ def test_the_commands_of_a_page_can_be_read(page: str) -> None:
             read(module, command, argv)
 
 
+def test_the_table_of_members_names_what_there_is() -> None:
+    lines = re.findall(r"^\| (`.*?) \| .* \| (.*) \|$", PAGES["docs/api/environments.md"], re.MULTILINE)
+    assert len(lines) > 10
+    for kind in ("Retrieve-o5", "Rearrange-o4", "Pick", "ArmReach", "Skill-o5"):
+        env = gym.make(f"clutter_env/{kind}-v0").unwrapped
+        env.reset(seed=0)
+        for members, where in lines:
+            if kind.partition("-")[0] in where.split(", ") or (where.startswith("all") and "Skill" not in kind):
+                assert all(hasattr(env, name) for name in re.findall(r"`(\w+)", members)), (kind, members)
+        env.close()
+
+
 @pytest.mark.parametrize("page", USER_PAGES)
 def test_pages_are_short(page: str) -> None:
     assert len(PAGES[page].split()) <= MOST_WORDS.get(page, 1500)

@@ -2,7 +2,8 @@
 
     clutter-env benchmark --objects 1 15 40 --steps 2000
 
-CPU times of one process. Every number of objects is measured in a process of its own, whose peak memory is reported.
+CPU times of one process. Every number of objects is measured in a process of its own, whose peak memory is reported;
+it takes ten seconds or so.
 """
 
 from __future__ import annotations
@@ -13,8 +14,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-from clutter_env.reporting.files import check_picture
 
 if TYPE_CHECKING:
     from clutter_env.envs.retrieve import RetrieveEnv
@@ -38,8 +37,6 @@ class Arguments:
     """Meaning of the actions: "joint" or "ee"."""
     seed: int = 0
     """Random seed of scenes and actions."""
-    out: Path = Path("outputs/benchmark.png")
-    """File of the plot."""
     json: Path | None = None
     """File of machine-readable results."""
 
@@ -48,7 +45,6 @@ class Arguments:
             raise ValueError(f"steps={self.steps} must be at least 1")
         if not self.objects:
             raise ValueError("--objects needs at least one value")
-        check_picture(self.out)
 
 
 Measurement = dict[str, float | None]
@@ -57,7 +53,7 @@ Measurement = dict[str, float | None]
 
 
 def run(arguments: Arguments) -> None:
-    """Measure, print, plot, save."""
+    """Measure, print, save."""
     import multiprocessing
     import platform
 
@@ -72,8 +68,6 @@ def run(arguments: Arguments) -> None:
         with context.Pool(1) as pool:
             rows.append(pool.apply(measure, (count, arguments)))
     print(speed_table(rows), end="")
-    plot_speed(rows, arguments.out)
-    print(f"plot: {arguments.out}")
     if arguments.json is not None:
         about = {"python": platform.python_version(), "mujoco": mujoco.__version__, "machine": platform.machine()}
         names = ("steps", "layout", "control_mode", "seed")
@@ -185,25 +179,3 @@ def speed_table(rows: Sequence[Measurement]) -> str:
     }
     cells = [[number_text(row[name], pattern) for name, pattern in columns.values()] for row in rows]
     return markdown_table(list(columns), cells)
-
-
-def plot_speed(rows: Sequence[Measurement], file: Path) -> None:
-    """Four panels over the number of objects; missing directories are made."""
-    import numpy as np
-    from matplotlib.figure import Figure
-
-    panels = {
-        "steps_per_s": "control steps per CPU second",
-        "reset_median_ms": "median reset [ms]",
-        "frames_per_s": "480 × 480 images per second",
-        "memory_mb": "peak memory [MB]",
-    }
-    figure = Figure(figsize=(9, 6), layout="constrained")
-    for axis, (name, title) in zip(figure.subplots(2, 2).ravel(), panels.items(), strict=True):
-        values = [np.nan if row[name] is None else row[name] for row in rows]
-        axis.plot([row["objects"] for row in rows], values, "o-")
-        axis.set(title=title, xlabel="objects")
-        axis.set_ylim(0, 1.08 * max(axis.get_ylim()[1], 1e-9))
-        axis.grid(alpha=0.3)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(file, dpi=120)

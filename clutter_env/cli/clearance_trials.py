@@ -54,6 +54,8 @@ _SAME_BASE = 1e-3
 """[m], [rad] A base that has moved less has stayed."""
 _SOLVE_LIMITS, _EPISODE_LIMITS = 6, 60
 """A trial without, or in, physics is killed after so many times the planner's own time limit."""
+_SOLVE_S, _EPISODE_S = 1.0, 4.0
+"""[s] A trial without, and in, physics, with up to 40 objects."""
 _STEPS_PER_OBJECT = 1500
 """Control steps of an episode in physics for each object, what the suites give for a pick: enough to clear all others.
 
@@ -368,7 +370,8 @@ class Trials:
         todo = [trial for trial in trials if self._is_missing(trial.key)]
         causes: Counter[str] = Counter()
         done = len(trials) - len(todo)
-        with progress_bar(desc="strategies", total=len(trials), initial=done, unit="trial") as bar:
+        seconds = len(todo) * (_EPISODE_S if arguments.physics else _SOLVE_S) / arguments.workers
+        with progress_bar(desc="strategies", total=len(trials), initial=done, unit="trial", seconds=seconds) as bar:
             for record in self._make(todo):
                 causes[record.cause or "solved"] += 1
                 bar.update()

@@ -2,7 +2,8 @@
 
     clutter-env collect --env clutter_env/Retrieve-o15-v0 --episodes 200 --out outputs/demos/o15
 
-Run the same command again after an interruption: seeds that are decided already are not tried again.
+An episode takes some five seconds of CPU time. Run the same command again after an interruption: seeds that are decided
+already are not tried again.
 """
 
 from __future__ import annotations
@@ -11,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+_EPISODE_S = 5.0
+"""[s] An episode of the expert with 15 objects, its replay in a new process included."""
 WHEN_INTERRUPTED = "run the same command again to go on"
 
 
@@ -73,9 +76,11 @@ def run(arguments: Arguments) -> None:
     kind = "-".join(filter(None, (arguments.env.rpartition("/")[2].removesuffix("-v0").lower(), arguments.task)))
     name = f"{kind}-{job.expert}"
     dataset = Dataset.open_for(job, arguments.out or Path("outputs/demos") / name)
-    there = len(list(dataset.episodes_directory.glob("*.hdf5")))
     started, made = time.perf_counter(), 0
-    with dataset.locked(), progress_bar(total=job.episodes, initial=min(there, job.episodes), unit="episode") as bar:
+    there = min(len(list(dataset.episodes_directory.glob("*.hdf5"))), job.episodes)
+    seconds = _EPISODE_S * (job.episodes - there) / arguments.workers
+    bar_of = partial(progress_bar, total=job.episodes, initial=there, unit="episode", seconds=seconds)
+    with dataset.locked(), bar_of() as bar:
 
         def report(result: SeedResult) -> None:
             nonlocal made

@@ -84,7 +84,7 @@ def run(arguments: Arguments) -> None:
 def play(arguments: Arguments) -> list[Row]:
     """Play what has not been played; the rows of the table."""
     from clutter_env.evaluation.compare import Comparison, compare
-    from clutter_env.evaluation.evaluate import ResultRecords
+    from clutter_env.evaluation.evaluate import EPISODE_S, ResultRecords
     from clutter_env.reporting.progress import progress_bar
 
     comparison = Comparison(
@@ -95,7 +95,8 @@ def play(arguments: Arguments) -> list[Row]:
         trust=arguments.trust,
     )
     records = ResultRecords(arguments.out / "results.jsonl")
-    with progress_bar(total=comparison.num_episodes, unit="episode") as bar:
+    count = comparison.num_episodes
+    with progress_bar(total=count, unit="episode", seconds=EPISODE_S * count / arguments.workers) as bar:
         return compare(
             comparison,
             records,

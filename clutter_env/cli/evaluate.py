@@ -3,7 +3,8 @@
     clutter-env evaluate --suite side-15-v2 --policy lookahead
     clutter-env evaluate --suite side-15-v2 --policy my_module:MyPolicy --split validation
 
-A policy has the methods `reset(info)` and `act(observation)`. The rules are in docs/suites.md.
+A policy has the methods `reset(info)` and `act(observation)`. The rules are in docs/suites.md. The 100 scenes of a
+suite take some three minutes on two cores with the expert and 15 objects, up to half an hour with a slow policy and 40.
 """
 
 from __future__ import annotations
@@ -46,14 +47,15 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Play, print, write."""
-    from clutter_env.evaluation.evaluate import evaluate
+    from clutter_env.evaluation.evaluate import EPISODE_S, evaluate
     from clutter_env.evaluation.scenes import SceneSet
     from clutter_env.evaluation.tables import markdown, markdown_by_floor, results, summarise
     from clutter_env.reporting.files import write_json
     from clutter_env.reporting.progress import progress_bar
 
     scenes = SceneSet(arguments.suite, arguments.split, count=arguments.scenes)
-    with progress_bar(total=len(scenes.scenes), unit="episode") as bar:
+    count = len(scenes.scenes)
+    with progress_bar(total=count, unit="episode", seconds=EPISODE_S * count / arguments.workers) as bar:
         evaluation = evaluate(
             arguments.policy,
             scenes,

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
-import numpy as np
 from matplotlib.figure import Figure
 
 import clutter_env
@@ -47,13 +46,12 @@ _FACTS = 8
 
 @dataclass(frozen=True)
 class Played:
-    """One episode that has been played: its scene at the start and the first plan, or the reason why there is none.
+    """One episode that has been played: the first plan, or the reason why there is none.
 
     `is_success` and `lifted` are what the environment says; a lifted target is clean success if nothing else moved.
     """
 
     seed: int
-    scene: Scene
     plan: Solution | Infeasible
     report: EpisodeReport
     is_success: bool
@@ -99,7 +97,7 @@ def show_one(arguments: Arguments) -> dict[str, Any]:
         if plan is None:
             raise UsageError(expert.report.failure)
         is_success, lifted = _execute(arguments, env, expert, film)
-        played = Played(seed, scene, plan, expert.report, is_success, lifted)
+        played = Played(seed, plan, expert.report, is_success, lifted)
         if arguments.viewer:
             _log("the episode is over; close the window to go on")
             inner.wait_for_window()
@@ -211,20 +209,10 @@ def write_plan(plan: Solution, out: Path) -> list[Path]:
 def episode_text(arguments: Arguments, played: Played) -> str:
     """Summary, plan (Fig. 13 of Lee & Kim 2019), replanning (Fig. 11) and report."""
     plan, name = played.plan, arguments.strategy
-    parts, shown = [plan.summary()], plan
+    parts = [plan.summary()]
     if isinstance(plan, Solution):
         parts.append(f"The plan of {name} (as in Fig. 13)\n\n{plan_text(plan, arguments.robot)}")
-    if not plan.stats.history and name != "ngr" and plan.target:
-        planner = Planner(played.scene.robot, grasps=arguments.grasps)
-        shown = planner.solve(played.scene, plan.target, "ngr", np.random.default_rng(0), _PLANNING_S)
-        end = f"clears {len(shown.clearances)}" if isinstance(shown, Solution) else f"fails: {shown.cause}"
-        parts.append(
-            f"{name} needed no replanning. For comparison, ngr, the strategy of Lee & Kim 2019, on the same scene:\n"
-            f"ngr replans {len(shown.stats.history)} times and {end}; "
-            f"{name} cleared {len(played.report.clearances)}."
-        )
-        name = "ngr"
-    parts.append(f"Replanning of {name} (as in Fig. 11)\n\n{replanning_text(shown) or 'none'}")
+    parts.append(f"Replanning of {name} (as in Fig. 11)\n\n{replanning_text(plan) or 'none'}")
     report = _aligned(report_rows(played.report, played.is_success, played.lifted))
     parts.append(f"Report, grasp set {arguments.grasps}\n\n{report}")
     return "\n\n".join(parts)

@@ -30,8 +30,6 @@ class Arguments:
     """Results files of `clutter-env evaluate`."""
     out: Path = Path("outputs/leaderboard")
     """Directory of leaderboard.md, leaderboard.html and verified.jsonl."""
-    title: str = "Leaderboard"
-    """Heading of the pages."""
     workers: int = 2
     """Number of processes."""
     json: Path | None = None
@@ -72,9 +70,10 @@ def run(arguments: Arguments) -> int:
             f"of one policy on the same scenes, {twice[2]}; give one of them"
         )
     arguments.out.mkdir(parents=True, exist_ok=True)
-    text = _markdown(arguments.title, entries)
+    # Text from a file cannot move the cursor of a terminal.
+    text = "".join(sign if sign.isprintable() or sign == "\n" else "?" for sign in _markdown(entries))
     print(text)
-    for name, page in (("leaderboard.md", text), ("leaderboard.html", _html(arguments.title, entries, arguments.out))):
+    for name, page in (("leaderboard.md", text), ("leaderboard.html", _html(entries, arguments.out))):
         write_atomically(arguments.out / name, page.encode())
         print(f"written: {arguments.out / name}")
     if arguments.json is not None:
@@ -86,7 +85,7 @@ def _entries(arguments: Arguments) -> list[Entry]:
     import hashlib
     import shlex
 
-    from clutter_env.evaluation.verify import read_results, scenes_of, verify
+    from clutter_env.evaluation.verify import read_results, replay_seconds, scenes_of, verify
     from clutter_env.provenance import provenance
     from clutter_env.reporting.files import JsonLines, json_text
     from clutter_env.reporting.intervals import wilson
@@ -95,14 +94,16 @@ def _entries(arguments: Arguments) -> list[Entry]:
     contents = [read_results(file) for file in arguments.files]  # all of them, before the first is played
     records = JsonLines(arguments.out / "verified.jsonl")
     known: dict[str, Any] = {line["key"]: line["found"] for line in records.values}
-    entries = []
-    with progress_bar(total=sum(len(content["episodes"]) for content in contents), unit="episode") as bar:
-        for file, content in zip(arguments.files, contents, strict=True):
-            here = {**provenance(scenes_of(content).scenes[0].env_id), "commit": None}
-            key = hashlib.sha256(file.read_bytes() + json_text(here).encode()).hexdigest()
-            if key in known:
-                bar.update(len(content["episodes"]))
-            else:
+    entries, keys = [], []
+    for file, content in zip(arguments.files, contents, strict=True):
+        here = {**provenance(scenes_of(content).scenes[0].env_id), "commit": None}
+        keys.append(hashlib.sha256(file.read_bytes() + json_text(here).encode()).hexdigest())
+    new = [
+        claim for key, content in zip(keys, contents, strict=True) if key not in known for claim in content["episodes"]
+    ]
+    with progress_bar(total=len(new), unit="episode", seconds=replay_seconds(new) / arguments.workers) as bar:
+        for file, content, key in zip(arguments.files, contents, keys, strict=True):
+            if key not in known:
                 known[key] = asdict(verify(file, arguments.workers, bar.update))
                 records.append({"key": key, "found": known[key]})
             found = known[key]
@@ -140,28 +141,25 @@ def _table(entries: Sequence[Entry]) -> tuple[list[str], dict[tuple[str, str], l
     return scenes, {place: rows[place] for place in ranked}
 
 
-def _markdown(title: str, entries: Sequence[Entry]) -> str:
+def _markdown(entries: Sequence[Entry]) -> str:
     from clutter_env.reporting.tables import NOTHING, markdown_table
 
     scenes, rows = _table(entries)
     cells = [
         [*place, *(NOTHING if entry is None else str(entry.clean) for entry in row)] for place, row in rows.items()
     ]
-    said = [f"- `{entry.file}`: `{entry.commands[0]}`" for entry in entries if not entry.problem]
-    refused = [f"- `{entry.file}`: {entry.problem}" for entry in entries if entry.problem]
-    return "\n".join(
-        [
-            f"# {title}\n\n{_ABOUT}\n",
-            markdown_table(["policy", "track", *scenes], cells),
-            "Confirmed:\n",
-            *said,
-            *(["\nNot confirmed:\n", *refused] if refused else []),
-            "",
-        ]
-    )
+    said = [f"- `{entry.file}`: `{entry.commands[0]}`\n" for entry in entries if not entry.problem]
+    refused = [f"- `{entry.file}`: {entry.problem}\n" for entry in entries if entry.problem]
+    parts = [
+        f"# Leaderboard\n\n{_ABOUT}\n\n",
+        markdown_table(["policy", "track", *scenes], cells),
+        "\nConfirmed:\n\n",
+        *said,
+    ]
+    return "".join([*parts, *(["\nNot confirmed:\n\n", *refused] if refused else [])])
 
 
-def _html(title: str, entries: Sequence[Entry], out: Path) -> str:
+def _html(entries: Sequence[Entry], out: Path) -> str:
     """One page without scripts and without anything from elsewhere; every score leads to its results file."""
     import os
 
@@ -182,8 +180,8 @@ def _html(title: str, entries: Sequence[Entry], out: Path) -> str:
     commands = html.escape("\n".join(line for entry in entries if not entry.problem for line in entry.commands))
     refused = "".join(f"<li>{html.escape(f'{e.file}: {e.problem}')}</li>" for e in entries if e.problem)
     return (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{html.escape(title)}</title>'
-        f"<style>{_STYLE}</style>\n<h1>{html.escape(title)}</h1><p>{_ABOUT}</p>\n<table><tr>{head}</tr>\n{body}</table>\n"
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Leaderboard</title>'
+        f"<style>{_STYLE}</style>\n<h1>Leaderboard</h1><p>{_ABOUT}</p>\n<table><tr>{head}</tr>\n{body}</table>\n"
         f"<h2>Commands</h2><pre>{commands}</pre>\n" + (f"<h2>Not confirmed</h2><ul>{refused}</ul>" if refused else "")
     )
 

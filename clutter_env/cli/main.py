@@ -40,24 +40,6 @@ COMMANDS = {
 }
 """The commands, each in the module of its name in this package, and what they do."""
 
-REPLACED = {
-    "curve": "python scripts/learning_curve.py",
-    "decisions": "python -m scripts.shipped_weights",
-    "compare --runs": "--policies, which takes directories of runs too",
-    "map figures": "python scripts/map_figures.py",
-    "map benchmark": "python scripts/map_speed.py",
-    "map check": "python scripts/map_truth.py",
-    "table --ablations": "python scripts/ablations.py",
-    "table --arms": "python scripts/ablations.py --arms",
-    "table --layouts": "python scripts/layout_table.py",
-    "train keyframes": "python -m scripts.shipped_weights",
-    "train decisions": "python -m scripts.shipped_weights",
-    "train bc": "examples/clone.py",
-    "train --demos": "examples/clone.py, which learns from demonstrations",
-    "train --algorithm": "the name before all options: clutter-env train sac ..., clutter-env train maskable-ppo ...",
-}
-"""Commands, sub-commands and options of version 0.1, and what there is in their place."""
-
 MAX_SEED = 2**32 - 1
 """The largest that every generator takes: NumPy's, PyTorch's and Gymnasium's."""
 
@@ -74,12 +56,6 @@ def main(argv: Sequence[str] | None = None) -> None:
         argv: the command and its arguments; those of the process if not given.
     """
     command, *rest = (sys.argv[1:] if argv is None else argv) or ["--help"]
-    typed = [command, *(word.partition("=")[0].replace("_", "-") for word in rest)]
-    for name, instead in REPLACED.items():
-        first, *word = name.split()
-        # A sub-command stands at once after its command; an option may stand anywhere.
-        if first == command and (not word or word[0] in (typed[1:] if word[0][0] == "-" else typed[1:2])):
-            _end(f"clutter-env: {name} is of version 0.1; now: {instead}", 2)
     if command in ("-h", "--help"):
         print(_overview())
     elif command == "--version":

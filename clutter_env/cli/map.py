@@ -4,7 +4,8 @@
     clutter-env map --robot fetch
 
 The robot is any arm in an MJCF file, with the names of its base and of its TCP; or one of the project's robots by name;
-or your own `RobotSpec` as module:NAME. Its chain is first compared with the model in MuJoCo, because a map of wrong
+or your own `RobotSpec` as module:NAME. Fetch's map takes a quarter of a minute, one of an arm without a closed form
+two. Its chain is first compared with the model in MuJoCo, because a map of wrong
 kinematics is useless.
 
 The scripts `map_figures.py`, `map_speed.py` and `map_truth.py` draw and measure maps.

@@ -68,6 +68,8 @@ class Arguments:
     """make: from the tip to the point between the finger tips [m]."""
     without: tuple[str, ...] = ()
     """make: bodies that are left out, with all that they carry."""
+    fixed: bool = False
+    """make: the base does not move; with --on the arm stands on a pedestal of that --radius."""
 
     def __post_init__(self) -> None:
         if self.action == "check":

@@ -3,7 +3,7 @@
     clutter-env train tqc --env clutter_env/ArmReach-v0 --steps 20000
     clutter-env train maskable-ppo --env clutter_env/Skill-o10-v0 --steps 30000 --seeds 3 --workers 2
 
-Without --out a run is written to a directory of its own under outputs/runs.
+SAC and TQC take some 30 ms a step. Without --out a run is written to a directory of its own under outputs/runs.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ import gymnasium as gym
 
 from assets import RobotSpec
 from clutter_env.envs.observation import Column, EntryLayout
+from clutter_env.simulation.control import STILL
 
 
 class Columns(NamedTuple):
@@ -117,6 +118,7 @@ def _action(control_mode: str, joints: list[str], has_base: bool, base_drive: st
     if has_base:
         turns = [f"tcp_rotation_{axis}" for axis in "xyz"]
         own = joints if control_mode == "joint" else moves + turns
-        moves = ["base_forward", *["base_left"] * (base_drive == "holonomic"), "base_yaw_rate", *own]
+        every, lacking = ("base_forward", "base_left", "base_yaw_rate"), STILL[base_drive]
+        moves = [*(name for index, name in enumerate(every) if index not in lacking), *own]
     about = f"control mode {control_mode}: shares of the greatest velocity, and of the gripper's opening, -1 to 1"
     return Columns(about, (*moves, "gripper"), ("",) * (len(moves) + 1))

@@ -17,6 +17,9 @@ from clutter_env.reporting.files import written_atomically
 
 _GYM_TYPE = 2
 """robomimic's number of Gymnasium environments (`EnvType.GYM_TYPE`)."""
+_ABOUT = "gymnasium.make(env_name, **env_kwargs) after import clutter_env; robomimic's own wrapper is for the older gym"
+_VALID = 10
+"""One of so many episodes is for validation."""
 _TEXT = h5py.string_dtype(encoding="utf-8")
 
 
@@ -25,7 +28,7 @@ def export_hdf5(dataset: Dataset, path: Path, robomimic: bool = False) -> Path:
 
     Ours has the groups episode_0, episode_1, … in the order of the seeds, each with everything that the episode's own
     file has. robomimic's has data/demo_0/{obs, next_obs, actions, …}; observations keep their names, the last `dones`
-    of an episode is 1, `mask/train` names all episodes.
+    of an episode is 1, `mask/valid` names every tenth episode, `mask/train` the others.
 
     Raises:
         DatasetError: the file exists, or the dataset is not complete.
@@ -44,7 +47,11 @@ def export_hdf5(dataset: Dataset, path: Path, robomimic: bool = False) -> Path:
             data.attrs["env_args"] = json.dumps(
                 {"env_name": task.env_id, "type": _GYM_TYPE, "env_kwargs": dict(task.keywords)}
             )
-            file.create_dataset("mask/train", data=[f"demo_{index}" for index in range(len(seeds))], dtype=_TEXT)
+            data.attrs["about"] = _ABOUT
+            every, held_out = range(len(seeds)), slice(_VALID - 1, None, _VALID)
+            masks = {"train": sorted({*every} - {*every[held_out]}), "valid": every[held_out]}
+            for name, demos in masks.items():
+                file.create_dataset(f"mask/{name}", data=[f"demo_{index}" for index in demos], dtype=_TEXT)
             return path
         for index, seed in enumerate(seeds):
             with h5py.File(dataset.episode_path(seed), "r") as source:

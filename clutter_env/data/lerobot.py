@@ -13,7 +13,7 @@ import importlib
 import json
 import os
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from clutter_env.data.episode import Episode
 from clutter_env.data.hub import TASKS, agent_entries, environment_entries, image_entries
 from clutter_env.data.replay import with_images
 from clutter_env.errors import DatasetError, LearningError, missing_extra
+from clutter_env.rendering.video import CODEC, PIXELS, Video
 from clutter_env.reporting.files import write_json
 
 FORMAT = "v3.0"
@@ -38,9 +39,6 @@ _INDEX = "__index_level_0__"
 _QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 _FRAMES = 50
 """Images of an episode that count at most in statistics, spread evenly."""
-_CODEC, _PIXELS = "h264", "yuv420p"
-_VIDEO_OPTIONS = {"crf": "18", "preset": "medium", "bf": "0", "g": "2"}
-"""Little loss; no frame refers to a later one, and every second frame is complete, so that any one is found soon."""
 
 
 def export_lerobot(dataset: Dataset, directory: Path, image_size: int = 0) -> Path:
@@ -78,7 +76,7 @@ def _write(dataset: Dataset, directory: Path, image_size: int) -> None:
     rows: dict[str, list[NDArray[Any]]] = {}
     statistics: dict[str, list[dict[str, Any]]] = {}
     episodes: list[dict[str, Any]] = []
-    videos: dict[str, _Video] = {}
+    videos: dict[str, Video] = {}
     with ExitStack() as stack:
         for index, recorded in enumerate(dataset):
             has_images = image_entries(list(recorded.observations))
@@ -100,7 +98,7 @@ def _write(dataset: Dataset, directory: Path, image_size: int) -> None:
                 key, images = f"observation.images.{camera}", episode.observations[name][:-1]
                 if key not in videos:
                     path = directory / f"videos/{key}/{_FILE}.mp4"
-                    videos[key] = stack.enter_context(_Video(path, images.shape[1:3], fps))
+                    videos[key] = stack.enter_context(Video(path, images.shape[1:3], fps))
                 line |= {f"videos/{key}/{name}": value for name, value in _FIRST.items()}
                 line[f"videos/{key}/from_timestamp"] = videos[key].frames / fps
                 videos[key].write(images)
@@ -155,41 +153,6 @@ def _imported(module: str) -> Any:
         raise LearningError(missing_extra(problem) or str(problem)) from problem
 
 
-class _Video:
-    """An mp4 file, one frame a control step, for random access; a context.
-
-    Raises:
-        LearningError: PyAV is not installed, or a side of the image has an odd number of pixels.
-    """
-
-    def __init__(self, path: Path, size: Sequence[int], fps: int) -> None:
-        if any(side % 2 for side in size):
-            raise LearningError(f"images of {size[0]} x {size[1]} pixels do not fit a video; take even numbers")
-        self._av = _imported("av")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._file = self._av.open(str(path), "w")
-        self._stream = self._file.add_stream("libx264", rate=fps, options=dict(_VIDEO_OPTIONS))
-        self._stream.height, self._stream.width = size
-        self._stream.pix_fmt = _PIXELS
-        self.frames = 0
-
-    def __enter__(self) -> _Video:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if kind is None:
-            self._file.mux(self._stream.encode())
-        self._file.close()
-
-    def write(self, images: NDArray[np.uint8]) -> None:
-        """Append images (n, height, width, 3)."""
-        for image in images:
-            frame = self._av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")
-            frame.pts = self.frames
-            self._file.mux(self._stream.encode(frame))
-            self.frames += 1
-
-
 def _columns(episode: Episode, index: int, first: int, fps: int) -> dict[str, NDArray[Any]]:
     """The numbers of an episode, T rows each, by the name of the feature."""
     steps = len(episode)
@@ -239,8 +202,8 @@ def _features(episode: Episode, fps: int) -> dict[str, dict[str, Any]]:
             "info": {
                 "video.height": height,
                 "video.width": width,
-                "video.codec": _CODEC,
-                "video.pix_fmt": _PIXELS,
+                "video.codec": CODEC,
+                "video.pix_fmt": PIXELS,
                 "video.is_depth_map": False,
                 "video.fps": fps,
                 "video.channels": 3,

@@ -104,7 +104,7 @@ class ArmEnv(GoalEnv):
         check_choice("num_objects", keywords["num_objects"], (self._num_objects,))
         check_choice("control_mode", keywords["control_mode"], ("ee",))
         check_choice("head", keywords.get("head", "fixed"), ("fixed",))
-        check_choice("base", keywords.get("base", "holonomic"), ("holonomic",))
+        check_choice("base", keywords.get("base", "fixed"), ("holonomic", "fixed"))
         config = EnvConfig.from_keywords(keywords)
         self._shown = self._layout if config.obs_mode == "state" else REACH_LAYOUT
         super().__init__(config)

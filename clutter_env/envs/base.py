@@ -24,13 +24,13 @@ from clutter_env.envs.observation import EntryLayout, Observer
 from clutter_env.envs.reality import Senses
 from clutter_env.envs.reset_options import ResetOptions, draw_scene
 from clutter_env.envs.success import LIFT_HEIGHT, SuccessMonitor, checked_memory
-from clutter_env.errors import ActionError, StateError
+from clutter_env.errors import ActionError, OptionError, StateError
 from clutter_env.rendering.cameras import EnvRenderer
 from clutter_env.rendering.renderer import has_display
 from clutter_env.scene.household import as_household
 from clutter_env.scene.layout import LAYOUTS, TABLE, Layout
 from clutter_env.scene.table_scene import TableScene
-from clutter_env.simulation.control import ControlState, checked_action, checked_vector
+from clutter_env.simulation.control import STILL, ControlState, checked_action, checked_vector
 from clutter_env.simulation.robot_check import check_robot
 from clutter_env.simulation.saved_state import (
     Fields,
@@ -49,8 +49,6 @@ if TYPE_CHECKING:
 
 _BASE, _TWIST = 3, 6
 """Numbers of an "ee" action before the gripper's: base velocity, TCP velocity."""
-_SIDEWAYS = 1
-"""Index of the number that an action of a differential base lacks."""
 _MEMORY = ("task", "monitor", "grip", "furniture_force", "target", "velocity", "fingers", "end_effector", "rng")
 """Entries of a saved state's memory: what task, success monitor, controller and environment remember besides the
 physics."""
@@ -108,8 +106,8 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         self.action_size = _BASE + _TWIST + 1 if self._end_effector else self.world.controller.action_size
         self._num_head = len(self.robot.head_joints) if config.head == "commanded" else 0
         self.action_size += self._num_head
-        self._moves_sideways = self.robot.base_drive == "holonomic"
-        self.action_size -= not self._moves_sideways
+        self._lacking = list(STILL[self.robot.base_drive])  # indices of numbers that actions of this base lack
+        self.action_size -= len(self._lacking)
         self._observer = self._make_observer()
         self.action_space = spaces.Box(-1.0, 1.0, (self.action_size,), np.float32)
         self.observation_space = self._make_observation_space()
@@ -147,7 +145,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             if checked.state is not None:
                 self.restore_state(checked.state)
             else:
-                self._start(self._draw_scene(checked))
+                self._start(self._stand(self._draw_scene(checked), checked))
                 self._monitor = SuccessMonitor(self.world, self.measurements, self.target_slot)
                 self._begin()
         self._actions = []
@@ -343,7 +341,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         if head_target is not None and not self._num_head:
             raise ActionError("head_target needs head='commanded'")
         head = np.zeros(self._num_head) if head_target is None else self.world.controller.head_action(head_target)
-        return np.append(action if self._moves_sideways else np.delete(action, _SIDEWAYS), head)
+        return np.append(np.delete(action, self._lacking), head)
 
     def tcp_follower(self) -> TcpFollower:
         """A model of how the joints follow "ee" actions, for planners; independent of this environment's state."""
@@ -452,6 +450,12 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """The scene of a new episode."""
         return draw_scene(self.np_random, self.layout, self.config, options)
 
+    def _stand(self, scene: TableScene, options: ResetOptions) -> TableScene:
+        """The scene with a base that does not move where it is to stand."""
+        if options.base is not None:
+            raise OptionError("option 'base' says where a robot stands that cannot move, in Retrieve, Skill, Rearrange")
+        return scene
+
     @abstractmethod
     def _begin(self) -> None:
         """Start the task's bookkeeping; the world and `measurements` are those of the first state."""
@@ -512,8 +516,8 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """Velocities (4 + n,) that an action asks for, base x and y in the base's frame."""
         controller = self.world.controller
         state, limit = controller.state, controller.max_velocity
-        if not self._moves_sideways:
-            action = np.insert(action, _SIDEWAYS, 0.0)
+        for index in self._lacking:
+            action = np.insert(action, index, 0.0)
         if not self._end_effector:
             return action[: len(limit)] * limit
         base, twist = action[:_BASE] * limit[:_BASE], action[_BASE : _BASE + _TWIST]
@@ -536,9 +540,9 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
     @property
     def _kind(self) -> dict[str, Any]:
         """Properties that a saved state and the environment that restores it must share; JSON values."""
-        robot = self.robot.name
+        robot = f"{self.robot.name}{' fixed' * (self.robot.base_drive == 'fixed')}"
         try:
-            is_known = find_robot(robot) == self.robot
+            is_known = find_robot(self.robot.name) == self.robot
         except UnknownRobot:
             is_known = False
         if not is_known:

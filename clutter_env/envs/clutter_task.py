@@ -5,7 +5,9 @@ from __future__ import annotations
 from abc import abstractmethod
 
 from clutter_env.envs.base import BaseEnv
+from clutter_env.envs.reset_options import ResetOptions
 from clutter_env.envs.reward import dense_reward, event_terms
+from clutter_env.scene.table_scene import TableScene
 
 
 class ClutterTaskEnv(BaseEnv):
@@ -20,6 +22,14 @@ class ClutterTaskEnv(BaseEnv):
     @abstractmethod
     def _potential_now(self) -> float:
         """The potential of the present state, which is not terminal."""
+
+    def _stand(self, scene: TableScene, options: ResetOptions) -> TableScene:
+        if self.robot.base_drive != "fixed":
+            return super()._stand(scene, options)
+        # The other robots do without the planner, which takes longer to import than all else here.
+        from clutter_env.envs.standing import stand
+
+        return stand(self._world_for(scene), scene, options.base)
 
     def _advance(self) -> tuple[float, bool]:
         is_success, is_over = self._is_success(), self._is_over()

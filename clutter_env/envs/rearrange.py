@@ -101,7 +101,7 @@ class RearrangeOptions(ResetOptions):
         Raises:
             OptionError: see `ResetOptions.of`; or not a task, a goal or regions.
         """
-        known = ("objects", "state", "task", "goal", "regions")
+        known = ("objects", "state", "base", "task", "goal", "regions")
         if isinstance(options, Mapping):
             for name in options:
                 if name not in known:
@@ -122,9 +122,9 @@ class RearrangeEnv(ClutterTaskEnv):
     """A mobile manipulator before a table, and a goal: where objects are to stand.
 
     Keyword arguments are the fields of `RearrangeConfig`. Reset options: `task` (another one that the layout permits),
-    `objects` (as in `RetrieveEnv`), `goal` (a `planners.goals.Goal` or its PDDL text) with `regions` that it names, and
-    `state`. The info has the keys of `RetrieveEnv`'s, and `goal` (str, PDDL) and `unmet` (int, facts of the goal that
-    do not hold). `lifted` says that the goal holds, whatever else has happened; `target` is "".
+    `objects`, `base` (as in `RetrieveEnv`), `goal` (a `planners.goals.Goal` or its PDDL text) with `regions` that it
+    names, and `state`. The info has the keys of `RetrieveEnv`'s, and `goal` (str, PDDL) and `unmet` (int, facts of the
+    goal that do not hold). `lifted` says that the goal holds, whatever else has happened; `target` is "".
 
     The goal is reached when it has held for 0.5 s without the robot's hand on what is to stand somewhere. With
     `success="clean"` also what stood elsewhere has been lifted, nothing may have toppled or travelled other than in the

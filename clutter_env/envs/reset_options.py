@@ -98,6 +98,7 @@ class ResetOptions:
     objects: tuple[Mapping[str, Any], ...] | None = None
     state: bytes | None = None
     obstructed: bool | int | None = None
+    base: tuple[float, float, float] | None = None
 
     @classmethod
     def of(cls, options: object) -> Self:
@@ -127,6 +128,15 @@ class ResetOptions:
             if not isinstance(objects, Sequence) or not all(isinstance(entry, Mapping) for entry in objects):
                 raise OptionError(f"option 'objects' must be a list of dictionaries, not {objects!r}")
             given["objects"] = tuple(objects)
+        if "base" in given:
+            base = given["base"]
+            if not isinstance(base, Sequence | np.ndarray) or isinstance(base, str) or len(base) != 3:
+                raise OptionError(f"option 'base' must be x, y [m] and yaw [rad], not {base!r}")
+            limits = (("m", POSITION_LIMITS), ("m", POSITION_LIMITS), ("rad", YAW_LIMITS))
+            given["base"] = tuple(
+                check_number("option 'base'", value, limit, unit, OptionError)
+                for value, (unit, limit) in zip(base, limits, strict=True)
+            )
         return cls(**given)
 
     def target_index(self, count: int) -> int | None:

@@ -15,9 +15,10 @@ class RetrieveEnv(ClutterTaskEnv):
     """A mobile manipulator before a cluttered table; the target must be lifted 0.10 m and held there for 0.5 s.
 
     Keyword arguments are the fields of `EnvConfig`. Reset options: `target` (an object's name), `objects` (an explicit
-    scene, see `reset_options.explicit_scene`), `state` (bytes from `save_state`). With `success="clean"` the task is
-    done only if nothing has fallen or been disturbed and the robot has not pressed hard on the furniture, with "lifted"
-    in any case; see `success`. The info of `reset` and of every step has:
+    scene, see `reset_options.explicit_scene`), `state` (bytes from `save_state`), `base` (x, y [m], yaw [rad] of a
+    robot with base="fixed"). With `success="clean"` the task is done only if nothing has fallen or been disturbed and
+    the robot has not pressed hard on the furniture, with "lifted" in any case; see `success`. The info of `reset` and
+    of every step has:
 
     - `is_success`, `lifted` (bool): the task is done; the target is lifted, whatever else has happened.
     - `target`, `held` (str): names of the target and of what is held, "" without it.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import zlib
 from dataclasses import dataclass
@@ -146,13 +147,14 @@ class SearchEnv(RetrieveEnv):
             measured = self._senses.measurements if self._senses else self.measurements
             vectors = self._observer.observe(self.perceived, measured, target, hold_progress, lift_left)
             observation = dict(vectors)
-        return {**observation, **self._shown, "target": self._description()}
+        shown = {name: image.copy() for name, image in self._shown.items()}
+        return {**observation, **shown, "target": self._description()}
 
     def _info(self) -> dict[str, Any]:
         info = super()._info()
         if self._shows_new_frame:
             self._calibration = {name: info[name] for name in ("K", "T_base_camera")}
-        return {**info, **self._calibration}
+        return {**info, **copy.deepcopy(self._calibration)}
 
     @property
     def _shows_new_frame(self) -> bool:

@@ -129,6 +129,8 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         self._lying = frozenset(compress(names, table_scene.is_lying))
         self._rng = np.random.default_rng(self.np_random.integers(2**32))
         self._read_scene()
+        if self.physics_env.robot.base_drive == "fixed":  # stands elsewhere in every episode
+            self.__dict__.pop("_planner", None)
         self._failed = np.zeros(self._size, dtype=np.bool_)
         self.actions: list[int] = []
         self._left = self.budget

@@ -34,6 +34,8 @@ _TYPES: Mapping[str, type | tuple[type, ...]] = {
 """Entries of a results file that are used before they are compared."""
 _CLAIMED = ("provenance", "recordings")
 """Entries that a replay does not give again."""
+_STEP_S = 1e-3
+"""[s] A step that is replayed, with 15 objects."""
 _CLOSE = 1e-9
 """Relative difference of means and intervals, which processors may round differently."""
 
@@ -204,6 +206,12 @@ def read_results(path: Path) -> dict[str, Any]:
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as problem:
         raise LearningError(f"{path} is no results file that can be verified: {problem!r}") from problem
     return content
+
+
+def replay_seconds(claims: Sequence[Mapping[str, Any]]) -> float:
+    """About the time [s] that one process needs to replay episodes of a results file."""
+    steps = (claim.get("steps") for claim in claims)
+    return _STEP_S * sum(count for count in steps if isinstance(count, int))
 
 
 def claimed(path: Path) -> Evaluation:

@@ -14,6 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 from clutter_env.config import CONTROL_HZ
 from clutter_env.rendering.framing import ABOVE, across, whole_scene, work_place
 from clutter_env.rendering.renderer import Renderer
+from clutter_env.rendering.video import Video
 
 Frame = NDArray[np.uint8]
 
@@ -24,7 +25,7 @@ STEPS_PER_FRAME = 4
 FRAMES_PER_SECOND = 20
 _SPEED = STEPS_PER_FRAME * FRAMES_PER_SECOND / CONTROL_HZ
 _GIF_SHARE = 2
-"""A GIF, made on machines without ffmpeg, has every second frame at half the size."""
+"""A GIF, made on machines without PyAV, has every second frame at half the size."""
 _KEY_PHASES = (": close", ": lift", ": open")
 """The last state of these phases goes on the page: the grasp, the object in the air, the object put down."""
 _STRIP_COLUMNS = 4
@@ -84,14 +85,11 @@ class Film:
         Image.fromarray(np.vstack(rows)).save(path, optimize=True)
 
     def save_film(self, stem: Path) -> Path:
-        """An mp4 where imageio and its ffmpeg are installed, otherwise a GIF; returns which."""
-        if importlib.util.find_spec("imageio") and importlib.util.find_spec("imageio_ffmpeg"):
-            import imageio.v2 as imageio  # optional: not among the project's own dependencies
-
+        """An mp4 where PyAV is installed (extra [data]), otherwise a GIF; returns which."""
+        if importlib.util.find_spec("av"):
             path = stem.with_suffix(".mp4")
-            with imageio.get_writer(path, fps=FRAMES_PER_SECOND, macro_block_size=2, quality=7) as writer:
-                for frame in self.frames:
-                    writer.append_data(frame)  # type: ignore[attr-defined]  # imageio's type of a reader and writer is too wide
+            with Video(path, self.frames[0].shape[:2], FRAMES_PER_SECOND) as video:
+                video.write(self.frames)
             return path
         path = stem.with_suffix(".gif")
         first, *others = [Image.fromarray(frame).reduce(_GIF_SHARE) for frame in self.frames[::_GIF_SHARE]]

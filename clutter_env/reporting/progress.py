@@ -10,12 +10,20 @@ from typing import Any, TextIO
 
 from tqdm import tqdm
 
+_WORTH_SAYING, _MINUTES_FROM = 10.0, 100.0
+"""[s] Estimates above the first are said, those from the second on in minutes."""
 SECONDS_BETWEEN_LINES = 30.0
 """Least time [s] between two lines in a log file."""
 
 
-def progress_bar(*arguments: Any, **options: Any) -> tqdm:
-    """`tqdm.tqdm`, which takes the arguments; where the error stream is no terminal, it writes whole lines, and few."""
+def progress_bar(*arguments: Any, seconds: float = 0.0, **options: Any) -> tqdm:
+    """`tqdm.tqdm`, which takes the arguments; where the error stream is no terminal, it writes whole lines, and few.
+
+    An estimate of all the time [s] that the work will take is said first, if it is above ten seconds.
+    """
+    if seconds > _WORTH_SAYING:
+        about = f"{seconds:.0f} s" if seconds < _MINUTES_FROM else f"{seconds / 60:.0f} min"
+        sys.stderr.write(f"this takes about {about} where nothing else runs\n")
     if sys.stderr.isatty():
         return tqdm(*arguments, **options)
     return _Lines(*arguments, **{"mininterval": SECONDS_BETWEEN_LINES, "maxinterval": SECONDS_BETWEEN_LINES, **options})

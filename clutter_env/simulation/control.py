@@ -26,6 +26,8 @@ SEGMENTS = 5
 BASE_RANGE = 4.0
 """[m] The base target stays within this distance of the table's centre along x and y."""
 
+STILL: dict[str, tuple[int, ...]] = {"holonomic": (), "differential": (1,), "fixed": (0, 1, 2)}
+"""Velocities of the base, ahead, to the left, about the vertical, that each kind of base lacks."""
 _SHARES = np.arange(1, SEGMENTS + 1)[:, None] / SEGMENTS
 
 _REAL_KINDS = "fiub"
@@ -98,7 +100,7 @@ class JointController:
     def __init__(self, model: mujoco.MjModel, index: ModelIndex, robot: RobotSpec) -> None:
         self._index = index
         self._robot = robot
-        self._moves_sideways = robot.base_drive == "holonomic"
+        self._still_base = STILL[robot.base_drive]
         acting = ActingJoints.of(robot)
         self.num_grippers = acting.num_grippers
         arm = len(acting.lower) - 1
@@ -222,8 +224,8 @@ class JointController:
             speed = limit if wanted > limit else -limit if wanted < -limit else wanted
             most, least = now + change, now - change
             allowed.append(most if speed > most else least if speed < least else speed)
-        if not self._moves_sideways:
-            allowed[1] = 0.0
+        for still in self._still_base:
+            allowed[still] = 0.0
         allowed = _turned(allowed, cosine, sine)
         targets, actual = [], data.qpos[self._index.drive_qpos].tolist()
         rows = zip(state.target.tolist(), actual, allowed[:], self._bounds, strict=True)

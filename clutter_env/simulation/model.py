@@ -53,6 +53,8 @@ _GROUND_SIZE = 15.0
 """[m] Drawn extent of the ground; contacts know no such end. Unbounded ground doubles the time of an image."""
 _SLICES, _STACKS = 24, 6
 """Facets of drawn cylinders and capsules around and along their axes: software renderers are bound by their number."""
+_ANCHORED = 1e7
+"""[kg], [kg m²] Armature of the joints of a base that does not move: it is to the arm what the ground is."""
 _EXTENT = 2.0
 """[m] MuJoCo's measure of the scene, which scales the camera's near and far planes (0.02 m and 100 m)."""
 
@@ -174,6 +176,9 @@ def build_spec(robot: RobotSpec, layout: Layout, shapes: tuple[str, ...]) -> muj
     # The reference configuration moves away from the table while joint positions stay world coordinates.
     spec.body(robot.base_body).pos = [PARKED_X, 0.0, 0.0]
     spec.joint(robot.base_joints[0]).ref = PARKED_X
+    if robot.base_drive == "fixed":
+        for name in robot.base_joints:
+            spec.joint(name).armature = _ANCHORED
     _add_surroundings(spec, layout)
     for index, shape in enumerate(shapes):
         _add_object(spec, index, shape)

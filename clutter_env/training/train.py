@@ -29,6 +29,7 @@ from clutter_env.policies.reinforcement import ALGORITHMS, MODEL_FILE, ModelPoli
 from clutter_env.policies.runs import HISTORY_FILE
 from clutter_env.policies.weights import damage_refused
 from clutter_env.reporting.files import write_json, written_atomically
+from clutter_env.reporting.progress import progress_bar
 from clutter_env.seeds import held_out_seeds
 from clutter_env.training.run import Run
 from clutter_env.training.settings import Settings
@@ -168,7 +169,9 @@ def _learn(run: Run, is_resumed: bool) -> History:
     if left > 0:
         checkpoints = EveryNTimesteps(settings.checkpoint_every, ConvertCallback(checkpoint))
         checkpoints.last_time_trigger = model.num_timesteps
-        model.learn(left, callback=checkpoints, reset_num_timesteps=False, tb_log_name="tensorboard")
+        with progress_bar(total=settings.steps, initial=model.num_timesteps, unit="step") as bar:
+            shown = ConvertCallback(lambda *_: bar.update(model.num_timesteps - bar.n) or True)
+            model.learn(left, callback=[checkpoints, shown], reset_num_timesteps=False, tb_log_name="tensorboard")
         save_model(model, path)
     copies.close()
     evaluation_env.close()

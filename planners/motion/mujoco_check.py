@@ -168,6 +168,11 @@ class MujocoCollisionChecker:
         self._in_object = {
             geom: pose_matrix(model.geom_pos[geom], _rotation(model.geom_quat[geom])) for geom in self._names
         }
+        # Of the robot those pairs count that count for the planner: shapes that touch in nearly every configuration,
+        # such as boxes around the meshes of short links, do not.
+        geoms = collision_geoms(model, robot)
+        counted = {frozenset((geoms[one], geoms[other])) for one, other in robot.shapes.pairs.tolist()}
+        self._uncounted = set(map(frozenset, itertools.combinations(geoms, 2))) - counted
         self._world = (world or CollisionWorld.from_scene(scene)).with_padding(_NEAR)
 
     def move_to(self, scene: Scene, world: CollisionWorld | None = None) -> None:
@@ -309,7 +314,8 @@ class MujocoCollisionChecker:
         for distance, (one, other) in zip(contact.dist.tolist(), contact.geom.tolist(), strict=True):
             depth = -distance - before.get((one, other), 0.0)
             is_grip = other in grips.get(one, ()) or one in grips.get(other, ())
-            if depth > worst.penetration and not is_grip and not {one, other} & ignored:
+            is_left_out = is_grip or {one, other} & ignored or frozenset((one, other)) in self._uncounted
+            if depth > worst.penetration and not is_left_out:
                 first, second = (
                     self._names.get(geom) or self._model.geom(geom).name.removeprefix(_OBSTACLE)
                     for geom in (one, other)

@@ -9,6 +9,7 @@ the end.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import lru_cache
 from itertools import pairwise
@@ -17,6 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
+from irm.compilation import njit
+from irm.kernel_arguments import leaf_kernel
 from planners.collision.world import CollisionWorld
 from planners.motion.path import WholeBodyPath, cut, interpolate
 from planners.motion.pick_and_place import PickPlaceMotion
@@ -242,12 +245,16 @@ def _grid(path: Array, velocity: Array) -> tuple[Array, Array]:
     return length, interpolate(at, np.arange(len(path)), path)
 
 
-def _in_units_of(acceleration: Array, vectors: Array) -> Array:
-    """The largest share (k,) of its joint's acceleration that each row (k, 11) needs; base x and y count together."""
-    planar = np.hypot(vectors[:, 0], vectors[:, 1]) / acceleration[:2].min()
-    return np.asarray(np.maximum(planar, (np.abs(vectors[:, 2:]) / acceleration[2:]).max(axis=1)))
+@leaf_kernel
+def _share_of(acceleration: Array, vector: Array) -> float:
+    """The largest share of its joint's acceleration that a vector (11,) needs; base x and y count together."""
+    share = math.hypot(vector[0], vector[1]) / min(acceleration[0], acceleration[1])
+    for joint in range(2, vector.shape[0]):
+        share = max(share, abs(vector[joint]) / acceleration[joint])
+    return share
 
 
+@njit(cache=True)
 def _speeds(length: Array, points: Array, acceleration: Array, is_slow: NDArray[np.bool_]) -> Array:
     """Speed along the path (m,), in seconds at full speed per second: at most 1, `_SLOW` where `is_slow` (m - 1,) says
     so, and 0 at the ends.
@@ -255,44 +262,53 @@ def _speeds(length: Array, points: Array, acceleration: Array, is_slow: NDArray[
     Corners need a part of the acceleration, and so does driving while the base turns; what they do not need at full
     speed is left for speeding up and slowing down.
     """
-    steps = np.diff(length)
-    direction = np.diff(points, axis=0) / steps[:, None]
-    turn = np.maximum(_in_units_of(acceleration, np.diff(direction, axis=0)), _TINY)
-    mean_step = 0.5 * (steps[:-1] + steps[1:])
-    at_corners = np.zeros(len(length))
-    at_corners[1:-1] = np.maximum(turn / CONTROL_STEP, turn / mean_step)
-    swing = np.hypot(direction[:, 0], direction[:, 1]) * np.abs(direction[:, 2]) / acceleration[:2].min()
-    squared = np.ones(len(length))
-    squared[1:-1] = np.minimum((_CORNER_SHARE * CONTROL_STEP / turn) ** 2, _CORNER_SHARE * mean_step / turn)
-    slow = _CORNER_SHARE / np.maximum(swing, _TINY)
-    squared = np.minimum(squared, np.minimum(np.append(slow, 1.0), np.append(1.0, slow)))
-    squared = np.minimum(squared, 1.0)
-    squared[:-1][is_slow] = np.minimum(squared[:-1][is_slow], _SLOW**2)
-    squared[1:][is_slow] = np.minimum(squared[1:][is_slow], _SLOW**2)
-    squared[0] = squared[-1] = 0.0
-    taken = np.maximum(np.maximum(at_corners[:-1], at_corners[1:]), swing)
-    gain = 2 * steps / _in_units_of(acceleration, direction)
-    gain[is_slow] *= _SLOW**2
-    # Lists: to take numbers out of arrays one by one takes longer than to compute with them.
-    gain, shares, limits = gain.tolist(), taken.tolist(), squared.tolist()
-    for i in range(len(steps)):
-        spare = 1.0 - min(shares[i] * limits[i], _CORNER_SHARE)
-        limits[i + 1] = min(limits[i + 1], limits[i] + spare * gain[i])
-    for i in range(len(steps) - 1, -1, -1):
-        spare = 1.0 - min(shares[i] * limits[i + 1], _CORNER_SHARE)
-        limits[i] = min(limits[i], limits[i + 1] + spare * gain[i])
-    return np.sqrt(limits)
+    m, d, planar = points.shape[0], points.shape[1], min(acceleration[0], acceleration[1])
+    direction, steps, turn = np.empty((m - 1, d)), np.empty(m - 1), np.empty(d)
+    squared, at_corners, shares, gain = np.ones(m), np.zeros(m), np.empty(m - 1), np.empty(m - 1)
+    for i in range(m - 1):
+        steps[i] = length[i + 1] - length[i]
+        for joint in range(d):
+            direction[i, joint] = (points[i + 1, joint] - points[i, joint]) / steps[i]
+    for i in range(1, m - 1):
+        for joint in range(d):
+            turn[joint] = direction[i, joint] - direction[i - 1, joint]
+        need, step = max(_share_of(acceleration, turn), _TINY), 0.5 * (steps[i - 1] + steps[i])
+        at_corners[i] = max(need / CONTROL_STEP, need / step)
+        squared[i] = min((_CORNER_SHARE * CONTROL_STEP / need) ** 2, _CORNER_SHARE * step / need, 1.0)
+    for i in range(m - 1):
+        slower = _SLOW**2 if is_slow[i] else 1.0
+        swing = math.hypot(direction[i, 0], direction[i, 1]) * abs(direction[i, 2]) / planar
+        most = min(_CORNER_SHARE / max(swing, _TINY), slower)
+        squared[i], squared[i + 1] = min(squared[i], most), min(squared[i + 1], most)
+        shares[i] = max(at_corners[i], at_corners[i + 1], swing)
+        gain[i] = 2 * steps[i] / _share_of(acceleration, direction[i]) * slower
+    squared[0] = squared[m - 1] = 0.0
+    for i in range(m - 1):
+        spare = 1.0 - min(shares[i] * squared[i], _CORNER_SHARE)
+        squared[i + 1] = min(squared[i + 1], squared[i] + spare * gain[i])
+    for i in range(m - 2, -1, -1):
+        spare = 1.0 - min(shares[i] * squared[i + 1], _CORNER_SHARE)
+        squared[i] = min(squared[i], squared[i + 1] + spare * gain[i])
+    return np.sqrt(squared)
 
 
+@njit(cache=True)
 def _sample(clock: Array, speed: Array, length: Array, points: Array) -> Array:
     """Points (n, 11) at control steps until the path's end is reached: uniform acceleration between grid points."""
-    times = CONTROL_STEP * np.arange(int(np.ceil(clock[-1] / CONTROL_STEP - 1e-9)) + 1)
-    piece = np.clip(np.searchsorted(clock, times, side="right") - 1, 0, len(clock) - 2)
-    since = np.minimum(times, clock[-1]) - clock[piece]
-    span = clock[piece + 1] - clock[piece]
-    travelled = speed[piece] * since + 0.5 * (speed[piece + 1] - speed[piece]) / span * since**2
-    at = np.clip(length[piece] + travelled, length[piece], length[piece + 1])
-    return interpolate(at, length, points)
+    m, end, piece = points.shape[0], clock[-1], 0
+    samples = np.empty((math.ceil(end / CONTROL_STEP - 1e-9) + 1, points.shape[1]))
+    for row in range(samples.shape[0]):
+        now = CONTROL_STEP * row
+        while piece < m - 2 and clock[piece + 1] <= now:
+            piece += 1
+        since, span = min(now, end) - clock[piece], clock[piece + 1] - clock[piece]
+        way = speed[piece] * since + 0.5 * (speed[piece + 1] - speed[piece]) / span * since**2
+        at = min(max(length[piece] + way, length[piece]), length[piece + 1])
+        for joint in range(points.shape[1]):
+            start, stop = points[piece, joint], points[piece + 1, joint]
+            slope = (stop - start) / (length[piece + 1] - length[piece])
+            samples[row, joint] = stop if at >= length[piece + 1] else slope * (at - length[piece]) + start
+    return samples
 
 
 def _excess(samples: Array, velocity: Array, acceleration: Array) -> float:

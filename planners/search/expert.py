@@ -11,6 +11,7 @@ import math
 import time
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 from typing import Any, Protocol
 
 import mujoco
@@ -26,10 +27,12 @@ from planners.motion.base import unwrap_yaw
 from planners.motion.trajectory import CONTROL_STEP
 from planners.planner import Planner
 from planners.scene import Body, HeldObject, RobotState, Scene, SceneError
+from planners.scene.masks import MAX_OBJECTS
 from planners.search.belief import Belief
 from planners.search.options import Prospect, Viewpoint, spots, viewpoints
 from planners.search.perception import ROBOT, Description, Seen, View, perceive
 from planners.search.sensing import BelievedSensor, RobotReading
+from planners.search.sight import load_kernels
 from planners.tamp.solution import BoundAction, Infeasible, Solution
 
 Array = NDArray[np.float64]
@@ -58,10 +61,14 @@ _HIDES = 0.12
 """Share of an image that the robot itself may hide."""
 _SPEED = 0.6
 """Share of the largest joint velocities between viewpoints."""
+_EVERY = 4
+"""Samples of a planned motion from one that is looked at to the next."""
 _HOLD = 20
 """Control steps for which the target is held up."""
 _GONE = 0.6
 """Share of an object's cells that must be seen to be empty until it counts as gone."""
+_LURKING = 0.02
+"""[m] radius of an object that may stand, unseen, where the arm would pass."""
 _SHRINK = (0.0, 0.001, 0.002, 0.004, 0.008)
 """[m] by which perceived objects are made narrower until they do not overlap."""
 
@@ -90,12 +97,14 @@ class SearchedEnv(Protocol):
 class SearchStep:
     """One decision of a search: when [s], what in words, and the belief that it was made with.
 
-    `places` are the cells at which the target can be, by support; `known` the objects, `eye` (3,) the camera.
+    `places` are the cells at which the target can be, by support, `extents` [m] x low, x high, y low, y high of these;
+    `known` the objects, `eye` (3,) the camera.
     """
 
     time: float
     text: str
     places: Mapping[str, NDArray[np.bool_]]
+    extents: Mapping[str, tuple[float, float, float, float]]
     known: tuple[Seen, ...]
     eye: Array
 
@@ -176,6 +185,7 @@ class SearchExpert:
         """Begin an episode with its first observation; `info` has `K` and `T_base_camera`."""
         self._rng = np.random.default_rng(self._seed)
         self._planner.warmup()
+        load_kernels()
         model, data = self._env.workplace, mujoco.MjData(self._env.workplace)
         mujoco.mj_forward(model, data)
         self._empty = Scene.from_mujoco(model, data, self._env.robot, movable=(), support=self._env.support_name)
@@ -184,6 +194,7 @@ class SearchExpert:
         self._belief = Belief.begin(self._empty, self._target)
         self._known: tuple[Seen, ...] = ()
         self._held: HeldObject | None = None
+        self._attempted: list[str] = []
         self._ticks, self._done = 0, False
         self._observation, self._info = observation, info
         self._reading = RobotReading.of(observation)
@@ -246,7 +257,7 @@ class SearchExpert:
                 continue
             name, goal, actions = step
             self._note(f"move {name}", places)
-            self.report.moves.append(name)
+            self._attempted.append(name)
             yield from self._carry_out(actions, goal, name)
             yield from self._look([one for one, cells in places.items() if cells.any()])
         self._end("gave up: too many steps")
@@ -256,14 +267,7 @@ class SearchExpert:
     ) -> Viewpoint | tuple[str, Goal, tuple[BoundAction, ...]] | None:
         """The view or the move that reveals most per second; None if there is none."""
         prospect = Prospect(self._belief, dict(places), scene)
-        T = np.linalg.inv(self._reading.T_world_base) @ np.append(self._eye(), 1.0)
-        limits = self._env.robot.chain[0]
-        torso = (limits.lower + 0.01, limits.upper - 0.01)
-        views = [
-            replace(one, gain=prospect.gain(one.eye))
-            for one in viewpoints(scene, prospect.points, T[:3], torso)
-            if _key(one) not in refused
-        ]
+        views = [one for one in self._viewpoints(scene, prospect) if _key(one) not in refused]
         eyes = [one.eye for one in views[:: max(len(views) // 6, 1)]]
         names, worth = self._ranked(prospect, views, target)
         best = max(views, key=lambda one: one.rate, default=None)
@@ -284,7 +288,7 @@ class SearchExpert:
     def _ranked(self, prospect: Prospect, views: Sequence[Viewpoint], target: Seen | None) -> tuple[list[str], float]:
         """Names of objects, the first to be moved first, and what moving that one is worth."""
         names = [body.name for body in prospect.bodies if target is None or body.name != target.name]
-        fresh = [name for name in names if name not in self.report.moves]
+        fresh = [name for name in names if name not in self._attempted]
         if self._order == "random":
             return list(self._rng.permutation(fresh)), 0.0
         if self._order == "front":
@@ -299,7 +303,7 @@ class SearchExpert:
             for name, share in prospect.shadows(view.eye).items():
                 if name in best:
                     best[name] = max(best[name], share * _MOVE_SECONDS / (_MOVE_SECONDS + view.seconds))
-        again = {name: 0.5 ** self.report.moves.count(name) for name in names}
+        again = {name: 0.5 ** self._attempted.count(name) for name in names}
         order = sorted((name for name in names if best[name] > 0), key=lambda name: -best[name] * again[name])
         return order, best[order[0]] if order else 0.0
 
@@ -316,15 +320,24 @@ class SearchExpert:
 
     def _take(self, name: str) -> Actions:
         """Take the target; whether it is held in the end."""
-        for _ in range(_RETRIES):
+        looks = 0
+        for _ in range(2 * _RETRIES):
             started = time.process_time()
             outcome = self._solved(self._scene(), Goal.of(name))
             self.report.decision_s.append(time.process_time() - started)
             if isinstance(outcome, Infeasible):
                 self.report.deviations.append(f"{outcome.cause}: {outcome.detail}")
                 return False
+            view = self._view_of_unseen(outcome.actions) if self._order == "expected" and looks < _RETRIES else None
+            if view is not None:
+                looks += 1
+                self._note("look at what is on the way to the target", self._places())
+                yield from self._go(view)
+                yield from self._look([self._empty.support.name])
+                if name not in [one.name for one in self._known]:
+                    return False
+                continue
             self._note(f"take {name}", self._places())
-            self.report.moves += [action.target for action in outcome.actions if action.is_clearance]
             if (yield from self._follow(outcome.actions)):
                 for _ in range(_HOLD):
                     yield self._env.joint_action(self._last, self._width)
@@ -351,6 +364,44 @@ class SearchExpert:
             actions = outcome.actions
         yield from self._recover()
 
+    def _view_of_unseen(self, actions: Sequence[BoundAction]) -> Viewpoint | None:
+        """The view that shows most of the unseen places that motions pass through; None if there are none, or no view.
+
+        Something of the target's height and `_LURKING` wide is taken to stand at each of them.
+        """
+        scene, places = self._scene(), self._places()
+        prospect = Prospect(self._belief, places, scene)
+        feet, room = prospect.points[:, 0], MAX_OBJECTS - len(scene.objects)
+        target = next(one.body.position for one in self._known if one.is_target)
+        near = np.argsort(np.hypot(*(feet - target)[:, :2].T), kind="stable")
+        chosen: list[int] = []
+        for index in near:
+            if len(chosen) < room and all(math.dist(feet[index], feet[other]) > 2 * _LURKING for other in chosen):
+                chosen.append(int(index))
+        half = np.array((_LURKING, _LURKING, self._target.height / 2))
+        unseen = [Body(f"unseen_{i}", "cylinder", half, feet[i], np.array((1.0, 0, 0, 0))) for i in chosen]
+        world = CollisionWorld.from_scene(replace(scene, objects=(*scene.objects, *unseen), held=None))
+        known = scene.mask(scene.names)
+        hit = 0
+        for action in actions:
+            trajectory = action.trajectory
+            X = np.column_stack((trajectory.base, trajectory.q))[::_EVERY]
+            hit |= world.path_hits(X, self._env.robot.max_opening, ignore=known)
+        rows = [index for number, index in enumerate(chosen) if hit >> (len(scene.objects) + number) & 1]
+        if not rows:
+            return None
+        prospect.points = prospect.points[rows]
+        views = self._viewpoints(scene, prospect)
+        best = max(views, key=lambda one: one.rate, default=None)
+        return best if best is not None and best.gain >= 0.5 else None
+
+    def _viewpoints(self, scene: Scene, prospect: Prospect) -> list[Viewpoint]:
+        """Viewpoints before the support, with what they are worth."""
+        T = np.linalg.inv(self._reading.T_world_base) @ np.append(self._eye(), 1.0)
+        limits = self._env.robot.chain[0]
+        found = viewpoints(scene, prospect.points, T[:3], (limits.lower + 0.01, limits.upper - 0.01))
+        return [replace(one, gain=prospect.gain(one.eye)) for one in found]
+
     def _solved(self, scene: Scene, goal: Goal) -> Solution | Infeasible:
         return self._planner.solve(scene, goal.target or goal, "lookahead", self._rng)
 
@@ -372,6 +423,7 @@ class SearchExpert:
         sensor.update(self._reading)
         self._held = sensor.held
         self._settle_belief(bodies, sensor.bodies)
+        self.report.moves += executor.cleared
         if executor.deviation is not None:
             self.report.deviations.append(str(executor.deviation))
         return executor.deviation is None
@@ -506,27 +558,34 @@ class SearchExpert:
         return self._belief.places([one.body for one in self._known], self._empty.static_obstacles)
 
     def _scene(self) -> Scene:
-        """The known objects, narrower where they would overlap; the robot as it is, at home if it is near it."""
+        """The known objects, narrower where they would overlap; the robot as it is, at home if it is near it.
+
+        Where that does not help, one object has been taken for two: those of which least was seen are left out.
+        """
         reading, robot = self._reading, self._env.robot
         q = self._home if np.abs(reading.drive[3:] - self._home).max() < 0.05 else reading.drive[3:]
         state = RobotState(reading.drive[:3], q, robot.finger_position(reading.width))
-        for by in _SHRINK:
+        needed = {one.name for one in self._known if one.is_target} | {self._held.name if self._held else ""}
+        surest_last = sorted(self._known, key=lambda one: (one.name in needed, len(one.points)))
+        for left_out, by in product(range(len(self._known) + 1), _SHRINK):
+            out = {one.name for one in surest_last[:left_out]}
             bodies = tuple(
                 replace(one.body, half_extents=np.maximum(one.body.half_extents - (by, by, 0.0), 0.005))
                 for one in self._known
+                if one.name not in out
             )
-            scene = replace(self._empty, state=state, objects=bodies, held=self._held)
+            scene = replace(self._empty, state=state, objects=bodies, held=None if out & needed else self._held)
             try:
                 validate(CollisionWorld.from_scene(scene))
             except SceneError:
-                if by == _SHRINK[-1]:
-                    raise
                 continue
-            break
-        return scene
+            return scene
+        raise ExpertError("the robot stands inside the furniture of env.workplace")
 
     def _note(self, text: str, places: Mapping[str, NDArray[np.bool_]]) -> None:
-        self.report.steps.append(SearchStep(self._ticks * CONTROL_STEP, text, places, self._known, self._eye()))
+        extents = {name: self._belief.grid(name).extent for name in places}
+        step = SearchStep(self._ticks * CONTROL_STEP, text, places, extents, self._known, self._eye())
+        self.report.steps.append(step)
 
     def _end(self, failure: str) -> None:
         self.report.failure = failure

@@ -138,10 +138,12 @@ def spots(
         taken |= _narrow(grid, scene.static_obstacles, support, body, radius)
         unseen = belief.unseen(name)
         for x, y in coarse:
+            inside = min(x - support.lower[0], support.upper[0] - x, y - support.lower[1], support.upper[1] - y)
+            if inside < around:
+                continue
             i, j = (int(v) for v in np.floor((np.array((x, y)) - (grid.x0, grid.y0)) / grid.resolution))
             near = slice(max(i - 4, 0), i + 5), slice(max(j - 4, 0), j + 5)
-            inside = min(x - support.lower[0], support.upper[0] - x, y - support.lower[1], support.upper[1] - y)
-            if taken[i, j] or unseen[near].any() or inside < around:
+            if taken[i, j] or unseen[near].any():
                 continue
             there = body.at((x, y, support.top + body.half_extents[2]))
             hidden = prospect.hidden_by(there, eyes)

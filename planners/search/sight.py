@@ -50,6 +50,12 @@ def between(eye: Array, points: Array, screens: Screens) -> NDArray[np.int64]:
     return found
 
 
+def load_kernels() -> None:
+    """Load or compile what is compiled here, before any clock is started."""
+    between(np.zeros(3), np.ones((1, 3)), Screens.of((), ()))
+    carve(np.ones((1, 1, 1), np.bool_), np.zeros(3), np.ones(3), np.ones((1, 1), np.float32), np.eye(3), np.eye(4), 0.0)
+
+
 @njit(cache=True)
 def _between(
     eye: Array,

@@ -13,6 +13,7 @@ from assets import InvalidRobot, RobotSpec
 from assets.robot_making import Mounting, _fitted, make_robot
 from clutter_env.simulation.robot_check import check_robot
 from irm import ArmChain, forward
+from irm.chain import BASE
 
 ARMS = Path(__file__).parents[1] / "data" / "arms"
 UR5E = Mounting("base", "wrist_3", on=(0.15, 0.7), lift=(0.0, 0.4), tool=0.16)
@@ -68,6 +69,19 @@ def test_a_gripper_with_a_linkage_becomes_two_sliding_fingers(linkage: Path, tmp
     assert {"left_finger", "right_finger"} <= names
     assert (model.body_gravcomp[1:] == 1).all()
     assert model.nmesh == 0
+
+
+def test_an_arm_on_a_pedestal_does_not_drive(linkage: Path, tmp_path: Path) -> None:
+    text, page = make_robot(linkage, replace(UR5E, on=(0.0, 0.9), lift=None, radius=0.12, fixed=True))
+    (tmp_path / "made.xml").write_text(text)
+    robot = RobotSpec.from_mjcf(tmp_path / "made.xml", **page, home=(0.0, *HOME[1:]))
+    check_robot(robot)
+    assert robot.base_drive == "fixed"
+    assert robot.base_radius == pytest.approx(0.12, abs=0.05)
+    shapes = robot.shapes
+    top = (shapes.position[:, 2] + shapes.bound)[shapes.link == BASE].max()
+    assert top > 0.9, "the arm's own base is a part of the pedestal"
+    np.testing.assert_allclose(forward(ArmChain.from_robot(robot), (0.0, *HOME[1:]))[2, 3], 0.9 + 0.3, atol=0.6)
 
 
 def test_what_is_named_is_left_out(linkage: Path, tmp_path: Path) -> None:

@@ -47,6 +47,9 @@ def test_every_suite_has_its_scenes(name: str) -> None:
     seeds = [scene.seed for split in SPLITS for scene in suite.split(split)]
     assert len(set(seeds)) == len(seeds)
     assert list(suite) == list(suite.test)
+    if PLANNED[name].is_hidden:
+        assert {scene.floor_side or scene.floor_all for split in SPLITS for scene in suite.split(split)} == {None}
+        return
     for scene in (*suite.test, *suite.validation):
         assert scene.floor_side.cause or scene.floor_side.is_proved
         assert scene.floor("all").cause or scene.floor("all").is_proved
@@ -71,6 +74,9 @@ def test_resets_give_the_scenes_of_the_suite(name: str) -> None:
         _, info = scene.reset(env)
         assert info["target"] == scene.target
         assert scene_digests(env) == dict(scene.digests)
+        if PLANNED[name].is_hidden:
+            assert scene.max_steps == clutter_env.search_time_limit(len(env.unwrapped.object_names))  # type: ignore[attr-defined]  # every environment here has it
+            continue
         counts = [scene.floor(grasps).count or 0 for grasps in GRASPS]
         assert scene.max_steps == step_limit(max(counts), info.get("unmet", 1))
 

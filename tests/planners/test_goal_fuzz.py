@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 
-from planners import Body, Infeasible, Scene, Solution, goals, lower_bound, solve
+import clutter_env  # noqa: F401  registers the environments
+from planners import Body, ExpertConfig, Infeasible, Scene, Solution, TampExpert, goals, lower_bound, solve
 from planners.goals import Goal, GoalError, Region
 from planners.scene import HeldObject, StaticObstacle
 from tests.planners.goal_judge import margin
@@ -216,3 +219,35 @@ def test_what_solve_and_bound_say_of_any_goal_agrees() -> None:
             assert isinstance(again, Solution)
             assert again.actions == plan.actions
     assert Solution in answers
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", range(0, 40, 10))
+def test_the_expert_plans_for_any_goal_or_says_why_not(first: int) -> None:
+    """Tasks and layouts in turn, a quarter of the scenes with an object that lies."""
+    settings = [("sort", "trays"), ("stack", "paper"), ("fetch", "two_tables"), ("set", "shelf"), ("swap", "cabinet")]
+    for seed in range(first, first + 10):
+        rng, (task, layout) = np.random.default_rng(seed), settings[seed % len(settings)]
+        env = gymnasium.make("clutter_env/Rearrange-o4-v0", task=task, layout=layout)
+        env.reset(seed=seed)
+        inner: Any = env.unwrapped
+        if seed % 4 == 0:
+            inner.data.joint("object_00_joint").qpos[3:] = math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0
+        expert = TampExpert(env, config=ExpertConfig(planning_s=20.0))
+        scene = Scene.from_mujoco(inner.model, inner.data, inner.robot)
+        regions = [
+            Region("here", scene.supports[0], tuple(rng.uniform(-0.2, 0.2, 2)), tuple(rng.uniform(0.04, 0.15, 2)))
+        ]
+        goal = random_wish(rng, replace(scene, regions=(*(inner.regions or regions),)))
+        try:
+            expert.reset(goal)
+        except GoalError:
+            continue
+        report = expert.report
+        assert report.planned == isinstance(expert.solution, Solution), goal
+        if not report.planned:
+            assert expert.done
+            assert ": " in report.failure, goal
+            if isinstance(expert.solution, Infeasible):
+                assert expert.solution.detail in report.failure, goal
+        env.close()

@@ -182,6 +182,8 @@ def test_hdf5_has_our_layout_or_that_of_robomimic(dataset: Dataset, episodes: li
         assert json.loads(file["data"].attrs["env_args"])["env_kwargs"] == {"control_mode": "ee"}
         assert file["data"].attrs["total"] == sum(map(len, episodes))
         assert [name.decode() for name in file["mask/train"]] == ["demo_0", "demo_1"]
+        assert len(file["mask/valid"]) == 0  # of twenty episodes two
+        assert "import clutter_env" in file["data"].attrs["about"]
         for index, episode in enumerate(episodes):
             demo = file[f"data/demo_{index}"]
             assert demo.attrs["num_samples"] == len(episode)

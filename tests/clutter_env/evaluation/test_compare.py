@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -108,9 +109,17 @@ def test_the_command_writes_tables_pictures_and_rows(tmp_path: Path) -> None:
         main(["compare", "--out", str(tmp_path)])
 
 
-def test_results_files_are_tabled_as_they_stand(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.fixture(scope="module")
+def played() -> dict[str, Any]:
+    """A results file's content: two scenes of Reach."""
+    return results(evaluate("reach", SceneSet(env_id="clutter_env/Reach-v0", count=2)))
+
+
+def test_results_files_are_tabled_as_they_stand(
+    played: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = tmp_path / "reach.json"
-    write_json(file, results(evaluate("reach", SceneSet(env_id="clutter_env/Reach-v0", count=2))))
+    write_json(file, played)
     main(["compare", "--files", str(file), str(file), "--out", str(tmp_path / "out")])
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("| reach | reach ")]
     assert len(lines) == 2
@@ -122,19 +131,18 @@ def test_results_files_are_tabled_as_they_stand(tmp_path: Path, capsys: pytest.C
 
 
 def test_a_leaderboard_shows_what_a_replay_confirms(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    played: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    good, forged = tmp_path / "random.json", tmp_path / "forged.json"
-    content = results(evaluate("random", SceneSet(env_id="clutter_env/Reach-v0", count=1)))
-    write_json(good, content)
-    content["episodes"][0]["clean"] = True
-    write_json(forged, {**content, "policy": "greedy"})
+    good, forged = tmp_path / "reach.json", tmp_path / "forged.json"
+    write_json(good, played)
+    episodes = [{**episode, "clean": not episode["clean"]} for episode in played["episodes"]]
+    write_json(forged, {**played, "policy": "greedy", "episodes": episodes})
     with pytest.raises(SystemExit) as end:
         main(["leaderboard", str(good), str(forged), "--out", str(tmp_path / "board")])
     assert end.value.code == 1
     page = (tmp_path / "board" / "leaderboard.html").read_text()
-    assert "| random | observations | 0.00 [0.00, 0.79] |" in capsys.readouterr().out
-    assert '<a href="../random.json"' in page
+    assert "| reach | privileged | 1.00 [0.34, 1.00] |" in capsys.readouterr().out
+    assert '<a href="../reach.json"' in page
     assert "http" not in page
     for text in (page, (tmp_path / "board" / "leaderboard.md").read_text()):
         assert f"clutter-env verify {good}" in text or f"`{good}`" in text

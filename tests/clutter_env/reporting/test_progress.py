@@ -20,6 +20,15 @@ def test_a_log_file_gets_few_whole_lines(capsys: pytest.CaptureFixture[str]) -> 
     assert last.startswith("scenes: 100%")
 
 
+def test_what_takes_longer_than_ten_seconds_says_so_before_it_starts(capsys: pytest.CaptureFixture[str]) -> None:
+    for seconds, said in ((9.0, ""), (42.0, "about 42 s"), (600.0, "about 10 min")):
+        with progress_bar(total=1, seconds=seconds):
+            pass
+        first = capsys.readouterr().err.partition("\n")[0]
+        assert said in first
+        assert ("about" in first) == bool(said)
+
+
 def test_every_so_often_there_is_a_line(capsys: pytest.CaptureFixture[str]) -> None:
     with progress_bar(total=10, mininterval=0.01) as bar:
         for _ in range(10):

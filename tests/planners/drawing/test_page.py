@@ -186,14 +186,14 @@ def test_a_running_episode_is_served_to_this_machine_alone(bare: Recording) -> N
 
 def test_a_browser_that_comes_late_gets_the_whole_episode(recording: Recording) -> None:
     begin = dataclasses.replace(recording, frames=recording.frames[:1], solves=())
-    page, answers = LivePage(begin), list[str]()
-    early = threading.Thread(target=lambda: answers.append(ask(page, "/events")[1]))
+    page, answers, is_there, has_come = LivePage(begin), list[str](), threading.Event(), threading.Event()
+    early = threading.Thread(target=lambda: answers.append(ask(page, "/events", answered=is_there)[1]))
     early.start()
     for count in range(2, len(recording.frames) + 1):
         page.update(dataclasses.replace(recording, frames=recording.frames[:count]))
-    has_come = threading.Event()
     late = threading.Thread(target=lambda: answers.append(ask(page, "/events", answered=has_come)[1]))
     late.start()
+    assert is_there.wait(PATIENCE_S)
     assert has_come.wait(PATIENCE_S)
     page.finish(recording, {"success": "yes"}, "success")
     page.close()

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -181,3 +184,23 @@ def test_what_is_proved_to_be_free_touches_nothing_in_between_either() -> None:
                 assert not world.hits(x[:3], x[3:-1], FETCH.opening(x[-1]), path.held, path.ignore)
                 proved += 1
     assert 1000 < proved < 9000
+
+
+def test_shapes_that_always_touch_count_for_neither_check(tmp_path: Path) -> None:
+    spec = mujoco.MjSpec.from_file(str(FETCH.mjcf_path))
+    for name in ("wrist_roll_link", "forearm_roll_link"):  # two joints apart, so wide that they touch in every posture
+        spec.body(name).add_geom(
+            name=f"cover_{name}", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.2, 0, 0], contype=2, conaffinity=0, mass=0
+        )
+    spec.compile()
+    file = tmp_path / "wide.xml"
+    file.write_text(spec.to_xml())
+    scene = replace(table_scene(), robot=replace(FETCH, name="wide", mjcf=str(file)))
+    world, checker = CollisionWorld.from_scene(scene), MujocoCollisionChecker(scene)
+    rng, base = np.random.default_rng(0), np.array([-3.0, 0.0, 0.0])
+    lower, upper = np.maximum(world.robot.lower, -3), np.minimum(world.robot.upper, 3)
+    free = [q for q in rng.uniform(lower, upper, (400, 8)) if not world.hits(base, q, 0.1)]
+    assert len(free) > 5
+    for q in free[:20]:
+        report = checker.deepest_penetration(arm_path(base, q[None], 0.1))
+        assert report.penetration <= TOLERANCE, report

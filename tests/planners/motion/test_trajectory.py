@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from assets.robots import FETCH
 from planners.collision.world import CollisionWorld
+from planners.motion import timing
 from planners.motion.path import WholeBodyPath, cut, interpolate
 from planners.motion.pick_and_place import PickPlaceMotion, plan_pick, plan_place
 from planners.motion.timing import _SLOW, drive_trajectory, pick_trajectory, place_trajectory, time_parametrise
@@ -164,3 +166,49 @@ def test_interpolation_of_all_columns_is_that_of_each() -> None:
             here = points[:1].repeat(count + 1, axis=0) if not knots.any() else points
             alone = np.column_stack([np.interp(places, knots, column) for column in here.T])
             assert np.array_equal(interpolate(places, knots, here), alone)
+
+
+def twin_speeds(length: np.ndarray, points: np.ndarray, acceleration: np.ndarray, is_slow: np.ndarray) -> np.ndarray:
+    """NumPy twin of the kernel that computes speeds."""
+
+    def share(vectors: np.ndarray) -> np.ndarray:
+        planar = np.hypot(vectors[:, 0], vectors[:, 1]) / acceleration[:2].min()
+        return np.maximum(planar, (np.abs(vectors[:, 2:]) / acceleration[2:]).max(axis=1))
+
+    steps, slower = np.diff(length), np.where(is_slow, timing._SLOW**2, 1.0)
+    direction = np.diff(points, axis=0) / steps[:, None]
+    turn, mean = np.maximum(share(np.diff(direction, axis=0)), timing._TINY), 0.5 * (steps[:-1] + steps[1:])
+    swing = np.hypot(direction[:, 0], direction[:, 1]) * np.abs(direction[:, 2]) / acceleration[:2].min()
+    most, corners, most_there = timing._CORNER_SHARE, np.zeros(len(length)), np.ones(len(length))
+    corners[1:-1] = np.maximum(turn / CONTROL_STEP, turn / mean)
+    most_there[1:-1] = np.minimum((most * CONTROL_STEP / turn) ** 2, most * mean / turn)
+    beside = np.minimum(most / np.maximum(swing, timing._TINY), slower)
+    squared = np.minimum.reduce([most_there, np.ones(len(length)), np.append(beside, 1.0), np.append(1.0, beside)])
+    squared[0] = squared[-1] = 0.0
+    taken, gain = np.maximum(np.maximum(corners[:-1], corners[1:]), swing), 2 * steps / share(direction) * slower
+    for i in range(len(steps)):
+        squared[i + 1] = min(squared[i + 1], squared[i] + (1.0 - min(taken[i] * squared[i], most)) * gain[i])
+    for i in reversed(range(len(steps))):
+        squared[i] = min(squared[i], squared[i + 1] + (1.0 - min(taken[i] * squared[i + 1], most)) * gain[i])
+    return np.sqrt(squared)
+
+
+def twin_samples(clock: Any, speed: Any, length: Any, points: Any) -> np.ndarray:
+    """NumPy twin of the kernel that samples a path."""
+    times = CONTROL_STEP * np.arange(int(np.ceil(clock[-1] / CONTROL_STEP - 1e-9)) + 1)
+    piece = np.clip(np.searchsorted(clock, times, side="right") - 1, 0, len(clock) - 2)
+    since, span = np.minimum(times, clock[-1]) - clock[piece], (clock[1:] - clock[:-1])[piece]
+    way = speed[piece] * since + 0.5 * np.diff(speed)[piece] / span * since**2
+    return interpolate(np.clip(length[piece] + way, length[piece], length[piece + 1]), length, points)
+
+
+def test_compiled_timing_is_that_of_numpy_bit_for_bit() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        length, points = timing._grid(random_polygon(rng), VELOCITY)
+        is_slow = rng.random(len(points) - 1) < 0.2
+        speed = timing._speeds(length, points, ACCELERATION, is_slow)
+        assert np.array_equal(speed, twin_speeds(length, points, ACCELERATION, is_slow))
+        clock = np.concatenate([[0.0], np.cumsum(2 * np.diff(length) / (speed[:-1] + speed[1:]))])
+        samples = timing._sample(clock, speed, length, points)
+        assert np.array_equal(samples, twin_samples(clock, speed, length, points))

@@ -1,0 +1,101 @@
+"""The search expert: it finds and takes the target by camera data alone, and says when there is none."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import clutter_env
+from planners import ExpertError, SearchExpert
+from planners.search.options import Prospect, spots
+from planners.search.perception import Description
+from tests.planners.scenes import cylinder, table_scene
+
+_SEEN = ("robot", "tcp", "gripper", "head", "head_rgb", "head_depth", "head_segmentation", "target")
+
+
+def _search(env: Any, seed: int, colour: tuple[float, ...] = ()) -> tuple[SearchExpert, dict[str, Any]]:
+    """An episode in which the expert gets images, joints and calibration, and five names of the environment."""
+    observation, info = env.reset(seed=seed)
+    inner = env.unwrapped
+    starved = SimpleNamespace(
+        robot=inner.robot,
+        workplace=inner.workplace,
+        support_name=inner.support_name,
+        control_mode=inner.control_mode,
+        joint_action=inner.joint_action,
+    )
+    expert, is_over, is_first = SearchExpert(starved), False, True
+    while not (is_over or (not is_first and expert.done)):
+        given = {name: np.array(observation[name]) for name in _SEEN}
+        if colour:
+            given["target"][:3] = colour
+        calibration = {name: info[name] for name in ("K", "T_base_camera")}
+        if is_first:
+            expert.reset(given, calibration)
+        is_first = False
+        observation, _, terminated, truncated, info = env.step(expert.act(given, calibration))
+        is_over = terminated or truncated
+    return expert, info
+
+
+@pytest.mark.slow
+def test_it_finds_and_takes_a_hidden_target_by_camera_data_alone() -> None:
+    env = gym.make("clutter_env/Search-o5-v0", frame_every=10)
+    expert, info = _search(env, 1)
+    assert info["is_success"]
+    assert expert.report.found
+    assert max(expert.report.belief_s) < 0.05
+
+
+@pytest.mark.slow
+def test_it_looks_where_the_arm_would_pass_before_it_takes_the_target() -> None:
+    """The target is in sight at once here, and an object that is not stands on the way to it."""
+    scene = clutter_env.suite("hidden-shelf-10-v1").test[7]
+    expert, info = _search(scene.make(frame_every=10), scene.seed)
+    assert info["is_success"]
+    assert expert.report.views > 0
+
+
+@pytest.mark.slow
+def test_it_says_that_an_absent_target_cannot_be_found() -> None:
+    """No object is grey; all places have to be seen for that answer."""
+    env = gym.make("clutter_env/Search-o5-v0", frame_every=10)
+    expert, info = _search(env, 0, (0.5, 0.5, 0.5))
+    assert expert.report.failure == "cannot be found"
+    assert (info["num_fallen"], info["num_disturbed"]) == (0, 0)
+
+
+def test_misuse_is_named() -> None:
+    env = gym.make("clutter_env/Search-o5-v0", image_size=16)
+    with pytest.raises(ExpertError, match="valid values: expected, random, front, shadow"):
+        SearchExpert(env, order="luck")
+    with pytest.raises(ExpertError, match=r"lacks workplace; use clutter_env/Search-o\{N\}-v0"):
+        SearchExpert(gym.make("clutter_env/Retrieve-o5-v0"))
+    with pytest.raises(ExpertError, match="call SearchExpert"):
+        SearchExpert(env).act({}, {})
+
+
+def test_what_hides_more_counts_more_and_a_spot_hides_nothing() -> None:
+    """A wide object before the unseen places, a slim one beside them."""
+    from planners.search.belief import Belief
+
+    wide, slim = cylinder("wide", -0.1, 0.0, radius=0.045, height=0.2), cylinder("slim", -0.1, 0.3, radius=0.015)
+    scene = table_scene(wide, slim)
+    belief = Belief.begin(scene, Description((1, 0, 0), "cylinder", (0.03, 0.03, 0.06)))
+    places = belief.places(scene.objects)
+    x, y = np.moveaxis(belief.grid("table_top").centres(), -1, 0)
+    places["table_top"] &= (np.abs(y) < 0.05) & (x > 0.0)
+    prospect, eye = Prospect(belief, places, scene), np.array([-1.2, 0.0, 1.0])
+    shadows = prospect.shadows(eye)
+    assert shadows["wide"] > 0.3 > shadows["slim"] == 0
+    assert prospect.gain(eye) + shadows["wide"] == pytest.approx(1.0)
+    for level in belief._levels.values():
+        level.is_unseen[:] = False
+    best = spots(scene, wide, belief, prospect, [eye], np.random.default_rng(0))[0]
+    there = wide.at((*best.centre, wide.position[2]))
+    assert prospect.hidden_by(there, [eye]) < 0.02 < prospect.hidden_by(wide, [eye])
