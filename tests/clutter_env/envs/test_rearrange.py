@@ -159,7 +159,7 @@ def test_goals_of_the_users_own() -> None:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"target": "object_00"}, "unknown option 'target'; known options: objects, state, task, goal, regions"),
+        ({"target": "object_00"}, "unknown option 'target'; known options: objects, state, base, task, goal, regions"),
         ({"task": "tidy"}, "valid values: 'sort', 'set', 'swap', 'stack', 'fetch'"),
         ({"task": "sort"}, "needs supports named tray_red and so on, as layout 'trays' has"),
         ({"task": "swap", "goal": "object_00"}, "without option 'task'"),

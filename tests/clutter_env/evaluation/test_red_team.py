@@ -175,8 +175,8 @@ def test_a_results_file_is_confirmed_by_its_recorded_actions(file: Path, capsys:
     main(["verify", str(file), "--workers", "1", "--json", str(file.with_name("found.json"))])
     assert "confirmed: 2 clean successes in 2 episodes of reach, seeds 1000000 to 1000001" in capsys.readouterr().out
     assert json.loads(file.with_name("found.json").read_text())["differences"] == []
-    assert verifying._which(SceneSet("side-15-v2")) == "side-15-v2"
-    assert verifying._which(SceneSet("side-15-v2", count=7)).endswith("its first 7 of 100 scenes")
+    assert verifying.which_scenes(SceneSet("side-15-v2")) == "side-15-v2"
+    assert verifying.which_scenes(SceneSet("side-15-v2", count=7)).endswith("its first 7 of 100 scenes")
 
 
 def a_failure_as_a_success(content: dict[str, Any]) -> None:
