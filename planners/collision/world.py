@@ -349,7 +349,7 @@ def validate(world: CollisionWorld) -> None:
         SceneError: they do, or it is; the message names them.
     """
     scene = world.scene
-    pairs = [pair for pair in _overlaps(world) if not set(scene.held_names) & set(pair)]
+    pairs = [pair for pair in overlaps(world) if not set(scene.held_names) & set(pair)]
     if pairs:
         raise SceneError(f"objects overlap: {', '.join(f'{one} and {other}' for one, other in pairs)}")
     if _is_inside_static(world):
@@ -368,7 +368,7 @@ def _is_inside_static(world: CollisionWorld) -> bool:
     return bool(world.with_padding(-OVERLAP).hits(state.base, state.q, 0.0, ignore=objects) >> STATIC_BIT & 1)
 
 
-def _overlaps(world: CollisionWorld) -> list[tuple[str, str]]:
+def overlaps(world: CollisionWorld) -> list[tuple[str, str]]:
     """Pairs of objects that overlap by more than `OVERLAP`."""
     obstacles, names = world.obstacles, world.scene.names
     shrunk = shrunk_solids(obstacles.pieces, OVERLAP / 2, 1e-4)

@@ -11,7 +11,6 @@ import math
 import time
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
 from typing import Any, Protocol
 
 import mujoco
@@ -19,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from planners.collision.world import CollisionWorld, validate
+from planners.collision.world import CollisionWorld, overlaps, validate
 from planners.expert.config import ExpertError, MonitorConfig
 from planners.expert.executor import Executor
 from planners.goals import Goal, inside
@@ -232,13 +231,13 @@ class SearchExpert:
         yield from self._look(list(self._empty.supports))
         refused: set[str] = set()
         for _ in range(_MOST_STEPS):
-            target = next((one for one in self._known if one.is_target), None)
+            target = self._seen_target()
             if target is not None:
                 self.report.found = True
                 if (yield from self._take(target.name)):
                     self.report.failure, self._done = "", True
                     return
-                if not any(one.is_target for one in self._known):
+                if not self._is_target(target.name):
                     continue
             started = time.process_time()
             scene, places = self._scene(), self._places()
@@ -334,7 +333,7 @@ class SearchExpert:
                 self._note("look at what is on the way to the target", self._places())
                 yield from self._go(view)
                 yield from self._look([self._empty.support.name])
-                if name not in [one.name for one in self._known]:
+                if not self._is_target(name):
                     return False
                 continue
             self._note(f"take {name}", self._places())
@@ -346,7 +345,7 @@ class SearchExpert:
                     return True
             yield from self._recover()
             yield from self._look([self._empty.support.name])
-            if name not in [one.name for one in self._known]:
+            if not self._is_target(name):
                 return False
         return False
 
@@ -372,8 +371,9 @@ class SearchExpert:
         scene, places = self._scene(), self._places()
         prospect = Prospect(self._belief, places, scene)
         feet, room = prospect.points[:, 0], MAX_OBJECTS - len(scene.objects)
-        target = next(one.body.position for one in self._known if one.is_target)
-        near = np.argsort(np.hypot(*(feet - target)[:, :2].T), kind="stable")
+        target = self._seen_target()
+        assert target is not None
+        near = np.argsort(np.hypot(*(feet - target.body.position)[:, :2].T), kind="stable")
         chosen: list[int] = []
         for index in near:
             if len(chosen) < room and all(math.dist(feet[index], feet[other]) > 2 * _LURKING for other in chosen):
@@ -557,30 +557,42 @@ class SearchExpert:
     def _places(self) -> dict[str, NDArray[np.bool_]]:
         return self._belief.places([one.body for one in self._known], self._empty.static_obstacles)
 
+    def _seen_target(self) -> Seen | None:
+        """What is known of the target; of two things that look like it the one of which most was seen."""
+        return max((one for one in self._known if one.is_target), key=lambda one: len(one.points), default=None)
+
+    def _is_target(self, name: str) -> bool:
+        """Whether what has this name still is what is taken for the target: further views may join or lose things."""
+        target = self._seen_target()
+        return target is not None and target.name == name
+
     def _scene(self) -> Scene:
         """The known objects, narrower where they would overlap; the robot as it is, at home if it is near it.
 
-        Where that does not help, one object has been taken for two: those of which least was seen are left out.
+        Where that does not help, one object has been taken for two: of both, the one of which less was seen is left
+        out, never the target or what is held.
         """
-        reading, robot = self._reading, self._env.robot
+        reading, robot, target = self._reading, self._env.robot, self._seen_target()
         q = self._home if np.abs(reading.drive[3:] - self._home).max() < 0.05 else reading.drive[3:]
         state = RobotState(reading.drive[:3], q, robot.finger_position(reading.width))
-        needed = {one.name for one in self._known if one.is_target} | {self._held.name if self._held else ""}
-        surest_last = sorted(self._known, key=lambda one: (one.name in needed, len(one.points)))
-        for left_out, by in product(range(len(self._known) + 1), _SHRINK):
-            out = {one.name for one in surest_last[:left_out]}
-            bodies = tuple(
-                replace(one.body, half_extents=np.maximum(one.body.half_extents - (by, by, 0.0), 0.005))
-                for one in self._known
-                if one.name not in out
-            )
-            scene = replace(self._empty, state=state, objects=bodies, held=None if out & needed else self._held)
-            try:
-                validate(CollisionWorld.from_scene(scene))
-            except SceneError:
-                continue
-            return scene
-        raise ExpertError("the robot stands inside the furniture of env.workplace")
+        known = {one.name: one for one in self._known}
+        surety = {name: (one is target, len(one.points)) for name, one in known.items()}
+        while True:
+            for by in _SHRINK:
+                narrower = (np.maximum(one.body.half_extents - (by, by, 0.0), 0.005) for one in known.values())
+                parts = zip(known.values(), narrower, strict=True)
+                bodies = tuple(replace(one.body, half_extents=half) for one, half in parts)
+                scene = replace(self._empty, state=state, objects=bodies, held=self._held)
+                world = CollisionWorld.from_scene(scene)
+                pairs = [pair for pair in overlaps(world) if not set(scene.held_names) & set(pair)]
+                if not pairs:
+                    try:
+                        validate(world)
+                    except SceneError as error:
+                        raise ExpertError(f"the robot stands inside the furniture of env.workplace: {error}") from error
+                    return scene
+            for pair in pairs:
+                known.pop(min(pair, key=lambda name: surety[name]), None)
 
     def _note(self, text: str, places: Mapping[str, NDArray[np.bool_]]) -> None:
         extents = {name: self._belief.grid(name).extent for name in places}

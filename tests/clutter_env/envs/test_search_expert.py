@@ -12,7 +12,7 @@ import pytest
 import clutter_env
 from planners import ExpertError, SearchExpert
 from planners.search.options import Prospect, spots
-from planners.search.perception import Description
+from planners.search.perception import Description, Seen
 from tests.planners.scenes import cylinder, table_scene
 
 _SEEN = ("robot", "tcp", "gripper", "head", "head_rgb", "head_depth", "head_segmentation", "target")
@@ -78,6 +78,27 @@ def test_misuse_is_named() -> None:
         SearchExpert(gym.make("clutter_env/Retrieve-o5-v0"))
     with pytest.raises(ExpertError, match="call SearchExpert"):
         SearchExpert(env).act({}, {})
+
+
+def test_of_a_target_seen_as_two_things_the_surer_one_is_planned_with_among_all_others() -> None:
+    env = gym.make("clutter_env/Search-o5-v0", image_size=32)
+    expert = SearchExpert(env)
+    expert.reset(*env.reset(seed=1))
+    places = {"sliver": (-0.1, 0.0), "target": (-0.1, 0.005), "left": (-0.1, 0.3), "right": (-0.1, -0.3)}
+    bodies = [cylinder(name, *place, radius=0.03) for name, place in places.items()]
+    expert._known = tuple(
+        Seen(
+            body,
+            np.zeros((10 if body.name == "sliver" else 100, 3)),
+            np.zeros(3),
+            0.0,
+            body.name in ("sliver", "target"),
+        )
+        for body in bodies
+    )
+    assert expert._scene().names == ("target", "left", "right")
+    assert expert._is_target("target")
+    assert not expert._is_target("sliver")
 
 
 def test_what_hides_more_counts_more_and_a_spot_hides_nothing() -> None:
