@@ -197,7 +197,7 @@ class SearchExpert:
         self._ticks, self._done = 0, False
         self._observation, self._info = observation, info
         self._reading = RobotReading.of(observation)
-        self._width = self._reading.width
+        self._last, self._width = self._reading.drive.copy(), self._reading.width  # as last commanded
         self._home = np.array(self._env.robot.home)
         self._aside = self._home.copy()
         self.report = SearchReport()
@@ -521,13 +521,9 @@ class SearchExpert:
             errors = np.array((-math.atan2(x, z), math.atan2(y, math.hypot(x, z))))
             if np.abs(errors).max() < _AIMED:
                 break
-            yield self._env.joint_action(self._last_drive, self._width, self._reading.head + 0.5 * errors)
+            yield self._env.joint_action(self._last, self._width, self._reading.head + 0.5 * errors)
         for _ in range(_SETTLE):
-            yield self._env.joint_action(self._last_drive, self._width)
-
-    @property
-    def _last_drive(self) -> Array:
-        return getattr(self, "_last", self._reading.drive)
+            yield self._env.joint_action(self._last, self._width)
 
     def _take_in(self) -> None:
         """Carve, forget what is gone, and perceive, with each camera."""

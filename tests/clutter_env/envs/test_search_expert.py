@@ -80,6 +80,18 @@ def test_misuse_is_named() -> None:
         SearchExpert(env).act({}, {})
 
 
+def test_a_second_episode_begins_where_the_robot_is() -> None:
+    env = gym.make("clutter_env/Search-o5-v0", image_size=32)
+    used, fresh = SearchExpert(env), SearchExpert(env)
+    given = env.reset(seed=1)
+    used.reset(*given)
+    used._last = used._reading.drive + 1.0  # as an episode may leave it
+    given = env.reset(seed=2)
+    for expert in (used, fresh):
+        expert.reset(*given)
+    np.testing.assert_array_equal(used.act(*given), fresh.act(*given))
+
+
 def test_of_a_target_seen_as_two_things_the_surer_one_is_planned_with_among_all_others() -> None:
     env = gym.make("clutter_env/Search-o5-v0", image_size=32)
     expert = SearchExpert(env)
