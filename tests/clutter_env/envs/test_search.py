@@ -61,11 +61,14 @@ def test_the_same_seed_gives_the_same_scene_and_images(env: SearchEnv) -> None:
 def test_errors_of_depth_and_masks() -> None:
     noisy = SearchEnv(num_objects=5, image_size=64, depth_noise=0.005, mask_errors=0.3)
     exact = SearchEnv(num_objects=5, image_size=64)
-    (seen, _), (true, _) = noisy.reset(seed=0), exact.reset(seed=0)
-    away = (seen["head_depth"] - true["head_depth"])[true["head_depth"] < 7.9]
-    assert 0.004 < away.std() < 0.006
-    assert (seen["head_segmentation"] != true["head_segmentation"]).any()
-    assert seen in noisy.observation_space
+    spoiled = 0
+    for seed in range(12):  # which masks are spoiled depends on what the renderer shows: most scenes show two or three
+        (seen, _), (true, _) = noisy.reset(seed=seed), exact.reset(seed=seed)
+        away = (seen["head_depth"] - true["head_depth"])[true["head_depth"] < 7.9]
+        assert 0.004 < away.std() < 0.006
+        spoiled += (seen["head_segmentation"] != true["head_segmentation"]).any()
+        assert seen in noisy.observation_space
+    assert 0 < spoiled < 12
 
 
 def test_images_come_every_few_steps() -> None:
