@@ -16,6 +16,7 @@ import itertools
 import json
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -46,6 +47,9 @@ from irm.shapes import CLEARANCE
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Integers = NDArray[np.int64]
+Place = Callable[[Floats, Floats], tuple[Integers, Bools]]
+"""The cells (n, 4) that orientations and positions are in, and whether a map has them."""
 NO, UNKNOWN, YES = (answer.value for answer in (Status.NO, Status.UNKNOWN, Status.YES))
 _SAME = 1e-4
 """[m] by which a pose may differ, and a distance be smaller, before an answer counts as wrong."""
@@ -156,33 +160,32 @@ def measure(judge: Judge, poses: int, bases: int, voxel: float) -> dict[str, Any
         "query": query,
     }
     truth = status != UNKNOWN
-    for name, ask in {
-        "map": _lookup(rm, rm.reachable),
-        "rm4d": _four_dimensions(chain, rm, memory, built),
-        "sampled": _filled_at_random(chain, rm, built),
-    }.items():
-        said = ask(random[truth])
-        answers[name] = [
-            float(np.mean(said == (status[truth] == YES))),
-            float(np.mean(said[status[truth] == NO])),
-            float(1.0 - np.mean(ask(reachable))),
-        ]
+    grid, rm4d = np.zeros(rm.grid.shape, dtype=bool), FourDimensions(chain, rm, memory)
+    for R, p in _free_poses(chain, rm, built):
+        index, inside = _cells_of(rm, R, p)
+        grid[tuple(index[inside].T)] = True
+        index, inside = rm4d.place(R, p)
+        rm4d.cells[tuple(index[inside].T)] = True
+    for name, place, cells in (
+        ("map", partial(_cells_of, rm), rm.reachable),
+        ("rm4d", rm4d.place, rm4d.cells),
+        ("sampled", partial(_cells_of, rm), grid),
+    ):
+        said, known_to = _ask(place, cells, random[truth]), _ask(place, cells, reachable)
+        right, out_of_reach = float(np.mean(said == (status[truth] == YES))), status[truth] == NO
+        answers[name] = [right, float(np.mean(said[out_of_reach])), float(1.0 - np.mean(known_to))]
     return answers
 
 
-def _lookup(rm: ReachabilityMap, cells: Bools) -> Callable[[Floats], Bools]:
-    """Answers by the cell of a map that a pose (n, 4, 4) is in."""
-
-    def ask(T: Floats) -> Bools:
-        index, inside = _cells_of(rm, T[:, :3, :3], T[:, :3, 3])
-        answers = np.zeros(len(T), dtype=bool)
-        answers[inside] = cells[tuple(index[inside].T)]
-        return answers
-
-    return ask
+def _ask(place: Place, cells: Bools, T: Floats) -> Bools:
+    """Answers for poses (n, 4, 4) by the cells that they are in."""
+    index, inside = place(T[:, :3, :3], T[:, :3, 3])
+    answers = np.zeros(len(T), dtype=bool)
+    answers[inside] = cells[tuple(index[inside].T)]
+    return answers
 
 
-def _cells_of(rm: ReachabilityMap, R: Floats, p: Floats) -> tuple[NDArray[np.int64], Bools]:
+def _cells_of(rm: ReachabilityMap, R: Floats, p: Floats) -> tuple[Integers, Bools]:
     """(n, 4) cells of poses, and (n,) whether the map has them."""
     grid = rm.grid
     x, y = (np.floor((p[:, k] - grid.centre[k]) / grid.voxel) + grid.half for k in (0, 1))
@@ -201,46 +204,28 @@ def _free_poses(chain: ArmChain, rm: ReachabilityMap, seconds: float) -> Any:
         yield tcp_frames(arrays, q[is_free.of(q)])
 
 
-def _filled_at_random(chain: ArmChain, rm: ReachabilityMap, seconds: float) -> Callable[[Floats], Bools]:
-    """The cells of a map, filled by random configurations."""
-    cells = np.zeros(rm.grid.shape, dtype=bool)
-    for R, p in _free_poses(chain, rm, seconds):
-        index, inside = _cells_of(rm, R, p)
-        cells[tuple(index[inside].T)] = True
-    return _lookup(rm, cells)
-
-
-def _four_dimensions(chain: ArmChain, rm: ReachabilityMap, memory: int, seconds: float) -> Callable[[Floats], Bools]:
+class FourDimensions:
     """As RM4D: cells of height, angle between approach and vertical, and x, y of the arm's first axis as the gripper
     sees it. Rolls, and the range of the first joint, do not count. One byte a cell, in the given memory."""
-    reach, grid = chain.reach, rm.grid
-    height = grid.top - grid.bottom
-    fine = (memory / (height * np.pi * 4 * reach**2 / (0.05**3 * np.radians(5)))) ** 0.25
-    edge, angle = 0.05 / fine, np.radians(5) / fine
-    shape = (int(height / edge) + 1, int(np.pi / angle) + 1, *2 * (int(2 * reach / edge) + 1,))
-    cells = np.zeros(shape, dtype=bool)
 
-    def place(R: Floats, p: Floats) -> tuple[NDArray[np.int64], Bools]:
-        approach, offset = R[:, :, 0], np.asarray(grid.centre) - p[:, :2]
+    def __init__(self, chain: ArmChain, rm: ReachabilityMap, memory: int) -> None:
+        self._reach, self._grid = chain.reach, rm.grid
+        height = rm.grid.top - rm.grid.bottom
+        fine = (memory / (height * np.pi * 4 * chain.reach**2 / (0.05**3 * np.radians(5)))) ** 0.25
+        self._edge, self._angle = 0.05 / fine, np.radians(5) / fine
+        across = int(2 * chain.reach / self._edge) + 1
+        self.cells = np.zeros((int(height / self._edge) + 1, int(np.pi / self._angle) + 1, across, across), dtype=bool)
+
+    def place(self, R: Floats, p: Floats) -> tuple[Integers, Bools]:
+        """(n, 4) cells of poses, and (n,) whether the map has them."""
+        approach, offset = R[:, :, 0], np.asarray(self._grid.centre) - p[:, :2]
         turn = -np.arctan2(approach[:, 1], approach[:, 0])
         c, s = np.cos(turn), np.sin(turn)
         x, y = c * offset[:, 0] - s * offset[:, 1], s * offset[:, 0] + c * offset[:, 1]
-        tilt = np.arccos(np.clip(approach[:, 2], -1, 1))
-        columns = ((p[:, 2] - grid.bottom) / edge, tilt / angle, (x + reach) / edge, (y + reach) / edge)
+        height, tilt = p[:, 2] - self._grid.bottom, np.arccos(np.clip(approach[:, 2], -1, 1)) / self._angle
+        columns = height / self._edge, tilt, (x + self._reach) / self._edge, (y + self._reach) / self._edge
         index = np.floor(np.column_stack(columns)).astype(np.int64)
-        return index, np.all((index >= 0) & (index < shape), axis=1)
-
-    for R, p in _free_poses(chain, rm, seconds):
-        index, inside = place(R, p)
-        cells[tuple(index[inside].T)] = True
-
-    def ask(T: Floats) -> Bools:
-        index, inside = place(T[:, :3, :3], T[:, :3, 3])
-        answers = np.zeros(len(T), dtype=bool)
-        answers[inside] = cells[tuple(index[inside].T)]
-        return answers
-
-    return ask
+        return index, np.all((index >= 0) & (index < self.cells.shape), axis=1)
 
 
 def _random_poses(chain: ArmChain, count: int, rng: np.random.Generator) -> Floats:
