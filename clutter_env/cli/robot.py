@@ -41,8 +41,6 @@ class Arguments:
     """check: name of a robot, module:NAME of a RobotSpec, or an MJCF file. make: an MJCF or URDF file."""
     page: Path | None = None
     """JSON file of what the MJCF file does not say."""
-    homes: bool = False
-    """Suggest home configurations; always done for a page without one."""
     table: float = 0.75
     """Height of the table that the robot is to work at [m]."""
     out: Path | None = None
@@ -78,24 +76,28 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Report, draw, and end with an error if there is a problem."""
-    from clutter_env.cli.robot_report import draw_robot, home_candidates, report_of
+    from clutter_env.cli.robot_report import home_candidates
 
     if arguments.action == "make":
         _make(arguments)
         return
     robot, has_home = _robot(arguments)
-    if arguments.homes or not has_home:
+    if not has_home:
         print("home, best first:")
         for candidate in home_candidates(robot, table_height=arguments.table):
             print(f"  {[round(float(value), 4) for value in candidate.q]}  {candidate.distance:.2f} rad from grasps")
-    if not has_home:
         raise UsageError(f"{arguments.page} says no home; take one of these, or your own")
-    report = report_of(robot, arguments.table)
+    _report(robot, arguments.table, arguments.out or Path("outputs") / f"{robot.name}.png")
+
+
+def _report(robot: RobotSpec, table: float, picture: Path) -> None:
+    from clutter_env.cli.robot_report import draw_robot, report_of
+
+    report = report_of(robot, table)
     print(report.summary())
     if report.reach is not None:
-        file = arguments.out or Path("outputs") / f"{robot.name}.png"
-        draw_robot(robot, report.reach, file)
-        print(f"  picture: {file}")
+        draw_robot(robot, report.reach, picture)
+        print(f"  picture: {picture}")
     if report.problems:
         sys.exit(1)
 
@@ -103,7 +105,7 @@ def run(arguments: Arguments) -> None:
 def _make(arguments: Arguments) -> None:
     """Write the robot's file, its page with the best home configuration, and the picture."""
     from assets.robot_making import Mounting, make_robot
-    from clutter_env.cli.robot_report import draw_robot, home_candidates, report_of
+    from clutter_env.cli.robot_report import home_candidates
 
     if not (arguments.base and arguments.tip):
         raise UsageError("make needs --base, the arm's first body, and --tip, the site or body between the finger tips")
@@ -122,14 +124,8 @@ def _make(arguments: Arguments) -> None:
         )
     page["home"] = [round(float(value), 6) for value in homes[0].q]
     write_json(file.with_suffix(".json"), page)
-    robot = assets.RobotSpec.from_mjcf(file, **page)
-    report = report_of(robot, arguments.table)
-    print(report.summary())
-    if report.reach is not None:
-        draw_robot(robot, report.reach, file.with_suffix(".png"))
-    print(f"  written: {file}, {file.with_suffix('.json').name}, {file.with_suffix('.png').name}")
-    if report.problems:
-        sys.exit(1)
+    print(f"written: {file}, {file.with_suffix('.json').name}")
+    _report(assets.RobotSpec.from_mjcf(file, **page), arguments.table, file.with_suffix(".png"))
 
 
 def _middle(file: Path, page: Mapping[str, Any]) -> tuple[float, ...]:

@@ -59,10 +59,6 @@ class Arguments:
     """[s] of wall time for one solve."""
     workers: int = os.cpu_count() or 1
     """Number of processes."""
-    retry_crashes: bool = False
-    """Make the trials again that crashed in an earlier run."""
-    report_only: bool = False
-    """Make tables and plots of the trials in --out, and no new trials."""
     out: Path = Path("outputs/clearance_table")
     """Directory of trials.jsonl, table.json, table.md and images/table.png."""
     json: Path | None = None
@@ -78,16 +74,12 @@ def run(arguments: Arguments, more: Mapping[str, Variant] | None = None, name: s
     from clutter_env.reporting.files import write_json
 
     trials = Trials(arguments, more)
-    if not arguments.report_only:
-        trials.run()
+    trials.run()
     summary = summarise(trials)
-    if not summary["rows"]:
-        print(f"no trials of these strategies and numbers of objects in {arguments.out}")
-        return
     print(f"\n{markdown(summary, arguments.physics)}")
     for path in filter(None, (arguments.out / "table.json", arguments.json)):
         write_json(path, {"settings": trials.settings, **summary})
-    command = command_line(name, arguments, ("workers", "retry_crashes", "report_only", "out", "json"))
+    command = command_line(name, arguments, ("workers", "out", "json"))
     for page in filter(None, (arguments.out / "table.md", arguments.markdown)):
         write_page(trials, command, summary, page)
     print(f"tables, figures and plots: {arguments.out}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
@@ -87,7 +88,7 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 @contextmanager
 def written_atomically(path: Path) -> Iterator[Path]:
-    """Another path beside `path`, whose file gets the name `path` at the end of the block, and is removed on errors.
+    """Another path beside `path`, whose file or directory gets that name at the end of the block; removed on errors.
 
     Raises:
         OSError: the disk is full or cannot be written; the error names the file `path`.
@@ -99,6 +100,8 @@ def written_atomically(path: Path) -> Iterator[Path]:
     except OSError as problem:
         raise OSError(problem.errno, f"{problem.strerror or problem}, cannot write", str(path)) from problem
     finally:
+        if part.is_dir():
+            shutil.rmtree(part)
         part.unlink(missing_ok=True)
 
 
