@@ -13,7 +13,6 @@ JSON object with the keyword arguments of `RobotSpec.from_mjcf`. Without a `home
 
 from __future__ import annotations
 
-import importlib
 import json
 import sys
 from collections.abc import Mapping
@@ -150,19 +149,11 @@ def robot_by_name(name: str) -> RobotSpec:
     Raises:
         UsageError: there is no such robot, module or name, or it is not a `RobotSpec`.
     """
-    module, _, attribute = name.partition(":")
-    if not (module and attribute):
+    from clutter_env.policies.registry import imported
+
+    if not all(name.partition(":")):
         return assets.robot(name)
-    if (here := str(Path.cwd())) not in sys.path:  # a console script does not look in the current directory
-        sys.path.insert(0, here)
-    try:
-        found = getattr(importlib.import_module(module), attribute, None)
-    except ModuleNotFoundError as problem:
-        if not f"{module}.".startswith(f"{problem.name}."):
-            raise  # an import in the user's module
-        raise UsageError(f"there is no robot {name!r}: {problem}") from problem
-    if found is None:
-        raise UsageError(f"there is no robot {name!r}: {module} has no {attribute}")
+    found = imported(name, UsageError(f"there is no robot {name!r}"))
     if not isinstance(found, assets.RobotSpec):
         raise UsageError(f"{name} is a {type(found).__name__}, not a RobotSpec")
     return found

@@ -16,7 +16,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from assets import rotation_of
 from clutter_env.scene.table_scene import TableScene
 
 Array = NDArray[np.float64]
@@ -73,7 +72,7 @@ class Part:
             turns = np.arange(_SIDES) * (2 * math.pi / _SIDES)
             ring = np.column_stack((np.cos(turns), np.sin(turns), np.zeros(_SIDES))) * self.size[0]
             local, radius = np.concatenate((ring - (0, 0, self.size[1]), ring + (0, 0, self.size[1]))), 0.0
-        return self.position + local @ rotation_of(self.quaternion).T, radius
+        return self.position + local @ _matrix(self.quaternion).T, radius
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,6 +131,18 @@ def as_household(scene: TableScene) -> TableScene:
     found = HouseholdScene(**{name: getattr(scene, name) for name in scene.__dataclass_fields__})
     half_extents = [KINDS[kind].half_extents for kind in found.shapes]
     return found if np.array_equal(scene.half_extents, np.reshape(half_extents, (-1, 3))) else scene
+
+
+def _matrix(quaternion: Sequence[float]) -> Array:
+    """(3, 3) rotation of a quaternion wxyz, which is not normalised again: that would change last digits of scenes."""
+    w, x, y, z = quaternion
+    return np.array(
+        [
+            (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+            (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+            (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+        ]
+    )
 
 
 def _box(size: Sequence[float], at: Sequence[float], colour: Colour, weight: float = 1.0) -> Part:
