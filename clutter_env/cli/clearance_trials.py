@@ -19,7 +19,7 @@ from assets import robot as find_robot
 from clutter_env.config import EnvConfig
 from clutter_env.errors import UsageError
 from clutter_env.parallel import Crash, Killed, run_jobs
-from clutter_env.reporting.files import JsonLines
+from clutter_env.reporting.files import JsonLines, changes
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.layout import TABLE, find_layout, supports_of
 from clutter_env.scene.object_sets import MAX_OBJECTS
@@ -246,7 +246,7 @@ def base_moves(solution: Solution) -> int:
 
 
 def _scene(trial: Trial, variant: Variant | None = None) -> tuple[gym.Env, Planner, Scene, str]:
-    """The environment after its reset, the planner, the scene and its target; with a variant, its robot in the scene."""
+    """The environment after its reset, the planner, the scene and its target; a variant's robot if there is one."""
     arguments = trial.arguments
     env = _environment(trial.objects, arguments.layout, arguments.control_mode, _robot(arguments, variant))
     _, info = env.reset(seed=trial.seed)
@@ -329,11 +329,7 @@ class Trials:
         if not self._file.values:
             self._file.append(self.settings)
         header, *rows = self._file.values
-        if different := [
-            f"{name}: {header.get(name)!r} there, {value!r} now"
-            for name, value in self.settings.items()
-            if header.get(name) != value
-        ]:
+        if different := changes(header, self.settings):
             raise UsageError(
                 f"{arguments.out} holds trials of other settings ({'; '.join(different)}); choose another --out"
             )

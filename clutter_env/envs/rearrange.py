@@ -83,7 +83,8 @@ class RearrangeConfig(EnvConfig):
         task, layout = TASKS[name], self.find_layout()
         if task.fits(layout):
             return ""
-        return f"task {name!r} needs {task.needs}, as layout {task.layout!r} has; layout {layout.name!r} has none"
+        needs = f"a support whose name begins with {task.needs!r}"
+        return f"task {name!r} needs {needs}, as layout {task.layout!r} has; layout {layout.name!r} has none"
 
 
 @dataclass(frozen=True)

@@ -63,6 +63,21 @@ def write_json(path: Path, value: Any) -> None:
     write_atomically(path, text.encode())
 
 
+def changes(there: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """What differs between two records, in words, such as "seed: 0 there, 1 now".
+
+    Groups of values (mappings) that the first record lacks are not compared: those of earlier versions lack some.
+    """
+    found = []
+    for name in dict.fromkeys((*there, *now)):
+        old, new = there.get(name), now.get(name)
+        if isinstance(new, Mapping):
+            found += changes(old, new) if isinstance(old, Mapping) else []
+        elif old != new:
+            found.append(f"{name}: {old!r} there, {new!r} now")
+    return found
+
+
 def check_picture(path: Path | None) -> None:
     """Refuse a file, by a `ValueError`, whose ending is of no picture: before what it shows is measured."""
     if path is not None and path.suffix.lower() not in PICTURES:

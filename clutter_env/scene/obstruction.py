@@ -66,8 +66,8 @@ class Solids(NamedTuple):
     @classmethod
     def of(cls, rows: Sequence[Sequence[float]]) -> Solids:
         """From a row of numbers for each."""
-        *numbers, is_finger = np.array(rows, np.float64).T
-        return cls(*numbers, is_finger > 0)
+        start, end, half_width, radius, half_height, is_finger = np.array(rows, np.float64).T
+        return cls(start, end, half_width, radius, half_height, is_finger > 0)
 
 
 @dataclass(frozen=True, eq=False)
