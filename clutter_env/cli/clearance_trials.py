@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import gymnasium as gym
 import numpy as np
 
-from assets import RobotSpec
-from assets import robot as find_robot
+from assets import RobotSpec, robot as find_robot
 from clutter_env.config import EnvConfig
 from clutter_env.errors import UsageError
 from clutter_env.parallel import Crash, Killed, run_jobs

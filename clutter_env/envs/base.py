@@ -17,8 +17,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
-from assets import RobotSpec, UnknownRobot
-from assets import robot as find_robot
+from assets import RobotSpec, UnknownRobot, robot as find_robot
 from clutter_env.config import CONTROL_HZ, RENDER_MODES, EnvConfig
 from clutter_env.envs.observation import EntryLayout, Observer
 from clutter_env.envs.reality import Senses

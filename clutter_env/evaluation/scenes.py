@@ -176,8 +176,7 @@ def search_floor(env: gym.Env[Any, Any], info: Mapping[str, Any], grasps: str) -
     It counts clearances: picks beyond that of the target, or those of the objects that the goal wants elsewhere.
     """
     # The other policies do without the planner and its compiled kernels.
-    from planners import Scene as PlannerScene
-    from planners import clearance_floor, lower_bound
+    from planners import Scene as PlannerScene, clearance_floor, lower_bound
 
     inner: Any = env.unwrapped
     if "unmet" not in info:
