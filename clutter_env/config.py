@@ -7,8 +7,7 @@ from dataclasses import dataclass, fields
 from numbers import Real
 from typing import Any
 
-from assets import InvalidRobot, RobotSpec, UnknownRobot
-from assets import robot as find_robot
+from assets import InvalidRobot, RobotSpec, UnknownRobot, robot as find_robot
 from clutter_env.errors import ConfigError, check_choice, check_integer
 from clutter_env.scene.layout import Layout, find_layout
 from clutter_env.scene.object_sets import OBJECT_SETS, SHAPE_SETS, ObjectSet, capacity, slot_shapes

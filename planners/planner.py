@@ -8,8 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from assets.robots import FETCH, RobotSpec
-from assets.robots import robot as find_robot
+from assets.robots import FETCH, RobotSpec, robot as find_robot
 from planners.cause import Cause
 from planners.clearing.goal_bound import LowerBound, fewest_picks
 from planners.clearing.lower_bound import MAX_EXPANSIONS, ClearanceFloor, smallest_set

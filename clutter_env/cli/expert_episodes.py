@@ -17,17 +17,7 @@ from clutter_env.cli.clearance_trials import Trials, let_act
 from clutter_env.errors import RenderingUnavailable, UsageError
 from clutter_env.rendering.film import Film
 from clutter_env.reporting.progress import progress_bar, shown_compilation
-from planners import (
-    EpisodeReport,
-    GroundAction,
-    Infeasible,
-    Planner,
-    Scene,
-    Solution,
-    TampExpert,
-    format_plan,
-    warmup,
-)
+from planners import EpisodeReport, GroundAction, Infeasible, Planner, Scene, Solution, TampExpert, format_plan, warmup
 
 if TYPE_CHECKING:
     from clutter_env.cli.episode import Arguments
@@ -46,10 +36,7 @@ _FACTS = 8
 
 @dataclass(frozen=True)
 class Played:
-    """One episode that has been played: the first plan, or the reason why there is none.
-
-    `is_success` and `lifted` are what the environment says; a lifted target is clean success if nothing else moved.
-    """
+    """One episode that has been played: its first plan, or why there is none; what the environment says at the end."""
 
     seed: int
     plan: Solution | Infeasible
@@ -66,24 +53,17 @@ def show_one(arguments: Arguments) -> dict[str, Any]:
     """
     mode = {"viewer": "human", "film": "rgb_array"}.get(arguments.display)
     task: dict[str, Any] = {"task": arguments.task} if arguments.task else {}
-    env = gym.make(
-        arguments.environment,
-        robot=arguments.robot,
-        layout=arguments.layout,
-        control_mode=arguments.control_mode,
-        render_mode=mode,
-        disable_env_checker=True,
-        **task,
-    )
+    keywords = {name: getattr(arguments, name) for name in ("robot", "layout", "control_mode")}
+    env = gym.make(arguments.environment, render_mode=mode, disable_env_checker=True, **keywords, **task)
     inner: Any = env.unwrapped
     _log("loading the planner; its first run on a machine compiles kernels, which takes about a minute")
     started = time.perf_counter()
     with shown_compilation():
         warmup(inner.robot)
-    seed, scene, goal = _find_scene(arguments, env)
+    seed, goal = _find_scene(arguments, env)
     _log(f"ready after {time.perf_counter() - started:.0f} s\n")
     where = f"{arguments.environment}, robot {arguments.robot}, layout {arguments.layout}, grasp set {arguments.grasps}"
-    _log(f"{where}, seed {seed}: {goal if arguments.task else f'take {goal} out of {len(scene.objects)} objects'}")
+    _log(f"{where}, seed {seed}: {goal if arguments.task else f'take {goal} out of {arguments.objects} objects'}")
     expert = TampExpert(env, arguments.strategy, grasps=arguments.grasps)
     film = None
     with ExitStack() as stack:
@@ -123,22 +103,17 @@ def _log(text: str) -> None:
     print(text, flush=True)
 
 
-def _find_scene(arguments: Arguments, env: gym.Env) -> tuple[int, Scene, str]:
-    """Reset to the scene wanted: its seed, its state, and the target's name, or the goal of a task as PDDL."""
+def _find_scene(arguments: Arguments, env: gym.Env) -> tuple[int, str]:
+    """Reset to the scene wanted: its seed, and the target's name, or the goal of a task as PDDL."""
     inner: Any = env.unwrapped
-    if arguments.task:
-        _, info = env.reset(seed=arguments.seed)
-        return (
-            arguments.seed,
-            Scene.from_mujoco(inner.model, inner.data, inner.robot, regions=inner.regions),
-            info["goal"],
-        )
     planner = Planner(inner.robot, grasps="side")
     for seed in range(arguments.seed, arguments.seed + _MOST_SEEDS):
         _, info = env.reset(seed=seed)
+        if arguments.task or not arguments.obstructed:
+            return seed, info["goal"] if arguments.task else info["target"]
         scene = Scene.from_mujoco(inner.model, inner.data, inner.robot)
-        if not arguments.obstructed or planner.clearance_floor(scene, info["target"]).count:
-            return seed, scene, info["target"]
+        if planner.clearance_floor(scene, info["target"]).count:
+            return seed, info["target"]
     raise UsageError(f"none of the seeds from {arguments.seed} to {seed} has an obstructed target; try --no-obstructed")
 
 
@@ -213,7 +188,9 @@ def episode_text(arguments: Arguments, played: Played) -> str:
     if isinstance(plan, Solution):
         parts.append(f"The plan of {name} (as in Fig. 13)\n\n{plan_text(plan, arguments.robot)}")
     parts.append(f"Replanning of {name} (as in Fig. 11)\n\n{replanning_text(plan) or 'none'}")
-    report = _aligned(report_rows(played.report, played.is_success, played.lifted))
+    rows = report_rows(played.report, played.is_success, played.lifted)
+    width = max(map(len, rows))
+    report = "\n".join(f"  {name:<{width}}  {value}" for name, value in rows.items())
     parts.append(f"Report, grasp set {arguments.grasps}\n\n{report}")
     return "\n\n".join(parts)
 
@@ -250,12 +227,6 @@ def report_rows(report: EpisodeReport, is_success: bool, lifted: bool) -> dict[s
         "target lifted, or goal reached": "yes" if lifted else "no",
         **report.rows(),
     }
-
-
-def _aligned(rows: dict[str, str]) -> str:
-    """Names and values, one pair a line."""
-    width = max(map(len, rows))
-    return "\n".join(f"  {name:<{width}}  {value}" for name, value in rows.items())
 
 
 def count_many(arguments: Arguments) -> dict[str, Any]:

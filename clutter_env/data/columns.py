@@ -44,27 +44,24 @@ def episode_columns(env: gym.Env, observation: Mapping[str, Any]) -> dict[str, C
     keyframe = ("base_x", "base_y", "base_yaw", *joints, "finger_position")
     keyframe_units = ("m", "m", "rad", "m", *["rad"] * (len(joints) - 1), "m")
     before = "row t belongs to observation t and action t, the last row to no action"
+    action = f"pick-place action that the phase leads to or comes from: 0 none, 1 pick, 2 place; {before}: 0"
+    singles = {
+        "rewards": ("reward", "reward of the step"),
+        "terminations": ("terminated", "whether the step ended the episode by success or failure"),
+        "truncations": ("truncated", "whether the step ended the episode early"),
+        "infos/is_success": ("is_success", "info is_success, that of reset first"),
+        "infos/num_fallen": ("num_fallen", "info num_fallen, that of reset first"),
+        "infos/num_disturbed": ("num_disturbed", "info num_disturbed, that of reset first"),
+        "infos/skill": ("skill", f"index into expert/skills; {before}: -1"),
+        "infos/phase": ("phase", f"phase of the motion, index into expert/phases; {before}: -1"),
+        "infos/contact_skill": ("skill", action),
+        "infos/contact_object": ("object", f"index of its object as in the observation; {before}; -1 without one"),
+    }
+    found |= {name: Columns(about, (column,), ("",)) for name, (column, about) in singles.items()}
+    control_mode, has_base = str(env.get_wrapper_attr("control_mode")), "observation" not in layout
     return found | {
-        "actions": _action(
-            str(env.get_wrapper_attr("control_mode")), joints, "observation" not in layout, robot.base_drive
-        ),
-        "rewards": Columns("reward of the step", ("reward",), ("",)),
-        "terminations": Columns("whether the step ended the episode by success or failure", ("terminated",), ("",)),
-        "truncations": Columns("whether the step ended the episode early", ("truncated",), ("",)),
-        "infos/is_success": Columns("info is_success, that of reset first", ("is_success",), ("",)),
-        "infos/num_fallen": Columns("info num_fallen, that of reset first", ("num_fallen",), ("",)),
-        "infos/num_disturbed": Columns("info num_disturbed, that of reset first", ("num_disturbed",), ("",)),
+        "actions": _action(control_mode, joints, has_base, robot.base_drive),
         "infos/state": Columns("MuJoCo's mjSTATE_FULLPHYSICS, that after reset first; for mj_setState"),
-        "infos/skill": Columns(f"index into expert/skills; {before}: -1", ("skill",), ("",)),
-        "infos/phase": Columns(f"phase of the motion, index into expert/phases; {before}: -1", ("phase",), ("",)),
-        "infos/contact_skill": Columns(
-            f"pick-place action that the phase leads to or comes from: 0 none, 1 pick, 2 place; {before}: 0",
-            ("skill",),
-            ("",),
-        ),
-        "infos/contact_object": Columns(
-            f"index of its object as in the observation; {before}; -1 without one", ("object",), ("",)
-        ),
         "infos/contact_base": Columns(
             f"base pose at the grasp or release, in the world; {before}; NaN without one",
             ("base_x", "base_y", "base_yaw"),

@@ -94,7 +94,6 @@ class SearchEnv(RetrieveEnv):
 
     config: SearchConfig
     config_type: ClassVar[type[EnvConfig]] = SearchConfig
-    task_modules: ClassVar[tuple[str, ...]] = ("clutter_env.envs.retrieve",)
 
     @cached_property
     def workplace(self) -> mujoco.MjModel:

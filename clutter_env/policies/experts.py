@@ -44,7 +44,6 @@ ahead too, and makes plans that can be learned."""
 
 EXPERTS = (*PLANNERS, *SCRIPTS)
 """Names of all experts."""
-
 MAX_SCRIPT_STEPS = 400
 """Steps after which a script gives up; it needs about a hundred."""
 

@@ -23,8 +23,7 @@ import torch
 from torch import nn
 
 import assets
-from assets import RobotSpec
-from clutter_env.envs.base import layout_identity
+from clutter_env.envs.base import layout_identity, robot_identity
 from clutter_env.policies.protocol import PolicyError, PublicInfo
 from clutter_env.provenance import provenance
 from clutter_env.reporting.files import json_text, write_atomically
@@ -67,16 +66,6 @@ class WeightsInfo:
     def __str__(self) -> str:
         names = (one if isinstance(one, str) else f"{one['name']} (of your own)" for one in (self.robot, self.layout))
         return "{} for robot {!r} and layout {!r}, grasps {!r}".format(self.kind, *names, self.grasps)
-
-
-def robot_identity(robot: RobotSpec) -> Any:
-    """The name of a known robot, all fields of another one; JSON values."""
-    try:
-        if assets.robot(robot.name) == robot:
-            return robot.name
-    except assets.UnknownRobot:
-        pass
-    return json.loads(json.dumps(asdict(robot)))
 
 
 def shipped_path(kind: str, problem: str) -> Path:
