@@ -9,7 +9,7 @@ written from the robot's own map, and read by `examples/import_pose_tables.py`; 
 
 from __future__ import annotations
 
-import sys
+import runpy
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -36,8 +36,8 @@ from irm.query_keys import FULL_TURN, YAW_STEP, as_position, as_yaw_range, find_
 from irm.reachability_map import ReachabilityMap, cached_map
 from irm.rotations import rotations, wrap_to_pi
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
-from import_pose_tables import read_pose_table
+_EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "import_pose_tables.py"
+read_pose_table = runpy.run_path(str(_EXAMPLE))["read_pose_table"]
 
 
 def full_scan(
@@ -233,7 +233,7 @@ def speed_table(rows: Sequence[Timing], queries: int) -> str:
 def plot_speed(rows: Sequence[Timing], file: Path) -> None:
     """One box plot for every map, as the paper's Fig. 3."""
     sizes = list(dict.fromkeys(row.poses for row in rows))
-    figure = Figure(figsize=(4.2 * len(sizes), 4.4), layout="constrained")
+    figure = Figure(figsize=(max(7.2, 4.2 * len(sizes)), 4.4), layout="constrained")
     axes = figure.subplots(1, len(sizes), sharey=True, squeeze=False)[0]
     colours = {"R": "#d55e00", "P": "#0072b2", "c": "#009e73", "b": "#cc79a7"}
     for axis, poses in zip(axes, sizes, strict=True):

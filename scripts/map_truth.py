@@ -243,7 +243,7 @@ def _best_bases(judge: Judge, rm: ReachabilityMap, wanted: int, rng: np.random.G
     """How many of the best bases of random heights and pitches have a free configuration, without any floor plan; of
     how many; and the median time of a query [µs]."""
     inverse_map, solver = InverseReachabilityMap(rm), ExactSolver(judge.chain, rm.grid.torso_range)
-    free, times = 0, []
+    free, times = 0, list[float]()
     for pitch in itertools.islice(itertools.cycle(np.unique(rm.grid.orientations.pitch).tolist()), 4 * wanted):
         if len(times) == wanted:
             break
