@@ -18,7 +18,7 @@ from irm.answers import BasePlacement, Status
 from irm.compilation import njit
 from irm.errors import QueryError
 from irm.free_space import Raster, floor_distance, point_is_free
-from irm.ik.closed_form import inverse
+from irm.ik.solvers import all_solutions
 from irm.inverse_table import SPARE_BASES, GroupField, InverseTable, best_first
 from irm.kinematics import wrap
 from irm.query_kernels import SAME_PLACE, Tiles, base_turns, is_apart
@@ -225,7 +225,7 @@ class _Search:
                 return False
             torsos = np.linspace(*self.table.grid.torso_range, _TORSOS)
             rolls = np.linspace(-np.pi, np.pi, _ROLLS, endpoint=False)
-            if not solids.are_clear(T, inverse(chain, world_to_base(base) @ T, torsos, rolls)).any():
+            if not solids.are_clear(T, all_solutions(chain, world_to_base(base) @ T, torsos, rolls)).any():
                 return False
         return True
 

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irm.answers import BasePlacement, PlacementBatch, Status
-from irm.common_bases import place_for_path, place_for_targets
 from irm.errors import QueryError
 from irm.free_space import FreeSpace
 from irm.inverse_table import SPARE_BASES, InverseTable, best_first, ranking_score
@@ -34,7 +33,6 @@ from irm.query_keys import (
 from irm.reachability_map import CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH, ReachabilityMap
 from irm.robot_shape import SolidBoxes
 from irm.rotations import rotation, wrap_to_pi
-from irm.several_arms import place_for_arms
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -199,6 +197,8 @@ class InverseReachabilityMap:
         Raises:
             QueryError: see the class; or a vertical approach comes with offsets that are not vertical.
         """
+        from irm.common_bases import place_for_path  # its kernels, and inverse kinematics, when first asked for
+
         options = checked_options(keywords)
         points, bounds = as_positions(waypoints), as_yaw_range(yaw_range)
         origin = None if target is None else np.array(as_position(target))
@@ -227,6 +227,9 @@ class InverseReachabilityMap:
         Example:
             both = left.query_multi([tray_left, tray_right], arms=(left, right), free_space=floor)
         """
+        from irm.common_bases import place_for_targets  # see `query_path`
+        from irm.several_arms import place_for_arms
+
         if arms:
             tables = [arm._table for arm in arms]
             return place_for_arms(tables, as_positions(targets), yaw_ranges, checked_options(keywords))

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cached_property
 from math import cos, hypot, sin, sqrt
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from irm.answers import NO, YES
 from irm.errors import QueryError
 from irm.free_space import FreeSpace
-from irm.ik.solvers import ExactSolver
 from irm.query_kernels import (
     PARTS,
     RADIUS_STEP,
@@ -38,6 +37,9 @@ from irm.query_kernels import (
 from irm.query_keys import Key, QueryOptions, linspace_angles, nearby_keys, outer_turns
 from irm.reachability_map import CERTAIN_IN_HEIGHT, ReachabilityMap
 from irm.rotations import rotation
+
+if TYPE_CHECKING:
+    from irm.ik.solvers import ExactSolver
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -204,6 +206,8 @@ class InverseTable:
 
     @cached_property
     def _solver(self) -> ExactSolver:
+        from irm.ik.solvers import ExactSolver  # only for exact answers
+
         assert self.reachability_map.chain is not None
         return ExactSolver(self.reachability_map.chain, self.reachability_map.grid.torso_range)
 

@@ -323,6 +323,24 @@ def arm_solutions(arm: SolverArrays, R: Floats, p: Floats, torso: float, free: f
     return kept
 
 
+def all_solutions(chain: ArmChain, T_base_tcp: Floats, torsos: Floats, angles: Floats) -> Floats:
+    """(k, 1 + n) every configuration that reaches a pose (4, 4), on a grid of the two free parameters."""
+    R, p = np.ascontiguousarray(T_base_tcp[:3, :3]), np.ascontiguousarray(T_base_tcp[:3, 3])
+    return np.asarray(_solutions_on_grid(packed(solver_arrays(chain)), R, p, torsos, angles))
+
+
+@njit(cache=True)
+def _solutions_on_grid(arm: SolverArrays, R: Floats, p: Floats, torsos: Floats, angles: Floats) -> Floats:
+    n = arm.chain.axes.shape[0]
+    rows, found, total = np.empty((8 * torsos.size * angles.size, n)), np.empty((8, n)), 0
+    for torso in torsos:
+        for angle in angles:
+            count = arm_solutions(arm, R, p, torso, angle, found)
+            rows[total : total + count] = found[:count]
+            total += count
+    return rows[:total].copy()
+
+
 class SelfCollision:
     """Whether a configuration is free of self-collision: an `is_free` for `verify`, by the chain's shapes.
 

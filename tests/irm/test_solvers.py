@@ -9,11 +9,11 @@ import pytest
 
 from assets.robots import FETCH
 from irm.chain import ArmChain
-from irm.ik.numerical import random_seeds, solve
+from irm.ik.numerical import random_seeds
 from irm.ik.solvers import ExactSolver, arm_solutions, free_angles, solver_arrays
 from irm.ik.structure import ParallelArm, SphericalArm, find_structure
 from irm.kinematics import forward
-from tests.irm.arms import APPROACH, arm_chain, random_configurations, random_poses
+from tests.irm.arms import APPROACH, arm_chain, random_configurations, random_poses, solve
 
 NO, OPEN, YES = 0, 1, 2
 
