@@ -27,6 +27,7 @@ from irm.query_kernels import (
     RADIUS_STEP,
     RING_WIDTH,
     RINGS,
+    SAME_PLACE,
     SECTORS,
     Ranking,
     Tiles,
@@ -215,6 +216,18 @@ class InverseTable:
 def best_first(mu: Floats, certain: NDArray[np.bool_], kept: NDArray[np.bool_]) -> Integers:
     """Indices of those kept, the certain ones first, then by μ."""
     return np.flatnonzero(kept)[np.lexsort((-mu[kept], ~certain[kept]))]
+
+
+def best_apart(x: Floats, y: Floats, score: NDArray[Any], count: int, separation: float) -> Integers:
+    """Indices of at most `count` bases of highest score, each farther than `separation` [m] from the better ones."""
+    chosen: list[int] = []
+    left = score.astype(float)
+    while len(chosen) < count and len(left) and left.max() > 0:
+        best = int(left.argmax())
+        chosen.append(best)
+        if len(chosen) < count:
+            left[np.hypot(x - x[best], y - y[best]) <= max(separation, SAME_PLACE)] = 0.0
+    return np.array(chosen, dtype=np.int64)
 
 
 def _about_z(angle: Floats) -> Floats:
