@@ -155,7 +155,7 @@ def _digest(env: gym.Env[Any, Any]) -> dict[str, Any]:
     defaults = {entry.name: entry.default for entry in fields(config) if entry.name in _ABILITIES}
     settings = {
         name: value
-        for name, value in config.keywords().items()
+        for name, value in vars(config).items()
         if name not in _PICTURES and (name not in defaults or value != defaults[name])
     }
     settings |= {"layout": layout_identity(inner.layout), "robot": inner.robot.name}

@@ -191,9 +191,8 @@ class _Seeds:
             raise CollectionError(f"seed {seed} could not be demonstrated: {problem.summary}; {stored}")
         self._deaths[seed] += 1
         if self._deaths[seed] >= MAX_DEATHS:
-            cause = problem.summary if isinstance(problem, Crash) else f"killed after {problem.seconds:.0f} s"
             raise CollectionError(
-                f"the worker of seed {seed} ended {self._deaths[seed]} times ({cause}); out of memory, or killed? "
-                f"{stored}, with fewer --workers if memory is short"
+                f"the worker of seed {seed} ended {self._deaths[seed]} times ({problem.summary}); out of memory, or "
+                f"killed? {stored}, with fewer --workers if memory is short"
             )
         self._again.append(seed)

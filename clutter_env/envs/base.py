@@ -427,7 +427,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """Pickling keeps what `save_state` keeps; MuJoCo's own pickles forget which bodies sleep."""
         saved = self.save_state() if self._has_started and not self._senses else None
         attributes = {name: self.__dict__[name] for name in _PICKLED if name in self.__dict__}
-        return _unpickled, (type(self), self.config.keywords(), attributes, saved)
+        return _unpickled, (type(self), vars(self.config), attributes, saved)
 
     # What a task defines.
 

@@ -178,7 +178,7 @@ def _checked(result: Any, place: str) -> Any:
     if isinstance(result, ClutterEnvError):
         raise result
     if isinstance(result, Crash | Killed):
-        raise PolicyCrashed(f"{place}\n\n{_text(result)}")
+        raise PolicyCrashed(f"{place}\n\n{result.detail}")
     return result
 
 
@@ -195,7 +195,7 @@ def lower_bounds(
     def find(missing: Iterable[int]) -> Iterator[tuple[int, Floor]]:
         for index, result in run_jobs(partial(_find_floor, scenes, grasps), missing, workers, ray=ray):
             if isinstance(result, Crash | Killed):
-                raise LearningError(f"lower bound of scene {index} of {scenes.name}: {_text(result)}")
+                raise LearningError(f"lower bound of scene {index} of {scenes.name}: {result.detail}")
             yield index, result
 
     if scenes.suite:
@@ -252,7 +252,7 @@ def _play_here(
 
     for (index, recording), score in run_jobs(partial(_replay, job.scenes), recordings(), 1):
         if isinstance(score, Crash | Killed):
-            raise LearningError(f"the replay of scene {index} of {job.scenes.name} failed: {_text(score)}")
+            raise LearningError(f"the replay of scene {index} of {job.scenes.name} failed: {score.detail}")
         yield index, Played(score, recording.cut(score.steps))
     yield from crashed
 
@@ -327,10 +327,6 @@ def _judging_env(scenes: SceneSet, control_mode: str) -> gym.Env[Any, Any]:
 
 def _find_floor(scenes: SceneSet, grasps: str, index: int) -> Floor:
     return find_floor(scenes.scenes[index], grasps)
-
-
-def _text(problem: Crash | Killed) -> str:
-    return problem.detail if isinstance(problem, Crash) else f"killed after {problem.seconds:.0f} s"
 
 
 class ResultRecords:

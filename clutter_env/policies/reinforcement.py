@@ -13,7 +13,6 @@ import torch
 from sb3_contrib import TQC, MaskablePPO
 from stable_baselines3 import A2C, DDPG, DQN, PPO, SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.policies import BasePolicy
 
 from clutter_env.envs.skill import observed_masks
 from clutter_env.policies.protocol import FREE_KEYWORDS, PolicyError, PublicInfo
@@ -53,21 +52,6 @@ def read_model(path: Path) -> dict[str, Any]:
     """
     with damage_refused(path):
         return dict(torch.load(path, map_location="cpu", weights_only=True))
-
-
-def load_network(algorithm: str, directory: Path, public: PublicInfo) -> BasePolicy:
-    """The networks of a training run, made anew for the spaces of an environment.
-
-    Raises:
-        PolicyError: there is no model, it is damaged, or it is for other observations or actions.
-    """
-    path = directory / MODEL_FILE
-    content = read_model(path)
-    with damage_refused(path):
-        kind = ALGORITHMS[algorithm].policy_aliases[network_name(public.observation_space)]
-        network = kind(public.observation_space, public.action_space, lambda _: 0.0, **content["network"])
-        network.load_state_dict(content["parameters"]["policy"])
-    return network
 
 
 class ModelPolicy:
@@ -115,9 +99,18 @@ class RunPolicy(ModelPolicy):
         self.env_keywords = {key: chosen[key] for key in FREE_KEYWORDS if key in chosen}
 
     def check(self, public: PublicInfo) -> None:
-        """Load the networks before the first episode; raises `PolicyError`, see `load_network`."""
+        """Make the networks for the environment's spaces before the first episode.
+
+        Raises:
+            PolicyError: there is no model, it is damaged, or it is for other observations or actions.
+        """
         if self._model is None:
-            self._model = load_network(self._algorithm, self._directory, public)
+            path, spaces = self._directory / MODEL_FILE, (public.observation_space, public.action_space)
+            content = read_model(path)
+            with damage_refused(path):
+                kind = ALGORITHMS[self._algorithm].policy_aliases[network_name(spaces[0])]
+                self._model = kind(*spaces, lambda _: 0.0, **content["network"])
+                self._model.load_state_dict(content["parameters"]["policy"])
 
 
 class ZipPolicy(ModelPolicy):
