@@ -18,8 +18,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from clutter_env.data.columns import Columns
-from clutter_env.data.episode import PHYSICS_STATE, Episode
+from clutter_env.data.episode import PHYSICS_STATE, Columns, Episode
 from clutter_env.data.episode_file import read_episode
 from clutter_env.errors import LearningError
 from clutter_env.rendering.cameras import EnvRenderer

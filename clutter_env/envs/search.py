@@ -20,7 +20,7 @@ from clutter_env.envs.reset_options import MAX_DRAWS, ResetOptions, draw_scene
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ConfigError, OptionError, StateError, check_choice, check_integer, check_number
 from clutter_env.rendering.cameras import FIRST_OBJECT, FURNITURE, MAX_DEPTH
-from clutter_env.scene.screened_scene import screened
+from clutter_env.scene.random_scene import screened
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.world import World
 
