@@ -264,7 +264,6 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
     @property
     def target_slot(self) -> int:
         """Index of the target among the objects."""
-        assert self.world.scene is not None
         return self.world.scene.target
 
     @property
@@ -354,7 +353,6 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         if self._senses:
             raise StateError("states are saved at reality=0: what is late, and the errors of the episode, are no part")
         scene, control, arm = self.world.scene, self.world.controller.state, self._end_effector
-        assert scene is not None
         memory = {
             "task": self._memory(),
             "monitor": self._monitor.memory(),

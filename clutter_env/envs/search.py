@@ -185,7 +185,6 @@ class SearchEnv(RetrieveEnv):
     def _description(self) -> NDArray[np.float32]:
         """Colour, whether it is a box, and half extents of the target."""
         scene, slot = self.world.scene, self.target_slot
-        assert scene is not None
         return np.array((*self.world.colour(slot)[:3], scene.is_box[slot], *scene.half_extents[slot]), np.float32)
 
 

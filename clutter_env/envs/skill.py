@@ -125,7 +125,6 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
             _, info = self.physics_env.reset(seed=seed, options=options)
         self._target: str = info["target"]
         names, table_scene = self.physics_env.world.names, self.physics_env.world.scene
-        assert table_scene is not None
         self._lying = frozenset(compress(names, table_scene.is_lying))
         self._rng = np.random.default_rng(self.np_random.integers(2**32))
         self._read_scene()

@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
@@ -313,11 +314,9 @@ def replay(scenes: SceneSet, index: int, recording: Recording) -> Score:
 
 def judged_in(scenes: SceneSet, control_modes: Sequence[str]) -> dict[str, Any]:
     """The digest of the environment in which recordings with these control modes are scored."""
-    env = _judging_env.__wrapped__(scenes, (*control_modes, "joint")[0])  # anew: resets change the time limit
-    try:
+    # Anew, because resets change the time limit.
+    with closing(_judging_env.__wrapped__(scenes, (*control_modes, "joint")[0])) as env:
         return environment_digest(env)
-    finally:
-        env.close()
 
 
 @lru_cache(maxsize=4)
