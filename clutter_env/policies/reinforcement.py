@@ -78,16 +78,7 @@ class ModelPolicy:
 
 
 class RunPolicy(ModelPolicy):
-    """The policy of a training run, loaded for the first episode.
-
-    Args:
-        directory: of the run.
-
-    Attributes:
-        acts_by_skills: whether it plays the Skill environment of the scenes.
-        grasps: those of the skills are level ones.
-        env_keywords: keyword arguments with which an environment must be made for it.
-    """
+    """The policy of a training run in a directory, loaded for the first episode."""
 
     def __init__(self, directory: Path) -> None:
         record = load_run(directory)
@@ -121,12 +112,6 @@ class ZipPolicy(ModelPolicy):
     Args:
         algorithm: that trained it, one of `ALGORITHMS`.
         path: of the file.
-
-    Attributes:
-        acts_by_skills: whether it has learned on Skill, whose actions are numbers.
-        grasps: those of the skills are level ones.
-        env_keywords: the control mode, from the size of the actions.
-        place: the file.
 
     Raises:
         PolicyError: no such algorithm or file, or one that cannot be loaded.
