@@ -35,60 +35,45 @@ def sample_scene(
     shapes: str = "cylinder",
     objects: ObjectSet = OBJECT_SETS["standard"],
 ) -> TableScene:
-    """Objects without overlap, a target among them, and a base pose in front of the table.
+    """Objects without overlap, wholly on the table, a target among them, and a base pose in front of it.
 
     Raises:
         OptionError: no placement was found; cannot happen up to `capacity`.
     """
     if objects.kinds:
-        return _household_scene(rng, layout, num_objects)
-    is_box = np.array([shape == "box" for shape in slot_shapes(shapes, num_objects)], dtype=bool)
-    is_lying = ~is_box & objects.are_cylinders_lying
-    is_angular = is_box | is_lying
-    half_width = np.where(
-        is_box, rng.uniform(*objects.half_width, num_objects), rng.uniform(*objects.radius, num_objects)
-    )
-    half_height = rng.uniform(*objects.heights_on(layout), num_objects) / 2
-    half_depth = np.where(is_angular, rng.uniform(*objects.half_depth, num_objects), half_width)
-    half_height = np.where(is_lying, half_width, half_height)
-    radii = np.where(is_angular, np.hypot(half_depth, half_width), half_width)
-    standing_extents = np.column_stack((half_depth, half_width, half_height))
+        kinds = [KINDS[name] for name in slot_kinds(num_objects)]
+        half_extents = np.array([kind.half_extents for kind in kinds]).reshape(-1, 3)
+        is_box, is_lying = np.ones(num_objects, dtype=bool), np.zeros(num_objects, dtype=bool)
+        radii = np.hypot(half_extents[:, 0], half_extents[:, 1])
+    else:
+        is_box = np.array([shape == "box" for shape in slot_shapes(shapes, num_objects)], dtype=bool)
+        is_lying = ~is_box & objects.are_cylinders_lying
+        half_width = np.where(
+            is_box, rng.uniform(*objects.half_width, num_objects), rng.uniform(*objects.radius, num_objects)
+        )
+        half_height = rng.uniform(*objects.heights_on(layout), num_objects) / 2
+        half_depth = np.where(is_box | is_lying, rng.uniform(*objects.half_depth, num_objects), half_width)
+        half_height = np.where(is_lying, half_width, half_height)
+        radii = np.where(is_box | is_lying, np.hypot(half_depth, half_width), half_width)
+        half_extents = np.column_stack((half_depth, half_width, half_height))
+        half_extents = np.where(is_lying[:, None], half_extents[:, ::-1], half_extents)
     rows = np.arange(num_objects) % len(layout.levels)
     positions = np.zeros((num_objects, 2))
     for row in range(len(layout.levels)):  # those of one row have to keep apart
-        positions[rows == row] = _place(rng, layout, radii[rows == row], objects.edge_margin)
-    return TableScene(
-        half_extents=np.where(is_lying[:, None], standing_extents[:, ::-1], standing_extents),
+        here = np.flatnonzero(rows == row)
+        if objects.kinds:
+            here = here[np.argsort(-radii[here], kind="stable")]  # the widest first: they find space last
+        margin = radii[here] if objects.kinds else objects.edge_margin
+        positions[here] = _place(rng, layout, radii[here], margin)
+    return (HouseholdScene if objects.kinds else TableScene)(
+        half_extents=half_extents,
         is_box=is_box,
         positions=positions,
-        yaws=np.where(is_angular, rng.uniform(-math.pi, math.pi, num_objects), 0.0),
-        masses=rng.uniform(*objects.mass, num_objects),
+        yaws=np.where(is_box | is_lying, rng.uniform(-math.pi, math.pi, num_objects), 0.0),
+        masses=np.array([kind.mass for kind in kinds]) if objects.kinds else rng.uniform(*objects.mass, num_objects),
         base=sample_base(rng, layout),
         target=int(rng.integers(num_objects)) if num_objects else -1,
         is_lying=is_lying,
-        levels=np.array(layout.levels)[rows],
-    )
-
-
-def _household_scene(rng: np.random.Generator, layout: Layout, num_objects: int) -> TableScene:
-    """Household objects anywhere, turned anyhow, wholly on the table."""
-    kinds = [KINDS[name] for name in slot_kinds(num_objects)]
-    half_extents = np.array([kind.half_extents for kind in kinds]).reshape(-1, 3)
-    radii, positions = np.hypot(half_extents[:, 0], half_extents[:, 1]), np.zeros((num_objects, 2))
-    rows = np.arange(num_objects) % len(layout.levels)
-    for row in range(len(layout.levels)):
-        here = np.flatnonzero(rows == row)
-        order = here[np.argsort(-radii[here], kind="stable")]  # the widest first: they find space last
-        positions[order] = _place(rng, layout, radii[order], radii[order])
-    return HouseholdScene(
-        half_extents=half_extents,
-        is_box=np.ones(num_objects, dtype=bool),
-        positions=positions,
-        yaws=rng.uniform(-math.pi, math.pi, num_objects),
-        masses=np.array([kind.mass for kind in kinds]),
-        base=sample_base(rng, layout),
-        target=int(rng.integers(num_objects)) if num_objects else -1,
-        is_lying=np.zeros(num_objects, dtype=bool),
         levels=np.array(layout.levels)[rows],
     )
 
