@@ -13,7 +13,7 @@ from irm.ik.closed_form import MAX_SOLUTIONS
 from irm.ik.solvers import CLOSED_FORM, arm_solutions
 from irm.kernel_arguments import copy_row, leaf_kernel, pointer_to
 from irm.kinematics import arm_jacobian, condition, fk_frames
-from planners.collision.hit_kernels import CollisionQuery, configuration_hits
+from planners.collision.hit_kernels import CollisionQuery, configuration_hits, placed_hits
 from planners.collision.scene_arrays import RobotArrays
 from planners.collision.straight_lines import follow_line
 from planners.scene.masks import FIXED_BITS, SELF_BIT, STATIC_BIT
@@ -212,13 +212,13 @@ def _consider(
     query: CollisionQuery, memory: Memory, by_gripper: np.uint64, base: Array, q: Array, pair: int, home: Array
 ) -> None:
     """Keep a configuration if no kept one dominates it. What the gripper hits is known and not checked again."""
-    unknown = query.active & ~by_gripper & ~_SELF
-    hits = configuration_hits(query, unknown, base, q) | by_gripper
-    if hits & _FIXED != _NONE or (query.first_only and hits != _NONE):
+    # Most configurations hit something static.
+    if configuration_hits(query, query.active & _STATIC, base, q) != _NONE:
         return
-    if _is_dominated(memory.kept, hits, CAPACITY):
+    hits = placed_hits(query, query.active & ~by_gripper & ~_FIXED) | by_gripper
+    if (query.first_only and hits != _NONE) or _is_dominated(memory.kept, hits, CAPACITY):
         return
-    if configuration_hits(query, query.active & _SELF, base, q) != _NONE:
+    if placed_hits(query, query.active & _SELF) != _NONE:
         return
     if query.robot.upper[0] > query.robot.lower[0] or can_rise(query, base, q):
         _insert(memory.kept, q, pair, hits, _quality(query.robot, memory, q, home))
