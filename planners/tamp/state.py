@@ -76,10 +76,10 @@ class Refutation:
 class Search:
     """One run of Algorithm 1: what it was given, the plan F so far, and its counts.
 
-    `has_given_up`: a call of the task planner reached its time limit; `answers` are those it gave. `hold_aside`: whether
-    one arm may hold an obstacle while another one takes the target. `start` is the scene before anything was moved, `bound` the lower bound
-    there, of a goal with places. `not_placed`: objects for whose place no motion was found, with what is in the way;
-    `refused_pitches`: and the pitches [rad] of the grasps through which they had been taken.
+    `has_given_up`: a call of the task planner reached its time limit; `answers` are those it gave. `hold_aside`: if one
+    arm may hold an obstacle while another one takes the target. `start` is the scene before anything was moved, `bound`
+    the lower bound there, of a goal with places. `not_placed`: objects for whose place no motion was found, with what
+    is in the way; `refused_pitches`: and the pitches [rad] of the grasps through which they had been taken.
     """
 
     goal: Goal
