@@ -8,7 +8,7 @@ when it travels in the air, in the gripper.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
@@ -81,11 +81,7 @@ class GoalMonitor:
         self._last: Measurements | None = None
         self._poses = np.array([[*body.position, *body.quaternion] for body in start.objects])
         self.unmet = self._find_unmet()
-        # The objects that must move for the facts that do not hold at the start.
-        self._to_carry = {getattr(fact, "object", "") for fact in self.unmet if not isinstance(fact, Clear)}
-        self._to_carry |= {
-            name for fact in self.unmet if isinstance(fact, Clear) for name in occupants(start, fact.region)
-        }
+        self._to_carry = {name for fact in self.unmet for name in self._displaced(fact)}
 
     @property
     def regions(self) -> tuple[Region, ...]:
@@ -162,6 +158,10 @@ class GoalMonitor:
             for fact, holds in self._facts.items()
             if not (Goal((fact,)).is_in_order(self.moved) if isinstance(fact, Before) else holds)
         )
+
+    def _displaced(self, fact: Fact) -> Collection[str]:
+        """Names of the objects that must move for a fact that does not hold at the start."""
+        return occupants(self._start, fact.region) if isinstance(fact, Clear) else {getattr(fact, "object", "")}
 
     # Places, for the observation and the reward.
 
