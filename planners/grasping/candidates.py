@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 import operator
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import NamedTuple, TypeAlias
@@ -228,7 +228,7 @@ class GraspCandidates:
         if known is None:
             known = self._known[key] = _Known((), self._stages(body))
         while known.unseen and not any(grasp.blockers == 0 for grasp in known.candidates):
-            found = self._of_stage(scene, body, known.unseen[0])
+            found = self._of_stage(scene, body, known.unseen[0], known.candidates)
             known = known._replace(candidates=best_first((*known.candidates, *found)), unseen=known.unseen[1:])
             self._known[key] = known
         return known.candidates
@@ -252,30 +252,38 @@ class GraspCandidates:
         every_turn = (STRAIGHT, TURNED, _MAP) if self.canonical else (_MAP,)
         return tuple(_Stage(family, turns) for family in families_for(body, self.families) for turns in every_turn)
 
-    def _of_stage(self, scene: Scene, body: Body, stage: _Stage) -> list[GraspCandidate]:
+    def _of_stage(self, scene: Scene, body: Body, stage: _Stage, known: _Grasps = ()) -> list[GraspCandidate]:
+        """Grasps of one stage; under a shelf, where scans take long, none that hits more than a `known` one."""
         found: list[GraspCandidate] = []
         for wanted, opening in _wanted(scene, body, stage.family):
             if stage.turns:
                 poses = self._untried(scene, body, self._facing(scene, wanted, stage.turns))
                 found += self._scan(scene, body, poses, opening, about_home=True)
             else:
-                found += self._from_map(scene, body, wanted, opening)
+                found += self._from_map(scene, body, wanted, opening, known)
         if not self.canonical:
             return found
         worse, robot = _WORSE * self._stages(body).index(stage), scene.robot
         return [replace(grasp, quality=_canonical_quality(grasp.base, grasp.q, robot) - worse) for grasp in found]
 
-    def _from_map(self, scene: Scene, body: Body, wanted: Array, opening: float) -> list[GraspCandidate]:
+    def _from_map(
+        self, scene: Scene, body: Body, wanted: Array, opening: float, known: _Grasps
+    ) -> list[GraspCandidate]:
         """The grasps from base poses of the reachability map."""
-        covered, placer, before = is_covered(scene, body.foot), self.arms[scene.robot.arm_name], -1
+        covered, placer = is_covered(scene, body.foot), self.arms[scene.robot.arm_name]
         candidates: list[GraspCandidate] = []
+        before = GripperPoses(np.zeros((0, 3)), np.zeros((0, 5)))
         for most in _BASES:
             bases, index = placer.bases(wanted, most)
-            if len(bases) == before:
+            if len(bases) == len(before.bases):
                 break  # there are no more
-            before = len(bases)
             poses = self._untried(scene, body, GripperPoses(bases, wanted[index]))
-            candidates = self._scan(scene, body, poses, opening)
+            if covered:
+                masks = {grasp.blockers for grasp in (*known, *candidates)}
+                candidates += self._scan(scene, body, _not_among(poses, before), opening, known=masks)
+            else:
+                candidates = self._scan(scene, body, poses, opening)
+            before = poses
             if any(not (covered and grasp.blockers) for grasp in candidates):
                 break
         return candidates
@@ -295,7 +303,13 @@ class GraspCandidates:
         return GripperPoses(poses.bases[rows], poses.gripper_poses[rows])
 
     def _scan(
-        self, scene: Scene, body: Body, poses: GripperPoses, opening: float, about_home: bool = False
+        self,
+        scene: Scene,
+        body: Body,
+        poses: GripperPoses,
+        opening: float,
+        about_home: bool = False,
+        known: Collection[int] = (),
     ) -> list[GraspCandidate]:
         """The grasps from these base poses; under a shelf those to which the base drives with the arm rigid."""
         world, arm = self.compiled.world(scene), scene.robot.arm_name
@@ -305,7 +319,7 @@ class GraspCandidates:
         else:
             grid = ConfigurationGrid.near_home(chain) if self.near_home else ConfigurationGrid.over(chain)
         ignore = scene.mask({body.name, *scene.held_names})
-        found = scan_configurations(world, poses, grid, opening, body=body, ignore=ignore)
+        found = scan_configurations(world, poses, grid, opening, body=body, ignore=ignore, known=known)
         found = found._replace(hits=found.hits | np.uint64(objects_on(world, body.name)))
         return as_candidates(body.name, poses, opening, found, arm, needs_drive(scene, body.foot))
 
@@ -319,6 +333,13 @@ def _wanted(scene: Scene, body: Body, family: Family) -> list[tuple[Array, float
     for grasp in generate_grasps(body, scene.robot, (family,)):
         groups.setdefault(math.ceil(grasp.opening / _OPENINGS) if body.shape == "pieces" else 0, []).append(grasp)
     return [(gripper_poses(group), max(grasp.opening for grasp in group)) for group in groups.values()]
+
+
+def _not_among(poses: GripperPoses, others: GripperPoses) -> GripperPoses:
+    """The pairs of poses that are not among others."""
+    seen = {pair.tobytes() for pair in np.hstack(others)}
+    rows = [pair.tobytes() not in seen for pair in np.hstack(poses)]
+    return GripperPoses(poses.bases[rows], poses.gripper_poses[rows])
 
 
 def _canonical_quality(base: Array, q: Array, robot: RobotSpec) -> float:
