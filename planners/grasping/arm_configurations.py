@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -17,8 +17,8 @@ from irm.kernel_arguments import packed
 from planners.collision.driven_world import DriveWorlds, drive_worlds
 from planners.collision.scene_arrays import RobotArrays, robot_arrays
 from planners.collision.world import CollisionWorld
-from planners.grasping.scan_kernel import make_memory, many_gripper_hits, scan
-from planners.scene import SELF_BIT, Body, HeldObject, StaticObstacle
+from planners.grasping.scan_kernel import make_memory, many_configuration_hits, many_gripper_hits, scan
+from planners.scene import SELF_BIT, Body, HeldObject
 from planners.scene.cover import (
     BACK,
     LEAST_LIFT,
@@ -144,35 +144,30 @@ def scan_configurations(
         first_free: stop after the first pair, in the order given, for which some configuration hits nothing.
         known: masks of other configurations; what hits more than one of them is left out.
     """
-    if body is None or not needs_drive(world.scene, body.foot):
-        return _scan(world, None, poses, grid, opening, held, ignore, first_free, known)
     parts: list[ArmConfigurations] = []
-    support = driven_out_of(world.scene, body)
-    yaws = poses.gripper_poses[:, 3]
-    shifts = -BACK * np.column_stack((np.cos(yaws), np.sin(yaws)))
-    directions, before = direction_out(support, poses.bases).round(_SAME_DRIVE), np.zeros(len(yaws), np.uint64)
-    for direction in np.unique(directions, axis=0):
-        rows = np.flatnonzero((directions == direction).all(axis=1))
-        starts = poses.gripper_poses[rows, :2] + shifts[rows]
-        if held is not None:
-            fits = _fit_outside(world, held, support, direction, poses.bases[rows], starts, shifts[rows])
-            rows, starts = rows[fits], starts[fits]
-        for yaw in np.unique(yaws[rows]):
-            same = rows[yaws[rows] == yaw]
-            backed_off = body.at(body.position + [*shifts[same[0]], 0.0])
-            before[same] = np.uint64(objects_before(world.scene, backed_off, direction) & ~ignore)
-        farthest = max(distances_out(support, starts, direction), default=0.0)
-        worlds = drive_worlds(world, direction, farthest, LEAST_LIFT, body if held is None else None)
-        drive = _Driven(worlds, shifts[rows], before[rows])
-        chosen = GripperPoses(poses.bases[rows], poses.gripper_poses[rows])
+    for drive, rows in _drives(world, body, poses, held, ignore):
+        chosen = poses if drive is None else GripperPoses(poses.bases[rows], poses.gripper_poses[rows])
         found = _scan(world, drive, chosen, grid, opening, held, ignore, first_free, known)
         found = found._replace(pair=rows[found.pair])
-        if first_free and len(found.q):
+        if drive is None or (first_free and len(found.q)):
             return found
         parts.append(found)
-    return (
-        ArmConfigurations(*(np.concatenate(columns) for columns in zip(*parts, strict=True))) if parts else _none(world)
-    )
+    none = np.zeros(0, np.int64)
+    parts.append(ArmConfigurations(np.zeros((0, len(world.robot.lower))), none, np.zeros(0, np.uint64), np.zeros(0)))
+    return ArmConfigurations(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+
+def hits_of(
+    world: CollisionWorld, poses: GripperPoses, Q: Array, opening: float, body: Body, ignore: int
+) -> NDArray[np.uint64]:
+    """What configurations `Q` (k, n) that grasp an object hit, as `scan_configurations` counts it: masks (k,)."""
+    masks = np.zeros(len(Q), np.uint64)
+    for drive, rows in _drives(world, body, poses, None, ignore):
+        inside, driven = (world, world) if drive is None else drive.worlds
+        shift, before = (np.zeros((0, 2)), 0) if drive is None else (_rows(drive.shift), drive.before)
+        queries = (one.query(opening, None, ignore) for one in (inside, driven))
+        masks[rows] = many_configuration_hits(*queries, shift, _rows(poses.bases[rows]), _rows(Q[rows])) | before
+    return masks
 
 
 class _Driven(NamedTuple):
@@ -184,9 +179,29 @@ class _Driven(NamedTuple):
     before: NDArray[np.uint64]
 
 
-def _none(world: CollisionWorld) -> ArmConfigurations:
-    none = np.zeros(0, np.int64)
-    return ArmConfigurations(np.zeros((0, len(world.robot.lower))), none, np.zeros(0, np.uint64), np.zeros(0))
+def _drives(
+    world: CollisionWorld, body: Body | None, poses: GripperPoses, held: HeldObject | None, ignore: int
+) -> Iterator[tuple[_Driven | None, NDArray[np.int64]]]:
+    """The drives out of where an object stands, one for each side, and the rows of the poses; None: no drive."""
+    if body is None or not needs_drive(world.scene, body.foot):
+        yield None, np.arange(len(poses.bases))
+        return
+    support, yaws = driven_out_of(world.scene, body), poses.gripper_poses[:, 3]
+    shifts = -BACK * np.column_stack((np.cos(yaws), np.sin(yaws)))
+    directions = direction_out(support, poses.bases).round(_SAME_DRIVE)
+    for direction in np.unique(directions, axis=0):
+        rows = np.flatnonzero((directions == direction).all(axis=1))
+        distances = np.array(distances_out(support, poses.gripper_poses[rows, :2] + shifts[rows], direction))
+        if held is not None:
+            outside = poses.bases[rows]
+            outside[:, :2] += shifts[rows] + np.outer(distances, direction)
+            fits = _fit_outside(world, held, outside)
+            rows, distances = rows[fits], distances[fits]
+        if len(rows):
+            before = objects_before(world.scene, body, shifts[rows], direction) & ~np.uint64(ignore)
+            left = body if held is None else None
+            worlds = drive_worlds(world, direction, float(distances.max()), LEAST_LIFT, left)
+            yield _Driven(worlds, shifts[rows], before), rows
 
 
 def _scan(
@@ -270,18 +285,8 @@ def gripper_arrays(robot: RobotSpec) -> RobotArrays:
     return packed(gripper)
 
 
-def _fit_outside(
-    world: CollisionWorld,
-    held: HeldObject,
-    support: StaticObstacle,
-    direction: Array,
-    bases: Array,
-    starts: Array,
-    shifts: Array,
-) -> NDArray[np.bool_]:
-    """Whether the robot fits with what it holds where the drive to each of k pairs of poses begins: (k,)."""
-    outside = bases.copy()
-    outside[:, :2] += shifts + np.outer(distances_out(support, starts, direction), direction)
+def _fit_outside(world: CollisionWorld, held: HeldObject, bases: Array) -> NDArray[np.bool_]:
+    """Whether the robot fits with what it holds, carried or at home, where drives begin, at base poses (k, 3): (k,)."""
     ways = np.array([world.scene.state.q, world.scene.robot.home])
-    fixed = [world.hits_many(base, ways, 0.0, held) & np.uint64(FIXED_BITS) for base in outside]
+    fixed = [world.hits_many(base, ways, 0.0, held) & np.uint64(FIXED_BITS) for base in bases]
     return np.array([not hits.all() for hits in fixed], dtype=np.bool_)

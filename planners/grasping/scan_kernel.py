@@ -231,6 +231,20 @@ def _hits(
 
 
 @njit(cache=True)
+def many_configuration_hits(
+    query: CollisionQuery, driven: CollisionQuery, shift: Array, bases: Array, Q: Array
+) -> NDArray[np.uint64]:
+    """What configurations (k, n) hit, each at its base pose (k, 3); `driven` and `shift` as for `scan`."""
+    hits, drives = np.empty(Q.shape[0], np.uint64), shift.shape[0] > 0
+    out = np.empty(3 if drives else 0)
+    for k in range(Q.shape[0]):
+        if drives:
+            out[0], out[1], out[2] = bases[k, 0] + shift[k, 0], bases[k, 1] + shift[k, 1], bases[k, 2]
+        hits[k] = _hits(query, driven, query.active, bases[k], Q[k], out)
+    return hits
+
+
+@njit(cache=True)
 def _consider(
     query: CollisionQuery,
     driven: CollisionQuery,
