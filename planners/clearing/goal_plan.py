@@ -280,11 +280,8 @@ def _free_grasps(sim: _Simulation, name: str) -> Iterator[GraspCandidate]:
 
 
 def _advance(sim: _Simulation, move: Move, scene: Scene) -> None:
-    """One more move; what is known of grasps in the present scene stays with the problem."""
     sim.moves.append(move)
     sim.scene, sim.waiting = scene, [name for name in sim.waiting if name != move.name]
-    if sim.candidates is sim.problem.candidates:
-        sim.candidates = sim.candidates.blank_copy()
 
 
 def _in_the_way(sim: _Simulation) -> tuple[str, ...]:
