@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -20,6 +20,7 @@ from planners.cause import Cause
 from planners.clearing.commitments import ClearingProblem, Commitments, NoCommitment, grasped
 from planners.clearing.goal_bound import LowerBound, fewest_picks, must_move
 from planners.clearing.lookahead import ClearancePlan
+from planners.clearing.order_of_moves import Order, Step
 from planners.clearing.saving_time import with_blockers
 from planners.goals import TOLERANCE, At, Goal, Holding, Inside, On
 from planners.grasping.candidates import GraspCandidate
@@ -102,10 +103,24 @@ def goal_plan(
         not_placed: what motion planning refuted before.
     """
     to_move = dict.fromkeys((*problem.scene.held_names, *must_move(problem.scene, goal, start)))
-    sim = _Simulation(problem, goal, start, not_placed, tuple(to_move))
+    order = Order.of(problem.scene, goal, to_move, problem.candidates)
+    sim, in_vain = _Simulation(problem, goal, start, not_placed, tuple(to_move)), set[tuple[str, bool]]()
     while sim.waiting:
         if problem.deadline.is_over:
             return NoCommitment(Cause.TIME_LIMIT, tuple(sim.waiting))
+        in_the_way = {name: _refuted_by(sim, name) for name in sim.waiting}
+        steps = order.steps(sim.scene, sim.waiting, in_the_way, in_vain) if order else []
+        if steps:
+            step, *later = steps
+            if step.name in {move.name for move in sim.moves}:
+                return _as_plan(sim, sim.moves[-1].name)
+            if not _moved_as(sim, order, step, later):
+                in_vain.add((step.name, step.is_general))
+            elif not step.is_general and step.name in order.ends:
+                return _as_plan(sim, step.name)
+            else:
+                in_vain.clear()
+            continue
         if _moved_to_its_end(sim):
             continue
         in_the_way = _in_the_way(sim)
@@ -117,6 +132,19 @@ def goal_plan(
             return _refusal(sim)
         sim = with_these
     return _as_plan(sim, "")
+
+
+def _moved_as(sim: _Simulation, order: Order, step: Step, later: Sequence[Step]) -> bool:
+    """Move an object as the order says, out of the way of what is moved later, if it can be."""
+    scene, grasps = sim.scene, list[GraspCandidate]()
+    for one in later:
+        is_taken = len(one.ways) > one.is_general
+        for grasp, body in zip(one.ways, (*[scene.body(one.name)] * is_taken, order.ends.get(one.name)), strict=False):
+            there = scene if body is None else scene.with_body(body)
+            sim.problem.placements.volume(sim.candidates.compiled.world(there), grasp)
+            grasps.append(grasp)
+    counts = dict.fromkeys((len(grasps), (len(grasps) + 1) // 2, 0))
+    return _taken_and_put(sim, step.name, step.is_general, [KeepClear(None, tuple(grasps[:count])) for count in counts])
 
 
 def _moved_to_its_end(sim: _Simulation) -> bool:
@@ -183,7 +211,7 @@ def _grasp_to_hold(sim: _Simulation, name: str) -> GraspCandidate | None:
     return next(iter(free), None)
 
 
-def _taken_and_put(sim: _Simulation, name: str, is_general: bool) -> bool:
+def _taken_and_put(sim: _Simulation, name: str, is_general: bool, tiers: Sequence[KeepClear] = ()) -> bool:
     """Take an object and put it where the goal wants it, or aside; through another grasp where one does not fit."""
     scene, goal = sim.scene, sim.goal
     fact = placed_fact(goal, name) if is_general else None
@@ -196,7 +224,7 @@ def _taken_and_put(sim: _Simulation, name: str, is_general: bool) -> bool:
         with_it = scene.holding(name) if grasp is None else grasped(scene, grasp)
         assert with_it is not None
         failed: list[NDArray[np.float64]] = []
-        for keep in _tiers(sim, name):
+        for keep in tiers or _tiers(sim, name):
             keep = replace(keep, reserved=reserved)
             found = placements_of(sim.problem, goal, sim.start, with_it, fact, keep, sim.waiting, failed)
             placement = next(found, None)

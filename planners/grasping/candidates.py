@@ -254,22 +254,26 @@ class GraspCandidates:
             self._known[key] = known
         return known.candidates
 
+    def hits_among(self, scene: Scene, name: str, grasps: Sequence[GraspCandidate], among: int) -> NDArray[np.uint64]:
+        """What grasps of an object where it stands hit among the objects of a mask: masks (k,)."""
+        world, body, hits = self.compiled.world(scene), scene.body(name), np.zeros(len(grasps), np.uint64)
+        for opening in {grasp.opening for grasp in grasps}:
+            rows = [row for row, grasp in enumerate(grasps) if grasp.opening == opening]
+            some = [grasps[row] for row in rows]
+            poses = np.array([(*body.position, grasp.yaw, grasp.pitch) for grasp in some])
+            pairs, Q = GripperPoses(np.array([one.base for one in some]), poses), np.array([one.q for one in some])
+            hits[rows] = hits_of(world, pairs, Q, opening, body, _ALL & ~among)
+        return hits
+
     def _as_in(self, scene: Scene, body: Body, known: _Known) -> _Known:
         """What is known of an object's grasps, with what is in their way in another scene."""
         assert known.scene is not None
         moved = _moved(known.scene, scene)
         if not moved:
             return known._replace(scene=scene)
-        world, ignore = self.compiled.world(scene), scene.mask({body.name, *scene.held_names})
-        before, on_it = known.candidates, objects_on(world, body.name) & moved
-        hits = np.zeros(len(before), np.uint64)
-        for opening in {grasp.opening for grasp in before}:
-            rows = [row for row, grasp in enumerate(before) if grasp.opening == opening]
-            some = [before[row] for row in rows]
-            poses = np.array([(*body.position, grasp.yaw, grasp.pitch) for grasp in some])
-            pairs, Q = GripperPoses(np.array([grasp.base for grasp in some]), poses), np.array([g.q for g in some])
-            hits[rows] = hits_of(world, pairs, Q, opening, body, _ALL & ~moved | ignore)
-        masks = [grasp.blockers & ~moved | on_it | int(mask) & moved for grasp, mask in zip(before, hits, strict=True)]
+        before, on_it = known.candidates, objects_on(self.compiled.world(scene), body.name) & moved
+        hits = self.hits_among(scene, body.name, before, moved & ~scene.mask({body.name, *scene.held_names}))
+        masks = [grasp.blockers & ~moved | on_it | int(mask) for grasp, mask in zip(before, hits, strict=True)]
         if 0 not in masks and any(not grasp.blockers & ~moved for grasp in before):
             return _Known((), self._stages(body), scene=scene)
         now = (
