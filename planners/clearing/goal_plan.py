@@ -103,24 +103,31 @@ def goal_plan(
         not_placed: what motion planning refuted before.
     """
     to_move = dict.fromkeys((*problem.scene.held_names, *must_move(problem.scene, goal, start)))
-    order = Order.of(problem.scene, goal, to_move, problem.candidates)
-    sim, in_vain = _Simulation(problem, goal, start, not_placed, tuple(to_move)), set[tuple[str, bool]]()
+    sim = _Simulation(problem, goal, start, not_placed, tuple(to_move))
+    order, in_vain, is_strict = (
+        Order.of(problem.scene, goal, to_move, problem.candidates),
+        set[tuple[str, bool]](),
+        True,
+    )
     while sim.waiting:
         if problem.deadline.is_over:
             return NoCommitment(Cause.TIME_LIMIT, tuple(sim.waiting))
-        in_the_way = {name: _refuted_by(sim, name) for name in sim.waiting}
-        steps = order.steps(sim.scene, sim.waiting, in_the_way, in_vain) if order else []
-        if steps:
-            step, *later = steps
-            if step.name in {move.name for move in sim.moves}:
+        if order is not None:
+            refuted = {name: _refuted_by(sim, name) for name in sim.waiting}
+            step, *later = order.steps(sim.scene, sim.waiting, refuted, in_vain) or (None,)
+            if step is not None and any(move.name == step.name for move in sim.moves):
                 return _as_plan(sim, sim.moves[-1].name)
-            if not _moved_as(sim, order, step, later):
+            if step is not None and _moved_as(sim, order, step, later, is_strict):
+                if not step.is_general and step.name in order.ends:
+                    return _as_plan(sim, step.name)
+                in_vain, is_strict = set(), True
+                continue
+            if step is not None:
                 in_vain.add((step.name, step.is_general))
-            elif not step.is_general and step.name in order.ends:
-                return _as_plan(sim, step.name)
-            else:
-                in_vain.clear()
-            continue
+                continue
+            if is_strict and in_vain:
+                in_vain, is_strict = set(), False
+                continue
         if _moved_to_its_end(sim):
             continue
         in_the_way = _in_the_way(sim)
@@ -134,16 +141,16 @@ def goal_plan(
     return _as_plan(sim, "")
 
 
-def _moved_as(sim: _Simulation, order: Order, step: Step, later: Sequence[Step]) -> bool:
-    """Move an object as the order says, out of the way of what is moved later, if it can be."""
-    scene, grasps = sim.scene, list[GraspCandidate]()
+def _moved_as(sim: _Simulation, order: Order, step: Step, later: Sequence[Step], is_strict: bool) -> bool:
+    """Move an object as the order says, if it can be, out of the way of all later steps; of some, if not strict."""
+    grasps: list[GraspCandidate] = []
     for one in later:
-        is_taken = len(one.ways) > one.is_general
-        for grasp, body in zip(one.ways, (*[scene.body(one.name)] * is_taken, order.ends.get(one.name)), strict=False):
-            there = scene if body is None else scene.with_body(body)
-            sim.problem.placements.volume(sim.candidates.compiled.world(there), grasp)
-            grasps.append(grasp)
-    counts = dict.fromkeys((len(grasps), (len(grasps) + 1) // 2, 0))
+        for grasp, body in ((one.taken, sim.scene.body(one.name)), (one.put, order.ends.get(one.name))):
+            if grasp is not None and body is not None:
+                world = sim.candidates.compiled.world(sim.scene.with_body(body))
+                sim.problem.placements.volume(world, grasp)  # known from now on
+                grasps.append(grasp)
+    counts = (len(grasps),) if is_strict else ((len(grasps) + 1) // 2, 0)
     return _taken_and_put(sim, step.name, step.is_general, [KeepClear(None, tuple(grasps[:count])) for count in counts])
 
 

@@ -10,15 +10,16 @@ from __future__ import annotations
 
 import heapq
 import itertools
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from functools import cache
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from planners.goals import Goal
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
-from planners.placing.goal_places import beside, distances, locations_in, place_of, placed_fact
+from planners.placing.goal_places import beside, distances, locations_in, place_of
 from planners.placing.locations import stand_at
 from planners.scene import Body, Scene
 from planners.scene.cover import needs_drive
@@ -44,52 +45,50 @@ class Step(NamedTuple):
     Attributes:
         name: of the object.
         is_general: whether it goes to its end, not just aside.
-        ways: how it is taken, if it is not in the hand, and put down at its end.
+        taken: how it is taken; None if it has been put aside by then.
+        put: how it is put down at its end; None if it is put aside.
     """
 
     name: str
     is_general: bool
-    ways: tuple[GraspCandidate, ...]
+    taken: GraspCandidate | None
+    put: GraspCandidate | None
 
 
-@dataclass
+@dataclass(frozen=True)
 class Order:
-    """The order of moves for some objects.
+    """The order of moves for a goal.
 
     In its masks bit i is object i where it stands, bit n + i object i of n at its end.
 
     Attributes:
         candidates: where grasps come from; to put an object down counts as to take it from its end, in reverse.
-        ends: where objects are to stand, by name.
+        ends: where the objects of the goal are to stand, by name.
     """
 
     candidates: GraspCandidates
     ends: Mapping[str, Body]
-    _at_ends: dict[tuple[str, bytes, bytes], int] = field(default_factory=dict)
+    _at_ends: dict[tuple[str, bytes, bytes], int] = field(default_factory=dict, repr=False)
+    _seen: dict[str, bytes] = field(default_factory=dict, repr=False)  # the ends that these hits are at
 
     @classmethod
     def of(cls, scene: Scene, goal: Goal, waiting: Collection[str], candidates: GraspCandidates) -> Order | None:
-        """The order for objects that are to move; None if none of it is under a shelf, or more than places is asked."""
-        if goal.order or goal.held or scene.held_names or not scene.robot.acting_arms[1:] == ():
+        """The order for objects that are to move; None if there is none: see `is_under_shelf`."""
+        if not is_under_shelf(scene, goal) or scene.held_names:
             return None
-        ends: dict[str, Body] = {}
-        for name in waiting:
-            fact = placed_fact(goal, name)
-            if fact is None:
-                continue
-            place, body = place_of(scene, fact), scene.body(name)
+        ends = {fact.object: scene.body(fact.object) for fact in goal.placed if fact.object not in waiting}
+        for fact in (fact for fact in goal.placed if fact.object in waiting):
+            place, body = place_of(scene, fact), scene.body(fact.object)
             if place.below or not body.is_upright:
                 return None
-            alone = replace(scene, objects=(*ends.values(), body.at(body.position + [0.0, 0.0, 100.0])))
-            found = locations_in(alone, body, place, (name,), (), lambda points: np.ones(len(points), np.bool_))
-            point, yaws = next(found, (None, (None,)))
-            if point is None:
+            alone = replace(scene, objects=tuple(ends.values()))
+            found = next(locations_in(alone, body, place, (), (), lambda points: np.ones(len(points), np.bool_)), None)
+            if found is None:
                 return None
-            ends[name] = stand_at(
-                body, np.array([*point, place.face.top]), 0.0 if yaws[0] is None else yaws[0] - body.yaw
-            )
-        bodies = (*map(scene.body, waiting), *ends.values())
-        return cls(candidates, ends) if any(needs_drive(scene, body.foot) for body in bodies) else None
+            point, (yaw, *_) = found
+            turn = 0.0 if yaw is None else yaw - body.yaw
+            ends[body.name] = stand_at(body, np.array([*point, place.face.top]), turn)
+        return cls(candidates, ends)
 
     def steps(
         self,
@@ -98,7 +97,7 @@ class Order:
         in_the_way: Mapping[str, Collection[str]],
         in_vain: Collection[tuple[str, bool]],
     ) -> list[Step]:
-        """The moves from a scene on, () if none are found.
+        """The moves from a scene on, [] if none are found.
 
         Args:
             scene: where objects stand.
@@ -106,110 +105,119 @@ class Order:
             in_the_way: names of what else must have left before an object is put down at its end, by its name.
             in_vain: first moves that were refuted, and whether to the end.
         """
-        n, start = len(scene.names), scene.mask(set(scene.names) - set(scene.held_names))
-        ends = {scene.index(name): body for name, body in self.ends.items() if name in waiting}
-        final = scene
-        for name in waiting:
-            final = final.with_body(self.ends[name]) if name in self.ends else final
-        to_move = {scene.index(name) for name in waiting}
-        known: dict[tuple[int, bool], list[Option]] = {}
+        names, n = scene.names, len(scene.names)
+        ends = {name: body if name in waiting else scene.body(name) for name, body in self.ends.items()}
+        final, seen = scene, {name: body.pose.tobytes() for name, body in ends.items()}
+        for body in ends.values():
+            final = final.with_body(body)
+        if seen != self._seen:
+            self._at_ends.clear()
+            self._seen.update(seen)
+        start, to_move = scene.mask(names), scene.mask(waiting)
 
-        def options(index: int, at_end: bool) -> list[Option]:
+        @cache
+        def options(name: str, at_end: bool) -> list[Option]:
             """Ways to take an object where it stands, or from its end, one for each mask and pitch."""
-            if (index, at_end) not in known:
-                name = scene.names[index]
-                there = scene.with_body(ends[index]) if at_end else scene
-                grasps = self.candidates.for_object(there, name)
-                more = self._hits_at_ends(final.with_body(there.body(name)), name, grasps, scene.mask(self.ends))
-                too = 0
-                if at_end:
-                    near = (
-                        one for one in beside(scene, scene.support_under(ends[index]), ends[index]) if one.name != name
-                    )
-                    touched = (
-                        one.name
-                        for one in near
-                        if distances(ends[index].position[None, :2], one)[0] < ends[index].radius + _BESIDE
-                    )
-                    too = scene.mask({*touched, *in_the_way.get(name, ())} - {name})
-                best: dict[tuple[int, float], Option] = {}
-                for grasp, hit in zip(grasps, more, strict=True):
-                    mask = grasp.blockers | too | hit << n
-                    best.setdefault((mask, grasp.pitch), Option(mask, grasp))
-                known[index, at_end] = sorted(best.values(), key=lambda one: one.mask.bit_count())
-            return known[index, at_end]
+            there = scene.with_body(ends[name]) if at_end else scene
+            grasps, body, too = self.candidates.for_object(there, name), there.body(name), 0
+            if at_end:
+                near = (one for one in beside(scene, scene.support_under(body), body) if one.name != name)
+                touched = (one for one in near if distances(body.position[None, :2], one)[0] < body.radius + _BESIDE)
+                too = scene.mask({*(one.name for one in touched), *in_the_way.get(name, ())} - {name})
+            new = [grasp for grasp in grasps if grasp.key not in self._at_ends]
+            among = scene.mask(set(ends) - {name})
+            hits = self.candidates.hits_among(final.with_body(body), name, new, among)
+            self._at_ends.update((grasp.key, int(hit)) for grasp, hit in zip(new, hits, strict=True))
+            best: dict[tuple[int, float], Option] = {}
+            for grasp in grasps:
+                mask = grasp.blockers | too | self._at_ends[grasp.key] << n
+                best.setdefault((mask, grasp.pitch), Option(mask, grasp))
+            return sorted(best.values(), key=lambda one: one.mask.bit_count())
 
         def moves(now: int, is_first: bool) -> Iterator[tuple[Step, int]]:
             """The moves that are possible, and where objects stand after them."""
-            for index in range(n):
-                own, end, name = 1 << index, 1 << n + index, scene.names[index]
-                if now & end or not (now & own or index in ends):
+            for index, name in enumerate(names):
+                stands, end = now >> index & 1, 1 << n + index
+                if now & end or not (stands or name in ends):
                     continue
-                left = now & ~own
-                taken = [one for one in options(index, False) if not one.mask & left] if now & own else [None]
-                if not taken:
+                left = now & ~(1 << index)
+                taken = [one for one in options(name, False) if not one.mask & left] if stands else []
+                if stands and not taken:
                     continue
-                if index in ends and not (is_first and (name, True) in in_vain):
-                    put = [one for one in options(index, True) if not one.mask & left]
-                    pairs = ((a, b) for a in taken for b in put if a is None or a.grasp.pitch == b.grasp.pitch)
-                    pair = next(pairs, None)
+                if name in ends and not (stands and name not in waiting) and not (is_first and (name, True) in in_vain):
+                    put = [one for one in options(name, True) if not one.mask & left]
+                    pairs = ((a.grasp, b.grasp) for a in taken for b in put if a.grasp.pitch == b.grasp.pitch)
+                    pair = next(pairs, None) if stands else (None, put[0].grasp) if put else None
                     if pair is not None:
-                        yield Step(name, True, tuple(one.grasp for one in pair if one is not None)), left | end
-                if taken[0] is not None and not (is_first and (name, False) in in_vain):
-                    yield Step(name, False, (taken[0].grasp,)), left
+                        yield Step(name, True, pair[0], pair[1]), left | end
+                if stands and not (is_first and (name, False) in in_vain):
+                    yield Step(name, False, taken[0].grasp, None), left
 
-        others = start & ~sum(1 << index for index in to_move)
-
+        @cache
         def left_over(now: int) -> int:
-            """Moves that are left at least: one for each object, and those of what is in the way of one of them."""
-            rest = [index for index in to_move if not now >> n + index & 1 and (now >> index & 1 or index in ends)]
-            in_way = 0
-            for index in rest:
-                kinds = [False] * (now >> index & 1) + [True] * (index in ends)
-                fewest = [
-                    min(((one.mask & now & others).bit_count() for one in options(index, kind)), default=n)
-                    for kind in kinds
-                ]
-                in_way = max(in_way, *fewest)
-            return len(rest) + in_way
+            """About how many moves are left: of all that is to move, and of what must leave for that at least."""
+            rest, needed, done = [], 0, 0
+            for index, name in enumerate(names):
+                stands = now >> index & 1
+                if not now >> n + index & 1 and (name in waiting if stands else name in ends):
+                    rest.append(name)
+                    kinds = [False] * stands + [True] * (name in ends)
+                    for kind in kinds:
+                        needed |= fewest(name, kind, now)
+            while more := needed & ~done:
+                index = more.bit_length() - 1
+                done |= 1 << index
+                needed |= fewest(names[index], False, now)
+            return len(rest) + (needed & ~to_move).bit_count()
 
-        for weight in _WEIGHTS:
-            found = _best_first(start, moves, left_over, weight)
-            if found:
-                return found
-        return []
+        def fewest(name: str, at_end: bool, now: int) -> int:
+            """The smallest set of objects, where they stand, in the way of an object; all where it cannot be moved."""
+            masks = (one.mask & now & start for one in options(name, at_end))
+            return min(masks, key=int.bit_count, default=start)
 
-    def _hits_at_ends(self, final: Scene, name: str, grasps: Collection[GraspCandidate], among: int) -> list[int]:
-        """What grasps hit among objects at their ends, the object itself left out: masks."""
-        new = [grasp for grasp in grasps if grasp.key not in self._at_ends]
-        if new:
-            own = final.mask((name, *final.held_names))
-            hits = self.candidates.hits_among(final, name, new, among & ~own)
-            self._at_ends.update((grasp.key, int(mask)) for grasp, mask in zip(new, hits, strict=True))
-        return [self._at_ends[grasp.key] for grasp in grasps]
+        return next(filter(None, (_best_first(start, moves, left_over, weight) for weight in _WEIGHTS)), [])
 
 
-def _best_first(start: int, moves, left_over, weight: float) -> list[Step]:  # type: ignore[no-untyped-def]
+def is_under_shelf(scene: Scene, goal: Goal) -> bool:
+    """Whether the moves for a goal are ordered: all that it names is to stand somewhere, something under a shelf."""
+    if goal.order or goal.held or len(scene.robot.acting_arms) > 1:
+        return False
+    places = [(place_of(scene, fact), scene.body(fact.object)) for fact in goal.placed]
+    return any(
+        needs_drive(scene, body.foot)
+        or needs_drive(
+            scene, np.array([*(place.location if place.area is None else place.area.centre), place.face.top])
+        )
+        for place, body in places
+    )
+
+
+_Trail: TypeAlias = "tuple[Step, _Trail] | None"
+
+
+def _best_first(
+    start: int,
+    moves: Callable[[int, bool], Iterator[tuple[Step, int]]],
+    left_over: Callable[[int], int],
+    weight: float,
+) -> list[Step]:
     """The moves of a shortest way until none are left over, [] if none is found."""
-    count = itertools.count()
-    queue = [(weight * left_over(start), next(count), 0, start, None)]
-    done: set[int] = set()
-    expanded = 0
-    while queue and expanded < _EXPANSIONS:
+    count, done = itertools.count(), set[int]()
+    queue: list[tuple[float, int, int, int, _Trail]] = [(weight * left_over(start), 0, 0, start, None)]
+    while queue and len(done) < _EXPANSIONS:
         _, _, cost, now, trail = heapq.heappop(queue)
         if now in done:
             continue
+        done.add(now)
         if left_over(now) == 0:
             steps: list[Step] = []
             while trail is not None:
                 step, trail = trail
                 steps.insert(0, step)
             return steps
-        done.add(now)
-        expanded += 1
         for step, then in moves(now, trail is None):
             if then not in done:
-                heapq.heappush(
-                    queue, (cost + 1 + weight * left_over(then), -next(count), cost + 1, then, (step, trail))
-                )
+                # Of equally good ones the latest first: it is nearest to the end.
+                rank = cost + 1 + weight * left_over(then), -next(count)
+                heapq.heappush(queue, (*rank, cost + 1, then, (step, trail)))
     return []
