@@ -182,14 +182,11 @@ def is_under_shelf(scene: Scene, goal: Goal) -> bool:
     """Whether the moves for a goal are ordered: all that it names is to stand somewhere, something under a shelf."""
     if goal.order or goal.held or len(scene.robot.acting_arms) > 1:
         return False
-    places = [(place_of(scene, fact), scene.body(fact.object)) for fact in goal.placed]
-    return any(
-        needs_drive(scene, body.foot)
-        or needs_drive(
-            scene, np.array([*(place.location if place.area is None else place.area.centre), place.face.top])
-        )
-        for place, body in places
-    )
+    points = [scene.body(fact.object).foot for fact in goal.placed]
+    for place in (place_of(scene, fact) for fact in goal.placed):
+        middle = place.location if place.area is None else np.array(place.area.centre)
+        points += [] if middle is None else [np.append(middle, place.face.top)]
+    return any(needs_drive(scene, point) for point in points)
 
 
 _Trail: TypeAlias = "tuple[Step, _Trail] | None"
