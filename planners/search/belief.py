@@ -58,15 +58,12 @@ class Belief:
             levels[name] = _Level(grid, np.ones((*grid.shape, layers), np.bool_))
         return cls(target, levels)
 
-    def update(self, view: View, noise: float = 0.0) -> int:
-        """Clear what a view shows to be empty; the number of cells. `noise` [m] is that of its depth."""
+    def update(self, view: View, noise: float = 0.0) -> None:
+        """Clear what a view shows to be empty. `noise` [m] is that of its depth."""
         T_camera_world, cell = np.linalg.inv(view.T_world_camera), np.array((CELL, CELL, LAYER))
-        cleared = 0
         for level in self._levels.values():
             origin = np.array((level.grid.x0, level.grid.y0, level.grid.height))
-            margin = _MARGIN + 3 * noise
-            cleared += carve(level.is_unseen, origin, cell, view.depth, view.K, T_camera_world, margin)
-        return cleared
+            carve(level.is_unseen, origin, cell, view.depth, view.K, T_camera_world, _MARGIN + 3 * noise)
 
     def emptied(self, body: Body) -> float:
         """Share of the cells inside an object that have been seen to be empty: near 1 if it is no longer there."""
