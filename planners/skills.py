@@ -163,14 +163,7 @@ class SkillPlanner:
     ) -> tuple[BoundAction, ...] | SkillFailure:
         """The motions of a skill, as actions of the domain without symbols; a held object is put down first.
 
-        Args:
-            scene: where to start.
-            target: the object whose grasp must stay free.
-            skill: what to do.
-            rng: for sampling.
-
-        Raises:
-            UnknownObject: no object of that name.
+        What is put down keeps clear of the target's grasp. Raises `UnknownObject`.
         """
         motion_layer = MotionLayer(self.context, rng, self.compiled)
         done: tuple[BoundAction, ...] = ()
@@ -198,11 +191,7 @@ class SkillPlanner:
     def plan_through(
         self, scene: Scene, target: str, skill: Skill, rng: np.random.Generator
     ) -> tuple[BoundAction, ...] | SkillFailure:
-        """The plan by the least obstructed grasp, as if what is in its way were not there.
-
-        Raises:
-            UnknownObject: no object of that name.
-        """
+        """The plan by the least obstructed grasp, as if what is in its way were not there; raises `UnknownObject`."""
         in_the_way = self.in_the_way(scene, skill)
         others = tuple(body for body in scene.objects if body.name not in in_the_way)
         return self.plan(replace(scene, objects=others), target, skill, rng)
@@ -271,11 +260,7 @@ def _configurations(
 ) -> Iterator[tuple[Array, int]]:
     """Arm configurations at a contact and masks of what they hit; first those about the home configuration.
 
-    Args:
-        motion_layer, scene, contact: as for `plan_contact`.
-        gripper: (5,) x, y, z [m], yaw and pitch [rad] of the TCP.
-        body: the object where it is picked, or where it will stand.
-        opening: [m] of the open gripper around the object.
+    The gripper is at (5,) x, y, z [m], yaw and pitch [rad], the body where it is picked, or where it will stand.
     """
     world, chain = motion_layer.compiled.world(scene), motion_layer.context.arms[scene.robot.arm_name].chain
     poses, ignore = GripperPoses(np.array(contact.base)[None], gripper[None]), scene.mask({contact.object})

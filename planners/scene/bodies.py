@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull
 
-from planners.scene.solid import SceneError, Solid, frozen
+from planners.scene.solid import BOX_CORNERS, SceneError, Solid, frozen
 
 UPRIGHT_TILT = 0.17
 """[rad] An object tilted by less still counts as standing."""
@@ -145,6 +145,11 @@ class Body:
         points = self.corners[:, :2]
         return np.asarray(points[ConvexHull(points).vertices])
 
+    @property
+    def resting_directions(self) -> Array:
+        """(k, 3) in its own frame: what may point up when an object of pieces rests on a level plane."""
+        return _resting_directions(self.pieces, self.centre_of_mass or (0.0, 0.0, 0.0))
+
     def reach(self, direction: ArrayLike) -> float:
         """[m] from the centre to the farthest plane perpendicular to a world `direction` (3,) of unit length, that way.
 
@@ -196,8 +201,7 @@ class Body:
             return float(lying * half + standing * radius)
         if self.shape == "pieces":
             return float(np.linalg.norm(self.corners[:, :2] - self.position[:2], axis=1).max())
-        signs = np.array([(a, b, c) for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)], dtype=float)
-        corners = (signs * self.half_extents) @ self.rotation.T
+        corners = (BOX_CORNERS * self.half_extents) @ self.rotation.T
         return float(np.hypot(corners[:, 0], corners[:, 1]).max())
 
     @property
@@ -293,7 +297,7 @@ def up_axis(body: Body) -> Array:
     """The direction (3,) in the world, fixed to the object, that points up once it rests as it lies or stands now."""
     z_axis, up = body.rotation[:, 2], np.array((0.0, 0.0, 1.0))
     if body.shape == "pieces":
-        ups = _resting_directions(body) @ body.rotation.T
+        ups = body.resting_directions @ body.rotation.T
         return np.asarray(ups[ups[:, 2].argmax()])
     if body.shape == "cylinder" and abs(z_axis[2]) < math.sqrt(0.5):
         level = up - z_axis[2] * z_axis
@@ -311,7 +315,7 @@ def resting_ways(body: Body) -> tuple[Body, ...]:
         return (body,)
     x, y, z = np.eye(3)
     if body.shape == "pieces":
-        ups = _resting_directions(body)
+        ups = body.resting_directions
     else:
         ups = np.array([z, -z, *([up_axis(body) @ body.rotation] if body.shape == "cylinder" else [x, -x, y, -y])])
     return tuple(body.at_pose(with_up(body, up)) for up in ups @ body.rotation.T) or (body,)
@@ -351,7 +355,7 @@ def _resting_axes(body: Body, rotation: Array) -> Iterator[Array]:
     """
     axes = [rotation[:, 2], -rotation[:, 2]]
     if body.shape == "pieces":
-        axes = list(_resting_directions(body) @ rotation.T)
+        axes = list(body.resting_directions @ rotation.T)
     elif body.shape == "cylinder":
         lying = np.array((-rotation[2, 2], 0.0, rotation[0, 2]))
         axes += [lying, -lying]
@@ -381,18 +385,16 @@ def _between_pads(intervals: Array) -> float:
     return 2.0 * max((float(np.abs(one).max()) for one in around), default=0.0)
 
 
-def _resting_directions(body: Body) -> Array:
-    """Directions (k, 3), in the frame of an object, that may point up when it rests on a level plane.
-
-    The object's own z axis comes first if it stands on its bottom, then those of the largest faces of its hull.
-    """
-    return _resting_on_hull(body.pieces, body.centre_of_mass or (0.0, 0.0, 0.0))
-
-
 @lru_cache(maxsize=256)
-def _resting_on_hull(pieces: tuple[Solid, ...], middle: tuple[float, ...]) -> Array:
+def _resting_directions(pieces: tuple[Solid, ...], middle: tuple[float, ...]) -> Array:
+    """Directions (k, 3), in the frame of pieces, that may point up when they rest on a level plane.
+
+    The z axis comes first if they stand on their bottom, then those of the largest faces of the hull.
+    """
     hull = ConvexHull(np.concatenate([piece.corners for piece in pieces]))
-    normals, areas = hull.equations[:, :3], _triangle_areas(hull.points[hull.simplices])
+    normals, corners = hull.equations[:, :3], hull.points[hull.simplices]
+    sides = corners[:, 1:] - corners[:, :1]
+    areas = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / 2
     found: list[tuple[float, Array]] = []
     for normal in normals:
         is_same = normals @ normal > math.cos(_SAME_FACE)
@@ -405,9 +407,3 @@ def _resting_on_hull(pieces: tuple[Solid, ...], middle: tuple[float, ...]) -> Ar
             found.append((float(areas[is_same].sum()), -normal))
     found.sort(key=lambda one: (one[1][2] < math.cos(UPRIGHT_TILT), -round(one[0], 9)))
     return np.array([up for _, up in found]).reshape(-1, 3)
-
-
-def _triangle_areas(corners: Array) -> Array:
-    """[m²] of triangles (n, 3, 3)."""
-    one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    return np.asarray(np.linalg.norm(np.cross(one, other), axis=1) / 2)

@@ -22,7 +22,7 @@ LEVEL = 1e-6
 """Rounding of the entries of a rotation matrix: an axis this near to the vertical is vertical."""
 _SIDES = 24
 """Sides of the polygon around a round solid: its corners are 0.9% of the radius away from a circle."""
-_CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+BOX_CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 _AROUND = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
 """Corners of a rectangle, counter-clockwise."""
 
@@ -173,7 +173,7 @@ class Solid:
         if self.shape == "box" and self.is_axis_aligned:
             return np.asarray(_AROUND * self.half_extents[:2] + self.position[:2])
         if self.shape in ("box", "hull"):
-            corners = _CORNERS * self.half_extents if self.shape == "box" else self.vertices
+            corners = BOX_CORNERS * self.half_extents if self.shape == "box" else self.vertices
             points = self.position[:2] + corners @ self.rotation[:2].T
             return np.asarray(points[ConvexHull(points).vertices])
         angles = np.arange(_SIDES) * (2 * np.pi / _SIDES)
@@ -189,7 +189,7 @@ class Solid:
         if self.shape == "hull":
             local = self.vertices
         elif self.shape == "box":
-            local = _CORNERS * half
+            local = BOX_CORNERS * half
         elif self.shape == "cylinder":
             edge = _around((0.0,)) * ring
             local = np.concatenate([(edge + level) * half for level in ((0.0, 0.0, -1.0), (0.0, 0.0, 1.0))])

@@ -189,9 +189,11 @@ class Solution(Stored):
         """The plan in words, several lines: goal, what is put down and where, picks, length, times."""
         puts = [action for action in self.actions if action.is_clearance]
         wanted = f"takes {self.target}" if self.target else f"reaches {self.goal}"
-        lines = [f"Plan that {wanted}, made by strategy {self.strategy.name!r}"]
-        lines.append(f"{'Clearances' if self.target else 'Put down'}: {len(puts) or 'none'}")
-        lines += [f"  {number}. {_clearance(action)}" for number, action in enumerate(puts, start=1)]
+        lines = [
+            f"Plan that {wanted}, made by strategy {self.strategy.name!r}",
+            f"{'Clearances' if self.target else 'Put down'}: {len(puts) or 'none'}",
+            *(f"  {number}. {_clearance(action)}" for number, action in enumerate(puts, start=1)),
+        ]
         picks = {} if self.bound is None else {"Picks": f"{self.picks}; no plan has fewer than {self.bound.least}"}
         rows = {
             **picks,
