@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from planners.scene.bodies import Body, RobotState, Shape, pose_matrix
-from planners.scene.solid import SceneError, Solid
-from planners.scene.static_obstacle import FLOOR, StaticObstacle
+from planners.scene.solid import FLOOR, SceneError, Solid, StaticObstacle
 
 Array: TypeAlias = NDArray[np.float64]
 SolidT = TypeVar("SolidT", bound=Solid)

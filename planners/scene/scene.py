@@ -34,8 +34,7 @@ from planners.scene.mujoco_reading import (
     robot_state_of,
     static_obstacles_of,
 )
-from planners.scene.solid import SceneError
-from planners.scene.static_obstacle import FLOOR, StaticObstacle
+from planners.scene.solid import FLOOR, SceneError, StaticObstacle
 
 SUPPORT = "table_top"
 """Name of the support in the scenes of this package."""
