@@ -81,7 +81,6 @@ from planners.skills import (
     Skill as Skill,
     SkillFailure as SkillFailure,
     SkillPlanner as SkillPlanner,
-    plan_contact as plan_contact,
 )
 from planners.standing import standing_place as standing_place
 from planners.strategies import STRATEGIES as STRATEGIES, Strategy as Strategy, find_strategy as find_strategy
@@ -97,6 +96,5 @@ from planners.symbolic.problem import (
 )
 from planners.symbolic.transitions import applicable_actions as applicable_actions, apply_action as apply_action
 from planners.tamp.joint_trajectory import JointTrajectory as JointTrajectory
-from planners.tamp.motion_layer import MotionLayer as MotionLayer
 from planners.tamp.plan_file import PlanFileError as PlanFileError
 from planners.tamp.solution import BoundAction as BoundAction, Infeasible as Infeasible, Solution as Solution
