@@ -100,10 +100,9 @@ class Region:
         away = np.maximum(np.abs(self.local(points)) - self.half_extents, 0.0)
         return np.asarray(np.hypot(away[..., 0], away[..., 1]) < radius)
 
-    def contains(self, body: Body, margin: float = EDGE) -> bool:
-        """Whether the footprint of an object lies within it, but for `margin` [m]."""
-        half = np.array(self.half_extents) + margin
-        return bool((np.abs(self.local(footprint(body))) <= half).all())
+    def contains(self, body: Body) -> bool:
+        """Whether the footprint of an object lies within it, but for `EDGE`."""
+        return bool((np.abs(self.local(footprint(body))) <= np.array(self.half_extents) + EDGE).all())
 
     def touches(self, body: Body) -> bool:
         """Whether the footprint of an object overlaps it by more than `EDGE`."""

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from planners.goals import Region
 from planners.placing.negative_goal_region import SupportGrid, footprint_mask
-from planners.scene import Body, Scene, StaticObstacle
-from planners.search.belief import Belief
+from planners.scene import Body, Scene
+from planners.search.belief import Belief, beside
 from planners.search.sight import FIXED, Screens, between
 
 Array = NDArray[np.float64]
@@ -132,7 +132,8 @@ def spots(
         support, grid = scene.support_named(name), belief.grid(name)
         coarse = SupportGrid.over(support, _SPOT_SPACING).centres().reshape(-1, 2)
         taken = footprint_mask(grid, [one for one in others if one.top > support.top], around)
-        taken |= _narrow(grid, scene.static_obstacles, support, body, radius)
+        above = support.top + 2 * body.half_extents[2] + 0.02
+        taken |= beside(grid, scene.static_obstacles, support.top + 0.001, above, radius)
         unseen = belief.unseen(name)
         for x, y in coarse:
             inside = min(x - support.lower[0], support.upper[0] - x, y - support.lower[1], support.upper[1] - y)
@@ -154,16 +155,3 @@ def spots(
         if len(chosen) == _SPOTS:
             break
     return chosen
-
-
-def _narrow(
-    grid: SupportGrid, furniture: Sequence[StaticObstacle], support: StaticObstacle, body: Body, radius: float
-) -> NDArray[np.bool_]:
-    """Cells where an object would touch furniture beside or above the support."""
-    x, y = np.moveaxis(grid.centres(), -1, 0)
-    top, taken = support.top + 2 * body.half_extents[2] + 0.02, grid.empty()
-    for one in furniture:
-        if one.lower[2] < top and one.top > support.top + 0.001:
-            low, high = one.lower[:2] - radius, one.upper[:2] + radius
-            taken |= (x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1])
-    return taken

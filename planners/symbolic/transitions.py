@@ -10,6 +10,7 @@ that PDDL knows they rebind references: a fact about a path is dropped once that
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -127,15 +128,13 @@ def motion_facts(references: References, name: str, location: str) -> set[Atom]:
     }
 
 
-def next_location(state: SymbolicState, name: str, where: str = "table") -> str:
+def next_location(state: SymbolicState, name: str) -> str:
     """A symbol for a new place for object `name`: `table_loc_36`, `table_loc_36_2`, …"""
-    base = f"{where}_loc_{name.removeprefix('object_')}"
+    base = f"table_loc_{name.removeprefix('object_')}"
     taken = state.retired | {fact[3] for fact in state.facts if fact[0] == "isGrasp" and fact[2] != name}
     taken |= {fact[1] for fact in state.facts if fact[0] == "occupied"}
-    suffix = 1
-    while (symbol := base if suffix == 1 else f"{base}_{suffix}") in taken:
-        suffix += 1
-    return symbol
+    later = (f"{base}_{number}" for number in itertools.count(2))
+    return next(symbol for symbol in itertools.chain((base,), later) if symbol not in taken)
 
 
 class InapplicableActionError(ValueError):
