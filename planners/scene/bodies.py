@@ -29,6 +29,8 @@ _ON_FACE = 0.002
 """[m] that the centre of mass must be inside the edges of a face on which an object of several pieces rests."""
 _SAME_FACE = 0.02
 """[rad] Faces of a hull at a smaller angle count as one."""
+_FACES = np.array([(0, 0, 1), (0, 0, -1), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)], dtype=float)
+"""Directions out of the faces of a box, those of its z axis first; the first two are the ends of a cylinder."""
 _DIGITS = 3
 """Pitches are rounded to so many decimals [rad]: what remains is closed by the gap under the object."""
 
@@ -147,8 +149,10 @@ class Body:
 
     @property
     def resting_directions(self) -> Array:
-        """(k, 3) in its own frame: what may point up when an object of pieces rests on a level plane."""
-        return _resting_directions(self.pieces, self.centre_of_mass or (0.0, 0.0, 0.0))
+        """(k, 3) in its own frame: what may point up when it rests on a level plane; of a cylinder, standing."""
+        if self.shape == "pieces":
+            return _resting_directions(self.pieces, self.centre_of_mass or (0.0, 0.0, 0.0))
+        return _FACES if self.shape == "box" else _FACES[:2]
 
     def reach(self, direction: ArrayLike) -> float:
         """[m] from the centre to the farthest plane perpendicular to a world `direction` (3,) of unit length, that way.
@@ -295,15 +299,12 @@ class ParkedArm:
 
 def up_axis(body: Body) -> Array:
     """The direction (3,) in the world, fixed to the object, that points up once it rests as it lies or stands now."""
-    z_axis, up = body.rotation[:, 2], np.array((0.0, 0.0, 1.0))
-    if body.shape == "pieces":
-        ups = body.resting_directions @ body.rotation.T
-        return np.asarray(ups[ups[:, 2].argmax()])
+    z_axis = body.rotation[:, 2]
     if body.shape == "cylinder" and abs(z_axis[2]) < math.sqrt(0.5):
-        level = up - z_axis[2] * z_axis
+        level = np.array((0.0, 0.0, 1.0)) - z_axis[2] * z_axis
         return np.asarray(level / np.linalg.norm(level))
-    axis = 2 if body.shape == "cylinder" else int(np.abs(body.rotation[2]).argmax())
-    return np.asarray(body.rotation[:, axis] * np.sign(body.rotation[2, axis]))
+    ups = body.resting_directions @ body.rotation.T
+    return np.asarray(ups[ups[:, 2].argmax()])
 
 
 def resting_ways(body: Body) -> tuple[Body, ...]:
@@ -313,11 +314,9 @@ def resting_ways(body: Body) -> tuple[Body, ...]:
     """
     if body.is_upright:
         return (body,)
-    x, y, z = np.eye(3)
-    if body.shape == "pieces":
-        ups = body.resting_directions
-    else:
-        ups = np.array([z, -z, *([up_axis(body) @ body.rotation] if body.shape == "cylinder" else [x, -x, y, -y])])
+    ups = body.resting_directions
+    if body.shape == "cylinder":
+        ups = np.vstack((ups, up_axis(body) @ body.rotation))
     return tuple(body.at_pose(with_up(body, up)) for up in ups @ body.rotation.T) or (body,)
 
 
@@ -353,14 +352,10 @@ def _resting_axes(body: Body, rotation: Array) -> Iterator[Array]:
 
     The object's own z axis comes before the others: it stands if it can.
     """
-    axes = [rotation[:, 2], -rotation[:, 2]]
-    if body.shape == "pieces":
-        axes = list(body.resting_directions @ rotation.T)
-    elif body.shape == "cylinder":
+    axes = [*(body.resting_directions @ rotation.T)]
+    if body.shape == "cylinder":
         lying = np.array((-rotation[2, 2], 0.0, rotation[0, 2]))
         axes += [lying, -lying]
-    else:
-        axes += [rotation[:, 0], -rotation[:, 0], rotation[:, 1], -rotation[:, 1]]
     for axis in axes:
         if abs(axis[1]) < math.sin(UPRIGHT_TILT) and math.hypot(axis[0], axis[2]) > math.sin(UPRIGHT_TILT):
             yield axis

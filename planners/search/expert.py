@@ -255,16 +255,16 @@ class SearchExpert:
                 self._note(f"look from ({step.base[0]:.2f}, {step.base[1]:.2f}), gain {step.gain:.2f}", places)
                 yield from self._go(step)
             else:
-                name, goal, actions = step
+                name, actions = step
                 self._note(f"move {name}", places)
                 self._attempted.append(name)
-                yield from self._carry_out(actions, goal, name)
+                yield from self._put_aside(name, actions)
             yield from self._look([name for name, cells in places.items() if cells.any()])
         self._end("gave up: too many steps")
 
     def _next(
         self, scene: Scene, places: Mapping[str, NDArray[np.bool_]], refused: set[str], target: Seen | None
-    ) -> Viewpoint | tuple[str, Goal, tuple[BoundAction, ...]] | None:
+    ) -> Viewpoint | tuple[str, tuple[BoundAction, ...]] | None:
         """The view or the move that reveals most per second; None if there is none."""
         prospect = Prospect(self._belief, dict(places), scene)
         views = [one for one in self._viewpoints(scene, prospect) if _key(one) not in refused]
@@ -274,10 +274,11 @@ class SearchExpert:
         best = max(useful, key=lambda one: one.rate, default=None)
         if best is None or best.rate < worth / _MOVE_SECONDS:
             for name in names[:_TRIED]:
-                planned = self._planned_move(scene, name, prospect, eyes)
-                if planned is not None:
-                    refused.clear()
-                    return planned
+                for region in spots(scene, scene.body(name), self._belief, prospect, eyes, self._rng):
+                    outcome = self._solved(replace(scene, regions=(region,)), inside(name, region.name))
+                    if isinstance(outcome, Solution) and outcome.actions:
+                        refused.clear()
+                        return name, outcome.actions
         if best is not None:
             refused.add(_key(best))
         return best
@@ -304,17 +305,6 @@ class SearchExpert:
         order = sorted((name for name in names if best[name] > 0), key=lambda name: -best[name] * again[name])
         return order, best[order[0]] if order else 0.0
 
-    def _planned_move(
-        self, scene: Scene, name: str, prospect: Prospect, eyes: Sequence[Array]
-    ) -> tuple[str, Goal, tuple[BoundAction, ...]] | None:
-        """A plan that puts an object where it hides nothing unknown, None if none is found."""
-        for region in spots(scene, scene.body(name), self._belief, prospect, eyes, self._rng):
-            goal, wanted = inside(name, region.name), replace(scene, regions=(region,))
-            outcome = self._planner.solve(wanted, goal, "lookahead", self._rng)
-            if isinstance(outcome, Solution) and outcome.actions:
-                return name, goal, outcome.actions
-        return None
-
     def _take(self, name: str) -> Actions:
         """Take the target; whether it is held in the end."""
         looks = 0
@@ -325,10 +315,8 @@ class SearchExpert:
             if isinstance(outcome, Infeasible):
                 self.report.deviations.append(f"{outcome.cause}: {outcome.detail}")
                 return False
-            view = (
-                self._view_of_unseen(outcome.actions, name) if self._order == "expected" and looks < _RETRIES else None
-            )
-            if view is not None:
+            may_look = self._order == "expected" and looks < _RETRIES
+            if may_look and (view := self._view_of_unseen(outcome.actions, name)) is not None:
                 looks += 1
                 self._note("look at what is on the way to the target", self._places())
                 yield from self._go(view)
@@ -345,7 +333,7 @@ class SearchExpert:
                 return False
         return False
 
-    def _carry_out(self, actions: tuple[BoundAction, ...], goal: Goal, name: str) -> Actions:
+    def _put_aside(self, name: str, actions: tuple[BoundAction, ...]) -> Actions:
         """Follow a plan; after a deviation plan again from where things are believed to be."""
         regions = actions[0].scene.regions
         for _ in range(_RETRIES):
@@ -353,7 +341,7 @@ class SearchExpert:
                 return
             if self._held is None or self._held.name != name:
                 break
-            outcome = self._solved(replace(self._scene(), regions=regions), goal)
+            outcome = self._solved(replace(self._scene(), regions=regions), inside(name, regions[0].name))
             if isinstance(outcome, Infeasible):
                 break
             actions = outcome.actions
@@ -364,7 +352,7 @@ class SearchExpert:
         scene, places = self._scene(), self._places()
         prospect = Prospect(self._belief, places, scene)
         feet, room = prospect.points[:, 0], MAX_OBJECTS - len(scene.objects)
-        away = feet - actions[-1].scene.body(name).position
+        away = feet - scene.body(name).position
         # Something of the target's height is taken to stand at these places, those near the target first.
         chosen: list[int] = []
         for index in np.argsort(np.hypot(*away[:, :2].T), kind="stable"):
