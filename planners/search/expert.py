@@ -500,7 +500,7 @@ class SearchExpert:
         self.report.belief_s.append(time.process_time() - started)
         known = tuple(one for one in self._known if self._belief.emptied(one.body) < _GONE)
         for view in views:
-            known = perceive(view, known, self._supports, self._target)
+            known = perceive(view, known, self._supports, self._target, self._held.name if self._held else "")
         self._known = known
 
     def _view(self, camera: str) -> View:

@@ -123,11 +123,12 @@ class Seen:
 
 
 def perceive(
-    view: View, known: Sequence[Seen], supports: Sequence[StaticObstacle], target: Description
+    view: View, known: Sequence[Seen], supports: Sequence[StaticObstacle], target: Description, held: str = ""
 ) -> tuple[Seen, ...]:
     """The known objects, in their present places, with what a view adds to them, and those that it shows as the first.
 
-    A mask belongs to the known object in which most of its points lie. One that covers several objects is left out.
+    A mask belongs to the known object in which most of its points lie. One that covers several objects is left out. Two
+    parts of the target become one, where its place is known by then; but what is held keeps its name.
     """
     found = {one.name: one for one in known}
     count = max((int(one.name.rpartition("_")[2]) for one in known), default=-1) + 1
@@ -150,6 +151,9 @@ def perceive(
         else:
             name, count = f"seen_{count:02d}", count + 1
         body, sigma = fit_upright(name, points, supports, target if is_target else None)
+        for part in [one for one in found.values() if one.is_target and is_target and one.name not in (name, held)]:
+            if _inside(body, part.points).mean() >= _SHARED:
+                del found[part.name]
         found[name] = Seen(body, points, colour, sigma, is_target)
     return tuple(found.values())
 

@@ -169,7 +169,9 @@ class TaskProblem:
         Raises:
             SymbolError: a fact that the domain does not know, or a name PDDL cannot hold.
         """
-        objects = "\n".join(f"    {' '.join(names)} - {kind}" for kind, names in sorted(self._symbols().items()))
+        kinds = self._kinds()
+        by_kind = {kind: sorted(one for one in kinds if kinds[one] == kind) for kind in sorted({*kinds.values()})}
+        objects = "\n".join(f"    {' '.join(names)} - {kind}" for kind, names in by_kind.items())
         facts = "\n".join(f"    {format_atom(fact)}" for fact in sorted(self.state.facts))
         wanted = " ".join(format_atom(fact) for fact in sorted(self.goals))
         wanted = wanted if len(self.goals) == 1 else f"(and {wanted})"
@@ -178,7 +180,8 @@ class TaskProblem:
             f"  (:objects\n{objects})\n  (:init\n{facts})\n  (:goal {wanted}))\n"
         )
 
-    def _symbols(self) -> dict[str, list[str]]:
+    def _kinds(self) -> dict[str, str]:
+        """The type of every symbol."""
         kinds: dict[str, str] = {}
         known = _argument_types()
         for predicate, *arguments in (*self.state.facts, *self.goals):
@@ -190,10 +193,7 @@ class TaskProblem:
                     raise SymbolError(f"{symbol!r} is no PDDL name: lower-case letters, digits, _ and - only")
                 if kinds.setdefault(symbol, kind) != kind:
                     raise SymbolError(f"{symbol!r} is used both as {kinds[symbol]} and as {kind}")
-        by_kind: dict[str, list[str]] = defaultdict(list)
-        for symbol in sorted(kinds):
-            by_kind[kinds[symbol]].append(symbol)
-        return by_kind
+        return kinds
 
 
 class GroundAction(NamedTuple):
