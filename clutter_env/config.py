@@ -7,8 +7,7 @@ from dataclasses import dataclass, fields
 from numbers import Real
 from typing import Any
 
-from assets import InvalidRobot, RobotSpec, UnknownRobot
-from assets import robot as find_robot
+from assets import InvalidRobot, RobotSpec, UnknownRobot, robot as find_robot
 from clutter_env.errors import ConfigError, check_choice, check_integer
 from clutter_env.scene.layout import Layout, find_layout
 from clutter_env.scene.object_sets import OBJECT_SETS, SHAPE_SETS, ObjectSet, capacity, slot_shapes
@@ -188,10 +187,6 @@ class EnvConfig:
             return robot if self.base == "holonomic" else getattr(robot, self.base)()
         except (UnknownRobot, InvalidRobot) as problem:
             raise ConfigError(f"robot: {problem}") from None
-
-    def keywords(self) -> dict[str, Any]:
-        """The keyword arguments again, layout and robot as they were given."""
-        return {entry.name: getattr(self, entry.name) for entry in fields(self)}
 
     @classmethod
     def from_keywords(cls, keywords: dict[str, Any]) -> EnvConfig:

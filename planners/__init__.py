@@ -14,13 +14,14 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from planners.face import *  # noqa: F403  its __all__ says what
-    from planners.face import __all__ as __all__
+    from planners.face import *  # noqa: F403  it holds nothing else
 
 
 def __getattr__(name: str) -> Any:
     """A name of `planners.face`; modules of this package are left to the import system."""
-    if name != "__all__" and (name.startswith("_") or find_spec(f"{__name__}.{name}")):
+    if name == "__all__":
+        return __dir__()
+    if name.startswith("_") or find_spec(f"{__name__}.{name}"):
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     found = getattr(import_module("planners.face"), name)
     globals()[name] = found
@@ -29,4 +30,4 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     """The names of the package."""
-    return sorted({*globals(), *import_module("planners.face").__all__})
+    return [name for name in dir(import_module("planners.face")) if not name.startswith("_")]

@@ -48,7 +48,7 @@ class Arguments(table.Arguments):
     arms: bool = False
     """Add rows with two arms instead: for a robot with two."""
     out: Path = Path("outputs/ablations")
-    """Directory of trials.jsonl, table.json, table.md and images/table.png."""
+    """Directory of trials.jsonl, table.json and table.md."""
 
 
 def main(arguments: tyro.conf.OmitArgPrefixes[Arguments]) -> None:

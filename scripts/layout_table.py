@@ -40,8 +40,7 @@ def main(arguments: tyro.conf.OmitArgPrefixes[Arguments]) -> None:
     name, rows = arguments.strategies[0], []
     for layout in arguments.layouts:
         made = Trials(replace(arguments, strategies=(name,), layout=layout, out=arguments.out / layout))
-        if not arguments.report_only:
-            made.run()
+        made.run()
         for objects in arguments.objects:
             if attempts := made.attempts(objects, name):
                 rows.append([layout, str(objects), *layout_cells(attempts, made.floors(objects))])

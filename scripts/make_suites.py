@@ -43,6 +43,8 @@ class SuitePlan:
     keywords: dict[str, Any] = field(default_factory=dict)
     clearances: int = 1
     """Only scenes with a proved lower bound of at least so many clearances for side grasps; 0: all scenes."""
+    is_solvable: bool = False
+    """Only scenes with a lower bound for grasps of all kinds: some objects of pieces are out of reach on the table."""
     task: str = ""
     """Of Rearrange; "" for Retrieve."""
     is_hidden: bool = False
@@ -70,6 +72,7 @@ class SuitePlan:
 
 _BLOCKED = {"obstructed": True}
 _IN_SHELF, _DENSE = {"layout": "shelf", **_BLOCKED}, {"layout": "dense", **_BLOCKED}
+_KINDS, _HOUSEHOLD = {"object_set": "household"}, "household objects of twelve kinds"
 _HIDDEN = "a target that no camera sees"
 PLANS = (
     SuitePlan("side-15-v2", "15 objects on the paper's table, an obstructed target", 15, _BLOCKED),
@@ -93,6 +96,10 @@ PLANS = (
         "hidden-cabinet-12-v1", f"12 objects in the cabinet, {_HIDDEN}", 12, {"layout": "cabinet"}, 0, is_hidden=True
     ),
     SuitePlan("hidden-shelf-16-v1", f"16 objects in the shelf, {_HIDDEN}", 16, {"layout": "shelf"}, 0, is_hidden=True),
+    SuitePlan("household-15-v1", f"15 {_HOUSEHOLD} on the paper's table", 15, _KINDS, 0, is_solvable=True),
+    SuitePlan(
+        "household-shelf-10-v1", f"10 {_HOUSEHOLD} in the shelf", 10, {"layout": "shelf", **_KINDS}, 0, is_solvable=True
+    ),
 )
 """All suites. Their seeds follow from their places in this list: append, never insert."""
 NAMES = tuple(plan.name for plan in PLANS)
@@ -110,6 +117,7 @@ class _Job(NamedTuple):
     env_id: str
     keywords: tuple[tuple[str, Any], ...]
     clearances: int
+    is_solvable: bool
     seed: int
 
 
@@ -197,7 +205,7 @@ def _scenes(plan: SuitePlan, first: int, wanted: int, workers: int, tick: Callab
     expected = first
     keywords = tuple(plan.env_keywords.items())
     seeds = range(first, first + SEEDS_PER_SPLIT)
-    jobs = (_Job(plan.env_id, keywords, plan.clearances, seed) for seed in seeds)
+    jobs = (_Job(plan.env_id, keywords, plan.clearances, plan.is_solvable, seed) for seed in seeds)
     for job, result in run_jobs(_entry, jobs, workers):
         if isinstance(result, Crash | Killed):
             raise RuntimeError(f"seed {job.seed} of suite {plan.name}: {result}")
@@ -229,6 +237,8 @@ def _entry(job: _Job) -> dict[str, Any] | None:
         floor = found[f"floor_{grasps}"] = search_floor(env, info, grasps)
         if grasps == "side" and job.clearances and not (floor.is_proved and (floor.count or 0) >= job.clearances):
             return None
+    if job.is_solvable and found["floor_all"].count is None:
+        return None
     counts = [floor.count for floor in found.values() if floor.count is not None]
     return {
         "seed": job.seed,

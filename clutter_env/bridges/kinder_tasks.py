@@ -70,11 +70,15 @@ class KinderTask:
         robot = tidybot(start["robot"])
         model = insert_robot(start["xml"], robot, without=[_PREFIX + "base_link"])
         theirs = start["joints"]
-        self._theirs = np.array([theirs[_PREFIX + name] for name in _names(robot)])
+        names = ["joint_x", "joint_y", "joint_th", *robot.drive_joints[4:]]  # theirs, in our order, the lift aside
+        self._theirs = np.array([theirs[_PREFIX + name] for name in names])
         self._driver = theirs[_PREFIX + "left_driver_joint"]
         self._ours = np.array([model.joint(name).qposadr[0] for name in robot.drive_joints])
         self._fingers = [model.joint(name).qposadr[0] for name in robot.finger_joints]
-        self._robot, self._others = robot, [(theirs[name], *_addresses(model, name)) for name in _shared(model, theirs)]
+        shared = [name for name in theirs if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) >= 0]
+        joints = [(theirs[name], model.joint(name)) for name in shared]
+        self._others = [(start, int(joint.qposadr[0]), 7 if int(joint.type[0]) == 0 else 1) for start, joint in joints]
+        self._robot = robot
         self._wanted = np.array(start["qpos"])[self._theirs]
         self._qpos, self._state = model.qpos0.copy(), np.array(start["qpos"])
         anchors = set(start["anchors"].values())
@@ -138,22 +142,6 @@ def tidybot(file: str) -> RobotSpec:
     made.parent.mkdir(parents=True, exist_ok=True)
     made.write_text(text, encoding="utf-8")
     return RobotSpec.from_mjcf(made, **page, name="tidybot", home=_HOME, grasp_height=0.03)
-
-
-def _names(robot: RobotSpec) -> list[str]:
-    """Of KinDER's joints, in our order, the lift aside."""
-    return ["joint_x", "joint_y", "joint_th", *robot.drive_joints[4:]]
-
-
-def _shared(model: mujoco.MjModel, theirs: dict[str, int]) -> list[str]:
-    """Names of the joints that are not the robot's."""
-    return [name for name in theirs if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) >= 0]
-
-
-def _addresses(model: mujoco.MjModel, name: str) -> tuple[int, int]:
-    """Of a joint in `qpos`, and how many numbers it has there."""
-    joint = model.joint(name)
-    return int(joint.qposadr[0]), 7 if int(joint.type[0]) == 0 else 1
 
 
 def _region(scene: Scene, name: str, boxes: Array, facts: list[list[str]]) -> Region:

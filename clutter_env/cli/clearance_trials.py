@@ -14,12 +14,11 @@ from typing import TYPE_CHECKING, Any, Literal
 import gymnasium as gym
 import numpy as np
 
-from assets import RobotSpec
-from assets import robot as find_robot
+from assets import RobotSpec, robot as find_robot
 from clutter_env.config import EnvConfig
 from clutter_env.errors import UsageError
 from clutter_env.parallel import Crash, Killed, run_jobs
-from clutter_env.reporting.files import JsonLines
+from clutter_env.reporting.files import JsonLines, changes
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.layout import TABLE, find_layout, supports_of
 from clutter_env.scene.object_sets import MAX_OBJECTS
@@ -44,8 +43,6 @@ ASSESSMENT = "floor"
 """In place of a strategy: compute the lower bound of the scene."""
 CRASH = "crash"
 """Cause of a trial that ended in an exception or a dead process; it says nothing about the strategy."""
-NOT_CLEAN = "lifted, but not clean"
-"""Cause of the failure of an episode in which the target was lifted and an object had fallen or been disturbed."""
 _SAME_SETTINGS = ("layout", "physics", "control_mode", "time_limit", "grasps", "supports", "robot")
 """Arguments that all trials in one file have in common."""
 _WARM_UP_SEED = 99_999
@@ -72,10 +69,6 @@ class Variant:
     strategy: Strategy
     planner: Mapping[str, Any] = field(default_factory=dict)
     all_arms: bool = False
-
-    def robot(self, robot: RobotSpec) -> RobotSpec:
-        """The robot that a table's `robot` becomes."""
-        return robot.with_all_arms() if self.all_arms else robot
 
 
 @dataclass(frozen=True)
@@ -171,14 +164,14 @@ def _assess(trial: Trial) -> Record:
     floor = planner.clearance_floor(scene, target)
     total_s = time.process_time() - before
     side = floor if planner.grasps == "side" else replace(planner, grasps="side").clearance_floor(scene, target)
-    assessed = Record(*trial.key, cause=floor.cause, total_s=total_s)
-    return replace(assessed, floor=floor.count, proved=floor.proved, side_floor=side.count)
+    return Record(*trial.key, floor.cause, "", total_s, floor.count, floor.proved, side.count)
 
 
 def _solve(trial: Trial, variant: Variant) -> Record:
+    # Plans of several arms are made in the scene of the robot with one, since it decides what counts as obstructed.
     _, planner, scene, target = _scene(trial)
     rng = np.random.default_rng(trial.seed)
-    planner = replace(planner, robot=variant.robot(planner.robot), **variant.planner)
+    planner = replace(planner, robot=_robot(trial.arguments, variant), **variant.planner)
     scene = replace(scene, robot=planner.robot)
     outcome = planner.solve(scene, target, variant.strategy, rng, trial.arguments.time_limit)
     stats = outcome.stats
@@ -199,14 +192,13 @@ def _solve(trial: Trial, variant: Variant) -> Record:
 
 
 def _execute(trial: Trial, variant: Variant) -> Record:
-    """Let the expert execute its plans in physics."""
     env, planner, _, target = _scene(trial, variant)
     config = ExpertConfig(planning_s=trial.arguments.time_limit, with_floor=False)
     expert = TampExpert(env, variant.strategy, planner=replace(planner, **variant.planner), config=config)
     expert.reset(target)
     info, lifted = let_act(expert, env)
     report, solved = expert.report, bool(info["is_success"])
-    failure = NOT_CLEAN if lifted and not solved else report.failure or "no success in time"
+    failure = "lifted, but not clean" if lifted and not solved else report.failure or "no success in time"
     return Record(
         *trial.key,
         # The kind of a failure, without the details of the single case after a colon or a semicolon.
@@ -252,20 +244,20 @@ def base_moves(solution: Solution) -> int:
 
 
 def _scene(trial: Trial, variant: Variant | None = None) -> tuple[gym.Env, Planner, Scene, str]:
-    """The environment after its reset, the planner, the scene and its target; with a variant, its robot in the scene.
-
-    Plans of several arms are made in the scene of the robot with one, since it decides what counts as obstructed.
-    """
+    """The environment after its reset, the planner, the scene and its target; a variant's robot if there is one."""
     arguments = trial.arguments
-    robot = find_robot(arguments.robot)
-    robot = variant.robot(robot) if variant else robot
-    env = _environment(trial.objects, arguments.layout, arguments.control_mode, robot)
+    env = _environment(trial.objects, arguments.layout, arguments.control_mode, _robot(arguments, variant))
     _, info = env.reset(seed=trial.seed)
     inner: Any = env.unwrapped
     scene = Scene.from_mujoco(inner.model, inner.data, inner.robot)
     follower = inner.tcp_follower() if arguments.control_mode == "ee" else None
     planner = Planner(inner.robot, follower=follower, grasps=arguments.grasps, supports=support_names(arguments))
     return env, planner, scene, info["target"]
+
+
+def _robot(arguments: Arguments, variant: Variant | None) -> RobotSpec:
+    robot = find_robot(arguments.robot)
+    return robot.with_all_arms() if variant and variant.all_arms else robot
 
 
 @cache
@@ -306,7 +298,6 @@ class Trials:
     Args:
         arguments: numbers of objects, scenes, and the settings of all trials.
         more: rows by name besides the strategies of the arguments; all are compared with the first strategy.
-        name: of the file in the output directory; one that exists is continued.
 
     Raises:
         UsageError: a number that is not valid, an unknown support, or a file that was begun with other settings.
@@ -314,9 +305,7 @@ class Trials:
         UnknownStrategy: no such strategy.
     """
 
-    def __init__(
-        self, arguments: Arguments, more: Mapping[str, Variant] | None = None, name: str = "trials.jsonl"
-    ) -> None:
+    def __init__(self, arguments: Arguments, more: Mapping[str, Variant] | None = None) -> None:
         self.arguments = arguments
         self.variants = {name: Variant(find_strategy(name)) for name in arguments.strategies} | dict(more or {})
         if not (arguments.objects and self.variants):
@@ -331,28 +320,24 @@ class Trials:
             if value < 1:
                 raise UsageError(f"--{option} {value} is not valid; it must be at least 1")
         support_names(arguments)
-        # Of two records of one trial, as after --retry-crashes, the later one is valid.
         self._known: dict[tuple[int, int, str], Record] = {}
-        self._file = JsonLines(arguments.out / name)
+        self._file = JsonLines(arguments.out / "trials.jsonl")
         self.settings = {name: getattr(arguments, name) for name in _SAME_SETTINGS}
         self.settings["supports"] = " ".join(arguments.supports)
         if not self._file.values:
             self._file.append(self.settings)
         header, *rows = self._file.values
-        if different := [
-            f"{name}: {header.get(name)!r} there, {value!r} now"
-            for name, value in self.settings.items()
-            if header.get(name) != value
-        ]:
+        if different := changes(header, self.settings):
             raise UsageError(
-                f"{arguments.out / name} holds trials of other settings ({'; '.join(different)}); choose another --out"
+                f"{arguments.out} holds trials of other settings ({'; '.join(different)}); choose another --out"
             )
         for row in rows:
             values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in row.items()}
-            self._keep(Record(**values))
+            if values["cause"] != CRASH:  # those are tried again
+                self._keep(Record(**values))
 
     def run(self) -> None:
-        """Make all trials that are not in the file yet, in parallel; with `retry_crashes` those that crashed too."""
+        """Make all trials that are not in the file yet, in parallel."""
         arguments = self.arguments
         print(f"first each of {arguments.workers} processes loads or compiles the planner's kernels and maps")
         for objects in arguments.objects:
@@ -367,7 +352,7 @@ class Trials:
             for seed in self.seeds(objects)
             for name, variant in self.variants.items()
         ]
-        todo = [trial for trial in trials if self._is_missing(trial.key)]
+        todo = [trial for trial in trials if trial.key not in self._known]
         causes: Counter[str] = Counter()
         done = len(trials) - len(todo)
         seconds = len(todo) * (_EPISODE_S if arguments.physics else _SOLVE_S) / arguments.workers
@@ -418,7 +403,7 @@ class Trials:
             if seed - first >= scenes * _RESETS_PER_SCENE:
                 logger.warning("too few obstructed scenes with %d objects: stopped at seed %d", objects, seed)
                 return
-            if self._is_missing((objects, seed, ASSESSMENT)):
+            if (objects, seed, ASSESSMENT) not in self._known:
                 yield seed
 
     def _make(self, trials: Iterable[Trial]) -> Iterator[Record]:
@@ -426,13 +411,8 @@ class Trials:
         arguments = self.arguments
         limit_s = arguments.time_limit * (_EPISODE_LIMITS if arguments.physics else _SOLVE_LIMITS)
         for trial, result in run_jobs(run_trial, trials, arguments.workers, limit_s):
-            if isinstance(result, Crash):
-                result = Record(*trial.key, cause=CRASH, detail=result.detail)
-            elif isinstance(result, Killed):
-                result = Record(*trial.key, cause="killed", detail=f"did not end within {result.seconds:.0f} s")
+            if isinstance(result, Crash | Killed):
+                cause = CRASH if isinstance(result, Crash) else "killed"
+                result = Record(*trial.key, cause=cause, detail=result.detail)
             self.add(result)
             yield result
-
-    def _is_missing(self, key: tuple[int, int, str]) -> bool:
-        record = self._known.get(key)
-        return record is None or (self.arguments.retry_crashes and record.cause == CRASH)

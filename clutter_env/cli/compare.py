@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Literal
 from clutter_env.cli.main import command_line
 
 if TYPE_CHECKING:
-    from clutter_env.evaluation.scenes import SceneSet
     from clutter_env.evaluation.tables import Row
 
 WHEN_INTERRUPTED = "run the same command again to go on"
@@ -83,43 +82,20 @@ def run(arguments: Arguments) -> None:
 
 def play(arguments: Arguments) -> list[Row]:
     """Play what has not been played; the rows of the table."""
+    from clutter_env.errors import LearningError
     from clutter_env.evaluation.compare import Comparison, compare
     from clutter_env.evaluation.evaluate import EPISODE_S, ResultRecords
-    from clutter_env.reporting.progress import progress_bar
-
-    comparison = Comparison(
-        scene_sets=scene_sets(arguments),
-        policies=arguments.policies,
-        seed=arguments.seed,
-        feasibility=arguments.feasibility,
-        trust=arguments.trust,
-    )
-    records = ResultRecords(arguments.out / "results.jsonl")
-    count = comparison.num_episodes
-    with progress_bar(total=count, unit="episode", seconds=EPISODE_S * count / arguments.workers) as bar:
-        return compare(
-            comparison,
-            records,
-            workers=arguments.workers,
-            ray=arguments.ray,
-            count_crashes=arguments.count_crashes,
-            tick=bar.update,
-        )
-
-
-def scene_sets(arguments: Arguments) -> list[SceneSet]:
-    """The sets of scenes that the arguments name.
-
-    Raises:
-        LearningError: they name none, or a number of scenes that there is not.
-        SuiteError: no such suite.
-    """
-    from clutter_env.errors import LearningError
     from clutter_env.evaluation.scenes import SceneSet
+    from clutter_env.reporting.progress import progress_bar
 
     if not arguments.suites and not arguments.envs:
         raise LearningError("name scenes: --suites, or --envs with --obstructed and --scenes; or --files of results")
     obstructed = True if arguments.obstructed == 1 else arguments.obstructed or False
-    of_suites = [SceneSet(name, arguments.split, count=arguments.scenes) for name in arguments.suites]
     count = 50 if arguments.scenes is None else arguments.scenes
-    return of_suites + [SceneSet(env_id=name, obstructed=obstructed, count=count) for name in arguments.envs]
+    sets = [SceneSet(name, arguments.split, count=arguments.scenes) for name in arguments.suites]
+    sets += [SceneSet(env_id=name, obstructed=obstructed, count=count) for name in arguments.envs]
+    comparison = Comparison(sets, arguments.policies, arguments.seed, arguments.feasibility, arguments.trust)
+    records, total = ResultRecords(arguments.out / "results.jsonl"), comparison.num_episodes
+    chosen = {name: getattr(arguments, name) for name in ("workers", "ray", "count_crashes")}
+    with progress_bar(total=total, unit="episode", seconds=EPISODE_S * total / arguments.workers) as bar:
+        return compare(comparison, records, tick=bar.update, **chosen)

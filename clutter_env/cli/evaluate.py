@@ -55,18 +55,10 @@ def run(arguments: Arguments) -> None:
 
     scenes = SceneSet(arguments.suite, arguments.split, count=arguments.scenes)
     count = len(scenes.scenes)
+    names = ("seed", "feasibility", "trust", "workers", "ray", "count_crashes")
+    chosen = {name: getattr(arguments, name) for name in names}
     with progress_bar(total=count, unit="episode", seconds=EPISODE_S * count / arguments.workers) as bar:
-        evaluation = evaluate(
-            arguments.policy,
-            scenes,
-            seed=arguments.seed,
-            feasibility=arguments.feasibility,
-            trust=arguments.trust,
-            workers=arguments.workers,
-            ray=arguments.ray,
-            count_crashes=arguments.count_crashes,
-            tick=bar.update,
-        )
+        evaluation = evaluate(arguments.policy, scenes, tick=bar.update, **chosen)
     content, row = results(evaluation), summarise(arguments.policy, [evaluation])
     print(markdown([row]))
     if evaluation.floors:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from contextlib import ExitStack, closing
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,17 +18,7 @@ from clutter_env.cli.clearance_trials import Trials, let_act
 from clutter_env.errors import RenderingUnavailable, UsageError
 from clutter_env.rendering.film import Film
 from clutter_env.reporting.progress import progress_bar, shown_compilation
-from planners import (
-    EpisodeReport,
-    GroundAction,
-    Infeasible,
-    Planner,
-    Scene,
-    Solution,
-    TampExpert,
-    format_plan,
-    warmup,
-)
+from planners import EpisodeReport, GroundAction, Infeasible, Planner, Scene, Solution, TampExpert, format_plan, warmup
 
 if TYPE_CHECKING:
     from clutter_env.cli.episode import Arguments
@@ -44,20 +35,6 @@ _FACTS = 8
 """Maximum number of new facts printed for one replanning step."""
 
 
-@dataclass(frozen=True)
-class Played:
-    """One episode that has been played: the first plan, or the reason why there is none.
-
-    `is_success` and `lifted` are what the environment says; a lifted target is clean success if nothing else moved.
-    """
-
-    seed: int
-    plan: Solution | Infeasible
-    report: EpisodeReport
-    is_success: bool
-    lifted: bool
-
-
 def show_one(arguments: Arguments) -> dict[str, Any]:
     """Find a scene, plan, execute, draw, and print one episode; the results as JSON values.
 
@@ -66,24 +43,17 @@ def show_one(arguments: Arguments) -> dict[str, Any]:
     """
     mode = {"viewer": "human", "film": "rgb_array"}.get(arguments.display)
     task: dict[str, Any] = {"task": arguments.task} if arguments.task else {}
-    env = gym.make(
-        arguments.environment,
-        robot=arguments.robot,
-        layout=arguments.layout,
-        control_mode=arguments.control_mode,
-        render_mode=mode,
-        disable_env_checker=True,
-        **task,
-    )
+    keywords = {name: getattr(arguments, name) for name in ("robot", "layout", "control_mode")}
+    env = gym.make(arguments.environment, render_mode=mode, disable_env_checker=True, **keywords, **task)
     inner: Any = env.unwrapped
     _log("loading the planner; its first run on a machine compiles kernels, which takes about a minute")
     started = time.perf_counter()
     with shown_compilation():
         warmup(inner.robot)
-    seed, scene, goal = _find_scene(arguments, env)
+    seed, goal = _find_scene(arguments, env)
     _log(f"ready after {time.perf_counter() - started:.0f} s\n")
     where = f"{arguments.environment}, robot {arguments.robot}, layout {arguments.layout}, grasp set {arguments.grasps}"
-    _log(f"{where}, seed {seed}: {goal if arguments.task else f'take {goal} out of {len(scene.objects)} objects'}")
+    _log(f"{where}, seed {seed}: {goal if arguments.task else f'take {goal} out of {arguments.objects} objects'}")
     expert = TampExpert(env, arguments.strategy, grasps=arguments.grasps)
     film = None
     with ExitStack() as stack:
@@ -97,13 +67,22 @@ def show_one(arguments: Arguments) -> dict[str, Any]:
         if plan is None:
             raise UsageError(expert.report.failure)
         is_success, lifted = _execute(arguments, env, expert, film)
-        played = Played(seed, plan, expert.report, is_success, lifted)
         if arguments.viewer:
             _log("the episode is over; close the window to go on")
             inner.wait_for_window()
-        files = _write_files(arguments, expert, played, film)
+        rows = report_rows(expert.report, is_success, lifted)
+        files = [arguments.html or arguments.out / "episode.html"]
+        about = {name: str(getattr(arguments, name)) for name in ("environment", "robot", "layout")}
+        about |= {"seed": str(seed), "grasp set": arguments.grasps}
+        expert.to_html(files[0], about | rows, "success" if is_success else "failure")
+        if isinstance(plan, Solution) and plan.actions:
+            files += write_plan(plan, arguments.out)
+        if film is not None:
+            files.append(arguments.out / "strip.png")
+            film.save_strip(files[-1])
+            files.append(film.save_film(arguments.out / "film"))
     env.close()
-    print(f"\n{episode_text(arguments, played)}")
+    print(f"\n{episode_text(arguments, plan, rows)}")
     print("\nPlan, pictures and film\n" + "\n".join(f"  {path}" for path in files))
     return {
         **{name: getattr(arguments, name) for name in ("environment", "robot", "strategy", "grasps")},
@@ -112,7 +91,7 @@ def show_one(arguments: Arguments) -> dict[str, Any]:
         "goal": goal,
         "is_success": is_success,
         "lifted": lifted,
-        "report": asdict(played.report),
+        "report": asdict(expert.report),
         "plan": [str(action) for action in getattr(plan, "actions", ())],
         "replanning": [asdict(entry) for entry in plan.stats.history],
         "files": list(map(str, files)),
@@ -123,22 +102,17 @@ def _log(text: str) -> None:
     print(text, flush=True)
 
 
-def _find_scene(arguments: Arguments, env: gym.Env) -> tuple[int, Scene, str]:
-    """Reset to the scene wanted: its seed, its state, and the target's name, or the goal of a task as PDDL."""
+def _find_scene(arguments: Arguments, env: gym.Env) -> tuple[int, str]:
+    """Reset to the scene wanted: its seed, and the target's name, or the goal of a task as PDDL."""
     inner: Any = env.unwrapped
-    if arguments.task:
-        _, info = env.reset(seed=arguments.seed)
-        return (
-            arguments.seed,
-            Scene.from_mujoco(inner.model, inner.data, inner.robot, regions=inner.regions),
-            info["goal"],
-        )
     planner = Planner(inner.robot, grasps="side")
     for seed in range(arguments.seed, arguments.seed + _MOST_SEEDS):
         _, info = env.reset(seed=seed)
+        if arguments.task or not arguments.obstructed:
+            return seed, info["goal"] if arguments.task else info["target"]
         scene = Scene.from_mujoco(inner.model, inner.data, inner.robot)
-        if not arguments.obstructed or planner.clearance_floor(scene, info["target"]).count:
-            return seed, scene, info["target"]
+        if planner.clearance_floor(scene, info["target"]).count:
+            return seed, info["target"]
     raise UsageError(f"none of the seeds from {arguments.seed} to {seed} has an obstructed target; try --no-obstructed")
 
 
@@ -171,28 +145,6 @@ def _execute(arguments: Arguments, env: gym.Env, expert: TampExpert, film: Film 
     return is_success, lifted
 
 
-def _write_files(arguments: Arguments, expert: TampExpert, played: Played, film: Film | None) -> list[Path]:
-    """Write the page, the plan and its pictures, and the film if there is one; the files written."""
-    out, plan = arguments.out, played.plan
-    files = [arguments.html or out / "episode.html"]
-    rows = {
-        "environment": arguments.environment,
-        "robot": arguments.robot,
-        "seed": str(played.seed),
-        "layout": arguments.layout,
-        "grasp set": arguments.grasps,
-        **report_rows(played.report, played.is_success, played.lifted),
-    }
-    expert.to_html(files[0], rows, "success" if played.is_success else "failure")
-    if isinstance(plan, Solution) and plan.actions:
-        files += write_plan(plan, out)
-    if film is not None:
-        files.append(out / "strip.png")
-        film.save_strip(files[-1])
-        files.append(film.save_film(out / "film"))
-    return files
-
-
 def write_plan(plan: Solution, out: Path) -> list[Path]:
     """Write the pictures of a plan's clearances, if it has any, its overview and the plan itself; the files written."""
     files = [out / "overview.png", out / "plan.npz"]
@@ -206,14 +158,14 @@ def write_plan(plan: Solution, out: Path) -> list[Path]:
     return files
 
 
-def episode_text(arguments: Arguments, played: Played) -> str:
-    """Summary, plan (Fig. 13 of Lee & Kim 2019), replanning (Fig. 11) and report."""
-    plan, name = played.plan, arguments.strategy
-    parts = [plan.summary()]
+def episode_text(arguments: Arguments, plan: Solution | Infeasible, rows: Mapping[str, str]) -> str:
+    """Summary, plan (Fig. 13 of Lee & Kim 2019), replanning (Fig. 11) and the rows of the report."""
+    parts, name = [plan.summary()], arguments.strategy
     if isinstance(plan, Solution):
         parts.append(f"The plan of {name} (as in Fig. 13)\n\n{plan_text(plan, arguments.robot)}")
     parts.append(f"Replanning of {name} (as in Fig. 11)\n\n{replanning_text(plan) or 'none'}")
-    report = _aligned(report_rows(played.report, played.is_success, played.lifted))
+    width = max(map(len, rows))
+    report = "\n".join(f"  {name:<{width}}  {value}" for name, value in rows.items())
     parts.append(f"Report, grasp set {arguments.grasps}\n\n{report}")
     return "\n\n".join(parts)
 
@@ -250,12 +202,6 @@ def report_rows(report: EpisodeReport, is_success: bool, lifted: bool) -> dict[s
         "target lifted, or goal reached": "yes" if lifted else "no",
         **report.rows(),
     }
-
-
-def _aligned(rows: dict[str, str]) -> str:
-    """Names and values, one pair a line."""
-    width = max(map(len, rows))
-    return "\n".join(f"  {name:<{width}}  {value}" for name, value in rows.items())
 
 
 def count_many(arguments: Arguments) -> dict[str, Any]:

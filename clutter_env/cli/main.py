@@ -87,9 +87,12 @@ def _run(command: str, argv: Sequence[str]) -> None:
     except KeyboardInterrupt:
         _end(f"clutter-env {command}: interrupted{advice and f'; {advice}'}", 130)
     except Exception as problem:
-        if (missing := missing_extra(problem)) and not _is_raised_by_user(problem):
+        if _is_raised_by_user(problem):
+            raise
+        if missing := missing_extra(problem):
             _end(f"clutter-env {command}: {missing}", 1)
-        if not is_own(problem):
+        # Errors of this project and of the file system say all there is to say in their messages.
+        if type(problem).__module__.partition(".")[0] not in PACKAGES and not isinstance(problem, OSError):
             raise
         # Misuse is a ValueError; what went wrong while it ran is (also) a RuntimeError or an OSError.
         code = 1 if isinstance(problem, RuntimeError | OSError) else 2
@@ -160,27 +163,14 @@ def command_line(name: str, arguments: DataclassInstance, leave_out: Collection[
     return shlex.join(argv)
 
 
-def is_own(problem: BaseException) -> bool:
-    """Whether an error says all there is to say in its message: one of this project's, or of the file system.
-
-    One that is raised in a user's code, by whatever it calls, keeps its traceback.
-    """
-    is_known = type(problem).__module__.partition(".")[0] in PACKAGES or isinstance(problem, OSError)
-    return is_known and not _is_raised_by_user(problem)
-
-
 def _is_raised_by_user(problem: BaseException) -> bool:
+    """Whether an error was raised in a module that is neither ours, nor Python's, nor an installed package."""
     import traceback
 
-    return any(_is_users(frame.f_globals) for frame, _ in traceback.walk_tb(problem.__traceback__))
-
-
-def _is_users(module: dict[str, Any]) -> bool:
-    """Whether the globals are those of a module that is neither ours, nor Python's, nor an installed package."""
-    root = str(module.get("__name__", "")).partition(".")[0]
-    if root in PACKAGES or root in sys.stdlib_module_names or root == "__main__":
-        return False
-    return "site-packages" not in Path(str(module.get("__file__", ""))).parts
+    known = (*PACKAGES, *sys.stdlib_module_names, "__main__")
+    modules = [frame.f_globals for frame, _ in traceback.walk_tb(problem.__traceback__)]
+    others = [module for module in modules if str(module.get("__name__", "")).partition(".")[0] not in known]
+    return any("site-packages" not in Path(str(module.get("__file__", ""))).parts for module in others)
 
 
 def _overview() -> str:

@@ -13,7 +13,6 @@ JSON object with the keyword arguments of `RobotSpec.from_mjcf`. Without a `home
 
 from __future__ import annotations
 
-import importlib
 import json
 import sys
 from collections.abc import Mapping
@@ -41,8 +40,6 @@ class Arguments:
     """check: name of a robot, module:NAME of a RobotSpec, or an MJCF file. make: an MJCF or URDF file."""
     page: Path | None = None
     """JSON file of what the MJCF file does not say."""
-    homes: bool = False
-    """Suggest home configurations; always done for a page without one."""
     table: float = 0.75
     """Height of the table that the robot is to work at [m]."""
     out: Path | None = None
@@ -78,24 +75,28 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Report, draw, and end with an error if there is a problem."""
-    from clutter_env.cli.robot_report import draw_robot, home_candidates, report_of
+    from clutter_env.cli.robot_report import home_candidates
 
     if arguments.action == "make":
         _make(arguments)
         return
     robot, has_home = _robot(arguments)
-    if arguments.homes or not has_home:
+    if not has_home:
         print("home, best first:")
         for candidate in home_candidates(robot, table_height=arguments.table):
             print(f"  {[round(float(value), 4) for value in candidate.q]}  {candidate.distance:.2f} rad from grasps")
-    if not has_home:
         raise UsageError(f"{arguments.page} says no home; take one of these, or your own")
-    report = report_of(robot, arguments.table)
+    _report(robot, arguments.table, arguments.out or Path("outputs") / f"{robot.name}.png")
+
+
+def _report(robot: RobotSpec, table: float, picture: Path) -> None:
+    from clutter_env.cli.robot_report import draw_robot, report_of
+
+    report = report_of(robot, table)
     print(report.summary())
     if report.reach is not None:
-        file = arguments.out or Path("outputs") / f"{robot.name}.png"
-        draw_robot(robot, report.reach, file)
-        print(f"  picture: {file}")
+        draw_robot(robot, report.reach, picture)
+        print(f"  picture: {picture}")
     if report.problems:
         sys.exit(1)
 
@@ -103,7 +104,7 @@ def run(arguments: Arguments) -> None:
 def _make(arguments: Arguments) -> None:
     """Write the robot's file, its page with the best home configuration, and the picture."""
     from assets.robot_making import Mounting, make_robot
-    from clutter_env.cli.robot_report import draw_robot, home_candidates, report_of
+    from clutter_env.cli.robot_report import home_candidates
 
     if not (arguments.base and arguments.tip):
         raise UsageError("make needs --base, the arm's first body, and --tip, the site or body between the finger tips")
@@ -122,14 +123,8 @@ def _make(arguments: Arguments) -> None:
         )
     page["home"] = [round(float(value), 6) for value in homes[0].q]
     write_json(file.with_suffix(".json"), page)
-    robot = assets.RobotSpec.from_mjcf(file, **page)
-    report = report_of(robot, arguments.table)
-    print(report.summary())
-    if report.reach is not None:
-        draw_robot(robot, report.reach, file.with_suffix(".png"))
-    print(f"  written: {file}, {file.with_suffix('.json').name}, {file.with_suffix('.png').name}")
-    if report.problems:
-        sys.exit(1)
+    print(f"written: {file}, {file.with_suffix('.json').name}")
+    _report(assets.RobotSpec.from_mjcf(file, **page), arguments.table, file.with_suffix(".png"))
 
 
 def _middle(file: Path, page: Mapping[str, Any]) -> tuple[float, ...]:
@@ -154,19 +149,11 @@ def robot_by_name(name: str) -> RobotSpec:
     Raises:
         UsageError: there is no such robot, module or name, or it is not a `RobotSpec`.
     """
-    module, _, attribute = name.partition(":")
-    if not (module and attribute):
+    from clutter_env.policies.registry import imported
+
+    if not all(name.partition(":")):
         return assets.robot(name)
-    if (here := str(Path.cwd())) not in sys.path:  # a console script does not look in the current directory
-        sys.path.insert(0, here)
-    try:
-        found = getattr(importlib.import_module(module), attribute, None)
-    except ModuleNotFoundError as problem:
-        if not f"{module}.".startswith(f"{problem.name}."):
-            raise  # an import in the user's module
-        raise UsageError(f"there is no robot {name!r}: {problem}") from problem
-    if found is None:
-        raise UsageError(f"there is no robot {name!r}: {module} has no {attribute}")
+    found = imported(name, UsageError(f"there is no robot {name!r}"))
     if not isinstance(found, assets.RobotSpec):
         raise UsageError(f"{name} is a {type(found).__name__}, not a RobotSpec")
     return found

@@ -27,6 +27,7 @@ from irm import (
     fk_frames,
     forward,
     free_angles,
+    link_origins,
     pose_of,
     solver_arrays,
 )
@@ -66,8 +67,6 @@ _TORSO_WEIGHT = 5.0
 _AXIS = 0.08
 """[m] Length of a drawn axis."""
 _COLOURS = ("tab:red", "tab:green", "tab:blue")
-_ROUND = 16
-"""Corners of a drawn circle."""
 
 
 @dataclass(frozen=True)
@@ -94,87 +93,55 @@ def report_of(robot: RobotSpec, table: float = TABLE_HEIGHT) -> RobotReport:
     except (ConfigError, GeometryError) as problem:
         return RobotReport(robot.name, {}, (str(problem),))
     model, reach = mujoco.MjModel.from_xml_path(str(robot.mjcf_path)), level_reach(robot, table)
-    problems = (*_motors(robot, model), *_contacts(robot, model), *_home(robot, table), *_size(robot, reach))
-    return RobotReport(robot.name, _facts(robot, reach), problems, reach)
+    return RobotReport(robot.name, _facts(robot, reach), tuple(_problems(robot, model, reach, table)), reach)
 
 
 def _facts(robot: RobotSpec, reach: LevelReach) -> dict[str, str]:
-    chain, gripper, farthest = ArmChain.from_robot(robot), gripper_clearances(robot), _farthest(reach)
+    chain, gripper, ahead = ArmChain.from_robot(robot), gripper_clearances(robot), reach.straight_ahead
     tcp = forward(chain, robot.home)[:3, 3]
+    reaches = (
+        f"reaches x = {ahead.min():.2f} to {ahead.max():.2f} m straight ahead" if ahead.size else "reaches nothing"
+    )
     return {
         "arm": f"{chain.size - 1} joints, {_METHODS[solver_arrays(chain).kind]}",
         "lift": f"{robot.chain[0].joint}, {chain.lower[0]:.3g} to {chain.upper[0]:.3g} m",
         "gripper": f"opens to {robot.max_opening:.3f} m, palm {1000 * gripper.palm_reach:.0f} mm behind the TCP",
         "base": f"radius {robot.base_radius:.3f} m, height {robot.base_height:.3f} m",
         "home": f"TCP at ({', '.join(f'{value:.3f}' for value in tcp)}) m",
-        "level gripper at the table": f"reaches x = {farthest[0]:.2f} to {farthest[1]:.2f} m straight ahead"
-        if farthest
-        else "reaches nothing",
+        "level gripper at the table": reaches,
         "cameras": ", ".join(robot.cameras) or "none: no image observations",
     }
 
 
-def _farthest(reach: LevelReach) -> tuple[float, float] | None:
-    """Smallest and largest x [m] straight ahead at the height of a grasp on the table; None if there is none."""
-    middle = reach.reached[:, reach.y.size // 2, reach.z.size // 2]
-    return (float(reach.x[middle].min()), float(reach.x[middle].max())) if middle.any() else None
-
-
-def _motors(robot: RobotSpec, model: mujoco.MjModel) -> list[str]:
-    """Motors that do not follow positions, bodies that sink, and fingers that move apart."""
-    names = (*robot.drive_joints, *robot.finger_joints, *robot.head_joints)
-    wrong = [
-        name
-        for name in names
-        if not (gain := model.actuator(name).gainprm[0]) > 0 or not np.isclose(model.actuator(name).biasprm[1], -gain)
-    ]
-    found = [f"actuators that are not position servos: {', '.join(wrong)}"] if wrong else []
-    sinking = [model.body(body).name for body in range(1, model.nbody) if model.body_gravcomp[body] != 1.0]
-    if sinking:
-        found.append(f"bodies without gravcomp=1: {', '.join(sinking)}")
-    fingers = {model.joint(name).id for name in robot.finger_joints}
+def _problems(robot: RobotSpec, model: mujoco.MjModel, reach: LevelReach, table: float) -> Iterator[str]:
+    servos = {name: model.actuator(name) for name in (*robot.drive_joints, *robot.finger_joints, *robot.head_joints)}
+    if wrong := [n for n, a in servos.items() if a.gainprm[0] <= 0 or not np.isclose(a.biasprm[1], -a.gainprm[0])]:
+        yield f"actuators that are not position servos: {', '.join(wrong)}"
+    if sinking := [model.body(body).name for body in range(1, model.nbody) if model.body_gravcomp[body] != 1.0]:
+        yield f"bodies without gravcomp=1: {', '.join(sinking)}"
     pairs = [{int(a), int(b)} for a, b in zip(model.eq_obj1id, model.eq_obj2id, strict=True)]
-    if fingers not in pairs:
-        found.append("no joint equality couples the fingers")
-    return found
-
-
-def _contacts(robot: RobotSpec, model: mujoco.MjModel) -> list[str]:
-    """Geoms that the robot would hit itself with, and pads that objects slip from."""
+    if {model.joint(name).id for name in robot.finger_joints} not in pairs:
+        yield "no joint equality couples the fingers"
     bits = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
-    wrong = bits & ((model.geom_contype != 2) | (model.geom_conaffinity != 0))
-    found = []
-    if wrong.any():
-        names = ", ".join(model.geom(int(geom)).name or f"geom {geom}" for geom in np.flatnonzero(wrong))
-        found.append(f'geoms without contype="2" conaffinity="0": {names}')
-    soft = [name for name in robot.finger_geoms if model.geom(name).condim[0] < 4 or model.geom(name).priority[0] < 1]
-    if soft:
-        found.append(f'pads without condim="4" priority="1", from which objects slip: {", ".join(soft)}')
-    return found
-
-
-def _home(robot: RobotSpec, table: float) -> list[str]:
-    T, found = forward(ArmChain.from_robot(robot), robot.home), []
+    hits = np.flatnonzero(bits & ((model.geom_contype != 2) | (model.geom_conaffinity != 0)))
+    if names := [model.geom(int(geom)).name or f"geom {geom}" for geom in hits]:
+        yield f'geoms without contype="2" conaffinity="0", with which the robot hits itself: {", ".join(names)}'
+    pads = [model.geom(name) for name in robot.finger_geoms]
+    if soft := [pad.name for pad in pads if pad.condim[0] < 4 or pad.priority[0] < 1]:
+        yield f'pads without condim="4" priority="1", from which objects slip: {", ".join(soft)}'
+    T = forward(ArmChain.from_robot(robot), robot.home)
     if T[2, 2] < _LEVEL or T[0, 0] < _LEVEL:
         x_axis = np.round(T[:3, 0], 3).tolist()
-        found.append(f"home: the gripper is not level and straight ahead; its x axis is {x_axis}")
+        yield f"home: the gripper is not level and straight ahead; its x axis is {x_axis}"
     if T[2, 3] < table + _ABOVE_OBJECTS:
-        found.append(f"home: the TCP is {T[2, 3]:.2f} m high; objects need {table + _ABOVE_OBJECTS:.2f} m")
+        yield f"home: the TCP is {T[2, 3]:.2f} m high; objects need {table + _ABOVE_OBJECTS:.2f} m"
     world = _Arm(robot).world
     if touched := world.names_of(world.hits(np.zeros(3), robot.home, robot.max_opening)):
-        found.append(f"home: the robot touches {' and '.join(touched)}")
-    return found
-
-
-def _size(robot: RobotSpec, reach: LevelReach) -> list[str]:
-    """A gripper too small for the standard objects, a reach that ends before the table."""
-    found, widest = [], 2 * OBJECT_SETS["standard"].radius[1]
-    if robot.max_opening <= widest:
-        found.append(f"the gripper opens to {robot.max_opening:.3f} m; standard objects are up to {widest:.3f} m wide")
-    farthest = _farthest(reach)
-    if farthest is None or farthest[1] < robot.base_radius + 0.3:
-        found.append("the level gripper does not reach 0.3 m beyond the base at the table's height")
-    return found
+        yield f"home: the robot touches {' and '.join(touched)}"
+    if robot.max_opening <= (widest := 2 * OBJECT_SETS["standard"].radius[1]):
+        yield f"the gripper opens to {robot.max_opening:.3f} m; standard objects are up to {widest:.3f} m wide"
+    if reach.straight_ahead.max(initial=0.0) < robot.base_radius + 0.3:
+        yield "the level gripper does not reach 0.3 m beyond the base at the table's height"
 
 
 class LevelReach(NamedTuple):
@@ -187,6 +154,11 @@ class LevelReach(NamedTuple):
     y: Array
     z: Array
     reached: NDArray[np.bool_]
+
+    @property
+    def straight_ahead(self) -> Array:
+        """(k,) [m] x straight ahead at the height of a grasp on the table."""
+        return np.asarray(self.x[self.reached[:, self.y.size // 2, self.z.size // 2]])
 
 
 class HomeCandidate(NamedTuple):
@@ -229,11 +201,8 @@ class _Arm:
     ) -> Array:
         """Those whose elbow is so far above the TCP [m], with joints that go round in [-π, π]."""
         found = self.configurations(x, 0.0, z, pitch, yaw)
-        n = self.chain.size
-        R, p, is_high = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.zeros(len(found), np.bool_)
-        for k, q in enumerate(found):
-            fk_frames(self.chain.offsets, self.chain.axes, self.chain.tip, q, R, p)
-            is_high[k] = p[self.solver.elbow, 2] - p[n, 2] > elbow
+        heights = np.array([link_origins(self.chain, q)[[self.solver.elbow, -1], 2] for q in found]).reshape(-1, 2)
+        is_high = heights[:, 0] - heights[:, 1] > elbow
         turned = (found + np.pi) % (2 * np.pi) - np.pi
         goes_round = self.chain.upper - self.chain.lower > 2 * np.pi
         return np.asarray(np.where(goes_round, turned, found)[is_high])
@@ -323,33 +292,23 @@ def _draw_shapes(axes: Any, arrays: RobotArrays, frames: list[Array]) -> None:
     """Draw the collision shapes; `frames` (4, 4) of all joints and of the TCP, in the base frame."""
     for solid in range(arrays.core.size):
         link = int(arrays.link[solid])
-        T = (np.eye(4) if link < 0 else frames[link]) @ pose_of(
-            np.concatenate([arrays.position[solid], arrays.rotation[solid].ravel()])
-        )
+        T = np.eye(4) if link < 0 else frames[link]
+        T = T @ pose_of(np.concatenate([arrays.position[solid], arrays.rotation[solid].ravel()]))
         colour = "0.35" if link < 0 else ("tab:orange" if link == len(frames) - 2 else "steelblue")
         for line in _outline(arrays, solid):
             axes.plot(*(line @ T[:3, :3].T + T[:3, 3]).T, color=colour, linewidth=0.6)
 
 
 def _outline(arrays: RobotArrays, solid: int) -> Iterator[Array]:
-    """Lines (n, 3) of a solid in its own frame: edges of a box, circles of what is round."""
+    """Lines (n, 3) of a solid in its own frame: rings about its axis, and four lines along it."""
     (a, b, c), radius = arrays.half[solid], float(arrays.radius[solid])
-    turn = np.linspace(0, 2 * np.pi, _ROUND + 1)
-    circle = np.column_stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)])
-    if radius > 0.0 or arrays.core[solid] == CYLINDER:
-        wide = radius if radius > 0.0 else float(a)
-        for height in (-c, 0.0, c):
-            yield circle * wide + (0.0, 0.0, height)
-        for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1)):
-            yield np.array([[x * wide, y * wide, -c], [x * wide, y * wide, c]])
-        if radius > 0.0:
-            half = circle[: _ROUND // 2 + 1, [0, 2, 1]] * wide
-            for sign in (1, -1):
-                yield half * (1, 1, sign) + (0.0, 0.0, sign * c)
-                yield half[:, [1, 0, 2]] * (1, 1, sign) + (0.0, 0.0, sign * c)
-        return
-    corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]) * (a, b)
-    for height in (-c, c):
-        yield np.column_stack([corners, np.full(5, height)])
-    for x, y in corners[:4]:
+    is_round = radius > 0.0 or arrays.core[solid] == CYLINDER
+    turn = np.linspace(0, 2 * np.pi, 17) if is_round else np.pi * np.array([0.25, 0.75, 1.25, 1.75, 0.25])
+    size = (radius or a) if is_round else np.sqrt(2) * np.array([a, b])
+    ring = np.column_stack([np.cos(turn), np.sin(turn)]) * size
+    for share in (1.0, 0.7) if radius > 0.0 else (1.0,):  # the smaller ones are on round ends
+        for end in (-1, 1):
+            height = end * (c + np.sqrt(1 - share**2) * radius)
+            yield np.column_stack([share * ring, np.full(len(ring), height)])
+    for x, y in ring[: -1 : len(ring) // 4]:
         yield np.array([[x, y, -c], [x, y, c]])

@@ -4,7 +4,8 @@
     clutter-env table --layout shelf --objects 10 --strategies lookahead --grasps all --no-obstructed
 
 The scenes are resets of the environment from --seed on. Every trial is written to a file as soon as it ends: run the
-same command again after an interruption. JSON, a Markdown table and plots are written to the output directory.
+same command again after an interruption. JSON and Markdown tables are written to the output directory;
+`python scripts/clearance_page.py`, with the same arguments, also draws them.
 """
 
 from __future__ import annotations
@@ -59,37 +60,27 @@ class Arguments:
     """[s] of wall time for one solve."""
     workers: int = os.cpu_count() or 1
     """Number of processes."""
-    retry_crashes: bool = False
-    """Make the trials again that crashed in an earlier run."""
-    report_only: bool = False
-    """Make tables and plots of the trials in --out, and no new trials."""
     out: Path = Path("outputs/clearance_table")
-    """Directory of trials.jsonl, table.json, table.md and images/table.png."""
+    """Directory of trials.jsonl, table.json and table.md."""
     json: Path | None = None
     """Write the figures to this file too."""
-    markdown: Path | None = None
-    """Write the page to this file too, and its picture to images/ beside it."""
 
 
 def run(arguments: Arguments, more: Mapping[str, Variant] | None = None, name: str = "clutter-env table") -> None:
     """Find the scenes, try the strategies and `more` rows, report; `name` is the command shown on the page."""
-    from clutter_env.cli.clearance_page import markdown, summarise, write_page
+    from clutter_env.cli.clearance_tables import markdown, summarise
     from clutter_env.cli.clearance_trials import Trials
     from clutter_env.reporting.files import write_json
 
     trials = Trials(arguments, more)
-    if not arguments.report_only:
-        trials.run()
+    trials.run()
     summary = summarise(trials)
-    if not summary["rows"]:
-        print(f"no trials of these strategies and numbers of objects in {arguments.out}")
-        return
-    print(f"\n{markdown(summary, arguments.physics)}")
+    tables = markdown(summary, arguments.physics)
+    print(f"\n{tables}")
     for path in filter(None, (arguments.out / "table.json", arguments.json)):
         write_json(path, {"settings": trials.settings, **summary})
-    command = command_line(name, arguments, ("workers", "retry_crashes", "report_only", "out", "json"))
-    for page in filter(None, (arguments.out / "table.md", arguments.markdown)):
-        write_page(trials, command, summary, page)
-    print(f"tables, figures and plots: {arguments.out}")
+    command = command_line(name, arguments, ("workers", "out", "json"))
+    (arguments.out / "table.md").write_text(f"```sh\n{command}\n```\n\n{tables}")
+    print(f"tables and figures: {arguments.out}")
     if crashed := sum(entry["crashed"] for entry in (*summary["rows"], *summary["scenes"])):
         print(f"{crashed} trials CRASHED; their tracebacks are in {arguments.out / 'trials.jsonl'}")

@@ -41,31 +41,24 @@ def run(arguments: Arguments) -> int:
     import secrets
     from dataclasses import replace
 
-    from clutter_env.evaluation.evaluate import EPISODE_S
-    from clutter_env.evaluation.verify import (
-        FRESH_SEEDS,
-        fresh_success,
-        play_fresh,
-        read_results,
-        replay_seconds,
-        verify,
-    )
+    from clutter_env.evaluation.evaluate import EPISODE_S, evaluate
+    from clutter_env.evaluation.verify import FRESH_SEEDS, fresh_scenes, read_results, replay_seconds, verify
     from clutter_env.reporting.files import write_json
+    from clutter_env.reporting.intervals import wilson
     from clutter_env.reporting.progress import progress_bar
 
+    workers, count = arguments.workers, arguments.scenes
     claims = read_results(arguments.file)["episodes"]
-    seconds = replay_seconds(claims) / arguments.workers
-    with progress_bar(total=len(claims), unit="episode", seconds=seconds) as bar:
-        found = verify(arguments.file, arguments.workers, bar.update)
+    with progress_bar(total=len(claims), unit="episode", seconds=replay_seconds(claims) / workers) as bar:
+        found = verify(arguments.file, workers, bar.update)
     seed = secrets.choice(FRESH_SEEDS) if arguments.first_seed is None else arguments.first_seed
     if arguments.policy:
-        seconds = EPISODE_S * arguments.scenes / arguments.workers
-        with progress_bar(total=arguments.scenes, unit="episode", seconds=seconds) as bar:
-            fresh = play_fresh(
-                arguments.file, arguments.policy, arguments.scenes, seed, arguments.workers, bar.update, arguments.trust
-            )
+        scenes = fresh_scenes(arguments.file, count, seed, workers)
+        with progress_bar(total=count, unit="episode", seconds=EPISODE_S * count / workers) as bar:
+            fresh = evaluate(arguments.policy, scenes, trust=arguments.trust, workers=workers, tick=bar.update)
         other = () if fresh.traits.track == found.track else (f"the policy is of the {fresh.traits.track} track",)
-        found = replace(found, fresh=fresh_success(fresh), differences=found.differences + other)
+        success = wilson(sum(score.clean for score in fresh.scores), len(fresh.scores))
+        found = replace(found, fresh=success, differences=found.differences + other)
     said = f"{found.clean} clean successes in {found.episodes} episodes of {found.scenes}"
     if found.is_confirmed:
         _show(f"confirmed: {said}, by replay of the recorded actions")

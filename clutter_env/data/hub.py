@@ -16,7 +16,7 @@ from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, Vecto
 from numpy.typing import NDArray
 
 from clutter_env.errors import ConfigError
-from clutter_env.task import family
+from clutter_env.task import Task, family
 
 ENV_ID = "clutter_env/Retrieve-o15-v0"
 TASKS = {
@@ -47,7 +47,7 @@ def image_entries(names: Collection[str]) -> dict[str, str]:
     return {name.removesuffix(_COLOUR): name for name in names if name.endswith(_COLOUR)}
 
 
-class HubObservation(gym.Wrapper):
+class HubObservation(gym.ObservationWrapper):
     """Observations with the keys "agent_pos", "environment_state" and, with cameras, "pixels".
 
     Attributes:
@@ -57,7 +57,8 @@ class HubObservation(gym.Wrapper):
     def __init__(self, env: gym.Env) -> None:
         super().__init__(env)
         assert isinstance(env.observation_space, spaces.Dict)
-        self.task = self.task_description = _task_of(env)
+        assert env.spec is not None
+        self.task = self.task_description = TASKS[family(env.spec.id)]
         parts = env.observation_space.spaces
         self._agent, self._environment = agent_entries(parts), environment_entries(parts)
         self._images = image_entries(parts)
@@ -68,19 +69,8 @@ class HubObservation(gym.Wrapper):
             found["pixels"] = spaces.Dict({camera: parts[name] for camera, name in self._images.items()})
         self.observation_space = spaces.Dict(found)
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Reset the environment."""
-        observation, info = self.env.reset(seed=seed, options=options)
-        return self._grouped(observation), info
-
-    def step(self, action: Any) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Step the environment."""
-        observation, reward, terminated, truncated, info = self.env.step(action)
-        return self._grouped(observation), float(reward), terminated, truncated, info
-
-    def _grouped(self, observation: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+    def observation(self, observation: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+        """The observation with its entries grouped."""
         found: dict[str, Any] = {"agent_pos": np.concatenate([observation[name] for name in self._agent])}
         if self._environment:
             found["environment_state"] = np.concatenate([observation[name] for name in self._environment])
@@ -104,16 +94,16 @@ def make_env(
         The vector, under the environment's id and the number 0 of its only task.
 
     Raises:
-        ConfigError: no environment of that id, or a number of environments below 1.
+        ConfigError: a number of environments below 1.
+        UnknownTask: no environment of that id, or not with these keyword arguments.
     """
     keywords = dict(cfg or {})
     env_id = keywords.pop("env_id", ENV_ID)
     if n_envs < 1:
         raise ConfigError(f"n_envs={n_envs} is not valid; it must be at least 1")
-    if env_id not in gym.registry:
-        known = ", ".join(name for name in gym.registry if name.startswith("clutter_env/"))
-        raise ConfigError(f"no environment {env_id!r}; known ones: {known}")
-    makers = [partial(_make_one, env_id, keywords)] * n_envs
+    task = Task(env_id, keywords)
+    task.make().close()
+    makers = [partial(_make_one, task)] * n_envs
     if use_async_envs:
         vector: VectorEnv = AsyncVectorEnv(makers, context="spawn", autoreset_mode=AutoresetMode.SAME_STEP)
     else:
@@ -121,22 +111,12 @@ def make_env(
     return {env_id: {0: vector}}
 
 
-def _make_one(env_id: str, keywords: Mapping[str, Any]) -> gym.Env:
-    import clutter_env  # noqa: F401  registers the environments in a new process
-
-    return HubObservation(gym.make(env_id, **keywords))
-
-
-def _task_of(env: gym.Env) -> str:
-    """What to do in an environment."""
-    assert env.spec is not None
-    return TASKS[family(env.spec.id)]
+def _make_one(task: Task) -> gym.Env:
+    return HubObservation(task.make())
 
 
 def _joined(parts: Mapping[str, spaces.Space[Any]], names: Collection[str]) -> spaces.Box:
     """The box of some entries, one after the other."""
-    boxes = [box for box in (parts[name] for name in names) if isinstance(box, spaces.Box)]
-    low, high = (
-        np.concatenate(edges).astype(np.float32) for edges in ([box.low for box in boxes], [box.high for box in boxes])
-    )
+    boxes: list[Any] = [parts[name] for name in names]
+    low, high = (np.concatenate([getattr(box, end) for box in boxes]).astype(np.float32) for end in ("low", "high"))
     return spaces.Box(low, high, dtype=np.float32)

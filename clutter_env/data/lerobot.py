@@ -11,8 +11,6 @@ from __future__ import annotations
 
 import importlib
 import json
-import os
-import shutil
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
@@ -26,8 +24,8 @@ from clutter_env.data.episode import Episode
 from clutter_env.data.hub import TASKS, agent_entries, environment_entries, image_entries
 from clutter_env.data.replay import with_images
 from clutter_env.errors import DatasetError, LearningError, missing_extra
-from clutter_env.rendering.video import CODEC, PIXELS, Video
-from clutter_env.reporting.files import write_json
+from clutter_env.rendering.film import CODEC, PIXELS, Video
+from clutter_env.reporting.files import write_json, written_atomically
 
 FORMAT = "v3.0"
 _CHUNK, _DATA_MB, _VIDEO_MB = 1000, 100, 200
@@ -56,18 +54,17 @@ def export_lerobot(dataset: Dataset, directory: Path, image_size: int = 0) -> Pa
     """
     if directory.exists():
         raise DatasetError(f"{directory} exists; choose another directory or remove it")
-    part = directory.with_name(f".{directory.name}.{os.getpid()}.part")
-    part.mkdir(parents=True)
-    try:
+    with written_atomically(directory) as part:
+        part.mkdir(parents=True)
         _write(dataset, part, image_size)
-        os.replace(part, directory)
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
     return directory
 
 
 def _write(dataset: Dataset, directory: Path, image_size: int) -> None:
-    arrow = _imported("pyarrow")
+    try:
+        arrow, parquet = (importlib.import_module(name) for name in ("pyarrow", "pyarrow.parquet"))
+    except ModuleNotFoundError as problem:
+        raise LearningError(missing_extra(problem) or str(problem)) from problem
     env = dataset.task.make()
     fps, robot = int(env.metadata["render_fps"]), str(env.get_wrapper_attr("robot").name)
     env.close()
@@ -125,7 +122,7 @@ def _write(dataset: Dataset, directory: Path, image_size: int) -> None:
     for name, table in tables.items():
         path = directory / f"{name}.parquet"
         path.parent.mkdir(parents=True, exist_ok=True)
-        importlib.import_module("pyarrow.parquet").write_table(table, path)
+        parquet.write_table(table, path)
     info = {
         "codebase_version": FORMAT,
         "robot_type": robot,
@@ -144,13 +141,6 @@ def _write(dataset: Dataset, directory: Path, image_size: int) -> None:
     write_json(directory / "meta/info.json", info)
     write_json(directory / "meta/clutter_env.json", dataset.identity)  # LeRobot has no place for it
     write_json(directory / "meta/stats.json", {name: _all_statistics(parts) for name, parts in statistics.items()})
-
-
-def _imported(module: str) -> Any:
-    try:
-        return importlib.import_module(module)
-    except ModuleNotFoundError as problem:
-        raise LearningError(missing_extra(problem) or str(problem)) from problem
 
 
 def _columns(episode: Episode, index: int, first: int, fps: int) -> dict[str, NDArray[Any]]:

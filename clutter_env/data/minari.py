@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import shutil
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ from gymnasium import spaces
 from clutter_env.data.dataset import Dataset
 from clutter_env.data.episode_file import episode_arrays
 from clutter_env.errors import DatasetError, LearningError, missing_extra
-from clutter_env.reporting.files import json_values
+from clutter_env.reporting.files import json_values, written_atomically
 
 
 def export_minari(dataset: Dataset, root: Path) -> Path:
@@ -42,17 +41,17 @@ def export_minari(dataset: Dataset, root: Path) -> Path:
     final = (root / dataset_id).absolute()  # Minari joins relative paths twice
     if final.exists():
         raise DatasetError(f"{final} exists; choose another directory or remove it")
-    part = final.with_name(f".{final.name}.{os.getpid()}.part")
-    (part / "data").mkdir(parents=True)
     image_size = identity.get("image_size", 0)
-    env = task.make()
-    with_images = task.make(obs_mode="rgbd", image_size=image_size) if image_size else env
-    try:
-        assert isinstance(env.observation_space, spaces.Dict)
-        assert isinstance(with_images.observation_space, spaces.Dict)
+    with written_atomically(final) as part, ExitStack() as stack:
+        (part / "data").mkdir(parents=True)
+        env: Any = stack.enter_context(closing(task.make()))
+        observations = dict(env.observation_space.spaces)
+        if image_size:
+            with_images: Any = stack.enter_context(closing(task.make(obs_mode="rgbd", image_size=image_size)))
+            observations = {**with_images.observation_space.spaces, **observations}
         storage = MinariStorage.new(
             part / "data",
-            observation_space=spaces.Dict({**with_images.observation_space.spaces, **env.observation_space.spaces}),
+            observation_space=spaces.Dict(observations),
             action_space=env.action_space,
             env_spec=env.spec,
             jpeg_encoding=False,  # lossy
@@ -60,28 +59,17 @@ def export_minari(dataset: Dataset, root: Path) -> Path:
         columns: dict[str, Any] = {}
         for episode in dataset:
             arrays = episode_arrays(episode)
-            infos = {name.partition("/")[2]: values for name, values in arrays.items() if name.startswith("infos/")}
             columns = json_values(episode.columns)
             buffer = EpisodeBuffer(
                 seed=episode.seed,
                 options=dict(episode.options) if episode.options else None,
                 observations=dict(episode.observations),
-                actions=episode.actions,
-                rewards=episode.rewards,
-                terminations=arrays["terminations"],
-                truncations=arrays["truncations"],
-                infos=infos,
+                infos={name.partition("/")[2]: values for name, values in arrays.items() if name.startswith("infos/")},
+                **{name: arrays[name] for name in ("actions", "rewards", "terminations", "truncations")},
             )
             storage.update_episodes([buffer])
-        about = (
-            f"{len(seeds)} demonstrations of {task.env_id}; every one replays bit for bit from its seed and actions."
-        )
+        about = f"{len(seeds)} demonstrations of {task.env_id}; each replays bit for bit from its seed and actions."
         metadata = {"dataset_id": dataset_id, "minari_version": minari.__version__, "description": about}
         metadata |= {"algorithm_name": identity["expert"], "provenance": identity.get("provenance"), "columns": columns}
         storage.update_metadata(metadata)
-        os.replace(part, final)
-    finally:
-        env.close()
-        with_images.close()
-        shutil.rmtree(part, ignore_errors=True)
     return final

@@ -17,8 +17,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
-from assets import RobotSpec, UnknownRobot
-from assets import robot as find_robot
+from assets import RobotSpec, UnknownRobot, robot as find_robot
 from clutter_env.config import CONTROL_HZ, RENDER_MODES, EnvConfig
 from clutter_env.envs.observation import EntryLayout, Observer
 from clutter_env.envs.reality import Senses
@@ -78,6 +77,8 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     has_target: ClassVar[bool] = True
     """Whether one of the objects, if there are any, is the target."""
+    _shows_goal: ClassVar[bool] = True
+    """Whether the target's goal is part of the observation."""
     task_modules: ClassVar[tuple[str, ...]] = ()
     """Modules whose code decides what the task is, beside those of the class and its bases."""
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": CONTROL_HZ}  # noqa: RUF012
@@ -98,7 +99,12 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             World, self.robot, self.layout, image_size=self._rendering.largest, show_meshes=show_meshes
         )
         self.world = self._home_world = self._make_world(shapes=config.slot_shapes)
-        self._end_effector = self._make_end_effector() if config.control_mode == "ee" else None
+        self._end_effector: EndEffectorController | None = None
+        if config.control_mode == "ee":
+            # It imports mink, which takes as long as all else here; "joint" control does without.
+            from clutter_env.simulation.end_effector import EndEffectorController
+
+            self._end_effector = EndEffectorController(self.robot)
         shares = config.find_reality()
         self._senses = Senses(shares, self._make_world) if any(shares.values()) else None
         self._has_started = False
@@ -108,23 +114,16 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         self.action_size += self._num_head
         self._lacking = list(STILL[self.robot.base_drive])  # indices of numbers that actions of this base lack
         self.action_size -= len(self._lacking)
-        self._observer = self._make_observer()
-        self.action_space = spaces.Box(-1.0, 1.0, (self.action_size,), np.float32)
-        self.observation_space = self._make_observation_space()
-
-    def _make_observer(self) -> Observer:
-        """The maker of the observation vectors; with image observations they leave out the objects."""
-        shows_objects = self.config.obs_mode == "state"
-        return self._observer_of(shows_objects, shows_goal=shows_objects)
-
-    def _observer_of(self, shows_objects: bool, shows_goal: bool) -> Observer:
-        return Observer(
+        shows_objects = config.obs_mode == "state" and config.num_objects > 0  # which images show in their place
+        self._observer = Observer(
             self.world,
-            self.config.num_objects,
+            config.num_objects,
             shows_objects=shows_objects,
-            shows_goal=shows_goal,
+            shows_goal=shows_objects and self._shows_goal,
             shows_head=self._num_head > 0,
         )
+        self.action_space = spaces.Box(-1.0, 1.0, (self.action_size,), np.float32)
+        self.observation_space = self._make_observation_space()
 
     # The Gymnasium surface.
 
@@ -265,7 +264,6 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
     @property
     def target_slot(self) -> int:
         """Index of the target among the objects."""
-        assert self.world.scene is not None
         return self.world.scene.target
 
     @property
@@ -349,19 +347,12 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
         return TcpFollower(self.robot)
 
-    def _make_end_effector(self) -> EndEffectorController:
-        # It imports mink, which takes as long as all else here; "joint" control does without.
-        from clutter_env.simulation.end_effector import EndEffectorController
-
-        return EndEffectorController(self.robot)
-
     def save_state(self) -> bytes:
         """Everything that the next steps depend on: physics, controller, task, random generator."""
         self.check_started("save_state()")
         if self._senses:
             raise StateError("states are saved at reality=0: what is late, and the errors of the episode, are no part")
         scene, control, arm = self.world.scene, self.world.controller.state, self._end_effector
-        assert scene is not None
         memory = {
             "task": self._memory(),
             "monitor": self._monitor.memory(),
@@ -434,7 +425,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """Pickling keeps what `save_state` keeps; MuJoCo's own pickles forget which bodies sleep."""
         saved = self.save_state() if self._has_started and not self._senses else None
         attributes = {name: self.__dict__[name] for name in _PICKLED if name in self.__dict__}
-        return _unpickled, (type(self), self.config.keywords(), attributes, saved)
+        return _unpickled, (type(self), vars(self.config), attributes, saved)
 
     # What a task defines.
 
@@ -541,11 +532,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
     def _kind(self) -> dict[str, Any]:
         """Properties that a saved state and the environment that restores it must share; JSON values."""
         robot = f"{self.robot.name}{' fixed' * (self.robot.base_drive == 'fixed')}"
-        try:
-            is_known = find_robot(self.robot.name) == self.robot
-        except UnknownRobot:
-            is_known = False
-        if not is_known:
+        if robot_identity(self.robot) != self.robot.name:
             content = json.dumps(asdict(self.robot)).encode() + self.robot.mjcf_path.read_bytes()
             robot += f" {hashlib.sha256(content).hexdigest()[:16]}"
         return {
@@ -608,6 +595,16 @@ def layout_identity(layout: Layout) -> Any:
     if LAYOUTS.get(layout.name) == layout:
         return layout.name
     return json.loads(json.dumps(asdict(layout)))
+
+
+def robot_identity(robot: RobotSpec) -> Any:
+    """The name of a known robot, all fields of another one; JSON values."""
+    try:
+        if find_robot(robot.name) == robot:
+            return robot.name
+    except UnknownRobot:
+        pass
+    return json.loads(json.dumps(asdict(robot)))
 
 
 def _unpickled(

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from clutter_env.config import EnvConfig
 from clutter_env.envs.base import BaseEnv
-from clutter_env.envs.observation import Observer
 from clutter_env.envs.reset_options import ResetOptions
 from clutter_env.errors import check_choice, check_integer
 from clutter_env.scene.table_scene import TableScene
@@ -59,6 +58,8 @@ class GoalEnv(BaseEnv):
         ConfigError: `success`, `terminate_on_fallen` or `reality` is given; they are of the retrieval task.
     """
 
+    _shows_goal = False
+
     def __init__(self, config: EnvConfig) -> None:
         for name in ("success", "terminate_on_fallen", "reality"):
             check_choice(name, getattr(config, name), (getattr(EnvConfig, name),))
@@ -100,10 +101,6 @@ class GoalEnv(BaseEnv):
             "desired_goal": self.goal,
             **parts,
         }
-
-    def _make_observer(self) -> Observer:
-        shows_objects = self.config.obs_mode == "state" and self.config.num_objects > 0
-        return self._observer_of(shows_objects, shows_goal=False)
 
     def _make_observation_space(self) -> spaces.Dict:
         bounds = self._observer.bounds
@@ -160,7 +157,6 @@ class ReachEnv(GoalEnv):
         return clipped(self.data.site_xpos[self.world.index.tcp_site])
 
     def _draw_goal(self) -> NDArray[np.float64]:
-        assert self.world.scene is not None
         x, y, yaw = self.world.scene.base
         ahead, left, up = self.np_random.uniform(REACH_LOW, REACH_HIGH)
         cosine, sine = math.cos(yaw), math.sin(yaw)

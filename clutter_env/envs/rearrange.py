@@ -12,11 +12,11 @@ import numpy as np
 from gymnasium import spaces
 
 from clutter_env.config import EnvConfig
-from clutter_env.envs.clutter_task import ClutterTaskEnv
 from clutter_env.envs.goal_monitor import GoalMemory, GoalMonitor, goal_potential, read_regions, start_scene
-from clutter_env.envs.observation import POSITION_BOUND, Column, EntryLayout, Observer
+from clutter_env.envs.observation import POSITION_BOUND, Column, EntryLayout
 from clutter_env.envs.rearrange_tasks import TASKS, DrawnGoal
 from clutter_env.envs.reset_options import ResetOptions
+from clutter_env.envs.retrieve import ClutterTaskEnv
 from clutter_env.errors import ConfigError, OptionError, StateError, check_choice, check_integer
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.model import TRAY_COLOURS
@@ -83,7 +83,8 @@ class RearrangeConfig(EnvConfig):
         task, layout = TASKS[name], self.find_layout()
         if task.fits(layout):
             return ""
-        return f"task {name!r} needs {task.needs}, as layout {task.layout!r} has; layout {layout.name!r} has none"
+        needs = f"a support whose name begins with {task.needs!r}"
+        return f"task {name!r} needs {needs}, as layout {task.layout!r} has; layout {layout.name!r} has none"
 
 
 @dataclass(frozen=True)
@@ -140,7 +141,7 @@ class RearrangeEnv(ClutterTaskEnv):
     """
 
     config: RearrangeConfig
-    has_target = False
+    has_target = _shows_goal = False
     task_modules = ("clutter_env.envs.goal_monitor", "clutter_env.envs.rearrange_tasks", "planners.goals")
 
     def __init__(self, **keywords: Any) -> None:
@@ -261,7 +262,6 @@ class RearrangeEnv(ClutterTaskEnv):
     def _paint(self, monitor: GoalMonitor) -> None:
         """Colours: of their trays, of others that the goal names their own, which marks have too; grey of the rest."""
         world, scene = self.world, self.world.scene
-        assert scene is not None
         for slot in set(range(len(world.names))) - {world.names.index(name) for name in monitor.named}:
             world.colour(slot)[:] = _GREY
         for fact in monitor.goal.placed:
@@ -286,7 +286,3 @@ class RearrangeEnv(ClutterTaskEnv):
         bounds = np.tile(GOAL_ROW.bounds, self.config.num_objects).astype(np.float32)
         parts = super()._make_observation_space()
         return spaces.Dict({**parts.spaces, "goals": spaces.Box(-bounds, bounds, dtype=np.float32)})
-
-    def _make_observer(self) -> Observer:
-        shows_objects = self.config.obs_mode == "state"
-        return self._observer_of(shows_objects, shows_goal=False)

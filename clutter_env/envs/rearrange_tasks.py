@@ -54,9 +54,8 @@ class Task:
         object_set: the same of the objects.
         shapes: the same of their shapes.
         least: objects that it needs.
-        needs: what the supports of a layout must hold for it, in words; "" if any layout will do.
-        fits: whether a layout has that.
         draw: the goal for a scene.
+        needs: with what the name of a support of the layout must begin; "" if any layout will do.
         arrange: how the objects of a random scene stand at the start; as `random_scene` puts them if not given.
     """
 
@@ -66,18 +65,16 @@ class Task:
     least: int
     draw: Callable[[Rng, Layout, TableScene], DrawnGoal]
     needs: str = ""
-    fits: Callable[[Layout], bool] = lambda _: True
     arrange: Callable[[Rng, TableScene], TableScene] = lambda _, scene: scene
 
-
-def trays(layout: Layout) -> tuple[str, ...]:
-    """Names of the trays of a layout."""
-    return tuple(name for name in supports_of(layout) if name.startswith(TRAY))
+    def fits(self, layout: Layout) -> bool:
+        """Whether a layout has the support that the task needs."""
+        return any(name.startswith(self.needs) for name in supports_of(layout))
 
 
 def _sort(rng: Rng, layout: Layout, scene: TableScene) -> DrawnGoal:
     """Every object into one tray; as many into each as into the others, or one more."""
-    names, count = trays(layout), scene.num_objects
+    names, count = [name for name in supports_of(layout) if name.startswith(TRAY)], scene.num_objects
     chosen = rng.permutation(np.arange(count) % len(names))
     return DrawnGoal(goals.and_(*(goals.on(object_name(slot), names[tray]) for slot, tray in enumerate(chosen))))
 
@@ -158,27 +155,11 @@ def _fetch(rng: Rng, layout: Layout, scene: TableScene) -> DrawnGoal:  # noqa: A
 
 TASKS: Mapping[str, Task] = MappingProxyType(
     {
-        "sort": Task(
-            "trays",
-            "standard",
-            "cylinder",
-            1,
-            _sort,
-            f"supports named {TRAY}red and so on",
-            lambda one: bool(trays(one)),
-        ),
+        "sort": Task("trays", "standard", "cylinder", 1, _sort, TRAY),
         "set": Task("paper", "standard", "cylinder", 1, _set),
         "swap": Task("paper", "standard", "cylinder", 2, _swap),
         "stack": Task("paper", "blocks", "box", STACK, _stack, arrange=_stacked),
-        "fetch": Task(
-            "two_tables",
-            "standard",
-            "cylinder",
-            2,
-            _fetch,
-            f"a support named {SECOND_TABLE}",
-            lambda one: SECOND_TABLE in supports_of(one),
-        ),
+        "fetch": Task("two_tables", "standard", "cylinder", 2, _fetch, SECOND_TABLE),
     }
 )
 """All tasks, by name."""

@@ -9,8 +9,6 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-import os
-import tempfile
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import cache
@@ -20,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets import RobotSpec
+from clutter_env.reporting.files import written_atomically
 from clutter_env.scene.layout import LAYOUTS, Layout
 from clutter_env.scene.obstruction import (
     PlannerMargins,
@@ -60,12 +59,9 @@ def reachable_yaws(
 
 def cell_centres(layout: Layout) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Centres of the cells of the table top along x and along y [m]."""
-    return _centres(layout.depth), _centres(layout.width)
-
-
-def _centres(size: float) -> NDArray[np.float64]:
-    count = round(size / CELL)
-    return np.asarray((np.arange(count) + 0.5) * (size / count) - size / 2)
+    sizes = np.array((layout.depth, layout.width))
+    x, y = ((np.arange(n) + 0.5) * (size / n) - size / 2 for n, size in zip((sizes / CELL).round(), sizes, strict=True))
+    return x, y
 
 
 @cache
@@ -73,10 +69,9 @@ def _made(robot: RobotSpec, layout: Layout) -> SideApproaches:
     from planners import SideGripper  # see `reachable_yaws`
 
     gripper = SideGripper.of(robot)
-    start, end, half_width, radius, half_height, is_finger = np.array(gripper.solids, np.float64).T
     return SideApproaches(
         margins=PlannerMargins(**gripper.margins),
-        solids=Solids(start, end, half_width, radius, half_height, is_finger > 0),
+        solids=Solids.of(gripper.solids),
         grasp_height=robot.grasp_height,
         palm_reach=gripper.palm_reach,
         pad_half_height=gripper.pad_half_height,
@@ -104,9 +99,8 @@ def _kept(robot: RobotSpec, layout: Layout) -> NDArray[np.bool_]:
     reached = reachable_yaws(robot, layout, points).reshape(len(x), len(y), -1)
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=file.parent, suffix=".npy", delete=False) as draft:
+        with written_atomically(file) as part, part.open("wb") as draft:
             np.save(draft, reached)
-        os.replace(draft.name, file)
     except OSError as problem:
         _LOG.warning("side approaches could not be kept in %s: %s", file, problem)
     return reached

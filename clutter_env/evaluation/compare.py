@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 from clutter_env import GOAL_FAMILIES
 from clutter_env.errors import LearningError
@@ -67,12 +68,9 @@ class Comparison:
 
     def contenders(self, scenes: SceneSet) -> list[str]:
         """The policies that play a set of scenes: those asked for, and the controls."""
-        fitting = [
-            name
-            for name in self.policies
-            if scenes.family in policy_families(name)
-            and (not is_run(name) or run_task(Path(name)).num_objects == scenes.num_objects)
-        ]
+        fitting = [name for name in self.policies if scenes.family in policy_families(name)]
+        runs = {name: run_task(Path(name)).num_objects for name in fitting if is_run(name)}
+        fitting = [name for name in fitting if runs.get(name, scenes.num_objects) == scenes.num_objects]
         return list(dict.fromkeys((*fitting, *CONTROLS.get(scenes.family, ()))))
 
     @property
@@ -82,26 +80,14 @@ class Comparison:
 
 
 def compare(
-    comparison: Comparison,
-    records: ResultRecords | None = None,
-    *,
-    workers: int = 1,
-    ray: str = "",
-    count_crashes: bool = False,
-    tick: Callable[[], object] = lambda: None,
+    comparison: Comparison, records: ResultRecords | None = None, *, workers: int = 1, ray: str = "", **more: Any
 ) -> list[Row]:
     """Evaluate every policy on every set of scenes; runs that differ in their seeds form one row.
 
     Args:
         comparison: the policies and the scenes.
         records: file of the scores, where an interrupted comparison goes on.
-        workers: number of processes.
-        ray: address of Ray; "" for processes of this machine.
-        count_crashes: an exception of a policy is a failed episode; otherwise it ends the comparison.
-        tick: called after every episode.
-
-    Raises:
-        See `evaluate`.
+        workers, ray, more: as of `evaluate`, whose errors it raises.
     """
     rows = []
     for scenes in comparison.scene_sets:
@@ -118,9 +104,8 @@ def compare(
                 trust=comparison.trust,
                 workers=workers,
                 ray=ray,
-                count_crashes=count_crashes,
                 records=records,
-                tick=tick,
+                **more,
             )
             if scenes.family in ("retrieve", "rearrange") and not found.floors:
                 grasps = found.traits.grasps

@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
@@ -178,7 +179,7 @@ def _checked(result: Any, place: str) -> Any:
     if isinstance(result, ClutterEnvError):
         raise result
     if isinstance(result, Crash | Killed):
-        raise PolicyCrashed(f"{place}\n\n{_text(result)}")
+        raise PolicyCrashed(f"{place}\n\n{result.detail}")
     return result
 
 
@@ -195,7 +196,7 @@ def lower_bounds(
     def find(missing: Iterable[int]) -> Iterator[tuple[int, Floor]]:
         for index, result in run_jobs(partial(_find_floor, scenes, grasps), missing, workers, ray=ray):
             if isinstance(result, Crash | Killed):
-                raise LearningError(f"lower bound of scene {index} of {scenes.name}: {_text(result)}")
+                raise LearningError(f"lower bound of scene {index} of {scenes.name}: {result.detail}")
             yield index, result
 
     if scenes.suite:
@@ -215,12 +216,12 @@ def _complete(
 
     A result is written as soon as it is made, but for a crash: the policy will have been mended.
     """
-    count, found, keys = len(job.scenes.scenes), {}, []
-    for index in range(count):
-        keys.append(_key(job, index, made_with))
-        if records is not None and (known := records.get(keys[index])) is not None:
-            found[index] = known
-            tick()
+    count = len(job.scenes.scenes)
+    keys = [_key(job, index, made_with) for index in range(count)]
+    known = {} if records is None else records.known
+    found = {index: known[key] for index, key in enumerate(keys) if key in known}
+    for _ in found:
+        tick()
     for index, result in make([index for index in range(count) if index not in found]):
         if records is not None and not (isinstance(result, Played) and result.score.is_crash):
             records.add(keys[index], result)
@@ -250,9 +251,9 @@ def _play_here(
                 cause = f"{type(problem).__name__}: {problem}"
                 crashed.append((index, Played(Score.of_crash(scene.seed, cause), None)))
 
-    for (index, recording), score in run_jobs(partial(_replay_job, job.scenes), recordings(), 1):
+    for (index, recording), score in run_jobs(partial(_replay, job.scenes), recordings(), 1):
         if isinstance(score, Crash | Killed):
-            raise LearningError(f"the replay of scene {index} of {job.scenes.name} failed: {_text(score)}")
+            raise LearningError(f"the replay of scene {index} of {job.scenes.name} failed: {score.detail}")
         yield index, Played(score, recording.cut(score.steps))
     yield from crashed
 
@@ -263,6 +264,8 @@ def _play_in_worker(
     """Say what the policy is; or play a scene, and score the replay of what was recorded."""
     index, traits = task
     try:
+        if _process(job).has_ended:  # by a crash
+            _process.cache_clear()
         process = _process(job)
         if traits is None:
             return process.traits
@@ -281,15 +284,9 @@ def _play_in_worker(
         return problem
 
 
-def _process(job: _Job) -> PolicyProcess:
-    """The policy of a worker, made once for all scenes of a set, and again after a crash."""
-    if _made_process(job).has_ended:
-        _made_process.cache_clear()
-    return _made_process(job)
-
-
 @lru_cache(maxsize=1)
-def _made_process(job: _Job) -> PolicyProcess:
+def _process(job: _Job) -> PolicyProcess:
+    """The policy of a worker, made once for all scenes of a set."""
     return PolicyProcess(job.policy, job.seed, job.feasibility, job.trust)
 
 
@@ -299,7 +296,7 @@ def _seen_env(scenes: SceneSet, acts_by_skills: bool, feasibility: str, keywords
     return scene_for(scenes.scenes[0], acts_by_skills, feasibility).make(**json.loads(keywords))
 
 
-def _replay_job(scenes: SceneSet, job: tuple[int, Recording]) -> Score:
+def _replay(scenes: SceneSet, job: tuple[int, Recording]) -> Score:
     return replay(scenes, *job)
 
 
@@ -317,19 +314,13 @@ def replay(scenes: SceneSet, index: int, recording: Recording) -> Score:
 
 def judged_in(scenes: SceneSet, control_modes: Sequence[str]) -> dict[str, Any]:
     """The digest of the environment in which recordings with these control modes are scored."""
-    env = _make_judging_env(scenes, (*control_modes, "joint")[0])  # anew: resets change the time limit
-    try:
+    # Anew, because resets change the time limit.
+    with closing(_judging_env.__wrapped__(scenes, (*control_modes, "joint")[0])) as env:
         return environment_digest(env)
-    finally:
-        env.close()
 
 
 @lru_cache(maxsize=4)
 def _judging_env(scenes: SceneSet, control_mode: str) -> gym.Env[Any, Any]:
-    return _make_judging_env(scenes, control_mode)
-
-
-def _make_judging_env(scenes: SceneSet, control_mode: str) -> gym.Env[Any, Any]:
     return scenes.scenes[0].make(**({} if scenes.family == "skill" else {"control_mode": control_mode}))
 
 
@@ -337,12 +328,11 @@ def _find_floor(scenes: SceneSet, grasps: str, index: int) -> Floor:
     return find_floor(scenes.scenes[index], grasps)
 
 
-def _text(problem: Crash | Killed) -> str:
-    return problem.detail if isinstance(problem, Crash) else f"killed after {problem.seconds:.0f} s"
-
-
 class ResultRecords:
     """The scores in a file, one line per policy and scene; those made so far are found again.
+
+    Attributes:
+        known: the `Played` or `Floor` of each key.
 
     Raises:
         LearningError: the file is damaged, holds something else, or its scores were made with another version; the
@@ -350,13 +340,13 @@ class ResultRecords:
     """
 
     def __init__(self, path: Path) -> None:
-        self._known: dict[str, Any] = {}
+        self.known: dict[str, Any] = {}
         try:
             self._file = JsonLines(path)
             header, *rows = self._file.values or [{"provenance": provenance()}]
             made_with = header.get("provenance")
             for row in rows:
-                self._known[row["key"]] = (
+                self.known[row["key"]] = (
                     Played(Score(**row["score"]), Recording.from_json(row["recording"]))
                     if "score" in row
                     else Floor(**row["floor"])
@@ -368,21 +358,13 @@ class ResultRecords:
         if not self._file.values:
             self._file.append(header)
 
-    def get(self, key: str) -> Any:
-        """The `Played` or `Floor` of a key, None if it has not been made."""
-        return self._known.get(key)
-
     def add(self, key: str, result: Played | Floor) -> None:
-        """Add a result, and write it to the disk.
-
-        Raises:
-            OSError: the disk is full or cannot be written; what was written before stays.
-        """
+        """Add a result, and write it to the disk; an `OSError` leaves what was written before."""
         if isinstance(result, Floor):
             self._file.append({"key": key, "floor": result})
         elif result.recording is not None:
             self._file.append({"key": key, "score": result.score, "recording": result.recording.to_json()})
-        self._known[key] = result
+        self.known[key] = result
 
 
 def _key(job: _Job, index: int, made_with: Mapping[str, Any]) -> str:

@@ -173,7 +173,7 @@ def serve() -> None:
     host: _Host | None = None
     while True:
         try:
-            call, argument = pickle.loads(_receive(calls))
+            call, argument = pickle.loads(_receive(calls))  # noqa: S301  # from the process that started this one
         except (EOFError, OSError):
             _end_own_group()
         try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, TypeAlias
@@ -132,36 +133,26 @@ def _scenes(wanted: SceneSet) -> tuple[Scene, ...]:
     if wanted.suite:
         return suite(wanted.suite).split(wanted.split)[: wanted.count]
     assert wanted.count is not None
-    chosen = {
-        "obstructed": wanted.obstructed,
-        "layout": wanted.layout,
-        "num_objects": wanted.objects,
-        "task": wanted.task,
-    }
-    keywords = {name: value for name, value in chosen.items() if value}
+    chosen = {"obstructed": wanted.obstructed, "layout": wanted.layout, "num_objects": wanted.objects}
+    keywords = {name: value for name, value in {**chosen, "task": wanted.task}.items() if value}
     Task(wanted.env_id, keywords).make().close()
     seeds = wanted.seeds or range(wanted.first_seed, wanted.first_seed + wanted.count)
     return tuple(SeededScene(wanted.env_id, keywords, seed, wanted.max_steps) for seed in seeds)
 
 
-def skill_scene(scene: Scene, feasibility: str) -> Scene:
-    """The same scene as one of Skill in physics, with `SKILLS` skills; one of Skill as it is.
+def scene_for(scene: Scene, acts_by_skills: bool, feasibility: str) -> Scene:
+    """The scene as a policy plays it: by skills, one of Retrieve is one of Skill in physics with `SKILLS` skills.
 
     Raises:
-        LearningError: the scene is neither one of a Retrieve nor of a Skill environment.
+        LearningError: there are no skills in the scene's environment.
     """
-    if family(scene.env_id) == "skill":
+    if not acts_by_skills or family(scene.env_id) == "skill":
         return scene
     if family(scene.env_id) != "retrieve":
         raise LearningError(f"there are no skills in {scene.env_id}")
     count = Task(scene.env_id, scene.keywords).num_objects
     keywords = {**scene.keywords, "num_objects": count, "feasibility": feasibility, "budget": SKILLS}
     return replace(scene, env_id=_SKILL_ENV, keywords=keywords, max_steps=SKILLS)
-
-
-def scene_for(scene: Scene, acts_by_skills: bool, feasibility: str) -> Scene:
-    """The scene as a policy plays it; raises LearningError, see `skill_scene`."""
-    return skill_scene(scene, feasibility) if acts_by_skills else scene
 
 
 def find_floor(scene: Scene, grasps: str) -> Floor:
@@ -172,12 +163,9 @@ def find_floor(scene: Scene, grasps: str) -> Floor:
     """
     if isinstance(scene, SuiteScene):
         return scene.floor(grasps)
-    env = scene.make()
-    try:
+    with closing(scene.make()) as env:
         _, info = scene.reset(env)
         return search_floor(env, info, grasps)
-    finally:
-        env.close()
 
 
 def search_floor(env: gym.Env[Any, Any], info: Mapping[str, Any], grasps: str) -> Floor:
@@ -186,8 +174,7 @@ def search_floor(env: gym.Env[Any, Any], info: Mapping[str, Any], grasps: str) -
     It counts clearances: picks beyond that of the target, or those of the objects that the goal wants elsewhere.
     """
     # The other policies do without the planner and its compiled kernels.
-    from planners import Scene as PlannerScene
-    from planners import clearance_floor, lower_bound
+    from planners import Scene as PlannerScene, clearance_floor, lower_bound
 
     inner: Any = env.unwrapped
     if "unmet" not in info:

@@ -12,7 +12,7 @@ from typing import Any
 import gymnasium as gym
 
 from clutter_env.errors import ClutterEnvError, LearningError
-from clutter_env.evaluation.evaluate import Evaluation, Played, evaluate, judged_in, lower_bounds, replay
+from clutter_env.evaluation.evaluate import Evaluation, Played, judged_in, lower_bounds, replay
 from clutter_env.evaluation.recording import CONTROL_MODES, Recording
 from clutter_env.evaluation.scenes import SceneSet
 from clutter_env.evaluation.score import PolicyCrashed, Score
@@ -22,7 +22,7 @@ from clutter_env.policies.registry import BUILT_IN, PolicyTraits, load_policy, p
 from clutter_env.policies.runs import is_run
 from clutter_env.provenance import differences, provenance
 from clutter_env.reporting.files import json_text
-from clutter_env.reporting.intervals import Interval, wilson
+from clutter_env.reporting.intervals import Interval
 from clutter_env.suites import suite
 
 _TYPES: Mapping[str, type | tuple[type, ...]] = {
@@ -125,27 +125,11 @@ def verify(path: Path, workers: int = 1, tick: Callable[[], object] = lambda: No
     )
 
 
-def play_fresh(
-    path: Path,
-    policy: str,
-    count: int,
-    first_seed: int,
-    workers: int = 1,
-    tick: Callable[[], object] = lambda: None,
-    trust: bool = False,
-) -> Evaluation:
-    """The policy itself on fresh scenes of the same kind.
-
-    Raises:
-        See `evaluate`.
-    """
-    return evaluate(policy, fresh_scenes(path, count, first_seed, workers), trust=trust, workers=workers, tick=tick)
-
-
 def fresh_scenes(path: Path, count: int, first_seed: int, workers: int = 1) -> SceneSet:
     """Scenes of the kind of those of a results file: of a suite, the first whose lower bounds it would admit."""
     scenes = scenes_of(read_results(path))
-    first, least = scenes.scenes[0], least_bound(scenes.suite)
+    first, bounds = scenes.scenes[0], [scene.floor_side for scene in suite(scenes.suite)] if scenes.suite else []
+    least = min((floor.count or 0 if floor else 0 for floor in bounds), default=0)
     kind = SceneSet(
         env_id=first.env_id,
         obstructed=first.keywords.get("obstructed", False),
@@ -163,17 +147,6 @@ def fresh_scenes(path: Path, count: int, first_seed: int, workers: int = 1) -> S
         seeds += [scene.seed for scene, admitted in zip(kind.scenes, is_admitted, strict=True) if admitted]
         kind = replace(kind, first_seed=kind.first_seed + len(floors), count=2 * len(floors))
     return replace(kind, count=count, first_seed=first_seed, seeds=tuple(seeds[:count]))
-
-
-def least_bound(name: str) -> int:
-    """The smallest lower bound for side grasps in a suite; 0 where a scene has none, and outside the suites."""
-    floors = (scene.floor_side for scene in suite(name)) if name else ()
-    return min((floor.count or 0 if floor else 0 for floor in floors), default=0)
-
-
-def fresh_success(evaluation: Evaluation) -> Interval:
-    """Clean success on fresh scenes."""
-    return wilson(sum(score.clean for score in evaluation.scores), len(evaluation.scores))
 
 
 FRESH_SEEDS = range(5_000_000, 2**31)

@@ -15,7 +15,7 @@ from types import MappingProxyType
 from typing import Any
 
 from clutter_env import GOAL_FAMILIES
-from clutter_env.errors import missing_extra
+from clutter_env.errors import ClutterEnvError, missing_extra
 from clutter_env.policies.experts import EXPERTS, PLANNERS, GreedyPolicy, RandomPolicy, ScriptedExpert, make_expert
 from clutter_env.policies.protocol import FREE_KEYWORDS, AnyPolicy, PolicyError
 from clutter_env.policies.runs import is_run, run_task
@@ -55,7 +55,7 @@ def load_policy(name: str, seed: int, trust: bool = False) -> AnyPolicy:
         return make_expert(name)
     if name in _BASELINES:
         return _BASELINES[name](seed)
-    module, _, attribute = name.partition(":")
+    attribute = name.partition(":")[2]
     if name in _SHIPPED or is_run(name) or attribute.endswith(".zip"):
         try:
             return _learned_policy(name, trust)
@@ -66,19 +66,7 @@ def load_policy(name: str, seed: int, trust: bool = False) -> AnyPolicy:
             f"no policy {name!r}; give module:Class, the directory of a training run, ALGORITHM:FILE.zip, or one of "
             f"{', '.join(BUILT_IN)}"
         )
-    here = str(Path.cwd())
-    if here not in sys.path:
-        sys.path.insert(0, here)
-    try:
-        loaded = importlib.import_module(module)
-    except ModuleNotFoundError as problem:
-        # What a user's own module fails to import is the user's error, with its traceback.
-        if problem.name is None or not f"{module}.".startswith(f"{problem.name}."):
-            raise
-        raise PolicyError(f"policy {name!r} cannot be imported: there is no module {problem.name!r}") from problem
-    if not hasattr(loaded, attribute):
-        raise PolicyError(f"policy {name!r} cannot be imported: {module} has no {attribute!r}")
-    make_own = getattr(loaded, attribute)
+    make_own = imported(name, PolicyError(f"policy {name!r} cannot be imported"))
     try:
         inspect.signature(make_own).bind()
     except TypeError as problem:
@@ -89,6 +77,23 @@ def load_policy(name: str, seed: int, trust: bool = False) -> AnyPolicy:
     policy: AnyPolicy = make_own()
     check_policy(policy, name)
     return policy
+
+
+def imported(name: str, refusal: ClutterEnvError) -> Any:
+    """What "module:NAME" refers to; raises the refusal, with its cause, if there is no such module or name."""
+    module, _, attribute = name.partition(":")
+    if (here := str(Path.cwd())) not in sys.path:  # a console script does not look in the current directory
+        sys.path.insert(0, here)
+    try:
+        loaded = importlib.import_module(module)
+    except ModuleNotFoundError as problem:
+        # What a user's own module fails to import is the user's error, with its traceback.
+        if problem.name is None or not f"{module}.".startswith(f"{problem.name}."):
+            raise
+        raise type(refusal)(f"{refusal}: there is no module {problem.name!r}") from problem
+    if not hasattr(loaded, attribute):
+        raise type(refusal)(f"{refusal}: {module} has no {attribute!r}")
+    return getattr(loaded, attribute)
 
 
 def _learned_policy(name: str, trust: bool) -> AnyPolicy:

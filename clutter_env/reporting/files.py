@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
@@ -62,6 +63,21 @@ def write_json(path: Path, value: Any) -> None:
     write_atomically(path, text.encode())
 
 
+def changes(there: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """What differs between two records, in words, such as "seed: 0 there, 1 now".
+
+    Groups of values (mappings) that the first record lacks are not compared: those of earlier versions lack some.
+    """
+    found = []
+    for name in dict.fromkeys((*there, *now)):
+        old, new = there.get(name), now.get(name)
+        if isinstance(new, Mapping):
+            found += changes(old, new) if isinstance(old, Mapping) else []
+        elif old != new:
+            found.append(f"{name}: {old!r} there, {new!r} now")
+    return found
+
+
 def check_picture(path: Path | None) -> None:
     """Refuse a file, by a `ValueError`, whose ending is of no picture: before what it shows is measured."""
     if path is not None and path.suffix.lower() not in PICTURES:
@@ -87,7 +103,7 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 @contextmanager
 def written_atomically(path: Path) -> Iterator[Path]:
-    """Another path beside `path`, whose file gets the name `path` at the end of the block, and is removed on errors.
+    """Another path beside `path`, whose file or directory gets that name at the end of the block; removed on errors.
 
     Raises:
         OSError: the disk is full or cannot be written; the error names the file `path`.
@@ -99,6 +115,8 @@ def written_atomically(path: Path) -> Iterator[Path]:
     except OSError as problem:
         raise OSError(problem.errno, f"{problem.strerror or problem}, cannot write", str(path)) from problem
     finally:
+        if part.is_dir():
+            shutil.rmtree(part)
         part.unlink(missing_ok=True)
 
 

@@ -134,7 +134,7 @@ def as_household(scene: TableScene) -> TableScene:
 
 
 def _matrix(quaternion: Sequence[float]) -> Array:
-    """(3, 3) rotation of a unit quaternion wxyz."""
+    """(3, 3) rotation of a quaternion wxyz, which is not normalised again: that would change last digits of scenes."""
     w, x, y, z = quaternion
     return np.array(
         [
@@ -145,9 +145,8 @@ def _matrix(quaternion: Sequence[float]) -> Array:
     )
 
 
-def _box(size: Sequence[float], at: Sequence[float], colour: Colour, weight: float = 1.0, yaw: float = 0.0) -> Part:
-    turn = (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))
-    return Part("box", tuple(size), np.array(at, dtype=float), colour, weight, turn)
+def _box(size: Sequence[float], at: Sequence[float], colour: Colour, weight: float = 1.0) -> Part:
+    return Part("box", tuple(size), np.array(at, dtype=float), colour, weight)
 
 
 def _upright(radius: float, low: float, high: float, colour: Colour, weight: float = 1.0) -> Part:
@@ -191,136 +190,102 @@ def _wall(
     return parts
 
 
-def _mug() -> Kind:
-    blue = (0.25, 0.45, 0.72)
-    handle = [
-        _rod(0.005, (0.040, 0.0, 0.025), (0.068, 0.0, 0.030), blue, 0.05),
-        _rod(0.005, (0.068, 0.0, 0.030), (0.068, 0.0, 0.072), blue, 0.05),
-        _rod(0.005, (0.040, 0.0, 0.078), (0.068, 0.0, 0.072), blue, 0.05),
-    ]
-    return Kind.of(
+BLUE, GREEN, SKY, BLACK, WHITE = (
+    (0.25, 0.45, 0.72),
+    (0.20, 0.50, 0.32),
+    (0.35, 0.55, 0.80),
+    (0.16, 0.16, 0.17),
+    (0.92, 0.94, 0.96),
+)
+_HANDLE = (
+    ((0.040, 0.0, 0.025), (0.068, 0.0, 0.030)),
+    ((0.068, 0.0, 0.030), (0.068, 0.0, 0.072)),
+    ((0.040, 0.0, 0.078), (0.068, 0.0, 0.072)),
+)
+_BOWL = ((0.034, 0.004), (0.062, 0.022), (0.073, 0.045), (0.075, 0.065))
+_ALONG_X, _ALONG_Y = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0), (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0)
+"""Quaternions that lay a cylinder along an axis."""
+_GABLE = [(a, b, 0.19) for a in (-0.035, 0.035) for b in (-0.035, 0.035)] + [(a, 0.0, 0.225) for a in (-0.035, 0.035)]
+_TURNS = np.arange(14) * (2 * math.pi / 14)
+_TUBE = [(0.07, 0.020 * math.cos(a), 0.020 + 0.020 * math.sin(a)) for a in _TURNS]
+_TUBE_END = [(-0.07, y, z) for y in (-0.027, 0.027) for z in (0.0, 0.003)]
+_APPLE = [(0.038 * math.cos(a), 0.036 * math.sin(a)) for a in np.linspace(-1.15, 1.25, 9)]
+
+_ALL = (
+    Kind.of(
         "mug",
         0.32,
-        _upright(0.038, 0.0, 0.006, blue, 0.2),
-        _wall((0.041, 0.0), (0.042, 0.095), 0.005, blue, 0.65),
-        handle,
-    )
-
-
-def _bowl() -> Kind:
-    profile = ((0.034, 0.004), (0.062, 0.022), (0.073, 0.045), (0.075, 0.065))
-    rings = (_wall(low, high, 0.006, CERAMIC, 0.28) for low, high in itertools.pairwise(profile))
-    return Kind.of("bowl", 0.30, _upright(0.035, 0.0, 0.005, CERAMIC, 0.16), *rings)
-
-
-def _bottle() -> Kind:
-    green = (0.20, 0.50, 0.32)
-    shoulder = _turned(((0.033, 0.135), (0.014, 0.175)), green, 0.1)
-    cap = _upright(0.015, 0.195, 0.212, (0.9, 0.9, 0.9), 0.02)
-    return Kind.of(
+        _upright(0.038, 0.0, 0.006, BLUE, 0.2),
+        _wall((0.041, 0.0), (0.042, 0.095), 0.005, BLUE, 0.65),
+        [_rod(0.005, *ends, BLUE, 0.05) for ends in _HANDLE],
+    ),
+    Kind.of("packet", 0.20, _box((0.030, 0.045, 0.070), (0.0, 0.0, 0.070), CARDBOARD)),
+    Kind.of(
         "bottle",
         0.52,
-        _upright(0.033, 0.0, 0.135, green, 0.85),
-        shoulder,
-        _upright(0.013, 0.17, 0.195, green, 0.03),
-        cap,
-    )
-
-
-def _can() -> Kind:
-    rims = [_upright(0.0325, low, low + 0.004, STEEL, 0.03) for low in (0.0, 0.111)]
-    return Kind.of("can", 0.37, _upright(0.033, 0.004, 0.111, (0.93, 0.55, 0.12), 0.94), rims)
-
-
-def _carton() -> Kind:
-    blue, x, top = (0.35, 0.55, 0.80), 0.035, 0.19
-    gable = _hull([(a, b, top) for a in (-x, x) for b in (-x, x)] + [(a, 0.0, 0.225) for a in (-x, x)], blue, 0.05)
-    return Kind.of("carton", 0.55, _box((x, x, top / 2), (0.0, 0.0, top / 2), (0.93, 0.95, 0.97), 0.95), gable)
-
-
-def _packet() -> Kind:
-    return Kind.of("packet", 0.20, _box((0.030, 0.045, 0.070), (0.0, 0.0, 0.070), CARDBOARD))
-
-
-def _jar() -> Kind:
-    lid = _upright(0.036, 0.090, 0.105, (0.85, 0.70, 0.20), 0.1)
-    return Kind.of(
+        _upright(0.033, 0.0, 0.135, GREEN, 0.85),
+        _turned(((0.033, 0.135), (0.014, 0.175)), GREEN, 0.1),
+        _upright(0.013, 0.17, 0.195, GREEN, 0.03),
+        _upright(0.015, 0.195, 0.212, (0.9, 0.9, 0.9), 0.02),
+    ),
+    Kind.of(
+        "bowl",
+        0.30,
+        _upright(0.035, 0.0, 0.005, CERAMIC, 0.16),
+        *(_wall(low, high, 0.006, CERAMIC, 0.28) for low, high in itertools.pairwise(_BOWL)),
+    ),
+    Kind.of(
+        "can",
+        0.37,
+        _upright(0.033, 0.004, 0.111, (0.93, 0.55, 0.12), 0.94),
+        [_upright(0.0325, low, low + 0.004, STEEL, 0.03) for low in (0.0, 0.111)],
+    ),
+    Kind.of(
         "jar",
         0.45,
         _upright(0.038, 0.0, 0.080, (0.45, 0.30, 0.52), 0.85),
         _upright(0.034, 0.08, 0.09, GLASS, 0.05),
-        lid,
-    )
-
-
-def _tube() -> Kind:
-    """Lying, flat at its end."""
-    white, turns = (0.92, 0.94, 0.96), np.arange(14) * (2 * math.pi / 14)
-    round_end = [(0.07, 0.020 * math.cos(a), 0.020 + 0.020 * math.sin(a)) for a in turns]
-    flat_end = [(-0.07, y, z) for y in (-0.027, 0.027) for z in (0.0, 0.003)]
-    cap = Part(
-        "cylinder",
-        (0.014, 0.012),
-        np.array((0.081, 0.0, 0.02)),
-        PLASTIC,
-        0.1,
-        (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0),
-    )
-    return Kind.of("tube", 0.12, _hull(round_end + flat_end, white, 0.9), cap)
-
-
-def _apple() -> Kind:
-    """A round body, flat where it stands, and a stalk."""
-    angles = np.linspace(-1.15, 1.25, 9)
-    body = _turned([(0.038 * math.cos(a), 0.036 * math.sin(a)) for a in angles], (0.55, 0.70, 0.22), 0.99)
-    return Kind.of("apple", 0.18, body, _rod(0.0025, (0.0, 0.0, 0.034), (0.003, 0.0, 0.046), WOOD, 0.01))
-
-
-def _glass() -> Kind:
-    cup = _turned(((0.008, 0.085), (0.030, 0.105)), GLASS, 0.2)
-    wall = _wall((0.030, 0.105), (0.034, 0.160), 0.004, GLASS, 0.3)
-    return Kind.of(
-        "glass", 0.15, _upright(0.034, 0.0, 0.005, GLASS, 0.35), _upright(0.005, 0.005, 0.086, GLASS, 0.15), cup, wall
-    )
-
-
-def _pan() -> Kind:
-    black = (0.16, 0.16, 0.17)
-    handle = _rod(0.009, (0.080, 0.0, 0.034), (0.190, 0.0, 0.046), WOOD, 0.15)
-    return Kind.of(
+        _upright(0.036, 0.090, 0.105, (0.85, 0.70, 0.20), 0.1),
+    ),
+    Kind.of(
+        "carton",
+        0.55,
+        _box((0.035, 0.035, 0.095), (0.0, 0.0, 0.095), (0.93, 0.95, 0.97), 0.95),
+        _hull(_GABLE, SKY, 0.05),
+    ),
+    Kind.of(  # flat where it stands, with a stalk
+        "apple",
+        0.18,
+        _turned(_APPLE, (0.55, 0.70, 0.22), 0.99),
+        _rod(0.0025, (0.0, 0.0, 0.034), (0.003, 0.0, 0.046), WOOD, 0.01),
+    ),
+    Kind.of(
+        "glass",
+        0.15,
+        _upright(0.034, 0.0, 0.005, GLASS, 0.35),
+        _upright(0.005, 0.005, 0.086, GLASS, 0.15),
+        _turned(((0.008, 0.085), (0.030, 0.105)), GLASS, 0.2),
+        _wall((0.030, 0.105), (0.034, 0.160), 0.004, GLASS, 0.3),
+    ),
+    Kind.of(  # lying, flat at its end
+        "tube",
+        0.12,
+        _hull(_TUBE + _TUBE_END, WHITE, 0.9),
+        Part("cylinder", (0.014, 0.012), np.array((0.081, 0.0, 0.02)), PLASTIC, 0.1, _ALONG_X),
+    ),
+    Kind.of(
         "pan",
         0.60,
-        _upright(0.070, 0.0, 0.005, black, 0.5),
-        _wall((0.070, 0.0), (0.080, 0.042), 0.005, black, 0.35),
-        handle,
-    )
-
-
-def _hammer() -> Kind:
-    """Lying on the side of its head."""
-    head = Part(
-        "cylinder", (0.013, 0.045), np.array((0.0, 0.0, 0.013)), STEEL, 0.7, (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0)
-    )
-    return Kind.of("hammer", 0.45, head, _box((0.100, 0.013, 0.009), (0.110, 0.0, 0.009), WOOD, 0.3))
-
-
-KINDS: Mapping[str, Kind] = MappingProxyType(
-    {
-        kind.name: kind
-        for kind in (
-            _mug(),
-            _packet(),
-            _bottle(),
-            _bowl(),
-            _can(),
-            _jar(),
-            _carton(),
-            _apple(),
-            _glass(),
-            _tube(),
-            _pan(),
-            _hammer(),
-        )
-    }
+        _upright(0.070, 0.0, 0.005, BLACK, 0.5),
+        _wall((0.070, 0.0), (0.080, 0.042), 0.005, BLACK, 0.35),
+        _rod(0.009, (0.080, 0.0, 0.034), (0.190, 0.0, 0.046), WOOD, 0.15),
+    ),
+    Kind.of(  # lying on the side of its head
+        "hammer",
+        0.45,
+        Part("cylinder", (0.013, 0.045), np.array((0.0, 0.0, 0.013)), STEEL, 0.7, _ALONG_Y),
+        _box((0.100, 0.013, 0.009), (0.110, 0.0, 0.009), WOOD, 0.3),
+    ),
 )
+KINDS: Mapping[str, Kind] = MappingProxyType({kind.name: kind for kind in _ALL})
 """By name, in the order of slots. None is red: the target is."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import NamedTuple
@@ -61,6 +62,12 @@ class Solids(NamedTuple):
     radius: Array
     half_height: Array
     is_finger: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, rows: Sequence[Sequence[float]]) -> Solids:
+        """From a row of numbers for each."""
+        start, end, half_width, radius, half_height, is_finger = np.array(rows, np.float64).T
+        return cls(start, end, half_width, radius, half_height, is_finger > 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +121,6 @@ def side_approaches(robot: str) -> SideApproaches:
         FileNotFoundError: there is no table for that robot; see `robots_with_approaches`.
     """
     content = json.loads(assets.path(f"approaches/{robot}.json").read_text())
-    start, end, half_width, radius, half_height, is_finger = np.array(content["solids"], np.float64).T
     margins = PlannerMargins(**content["planner"])
     reachable, digits = {}, margins.yaws // 4
     for name, rows in content["layouts"].items():  # a mask of the yaws in hexadecimal digits for each cell
@@ -122,7 +128,7 @@ def side_approaches(robot: str) -> SideApproaches:
         reachable[name] = (np.array(masks)[..., None] >> np.arange(margins.yaws) & 1).astype(np.bool_)
     return SideApproaches(
         margins=margins,
-        solids=Solids(start, end, half_width, radius, half_height, is_finger > 0),
+        solids=Solids.of(content["solids"]),
         grasp_height=content["grasp_height"],
         palm_reach=content["palm_reach"],
         pad_half_height=content["pad_half_height"],

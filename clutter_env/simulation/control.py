@@ -65,7 +65,8 @@ def checked_action(action: ArrayLike, size: int) -> NDArray[np.float32]:
     Raises:
         ActionError: not a finite numeric vector of shape (size,).
     """
-    return _clipped(checked_vector("the action", action, (size,)), -1.0, 1.0).astype(np.float32)
+    # `np.clip` has an overhead on short vectors.
+    return np.minimum(np.maximum(checked_vector("the action", action, (size,)), -1.0), 1.0).astype(np.float32)
 
 
 def checked_vector(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Vector:
@@ -265,8 +266,3 @@ def _turned(drive: list[float], cosine: float, sine: float) -> list[float]:
     """A whole-body configuration whose base part is turned by the angle of this cosine and sine."""
     x, y, *others = drive
     return [cosine * x - sine * y, sine * x + cosine * y, *others]
-
-
-def _clipped(values: Vector, lowest: Vector | float, highest: Vector | float) -> Vector:
-    """`np.clip` without its overhead on short vectors."""
-    return np.minimum(np.maximum(values, lowest), highest)

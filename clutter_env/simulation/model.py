@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -20,10 +21,9 @@ from clutter_env.scene.table_scene import object_name
 PARKED_X = -3.0
 """[m] where the base stands in the model's reference configuration: clear of everything, so that objects may start
 asleep."""
-ENVIRONMENT_BITS = (1, 3)
-"""contype, conaffinity of furniture and objects; the robot has 2, 0 and thus never meets itself."""
-_OBJECT_FRICTION = (0.8, 0.005, 0.0005)
-_OBJECT_SOLREF = (0.01, 1.0)
+_BITS = {"contype": 1, "conaffinity": 3}
+"""Of furniture and objects; the robot has 2, 0 and thus never meets itself."""
+_OBJECT_CONTACT: dict[str, Any] = {**_BITS, "friction": (0.8, 0.005, 0.0005), "solref": (0.01, 1.0)}
 _OBJECT_ROLLING_DAMPING = 2e-4
 """[N m s] on the objects' rotation."""
 _OBJECT_ROLLING_FRICTION = 3e-3
@@ -200,7 +200,6 @@ def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
         contype=1,
         conaffinity=1,
     )
-    contype, conaffinity = ENVIRONMENT_BITS
     boards = [box.name for box in furniture(layout) if box.name.startswith("shelf_board")]
     for box in furniture(layout):
         kind, tray = box.name.partition("_")[0], box.name.partition("_rim")[0]
@@ -213,8 +212,7 @@ def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
             pos=box.position,
             size=box.half_extents,
             rgba=colour,
-            contype=contype,
-            conaffinity=conaffinity,
+            **_BITS,
         )
     # Planners look in this custom tuple for the geoms on which objects may be put.
     names = supports_of(layout)
@@ -265,7 +263,6 @@ def _add_object(spec: mujoco.MjSpec, index: int, shape: str) -> None:
     if shape in KINDS:
         _add_parts(spec, body, KINDS[shape])
         return
-    contype, conaffinity = ENVIRONMENT_BITS
     body.explicitinertial = True
     body.mass, body.inertia = 0.2, [1e-3, 1e-3, 1e-3]
     body.ipos, body.iquat = [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]
@@ -274,16 +271,12 @@ def _add_object(spec: mujoco.MjSpec, index: int, shape: str) -> None:
         name=object_name(index),
         type=mujoco.mjtGeom.mjGEOM_BOX if is_box else mujoco.mjtGeom.mjGEOM_CYLINDER,
         size=[0.03, 0.03, 0.08] if is_box else [0.03, 0.08, 0],
-        friction=_OBJECT_FRICTION,
-        solref=_OBJECT_SOLREF,
-        contype=contype,
-        conaffinity=conaffinity,
+        **_OBJECT_CONTACT,
     )
 
 
 def _add_parts(spec: mujoco.MjSpec, body: mujoco.MjsBody, kind: Kind) -> None:
     """The geoms of a household object; hulls are meshes, one for all objects of the kind."""
-    contype, conaffinity = ENVIRONMENT_BITS
     total, known = sum(part.weight for part in kind.parts), {mesh.name for mesh in spec.meshes}
     for number, part in enumerate(kind.parts):
         mesh = f"{kind.name}_{number}"
@@ -298,10 +291,7 @@ def _add_parts(spec: mujoco.MjSpec, body: mujoco.MjsBody, kind: Kind) -> None:
             quat=part.quaternion,
             mass=kind.mass * part.weight / total,
             rgba=[*part.colour, 1.0],
-            friction=_OBJECT_FRICTION,
-            solref=_OBJECT_SOLREF,
-            contype=contype,
-            conaffinity=conaffinity,
+            **_OBJECT_CONTACT,
             **({"meshname": mesh} if part.shape == "hull" else {}),
         )
 

@@ -262,7 +262,8 @@ def read_physics(world: World, value: object) -> PhysicsState:
     model = world.model
     read = Fields(value, "physics", ("integration", "lists", "counts"))
     integration = read.numbers("integration", (mujoco.mj_stateSize(model, _INTEGRATION),))
-    parts = _split(model, integration)
+    ends = np.cumsum([mujoco.mj_stateSize(model, part) for part in _COMPONENTS])
+    parts = dict(zip(_COMPONENTS, np.split(integration, ends[:-1]), strict=True))
     _check_range("time", parts[mujoco.mjtState.mjSTATE_TIME], 0.0, _LARGEST)
     _check_range("positions", parts[mujoco.mjtState.mjSTATE_QPOS], -_LARGEST_POSITION, _LARGEST_POSITION)
     velocities = parts[mujoco.mjtState.mjSTATE_QVEL]
@@ -290,7 +291,7 @@ def restore_physics(world: World, scene: TableScene, state: PhysicsState) -> Non
     Raises:
         StateError: bodies that fell asleep apart from each other overlap; the world has not changed.
     """
-    model, data, scene_before = world.model, world.data, world.scene
+    model, data, scene_before = world.model, world.data, getattr(world, "scene", None)
     mujoco.mj_copyData(world.spare_data, model, data)
     world.apply_scene(scene)
     mujoco.mj_resetData(model, data)
@@ -324,12 +325,6 @@ def _sleepers_overlap(model: mujoco.MjModel, data: mujoco.MjData, asleep: Intege
     trees = model.body_treeid[model.geom_bodyid[data.contact.geom]].reshape(-1, 2)
     is_between_sleepers = ((trees >= 0) & is_asleep[trees]).all(axis=1) & (cycle[trees[:, 0]] != cycle[trees[:, 1]])
     return bool((is_between_sleepers & (data.contact.dist < -_SLEEPING_OVERLAP)).any())
-
-
-def _split(model: mujoco.MjModel, integration: NDArray[np.float64]) -> dict[mujoco.mjtState, NDArray[np.float64]]:
-    """The components of an integration state."""
-    ends = np.cumsum([mujoco.mj_stateSize(model, part) for part in _COMPONENTS])
-    return dict(zip(_COMPONENTS, np.split(integration, ends[:-1]), strict=True))
 
 
 def _largest_velocities(model: mujoco.MjModel) -> NDArray[np.float64]:
@@ -371,10 +366,6 @@ def _read_awake(model: mujoco.MjModel, read: Fields) -> tuple[dict[str, Integers
         found[name] = lists.integers(name, size, -1, max(size - 1, 1))
         if not np.array_equal(found[name][: len(wanted)], wanted):
             raise StateError(f"physics lists: {name} of the state does not agree with tree_asleep")
-    sizes = {
-        "ntree_awake": int(is_awake.sum()),
-        "nbody_awake": int(np.count_nonzero(body_awake)),
-        "nparent_awake": int(np.count_nonzero(body_awake[model.body_parentid[1:]])),
-        "nv_awake": int(np.count_nonzero(is_awake[model.dof_treeid])),
-    }
-    return found, {name: counts.integer(name, wanted, wanted) for name, wanted in sizes.items()}
+    awake = (is_awake, body_awake, body_awake[model.body_parentid[1:]], is_awake[model.dof_treeid])
+    sizes = zip(_AWAKE_COUNTS, map(np.count_nonzero, awake), strict=True)
+    return found, {name: counts.integer(name, int(size), int(size)) for name, size in sizes}

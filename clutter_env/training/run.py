@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from clutter_env.errors import LearningError
 from clutter_env.policies.runs import RUN_FILE, load_run
-from clutter_env.provenance import differences as made_differently
-from clutter_env.reporting.files import json_values, write_json
+from clutter_env.provenance import differences
+from clutter_env.reporting.files import changes, json_values, write_json
 from clutter_env.seeds import training_seeds
 from clutter_env.task import Task
 from clutter_env.training.settings import ALGORITHMS, Settings
@@ -56,14 +55,14 @@ class Run:
             )
         there, now = load_run(self.directory), self.describe()
         made_with = there.pop("provenance", None)
-        different = differences({**there, "steps": 0}, {**now, "steps": 0})
+        different = changes({**there, "steps": 0}, {**now, "steps": 0})
         if now["steps"] < there["steps"]:
             different.append(f"steps: {there['steps']} there, {now['steps']} now, which is less")
         if different:
             raise LearningError(
                 f"{self.directory} holds another run, which cannot be resumed as this one ({'; '.join(different)})"
             )
-        if changed := made_differently(made_with, present):
+        if changed := differences(made_with, present):
             raise LearningError(f"{self.directory} cannot be resumed. {' '.join(changed)}")
 
     def describe(self) -> dict[str, Any]:
@@ -92,18 +91,3 @@ def runs_of_seeds(run: Run, count: int) -> list[Run]:
     return [
         replace(run, seed=seed, directory=run.directory / f"seed-{seed}") for seed in range(run.seed, run.seed + count)
     ]
-
-
-def differences(there: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """What differs between two records of a run, in words, such as "seed: 0 there, 1 now".
-
-    Groups of values (mappings) that the first record lacks are not compared: runs of earlier versions lack some.
-    """
-    found = []
-    for name in dict.fromkeys((*there, *now)):
-        old, new = there.get(name), now.get(name)
-        if isinstance(new, Mapping):
-            found += differences(old, new) if isinstance(old, Mapping) else []
-        elif old != new:
-            found.append(f"{name}: {old!r} there, {new!r} now")
-    return found

@@ -19,6 +19,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.drawing.page.content import geom_colour
 from planners.drawing.page.page import plan_recording
 from planners.tamp.joint_trajectory import JointTrajectory
 from planners.tamp.solution import Solution
@@ -130,13 +131,7 @@ def _header(time: float, frame: str = _WORLD) -> dict[str, Any]:
 
 def _trajectory_message(trajectory: JointTrajectory) -> dict[str, Any]:
     points = [
-        {
-            "positions": q.tolist(),
-            "velocities": v.tolist(),
-            "accelerations": [],
-            "effort": [],
-            "time_from_start": _time(t),
-        }
+        {"positions": q.tolist(), "velocities": v.tolist(), "time_from_start": _time(t)}
         for t, q, v in zip(trajectory.times, trajectory.positions, trajectory.velocities, strict=True)
     ]
     return {"header": _header(0.0), "joint_names": list(trajectory.joint_names), "points": points}
@@ -156,18 +151,11 @@ def _joint_states(plan: Solution, trajectory: JointTrajectory) -> Iterator[tuple
     )
     rows = np.column_stack((trajectory.base, trajectory.positions, opened))
     for time, row in zip(trajectory.times, rows, strict=True):
-        yield (
-            float(time),
-            {"header": _header(time), "name": names, "position": row.tolist(), "velocity": [], "effort": []},
-        )
+        yield float(time), {"header": _header(time), "name": names, "position": row.tolist()}
 
 
-def _quaternion(wxyz: NDArray[np.float64]) -> dict[str, float]:
-    return dict(zip("wxyz", map(float, wxyz), strict=True))
-
-
-def _vector(xyz: NDArray[np.float64]) -> dict[str, float]:
-    return dict(zip("xyz", map(float, xyz), strict=True))
+def _named(names: str, values: NDArray[np.floating]) -> dict[str, float]:
+    return dict(zip(names, map(float, values), strict=True))
 
 
 def _frame(model: mujoco.MjModel, body: int) -> str:
@@ -179,7 +167,7 @@ def _frame(model: mujoco.MjModel, body: int) -> str:
 def _transforms(data: mujoco.MjData, time: float) -> Iterator[dict[str, Any]]:
     """Poses of all bodies but the world in the world."""
     for body in range(1, data.model.nbody):
-        transform = {"translation": _vector(data.xpos[body]), "rotation": _quaternion(data.xquat[body])}
+        transform = {"translation": _named("xyz", data.xpos[body]), "rotation": _named("wxyz", data.xquat[body])}
         yield {"header": _header(time), "child_frame_id": _frame(data.model, body), "transform": transform}
 
 
@@ -187,39 +175,22 @@ def _markers(model: mujoco.MjModel) -> Iterator[dict[str, Any]]:
     """The solids of a model in the frames of their bodies, which move them; a capsule is a cylinder and two spheres."""
     number = 0
     for geom in range(model.ngeom):
-        position, turn = np.array(model.geom_pos[geom]), np.array(model.geom_quat[geom])
+        position, turn, frame = model.geom_pos[geom], model.geom_quat[geom], _frame(model, int(model.geom_bodyid[geom]))
         for kind, offset, scale, points in _solids(model, geom):
             along = np.empty(3)
             mujoco.mju_rotVecQuat(along, np.array([0.0, 0.0, offset]), turn)
             number += 1
-            yield {
-                "header": _header(
-                    0.0, _frame(model, int(model.geom_bodyid[geom])) if model.geom_bodyid[geom] else _WORLD
-                ),
-                "ns": _frame(model, int(model.geom_bodyid[geom])),
+            yield {  # what is left out is 0 or empty
+                "header": _header(0.0, frame),
+                "ns": frame,
                 "id": number,
                 "type": kind,
-                "action": 0,
-                "pose": {"position": _vector(position + along), "orientation": _quaternion(turn)},
-                "scale": _vector(scale),
-                "color": dict(zip("rgba", map(float, _colour(model, geom)), strict=True)),
-                "lifetime": _time(0.0),
+                "pose": {"position": _named("xyz", position + along), "orientation": _named("wxyz", turn)},
+                "scale": _named("xyz", scale),
+                "color": _named("rgba", geom_colour(model, geom)),
                 "frame_locked": True,
-                "points": [_vector(point) for point in points],
-                "colors": [],
-                "texture_resource": "",
-                "texture": {"header": _header(0.0), "format": "", "data": b""},
-                "uv_coordinates": [],
-                "text": "",
-                "mesh_resource": "",
-                "mesh_file": {"filename": "", "data": b""},
-                "mesh_use_embedded_materials": False,
+                "points": [_named("xyz", point) for point in points],
             }
-
-
-def _colour(model: mujoco.MjModel, geom: int) -> NDArray[np.float64]:
-    material = int(model.geom_matid[geom])
-    return np.asarray(model.geom_rgba[geom] if material < 0 else model.mat_rgba[material])
 
 
 def _solids(model: mujoco.MjModel, geom: int) -> Iterator[tuple[int, float, NDArray[np.float64], NDArray[np.float64]]]:

@@ -64,8 +64,10 @@ class ControlledWorld:
         dt: [s] of one step.
         more_supports: other geoms or bodies on which objects may be put; None: those that the model declares.
         regions: named rectangles on supports, for goals.
+        goal: that the environment sets; None: `TampExpert.reset` is told.
     """
 
+    goal: Goal | None = None
     control_mode = "joint"
     waits_for_tcp = True
     lift_height = LIFTED
@@ -96,19 +98,13 @@ class ControlledWorld:
             SceneError: the model lacks the robot or an object.
         """
         if not (np.isfinite(controller.dt) and controller.dt > 0):
-            raise ExpertError(
-                f"dt={controller.dt!r} of {type(controller).__name__} is not valid; it must be a time [s]"
-            )
+            kind = type(controller).__name__
+            raise ExpertError(f"dt={controller.dt!r} of {kind} is not valid; it must be a time [s]")
         self.model, self.data, self.robot = model, mujoco.MjData(model), robot
         self.object_names = MovableBodies.of(model, robot, movable).names
-        self.support_name, self.more_supports, self.regions, self._goal = support, more_supports, tuple(regions), goal
+        self.support_name, self.more_supports, self.regions, self.goal = support, more_supports, tuple(regions), goal
         self.dt, self._controller = float(controller.dt), controller
         self._observe()
-
-    @property
-    def goal(self) -> Goal | None:
-        """That the environment sets; None: `TampExpert.reset` is told."""
-        return self._goal
 
     @property
     def is_over(self) -> bool:

@@ -81,9 +81,7 @@ def execute(
             f"robot {scene.robot.name!r} passes through {names}: their contact bits do not meet its own; execute in "
             "planners.prepare(model, robot).model"
         )
-    sensor = Sensor(model, data, scene.robot, scene.names)
-    motors = _Motors(model, data, scene.robot)
-    started = float(data.time)
+    motors, started = _Motors(model, data, scene.robot), float(data.time)
 
     def step(command: Command) -> bool:
         motors.move_to(command)
@@ -91,9 +89,9 @@ def execute(
             on_step()
         return False
 
-    executor = follow(solution.actions, scene.robot, sensor, step, config or MonitorConfig())
-    finished = executor.deviation is None
-    return ExecutionResult(finished, executor.deviation, tuple(executor.cleared), float(data.time) - started)
+    sensor = Sensor(model, data, scene.robot, scene.names)
+    done = follow(solution.actions, scene.robot, sensor, step, config or MonitorConfig())
+    return ExecutionResult(done.deviation is None, done.deviation, tuple(done.cleared), float(data.time) - started)
 
 
 def follow(

@@ -17,7 +17,7 @@ from planners.expert.monitor import Deviation, DeviationKind, Sensor, Snapshot, 
 from planners.motion.arm import tcp_pose
 from planners.motion.tcp_following import ON_THE_WAY, PATIENCE, PRECISE, is_behind
 from planners.motion.trajectory import CONTROL_STEP, Trajectory, is_contact
-from planners.scene import HeldObject, RobotState, Scene
+from planners.scene import HeldObject, RobotState
 from planners.tamp.solution import BoundAction
 
 Array = NDArray[np.float64]
@@ -67,32 +67,22 @@ class Executor:
         """Begin to execute a plan.
 
         Args:
-            actions: the plan.
-            robot: the robot that executes it.
+            actions, robot, config: the plan, what executes it, and tolerances.
             sensor: reads the start; snapshots later on are of the arm that `arm` names, objects in the same order.
-            config: tolerances of the monitor.
             by_tcp: the robot's controller may stay behind, or choose other joint angles for the same TCP pose. Then the
                 executor waits until the TCP arrives, and does not compare joint angles with the plan.
             at_start: samples for which the start of the plan is commanded before the robot moves along it.
             dt: [s] from one call of `advance` to the next; samples are `CONTROL_STEP` apart.
             latency: calls of `advance` until a snapshot shows what was commanded, beyond the first.
         """
-        self._actions = tuple(actions)
-        self._robot = robot
-        self._names = sensor.names
-        self._config = config
-        self.action = 0
-        self._tick = -float(at_start)
-        self._rate = 1.0
+        self._actions, self._robot, self._names, self._config = tuple(actions), robot, sensor.names, config
+        self._by_tcp, self._stride = by_tcp, dt / CONTROL_STEP
+        self._tick, self._rate, self._waited = -float(at_start), 1.0, 0.0
         self._expected = sensor.read()
         self._grip: Array | None = None
         self._closed_for = 0.0
-        self._stride = dt / CONTROL_STEP
-        self._last: Command | None = None
         self._sent: deque[Command] = deque(maxlen=latency + 1)
-        self._by_tcp = by_tcp
-        self._waited = 0.0
-        self.is_over = False
+        self.action, self.is_over = 0, False
         self.deviation: Deviation | None = None
         self.cleared: list[str] = []
 
@@ -124,20 +114,20 @@ class Executor:
     @property
     def arm(self) -> str:
         """Name of the arm that moves now, and that was commanded last."""
-        return self._scene.robot.arm_name
+        return self._present.scene.robot.arm_name
 
     @property
     def _is_at_end(self) -> bool:
         return self.action >= len(self._actions)
 
     @property
-    def _scene(self) -> Scene:
-        """The world as planned at the start of the present action."""
-        return self._actions[min(self.action, len(self._actions) - 1)].scene
+    def _present(self) -> BoundAction:
+        """The action, after the last one still that."""
+        return self._actions[min(self.action, len(self._actions) - 1)]
 
     @property
     def _trajectory(self) -> Trajectory:
-        return self._actions[min(self.action, len(self._actions) - 1)].trajectory
+        return self._present.trajectory
 
     @property
     def _time(self) -> float:
@@ -147,8 +137,7 @@ class Executor:
         return min(max(self._tick * CONTROL_STEP, 0.0), self._trajectory.duration)
 
     @property
-    def _steps(self) -> int:
-        """Samples of the present trajectory."""
+    def _samples(self) -> int:
         return round(self._trajectory.duration / CONTROL_STEP)
 
     # Time in the plan: it passes more slowly where the robot lags behind, and stops or runs back after a deviation.
@@ -161,16 +150,15 @@ class Executor:
         change = _RATE_CHANGE * self._stride
         self._rate += min(max(wanted - self._rate, -change), change)
         self._tick += self._rate * self._stride
-        while not self._is_at_end and self._tick >= self._steps + 1 - _ROUNDING:
-            self._tick -= self._steps
-            action = self._actions[self.action]
+        while not self._is_at_end and self._tick >= (samples := self._samples) + 1 - _ROUNDING:
+            self._tick -= samples
             self._expected = now
-            if action.is_clearance:
-                self.cleared.append(action.target)
+            if self._present.is_clearance:
+                self.cleared.append(self._present.target)
             self.action += 1
         while self._tick < 0 and self.action > 0:
             self.action -= 1
-            self._tick += self._steps
+            self._tick += self._samples
 
     def _lags(self, now: Snapshot) -> bool:
         """Whether a joint-controlled robot is behind by a part of what would be a tracking error."""
@@ -181,11 +169,11 @@ class Executor:
 
     def _has_to_wait(self, now: Snapshot) -> bool:
         """Whether the TCP has not reached the last commanded pose; the wait is limited to `PATIENCE` samples."""
-        if not self._by_tcp or self._last is None or self._waited >= PATIENCE:
+        if not self._by_tcp or not self._sent or self._waited >= PATIENCE:
             self._waited = 0.0
             return False
         due = self._sent[0].drive
-        wanted = tcp_pose(self._scene.robot, RobotState(due[:3], due[3:], 0.0))
+        wanted = tcp_pose(self._present.scene.robot, RobotState(due[:3], due[3:], 0.0))
         changes = [phase.start for phase in self._trajectory.phases if is_contact(phase)]
         near = CONTROL_STEP * max(self._stride, 1.0)
         is_near_contact = any(start - near <= self._time <= start + near for start in changes)
@@ -221,9 +209,8 @@ class Executor:
             is_empty_retreat = self._retreat_direction() < 0 and not sample.phase.held
             if is_empty_retreat or self.deviation.kind is DeviationKind.GRASP_MISSED:
                 opening = self._robot.max_opening
-        self._last = Command(drive, opening, self.arm)
-        self._sent.append(self._last)
-        return self._last
+        self._sent.append(Command(drive, opening, self.arm))
+        return self._sent[-1]
 
     # Comparison of the world with the plan.
 

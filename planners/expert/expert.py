@@ -20,7 +20,7 @@ from planners.collision.scene_arrays import robot_arrays
 from planners.contact import StepLabel, contacts
 from planners.expert.config import ExpertConfig, ExpertError
 from planners.expert.executor import Command, Executor
-from planners.expert.interfaces import ScenePlanner, controlled_env, num_disturbances, planner_for
+from planners.expert.interfaces import ScenePlanner, controlled_env, planner_for
 from planners.expert.monitor import Sensor, held_object
 from planners.expert.report import EpisodeReport, Recorder, Recording
 from planners.goals import Goal, height_below, holding
@@ -49,6 +49,8 @@ _NEAR_HOME = 0.05
 
 class TampExpert:
     """A policy for `clutter_env/Retrieve-…` that plans with exact knowledge of all object poses (privileged).
+
+    Before `reset`, all that tells of an episode raises `ExpertError`.
 
     Example:
         env = gymnasium.make("clutter_env/Retrieve-o15-v0")
@@ -124,16 +126,14 @@ class TampExpert:
             UnknownObject: no object of that name; the episode before goes on.
             GoalError: the goal means nothing in the scene; the episode before goes on.
         """
+        env, planner = self._env, self._planner
         try:
-            inner: Any = self._env
-            named = [name for name in ("planning_goal", "goal") if hasattr(type(inner), name)]
-            own = getattr(inner, named[0]) if named else holding(inner.target)
+            named = [name for name in ("planning_goal", "goal") if hasattr(type(env), name)]
+            own = getattr(env, named[0]) if named else holding(env.target)
         except ValueError as error:
             raise ExpertError(f"reset the environment before the expert: {error}") from error
         if goal is None and not isinstance(own, Goal):
-            kind = type(self._env).__name__
-            raise ExpertError(f"the goal of {kind} is no planners.goals.Goal; say which: reset(goal)")
-        env, planner = self._env, self._planner
+            raise ExpertError(f"the goal of {type(env).__name__} is no planners.goals.Goal; say which: reset(goal)")
         if isinstance(planner, Planner):
             planner.warmup()  # compiles kernels before any clock is started
         scene = self._read_scene()
@@ -146,12 +146,9 @@ class TampExpert:
         self._goal, self._start_scene = wanted, scene
         self._rng = np.random.default_rng(self._seed)
         self._recorder = Recorder(env, wanted.target)
-        self._data = self._perceived.data
+        model, self._data = self._perceived.model, self._perceived.data
         self._started = self._now = float(env.data.time)
-        self._sensors = {
-            arm: Sensor(self._perceived.model, self._data, robot, env.object_names)
-            for arm, robot in self._robots.items()
-        }
+        self._sensors = {arm: Sensor(model, self._data, one, env.object_names) for arm, one in self._robots.items()}
         self._report = EpisodeReport()
         # While there is an executor, a plan is carried out. Otherwise the robot waits for `_wait` control steps, to
         # hold the target up or for objects to settle, and what comes next is decided after that.
@@ -165,8 +162,8 @@ class TampExpert:
             before = time.process_time()
             bounding = planner if isinstance(planner, Planner) else Planner(scene.robot)
             floor = bounding.clearance_floor(scene, wanted.target)
-            spent = time.process_time() - before
-            self._report = EpisodeReport(floor=floor.count if floor.proved else None, planning_s=spent)
+            count = floor.count if floor.proved else None
+            self._report = EpisodeReport(floor=count, planning_s=time.process_time() - before)
         self._plan(scene)
         self._has_begun = True
 
@@ -183,13 +180,13 @@ class TampExpert:
         self._now = now
         executor = self._executor
         if executor is None:
-            self._recorder.add_step()
+            self._recorder.add_frame()
             self._wait -= 1
             if not self._done and self._wait <= 0:
                 self._check_result()
             return self._action(self._last)
         command = executor.advance(self._sensors[executor.arm].read())
-        self._recorder.add_step(executor.action, executor.phase)
+        self._recorder.add_frame(executor.action, executor.phase)
         if not executor.is_over:
             return self._action(command)
         self._report = self._report.with_clearances(executor.cleared)
@@ -205,13 +202,13 @@ class TampExpert:
 
     @property
     def done(self) -> bool:
-        """Whether the expert has finished or given up; raises `ExpertError` before `reset`."""
+        """Whether the expert has finished or given up."""
         self._check_begun("done")
         return self._done
 
     @property
     def report(self) -> EpisodeReport:
-        """How the episode went, or how it stands; raises `ExpertError` before `reset`."""
+        """How the episode went, or how it stands."""
         self._check_begun("report")
         report, executor = self._report, self._executor
         if not self._done:
@@ -222,44 +219,36 @@ class TampExpert:
                 report = replace(report, executed=is_executed, scored=True, failure="")
             else:
                 report = replace(report, failure=report.failure or "unfinished")
-        disturbances = num_disturbances(self._env)
-        return report if disturbances is None else replace(report, clean=report.scored and not disturbances)
+        counts = getattr(self._env, "info", None) or {}
+        if not {"num_fallen", "num_disturbed"} <= counts.keys():
+            return report
+        return replace(report, clean=report.scored and not (counts["num_fallen"] or counts["num_disturbed"]))
 
     @property
     def target(self) -> str:
-        """Name of the object to retrieve, "" if the goal is another one; raises `ExpertError` before `reset`."""
+        """Name of the object to retrieve, "" if the goal is another one."""
         self._check_begun("target")
         return self._goal.target
 
     @property
     def goal(self) -> Goal:
-        """The goal of the episode; raises `ExpertError` before `reset`."""
+        """The goal of the episode."""
         self._check_begun("goal")
         return self._goal
 
     @property
     def phase(self) -> str:
-        """Action and phase of the motion, for example "PickUp object_03: lift"; "" while the robot waits.
-
-        Raises:
-            ExpertError: `reset` has not been called.
-        """
+        """Action and phase of the motion, for example "PickUp object_03: lift"; "" while the robot waits."""
         self._check_begun("phase")
         return "" if self._executor is None else self._executor.phase
 
     @property
     def step_label(self) -> StepLabel:
-        """Label of the last action: phase, grasp or release, and the keyframe at the end of the phase.
-
-        Raises:
-            ExpertError: `reset` has not been called.
-        """
+        """Label of the last action: phase, grasp or release, and the keyframe at the end of the phase."""
         self._check_begun("step_label")
-        label = None if self._executor is None else self._executor.label
-        if label is not None:
-            return label
         finger_position = self._env.robot.finger_position(self._last.opening)
-        return StepLabel("", None, np.append(self._last.drive, finger_position))
+        waiting = StepLabel("", None, np.append(self._last.drive, finger_position))
+        return (self._executor and self._executor.label) or waiting
 
     @property
     def solution(self) -> Solution | Infeasible | None:
@@ -268,7 +257,7 @@ class TampExpert:
 
     @property
     def recording(self) -> Recording:
-        """States, plans and deviations of the episode until now; raises `ExpertError` before `reset`."""
+        """States, plans and deviations of the episode until now."""
         self._check_begun("recording")
         return self._recorder.recording()
 
@@ -284,7 +273,6 @@ class TampExpert:
             result: "success" or "failure"; that of `report` if not given.
 
         Raises:
-            ExpertError: `reset` has not been called.
             OSError: the file cannot be written.
         """
         # Drawing is built on the expert's recordings, and planning must not import it.
@@ -299,7 +287,6 @@ class TampExpert:
         """Serve the running episode to browsers of this machine; see `LivePage` for how it is kept up to date.
 
         Raises:
-            ExpertError: `reset` has not been called.
             OSError: the port is taken.
         """
         from planners.drawing.page.live import LivePage
@@ -361,7 +348,7 @@ class TampExpert:
         return replace(planner, grasps="all", supports=planner.supports or (scene.support.name,))
 
     def _hold(self) -> None:
-        """Hold the target up; the plan is carried out to its end."""
+        """The plan is carried out to its end: hold the target up."""
         self._report = replace(self._report, executed=True)
         self._wait = self._steps(self._config.hold_s)
 

@@ -95,15 +95,7 @@ class ScenePlanner(Protocol):
         time_limit: float | None,
         /,
     ) -> Solution | Infeasible:
-        """Plan for a goal.
-
-        Args:
-            scene: the world; an object may be in the gripper.
-            goal: name of the object to take, or a `planners.goals.Goal` if it is anything else.
-            strategy: how to clear.
-            rng: for sampling.
-            time_limit: [s] of wall time, None for none.
-        """
+        """Plan for a goal: the name of the object to take, or a `planners.goals.Goal` if it is anything else."""
         ...
 
 
@@ -168,11 +160,3 @@ def planner_for(
     if planner.robot != env.robot:
         raise ExpertError(f"the planner is for robot {planner.robot.name!r}, the environment has {env.robot.name!r}")
     return replace(planner, follower=planner.follower or follower, **chosen)
-
-
-def num_disturbances(env: ControlledEnv) -> int | None:
-    """Objects fallen plus objects disturbed, one may count twice; None if `env` has no `info` with these counts."""
-    info = getattr(env, "info", None)
-    if info is None or not {"num_fallen", "num_disturbed"} <= info.keys():
-        return None
-    return int(info["num_fallen"]) + int(info["num_disturbed"])

@@ -72,16 +72,7 @@ class Sensor:
     """Reads snapshots of a scene's movable objects and robot from a simulation, exactly; it writes nothing."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec, names: Sequence[str]) -> None:
-        """Look up what to read.
-
-        Args:
-            model, data: the simulation.
-            robot: which robot it is.
-            names: of the movable objects, `Scene.names`.
-
-        Raises:
-            SceneError: a name that is no movable object.
-        """
+        """Look up what to read; raises `SceneError` for a name that is no movable object."""
         self._data = data
         self._objects = MovableBodies.of(model, robot, names)
         self.names = self._objects.names

@@ -141,8 +141,7 @@ class Recorder:
     """Collects frames, plans and deviations of one episode; a frame of 15 objects takes 0.5 kB."""
 
     def __init__(self, env: ControlledEnv, target: str) -> None:
-        self._model, self._data = env.model, env.data
-        self._target, self._objects = target, env.object_names
+        self._model, self._data, self._target, self._objects = env.model, env.data, target, env.object_names
         self._started = float(env.data.time)
         self._frames: list[Frame] = []
         self._solves: list[Solve] = []
@@ -152,9 +151,12 @@ class Recorder:
     def _now(self) -> float:
         return float(self._data.time) - self._started
 
-    def add_step(self, action: int = -1, phase: str = "") -> None:
+    def _frame(self, action: int = -1, phase: str = "") -> Frame:
+        return Frame(self._now, self._data.qpos.astype(np.float32), len(self._solves) - 1, action, phase)
+
+    def add_frame(self, action: int = -1, phase: str = "") -> None:
         """Keep the state before a control step, and what the robot does in it."""
-        self._frames.append(Frame(self._now, self._data.qpos.astype(np.float32), len(self._solves) - 1, action, phase))
+        self._frames.append(self._frame(action, phase))
 
     def add_solve(self, outcome: Solution | Infeasible) -> None:
         """Keep the result of a solve."""
@@ -166,8 +168,6 @@ class Recorder:
 
     def recording(self) -> Recording:
         """All that was kept, and the present state."""
-        frames = tuple(self._frames)
-        if not frames or self._now > frames[-1].time:
-            present = Frame(self._now, self._data.qpos.astype(np.float32), len(self._solves) - 1, -1, "")
-            frames = (*frames, present)
+        is_later = not self._frames or self._now > self._frames[-1].time
+        frames = (*self._frames, *[self._frame()] * is_later)
         return Recording(self._model, self._target, self._objects, frames, tuple(self._solves), tuple(self._notes))

@@ -30,6 +30,8 @@ _THINNEST = 0.001
 """[m] Thinner faces are no piece of an object."""
 _OFF_PADS = 0.008
 """[m] by which what is between the pads may be wider than it is on the line."""
+_SAME_TOUCH = 0.0005
+"""[m] What is so much nearer to the line than what the fingers touch first is touched with it."""
 _ALONG, _HIGHER, _ASLANT = 0.5, 0.3, 0.1
 """Cost of a metre from the centre of mass along the line, and upwards, and of a contact across the line instead of
 along it, if a metre across the line costs 1: there the weight turns the object between the pads."""
@@ -70,7 +72,7 @@ class _Shape:
 
 
 def antipodal_lines(
-    body: Body, robot: RobotSpec, family: AntipodalFamily, lowest: float, widest: float
+    body: Body, robot: RobotSpec, family: AntipodalFamily, lowest: float, widest: float, pad: float
 ) -> Iterator[Line]:
     """The grasps of a family of an object where it is, direction by direction, the best of each first.
 
@@ -80,11 +82,12 @@ def antipodal_lines(
         family: pitch, friction cone and lines.
         lowest: [m] of the TCP above the object's lowest point at least.
         widest: [m] Only what is less wide is grasped.
+        pad: [m] Half the height of the fingers.
     """
     turn = gripper_rotation(body.yaw, 0.0)
     shape, (least, most) = _Shape.of(body), family.lever
     heavy = shape.body.mass_centre - shape.body.position
-    for line in _lines(shape, robot, replace(family, name="", lever=(0.0, math.inf)), lowest, widest):
+    for line in _lines(shape, robot, replace(family, name="", lever=(0.0, math.inf)), lowest, widest, pad):
         if not least <= math.hypot(*(line.tcp - heavy)[:2]) < most:
             continue
         yaw = math.remainder(line.yaw + body.yaw, 2 * math.pi)
@@ -92,7 +95,9 @@ def antipodal_lines(
 
 
 @lru_cache(maxsize=256)
-def _lines(shape: _Shape, robot: RobotSpec, family: AntipodalFamily, lowest: float, widest: float) -> tuple[Line, ...]:
+def _lines(
+    shape: _Shape, robot: RobotSpec, family: AntipodalFamily, lowest: float, widest: float, pad: float
+) -> tuple[Line, ...]:
     """The grasps of an object with yaw 0, relative to its centre."""
     body, is_down = shape.body, math.cos(family.pitch) < 1e-6
     alone = CollisionWorld.from_scene(
@@ -114,7 +119,9 @@ def _lines(shape: _Shape, robot: RobotSpec, family: AntipodalFamily, lowest: flo
                     continue
                 # All that is between the pads, not on the line alone: nothing may be touched long before.
                 width = body.width_in_gripper(np.linalg.inv(pose_matrix(span.tcp, rotation)) @ body.pose)
-                if width < min(span.width + _OFF_PADS, widest):
+                if width < min(span.width + _OFF_PADS, widest) and _are_faces(
+                    body, span, rotation, pad, family.friction
+                ):
                     exact = span._replace(width=width)
                     if _free(alone, [exact], robot, yaw, family.pitch, rounded=False)[0]:
                         chosen[span.pieces] = exact
@@ -187,6 +194,21 @@ def _joined(enter: Array, leave: Array) -> list[tuple[float, float, int, int]]:
         else:
             joined.append((low, high, piece, piece))
     return joined
+
+
+def _are_faces(body: Body, span: _Span, rotation: Array, pad: float, friction: float) -> bool:
+    """Whether what the closing fingers touch first, at any height, is as little aslant as what is on the line."""
+    ahead, high = np.meshgrid(np.linspace(-TIP, TIP, 5), np.linspace(-pad, pad, 9))
+    points = span.tcp + np.stack((ahead, 0.0 * ahead, high), axis=-1).reshape(-1, 3) @ rotation.T
+    along, half = rotation[:, 1], span.width / 2 + FINGER_GAP
+    cuts = [piece.cut(points, np.tile(along, (len(points), 1))) for piece in body.placed]
+    enter, leave, before, after = (np.array(column) for column in zip(*cuts, strict=True))
+    for out, ends, normals in ((-along, -enter, before), (along, leave, after)):
+        ends = np.where((enter < leave) & (ends < half), ends, -np.inf)
+        slants = normals[ends > ends.max() - _SAME_TOUCH] @ out
+        if slants.max() < math.cos(math.atan(friction)):
+            return False
+    return True
 
 
 def _free(

@@ -117,8 +117,9 @@ def _centred(body: Body, robot: RobotSpec, family: GraspFamily) -> Iterator[Gras
 
 
 def _antipodal(body: Body, robot: RobotSpec, family: AntipodalFamily) -> Iterator[GraspPose]:
-    lowest = gripper_clearances(robot).above_support(family.pitch)
-    for yaw, position, width in antipodal_lines(body, robot, family, lowest, _widest(robot, family)):
+    gripper, widest = gripper_clearances(robot), _widest(robot, family)
+    lowest = gripper.above_support(family.pitch)
+    for yaw, position, width in antipodal_lines(body, robot, family, lowest, widest, gripper.pad_half_height):
         T = pose_matrix(position, gripper_rotation(yaw, family.pitch))
         yield GraspPose(yaw, family.pitch, T, gripper_opening(robot, width / 2))
 

@@ -18,8 +18,13 @@ from planners.clock import cpu_seconds
 from planners.goals import LIFTED, Holding, height_below
 from planners.scene import Scene
 from planners.symbolic.problem import ROBOT_INIT_LOC, GroundAction, TaskPlan, TaskProblem, format_atom
-from planners.symbolic.transitions import GraspObstructed, grasp_references, update_from_action, update_from_error
-from planners.symbolic.transitions import initial_state as symbolic_state
+from planners.symbolic.transitions import (
+    GraspObstructed,
+    grasp_references,
+    initial_state as symbolic_state,
+    update_from_action,
+    update_from_error,
+)
 from planners.tamp.binding import bind_action, bind_grasps, gripper_symbol, rebind_grasps, refused, task_plan
 from planners.tamp.motion_layer import BoundMotion
 from planners.tamp.solution import BoundAction, Infeasible, ReplanRecord, Solution

@@ -29,6 +29,21 @@ def bottle(name: str = "bottle", position: tuple[float, float, float] = (0.0, 0.
     return Body.of_pieces(name, [low, neck], position)
 
 
+def bottle_with_shoulder(position: tuple[float, float, float]) -> Body:
+    """A cylinder, a cone cut off above it, and a neck with a cap."""
+    ends = [(0.033, 0.135), (0.014, 0.175)]
+    cone = [(r * np.cos(a), r * np.sin(a), z) for r, z in ends for a in np.arange(16) * np.pi / 8]
+    uprights = [
+        Solid(name, np.array((0.0, 0.0, (low + high) / 2)), np.array((r, r, (high - low) / 2)), "cylinder")
+        for name, r, low, high in (
+            ("body", 0.033, 0.0, 0.135),
+            ("neck", 0.013, 0.17, 0.195),
+            ("cap", 0.015, 0.195, 0.212),
+        )
+    ]
+    return Body.of_pieces("bottle", [*uprights, Solid.hull("shoulder", cone)], position)
+
+
 def bowl(name: str = "bowl", position: tuple[float, float, float] = (0.0, 0.0, 0.0), slope: float = 0.0) -> Body:
     """A floor and a ring of hulls, too wide for a gripper; `slope` [m] is how much wider it is at its rim."""
     pieces = [Solid("floor", np.array((0.0, 0.0, 0.004)), np.array((0.06, 0.06, 0.004)), "cylinder")]

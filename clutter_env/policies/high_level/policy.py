@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 
 import assets
-from clutter_env.envs.base import layout_identity
+from clutter_env.envs.base import layout_identity, robot_identity
 from clutter_env.policies.high_level.candidates import (
     CandidateRule,
     Candidates,
@@ -24,7 +24,7 @@ from clutter_env.policies.high_level.candidates import (
 from clutter_env.policies.high_level.network import CandidateBatch, CandidateNetwork
 from clutter_env.policies.parsed_observation import Observation
 from clutter_env.policies.protocol import PublicInfo
-from clutter_env.policies.weights import WeightsInfo, load_weights, robot_identity
+from clutter_env.policies.weights import WeightsInfo, load_weights
 from clutter_env.scene.layout import find_layout
 from planners import Contact
 

@@ -168,7 +168,7 @@ def _poses(model: mujoco.MjModel, bodies: Sequence[int], frames: Sequence[Frame]
 
 
 def _is_visible(model: mujoco.MjModel, geom: int) -> bool:
-    return bool(model.geom_group[geom] < _GROUPS and _rgba(model, geom)[3] > 0 and _shape(model, geom))
+    return bool(model.geom_group[geom] < _GROUPS and geom_colour(model, geom)[3] > 0 and _shape(model, geom))
 
 
 def _shape(model: mujoco.MjModel, geom: int) -> str:
@@ -176,7 +176,8 @@ def _shape(model: mujoco.MjModel, geom: int) -> str:
     return _SHAPES.get(mujoco.mjtGeom(int(model.geom_type[geom])), "")
 
 
-def _rgba(model: mujoco.MjModel, geom: int) -> NDArray[np.float32]:
+def geom_colour(model: mujoco.MjModel, geom: int) -> NDArray[np.float32]:
+    """RGBA (4,) of a geom, or of its material."""
     material = int(model.geom_matid[geom])
     rgba: NDArray[np.float32] = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
     return rgba
@@ -197,7 +198,7 @@ def _geom(
         "size": _rounded(model.geom_size[geom][: _SIZES.get(shape, 3)]),
         "position": _rounded(position),
         "quaternion": _rounded(quaternion),
-        "colour": _rounded(_rgba(model, geom)),
+        "colour": _rounded(geom_colour(model, geom)),
         "mesh": meshes.index(int(model.geom_dataid[geom])) if shape == "mesh" else -1,
     }
 

@@ -174,7 +174,7 @@ def test_shells_complete_commands_and_their_arguments(capsys: pytest.CaptureFixt
     assert not end.value.code
     script = capsys.readouterr().out
     assert "warmup" in script
-    assert "--retry-crashes" in script
+    assert "--time-limit" in script
 
 
 @pytest.mark.parametrize(

@@ -11,13 +11,14 @@ import pytest
 
 import planners
 from assets import FETCH
-from clutter_env.cli.clearance_page import draw, scene_row, strategy_rows, summarise
+from clutter_env.cli.clearance_tables import scene_row, strategy_rows, summarise
 from clutter_env.cli.clearance_trials import ASSESSMENT, CRASH, Record, Trials, _environment
 from clutter_env.cli.main import main
 from clutter_env.cli.table import STRATEGIES, Arguments
 from clutter_env.errors import UsageError
 from planners import Planner
 from scripts.ablations import ABLATIONS
+from scripts.clearance_page import draw, write_page
 from scripts.make_suites import STEPS_PER_PICK
 
 LOOKAHEAD = planners.STRATEGIES["lookahead"]
@@ -153,12 +154,21 @@ def test_wrong_arguments_are_named_before_any_trial(wrong: list[str], message: s
 def test_a_small_table_is_made_and_made_again_from_its_trials(tmp_path: Path) -> None:
     words = ["table", "--objects", "15", "--strategies", "lookahead", "ngr", "--scenes", "2", "--workers", "1"]
     for _ in range(2):
-        main([*words, "--out", str(tmp_path), "--markdown", str(tmp_path / "docs" / "t.md")])
+        main([*words, "--out", str(tmp_path)])
     figures = json.loads((tmp_path / "table.json").read_text())
     assert [entry["strategy"] for entry in figures["rows"]] == ["lookahead", "ngr"]
     assert figures["rows"][0]["solved"] == 2
     lines = (tmp_path / "trials.jsonl").read_text().splitlines()
     assert len(lines) == 1 + sum('"strategy": "floor"' in line for line in lines) + 2 * 2
+    assert "### Scenes" in (tmp_path / "table.md").read_text()
+
+
+def test_a_page_has_the_tables_and_their_picture(tmp_path: Path) -> None:
+    trials = trials_at(tmp_path)
+    for record in (scene(100_000, 1), attempt(100_000, 1, "lookahead", total_s=0.1), attempt(100_000, 1, total_s=0.1)):
+        trials.add(record)
+    write_page(trials, "command", summarise(trials), tmp_path / "docs" / "t.md")
+    assert "![Clearance table](images/t.png)" in (tmp_path / "docs" / "t.md").read_text()
     assert (tmp_path / "docs" / "images" / "t.png").stat().st_size > 10_000
 
 

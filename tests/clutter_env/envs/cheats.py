@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from clutter_env.envs.clutter_task import ClutterTaskEnv
+from clutter_env.envs.retrieve import ClutterTaskEnv
 from clutter_env.scene.layout import TABLE_HEIGHT
 from tests.clutter_env.envs.side_grasp import CLOSED, OPEN, PRE_GRASP, SideGrasp
 

@@ -16,8 +16,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 
 import clutter_env
-from assets import FETCH
-from assets import robot as find_robot
+from assets import FETCH, robot as find_robot
 from clutter_env.config import CONTROL_MODES, OBS_MODES
 from clutter_env.errors import ConfigError
 from clutter_env.scene.layout import Layout

@@ -161,7 +161,7 @@ def test_goals_of_the_users_own() -> None:
     [
         ({"target": "object_00"}, "unknown option 'target'; known options: objects, state, base, task, goal, regions"),
         ({"task": "tidy"}, "valid values: 'sort', 'set', 'swap', 'stack', 'fetch'"),
-        ({"task": "sort"}, "needs supports named tray_red and so on, as layout 'trays' has"),
+        ({"task": "sort"}, "needs a support whose name begins with 'tray_', as layout 'trays' has"),
         ({"task": "swap", "goal": "object_00"}, "without option 'task'"),
         ({"goal": "(on object_00 tray_red)"}, "regions: none; supports: table_top"),
         ({"goal": "(over object_00 object_01)"}, "valid are holding"),
@@ -182,8 +182,8 @@ def test_wrong_options_are_refused_and_change_nothing(options: dict[str, Any], s
 @pytest.mark.parametrize(
     ("keywords", "said"),
     [
-        ({"task": "sort", "layout": "paper"}, "needs supports named tray_red"),
-        ({"task": "fetch", "layout": "trays"}, "needs a support named second_table"),
+        ({"task": "sort", "layout": "paper"}, "needs a support whose name begins with 'tray_'"),
+        ({"task": "fetch", "layout": "trays"}, "needs a support whose name begins with 'second_table'"),
         ({"task": "stack", "num_objects": 2}, "an integer of at least 3"),
         ({"task": "tidy"}, "valid values: 'sort'"),
         ({"obstructed": True}, "obstructed"),

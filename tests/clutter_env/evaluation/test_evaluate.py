@@ -15,7 +15,7 @@ import pytest
 from clutter_env.cli.main import main
 from clutter_env.errors import LearningError, SuiteError
 from clutter_env.evaluation.evaluate import ResultRecords, evaluate, lower_bounds
-from clutter_env.evaluation.scenes import SceneSet, SeededScene, find_floor, skill_scene
+from clutter_env.evaluation.scenes import SceneSet, SeededScene, find_floor, scene_for
 from clutter_env.evaluation.score import PolicyCrashed, Score, play_scene
 from clutter_env.evaluation.tables import results, summarise
 from clutter_env.evaluation.verify import verify
@@ -264,14 +264,14 @@ def test_sets_of_scenes_have_names_and_know_their_kind() -> None:
 
 def test_skills_play_the_scenes_of_suites_and_environments() -> None:
     for scene in (suite("shelf-10-v3").test[0], O15.scenes[0]):
-        played, plain = skill_scene(scene, "none"), scene.make()
+        played, plain = scene_for(scene, True, "none"), scene.make()
         env = played.make()
         _, info = played.reset(env)
         scene.reset(plain)
         assert info["target"] == plain.unwrapped.world.names[plain.unwrapped.target_slot]
         assert np.array_equal(env.unwrapped.physics_env.data.qpos, plain.unwrapped.data.qpos)
     with pytest.raises(LearningError, match="no skills"):
-        skill_scene(REACH.scenes[0], "oracle")
+        scene_for(REACH.scenes[0], True, "oracle")
 
 
 @pytest.mark.usefixtures("folder")

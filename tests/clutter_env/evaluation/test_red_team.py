@@ -24,7 +24,7 @@ from clutter_env.evaluation.evaluate import Evaluation, evaluate, lower_bounds
 from clutter_env.evaluation.recording import Recording
 from clutter_env.evaluation.scenes import SceneSet
 from clutter_env.evaluation.tables import results
-from clutter_env.evaluation.verify import FRESH_SEEDS, Verification, fresh_scenes, play_fresh, verify
+from clutter_env.evaluation.verify import FRESH_SEEDS, Verification, fresh_scenes, verify
 from clutter_env.reporting.files import write_json
 from clutter_env.suites import content_digest, suite
 
@@ -379,7 +379,7 @@ def test_a_recording_is_written_and_read_bit_for_bit(played: Evaluation) -> None
 
 
 def test_a_policy_plays_scenes_that_nobody_could_know(file: Path) -> None:
-    fresh = play_fresh(file, "reach", 1, FRESH_SEEDS[1234])
+    fresh = evaluate("reach", fresh_scenes(file, 1, FRESH_SEEDS[1234]))
     assert [scene.seed for scene in fresh.scenes.scenes] == [FRESH_SEEDS[1234]]
     assert fresh.scores[0].clean
 

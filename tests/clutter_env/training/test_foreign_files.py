@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from stable_baselines3 import DQN
-from stable_baselines3 import SAC as SB3_SAC
+from stable_baselines3 import DQN, SAC as SB3_SAC
 
 from clutter_env.cli.main import main
 from clutter_env.errors import UnknownTask

@@ -18,9 +18,10 @@ from clutter_env.evaluation.score import play_scene
 from clutter_env.policies.protocol import PolicyError, begin_episode
 from clutter_env.policies.registry import load_policy
 from clutter_env.policies.runs import load_run
+from clutter_env.reporting.files import changes
 from clutter_env.seeds import held_out_seeds
 from clutter_env.task import Task
-from clutter_env.training.run import Run, differences, runs_of_seeds
+from clutter_env.training.run import Run, runs_of_seeds
 from clutter_env.training.settings import Settings
 from clutter_env.training.train import load_model, make_model, save_model, train, train_all
 
@@ -136,7 +137,7 @@ def test_another_run_is_not_resumed(begun: Run, change: dict, named: str) -> Non
 def test_a_run_records_what_it_was_made_with(begun: Run) -> None:
     recorded = load_run(begun.directory)
     assert recorded["provenance"]["environment"]["task"] == "ArmReachEnv"
-    assert differences(recorded, begun.describe() | {"provenance": recorded["provenance"]}) == []
+    assert changes(recorded, begun.describe() | {"provenance": recorded["provenance"]}) == []
 
 
 @pytest.mark.parametrize("content", ["", "[1]", "{}", '{"task": 3, "algorithm": "sac", "steps": 1}'])

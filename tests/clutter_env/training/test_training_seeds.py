@@ -14,8 +14,7 @@ from clutter_env.errors import LearningError
 from clutter_env.seeds import HELD_OUT, training_seeds
 from clutter_env.task import Task
 from clutter_env.training.run import Run
-from scripts.shipped_weights.__main__ import RECIPES
-from scripts.shipped_weights.__main__ import train as train_shipped
+from scripts.shipped_weights.__main__ import RECIPES, train as train_shipped
 
 REACH = Task("clutter_env/Reach-v0")
 

@@ -63,6 +63,7 @@ def test_an_object_is_fetched_through_limited_changes(dt: float, most: float) ->
         world.step(expert.act())
     report = expert.report
     assert report.scored, report
+    assert report.clean is None  # nothing counts here
     assert report.replans == 0
     assert report.sim_s == pytest.approx(controller.acts * dt, abs=1.01 * dt)
     assert controller.data.body("can").xpos[2] > 0.74 + 0.1

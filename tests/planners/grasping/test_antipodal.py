@@ -17,7 +17,7 @@ from planners.grasping.candidates import gripper_poses
 from planners.grasping.families import GRASP_SETS, SIDE, TOP, GraspFamily, InvalidGraspFamily, families_for
 from planners.grasping.grasp_poses import GraspPose, generate_grasps, gripper_clearances, too_wide
 from planners.scene import Body, Scene
-from tests.planners.pieces import bottle, bowl, cut_in_two, mug
+from tests.planners.pieces import bottle, bottle_with_shoulder, bowl, cut_in_two, mug
 from tests.planners.scenes import HEIGHT, cylinder, table_scene
 
 ANTIPODAL = tuple(family for family in GRASP_SETS["all"] if isinstance(family, AntipodalFamily))
@@ -81,6 +81,17 @@ def test_the_pads_close_on_two_opposite_faces_and_touch_nothing_before(name: str
     for opening in {grasp.opening for _, grasp in found}:
         poses = gripper_poses([grasp for _, grasp in found if grasp.opening == opening])
         assert not (gripper_hits(world, poses, opening) & np.uint64(1)).any()
+
+
+def test_what_the_fingers_touch_first_is_the_face_that_they_hold() -> None:
+    """A gripper around a bottle's neck closed on its shoulder, which is as high as the lower edges of the fingers."""
+    body = bottle_with_shoulder(AT)
+    world = CollisionWorld.from_scene(table_scene(body), 0.0)
+    found = [grasp for _, grasp in grasps_of(body)]
+    assert any(grasp.T_world_tcp[2, 3] - HEIGHT > 0.19 for grasp in found), "none at the neck"
+    for grasp in found:
+        if -grasp.T_world_tcp[2, 0] < 0.1 and grasp.T_world_tcp[2, 3] - HEIGHT > 0.17:
+            assert not (gripper_hits(world, gripper_poses([grasp]), 0.031) & np.uint64(1)).any()
 
 
 def normals_at(body: Body, point: np.ndarray) -> Iterator[np.ndarray]:
