@@ -21,6 +21,7 @@ from irm.ik.solvers import (
     PARALLEL,
     SPHERICAL,
     ExactSolver,
+    SelfCollision,
     arm_solutions,
     free_angles,
     solver_arrays,
@@ -32,7 +33,6 @@ from irm.robot_shape import SolidBoxes, robot_radius
 from irm.tolerance import TolerantPlacement, query_tolerant
 from irm.verification import (
     NotVerified,
-    SelfCollision,
     Verified,
     classify,
     compare_with_model,

@@ -21,18 +21,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irm.answers import NO, UNKNOWN, YES, BasePlacement
-from irm.chain import PRISMATIC, ArmChain, chain_arrays
+from irm.chain import PRISMATIC, ArmChain
 from irm.compilation import njit
 from irm.errors import ChainError, QueryError
 from irm.grid import MapGrid
 from irm.ik.closed_form import inverse
 from irm.ik.numerical import random_seeds, solve
-from irm.ik.solvers import ExactSolver, are_free
+from irm.ik.solvers import ExactSolver, SelfCollision
 from irm.kinematics import forward
 from irm.query_keys import as_positions
 from irm.reachability_map import ReachabilityMap
 from irm.rotations import as_poses, rotation, world_to_base, yaw_pitch_roll
-from irm.shapes import make_placed
 
 if TYPE_CHECKING:
     import mujoco
@@ -40,7 +39,9 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-_STEEP = pi / 2.0 - 1e-6
+_ANGLE_ROUNDING = 1e-6
+"""[rad]"""
+_STEEP = pi / 2.0 - _ANGLE_ROUNDING
 """[rad] Pitch of a pole, but for rounding."""
 _MARGIN = 1
 """Voxels that count beyond the eight nearest, in every direction. Measured on 200,000 random poses with 62 and 266
@@ -118,6 +119,7 @@ def _place(grid: MapGrid, T: Floats) -> tuple[Floats, Floats, _Rings]:
     rings = _Rings(
         np.asarray(pitches, dtype=float),
         1 if orientations.free_roll else int(groups.max()),
+        orientations.free_roll or orientations.step * int(groups.max()) > 2 * pi - _ANGLE_ROUNDING,
         orientations.step,
         orientations.start[first_group],
         orientations.count[first_group],
@@ -126,11 +128,12 @@ def _place(grid: MapGrid, T: Floats) -> tuple[Floats, Floats, _Rings]:
 
 
 class _Rings(NamedTuple):
-    """The rings of pitch, from straight up to straight down: their `pitch` [rad], rolls, step [rad], and for each ring
-    its first orientation and its number of yaws."""
+    """The rings of pitch, from straight up to straight down: their `pitch` [rad], rolls, whether these are as close as
+    the rings, step [rad], and for each ring its first orientation and its number of yaws."""
 
     pitch: Floats
     rolls: int
+    has_close_rolls: bool
     step: float
     start: Integers
     yaws: Integers
@@ -169,7 +172,7 @@ def _classify(
     whole = (2 + 2 * _MARGIN) ** 3
     for n in range(voxels.shape[0]):
         ring = floor((angles[n, 1] + pi / 2.0) / rings.step)
-        inner, outer = True, False
+        inner, outer = rings.has_close_rolls, False
         for next_ring in range(2):
             on = min(rings.pitch.shape[0] - 1, max(0, ring + next_ring))
             for next_yaw in range(2):
@@ -242,7 +245,7 @@ def configurations(chain: ArmChain, T_base_tcp: ArrayLike, torso_range: tuple[fl
         rng = np.random.default_rng(0)
         seeds = np.concatenate([random_seeds(chain, _SEEDS, torso, rng) for torso in torsos])
         found = solve(chain, T_base_tcp, seeds)
-    return found[are_free(chain_arrays(chain), chain.shapes, make_placed(chain.shapes), found)]
+    return found[SelfCollision(chain).of(found)]
 
 
 def verify(
@@ -338,23 +341,6 @@ def _nearest_parents(found: Floats, before: Floats, limits: Floats, turning: NDA
                 nearest = widest
                 parents[i] = j
     return parents
-
-
-class SelfCollision:
-    """Whether a configuration is free of self-collision: an `is_free` for `verify`, by the chain's shapes.
-
-    Example:
-        is_free = SelfCollision(chain)
-        is_free(base, q)
-    """
-
-    def __init__(self, chain: ArmChain) -> None:
-        self._chain, self._placed = chain_arrays(chain), make_placed(chain.shapes)
-        self._shapes = chain.shapes
-
-    def __call__(self, _base: Floats | None, q: ArrayLike) -> bool:
-        """Whether no pair of shapes touches in the configuration `q` (1 + n,); the base pose does not matter."""
-        return bool(are_free(self._chain, self._shapes, self._placed, np.asarray(q, dtype=float)[None])[0])
 
 
 def compare_with_model(chain: ArmChain, model: mujoco.MjModel, base: str, tip: str, approach: str = "x") -> None:

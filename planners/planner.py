@@ -202,9 +202,9 @@ class Planner:
         """The fewest picks for a goal; see the function `lower_bound`."""
         wanted = _goal_in(scene, goal)
         self.warmup()
-        context, has_buffers = PlanningContext.of(self.robot, scene, grasps=self.grasps), not self.hold_aside
+        context = PlanningContext.of(self.robot, scene, grasps=self.grasps)
         grasps, search = context.grasps(), context.placements()
-        return fewest_picks(scene, wanted, grasps, search=search, buffers=has_buffers, expansions=expansions)
+        return fewest_picks(scene, wanted, grasps, search=search, buffers=not self.hold_aside, expansions=expansions)
 
     def clearance_floor(self, scene: Scene, target: str, expansions: int = MAX_EXPANSIONS) -> ClearanceFloor:
         """The minimum number of clearances; see the function `clearance_floor`."""
@@ -228,18 +228,12 @@ class Planner:
             self.robot,
             scene,
             grasps=self.grasps,
-            supports=self._support_choice,
+            # With side grasps the first support alone, R_plane of the paper; with other grasp sets all.
+            supports="all" if self.supports is None and self.grasps != "side" else self.supports,
             canonical=self.canonical,
             follower=self.follower,
             saves_time=self.saves_time,
         )
-
-    @property
-    def _support_choice(self) -> Supports:
-        """`supports`, or what None stands for: the first one with side grasps, all with other grasp sets."""
-        if self.supports is not None:
-            return self.supports
-        return None if self.grasps == "side" else "all"
 
     def _exercise(self, scene: Scene, target: str) -> None:
         """Run what a solve runs; the task planner may be the user's own, so another one takes its place."""
@@ -341,10 +335,7 @@ def best_outcome(
 ) -> Solution | Infeasible:
     """The plan with the fewest objects cleared twice, of these one with the fewest clearances; or why there is none.
 
-    Args:
-        outcomes: of the attempts, at least one, in order.
-        is_proved: whether the last one is final.
-        deadline: once it is over, a refusal that is not proved has the cause "time limit".
+    Once the deadline is over, a refusal that is not proved has the cause "time limit".
     """
     plans = [outcome for outcome in outcomes if isinstance(outcome, Solution)]
     if plans:

@@ -22,7 +22,7 @@ from clutter_env.envs.base import BaseEnv
 from clutter_env.envs.rearrange import RearrangeEnv
 from clutter_env.envs.rearrange_tasks import TASKS
 from clutter_env.envs.retrieve import RetrieveEnv
-from clutter_env.rendering.framing import ABOVE, across, whole_scene, whole_table
+from clutter_env.rendering.framing import ABOVE, across, table_points, view_of, whole_scene
 from clutter_env.rendering.renderer import Renderer
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.household import KINDS
@@ -30,6 +30,8 @@ from clutter_env.scene.layout import LAYOUTS
 
 Picture = NDArray[np.uint8]
 
+AROUND_TABLE = 0.12
+"""[m] around the table, so that a picture of it shows what it stands beside."""
 COLUMNS = 4
 """Pictures in one row."""
 LABEL_COLOUR, PAPER = (40, 44, 52), 255
@@ -80,12 +82,13 @@ def scene_image(env: BaseEnv, label: str, seed: int, size: int) -> Picture:
         RenderingUnavailable: this machine cannot render.
     """
     env.reset(seed=seed)
-    views = ((whole_scene, across(env.layout), size, size), (whole_table, ABOVE, size, size // 2))
+    scene = whole_scene(env.model, env.layout, across(env.layout), 1.0)
+    table = view_of(env.model, table_points(env.layout, AROUND_TABLE), ABOVE, 2.0)
     pictures = []
-    for view, direction, width, height in views:
-        renderer = Renderer(env.model, width, height)
+    for view, height in ((scene, size), (table, size // 2)):
+        renderer = Renderer(env.model, size, height)
         renderer.marks = env.world.marks
-        pictures.append(renderer.colour(env.data, view(env.model, env.layout, direction, width / height)))
+        pictures.append(renderer.colour(env.data, view))
         renderer.close()
     env.close()
     page = Image.fromarray(np.vstack(pictures))

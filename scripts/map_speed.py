@@ -1,11 +1,15 @@
-"""The paper's experiment, and the cost of maps: times of placement queries for cups on a table, by the classical and
-the proposed map; of building, inverting, saving and loading maps. All times are CPU times of one thread.
+"""The paper's experiment (Fig. 3), and the cost of maps: times of placement queries for cups on a table, by the
+classical and the proposed map; of building, inverting, saving and loading maps. All times are CPU times of one thread.
 
     OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python scripts/map_speed.py --queries 500
+
+The map of 7,899 poses is a file as the authors have it (ryul1206/inverse-reachability-repositioning): 18 columns. It is
+written from the robot's own map, and read by `examples/import_pose_tables.py`; `--table` takes another file, theirs.
 """
 
 from __future__ import annotations
 
+import runpy
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -22,14 +26,18 @@ from assets.robots import RobotSpec
 from clutter_env.cli.robot import robot_by_name
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.reporting.tables import NOTHING, markdown_table
-from irm.answers import BasePlacement, Status
+from irm import ExactSolver
+from irm.answers import YES, BasePlacement, Status
 from irm.free_space import EVERYWHERE, FreeSpace
 from irm.inverse_map import ClassicalInverseReachabilityMap, InverseReachabilityMap
 from irm.inverse_table import ranking_score
 from irm.query_kernels import base_turns
 from irm.query_keys import FULL_TURN, YAW_STEP, as_position, as_yaw_range, find_key, yaw_window
 from irm.reachability_map import ReachabilityMap, cached_map
-from irm.rotations import wrap_to_pi
+from irm.rotations import rotations, wrap_to_pi
+
+_EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "import_pose_tables.py"
+read_pose_table = runpy.run_path(str(_EXAMPLE))["read_pose_table"]
 
 
 def full_scan(
@@ -73,7 +81,7 @@ TABLE = (0.8, 1.6)
 """[m] Depth and width of the table."""
 GROWN = 0.3
 """[m] by which the table's outline is grown, as in the paper's Fig. 2."""
-CUP_HEIGHTS = (0.75, 0.95)
+CUP_HEIGHTS = (0.75, 0.94)
 """[m] TCP heights for the cups, and for the map that is restricted to them."""
 RANGES = {"180": (-np.pi, np.pi), "90": (-np.pi / 2, np.pi / 2)}
 """Approach yaws, as the paper names them."""
@@ -102,24 +110,45 @@ class Timing:
     same_best: int
 
 
-def map_of_size(robot: RobotSpec, poses: int, seed: int) -> ReachabilityMap:
+def map_of_size(robot: RobotSpec, poses: int, seed: int, table: Path) -> ReachabilityMap:
     """A map with a given number of poses.
 
-    The paper's sizes are random parts of the 62-orientation map, the smaller one at the heights of cups. Any other size
-    gives the whole map of 114 orientations at a fixed torso height.
+    That of the paper is the `table`, written if it does not exist. 26,000 are a random part of the 62-orientation map.
+    Any other size gives the whole map of 114 orientations at a fixed torso height.
     """
     if poses not in ON_RINGS:
         return cached_map(robot, orientations=114, lift=False)
     whole = cached_map(robot)
+    if poses == ON_RINGS[0]:
+        if not table.exists():
+            write_table(whole, poses, seed, table)
+        return ReachabilityMap.from_poses(*read_pose_table(table), robot=table.stem)
     height = whole.positions[:, 2]
-    low, high = CUP_HEIGHTS if poses == ON_RINGS[0] else (0.4, 1.4)
-    candidates = np.flatnonzero((height > low) & (height < high))
+    candidates = np.flatnonzero((height > 0.4) & (height < 1.4))
     return whole.subset(np.sort(np.random.default_rng(seed).choice(candidates, poses, replace=False)))
 
 
-def measure_speed(robot: RobotSpec, poses: int, queries: int, seed: int) -> list[Timing]:
+def write_table(rm: ReachabilityMap, poses: int, seed: int, file: Path) -> None:
+    """A part of a map at the heights of cups, with the 18 columns of the paper's authors: x, y, z of the TCP and of the
+    end effector [m]; roll, pitch and yaw of a frame whose z axis is the approach [degrees]; μ; torso and arm."""
+    assert rm.chain is not None
+    height = rm.positions[:, 2]
+    candidates = np.flatnonzero((height > CUP_HEIGHTS[0]) & (height < CUP_HEIGHTS[1]) & (rm.manipulability > 0))
+    rng = np.random.default_rng(seed)
+    some = rm.subset(np.sort(rng.choice(candidates, 2 * poses, replace=False)))
+    angles, T = some.yaw_pitch_roll, np.tile(np.eye(4), (len(some), 1, 1))
+    T[:, :3, :3], T[:, :3, 3] = rotations(*angles.T), some.positions
+    status, q = ExactSolver(rm.chain).solve(T)
+    rows = np.sort(rng.choice(np.flatnonzero(status == YES), poses, replace=False))
+    hand = T[:, :3, 3] - rm.chain.tip[0] * T[:, :3, 0]
+    turns = np.degrees(angles[:, ::-1] + (0.0, np.pi / 2, 0.0))
+    columns = np.column_stack([T[:, :3, 3], hand, turns, some.manipulability, q])[rows]
+    file.parent.mkdir(parents=True, exist_ok=True)
+    np.savetxt(file, columns, fmt="%.6f", delimiter=",")
+
+
+def measure_speed(rm: ReachabilityMap, queries: int, seed: int) -> list[Timing]:
     """Times of all methods on one map: R180, P180, R90, P90, and the compiled query alone and in batches."""
-    rm = map_of_size(robot, poses, seed)
     floor = FreeSpace.from_boxes([(0.0, 0.0, *TABLE)], radius=GROWN)
     proposed, classical = InverseReachabilityMap(rm), ClassicalInverseReachabilityMap(rm)
     cups = _cups(queries, seed)
@@ -204,7 +233,7 @@ def speed_table(rows: Sequence[Timing], queries: int) -> str:
 def plot_speed(rows: Sequence[Timing], file: Path) -> None:
     """One box plot for every map, as the paper's Fig. 3."""
     sizes = list(dict.fromkeys(row.poses for row in rows))
-    figure = Figure(figsize=(4.2 * len(sizes), 4.4), layout="constrained")
+    figure = Figure(figsize=(max(7.2, 4.2 * len(sizes)), 4.4), layout="constrained")
     axes = figure.subplots(1, len(sizes), sharey=True, squeeze=False)[0]
     colours = {"R": "#d55e00", "P": "#0072b2", "c": "#009e73", "b": "#cc79a7"}
     for axis, poses in zip(axes, sizes, strict=True):
@@ -219,12 +248,17 @@ def plot_speed(rows: Sequence[Timing], file: Path) -> None:
         )
         for box, row in zip(boxes["boxes"], mine, strict=True):
             box.set(facecolor=colours[row.method[0]], alpha=0.75)
+        if poses == ON_RINGS[0]:
+            for place, row in enumerate(mine, start=1):
+                if row.method in PAPER:
+                    axis.errorbar(place, *PAPER[row.method], fmt="kD", markersize=4, capsize=3)
         axis.set(title=f"{poses:,} poses", yscale="log")
         axis.tick_params(axis="x", labelsize=8)
         axis.grid(axis="y", alpha=0.3)
     axes[0].set_ylabel("CPU time of one query [ms]")
     figure.suptitle(
-        "R: equation 4, P: equation 5, both in NumPy; compiled: equation 5; ± approach range [degrees]", fontsize=9
+        "R: equation 4, P: equation 5, in NumPy; compiled: equation 5; ± approach range [degrees]; diamonds: paper",
+        fontsize=9,
     )
     file.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(file, dpi=130)
@@ -262,6 +296,8 @@ def main(
     sizes: tuple[int, ...] = (*ON_RINGS, 1_000_000),
     seed: int = 0,
     out: Path = Path("outputs/irm_speed.png"),
+    table: Path = Path("outputs/authors_map.csv"),
+    builds: bool = True,
 ) -> None:
     """Measure, and print two tables.
 
@@ -271,13 +307,16 @@ def main(
         sizes: poses of the maps: 7899 and 26000 as in the paper; any other number for one of more than a million poses.
         seed: random seed.
         out: where the box plot goes.
+        table: file of the map of 7,899 poses; written if it does not exist.
+        builds: whether building, inverting, saving and loading is measured too.
     """
     spec = robot_by_name(robot)
-    rows = [row for size in sizes for row in measure_speed(spec, size, queries, seed)]
+    rows = [row for size in sizes for row in measure_speed(map_of_size(spec, size, seed, table), queries, seed)]
     plot_speed(rows, out)
     print(f"{speed_table(rows, queries)}\nbox plot: {out}\n")
-    head = ("map", "poses", "build [s]", "invert [s]", "save [s]", "load [s]", "file [MB]")
-    print(markdown_table(head, [measure_build(spec, name) for name in BUILDS]))
+    if builds:
+        head = ("map", "poses", "build [s]", "invert [s]", "save [s]", "load [s]", "file [MB]")
+        print(markdown_table(head, [measure_build(spec, name) for name in BUILDS]))
 
 
 if __name__ == "__main__":

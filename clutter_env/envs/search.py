@@ -20,7 +20,7 @@ from clutter_env.envs.reset_options import MAX_DRAWS, ResetOptions, draw_scene
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ConfigError, OptionError, StateError, check_choice, check_integer, check_number
 from clutter_env.rendering.cameras import FIRST_OBJECT, FURNITURE, MAX_DEPTH
-from clutter_env.scene.screened_scene import screened
+from clutter_env.scene.random_scene import screened
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.world import World
 
@@ -185,7 +185,6 @@ class SearchEnv(RetrieveEnv):
     def _description(self) -> NDArray[np.float32]:
         """Colour, whether it is a box, and half extents of the target."""
         scene, slot = self.world.scene, self.target_slot
-        assert scene is not None
         return np.array((*self.world.colour(slot)[:3], scene.is_box[slot], *scene.half_extents[slot]), np.float32)
 
 

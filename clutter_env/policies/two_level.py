@@ -128,7 +128,6 @@ class TwoLevelPolicy:
         return self._motion.act(observation)
 
     def _start_next(self, observation: Observation) -> None:
-        """Start the next pick or place, or give up."""
         contact = self._high_level.decide(observation)
         if contact is None:
             self.failure = self._high_level.failure or "the high-level policy gave up"

@@ -291,7 +291,7 @@ def restore_physics(world: World, scene: TableScene, state: PhysicsState) -> Non
     Raises:
         StateError: bodies that fell asleep apart from each other overlap; the world has not changed.
     """
-    model, data, scene_before = world.model, world.data, world.scene
+    model, data, scene_before = world.model, world.data, getattr(world, "scene", None)
     mujoco.mj_copyData(world.spare_data, model, data)
     world.apply_scene(scene)
     mujoco.mj_resetData(model, data)

@@ -12,12 +12,12 @@ by iteration from one of many stored configurations; the second parameter is the
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from math import ceil
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from irm.answers import NO, UNKNOWN, YES
 from irm.chain import ArmChain, ChainArrays, chain_arrays
@@ -26,12 +26,11 @@ from irm.ik.closed_form import decide_poses, ik_arm
 from irm.ik.numerical import random_seeds, refine
 from irm.ik.structure import ParallelArm, SphericalArm, find_structure
 from irm.ik.structured import parallel_excess, parallel_solutions, scan_free_joint, spherical_solutions
-from irm.kernel_arguments import leaf_kernel, pointer_to
+from irm.kernel_arguments import leaf_kernel, packed
 from irm.kinematics import arm_jacobian, condition, fk_frames
 from irm.shapes import CLEARANCE, Placed, Shapes, any_near, is_free, make_placed, place_shapes
 
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 _ROUNDING = 1e-9
 """[m] Lengths that differ by less are equal."""
 LIFT_STEP = 0.02
@@ -70,7 +69,8 @@ class ExactSolver:
     def __init__(self, chain: ArmChain, torso_range: tuple[float, float] | None = None) -> None:
         self.chain = chain
         self.torso_range = torso_range or (float(chain.lower[0]), float(chain.upper[0]))
-        self._arrays, self._placed = solver_arrays(chain), make_placed(chain.shapes)
+        # Numba takes a third of a millisecond to look at such a tuple; a pointer costs nothing.
+        self._arrays, self._is_free = packed(solver_arrays(chain)), SelfCollision(chain)
 
     @property
     def is_iterative(self) -> bool:
@@ -91,8 +91,7 @@ class ExactSolver:
         """
         status, q = self.reach(T_base_tcp)
         rows = np.flatnonzero(status == YES)
-        arrays, shapes = self._arrays.chain, self.chain.shapes
-        rows = rows[~are_free(arrays, shapes, self._placed, q[rows])]
+        rows = rows[~self._is_free.of(q[rows])]
         if not len(rows):
             return status, q
         status[rows] = UNKNOWN
@@ -103,7 +102,7 @@ class ExactSolver:
             for n in rows[status[rows] == UNKNOWN]:
                 R, p = T_base_tcp[n, :3, :3].copy(), T_base_tcp[n, :3, 3].copy()
                 nearest = np.argsort(np.abs(torsos - q[n, 0]), kind="stable")
-                status[n] = _find_free(self._arrays, shapes, self._placed, R, p, torsos[nearest], angles, q[n])
+                status[n] = _find_free(self._arrays, *self._is_free.memory, R, p, torsos[nearest], angles, q[n])
         q[status != YES] = np.nan
         return status, q
 
@@ -118,7 +117,7 @@ class ExactSolver:
         q, mu, angles = q.copy(), np.full(len(q), np.nan), free_angles(self.chain, IMPROVING_ANGLES)
         for n in np.flatnonzero(~np.isnan(q[:, 0])):
             R, p = T_base_tcp[n, :3, :3].copy(), T_base_tcp[n, :3, 3].copy()
-            mu[n] = _improve(self._arrays, self.chain.shapes, self._placed, R, p, float(torsos[n]), angles, q[n])
+            mu[n] = _improve(self._arrays, *self._is_free.memory, R, p, float(torsos[n]), angles, q[n])
         return q, mu
 
     def reach(self, T_base_tcp: Floats) -> tuple[NDArray[np.int8], Floats]:
@@ -128,95 +127,90 @@ class ExactSolver:
         if self._arrays.kind == CLOSED_FORM:
             decide_poses(chain_arrays(self.chain, self.torso_range), T, status, q)
             return status, q
-        away = T[:, :3, 3] - self.chain.shoulder  # from the nearest height of the lift
-        away[:, 2] -= np.clip(away[:, 2], *self.torso_range)
-        status[~(np.linalg.norm(away, axis=1) <= self.chain.reach + _ROUNDING)] = NO
-        if self._arrays.kind != ITERATIVE:
-            self._solve_by_structure(T, status, q)
-        # Random configurations may still reach what is open.
         low, high = self.torso_range
-        heights, rng = np.linspace(low, high, 5 if high > low else 1), np.random.default_rng(0)
-        seeds = np.concatenate([random_seeds(self.chain, SEEDS, height, rng) for height in heights])
-        for n in np.flatnonzero(status == UNKNOWN):
-            if _reach_from_seeds(self._arrays.chain, T[n, :3, :3].copy(), T[n, :3, 3].copy(), seeds, q[n]):
-                status[n] = YES
+        away = T[:, :3, 3] - self.chain.shoulder  # from the nearest height of the lift
+        away[:, 2] -= np.clip(away[:, 2], low, high)
+        status[~(np.linalg.norm(away, axis=1) <= self.chain.reach + _ROUNDING)] = NO
+        if not self.is_iterative:
+            _scan_poses(self._arrays, T, low, high, status, q)
+        if np.any(status == UNKNOWN):
+            _solve_from_seeds(self._arrays.chain, T, self._seeds, status, q)
         return status, q
 
-    def _solve_by_structure(self, T: Floats, status: NDArray[np.int8], q: Floats) -> None:
-        """Scan the lift for every open pose; what cannot be decided stays open.
-
-        Between two heights the excess could reach 0 only if it changes by their sum.
-        """
-        poses = np.flatnonzero(status == UNKNOWN)
+    @cached_property
+    def _seeds(self) -> Floats:
+        """(m, 1 + n) random configurations, from which poses may be reached that are open otherwise."""
         low, high = self.torso_range
-        heights = np.linspace(low, high, int(np.ceil((high - low) / LIFT_STEP - _ROUNDING)) + 1)
-        excess = np.empty((len(poses), heights.size))
-        undecided = np.zeros(len(T), dtype=bool)
-        for k, height in enumerate(heights):
-            excess[:, k] = self._try_heights(T, poses, np.full(len(poses), height), status, q, undecided)
-        pose, start = poses.repeat(heights.size - 1), np.tile(heights[:-1], len(poses))
-        ends = np.column_stack([excess[:, :-1].ravel(), excess[:, 1:].ravel()])
-        step = heights[1] - heights[0] if heights.size > 1 else 0.0
-        for _ in range(LIFT_HALVINGS):
-            may_cross = (ends.sum(axis=1) < LIFT_SLOPE * step) & (status[pose] == UNKNOWN)
-            pose, start, ends, step = pose[may_cross], start[may_cross], ends[may_cross], step / 2
-            middle = self._try_heights(T, pose, start + step, status, q, undecided)
-            ends = np.concatenate([np.column_stack([ends[:, 0], middle]), np.column_stack([middle, ends[:, 1]])])
-            pose, start = np.tile(pose, 2), np.concatenate([start, start + step])
-        undecided[pose[ends.sum(axis=1) < LIFT_SLOPE * step]] = True
-        status[poses[(status[poses] == UNKNOWN) & ~undecided[poses]]] = NO
-
-    def _try_heights(
-        self,
-        T: Floats,
-        poses: Integers,
-        heights: Floats,
-        status: NDArray[np.int8],
-        q: Floats,
-        undecided: NDArray[np.bool_],
-    ) -> Floats:
-        """(m,) excess of some poses, each at one height of the lift; marks those that are reached, or are undecided."""
-        excess = np.zeros(len(poses))
-        rows = np.flatnonzero(status[poses] == UNKNOWN)
-        some = poses[rows]
-        R, p = np.ascontiguousarray(T[some, :3, :3]), np.ascontiguousarray(T[some, :3, 3])
-        found = np.zeros((len(rows), self.chain.size))
-        found[:, 0] = heights[rows]
-        answer, excess[rows] = _try_poses(self._arrays, R, p, found)
-        status[some[answer == YES]] = YES
-        q[some[answer == YES]] = found[answer == YES]
-        undecided[some[answer == UNKNOWN]] = True
-        return excess
+        heights, rng = np.linspace(low, high, 5 if high > low else 1), np.random.default_rng(0)
+        return np.concatenate([random_seeds(self.chain, SEEDS, height, rng) for height in heights])
 
 
 @njit(cache=True)
-def _try_poses(arm: SolverArrays, R: Floats, p: Floats, q: Floats) -> tuple[NDArray[np.int8], Floats]:
-    """Answers and excesses (m,) for poses `R` (m, 3, 3), `p` (m, 3) at torso heights `q[:, 0]`; solutions into `q`."""
-    answers, excesses = np.empty(len(q), np.int8), np.empty(len(q))
-    lowered, best = np.empty(3), np.empty((1, 6))
-    for k in range(len(q)):
-        if arm.kind == SPHERICAL:
-            answers[k], excesses[k] = scan_free_joint(arm.chain, arm.spherical, R[k], p[k], q[k])
-            continue
-        lowered[0], lowered[1], lowered[2] = p[k, 0], p[k, 1], p[k, 2] - q[k, 0]
-        excesses[k] = max(0.0, parallel_excess(arm.parallel, R[k], lowered, best) - arm.parallel.slack)
-        q[k, 1:] = best[0]
-        answers[k] = NO
-        if excesses[k] == 0.0:
-            answers[k] = YES if refine(arm.chain, R[k], p[k], q[k]) else UNKNOWN
-    return answers, excesses
+def _scan_poses(arm: SolverArrays, T: Floats, low: float, high: float, status: NDArray[np.int8], q: Floats) -> None:
+    """Scan the lift for every open pose (n, 4, 4); what cannot be decided stays open."""
+    for n in range(len(T)):
+        if status[n] == UNKNOWN:
+            status[n] = _scan_lift(arm, T[n, :3, :3].copy(), T[n, :3, 3].copy(), low, high, q[n])
+            if status[n] != YES:
+                q[n] = np.nan
 
 
 @njit(cache=True)
-def _reach_from_seeds(chain: ChainArrays, R: Floats, p: Floats, seeds: Floats, q: Floats) -> bool:
-    """Whether a pose is reached from one of the configurations `seeds` (m, n); the solution into `q` (n,)."""
-    trial = np.empty(q.size)
-    for k in range(len(seeds)):
-        trial[:] = seeds[k]
-        if refine(chain, R, p, trial):
-            q[:] = trial
-            return True
-    return False
+def _scan_lift(arm: SolverArrays, R: Floats, p: Floats, low: float, high: float, q: Floats) -> int:
+    """The answer for one pose; a solution into `q`. Between two heights the excess could reach 0 only if it changes by
+    their sum."""
+    steps = ceil((high - low) / LIFT_STEP - _ROUNDING)
+    step = (high - low) / max(1, steps)
+    heights, ends = low + step * np.arange(steps + 1), np.empty(steps + 1)
+    heights[-1] = high
+    undecided = False
+    for k in range(steps + 1):
+        q[0] = heights[k]
+        answer, ends[k] = _try_height(arm, R, p, q)
+        if answer == YES:
+            return YES
+        undecided = undecided or answer == UNKNOWN
+    start, left, right = heights[:-1], ends[:-1], ends[1:]
+    for _ in range(LIFT_HALVINGS):
+        may_cross = left + right < LIFT_SLOPE * step
+        start, left, right, step = start[may_cross], left[may_cross], right[may_cross], 0.5 * step
+        middle = np.empty(start.size)
+        for k in range(start.size):
+            q[0] = start[k] + step
+            answer, middle[k] = _try_height(arm, R, p, q)
+            if answer == YES:
+                return YES
+            undecided = undecided or answer == UNKNOWN
+        start = np.concatenate((start, start + step))
+        left, right = np.concatenate((left, middle)), np.concatenate((middle, right))
+    return UNKNOWN if undecided or np.any(left + right < LIFT_SLOPE * step) else NO
+
+
+@njit(cache=True)
+def _try_height(arm: SolverArrays, R: Floats, p: Floats, q: Floats) -> tuple[int, float]:
+    """Answer and excess for a pose at the torso height `q[0]`; a solution into `q`."""
+    if arm.kind == SPHERICAL:
+        return scan_free_joint(arm.chain, arm.spherical, R, p, q)
+    lowered, best = p.copy(), np.empty((1, 6))
+    lowered[2] -= q[0]
+    excess = max(0.0, parallel_excess(arm.parallel, R, lowered, best) - arm.parallel.slack)
+    if excess > 0.0:
+        return NO, excess
+    q[1:] = best[0]
+    return (YES if refine(arm.chain, R, p, q) else UNKNOWN), excess
+
+
+@njit(cache=True)
+def _solve_from_seeds(chain: ChainArrays, T: Floats, seeds: Floats, status: NDArray[np.int8], q: Floats) -> None:
+    """Solve the open poses (n, 4, 4) from configurations `seeds` (m, 1 + dof)."""
+    trial = np.empty(seeds.shape[1])
+    for n in np.flatnonzero(status == UNKNOWN):
+        R, p = T[n, :3, :3].copy(), T[n, :3, 3].copy()
+        for k in range(len(seeds)):
+            trial[:] = seeds[k]
+            if refine(chain, R, p, trial):
+                q[n], status[n] = trial, YES
+                break
 
 
 class SolverArrays(NamedTuple):
@@ -329,15 +323,34 @@ def arm_solutions(arm: SolverArrays, R: Floats, p: Floats, torso: float, free: f
     return kept
 
 
+class SelfCollision:
+    """Whether a configuration is free of self-collision: an `is_free` for `verify`, by the chain's shapes.
+
+    Example:
+        is_free = SelfCollision(chain)
+        is_free(base, q)
+    """
+
+    def __init__(self, chain: ArmChain) -> None:
+        self._chain = packed(chain_arrays(chain))
+        self.memory = packed(chain.shapes), packed(make_placed(chain.shapes))
+
+    def __call__(self, _base: Floats | None, q: ArrayLike) -> bool:
+        """Whether no pair of shapes touches in the configuration `q` (1 + n,); the base pose does not matter."""
+        return bool(self.of(np.asarray(q, dtype=float)[None])[0])
+
+    def of(self, Q: Floats) -> NDArray[np.bool_]:
+        """(k,) the same of many configurations (k, 1 + n)."""
+        return np.asarray(_are_free(self._chain, *self.memory, Q))
+
+
 @njit(cache=True)
-def are_free(chain: ChainArrays, shapes: Shapes, placed: Placed, Q: Floats) -> NDArray[np.bool_]:
-    """(k,) whether configurations (k, 1 + n) are free of self-collision; `placed` is memory for the shapes."""
+def _are_free(chain: ChainArrays, shapes: Shapes, placed: Placed, Q: Floats) -> NDArray[np.bool_]:
     free, n = np.empty(len(Q), np.bool_), chain.axes.shape[0]
-    some, memory = pointer_to(shapes), pointer_to(placed)
     R, p = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
     for k in range(len(Q)):
         fk_frames(chain.offsets, chain.axes, chain.tip, Q[k], R, p)
-        free[k] = is_free(some, memory, R, p)
+        free[k] = is_free(shapes, placed, R, p)
     return free
 
 
@@ -347,21 +360,21 @@ def _find_free(
 ) -> int:
     """YES with a free configuration for a TCP pose in `q`, which reaches it; NO if the gripper is in no place that is
     free, else UNKNOWN."""
-    some, memory, n = pointer_to(shapes), pointer_to(placed), q.shape[0]
+    n = q.shape[0]
     frames, origins, found = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((8, n))
     fk_frames(arm.chain.offsets, arm.chain.axes, arm.chain.tip, q, frames, origins)
-    if _is_gripper_blocked(some, memory, frames, origins, torsos.min() - q[0], torsos.max() - q[0]):
+    if _is_gripper_blocked(shapes, placed, frames, origins, torsos.min() - q[0], torsos.max() - q[0]):
         return NO
     for torso in torsos:
         gripper_is_free = False
         for angle in angles:
             for k in range(arm_solutions(arm, R, p, torso, angle, found)):
                 fk_frames(arm.chain.offsets, arm.chain.axes, arm.chain.tip, found[k], frames, origins)
-                place_shapes(some, memory, frames, origins)
-                gripper_is_free = gripper_is_free or not any_near(some, memory, 0, CLEARANCE)
+                place_shapes(shapes, placed, frames, origins)
+                gripper_is_free = gripper_is_free or not any_near(shapes, placed, 0, CLEARANCE)
                 if not gripper_is_free:
                     break
-                if not (any_near(some, memory, 1, CLEARANCE) or any_near(some, memory, 3, CLEARANCE)):
+                if not (any_near(shapes, placed, 1, CLEARANCE) or any_near(shapes, placed, 3, CLEARANCE)):
                     q[:] = found[k]
                     return YES
             else:
@@ -375,7 +388,7 @@ def _improve(
     arm: SolverArrays, shapes: Shapes, placed: Placed, R: Floats, p: Floats, torso: float, angles: Floats, q: Floats
 ) -> float:
     """μ of the best free configuration for a TCP pose at a torso height, or of `q` if it is better; it is then `q`."""
-    some, memory, n, chain = pointer_to(shapes), pointer_to(placed), q.shape[0], arm.chain
+    n, chain = q.shape[0], arm.chain
     frames, origins, found = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((8, n))
     J, A, d, e = np.empty((6, n - 1)), np.empty((6, 6)), np.empty(6), np.empty(6)
     fk_frames(chain.offsets, chain.axes, chain.tip, q, frames, origins)
@@ -386,7 +399,7 @@ def _improve(
             fk_frames(chain.offsets, chain.axes, chain.tip, found[k], frames, origins)
             arm_jacobian(chain.axes, frames, origins, J)
             mu = condition(J, A, d, e)
-            if mu > best and is_free(some, memory, frames, origins):
+            if mu > best and is_free(shapes, placed, frames, origins):
                 best = mu
                 q[:] = found[k]
     return best

@@ -50,6 +50,8 @@ _LENGTH_WEIGHT = 4.0
 """How much a missing length counts, measured by the motion of the wrist with the free joint."""
 _SHORTEST = 1e-3
 """[m] Smallest length that these measures are divided by."""
+_PARALLEL = 1e-6
+"""Sine of the angle below which two axes are parallel."""
 _ANY = 1e9
 """[rad] More than any excess."""
 _NONE = np.int64(0)
@@ -63,6 +65,9 @@ SLOPE = 20.0
 docs/irm.md."""
 _CAPACITY = 4096
 """Intervals that are kept for halving at a time."""
+_MOST_FAILURES = 64
+"""Angles without excess from which no configuration is found, before a pose is left open: at a singularity of an arm
+whose axes miss each other a little, all are such."""
 
 
 class SphericalGoal(NamedTuple):
@@ -255,10 +260,16 @@ def _try_angle(trial: _Trial, free: float) -> tuple[bool, float]:
     excess = spherical_excess(trial.arm, trial.goal, free, trial.angles)
     if excess > trial.arm.slack:
         return False, excess - trial.arm.slack
+    return _refine_angles(trial), 0.0
+
+
+@njit(cache=True)
+def _refine_angles(trial: _Trial) -> bool:
+    """Whether the last angles tried, refined, are a solution, which is then in `trial.q`."""
     for joint in range(7):
         if trial.arm.columns[joint] >= 0:
             trial.q[trial.arm.columns[joint]] = trial.angles[0, joint]
-    return refine(trial.chain, trial.R, trial.p, trial.q), 0.0
+    return refine(trial.chain, trial.R, trial.p, trial.q)
 
 
 @njit(cache=True)
@@ -289,10 +300,14 @@ def scan_free_joint(chain: ChainArrays, arm: SphericalArm, R: Floats, p: Floats,
 
 @njit(cache=True)
 def _halve(trial: _Trial, first: float, step: float, excesses: Floats) -> tuple[int, float]:
-    """Halve the intervals in which the excess could reach 0, until there is none, or a solution, or the finest step."""
-    best = excesses.min()
+    """Halve the intervals in which the excess could reach 0, until there is none, or a solution, or the finest step.
+
+    Of what is open then the best angle is refined: at a singularity it may be the only one.
+    """
+    best_node = excesses.argmin()
+    best, best_angle = excesses[best_node], first + best_node * step
     starts, ends = np.empty((2, _CAPACITY)), np.empty((2, _CAPACITY, 2))
-    kept = 0
+    kept, failures = 0, 0
     for k in range(excesses.size - 1):
         if excesses[k] + excesses[k + 1] < SLOPE * step:
             starts[0, kept], ends[0, kept, 0], ends[0, kept, 1] = first + k * step, excesses[k], excesses[k + 1]
@@ -304,8 +319,10 @@ def _halve(trial: _Trial, first: float, step: float, excesses: Floats) -> tuple[
             found, excess = _try_angle(trial, starts[now, k] + step)
             if found:
                 return YES, 0.0
-            best = min(best, excess)
-            if count + 2 > _CAPACITY:
+            if excess < best:
+                best, best_angle = excess, starts[now, k] + step
+            failures += excess == 0.0
+            if count + 2 > _CAPACITY or failures > _MOST_FAILURES:
                 return UNKNOWN, best
             for half in range(2):
                 if ends[now, k, half] + excess < SLOPE * step:
@@ -313,7 +330,10 @@ def _halve(trial: _Trial, first: float, step: float, excesses: Floats) -> tuple[
                     ends[after, count, half], ends[after, count, 1 - half] = ends[now, k, half], excess
                     count += 1
         kept = count
-    return (NO if kept == 0 and best > 0.0 else UNKNOWN), best
+    if kept == 0 and best > 0.0:
+        return NO, best
+    spherical_excess(trial.arm, trial.goal, best_angle, trial.angles)
+    return (YES if _refine_angles(trial) else UNKNOWN), best
 
 
 @njit(cache=True)
@@ -369,12 +389,15 @@ def _search_parallel(arm: ParallelArm, R: Floats, p: Floats, enough: float, rows
         back = matvec(to_tool, rotate(axis_1, angle_1, along))
         for j in range(1 if missed_5 > 0.0 else 2):
             angle_5, excess_5 = nearest_turn(q5 if j == 0 else q5_other, arm.lower[4], arm.upper[4])
-            q6 = angle_about(scale(-1.0, axis_6), rotate(axis_5, -angle_5, along), back)
+            turned = rotate(axis_5, -angle_5, along)
+            q6 = angle_about(scale(-1.0, axis_6), turned, back)
             angle_6, excess_6 = nearest_turn(q6, arm.lower[5], arm.upper[5])
-            excess = max(_LENGTH_WEIGHT * missed_1, missed_5, excess_1, excess_5, excess_6)
+            # Where the last axis is parallel to the others any angle may serve: only what comes before counts.
+            is_any = norm(cross(turned, axis_6)) < _PARALLEL + arm.slack
+            excess = max(_LENGTH_WEIGHT * missed_1, missed_5, excess_1, excess_5, 0.0 if is_any else excess_6)
             if excess < enough:
                 others = angle_1, angle_5, angle_6
-                count, enough = _with_elbow(arm, moved, to_meeting, others, excess, enough, rows, count)
+                count, enough = _with_elbow(arm, moved, to_meeting, others, is_any, excess, enough, rows, count)
     return count, enough
 
 
@@ -384,6 +407,7 @@ def _with_elbow(
     moved: Floats,
     to_meeting: Vector,
     others: Vector,
+    is_any: bool,
     others_excess: float,
     enough: float,
     rows: Floats,
@@ -413,7 +437,7 @@ def _with_elbow(
         angle_4 = sign_4 * (total - angle_2 - sign_3 * angle_3)
         angle_2, excess_2 = nearest_turn(angle_2, arm.lower[1], arm.upper[1])
         angle_4, excess_4 = nearest_turn(angle_4, arm.lower[3], arm.upper[3])
-        excess = max(others_excess, _LENGTH_WEIGHT * missed, excess_2, excess_3, excess_4)
+        excess = others_excess if is_any else max(others_excess, _LENGTH_WEIGHT * missed, excess_2, excess_3, excess_4)
         if excess >= enough:
             continue
         rows[count, 0], rows[count, 1], rows[count, 2] = angle_1, angle_2, angle_3

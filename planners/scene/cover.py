@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from planners.scene.bodies import Body
 from planners.scene.scene import Scene
-from planners.scene.static_obstacle import StaticObstacle
+from planners.scene.solid import StaticObstacle
 
 Array = NDArray[np.float64]
 

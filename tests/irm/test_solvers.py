@@ -30,6 +30,16 @@ def test_a_pose_of_the_arm_is_never_called_out_of_reach(name, near_limits):
 
 
 @pytest.mark.parametrize("name", APPROACH)
+def test_a_singular_pose_is_never_called_out_of_reach(name):
+    chain, rng = arm_chain(name), np.random.default_rng(0)
+    Q = random_configurations(chain, 200, rng)
+    Q = np.where(rng.random(Q.shape) < 0.3, np.clip(0.0, chain.lower, chain.upper), Q)
+    status, _ = ExactSolver(chain).reach(np.array([forward(chain, q) for q in Q]))
+    assert not np.any(status == NO)
+    assert np.mean(status == YES) > 0.99
+
+
+@pytest.mark.parametrize("name", APPROACH)
 def test_every_yes_comes_with_a_configuration_within_the_limits_that_reaches(name):
     chain = arm_chain(name)
     T = random_poses(chain, 300, np.random.default_rng(1))
