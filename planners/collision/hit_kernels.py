@@ -301,14 +301,9 @@ def configuration_hits(query: CollisionQuery, active: np.uint64, base: Array, q:
 
     `active` is the mask of the bits to look for: the query's, or some of them.
     """
-    place_robot(query.robot, query.attached, query.scratch, base, q, query.opening)
-    return placed_hits(query, active)
-
-
-@leaf_kernel
-def placed_hits(query: CollisionQuery, active: np.uint64) -> np.uint64:
-    """`configuration_hits` where `place_robot` has placed the robot last."""
-    robot, obstacles, padding, scratch = query.robot, query.obstacles, query.padding, query.scratch
+    robot, obstacles, padding = query.robot, query.obstacles, query.padding
+    scratch = query.scratch
+    place_robot(robot, query.attached, scratch, base, q, query.opening)
     solids, simplex, count = scratch.solids, scratch.simplex, robot.core.shape[0]
     hits, wanted, held = _NONE, active & ~(_STATIC | _SELF), query.attached.solids.core.shape[0] // 2
     if held > 0:

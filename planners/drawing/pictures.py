@@ -1,10 +1,12 @@
-"""Pictures of a plan from above: the whole plan in one, or one for each clearance (Figs. 8-10 of Lee & Kim 2019).
+"""Pictures from above: of a plan, of each of its clearances (Figs. 8-10 of Lee & Kim 2019), of the steps of a search.
 
 They show the scene as the robot sees it, itself at the bottom: y to the left, x upwards.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,7 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from planners.drawing.choices import ClearancePicture, DrawnSurface, choices_of, last_picture
 from planners.scene import Body
+from planners.search.expert import SearchStep
 from planners.tamp.solution import Solution
 
 Array = NDArray[np.float64]
@@ -48,6 +51,8 @@ _PAGE, _TITLE, _LEGEND_ROW = 13.8, 0.45, 0.7 / 3
 """[inch] Width of all pictures, heights of a title and of a row of the legend."""
 _MOST = 11
 """Clearances drawn at most; of a longer plan the first ones are drawn."""
+_SEARCH_SIZE, _SEARCH_COLUMNS = 3.4, 4
+"""[inch] of the picture of one decision, and how many stand side by side."""
 _RANKED = 9
 """Candidates that get their rank as a number."""
 _UNKNOWN_RADIUS = 0.03
@@ -154,6 +159,30 @@ def draw_plan(solution: Solution, path: Path) -> None:
     style: dict[str, Any] = {"ncols": 2 * columns, "frameon": False, "fontsize": 8}
     figure.legend(list(legend.values()), list(legend), loc="outside lower center", **style)
     figure.savefig(path, dpi=130)
+
+
+def draw_search(steps: Sequence[SearchStep]) -> Figure:
+    """Draw the decisions of a search: places of the target red, known objects grey, the camera a triangle."""
+    columns = min(len(steps), _SEARCH_COLUMNS) or 1
+    rows = math.ceil(len(steps) / columns) or 1
+    figure = plt.figure(figsize=(_SEARCH_SIZE * columns, _SEARCH_SIZE * rows), layout="constrained")
+    for number, step in enumerate(steps, start=1):
+        axes = figure.add_subplot(rows, columns, number)
+        for support, cells in step.places.items():
+            x0, x1, y0, y1 = step.extents[support]
+            face, edge = COLOURS["table"], COLOURS["ink"]
+            axes.add_patch(Rectangle((y0, x0), y1 - y0, x1 - x0, facecolor=face, edgecolor=edge))
+            shown = np.ma.masked_where(~cells, cells)
+            axes.imshow(shown, extent=(y0, y1, x0, x1), origin="lower", cmap="autumn", vmin=0, vmax=9, zorder=2)
+        for seen in step.known:
+            _draw_body(axes, seen.body, COLOURS["target" if seen.is_target else "object"], "")
+        axes.plot(step.eye[1], step.eye[0], "^", color=COLOURS["ink"])
+        axes.set_title(f"{step.time:.0f} s: {step.text}", fontsize=8)
+        axes.set_aspect("equal")
+        axes.autoscale_view()
+        axes.invert_xaxis()
+        axes.axis("off")
+    return figure
 
 
 def draw_clearance(axes: Axes, picture: ClearancePicture, title: str = "") -> None:

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from planners.scene.bodies import Body, RobotState, Shape, pose_matrix
-from planners.scene.solid import SceneError, Solid
-from planners.scene.static_obstacle import FLOOR, StaticObstacle
+from planners.scene.solid import FLOOR, SceneError, Solid, StaticObstacle
 
 Array: TypeAlias = NDArray[np.float64]
 SolidT = TypeVar("SolidT", bound=Solid)
@@ -51,11 +50,7 @@ def can_touch(model: mujoco.MjModel) -> NDArray[np.bool_]:
 
 
 def robot_bodies(model: mujoco.MjModel, robot: RobotSpec) -> frozenset[int]:
-    """Ids of the base body and all that is attached to it.
-
-    Raises:
-        SceneError: the model lacks a body, joint or site that the robot's specification names.
-    """
+    """Ids of the base body and all that is attached to it; raises `SceneError` where the model lacks parts of it."""
     kinds = {
         mujoco.mjtObj.mjOBJ_BODY: (robot.base_body,),
         mujoco.mjtObj.mjOBJ_JOINT: (*robot.drive_joints, *robot.finger_joints),
@@ -92,11 +87,7 @@ class RobotJoints:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec) -> RobotJoints:
-        """Look them up.
-
-        Raises:
-            SceneError: the base is attached to something that moves, or does not stand upright on the ground z = 0.
-        """
+        """Look them up; raises `SceneError` unless the base stands upright on the ground, on nothing that moves."""
         columns = np.array([model.joint(name).qposadr[0] for name in robot.drive_joints])
         body = model.body(robot.base_body).id
         parent = int(model.body_parentid[body])
@@ -159,12 +150,7 @@ class MovableBodies:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, robot: RobotSpec, movable: Movable = is_object_name) -> MovableBodies:
-        """Look them up.
-
-        Raises:
-            SceneError: a name that is no free body, or a body with further joints, without a geom that can touch, or
-                with one that cannot be represented.
-        """
+        """Look them up; raises `SceneError` for a name that is no free body, or a body that cannot be represented."""
         bodies = _movable_ids(model, robot, movable)
         found = [_object(model, body) for body in bodies]
         return cls(
@@ -275,19 +261,15 @@ def static_obstacles_of(
 ) -> tuple[FoundObstacle, ...]:
     """Every geom that is neither on the robot nor on a movable body, where it is now, with the name of its body.
 
-    Args:
-        model: horizontal planes at ground height or below are the ground and are left out, other planes become boxes.
-        data: after a step or `mj_forward`.
-        robot: which robot it is.
-        movable: ids of the movable bodies; what is attached to them goes with them.
-        is_obstacle: which geoms count; by default those that can touch something.
+    Horizontal planes at ground height or below are the ground and are left out, other planes become boxes. What is
+    attached to the movable bodies, given by their ids, goes with them. By default geoms count that can touch something.
 
     Raises:
         SceneError: a geom that cannot be represented, something deformable, or a geom on the robot that is not its own.
     """
     if model.nflex:
-        flexes = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_FLEX, i) or f"flex_{i}" for i in range(model.nflex)]
-        raise SceneError(f"deformable bodies cannot be represented: {', '.join(flexes)}")
+        names = [model.flex(i).name or f"flex_{i}" for i in range(model.nflex)]
+        raise SceneError(f"deformable bodies cannot be represented: {', '.join(names)}")
     on_robot, touches = robot_bodies(model, robot), can_touch(model)
     for touching in np.flatnonzero(touches):
         part = model.body(model.geom_bodyid[touching])
@@ -394,14 +376,13 @@ def find_supports(found: Sequence[FoundObstacle], wanted: Iterable[str]) -> tupl
     for name in wanted:
         tops = [one.obstacle for one in level if name == one.obstacle.name]
         tops = tops or [one.obstacle for one in level if name == one.body]
-        if not tops and name == FLOOR:
-            names.append(name)
-            continue
-        if not tops:
+        if tops:
+            sizes = [(top.top, float(np.prod(top.extent[:2])), top.name) for top in tops]
+            largest = max(area for _, area, _ in sizes)
+            name = max(one for one in sizes if one[1] >= largest / 2)[2]
+        elif name != FLOOR:
             both = (known for one in level for known in (one.obstacle.name, one.body) if known != "world")
             known = ", ".join(dict.fromkeys(both)) or "none"
             raise SceneError(f"no support {name!r}; geoms and bodies with a level top face: {known}")
-        areas = [float(np.prod(top.extent[:2])) for top in tops]
-        large = [(top.top, area, top.name) for top, area in zip(tops, areas, strict=True) if area >= max(areas) / 2]
-        names.append(max(large)[2])
+        names.append(name)
     return tuple(dict.fromkeys(names))
