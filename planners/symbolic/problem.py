@@ -58,9 +58,16 @@ class SymbolicState:
     retired: frozenset[str] = frozenset()
     holds_aside: bool = False
 
+    @cached_property
+    def _by_predicate(self) -> dict[str | None, list[Atom]]:
+        found: dict[str | None, list[Atom]] = defaultdict(list)
+        for fact in self.facts:
+            found[fact[0]].append(fact)
+        return found
+
     def find(self, *pattern: str | None) -> list[Atom]:
         """Facts that match a predicate and its arguments, None standing for any argument; sorted."""
-        facts = [fact for fact in self.facts if fact[0] == pattern[0]]
+        facts = self._by_predicate.get(pattern[0], ())
         for place, symbol in enumerate(pattern):
             if place and symbol is not None:
                 facts = [fact for fact in facts if fact[place] == symbol]
