@@ -12,6 +12,7 @@ from assets.robots import FETCH, RobotSpec, robot as find_robot
 from planners.cause import Cause
 from planners.clearing.goal_bound import LowerBound, fewest_picks
 from planners.clearing.lower_bound import MAX_EXPANSIONS, ClearanceFloor, smallest_set
+from planners.clearing.order_of_moves import is_under_shelf
 from planners.clock import NO_DEADLINE, Deadline, cpu_seconds
 from planners.collision.ground_map import GroundMap
 from planners.collision.world import SUPPORT_SLACK, CompiledScenes, validate
@@ -260,7 +261,7 @@ class Planner:
         # An end-effector-controlled robot first tries configurations near home, where its controller keeps the joints.
         first = [context.only_near_home()] if self.follower is not None else []
         outcomes: list[Solution | Infeasible] = []
-        is_proved = False
+        is_proved, known = False, None
         for attempt, chosen in enumerate([*first, *[context] * strategy.attempts]):
             draws = np.random.default_rng(attempt) if self.canonical else rng
             before = draws.bit_generator.state
@@ -269,12 +270,18 @@ class Planner:
             for checks_at_end in (True, False) if chosen.shortens else (False,):
                 draws.bit_generator.state = before
                 layer = MotionLayer(chosen, draws, compiled, deadline, checks_at_end)
+                if known is not None and known.context is chosen and not goal.target:
+                    layer.candidates, layer.placement_search = known.candidates, known.placement_search
+                known = layer
                 search = Search(goal, strategy, self._task_planner, layer, self.hold_aside, bound, start)
                 outcome = task_and_motion_plan(search, scene)
                 if not layer.is_refuted:
                     break
+                bound = search.bound
             outcomes.append(outcome)
-            is_proved = is_final(outcomes[-1], chosen.near_home)
+            # The order of moves under a shelf is found without random choices.
+            is_ordered = isinstance(outcome, Solution) and is_under_shelf(scene, goal)
+            is_proved = is_final(outcomes[-1], chosen.near_home) or is_ordered
             if deadline.is_over or is_proved:
                 break
         best = best_outcome(outcomes, is_proved, deadline)
