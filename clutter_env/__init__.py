@@ -66,7 +66,6 @@ def skill_budget(num_objects: int) -> int:
 
 
 def _register_counts(name: str, counts: Iterable[int], most_steps: Callable[[int], int]) -> None:
-    """Register one task with each number of objects."""
     for count in counts:
         register(
             id=f"clutter_env/{name}-o{count}-v0",

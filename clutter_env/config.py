@@ -188,10 +188,6 @@ class EnvConfig:
         except (UnknownRobot, InvalidRobot) as problem:
             raise ConfigError(f"robot: {problem}") from None
 
-    def keywords(self) -> dict[str, Any]:
-        """The keyword arguments again, layout and robot as they were given."""
-        return {entry.name: getattr(self, entry.name) for entry in fields(self)}
-
     @classmethod
     def from_keywords(cls, keywords: dict[str, Any]) -> EnvConfig:
         """The configuration that these keyword arguments describe.

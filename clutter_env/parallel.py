@@ -58,6 +58,13 @@ class Killed:
 
     seconds: float
 
+    @property
+    def detail(self) -> str:
+        """How it ended."""
+        return f"killed after {self.seconds:.0f} s"
+
+    summary = detail
+
 
 def run_jobs(
     function: Callable[[J], R],

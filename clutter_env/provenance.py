@@ -14,6 +14,7 @@ import platform
 import subprocess
 import sys
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import asdict, fields
 from functools import cache
 from pathlib import Path
@@ -141,11 +142,8 @@ def _commit() -> str | None:
 
 @cache
 def _digest_of_id(env_id: str) -> str:
-    env = gym.make(env_id, disable_env_checker=True)
-    try:
+    with closing(gym.make(env_id, disable_env_checker=True)) as env:
         return json.dumps(_digest(env))
-    finally:
-        env.close()
 
 
 def _digest(env: gym.Env[Any, Any]) -> dict[str, Any]:
@@ -155,7 +153,7 @@ def _digest(env: gym.Env[Any, Any]) -> dict[str, Any]:
     defaults = {entry.name: entry.default for entry in fields(config) if entry.name in _ABILITIES}
     settings = {
         name: value
-        for name, value in config.keywords().items()
+        for name, value in vars(config).items()
         if name not in _PICTURES and (name not in defaults or value != defaults[name])
     }
     settings |= {"layout": layout_identity(inner.layout), "robot": inner.robot.name}

@@ -25,6 +25,6 @@ def training_seeds(first: int, count: int = 1) -> range:
     return seeds
 
 
-def held_out_seeds(count: int, first: int = HELD_OUT) -> range:
+def held_out_seeds(count: int) -> range:
     """Seeds on which nothing is trained."""
-    return range(first, first + count)
+    return range(HELD_OUT, HELD_OUT + count)

@@ -45,20 +45,6 @@ class Floor:
     is_proved: bool
     cause: str = ""
 
-    @classmethod
-    def read(cls, entry: Any) -> Floor:
-        """The floor in an entry of a suite's file.
-
-        Raises:
-            SuiteError: not a number of clearances with its proof flag, or neither a number nor a cause without one.
-        """
-        match entry:
-            case {"count": int(count), "is_proved": bool(is_proved), "cause": ""} if count >= 0:
-                return cls(count, is_proved)
-            case {"count": None, "is_proved": bool(is_proved), "cause": str(cause)} if cause:
-                return cls(None, is_proved, cause)
-        raise SuiteError(f"{entry!r} is not a floor: a count with its proof flag, or the cause why there is no plan")
-
 
 @dataclass(frozen=True)
 class SuiteScene:
@@ -217,7 +203,6 @@ def suite(name: str) -> Suite:
 
 @cache
 def _read_suite(name: str) -> Suite:
-    """The suite in the file of that name, checked entry by entry: an error says what is wrong with the file."""
     place = f"the file of suite {name!r}"
     try:
         content = json.loads(assets.path(f"suites/{name}.json").read_text())
@@ -227,12 +212,16 @@ def _read_suite(name: str) -> Suite:
         digest = content.pop("sha256")
         if digest != content_digest(content):
             raise SuiteError(f"{place} has been changed: its content does not have the digest {digest}")
-        splits = {
-            split: tuple(_scene(content, split, index, entry) for index, entry in enumerate(content["scenes"][split]))
-            for split in SPLITS
+        shared = {
+            "suite": content["name"],
+            "env_id": content["env_id"],
+            **{key: MappingProxyType(content[key]) for key in ("keywords", "options")},
         }
-        made_with = MappingProxyType(_entry(content, "made_with", dict))
-        return Suite(_entry(content, "name", str), _entry(content, "about", str), digest, made_with, **splits)
+        splits = {
+            split: tuple(SuiteScene(split=split, index=k, **shared, **_read(entry)) for k, entry in enumerate(entries))
+            for split, entries in ((split, content["scenes"][split]) for split in SPLITS)
+        }
+        return Suite(content["name"], content["about"], digest, MappingProxyType(content["made_with"]), **splits)
     except KeyError as problem:
         raise SuiteError(f"{place} lacks the entry {problem}") from None
     except (AttributeError, TypeError) as problem:  # a list where a dictionary should be, and the like
@@ -265,26 +254,9 @@ def _digest(numbers: np.ndarray[Any, Any]) -> str:
     return hashlib.sha256(f"{numbers.shape}".encode() + numbers.tobytes()).hexdigest()[:_DIGITS]
 
 
-def _scene(content: Mapping[str, Any], split: str, index: int, entry: Mapping[str, Any]) -> SuiteScene:
-    return SuiteScene(
-        suite=_entry(content, "name", str),
-        split=split,
-        index=index,
-        env_id=_entry(content, "env_id", str),
-        keywords=MappingProxyType(_entry(content, "keywords", dict)),
-        max_steps=_entry(entry, "max_steps", int),
-        seed=_entry(entry, "seed", int),
-        options=MappingProxyType(_entry(content, "options", dict)),
-        target=_entry(entry, "target", str),
-        floor_side=None if entry["floor_side"] is None else Floor.read(entry["floor_side"]),
-        floor_all=None if entry["floor_all"] is None else Floor.read(entry["floor_all"]),
-        digests=MappingProxyType(_entry(entry, "digests", dict)),
-    )
-
-
-def _entry(values: Mapping[str, Any], name: str, kind: type) -> Any:
-    """An entry of a file; raises KeyError or TypeError where it is missing or of another type."""
-    value = values[name]
-    if type(value) is not kind:
-        raise TypeError(f"{name}={value!r} must be of type {kind.__name__}")
-    return value
+def _read(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """What an entry of a file says of its scene."""
+    bounds = {name: entry[name] for name in ("floor_side", "floor_all")}
+    floors = {name: of and Floor(of["count"], of["is_proved"], of["cause"]) for name, of in bounds.items()}
+    plain = {name: entry[name] for name in ("max_steps", "seed", "target")}
+    return {**plain, **floors, "digests": MappingProxyType(entry["digests"])}

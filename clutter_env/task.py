@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -42,11 +43,8 @@ class Task:
 
     def provenance(self) -> dict[str, Any]:
         """What would be recorded in this environment now is made with; see `clutter_env.provenance`."""
-        env = self.make()
-        try:
+        with closing(self.make()) as env:
             return provenance(env)
-        finally:
-            env.close()
 
     @property
     def family(self) -> str:

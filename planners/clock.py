@@ -25,11 +25,7 @@ class Deadline:
 
     @classmethod
     def after(cls, time_limit: float | None) -> Deadline:
-        """The deadline `time_limit` [s] from now; None for none.
-
-        Raises:
-            TimeLimitError: not a number, NaN or negative.
-        """
+        """The deadline `time_limit` [s] from now, None for none; raises `TimeLimitError`."""
         if time_limit is None:
             return NO_DEADLINE
         if not isinstance(time_limit, Real) or isinstance(time_limit, bool) or not time_limit >= 0:

@@ -71,11 +71,7 @@ class PlanningContext:
     ) -> PlanningContext:
         """The context of a robot among the static obstacles and supports of a scene, however its objects stand.
 
-        Args:
-            robot: the scene's, whichever of its arms is active.
-            scene: its robot and objects may be anywhere.
-            grasps, supports: as for `planners.solve`.
-            canonical, follower, saves_time: as for `planners.Planner`.
+        The arguments are those of `planners.solve` and `planners.Planner`; the scene's robot may be anywhere.
 
         Raises:
             UnknownGraspSet: neither the name of a grasp set nor families.
@@ -144,11 +140,7 @@ class PlanningContext:
 
 
 def check_arms(robot: RobotSpec, hold_aside: bool, is_told_tcp_poses: bool, canonical: bool) -> None:
-    """Check a planner's choices.
-
-    Raises:
-        ArmsError: they do not fit the arms that the robot acts with.
-    """
+    """Check a planner's choices; raises `ArmsError` if they do not fit the arms that the robot acts with."""
     if not isinstance(hold_aside, bool):
         raise ArmsError(f"hold_aside={hold_aside!r} is not valid; valid values: False, True")
     if hold_aside and not robot.acts_with_all_arms:

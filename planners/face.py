@@ -74,14 +74,13 @@ from planners.scene.bodies import release_pitch as release_pitch
 from planners.scene.cover import BACK as BACK, drive_out as drive_out, heading as heading, is_covered as is_covered
 from planners.scene.insert import insert_robot as insert_robot
 from planners.scene.prepare import Change as Change, Prepared as Prepared, prepare as prepare
-from planners.scene.static_obstacle import StaticObstacle as StaticObstacle
+from planners.scene.solid import StaticObstacle as StaticObstacle
 from planners.search.expert import SearchExpert as SearchExpert, SearchReport as SearchReport, SearchStep as SearchStep
 from planners.skills import (
     DIRECTIONS as DIRECTIONS,
     Skill as Skill,
     SkillFailure as SkillFailure,
     SkillPlanner as SkillPlanner,
-    plan_contact as plan_contact,
 )
 from planners.standing import standing_place as standing_place
 from planners.strategies import STRATEGIES as STRATEGIES, Strategy as Strategy, find_strategy as find_strategy
@@ -97,6 +96,5 @@ from planners.symbolic.problem import (
 )
 from planners.symbolic.transitions import applicable_actions as applicable_actions, apply_action as apply_action
 from planners.tamp.joint_trajectory import JointTrajectory as JointTrajectory
-from planners.tamp.motion_layer import MotionLayer as MotionLayer
 from planners.tamp.plan_file import PlanFileError as PlanFileError
 from planners.tamp.solution import BoundAction as BoundAction, Infeasible as Infeasible, Solution as Solution

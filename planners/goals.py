@@ -15,7 +15,7 @@ import itertools
 import math
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -100,10 +100,9 @@ class Region:
         away = np.maximum(np.abs(self.local(points)) - self.half_extents, 0.0)
         return np.asarray(np.hypot(away[..., 0], away[..., 1]) < radius)
 
-    def contains(self, body: Body, margin: float = EDGE) -> bool:
-        """Whether the footprint of an object lies within it, but for `margin` [m]."""
-        half = np.array(self.half_extents) + margin
-        return bool((np.abs(self.local(footprint(body))) <= half).all())
+    def contains(self, body: Body) -> bool:
+        """Whether the footprint of an object lies within it, but for `EDGE`."""
+        return bool((np.abs(self.local(footprint(body))) <= np.array(self.half_extents) + EDGE).all())
 
     def touches(self, body: Body) -> bool:
         """Whether the footprint of an object overlaps it by more than `EDGE`."""
@@ -380,29 +379,16 @@ class Goal:
         Raises:
             GoalError: it names something that is not there, or contradicts itself; the message says what is valid.
         """
-        regions, objects = region_names(scene), scene.names
-
-        def known(name: str, *kinds: tuple[str, Collection[str]]) -> None:
-            if not any(name in names for _, names in kinds):
-                valid = "; ".join(f"{kind}: {', '.join(names) or 'none'}" for kind, names in kinds)
-                raise GoalError(f"the goal names {name!r}, which the scene does not have; {valid}")
-
-        places = ("regions", regions), ("supports", scene.supports)
+        objects: dict[str, Collection[str]] = {"objects": scene.names}
+        places: dict[str, Collection[str]] = {"regions": region_names(scene), "supports": scene.supports}
         for fact in self.facts:
-            match fact:
-                case On(name, place):
-                    known(name, ("objects", objects))
-                    known(place, *places, ("objects", objects))
-                case Inside(name, place):
-                    known(name, ("objects", objects))
-                    known(place, *places)
-                case Holding(name) | At(name):
-                    known(name, ("objects", objects))
-                case Clear(place):
-                    known(place, *places)
-                case Before(first, second):
-                    known(first, ("objects", objects))
-                    known(second, ("objects", objects))
+            for entry, name in zip(fields(fact), _names(fact), strict=False):
+                kinds = objects
+                if entry.name in ("place", "region"):
+                    kinds = places | objects if isinstance(fact, On) else places
+                if not any(name in names for names in kinds.values()):
+                    valid = "; ".join(f"{kind}: {', '.join(names) or 'none'}" for kind, names in kinds.items())
+                    raise GoalError(f"the goal names {name!r}, which the scene does not have; {valid}")
         self._check_contradictions(scene)
 
     def _check_contradictions(self, scene: Scene) -> None:
@@ -413,21 +399,20 @@ class Goal:
             raise GoalError(
                 f"{len(self.held)} objects to hold ({', '.join(self.held)}); at the end of a plan one can be"
             )
-        places = {fact.object: _place_of(fact) for fact in self.placed}
+        places = {fact.object: "" if isinstance(fact, At) else _names(fact)[1] for fact in self.placed}
         for name, place in places.items():
-            if place in self.cleared or (place in region_names(scene) and _lies_on(scene, place, self.cleared)):
+            if {place, region_named(scene, place).support if place in region_names(scene) else place} & {*self.cleared}:
                 raise GoalError(f"{name!r} is to be at {place!r}, which is to be clear")
             if place in self.held:
                 raise GoalError(f"{name!r} is to stand on {place!r}, which is to be held")
         for edges in (places.items(), self.order):
-            graph: dict[str, set[str]] = {}
+            graph: TopologicalSorter[str] = TopologicalSorter()
             for one, other in edges:
-                graph.setdefault(other, set()).add(one)
+                graph.add(other, one)
             try:
-                TopologicalSorter(graph).prepare()
+                graph.prepare()
             except CycleError as error:
-                circle = " -> ".join(error.args[1])
-                raise GoalError(f"the goal asks for a circle: {circle}") from error
+                raise GoalError(f"the goal asks for a circle: {' -> '.join(error.args[1])}") from error
 
     def to_pddl(self) -> str:
         """The goal as PDDL; `from_pddl` reads it."""
@@ -620,17 +605,6 @@ def has_yaw(body: Body) -> bool:
     return not (body.shape == "cylinder" and body.is_upright)
 
 
-def _lies_on(scene: Scene, region: str, supports: Collection[str]) -> bool:
-    return region_named(scene, region).support in supports
-
-
-def _place_of(fact: On | Inside | At) -> str:
-    match fact:
-        case On(_, place) | Inside(_, place):
-            return place
-    return ""
-
-
 # PDDL.
 
 
@@ -639,34 +613,19 @@ def _is_name(value: object) -> bool:
 
 
 def _names(fact: Fact) -> tuple[str, ...]:
-    match fact:
-        case Before(one, other) | On(one, other) | Inside(one, other):
-            return one, other
-        case Clear(name) | Holding(name) | At(name):
-            return (name,)
-
-
-def _quoted(name: str) -> str:
-    return name if re.fullmatch(_WORD, name) else f'"{name}"'
+    return tuple(getattr(fact, entry.name) for entry in fields(fact) if entry.type == "str")
 
 
 def _format(fact: Fact) -> str:
+    numbers: dict[str, float | None] = {}
     match fact:
         case At():
-            numbers = {
-                "x": fact.x,
-                "y": fact.y,
-                "yaw": fact.yaw,
-                "z": fact.z,
-                "tolerance": fact.tolerance,
-                "yaw-tolerance": fact.yaw_tolerance,
-            }
+            numbers = {entry.name: getattr(fact, entry.name) for entry in fields(fact) if entry.name != "object"}
         case Holding(_, (x, y, z), tolerance):
             numbers = {"x": x, "y": y, "z": z, "tolerance": tolerance}
-        case _:
-            return f"({' '.join((type(fact).__name__.lower(), *map(_quoted, _names(fact))))})"
-    given = " ".join(f"({name} {number!r})" for name, number in numbers.items() if number is not None)
-    return f"({type(fact).__name__.lower()} {_quoted(fact.object)} {given})"
+    given = (f"({name.replace('_', '-')} {number!r})" for name, number in numbers.items() if number is not None)
+    names = (name if re.fullmatch(_WORD, name) else f'"{name}"' for name in _names(fact))
+    return f"({' '.join((type(fact).__name__.lower(), *names, *given))})"
 
 
 _TREE: TypeAlias = "str | list[_TREE]"

@@ -12,6 +12,7 @@ from assets.robots import FETCH, RobotSpec, robot as find_robot
 from planners.cause import Cause
 from planners.clearing.goal_bound import LowerBound, fewest_picks
 from planners.clearing.lower_bound import MAX_EXPANSIONS, ClearanceFloor, smallest_set
+from planners.clearing.order_of_moves import is_under_shelf
 from planners.clock import NO_DEADLINE, Deadline, cpu_seconds
 from planners.collision.ground_map import GroundMap
 from planners.collision.world import SUPPORT_SLACK, CompiledScenes, validate
@@ -202,9 +203,9 @@ class Planner:
         """The fewest picks for a goal; see the function `lower_bound`."""
         wanted = _goal_in(scene, goal)
         self.warmup()
-        context, has_buffers = PlanningContext.of(self.robot, scene, grasps=self.grasps), not self.hold_aside
+        context = PlanningContext.of(self.robot, scene, grasps=self.grasps)
         grasps, search = context.grasps(), context.placements()
-        return fewest_picks(scene, wanted, grasps, search=search, buffers=has_buffers, expansions=expansions)
+        return fewest_picks(scene, wanted, grasps, search=search, buffers=not self.hold_aside, expansions=expansions)
 
     def clearance_floor(self, scene: Scene, target: str, expansions: int = MAX_EXPANSIONS) -> ClearanceFloor:
         """The minimum number of clearances; see the function `clearance_floor`."""
@@ -228,18 +229,12 @@ class Planner:
             self.robot,
             scene,
             grasps=self.grasps,
-            supports=self._support_choice,
+            # With side grasps the first support alone, R_plane of the paper; with other grasp sets all.
+            supports="all" if self.supports is None and self.grasps != "side" else self.supports,
             canonical=self.canonical,
             follower=self.follower,
             saves_time=self.saves_time,
         )
-
-    @property
-    def _support_choice(self) -> Supports:
-        """`supports`, or what None stands for: the first one with side grasps, all with other grasp sets."""
-        if self.supports is not None:
-            return self.supports
-        return None if self.grasps == "side" else "all"
 
     def _exercise(self, scene: Scene, target: str) -> None:
         """Run what a solve runs; the task planner may be the user's own, so another one takes its place."""
@@ -266,7 +261,7 @@ class Planner:
         # An end-effector-controlled robot first tries configurations near home, where its controller keeps the joints.
         first = [context.only_near_home()] if self.follower is not None else []
         outcomes: list[Solution | Infeasible] = []
-        is_proved = False
+        is_proved, known = False, None
         for attempt, chosen in enumerate([*first, *[context] * strategy.attempts]):
             draws = np.random.default_rng(attempt) if self.canonical else rng
             before = draws.bit_generator.state
@@ -275,12 +270,18 @@ class Planner:
             for checks_at_end in (True, False) if chosen.shortens else (False,):
                 draws.bit_generator.state = before
                 layer = MotionLayer(chosen, draws, compiled, deadline, checks_at_end)
+                if known is not None and known.context is chosen and not goal.target:
+                    layer.candidates, layer.placement_search = known.candidates, known.placement_search
+                known = layer
                 search = Search(goal, strategy, self._task_planner, layer, self.hold_aside, bound, start)
                 outcome = task_and_motion_plan(search, scene)
                 if not layer.is_refuted:
                     break
+                bound = search.bound
             outcomes.append(outcome)
-            is_proved = is_final(outcomes[-1], chosen.near_home)
+            # The order of moves under a shelf is found without random choices.
+            is_ordered = isinstance(outcome, Solution) and is_under_shelf(scene, goal)
+            is_proved = is_final(outcomes[-1], chosen.near_home) or is_ordered
             if deadline.is_over or is_proved:
                 break
         best = best_outcome(outcomes, is_proved, deadline)
@@ -341,10 +342,7 @@ def best_outcome(
 ) -> Solution | Infeasible:
     """The plan with the fewest objects cleared twice, of these one with the fewest clearances; or why there is none.
 
-    Args:
-        outcomes: of the attempts, at least one, in order.
-        is_proved: whether the last one is final.
-        deadline: once it is over, a refusal that is not proved has the cause "time limit".
+    Once the deadline is over, a refusal that is not proved has the cause "time limit".
     """
     plans = [outcome for outcome in outcomes if isinstance(outcome, Solution)]
     if plans:

@@ -1,4 +1,4 @@
-"""Skills: clear one object from one direction, or take the target; and picks and placements that somebody else chose.
+"""Skills: clear one object from one direction, or take the target.
 
 A skill is a choice among the grasps and placements that the strategies choose from. `simulate_kinematically` returns
 the scene after a skill, if every motion to a free configuration exists and succeeds; `plan` plans its motions.
@@ -7,7 +7,6 @@ the scene after a skill, if every motion to a free configuration exists and succ
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -17,7 +16,6 @@ from numpy.typing import NDArray
 
 from planners.clearing.commitments import grasped
 from planners.collision.world import CompiledScenes
-from planners.contact import Contact
 from planners.context import PlanningContext
 from planners.grasping.arm_configurations import (
     ConfigurationGrid,
@@ -25,13 +23,11 @@ from planners.grasping.arm_configurations import (
     scan_configurations,
 )
 from planners.grasping.candidates import GraspCandidate, as_candidates, gripper_poses
-from planners.grasping.grasp_poses import GraspPose, generate_grasps, opening_around
+from planners.grasping.grasp_poses import GraspPose, generate_grasps
 from planners.motion.path import BlockedBy, NoPath
-from planners.placing.locations import put_down
 from planners.placing.placements import Placement
 from planners.placing.surfaces import KeepClear
-from planners.scene import Body, HeldObject, Scene
-from planners.scene.cover import needs_drive
+from planners.scene import Body, Scene
 from planners.strategies import STRATEGIES
 from planners.tamp.motion_layer import BoundMotion, MotionLayer
 from planners.tamp.solution import BoundAction
@@ -48,8 +44,6 @@ _GRASPS = 3
 """Grasps tried before a skill counts as failed."""
 _PLACEMENTS = 8
 """Placements tried for each of them."""
-_CONFIGURATIONS = 4
-"""Arm configurations tried for one pick or placement."""
 
 
 class _Planned(NamedTuple):
@@ -163,14 +157,7 @@ class SkillPlanner:
     ) -> tuple[BoundAction, ...] | SkillFailure:
         """The motions of a skill, as actions of the domain without symbols; a held object is put down first.
 
-        Args:
-            scene: where to start.
-            target: the object whose grasp must stay free.
-            skill: what to do.
-            rng: for sampling.
-
-        Raises:
-            UnknownObject: no object of that name.
+        What is put down keeps clear of the target's grasp. Raises `UnknownObject`.
         """
         motion_layer = MotionLayer(self.context, rng, self.compiled)
         done: tuple[BoundAction, ...] = ()
@@ -185,7 +172,7 @@ class SkillPlanner:
         failure = SkillFailure("motion")
         for grasp in grasps[:_GRASPS]:
             picked = _pick(motion_layer, scene, grasp)
-            if not isinstance(picked, _Planned):
+            if picked is None:
                 continue
             if skill.direction is None:
                 return (*done, *picked.actions)
@@ -198,11 +185,7 @@ class SkillPlanner:
     def plan_through(
         self, scene: Scene, target: str, skill: Skill, rng: np.random.Generator
     ) -> tuple[BoundAction, ...] | SkillFailure:
-        """The plan by the least obstructed grasp, as if what is in its way were not there.
-
-        Raises:
-            UnknownObject: no object of that name.
-        """
+        """The plan by the least obstructed grasp, as if what is in its way were not there; raises `UnknownObject`."""
         in_the_way = self.in_the_way(scene, skill)
         others = tuple(body for body in scene.objects if body.name not in in_the_way)
         return self.plan(replace(scene, objects=others), target, skill, rng)
@@ -210,98 +193,28 @@ class SkillPlanner:
     def _put_aside(self, motion_layer: MotionLayer, scene: Scene, target: str) -> _Planned | None:
         """Put the held object where it keeps clear of the target's grasp; None if there is no such place."""
         assert scene.held is not None
-        for placement in itertools.islice(self.placements(scene, target, motion_layer.rng), _PLACEMENTS):
-            placed = _place(motion_layer, scene, scene.held.name, placement)
-            if isinstance(placed, _Planned):
-                return placed
-        return None
+        name, placements = scene.held.name, self.placements(scene, target, motion_layer.rng)
+        placed = (_place(motion_layer, scene, name, one) for one in itertools.islice(placements, _PLACEMENTS))
+        return next((one for one in placed if one is not None), None)
 
 
-def plan_contact(
-    motion_layer: MotionLayer, scene: Scene, contact: Contact
-) -> tuple[BoundAction, BoundAction] | BlockedBy | NoPath:
-    """The drive to a contact, and the pick or placement there; the arm configuration is chosen here.
-
-    Args:
-        motion_layer: plans the motions.
-        scene: where to start; of a placement, with the object held.
-        contact: where the base stands, and where the gripper closes or opens.
-
-    Returns:
-        the two actions, or why there is no motion.
-
-    Raises:
-        UnknownObject: no such object.
-        ValueError: the object of a placement is not held.
-    """
-    if contact.skill == "place" and contact.object not in scene.held_names:
-        raise ValueError(f"{contact.object} is not held, so it cannot be put down")
-    x_axis = contact.tcp[:3, 0]
-    pitch = math.atan2(-float(x_axis[2]), math.hypot(float(x_axis[0]), float(x_axis[1])))
-    gripper = np.array([*contact.tcp[:3, 3], contact.yaw, pitch])
-    if contact.skill == "pick":
-        body = scene.body(contact.object)
-    else:
-        supports = map(scene.support_named, scene.supports)
-        under = (support.top for support in supports if support.is_under(contact.tcp[:2, 3]))
-        body = put_down(scene, gripper, max(under, default=scene.support.top))
-    held = scene.held or HeldObject.grasped(body, contact.tcp)
-    opening = opening_around(scene.robot, body, held)
-    reason: BlockedBy | NoPath = NoPath("no arm configuration reaches the contact")
-    configurations = _configurations(motion_layer, scene, contact, gripper, body, opening)
-    for q, hits in itertools.islice(configurations, _CONFIGURATIONS):
-        if hits:
-            reason = BlockedBy(frozenset(scene.names_of(hits)), "grasp")
-            continue
-        base, yaw = np.array(contact.base), float(gripper[3])
-        if contact.skill == "place":
-            found = _place(motion_layer, scene, contact.object, Placement(body, base, q, yaw, pitch, opening))
-        else:
-            covered, arm = needs_drive(scene, body.foot), scene.robot.arm_name
-            grasp = GraspCandidate(contact.object, base, q, yaw, pitch, opening, 0, 0.0, covered, arm)
-            found = _pick(motion_layer, scene, grasp)
-        if isinstance(found, _Planned):
-            return found.actions
-        reason = found
-    return reason
-
-
-def _configurations(
-    motion_layer: MotionLayer, scene: Scene, contact: Contact, gripper: Array, body: Body, opening: float
-) -> Iterator[tuple[Array, int]]:
-    """Arm configurations at a contact and masks of what they hit; first those about the home configuration.
-
-    Args:
-        motion_layer, scene, contact: as for `plan_contact`.
-        gripper: (5,) x, y, z [m], yaw and pitch [rad] of the TCP.
-        body: the object where it is picked, or where it will stand.
-        opening: [m] of the open gripper around the object.
-    """
-    world, chain = motion_layer.compiled.world(scene), motion_layer.context.arms[scene.robot.arm_name].chain
-    poses, ignore = GripperPoses(np.array(contact.base)[None], gripper[None]), scene.mask({contact.object})
-    for grid in (ConfigurationGrid.about_home(chain, scene.robot.home), ConfigurationGrid.over(chain)):
-        found = scan_configurations(world, poses, grid, opening, body=body, held=scene.held, ignore=ignore)
-        order = sorted(range(len(found.q)), key=lambda i: (int(found.hits[i]).bit_count(), -found.quality[i]))
-        yield from ((found.q[i], int(found.hits[i])) for i in order)
-
-
-def _pick(motion_layer: MotionLayer, scene: Scene, grasp: GraspCandidate) -> _Planned | BlockedBy | NoPath:
+def _pick(motion_layer: MotionLayer, scene: Scene, grasp: GraspCandidate) -> _Planned | None:
     driven = motion_layer.drive_to_grasp(scene, grasp)
-    if isinstance(driven, NoPath):
-        return driven
-    picked = motion_layer.pick_up(driven.scene, grasp)
-    return _planned("PickUp", grasp.object, scene, driven, picked) if isinstance(picked, BoundMotion) else picked
+    motion = motion_layer.pick_up(driven.scene, grasp) if isinstance(driven, BoundMotion) else driven
+    return _planned("PickUp", grasp.object, scene, driven, motion)
 
 
-def _place(motion_layer: MotionLayer, scene: Scene, name: str, placement: Placement) -> _Planned | BlockedBy | NoPath:
+def _place(motion_layer: MotionLayer, scene: Scene, name: str, placement: Placement) -> _Planned | None:
     driven = motion_layer.drive_to_placement(scene, placement)
-    if isinstance(driven, NoPath):
-        return driven
-    placed = motion_layer.put_down(driven.scene, placement)
-    return _planned("PutDownGeneral", name, scene, driven, placed) if isinstance(placed, BoundMotion) else placed
+    motion = motion_layer.put_down(driven.scene, placement) if isinstance(driven, BoundMotion) else driven
+    return _planned("PutDownGeneral", name, scene, driven, motion)
 
 
-def _planned(name: str, target: str, scene: Scene, drive: BoundMotion, motion: BoundMotion) -> _Planned:
-    """The two actions, without symbols, each with the scene in which its motion was planned."""
+def _planned(
+    name: str, target: str, scene: Scene, drive: BoundMotion | NoPath, motion: BoundMotion | BlockedBy | NoPath
+) -> _Planned | None:
+    """The two actions, without symbols, each with the scene in which its motion was planned; None without motions."""
+    if not (isinstance(drive, BoundMotion) and isinstance(motion, BoundMotion)):
+        return None
     driven = BoundAction("MoveBase", (target,), drive.trajectory, scene, target)
     return _Planned((driven, BoundAction(name, (target,), motion.trajectory, drive.scene, target)), motion.scene)

@@ -7,7 +7,7 @@ the order in which clearance locations are tried. One of them also plans ahead. 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any, Literal, Self, TypeAlias, get_args
+from typing import Any, Literal, Self, TypeAlias, get_args, get_type_hints
 
 Grasps: TypeAlias = Literal["greedy", "smallest"]
 Region: TypeAlias = Literal["none", "ngr1", "ngr"]
@@ -83,33 +83,22 @@ class Strategy:
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
-        for field, valid in (("grasps", Grasps), ("region", Region), ("locations", Locations)):
-            if not isinstance(getattr(self, field), str) or getattr(self, field) not in get_args(valid):
-                values = ", ".join(map(repr, get_args(valid)))
-                raise StrategyError(f"{self._field(field)} is not valid; valid values: {values}")
-        if not isinstance(self.name, str):
-            raise StrategyError(f"{self._field('name')} is not valid; it must be a string")
-        for flag in ("plans_ahead", "leaves_cleared"):
-            if not isinstance(getattr(self, flag), bool):
-                raise StrategyError(f"{self._field(flag)} is not valid; it must be True or False")
-        for field, least in _LEAST.items():
-            if not isinstance(getattr(self, field), int) or getattr(self, field) < least:
-                raise StrategyError(f"{self._field(field)} is not valid; it must be an integer of at least {least}")
-
-    def _field(self, name: str) -> str:
-        return f"strategy {self.name!r}: {name}={getattr(self, name)!r}"
+        for name, kind in get_type_hints(type(self)).items():
+            value = getattr(self, name)
+            if choices := get_args(kind):
+                is_valid = isinstance(value, str) and value in choices
+                rule = f"valid values: {', '.join(map(repr, choices))}"
+            elif kind is int:
+                least = 0 if name in _MAY_BE_ZERO else 1
+                is_valid = isinstance(value, int) and value >= least
+                rule = f"it must be an integer of at least {least}"
+            else:
+                is_valid, rule = isinstance(value, kind), f"it must be {'a string' if kind is str else 'True or False'}"
+            if not is_valid:
+                raise StrategyError(f"strategy {self.name!r}: {name}={value!r} is not valid; {rule}")
 
 
-_LEAST = {
-    "sets": 1,
-    "slack": 0,
-    "variations": 0,
-    "non_monotone": 0,
-    "attempts": 1,
-    "locations_per_level": 1,
-    "placements": 1,
-}
-"""Smallest valid values."""
+_MAY_BE_ZERO = ("slack", "variations", "non_monotone")
 
 STRATEGIES = {
     entry.name: entry

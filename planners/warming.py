@@ -39,13 +39,8 @@ def warm_once(
 ) -> Deadline:
     """Exercise a planner in a small scene, unless this process has done so; microseconds if it has.
 
-    That is done in a thread, which goes on where the deadline comes first; the next call then waits for it.
-
-    Args:
-        robot: with the type of the follower it says what has to be loaded.
-        follower: the planner's model of how joints follow TCP poses, or None.
-        exercise: runs what a solve runs for a target in a scene.
-        deadline: how long to wait. Compilation, once per machine, does not count.
+    That is done in a thread, which goes on where the deadline comes first; the next call then waits for it. Robot and
+    type of follower say what has to be loaded; `exercise` runs what a solve runs for a target in a scene.
 
     Returns:
         the deadline, later by the time that was spent on compilation; if it is over, not all is loaded.

@@ -2,6 +2,9 @@
 
 python scripts/layout_pictures.py --out docs/images/layouts.png
 python scripts/layout_pictures.py --tasks --objects 8 --out docs/images/rearrange.png
+python scripts/layout_pictures.py --household --size 220 --out docs/images/household.png
+
+With `--household` each kind of household object, alone on the table.
 """
 
 from __future__ import annotations
@@ -9,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import tyro
 from numpy.typing import NDArray
@@ -18,13 +22,16 @@ from clutter_env.envs.base import BaseEnv
 from clutter_env.envs.rearrange import RearrangeEnv
 from clutter_env.envs.rearrange_tasks import TASKS
 from clutter_env.envs.retrieve import RetrieveEnv
-from clutter_env.rendering.framing import ABOVE, across, whole_scene, whole_table
+from clutter_env.rendering.framing import ABOVE, across, table_points, view_of, whole_scene
 from clutter_env.rendering.renderer import Renderer
 from clutter_env.reporting.progress import progress_bar
+from clutter_env.scene.household import KINDS
 from clutter_env.scene.layout import LAYOUTS
 
 Picture = NDArray[np.uint8]
 
+AROUND_TABLE = 0.12
+"""[m] around the table, so that a picture of it shows what it stands beside."""
 COLUMNS = 4
 """Pictures in one row."""
 LABEL_COLOUR, PAPER = (40, 44, 52), 255
@@ -36,6 +43,7 @@ def main(
     objects: int = 20,
     shapes: str = "mixed",
     tasks: bool = False,
+    household: bool = False,
     size: int = 440,
     seed: int = 1,
     out: Path = Path("outputs/layouts.png"),
@@ -46,10 +54,15 @@ def main(
         objects: Objects on every table.
         shapes: Shapes of the objects: "cylinder", "box" or "mixed"; tasks have their own.
         tasks: Show the tasks of Rearrange.
-        size: Pixels of one layout's width.
+        household: Show the kinds of household objects.
+        size: Pixels of one layout's, or one kind's, width.
         seed: Random seed of the scenes.
         out: File of the image.
     """
+    if household:
+        save_images(kind_images(seed, size), out)
+        print(f"image: {out}")
+        return
     images = []
     for name in progress_bar(TASKS if tasks else LAYOUTS, desc="rendering", unit="picture"):
         env: BaseEnv = (
@@ -69,17 +82,44 @@ def scene_image(env: BaseEnv, label: str, seed: int, size: int) -> Picture:
         RenderingUnavailable: this machine cannot render.
     """
     env.reset(seed=seed)
-    views = ((whole_scene, across(env.layout), size, size), (whole_table, ABOVE, size, size // 2))
+    scene = whole_scene(env.model, env.layout, across(env.layout), 1.0)
+    table = view_of(env.model, table_points(env.layout, AROUND_TABLE), ABOVE, 2.0)
     pictures = []
-    for view, direction, width, height in views:
-        renderer = Renderer(env.model, width, height)
+    for view, height in ((scene, size), (table, size // 2)):
+        renderer = Renderer(env.model, size, height)
         renderer.marks = env.world.marks
-        pictures.append(renderer.colour(env.data, view(env.model, env.layout, direction, width / height)))
+        pictures.append(renderer.colour(env.data, view))
         renderer.close()
     env.close()
     page = Image.fromarray(np.vstack(pictures))
     ImageDraw.Draw(page).text((10, 8), label, fill=LABEL_COLOUR, font_size=max(page.height // 24, 8))
     return np.asarray(page)
+
+
+def kind_images(seed: int, size: int) -> list[Picture]:
+    """Every kind of household object without the others, its name above it: (size, size, 3) each.
+
+    Raises:
+        RenderingUnavailable: this machine cannot render.
+    """
+    env = RetrieveEnv(num_objects=len(KINDS) + 1, layout="island", object_set="household", render_mode="rgb_array")
+    env.reset(seed=seed, options={"target": env.object_names[len(KINDS)]})  # red, whatever its kind
+    renderer, colours, images = Renderer(env.model, size, size), env.model.geom_rgba.copy(), []
+    for slot, name in enumerate(KINDS):
+        others = [
+            env.model.body(other).id for other in env.object_names[: len(KINDS) + 1] if other != env.object_names[slot]
+        ]
+        env.model.geom_rgba[:] = colours
+        env.model.geom_rgba[np.isin(env.model.geom_bodyid, others), 3] = 0.0
+        camera = mujoco.MjvCamera()
+        camera.lookat[:], camera.distance = env.data.body(env.object_names[slot]).xpos, 0.42
+        camera.azimuth, camera.elevation = np.degrees(env.world.scene.yaws[slot]) + 205.0, -28.0
+        page = Image.fromarray(renderer.colour(env.data, camera))
+        ImageDraw.Draw(page).text((10, 8), name, fill=LABEL_COLOUR, font_size=max(size // 12, 8))
+        images.append(np.asarray(page))
+    renderer.close()
+    env.close()
+    return images
 
 
 def save_images(images: Sequence[Picture], file: Path, most: int = COLUMNS) -> None:

@@ -26,7 +26,6 @@ from clutter_env.evaluation.score import play_scene
 from clutter_env.parallel import Crash, Killed, run_jobs
 from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
 from clutter_env.policies.two_level import TwoLevelPolicy
-from clutter_env.policies.weights import WeightsInfo
 from clutter_env.reporting.files import write_json
 from clutter_env.reporting.intervals import success_interval
 from clutter_env.reporting.progress import progress_bar
@@ -34,6 +33,7 @@ from clutter_env.reporting.tables import markdown_table
 from clutter_env.seeds import held_out_seeds
 from scripts.shipped_weights.motion_examples import motions_of
 from scripts.shipped_weights.motions import fit_motions, high_level_of
+from scripts.shipped_weights.saving import trained_in
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ def train_and_play(point: Point) -> list[bool]:
     high_level, env = high_level_of(dataset), dataset.task.make()
     motions = list(motions_of(islice(dataset, point.count)))
     network = fit_motions(env.get_wrapper_attr("robot"), motions, point.steps, point.seed)
-    info = WeightsInfo.of_env("motions", env, high_level.grasps)
+    info = trained_in(env, "motions", high_level.grasps)
     policy = TwoLevelPolicy(high_level, KeyframePolicy(network, info))
     successes = [play_scene(seed, env, policy).clean for seed in held_out_seeds(point.scenes)]
     env.close()

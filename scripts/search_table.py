@@ -23,7 +23,7 @@ import clutter_env
 from clutter_env.reporting.intervals import wilson
 from clutter_env.suites import SuiteScene
 from planners import Scene, SearchExpert, TampExpert
-from planners.drawing.search import draw_search
+from planners.drawing.pictures import draw_search
 from planners.search.perception import Description, View, perceive
 from planners.search.sensing import RobotReading
 

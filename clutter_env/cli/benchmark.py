@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -70,8 +71,7 @@ def run(arguments: Arguments) -> None:
     print(speed_table(rows), end="")
     if arguments.json is not None:
         about = {"python": platform.python_version(), "mujoco": mujoco.__version__, "machine": platform.machine()}
-        names = ("steps", "layout", "control_mode", "seed")
-        settings = {name: getattr(arguments, name) for name in names}
+        settings = {name: getattr(arguments, name) for name in ("steps", "layout", "control_mode", "seed")}
         write_json(arguments.json, {"about": about, "settings": settings, "rows": rows})
 
 
@@ -119,19 +119,12 @@ def time_steps(env: RetrieveEnv, steps: int, seed: int) -> tuple[float, float]:
     return total_s, physics_s
 
 
-@dataclass
-class PhysicsTime:
-    """Time [s] that MuJoCo's steps have taken."""
-
-    spent_s: float = 0.0
-
-
 @contextmanager
-def timed_physics(clock: Callable[[], float]) -> Iterator[PhysicsTime]:
-    """MuJoCo's steps timed by a clock [s], in this process, until the block ends."""
+def timed_physics(clock: Callable[[], float]) -> Iterator[SimpleNamespace]:
+    """MuJoCo's steps timed by a clock, in this process, until the block ends; `spent_s` [s] is what they have taken."""
     import mujoco
 
-    physics, mj_step = PhysicsTime(), mujoco.mj_step
+    physics, mj_step = SimpleNamespace(spent_s=0.0), mujoco.mj_step
 
     def timed_mj_step(*values: Any, **keywords: Any) -> None:
         start = clock()

@@ -192,7 +192,6 @@ def _solve(trial: Trial, variant: Variant) -> Record:
 
 
 def _execute(trial: Trial, variant: Variant) -> Record:
-    """Let the expert execute its plans in physics."""
     env, planner, _, target = _scene(trial, variant)
     config = ExpertConfig(planning_s=trial.arguments.time_limit, with_floor=False)
     expert = TampExpert(env, variant.strategy, planner=replace(planner, **variant.planner), config=config)
@@ -412,9 +411,8 @@ class Trials:
         arguments = self.arguments
         limit_s = arguments.time_limit * (_EPISODE_LIMITS if arguments.physics else _SOLVE_LIMITS)
         for trial, result in run_jobs(run_trial, trials, arguments.workers, limit_s):
-            if isinstance(result, Crash):
-                result = Record(*trial.key, cause=CRASH, detail=result.detail)
-            elif isinstance(result, Killed):
-                result = Record(*trial.key, cause="killed", detail=f"did not end within {result.seconds:.0f} s")
+            if isinstance(result, Crash | Killed):
+                cause = CRASH if isinstance(result, Crash) else "killed"
+                result = Record(*trial.key, cause=cause, detail=result.detail)
             self.add(result)
             yield result

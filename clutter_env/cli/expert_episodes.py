@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from contextlib import ExitStack, closing
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,17 +33,6 @@ _OF_TABLE = ("obstructed", "seed", "robot", "layout", "grasps", "control_mode", 
 """Arguments that `clutter-env table` has too."""
 _FACTS = 8
 """Maximum number of new facts printed for one replanning step."""
-
-
-@dataclass(frozen=True)
-class Played:
-    """One episode that has been played: its first plan, or why there is none; what the environment says at the end."""
-
-    seed: int
-    plan: Solution | Infeasible
-    report: EpisodeReport
-    is_success: bool
-    lifted: bool
 
 
 def show_one(arguments: Arguments) -> dict[str, Any]:
@@ -77,13 +67,22 @@ def show_one(arguments: Arguments) -> dict[str, Any]:
         if plan is None:
             raise UsageError(expert.report.failure)
         is_success, lifted = _execute(arguments, env, expert, film)
-        played = Played(seed, plan, expert.report, is_success, lifted)
         if arguments.viewer:
             _log("the episode is over; close the window to go on")
             inner.wait_for_window()
-        files = _write_files(arguments, expert, played, film)
+        rows = report_rows(expert.report, is_success, lifted)
+        files = [arguments.html or arguments.out / "episode.html"]
+        about = {name: str(getattr(arguments, name)) for name in ("environment", "robot", "layout")}
+        about |= {"seed": str(seed), "grasp set": arguments.grasps}
+        expert.to_html(files[0], about | rows, "success" if is_success else "failure")
+        if isinstance(plan, Solution) and plan.actions:
+            files += write_plan(plan, arguments.out)
+        if film is not None:
+            files.append(arguments.out / "strip.png")
+            film.save_strip(files[-1])
+            files.append(film.save_film(arguments.out / "film"))
     env.close()
-    print(f"\n{episode_text(arguments, played)}")
+    print(f"\n{episode_text(arguments, plan, rows)}")
     print("\nPlan, pictures and film\n" + "\n".join(f"  {path}" for path in files))
     return {
         **{name: getattr(arguments, name) for name in ("environment", "robot", "strategy", "grasps")},
@@ -92,7 +91,7 @@ def show_one(arguments: Arguments) -> dict[str, Any]:
         "goal": goal,
         "is_success": is_success,
         "lifted": lifted,
-        "report": asdict(played.report),
+        "report": asdict(expert.report),
         "plan": [str(action) for action in getattr(plan, "actions", ())],
         "replanning": [asdict(entry) for entry in plan.stats.history],
         "files": list(map(str, files)),
@@ -146,28 +145,6 @@ def _execute(arguments: Arguments, env: gym.Env, expert: TampExpert, film: Film 
     return is_success, lifted
 
 
-def _write_files(arguments: Arguments, expert: TampExpert, played: Played, film: Film | None) -> list[Path]:
-    """Write the page, the plan and its pictures, and the film if there is one; the files written."""
-    out, plan = arguments.out, played.plan
-    files = [arguments.html or out / "episode.html"]
-    rows = {
-        "environment": arguments.environment,
-        "robot": arguments.robot,
-        "seed": str(played.seed),
-        "layout": arguments.layout,
-        "grasp set": arguments.grasps,
-        **report_rows(played.report, played.is_success, played.lifted),
-    }
-    expert.to_html(files[0], rows, "success" if played.is_success else "failure")
-    if isinstance(plan, Solution) and plan.actions:
-        files += write_plan(plan, out)
-    if film is not None:
-        files.append(out / "strip.png")
-        film.save_strip(files[-1])
-        files.append(film.save_film(out / "film"))
-    return files
-
-
 def write_plan(plan: Solution, out: Path) -> list[Path]:
     """Write the pictures of a plan's clearances, if it has any, its overview and the plan itself; the files written."""
     files = [out / "overview.png", out / "plan.npz"]
@@ -181,14 +158,12 @@ def write_plan(plan: Solution, out: Path) -> list[Path]:
     return files
 
 
-def episode_text(arguments: Arguments, played: Played) -> str:
-    """Summary, plan (Fig. 13 of Lee & Kim 2019), replanning (Fig. 11) and report."""
-    plan, name = played.plan, arguments.strategy
-    parts = [plan.summary()]
+def episode_text(arguments: Arguments, plan: Solution | Infeasible, rows: Mapping[str, str]) -> str:
+    """Summary, plan (Fig. 13 of Lee & Kim 2019), replanning (Fig. 11) and the rows of the report."""
+    parts, name = [plan.summary()], arguments.strategy
     if isinstance(plan, Solution):
         parts.append(f"The plan of {name} (as in Fig. 13)\n\n{plan_text(plan, arguments.robot)}")
     parts.append(f"Replanning of {name} (as in Fig. 11)\n\n{replanning_text(plan) or 'none'}")
-    rows = report_rows(played.report, played.is_success, played.lifted)
     width = max(map(len, rows))
     report = "\n".join(f"  {name:<{width}}  {value}" for name, value in rows.items())
     parts.append(f"Report, grasp set {arguments.grasps}\n\n{report}")

@@ -12,7 +12,7 @@ import html
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import tyro
 
@@ -36,13 +36,10 @@ class Arguments:
     """Write the entries to this file."""
 
 
-@dataclass(frozen=True)
-class Entry:
-    """One results file, as its replay shows it.
+class Entry(NamedTuple):
+    """One results file, as its replay shows it; policy, track and scenes are as of `Verification`.
 
     Attributes:
-        file: the results file.
-        policy, track, scenes: what it names, see `Verification`.
         clean: clean success.
         commands: that make such a file, where scenes are a suite's, and that confirm it.
         problem: why it is not confirmed, "" if it is.
@@ -57,28 +54,42 @@ class Entry:
     problem: str
 
 
+Cells = list[list[str | Entry]]
+"""A row for each policy: name, track, and the entry on each set of scenes, or a dash."""
+
+
 def run(arguments: Arguments) -> int:
-    """Verify, tabulate, write; 1 if a file is not confirmed."""
+    """Verify, tabulate, write; 1 if a file is not confirmed.
+
+    The policy with the highest mean success comes first; scenes that a policy has not played count 0.
+    """
     from clutter_env.errors import UsageError
     from clutter_env.reporting.files import write_atomically, write_json
+    from clutter_env.reporting.tables import NOTHING
 
     entries = _entries(arguments)
-    places = [(entry.policy, entry.track, entry.scenes) for entry in entries if not entry.problem]
-    if twice := next((place for place in places if places.count(place) > 1), None):
-        raise UsageError(
-            f"{' and '.join(str(e.file) for e in entries if (e.policy, e.track, e.scenes) == twice)} are "
-            f"of one policy on the same scenes, {twice[2]}; give one of them"
-        )
+    good, at = [entry for entry in entries if not entry.problem], dict[tuple[str, ...], Entry]()
+    for entry in good:
+        place = (entry.policy, entry.track, entry.scenes)
+        if (other := at.setdefault(place, entry)) is not entry:
+            both = f"{other.file} and {entry.file}"
+            raise UsageError(f"{both} are of one policy on the same scenes, {entry.scenes}; give one of them")
+    head = ["policy", "track", *sorted({entry.scenes for entry in good})]
+    sums: dict[tuple[str, ...], float] = {}
+    for of, entry in at.items():
+        sums[of[:2]] = sums.get(of[:2], 0.0) + entry.clean.mean
+    ranked = sorted(sums, key=lambda policy: (-sums[policy], policy))
+    cells: Cells = [[*policy, *(at.get((*policy, name), NOTHING) for name in head[2:])] for policy in ranked]
     arguments.out.mkdir(parents=True, exist_ok=True)
     # Text from a file cannot move the cursor of a terminal.
-    text = "".join(sign if sign.isprintable() or sign == "\n" else "?" for sign in _markdown(entries))
+    text = "".join(sign if sign.isprintable() or sign == "\n" else "?" for sign in _markdown(head, cells, entries))
     print(text)
-    for name, page in (("leaderboard.md", text), ("leaderboard.html", _html(entries, arguments.out))):
+    for name, page in (("leaderboard.md", text), ("leaderboard.html", _html(head, cells, entries, arguments.out))):
         write_atomically(arguments.out / name, page.encode())
         print(f"written: {arguments.out / name}")
     if arguments.json is not None:
         write_json(arguments.json, entries)
-    return 1 if any(entry.problem for entry in entries) else 0
+    return 1 if len(good) < len(entries) else 0
 
 
 def _entries(arguments: Arguments) -> list[Entry]:
@@ -98,90 +109,60 @@ def _entries(arguments: Arguments) -> list[Entry]:
     for file, content in zip(arguments.files, contents, strict=True):
         here = {**provenance(scenes_of(content).scenes[0].env_id), "commit": None}
         keys.append(hashlib.sha256(file.read_bytes() + json_text(here).encode()).hexdigest())
+    played = zip(arguments.files, contents, keys, strict=True)
     new = [
         claim for key, content in zip(keys, contents, strict=True) if key not in known for claim in content["episodes"]
     ]
     with progress_bar(total=len(new), unit="episode", seconds=replay_seconds(new) / arguments.workers) as bar:
-        for file, content, key in zip(arguments.files, contents, keys, strict=True):
+        for file, content, key in played:
             if key not in known:
                 known[key] = asdict(verify(file, arguments.workers, bar.update))
                 records.append({"key": key, "found": known[key]})
             found = known[key]
-            commands: list[tuple[str, ...]] = [("clutter-env", "verify", str(file))]
+            commands = [shlex.join(("clutter-env", "verify", str(file)))]
             if content["suite"]:
                 chosen = ("--suite", content["suite"], "--split", content["split"], "--policy", content["policy"])
-                commands.insert(0, ("clutter-env", "evaluate", *chosen))
+                commands.insert(0, shlex.join(("clutter-env", "evaluate", *chosen)))
             problem = "".join(found["differences"][:1])
             if problem and found["other_than"]:
                 problem += f" (not comparable: {found['other_than'][0]})"
-            entries.append(
-                Entry(
-                    file,
-                    found["policy"],
-                    found["track"],
-                    found["scenes"],
-                    wilson(found["clean"], found["episodes"]),
-                    tuple(map(shlex.join, commands)),
-                    problem,
-                )
+            places, clean = (
+                (found["policy"], found["track"], found["scenes"]),
+                wilson(found["clean"], found["episodes"]),
             )
+            entries.append(Entry(file, *places, clean, tuple(commands), problem))
     return entries
 
 
-def _table(entries: Sequence[Entry]) -> tuple[list[str], dict[tuple[str, str], list[Entry | None]]]:
-    """Names of the scenes, and of each policy and track the entries on these scenes, the best policy first.
+def _markdown(head: list[str], cells: Cells, entries: Sequence[Entry]) -> str:
+    from clutter_env.reporting.tables import markdown_table
 
-    Best is the highest mean success, where scenes that a policy has not played count 0.
-    """
-    good = [entry for entry in entries if not entry.problem]
-    scenes = sorted({entry.scenes for entry in good})
-    at = {(entry.policy, entry.track, entry.scenes): entry for entry in good}
-    rows = {place[:2]: [at.get((*place[:2], name)) for name in scenes] for place in at}
-    ranked = sorted(rows, key=lambda place: (-sum(entry.clean.mean for entry in rows[place] if entry), place))
-    return scenes, {place: rows[place] for place in ranked}
-
-
-def _markdown(entries: Sequence[Entry]) -> str:
-    from clutter_env.reporting.tables import NOTHING, markdown_table
-
-    scenes, rows = _table(entries)
-    cells = [
-        [*place, *(NOTHING if entry is None else str(entry.clean) for entry in row)] for place, row in rows.items()
-    ]
+    rows = [[str(cell.clean) if isinstance(cell, Entry) else cell for cell in row] for row in cells]
     said = [f"- `{entry.file}`: `{entry.commands[0]}`\n" for entry in entries if not entry.problem]
     refused = [f"- `{entry.file}`: {entry.problem}\n" for entry in entries if entry.problem]
-    parts = [
-        f"# Leaderboard\n\n{_ABOUT}\n\n",
-        markdown_table(["policy", "track", *scenes], cells),
-        "\nConfirmed:\n\n",
-        *said,
-    ]
+    parts = [f"# Leaderboard\n\n{_ABOUT}\n\n", markdown_table(head, rows), "\nConfirmed:\n\n", *said]
     return "".join([*parts, *(["\nNot confirmed:\n\n", *refused] if refused else [])])
 
 
-def _html(entries: Sequence[Entry], out: Path) -> str:
+def _html(head: list[str], cells: Cells, entries: Sequence[Entry], out: Path) -> str:
     """One page without scripts and without anything from elsewhere; every score leads to its results file."""
     import os
 
-    def link(entry: Entry | None) -> str:
-        if entry is None:
-            return "<td>–</td>"
-        address = html.escape(Path(os.path.relpath(entry.file.absolute(), out.absolute())).as_posix())
-        bar = f"background: linear-gradient(90deg, #cfe3f7 {entry.clean.mean:.0%}, transparent 0)"
-        commands = html.escape("\n".join(entry.commands))
-        return f'<td style="{bar}"><a href="{address}" title="{commands}">{entry.clean}</a></td>'
+    def tag(cell: str | Entry) -> str:
+        if isinstance(cell, str):
+            return f"<td>{html.escape(cell)}</td>"
+        address = html.escape(Path(os.path.relpath(cell.file.absolute(), out.absolute())).as_posix())
+        bar = f"background: linear-gradient(90deg, #cfe3f7 {cell.clean.mean:.0%}, transparent 0)"
+        commands = html.escape("\n".join(cell.commands))
+        return f'<td style="{bar}"><a href="{address}" title="{commands}">{cell.clean}</a></td>'
 
-    scenes, rows = _table(entries)
-    head = "".join(f"<th>{html.escape(name)}</th>" for name in ("policy", "track", *scenes))
-    body = "".join(
-        f"<tr>{''.join(f'<td>{html.escape(name)}</td>' for name in place)}{''.join(map(link, row))}</tr>\n"
-        for place, row in rows.items()
-    )
+    titles = "".join(f"<th>{html.escape(name)}</th>" for name in head)
+    body = "".join(f"<tr>{''.join(map(tag, row))}</tr>\n" for row in cells)
     commands = html.escape("\n".join(line for entry in entries if not entry.problem for line in entry.commands))
     refused = "".join(f"<li>{html.escape(f'{e.file}: {e.problem}')}</li>" for e in entries if e.problem)
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Leaderboard</title>'
-        f"<style>{_STYLE}</style>\n<h1>Leaderboard</h1><p>{_ABOUT}</p>\n<table><tr>{head}</tr>\n{body}</table>\n"
+        f"<style>{_STYLE}</style>\n<h1>Leaderboard</h1><p>{_ABOUT}</p>\n<table><tr>{titles}</tr>\n{body}</table>\n"
         f"<h2>Commands</h2><pre>{commands}</pre>\n" + (f"<h2>Not confirmed</h2><ul>{refused}</ul>" if refused else "")
     )
 

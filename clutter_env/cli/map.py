@@ -13,7 +13,6 @@ The scripts `map_figures.py`, `map_speed.py` and `map_truth.py` draw and measure
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -49,12 +48,6 @@ class Arguments:
     """Edge of the position cells [m]."""
     orientations: int = 62
     """Number of approach axes: 6, 26, 62, 114, 182, 266, ..."""
-    rolls: int = 0
-    """Roll samples for each approach axis; 0 stands for 1 if the wrist rolls freely, and for 4 otherwise."""
-    pitches: tuple[float, ...] = ()
-    """Rings of pitch to keep [degrees]; all if not given."""
-    heights: tuple[float, float] = (-10.0, 10.0)
-    """Lowest and highest TCP position [m]."""
     lift: bool = True
     """Whether the torso may move; if not, it stays at its height in the home configuration."""
     samples: int = 400_000
@@ -84,9 +77,8 @@ def run(arguments: Arguments) -> None:
     from irm import ArmChain, ReachabilityMap
 
     robot = _robot(arguments)
-    names = ("voxel", "orientations", "rolls", "heights", "lift", "samples", "seed")
+    names = ("voxel", "orientations", "lift", "samples", "seed")
     parameters = {name: getattr(arguments, name) for name in names}
-    parameters["pitches"] = tuple(math.radians(pitch) for pitch in arguments.pitches)
     name = robot.robot if isinstance(robot, ArmChain) else robot.name
     file = arguments.out or Path("outputs") / f"{name}.npz"
     start = time.process_time()

@@ -27,6 +27,7 @@ from irm import (
     fk_frames,
     forward,
     free_angles,
+    link_origins,
     pose_of,
     solver_arrays,
 )
@@ -200,11 +201,8 @@ class _Arm:
     ) -> Array:
         """Those whose elbow is so far above the TCP [m], with joints that go round in [-π, π]."""
         found = self.configurations(x, 0.0, z, pitch, yaw)
-        n = self.chain.size
-        R, p, is_high = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.zeros(len(found), np.bool_)
-        for k, q in enumerate(found):
-            fk_frames(self.chain.offsets, self.chain.axes, self.chain.tip, q, R, p)
-            is_high[k] = p[self.solver.elbow, 2] - p[n, 2] > elbow
+        heights = np.array([link_origins(self.chain, q)[[self.solver.elbow, -1], 2] for q in found]).reshape(-1, 2)
+        is_high = heights[:, 0] - heights[:, 1] > elbow
         turned = (found + np.pi) % (2 * np.pi) - np.pi
         goes_round = self.chain.upper - self.chain.lower > 2 * np.pi
         return np.asarray(np.where(goes_round, turned, found)[is_high])

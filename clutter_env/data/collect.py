@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import errno
+import itertools
 import tempfile
 import traceback
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -76,11 +78,8 @@ def demonstrate(job: Job, seed: int) -> SeedResult:
         RenderingUnavailable: images are wanted, and this machine cannot render.
     """
     try:
-        env = job.task.make()
-        try:
+        with closing(job.task.make()) as env:
             episode = record(job.task, env, make_expert(job.expert), seed, job.options)
-        finally:
-            env.close()
     except Exception as problem:
         if isinstance(problem, OSError) and problem.errno in _NO_SPACE:
             raise
@@ -120,80 +119,63 @@ def collect(
     Raises:
         CollectionError: a full disk, a worker that dies again and again, or far too many rejected seeds.
     """
-    seeds = _Seeds(job, dataset)
-    for seed, result in run(partial(demonstrate, job), seeds.to_try()):
+    running, again, deaths = set[int](), list[int](), Counter[int]()
+    count = Counter[bool]()  # of the seeds that are decided: whether they have an episode
+    stored = "every episode stored before is complete; run the same command again to go on"
+
+    def to_try() -> Iterator[int | None]:
+        """Undecided seeds in ascending order; None while those in progress may be all that are needed."""
+        seed = job.first_seed
+        while True:
+            if again:  # their workers died
+                yield again.pop()
+            elif count[True] + len(running) >= job.episodes:
+                if not running:
+                    return
+                yield None
+            else:
+                if dataset.is_decided(seed):
+                    count[dataset.has_episode(seed)] += 1
+                else:
+                    training_seeds(seed)  # the seeds of many failures may reach those that are held out
+                    running.add(seed)
+                    yield seed
+                seed += 1
+
+    for seed, result in run(partial(demonstrate, job), to_try()):
         if isinstance(result, SeedResult):
-            seeds.finish(result)
+            running.remove(seed)
+            _store(dataset, result)
+            count[bool(result.content)] += 1
+            if count[False] > MAX_REJECTED + MAX_REJECTED_PER_KEPT * count[True]:
+                reasons = Counter(reason.splitlines()[0] for reason in dataset.reasons().values()).most_common(3)
+                raise CollectionError(
+                    f"{count[False]} seeds rejected and only {count[True]} kept; most often: {reasons}"
+                )
             report(result)
-        else:
-            seeds.try_again(seed, result)
-    chosen = dataset.chosen_seeds(job)
-    assert chosen is not None
+            continue
+        if isinstance(result, Crash) and result.is_final:
+            raise CollectionError(f"seed {seed} could not be demonstrated: {result.summary}; {stored}")
+        deaths[seed] += 1
+        if deaths[seed] >= MAX_DEATHS:
+            raise CollectionError(
+                f"the worker of seed {seed} ended {deaths[seed]} times ({result.summary}); out of memory, or killed? "
+                f"{stored}, with fewer --workers if memory is short"
+            )
+        again.append(seed)
+    chosen = list(itertools.islice(filter(dataset.has_episode, itertools.count(job.first_seed)), job.episodes))
     dataset.finish(chosen)
     return chosen
 
 
-class _Seeds:
-    """Which seeds are kept, rejected, in progress, and to be tried again because their worker died."""
-
-    def __init__(self, job: Job, dataset: Dataset) -> None:
-        self._job, self._dataset = job, dataset
-        self._kept = self._rejected = 0
-        self._in_progress: set[int] = set()
-        self._again: list[int] = []
-        self._deaths: Counter[int] = Counter()
-
-    def to_try(self) -> Iterator[int | None]:
-        """Undecided seeds in ascending order; None while those in progress may be all that are needed."""
-        seed = self._job.first_seed
-        while True:
-            if self._again:
-                yield self._again.pop()
-            elif self._kept + len(self._in_progress) >= self._job.episodes:
-                if not self._in_progress:
-                    return
-                yield None
-            elif self._dataset.has_episode(seed):
-                self._kept += 1
-                seed += 1
-            elif self._dataset.is_decided(seed):
-                self._rejected += 1
-                seed += 1
-            else:
-                training_seeds(seed)  # the seeds of many failures may reach those that are held out
-                self._in_progress.add(seed)
-                seed += 1
-                yield seed - 1
-
-    def finish(self, result: SeedResult) -> None:
-        """Store the result of a seed."""
-        self._in_progress.remove(result.seed)
-        try:
-            if result.content:
-                self._dataset.put(result.seed, result.content)
-                self._kept += 1
-            else:
-                self._dataset.reject(result.seed, result.reason)
-                self._rejected += 1
-        except OSError as problem:
-            raise CollectionError(
-                f"seed {result.seed} could not be stored in {self._dataset.directory}: {problem.strerror}; every "
-                "episode stored before is complete; free some space and run the same command again"
-            ) from problem
-        if self._rejected > MAX_REJECTED + MAX_REJECTED_PER_KEPT * self._kept:
-            reasons = Counter(reason.splitlines()[0] for reason in self._dataset.reasons().values()).most_common(3)
-            raise CollectionError(f"{self._rejected} seeds rejected and only {self._kept} kept; most often: {reasons}")
-
-    def try_again(self, seed: int, problem: Crash | Killed) -> None:
-        """Note that a seed's worker died."""
-        stored = "every episode stored before is complete; run the same command again to go on"
-        if isinstance(problem, Crash) and problem.is_final:
-            raise CollectionError(f"seed {seed} could not be demonstrated: {problem.summary}; {stored}")
-        self._deaths[seed] += 1
-        if self._deaths[seed] >= MAX_DEATHS:
-            cause = problem.summary if isinstance(problem, Crash) else f"killed after {problem.seconds:.0f} s"
-            raise CollectionError(
-                f"the worker of seed {seed} ended {self._deaths[seed]} times ({cause}); out of memory, or killed? "
-                f"{stored}, with fewer --workers if memory is short"
-            )
-        self._again.append(seed)
+def _store(dataset: Dataset, result: SeedResult) -> None:
+    try:
+        if result.content:
+            dataset.put(result.seed, result.content)
+        else:
+            dataset.reject(result.seed, result.reason)
+    except OSError as problem:
+        raise CollectionError(
+            f"seed {result.seed} could not be stored in {dataset.directory}: {problem.strerror}; every "
+            "episode stored before is complete; free some space and run the same command again"
+        ) from problem

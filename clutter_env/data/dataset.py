@@ -24,7 +24,7 @@ from clutter_env.data.episode import Episode
 from clutter_env.data.episode_file import read_episode
 from clutter_env.errors import DatasetError
 from clutter_env.provenance import differences
-from clutter_env.reporting.files import json_text, write_atomically, write_json
+from clutter_env.reporting.files import changes, json_text, write_atomically, write_json
 from clutter_env.task import Task
 
 _JOB, _INDEX, _EPISODES, _REJECTED = "dataset.json", "index.json", "episodes", "rejected"
@@ -76,13 +76,10 @@ class Dataset:
             (directory / _REJECTED).mkdir(exist_ok=True)
             write_json(directory / _JOB, {**wanted, "provenance": present})
         there = dataset.identity
-        different = [name for name in wanted if there.get(name) != wanted[name]]
-        different += [name for name in ("image_size",) if name in there and name not in wanted]
-        if different:
-            name = different[0]
+        compared = {name: there.get(name) for name in (*wanted, "image_size") if name in there or name in wanted}
+        if different := changes(compared, wanted):
             raise DatasetError(
-                f"{directory} was collected with other {', '.join(different)} ({name}: {there.get(name)!r}, "
-                f"now {wanted.get(name)!r}); choose another directory"
+                f"{directory} was collected with other settings ({'; '.join(different)}); choose another directory"
             )
         if changed := differences(there.get("provenance"), present):
             raise DatasetError(
@@ -139,18 +136,6 @@ class Dataset:
         files = sorted((self.directory / _REJECTED).glob("seed_*.json"))
         entries = [_read_json(file, "seed", "reason") for file in files]
         return {int(entry["seed"]): str(entry["reason"]) for entry in entries}
-
-    def chosen_seeds(self, job: Job) -> list[int] | None:
-        """The seeds of the dataset; None until all seeds up to the last of them are decided."""
-        chosen: list[int] = []
-        seed = job.first_seed
-        while len(chosen) < job.episodes:
-            if not self.is_decided(seed):
-                return None
-            if self.has_episode(seed):
-                chosen.append(seed)
-            seed += 1
-        return chosen
 
     def finish(self, seeds: Sequence[int]) -> None:
         """Store the seeds of the complete dataset."""

@@ -23,8 +23,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from clutter_env.data.columns import Columns
-from clutter_env.data.episode import CONTACT_SKILLS, Episode, StepLabels
+from clutter_env.data.episode import CONTACT_SKILLS, Columns, Episode, StepLabels
 from clutter_env.errors import DatasetError
 from clutter_env.task import Task
 

@@ -16,7 +16,7 @@ from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, Vecto
 from numpy.typing import NDArray
 
 from clutter_env.errors import ConfigError
-from clutter_env.task import family
+from clutter_env.task import Task, family
 
 ENV_ID = "clutter_env/Retrieve-o15-v0"
 TASKS = {
@@ -94,16 +94,16 @@ def make_env(
         The vector, under the environment's id and the number 0 of its only task.
 
     Raises:
-        ConfigError: no environment of that id, or a number of environments below 1.
+        ConfigError: a number of environments below 1.
+        UnknownTask: no environment of that id, or not with these keyword arguments.
     """
     keywords = dict(cfg or {})
     env_id = keywords.pop("env_id", ENV_ID)
     if n_envs < 1:
         raise ConfigError(f"n_envs={n_envs} is not valid; it must be at least 1")
-    if env_id not in gym.registry:
-        known = ", ".join(name for name in gym.registry if name.startswith("clutter_env/"))
-        raise ConfigError(f"no environment {env_id!r}; known ones: {known}")
-    makers = [partial(_make_one, env_id, keywords)] * n_envs
+    task = Task(env_id, keywords)
+    task.make().close()
+    makers = [partial(_make_one, task)] * n_envs
     if use_async_envs:
         vector: VectorEnv = AsyncVectorEnv(makers, context="spawn", autoreset_mode=AutoresetMode.SAME_STEP)
     else:
@@ -111,10 +111,8 @@ def make_env(
     return {env_id: {0: vector}}
 
 
-def _make_one(env_id: str, keywords: Mapping[str, Any]) -> gym.Env:
-    import clutter_env  # noqa: F401  registers the environments in a new process
-
-    return HubObservation(gym.make(env_id, **keywords))
+def _make_one(task: Task) -> gym.Env:
+    return HubObservation(task.make())
 
 
 def _joined(parts: Mapping[str, spaces.Space[Any]], names: Collection[str]) -> spaces.Box:

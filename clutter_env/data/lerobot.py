@@ -24,7 +24,7 @@ from clutter_env.data.episode import Episode
 from clutter_env.data.hub import TASKS, agent_entries, environment_entries, image_entries
 from clutter_env.data.replay import with_images
 from clutter_env.errors import DatasetError, LearningError, missing_extra
-from clutter_env.rendering.video import CODEC, PIXELS, Video
+from clutter_env.rendering.film import CODEC, PIXELS, Video
 from clutter_env.reporting.files import write_json, written_atomically
 
 FORMAT = "v3.0"

@@ -10,6 +10,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from clutter_env.data.columns import Columns
-from clutter_env.data.episode import PHYSICS_STATE, Episode
+from clutter_env.data.episode import PHYSICS_STATE, Columns, Episode
 from clutter_env.data.episode_file import read_episode
 from clutter_env.errors import LearningError
 from clutter_env.rendering.cameras import EnvRenderer
@@ -39,11 +39,8 @@ class ReplayResult:
 
 def replay(episode: Episode) -> ReplayResult:
     """Repeat the actions in a new environment and compare observations and rewards bit for bit; images are left out."""
-    env = episode.task.make()
-    try:
-        observation, info = env.reset(
-            seed=episode.seed, options=None if episode.options is None else dict(episode.options)
-        )
+    with closing(episode.task.make()) as env:
+        observation, info = env.reset(seed=episode.seed, options=_options(episode))
         if not _same(episode, 0, observation):
             return ReplayResult(False, bool(info["is_success"]), 0)
         for step, action in enumerate(episode.actions):
@@ -51,8 +48,10 @@ def replay(episode: Episode) -> ReplayResult:
             if not _same(episode, step + 1, observation) or float(reward) != episode.rewards[step]:
                 return ReplayResult(False, bool(info["is_success"]), step + 1)
         return ReplayResult(True, bool(info["is_success"]), -1)
-    finally:
-        env.close()
+
+
+def _options(episode: Episode) -> dict[str, Any] | None:
+    return None if episode.options is None else dict(episode.options)
 
 
 def replay_in_fresh_process(path: Path) -> ReplayResult:
@@ -79,23 +78,17 @@ def with_images(episode: Episode, image_size: int) -> Episode:
         RenderingUnavailable: this machine cannot render.
         LearningError: the robot has no camera.
     """
-    env = episode.task.make(obs_mode="rgbd", image_size=image_size)
-    try:
+    with closing(episode.task.make(obs_mode="rgbd", image_size=image_size)) as env:
         inner: Any = env.unwrapped
         if not inner.robot.cameras:
             raise LearningError(f"robot {inner.robot.name!r} has no camera")
-        env.reset(seed=episode.seed, options=None if episode.options is None else dict(episode.options))
-        renderer = EnvRenderer(inner.config)
-        try:
+        env.reset(seed=episode.seed, options=_options(episode))
+        with closing(EnvRenderer(inner.config)) as renderer:
             frames = []
             for state in episode.states:
                 mujoco.mj_setState(inner.model, inner.data, state, PHYSICS_STATE)
                 mujoco.mj_kinematics(inner.model, inner.data)
                 frames.append(renderer.observation(inner.world))
-        finally:
-            renderer.close()
-    finally:
-        env.close()
     images = {name: np.stack([frame[name] for frame in frames]) for name in frames[0]}
     columns = {f"observations/{name}": Columns(f"image {name}") for name in images}
     return replace(episode, observations={**episode.observations, **images}, columns={**episode.columns, **columns})

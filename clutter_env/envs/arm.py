@@ -159,7 +159,6 @@ class ArmEnv(GoalEnv):
     @property
     def origin(self) -> NDArray[np.float64]:
         """Origin (3,) of the goals' coordinates in the world: where the TCP is at the start."""
-        assert self.world.scene is not None
         x, y, _ = self.world.scene.base.tolist()
         return self._tcp_at_start + (x, y, 0.0)
 
@@ -255,7 +254,6 @@ class ArmPickEnv(ArmEnv):
         gripper = super()._numbers()
         if self._shown is REACH_LAYOUT:  # with images
             return gripper
-        assert self.world.scene is not None
         tcp, velocity, _ = gripper
         pose, twist = self.measurements.poses[0], self.data.qvel[self.world.index.object_dof]
         position, quaternion = pose[:3] - self.origin, pose[3:] * math.copysign(1.0, pose[3])

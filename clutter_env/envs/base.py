@@ -264,7 +264,6 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
     @property
     def target_slot(self) -> int:
         """Index of the target among the objects."""
-        assert self.world.scene is not None
         return self.world.scene.target
 
     @property
@@ -354,7 +353,6 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         if self._senses:
             raise StateError("states are saved at reality=0: what is late, and the errors of the episode, are no part")
         scene, control, arm = self.world.scene, self.world.controller.state, self._end_effector
-        assert scene is not None
         memory = {
             "task": self._memory(),
             "monitor": self._monitor.memory(),
@@ -405,9 +403,9 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         grip = Grip(
             held=tuple(gripped.integers("held", grippers, -1, scene.num_objects - 1).tolist()),
             is_carried=tuple(gripped.flags("is_carried", grippers).tolist()),
-            is_touching=gripped.flag("is_touching"),
+            is_touching=bool(gripped.flags("is_touching")),
         )
-        furniture_force = memory.number("furniture_force", 0.0)
+        furniture_force = float(memory.numbers("furniture_force", (), 0.0))
         check_generator(self.np_random, memory["rng"])
         watched = checked_memory(memory["monitor"], scene.num_objects, grippers)
         bookkeeping = self._read_memory(memory["task"], scene)
@@ -427,7 +425,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """Pickling keeps what `save_state` keeps; MuJoCo's own pickles forget which bodies sleep."""
         saved = self.save_state() if self._has_started and not self._senses else None
         attributes = {name: self.__dict__[name] for name in _PICKLED if name in self.__dict__}
-        return _unpickled, (type(self), self.config.keywords(), attributes, saved)
+        return _unpickled, (type(self), vars(self.config), attributes, saved)
 
     # What a task defines.
 

@@ -157,7 +157,6 @@ class ReachEnv(GoalEnv):
         return clipped(self.data.site_xpos[self.world.index.tcp_site])
 
     def _draw_goal(self) -> NDArray[np.float64]:
-        assert self.world.scene is not None
         x, y, yaw = self.world.scene.base
         ahead, left, up = self.np_random.uniform(REACH_LOW, REACH_HIGH)
         cosine, sine = math.cos(yaw), math.sin(yaw)

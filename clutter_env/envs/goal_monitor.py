@@ -63,6 +63,7 @@ class GoalMonitor:
         steps_met: control steps in a row in which all facts have held, and the robot has let go: it touches nothing
             that the goal puts somewhere, and what it holds touches nothing else.
         moved: names of the objects that have been lifted off what they stood on, in order.
+        places: where each object of the goal is to be, by its slot.
     """
 
     def __init__(self, world: World, start: Scene, goal: Goal) -> None:
@@ -72,7 +73,9 @@ class GoalMonitor:
         self._facts = {fact: fact.holds(start, start) for fact in goal.facts}
         self.steps_met, self.moved = 0, list[str]()
         self._lifted: set[str] = set()  # of those in hand now
-        self._places = self._find_places()
+        nowhere = Place("held_up", np.zeros(3), np.zeros(2))
+        self.places = {world.names.index(fact.object): self._place(fact) for fact in goal.placed}
+        self.places |= {world.names.index(name): nowhere for name in goal.held}
         self._slots = [world.names.index(name) for name in self.named]
         self._standing = set(self._slots) - {world.names.index(name) for name in goal.held}
         self._last: Measurements | None = None
@@ -162,16 +165,6 @@ class GoalMonitor:
 
     # Places, for the observation and the reward.
 
-    @property
-    def places(self) -> dict[int, Place]:
-        """Where each object of the goal is to be, by its slot."""
-        return self._places
-
-    def _find_places(self) -> dict[int, Place]:
-        found = {self._world.names.index(fact.object): self._place(fact) for fact in self.goal.placed}
-        nowhere = Place("held_up", np.zeros(3), np.zeros(2))
-        return found | {self._world.names.index(name): nowhere for name in self.goal.held}
-
     def _place(self, fact: On | Inside | At) -> Place:
         scene = self._start
         if isinstance(fact, At):
@@ -201,7 +194,7 @@ class GoalMonitor:
         wanted = {fact.object for fact in self.unmet if isinstance(fact, Holding | On | Inside | At)}
         tcp = self._world.data.site_xpos[self._world.index.tcp_site]
         best = 0.0
-        for slot, place in self._places.items():
+        for slot, place in self.places.items():
             if self._world.names[slot] not in wanted:
                 continue
             body = self._scene.objects[slot]

@@ -262,7 +262,6 @@ class Observer:
 
     def _constant_part(self, world: World, target: int) -> NDArray[np.float32]:
         """The numbers that stay the same for a whole episode, zeros elsewhere; computed once for each scene."""
-        assert world.scene is not None
         if world.scene is not self._constant_scene:
             self._constant = np.zeros_like(self.bounds)
             self._constant_scene = world.scene

@@ -262,7 +262,6 @@ class RearrangeEnv(ClutterTaskEnv):
     def _paint(self, monitor: GoalMonitor) -> None:
         """Colours: of their trays, of others that the goal names their own, which marks have too; grey of the rest."""
         world, scene = self.world, self.world.scene
-        assert scene is not None
         for slot in set(range(len(world.names))) - {world.names.index(name) for name in monitor.named}:
             world.colour(slot)[:] = _GREY
         for fact in monitor.goal.placed:

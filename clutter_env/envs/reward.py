@@ -88,7 +88,6 @@ def potential_terms(
         monitor: its success monitor.
         clearances: from `Way.clearances`.
     """
-    assert world.scene is not None
     target = world.scene.target
     # From the TCP to the point on the target's axis where a side grasp holds it.
     x, y, z = (float(value) for value in world.data.site_xpos[world.index.tcp_site] - measurements.poses[target, :3])
@@ -119,7 +118,6 @@ class Way:
         no clearance. A target that has toppled is out of reach of a side grasp.
         """
         scene, held = world.scene, measurements.grip.held
-        assert scene is not None
         if self._approaches is None or scene.target in held:
             return 0.0
         if measurements.is_fallen[scene.target]:

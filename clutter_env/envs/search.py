@@ -20,7 +20,7 @@ from clutter_env.envs.reset_options import MAX_DRAWS, ResetOptions, draw_scene
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ConfigError, OptionError, StateError, check_choice, check_integer, check_number
 from clutter_env.rendering.cameras import FIRST_OBJECT, FURNITURE, MAX_DEPTH
-from clutter_env.scene.screened_scene import screened
+from clutter_env.scene.random_scene import screened
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.world import World
 
@@ -141,7 +141,8 @@ class SearchEnv(RetrieveEnv):
         """The observation, with the last image between two frames; see `Observer.observe`."""
         if self._shows_new_frame:
             observation = super().observe_world(target, hold_progress, lift_left)
-            self._shown = {name: self._seen(name, observation) for name in self._image_names}
+            images = [name for name in observation if name.endswith(("_rgb", "_depth", "_segmentation"))]
+            self._shown = {name: self._seen(name, observation) for name in images}
         else:
             measured = self._senses.measurements if self._senses else self.measurements
             vectors = self._observer.observe(self.perceived, measured, target, hold_progress, lift_left)
@@ -158,11 +159,6 @@ class SearchEnv(RetrieveEnv):
     @property
     def _shows_new_frame(self) -> bool:
         return len(self._actions) % self.config.frame_every == 0
-
-    @property
-    def _image_names(self) -> list[str]:
-        kinds = ("rgb", "depth", "segmentation")
-        return [f"{camera}_{kind}" for camera in self.config.observed_cameras for kind in kinds]
 
     def _seen(self, name: str, observation: dict[str, Any]) -> NDArray[Any]:
         """An image with the errors of depth and masks, which follow from the state; masks numbered as they come."""
@@ -185,7 +181,6 @@ class SearchEnv(RetrieveEnv):
     def _description(self) -> NDArray[np.float32]:
         """Colour, whether it is a box, and half extents of the target."""
         scene, slot = self.world.scene, self.target_slot
-        assert scene is not None
         return np.array((*self.world.colour(slot)[:3], scene.is_box[slot], *scene.half_extents[slot]), np.float32)
 
 

@@ -125,7 +125,6 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
             _, info = self.physics_env.reset(seed=seed, options=options)
         self._target: str = info["target"]
         names, table_scene = self.physics_env.world.names, self.physics_env.world.scene
-        assert table_scene is not None
         self._lying = frozenset(compress(names, table_scene.is_lying))
         self._rng = np.random.default_rng(self.np_random.integers(2**32))
         self._read_scene()
@@ -213,7 +212,6 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
     # Private.
 
     def _read_scene(self) -> None:
-        """Read the scene from the physics."""
         env, held = self.physics_env, self.physics_env.measurements.held
         name = env.world.names[held] if held >= 0 else ""
         self._scene = Scene.from_mujoco(env.model, env.data, env.robot, held=name)
@@ -245,7 +243,11 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
             return actions.reason
         physics_env = self.physics_env
         sensor = Sensor(physics_env.model, physics_env.data, physics_env.robot, self._scene.names)
-        stopped_by = follow(actions, physics_env.robot, sensor, self._command, config).deviation
+
+        def command(wanted: Command) -> bool:
+            return self._step_physics(physics_env.joint_action(wanted.drive, wanted.opening))
+
+        stopped_by = follow(actions, physics_env.robot, sensor, command, config).deviation
         deviation = "" if stopped_by is None else str(stopped_by.kind)
         if skill.direction is None and not deviation:
             controller = physics_env.world.controller
@@ -256,9 +258,6 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         if deviation or self._is_taken or skill.direction is not None:
             return deviation
         return "not held"
-
-    def _command(self, command: Command) -> bool:
-        return self._step_physics(self.physics_env.joint_action(command.drive, command.opening))
 
     def _step_physics(self, action: NDArray[np.float64]) -> bool:
         """One control step; whether the episode of the physics environment is over."""

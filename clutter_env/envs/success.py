@@ -184,7 +184,6 @@ class SuccessMonitor:
         self.is_target_carried = self.is_target_lost = False
         self.lift = 0.0
         if target >= 0:
-            assert self._world.scene is not None
             self.is_target_carried = target in measurements.grip.carried
             self.is_target_lost = bool(measurements.is_off[target])
             support = float(TABLE_HEIGHT + self._world.scene.levels[target])  # on which it stood at reset

@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
@@ -178,7 +179,7 @@ def _checked(result: Any, place: str) -> Any:
     if isinstance(result, ClutterEnvError):
         raise result
     if isinstance(result, Crash | Killed):
-        raise PolicyCrashed(f"{place}\n\n{_text(result)}")
+        raise PolicyCrashed(f"{place}\n\n{result.detail}")
     return result
 
 
@@ -195,7 +196,7 @@ def lower_bounds(
     def find(missing: Iterable[int]) -> Iterator[tuple[int, Floor]]:
         for index, result in run_jobs(partial(_find_floor, scenes, grasps), missing, workers, ray=ray):
             if isinstance(result, Crash | Killed):
-                raise LearningError(f"lower bound of scene {index} of {scenes.name}: {_text(result)}")
+                raise LearningError(f"lower bound of scene {index} of {scenes.name}: {result.detail}")
             yield index, result
 
     if scenes.suite:
@@ -252,7 +253,7 @@ def _play_here(
 
     for (index, recording), score in run_jobs(partial(_replay, job.scenes), recordings(), 1):
         if isinstance(score, Crash | Killed):
-            raise LearningError(f"the replay of scene {index} of {job.scenes.name} failed: {_text(score)}")
+            raise LearningError(f"the replay of scene {index} of {job.scenes.name} failed: {score.detail}")
         yield index, Played(score, recording.cut(score.steps))
     yield from crashed
 
@@ -313,11 +314,9 @@ def replay(scenes: SceneSet, index: int, recording: Recording) -> Score:
 
 def judged_in(scenes: SceneSet, control_modes: Sequence[str]) -> dict[str, Any]:
     """The digest of the environment in which recordings with these control modes are scored."""
-    env = _judging_env.__wrapped__(scenes, (*control_modes, "joint")[0])  # anew: resets change the time limit
-    try:
+    # Anew, because resets change the time limit.
+    with closing(_judging_env.__wrapped__(scenes, (*control_modes, "joint")[0])) as env:
         return environment_digest(env)
-    finally:
-        env.close()
 
 
 @lru_cache(maxsize=4)
@@ -327,10 +326,6 @@ def _judging_env(scenes: SceneSet, control_mode: str) -> gym.Env[Any, Any]:
 
 def _find_floor(scenes: SceneSet, grasps: str, index: int) -> Floor:
     return find_floor(scenes.scenes[index], grasps)
-
-
-def _text(problem: Crash | Killed) -> str:
-    return problem.detail if isinstance(problem, Crash) else f"killed after {problem.seconds:.0f} s"
 
 
 class ResultRecords:

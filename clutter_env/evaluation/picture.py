@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from clutter_env.evaluation.tables import STRATA, Row
@@ -72,15 +73,12 @@ def _draw(
     hollow: bool = False,
 ) -> None:
     """Marks with intervals, one per line; none where there is no value."""
-    shown = [(line + offset, value) for line, value in enumerate(values) if value and not math.isnan(value.mean)]
-    lengths = [
-        [max(value.mean - value.low, 0.0) for _, value in shown],
-        [max(value.high - value.mean, 0.0) for _, value in shown],
-    ]
+    shown = [(line + offset, *value) for line, value in enumerate(values) if value and not math.isnan(value.mean)]
+    heights, means, low, high = np.array(shown).reshape(-1, 4).T
     axes.errorbar(
-        [value.mean for _, value in shown],
-        [height for height, _ in shown],
-        xerr=lengths,
+        means,
+        heights,
+        xerr=np.maximum((means - low, high - means), 0.0),
         fmt=marker,
         color=colour,
         markerfacecolor="white" if hollow else colour,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, TypeAlias
@@ -162,12 +163,9 @@ def find_floor(scene: Scene, grasps: str) -> Floor:
     """
     if isinstance(scene, SuiteScene):
         return scene.floor(grasps)
-    env = scene.make()
-    try:
+    with closing(scene.make()) as env:
         _, info = scene.reset(env)
         return search_floor(env, info, grasps)
-    finally:
-        env.close()
 
 
 def search_floor(env: gym.Env[Any, Any], info: Mapping[str, Any], grasps: str) -> Floor:

@@ -108,7 +108,9 @@ def play_scene(
         try:
             observation, _, terminated, truncated, info = env.step(action)
         except ActionError as problem:  # the traceback shows nothing of the policy's own code
-            raise PolicyCrashed(f"{_place(policy)} returned no valid action: {problem}") from problem
+            traits = getattr(policy, "traits", None)  # of its process
+            place = (traits if isinstance(traits, PolicyTraits) else PolicyTraits.of(policy)).place
+            raise PolicyCrashed(f"{place} returned no valid action: {problem}") from problem
         steps += 1
         # A lifted target is a success or can never become one; so is a goal that has been reached.
         is_over = terminated or truncated or steps == max_steps or (ends_lifted and bool(info["lifted"]))
@@ -149,12 +151,6 @@ def one_line(text: Any) -> str:
     """What a policy says of itself, fit for a table: one line, at most 200 printable characters."""
     words = " ".join(str(text).split())
     return "".join(sign if sign.isprintable() and sign != "|" else "?" for sign in words[:200])
-
-
-def _place(policy: Any) -> str:
-    """The class of a policy, here or in its process, and its file."""
-    traits = getattr(policy, "traits", None)
-    return (traits if isinstance(traits, PolicyTraits) else PolicyTraits.of(policy)).place
 
 
 def success_rate(env: gym.Env, policy: AnyPolicy, seeds: Sequence[int], max_steps: int | None = None) -> float:

@@ -128,7 +128,8 @@ def verify(path: Path, workers: int = 1, tick: Callable[[], object] = lambda: No
 def fresh_scenes(path: Path, count: int, first_seed: int, workers: int = 1) -> SceneSet:
     """Scenes of the kind of those of a results file: of a suite, the first whose lower bounds it would admit."""
     scenes = scenes_of(read_results(path))
-    first, least = scenes.scenes[0], least_bound(scenes.suite)
+    first, bounds = scenes.scenes[0], [scene.floor_side for scene in suite(scenes.suite)] if scenes.suite else []
+    least = min((floor.count or 0 if floor else 0 for floor in bounds), default=0)
     kind = SceneSet(
         env_id=first.env_id,
         obstructed=first.keywords.get("obstructed", False),
@@ -146,12 +147,6 @@ def fresh_scenes(path: Path, count: int, first_seed: int, workers: int = 1) -> S
         seeds += [scene.seed for scene, admitted in zip(kind.scenes, is_admitted, strict=True) if admitted]
         kind = replace(kind, first_seed=kind.first_seed + len(floors), count=2 * len(floors))
     return replace(kind, count=count, first_seed=first_seed, seeds=tuple(seeds[:count]))
-
-
-def least_bound(name: str) -> int:
-    """The smallest lower bound for side grasps in a suite; 0 where a scene has none, and outside the suites."""
-    floors = (scene.floor_side for scene in suite(name)) if name else ()
-    return min((floor.count or 0 if floor else 0 for floor in floors), default=0)
 
 
 FRESH_SEEDS = range(5_000_000, 2**31)

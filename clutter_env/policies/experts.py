@@ -195,10 +195,6 @@ class RandomPolicy:
     """Draws actions uniformly; skills among those that have not just failed.
 
     Each episode has a generator of its own, which follows from the seed and the first observation.
-
-    Attributes:
-        acts_by_skills: whether it plays the Skill environment of the scenes.
-        grasps: those of the skills are level ones.
     """
 
     def __init__(self, seed: int, acts_by_skills: bool = False) -> None:

@@ -13,7 +13,6 @@ import torch
 from sb3_contrib import TQC, MaskablePPO
 from stable_baselines3 import A2C, DDPG, DQN, PPO, SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.policies import BasePolicy
 
 from clutter_env.envs.skill import observed_masks
 from clutter_env.policies.protocol import FREE_KEYWORDS, PolicyError, PublicInfo
@@ -55,21 +54,6 @@ def read_model(path: Path) -> dict[str, Any]:
         return dict(torch.load(path, map_location="cpu", weights_only=True))
 
 
-def load_network(algorithm: str, directory: Path, public: PublicInfo) -> BasePolicy:
-    """The networks of a training run, made anew for the spaces of an environment.
-
-    Raises:
-        PolicyError: there is no model, it is damaged, or it is for other observations or actions.
-    """
-    path = directory / MODEL_FILE
-    content = read_model(path)
-    with damage_refused(path):
-        kind = ALGORITHMS[algorithm].policy_aliases[network_name(public.observation_space)]
-        network = kind(public.observation_space, public.action_space, lambda _: 0.0, **content["network"])
-        network.load_state_dict(content["parameters"]["policy"])
-    return network
-
-
 class ModelPolicy:
     """A model as a policy: the most probable action.
 
@@ -94,16 +78,7 @@ class ModelPolicy:
 
 
 class RunPolicy(ModelPolicy):
-    """The policy of a training run, loaded for the first episode.
-
-    Args:
-        directory: of the run.
-
-    Attributes:
-        acts_by_skills: whether it plays the Skill environment of the scenes.
-        grasps: those of the skills are level ones.
-        env_keywords: keyword arguments with which an environment must be made for it.
-    """
+    """The policy of a training run in a directory, loaded for the first episode."""
 
     def __init__(self, directory: Path) -> None:
         record = load_run(directory)
@@ -115,9 +90,18 @@ class RunPolicy(ModelPolicy):
         self.env_keywords = {key: chosen[key] for key in FREE_KEYWORDS if key in chosen}
 
     def check(self, public: PublicInfo) -> None:
-        """Load the networks before the first episode; raises `PolicyError`, see `load_network`."""
+        """Make the networks for the environment's spaces before the first episode.
+
+        Raises:
+            PolicyError: there is no model, it is damaged, or it is for other observations or actions.
+        """
         if self._model is None:
-            self._model = load_network(self._algorithm, self._directory, public)
+            path, spaces = self._directory / MODEL_FILE, (public.observation_space, public.action_space)
+            content = read_model(path)
+            with damage_refused(path):
+                kind = ALGORITHMS[self._algorithm].policy_aliases[network_name(spaces[0])]
+                self._model = kind(*spaces, lambda _: 0.0, **content["network"])
+                self._model.load_state_dict(content["parameters"]["policy"])
 
 
 class ZipPolicy(ModelPolicy):
@@ -128,12 +112,6 @@ class ZipPolicy(ModelPolicy):
     Args:
         algorithm: that trained it, one of `ALGORITHMS`.
         path: of the file.
-
-    Attributes:
-        acts_by_skills: whether it has learned on Skill, whose actions are numbers.
-        grasps: those of the skills are level ones.
-        env_keywords: the control mode, from the size of the actions.
-        place: the file.
 
     Raises:
         PolicyError: no such algorithm or file, or one that cannot be loaded.

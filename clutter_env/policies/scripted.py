@@ -137,7 +137,6 @@ def arm_pick(env: ArmEnv) -> Step:
         remaining = env.goal - at
         is_near = math.hypot(*remaining[:2]) < IN_LINE
         return "carry", env.arm_action(tcp + remaining + (0, 0, 0.0 if is_near else 2 * CARRY_LIFT), 0.0)
-    assert env.world.scene is not None
     hover = float(env.world.scene.half_extents[0, 2]) + HOVER
     above, off_axis = float(tcp[2] - at[2]), math.hypot(*(tcp - at)[:2])
     if off_axis > (ALIGNED[1] if above > hover - NEAR_HOVER else ALIGNED[0]):
@@ -187,7 +186,6 @@ def grasp_height(robot: RobotSpec, half_height: ArrayLike) -> Array:
 
 def _target_grasp(env: BaseEnv) -> tuple[Array, float, float]:
     """TCP position (3,) [m] of the grasp, height [m] from which the gripper descends, opening [m] of the gripper."""
-    assert env.world.scene is not None
     at = env.measurements.poses[env.target_slot, :3]
     half_width, half_height = env.world.scene.half_extents[env.target_slot][1:]
     height = grasp_height(env.robot, half_height)

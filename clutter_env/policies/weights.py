@@ -1,7 +1,7 @@
 """Files of trained weights: what they were trained for and with, and the ones that come with the package.
 
-A file is an .npz with an array for each parameter, and the entry "about" with JSON text. Nothing is pickled: a file
-cannot execute code.
+A file is an .npz with an array for each parameter, and the entry "about" with JSON text, as `scripts/shipped_weights`
+writes it. Nothing is pickled: a file cannot execute code.
 """
 
 from __future__ import annotations
@@ -10,28 +10,22 @@ import json
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
-from io import BytesIO
+from dataclasses import dataclass, field
 from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any
 from zipfile import BadZipFile
 
-import gymnasium as gym
 import numpy as np
 import torch
-from torch import nn
 
 import assets
 from clutter_env.envs.base import layout_identity, robot_identity
 from clutter_env.policies.protocol import PolicyError, PublicInfo
-from clutter_env.provenance import provenance
-from clutter_env.reporting.files import json_text, write_atomically
 
 PROBLEMS = ("side", "all", "shelf")
 """Problems for which weights of both levels are in the package: level grasps, all grasps, level ones under a shelf."""
 _FILES = {"motions": "keyframes", "decisions": "decisions"}
-_ABOUT = "about"
 
 
 @dataclass(frozen=True)
@@ -50,12 +44,6 @@ class WeightsInfo:
     layout: str | Mapping[str, Any]
     grasps: str
     provenance: Mapping[str, Any] = field(default_factory=dict)
-
-    @classmethod
-    def of_env(cls, kind: str, env: gym.Env[Any, Any], grasps: str) -> WeightsInfo:
-        """Weights that are trained in an environment."""
-        robot, layout = env.get_wrapper_attr("robot"), env.get_wrapper_attr("layout")
-        return cls(kind, robot_identity(robot), layout_identity(layout), grasps, provenance(env))
 
     def check(self, public: PublicInfo) -> None:
         """Refuse a scene with another robot or layout (`PolicyError`)."""
@@ -79,18 +67,6 @@ def shipped_path(kind: str, problem: str) -> Path:
     return assets.path(f"policies/{_FILES[kind]}-{problem}.npz")
 
 
-def save_weights(path: Path, network: nn.Module, info: WeightsInfo) -> None:
-    """Write the weights of a network; missing directories are made.
-
-    Raises:
-        OSError: the disk is full or cannot be written; an old file stays.
-    """
-    arrays, content = {name: value.numpy() for name, value in network.state_dict().items()}, BytesIO()
-    np.savez_compressed(content, allow_pickle=False, **arrays, **{_ABOUT: np.array(json_text(asdict(info)))})
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, content.getvalue())
-
-
 def load_weights(path: Path, kind: str) -> tuple[dict[str, torch.Tensor], WeightsInfo]:
     """The weights of a file by name, and what they are for.
 
@@ -98,8 +74,8 @@ def load_weights(path: Path, kind: str) -> tuple[dict[str, torch.Tensor], Weight
         PolicyError: there is no such file, it is damaged, or it holds no weights, or those of another kind.
     """
     with damage_refused(path), np.load(path, allow_pickle=False) as content:
-        weights = {name: torch.from_numpy(content[name]) for name in content.files if name != _ABOUT}
-        info = WeightsInfo(**json.loads(str(content[_ABOUT])))
+        weights = {name: torch.from_numpy(content[name]) for name in content.files if name != "about"}
+        info = WeightsInfo(**json.loads(str(content["about"])))
     if info.kind != kind:
         raise PolicyError(f"{path} holds {info.kind}, not {kind}")
     return weights, info

@@ -1,8 +1,9 @@
-"""An episode as a film, and as one page with an image of every grasp, lift and placement."""
+"""An episode as a film, and as one page with an image of every grasp, lift and placement; video files."""
 
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,9 +13,9 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from clutter_env.config import CONTROL_HZ
+from clutter_env.errors import LearningError, missing_extra
 from clutter_env.rendering.framing import ABOVE, across, whole_scene, work_place
 from clutter_env.rendering.renderer import Renderer
-from clutter_env.rendering.video import Video
 
 Frame = NDArray[np.uint8]
 
@@ -130,3 +131,49 @@ def _tile(caption: str, picture: Frame) -> Frame:
     page.paste(Image.fromarray(picture).resize(_STRIP_SIZE, Image.Resampling.LANCZOS), (4, 4))
     ImageDraw.Draw(page).text((8, height + 10), caption, fill=_INK, font=ImageFont.load_default(14))
     return np.asarray(page)
+
+
+CODEC, PIXELS = "h264", "yuv420p"
+_OPTIONS = {"crf": "18", "preset": "medium", "bf": "0", "g": "2"}
+"""Little loss; no frame refers to a later one, and every second frame is complete, so that any one is found soon."""
+
+
+class Video:
+    """An mp4 file; a context.
+
+    Attributes:
+        frames: number of images that have been written.
+
+    Raises:
+        LearningError: PyAV is not installed, or a side of the image has an odd number of pixels.
+    """
+
+    def __init__(self, path: Path, size: Sequence[int], fps: int) -> None:
+        if any(side % 2 for side in size):
+            raise LearningError(f"images of {size[0]} x {size[1]} pixels do not fit a video; take even numbers")
+        try:
+            import av  # an optional dependency
+        except ModuleNotFoundError as problem:
+            raise LearningError(missing_extra(problem) or str(problem)) from problem
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._av, self._file = av, av.open(str(path), "w")
+        self._stream = self._file.add_stream("libx264", rate=fps, options=dict(_OPTIONS))
+        self._stream.height, self._stream.width = size
+        self._stream.pix_fmt = PIXELS
+        self.frames = 0
+
+    def __enter__(self) -> Video:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None:
+            self._file.mux(self._stream.encode())
+        self._file.close()
+
+    def write(self, images: Iterable[NDArray[np.uint8]]) -> None:
+        """Append images (n, height, width, 3)."""
+        for image in images:
+            frame = self._av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")
+            frame.pts = self.frames
+            self._file.mux(self._stream.encode(frame))
+            self.frames += 1

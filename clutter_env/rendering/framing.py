@@ -28,8 +28,6 @@ _KNEE = 0.35
 """[m] above the floor: what is lower of a robot at work need not be seen."""
 _OBJECT_HEIGHT = 0.30
 """[m] above the table: objects, and one that is lifted."""
-_AROUND_TABLE = 0.12
-"""[m] around the table, so that a picture of it shows what it stands beside."""
 _MARGIN = 1.06
 """Distance of the camera over that from which the scene fills the picture."""
 
@@ -55,7 +53,7 @@ def whole_scene(
     (low_x, low_y), (high_x, high_y) = layout.start_region
     around = low_y - _ROBOT_RADIUS, high_y + _ROBOT_RADIUS
     robot = product((low_x - _ROBOT_RADIUS, high_x + _ROBOT_RADIUS), around, (0.0, _ROBOT_HEIGHT))
-    return _view(model, np.vstack((_table_points(layout, 0.0), list(robot))), direction, aspect)
+    return view_of(model, np.vstack((table_points(layout), list(robot))), direction, aspect)
 
 
 def work_place(
@@ -64,17 +62,10 @@ def work_place(
     """A nearer view: the table and the upper part of the robot while it works there; arguments as of `whole_scene`."""
     (_, (start_x, _)), half_y = layout.start_region, layout.width / 2
     before = product((start_x - _ROBOT_RADIUS, -layout.depth / 2), (-half_y, half_y), (_KNEE, _ROBOT_HEIGHT))
-    return _view(model, np.vstack((_table_points(layout, 0.0), list(before))), direction, aspect)
+    return view_of(model, np.vstack((table_points(layout), list(before))), direction, aspect)
 
 
-def whole_table(
-    model: mujoco.MjModel, layout: Layout, direction: tuple[float, float], aspect: float
-) -> mujoco.MjvCamera:
-    """A free camera that has the table and what stands on it in view; arguments as of `whole_scene`."""
-    return _view(model, _table_points(layout, _AROUND_TABLE), direction, aspect)
-
-
-def _view(model: mujoco.MjModel, points: Points, direction: tuple[float, float], aspect: float) -> mujoco.MjvCamera:
+def view_of(model: mujoco.MjModel, points: Points, direction: tuple[float, float], aspect: float) -> mujoco.MjvCamera:
     """The nearest free camera that has all points (n, 3) [m] in view."""
     camera = mujoco.MjvCamera()
     camera.type = mujoco.mjtCamera.mjCAMERA_FREE
@@ -102,7 +93,7 @@ def _centred(across: Points, forward: Points, slope: float) -> tuple[float, floa
     return (highest + lowest) / 2, (highest - lowest) / (2 * slope)
 
 
-def _table_points(layout: Layout, around: float) -> Points:
+def table_points(layout: Layout, around: float = 0.0) -> Points:
     """Corners (n, 3) [m] of the table and the layout's own supports with what stands on them, and so far around it."""
     half_x, half_y = layout.depth / 2 + around, layout.width / 2 + around
     top = TABLE_HEIGHT + max(layout.levels) + _OBJECT_HEIGHT

@@ -66,36 +66,23 @@ def shown_compilation() -> Iterator[None]:
     How many there will be depends on what is compiled already, so that nothing is estimated. Where nothing has to be
     compiled, nothing is shown.
     """
-    logger, shown = logging.getLogger(_LOGGER), _Shown()
+    logger, bars = logging.getLogger(_LOGGER), list[Any]()  # one, from the first kernel on
+
+    def show(record: logging.LogRecord) -> bool:
+        """Show a message, which goes nowhere else."""
+        if not bars:
+            bars.append(progress_bar(bar_format="{desc} ({n} kernels, {elapsed})"))
+        bars[0].set_description_str(record.getMessage(), refresh=record.levelno > logging.INFO)
+        bars[0].update(record.levelno <= logging.INFO)
+        return False
+
     level = logger.level
     logger.setLevel(logging.INFO)
-    logger.addHandler(shown)
-    logger.propagate = False
+    logger.addFilter(show)
     try:
         yield
     finally:
-        logger.propagate = True
-        logger.removeHandler(shown)
+        logger.removeFilter(show)
         logger.setLevel(level)
-        shown.close()
-
-
-class _Shown(logging.Handler):
-    """Shows the messages on one line; the bar is made at the first kernel."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._bar: Any = None
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Show a message."""
-        if self._bar is None:
-            self._bar = progress_bar(bar_format="{desc} ({n} kernels, {elapsed})")
-        self._bar.set_description_str(record.getMessage(), refresh=record.levelno > logging.INFO)
-        self._bar.update(record.levelno <= logging.INFO)
-
-    def close(self) -> None:
-        """End the line."""
-        if self._bar is not None:
-            self._bar.close()
-        super().close()
+        for bar in bars:
+            bar.close()

@@ -1,8 +1,12 @@
-"""Random scenes, a function of the random generator alone: sizes, places and masses of objects, start of the base."""
+"""Random scenes, a function of the random generator alone: sizes, places and masses of objects, start of the base.
+
+In screened ones the target stands behind a screen of other objects, as on a shelf that is filled from the back.
+"""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,60 +35,45 @@ def sample_scene(
     shapes: str = "cylinder",
     objects: ObjectSet = OBJECT_SETS["standard"],
 ) -> TableScene:
-    """Objects without overlap, a target among them, and a base pose in front of the table.
+    """Objects without overlap, wholly on the table, a target among them, and a base pose in front of it.
 
     Raises:
         OptionError: no placement was found; cannot happen up to `capacity`.
     """
     if objects.kinds:
-        return _household_scene(rng, layout, num_objects)
-    is_box = np.array([shape == "box" for shape in slot_shapes(shapes, num_objects)], dtype=bool)
-    is_lying = ~is_box & objects.are_cylinders_lying
-    is_angular = is_box | is_lying
-    half_width = np.where(
-        is_box, rng.uniform(*objects.half_width, num_objects), rng.uniform(*objects.radius, num_objects)
-    )
-    half_height = rng.uniform(*objects.heights_on(layout), num_objects) / 2
-    half_depth = np.where(is_angular, rng.uniform(*objects.half_depth, num_objects), half_width)
-    half_height = np.where(is_lying, half_width, half_height)
-    radii = np.where(is_angular, np.hypot(half_depth, half_width), half_width)
-    standing_extents = np.column_stack((half_depth, half_width, half_height))
+        kinds = [KINDS[name] for name in slot_kinds(num_objects)]
+        half_extents = np.array([kind.half_extents for kind in kinds]).reshape(-1, 3)
+        is_box, is_lying = np.ones(num_objects, dtype=bool), np.zeros(num_objects, dtype=bool)
+        radii = np.hypot(half_extents[:, 0], half_extents[:, 1])
+    else:
+        is_box = np.array([shape == "box" for shape in slot_shapes(shapes, num_objects)], dtype=bool)
+        is_lying = ~is_box & objects.are_cylinders_lying
+        half_width = np.where(
+            is_box, rng.uniform(*objects.half_width, num_objects), rng.uniform(*objects.radius, num_objects)
+        )
+        half_height = rng.uniform(*objects.heights_on(layout), num_objects) / 2
+        half_depth = np.where(is_box | is_lying, rng.uniform(*objects.half_depth, num_objects), half_width)
+        half_height = np.where(is_lying, half_width, half_height)
+        radii = np.where(is_box | is_lying, np.hypot(half_depth, half_width), half_width)
+        half_extents = np.column_stack((half_depth, half_width, half_height))
+        half_extents = np.where(is_lying[:, None], half_extents[:, ::-1], half_extents)
     rows = np.arange(num_objects) % len(layout.levels)
     positions = np.zeros((num_objects, 2))
     for row in range(len(layout.levels)):  # those of one row have to keep apart
-        positions[rows == row] = _place(rng, layout, radii[rows == row], objects.edge_margin)
-    return TableScene(
-        half_extents=np.where(is_lying[:, None], standing_extents[:, ::-1], standing_extents),
+        here = np.flatnonzero(rows == row)
+        if objects.kinds:
+            here = here[np.argsort(-radii[here], kind="stable")]  # the widest first: they find space last
+        margin = radii[here] if objects.kinds else objects.edge_margin
+        positions[here] = _place(rng, layout, radii[here], margin)
+    return (HouseholdScene if objects.kinds else TableScene)(
+        half_extents=half_extents,
         is_box=is_box,
         positions=positions,
-        yaws=np.where(is_angular, rng.uniform(-math.pi, math.pi, num_objects), 0.0),
-        masses=rng.uniform(*objects.mass, num_objects),
+        yaws=np.where(is_box | is_lying, rng.uniform(-math.pi, math.pi, num_objects), 0.0),
+        masses=np.array([kind.mass for kind in kinds]) if objects.kinds else rng.uniform(*objects.mass, num_objects),
         base=sample_base(rng, layout),
         target=int(rng.integers(num_objects)) if num_objects else -1,
         is_lying=is_lying,
-        levels=np.array(layout.levels)[rows],
-    )
-
-
-def _household_scene(rng: np.random.Generator, layout: Layout, num_objects: int) -> TableScene:
-    """Household objects anywhere, turned anyhow, wholly on the table."""
-    kinds = [KINDS[name] for name in slot_kinds(num_objects)]
-    half_extents = np.array([kind.half_extents for kind in kinds]).reshape(-1, 3)
-    radii, positions = np.hypot(half_extents[:, 0], half_extents[:, 1]), np.zeros((num_objects, 2))
-    rows = np.arange(num_objects) % len(layout.levels)
-    for row in range(len(layout.levels)):
-        here = np.flatnonzero(rows == row)
-        order = here[np.argsort(-radii[here], kind="stable")]  # the widest first: they find space last
-        positions[order] = _place(rng, layout, radii[order], radii[order])
-    return HouseholdScene(
-        half_extents=half_extents,
-        is_box=np.ones(num_objects, dtype=bool),
-        positions=positions,
-        yaws=rng.uniform(-math.pi, math.pi, num_objects),
-        masses=np.array([kind.mass for kind in kinds]),
-        base=sample_base(rng, layout),
-        target=int(rng.integers(num_objects)) if num_objects else -1,
-        is_lying=np.zeros(num_objects, dtype=bool),
         levels=np.array(layout.levels)[rows],
     )
 
@@ -170,3 +159,68 @@ def _first_free(
         return None
     x, y = candidates[is_free.index(True)].tolist()
     return x, y
+
+
+_SCREEN = 3
+"""Objects of the screen: side by side they hide the target from a camera that moves along the table, too."""
+_TALLER = 0.02
+"""[m] by which each of them is taller than the target: the camera looks down."""
+_FINGERS = 0.03
+"""[m] between them, and between them and the target: what a finger needs that is to go between two objects."""
+_SLACK = 0.01
+"""[m] by which they stand farther from the target, at most."""
+_TURN = 0.05
+"""[rad] by which the screen is turned away from the robot's start, at most."""
+_TRIES = 60
+"""Places tried for the target with its screen, and for each other object that is in their way."""
+
+
+def screened(rng: np.random.Generator, layout: Layout, scene: TableScene) -> TableScene | None:
+    """The scene with a low object as the target behind taller ones; the others stay where they do not overlap.
+
+    None if too few objects are taller, or if no place was found.
+    """
+    heights = scene.half_extents[:, 2] * 2
+    radii = np.where(scene.is_angular, np.hypot(*scene.half_extents[:, :2].T), scene.half_extents[:, 0])
+    target = int(rng.choice(np.argsort(heights)[: max(scene.num_objects // 3, 1)]))
+    is_taller = (heights > heights[target] + _TALLER) & (scene.levels == scene.levels[target])
+    if np.count_nonzero(is_taller) < _SCREEN:
+        return None
+    screen = rng.choice(np.flatnonzero(is_taller), _SCREEN, replace=False)
+    half = np.array((layout.depth, layout.width)) / 2
+    for _ in range(_TRIES):
+        positions = scene.positions.copy()
+        positions[target] = rng.uniform((-half[0] / 2, -half[1]), half)
+        heading = math.atan2(*(scene.base[:2] - positions[target])[::-1]) + rng.uniform(-_TURN, _TURN)
+        distance = radii[target] + radii[screen] + _FINGERS + rng.uniform(0.0, _SLACK)
+        # Neighbours stand `_FINGERS` apart: the angle between them follows from the triangle's sides.
+        middle = np.array([(a + b + _FINGERS) / 2 for a, b in zip(radii[screen], radii[screen][1:], strict=False)])
+        steps = 2 * np.arcsin(np.minimum(middle / np.minimum(distance[:-1], distance[1:]), 1.0))
+        angles = heading + np.array((-steps[0], 0.0, steps[1]))
+        positions[screen] = positions[target] + distance[:, None] * np.column_stack((np.cos(angles), np.sin(angles)))
+        group = [target, *screen.tolist()]
+        margin = np.maximum(radii[group], 0.045)[:, None]
+        if (np.abs(positions[group]) + margin > half).any() or _overlaps(positions, radii, scene.levels, group):
+            continue
+        placed = list(group)
+        for other in (index for index in range(scene.num_objects) if index not in group):
+            for _ in range(_TRIES):
+                if not _overlaps(positions, radii, scene.levels, placed, other):
+                    break
+                room = half - max(radii[other], 0.045)
+                positions[other] = rng.uniform(-room, room)
+            else:
+                break
+            placed.append(other)
+        if len(placed) == scene.num_objects:
+            return replace(scene, positions=positions, target=target)
+    return None
+
+
+def _overlaps(
+    positions: np.ndarray, radii: np.ndarray, levels: np.ndarray, group: list[int], one: int | None = None
+) -> bool:
+    """Whether two objects of a group, or another one and any of them, are less than `OBJECT_GAP` apart."""
+    pairs = [(a, b) for a in ([one] if one is not None else group) for b in group if a != b and levels[a] == levels[b]]
+    gaps = [np.linalg.norm(positions[a] - positions[b]) - radii[a] - radii[b] for a, b in pairs]
+    return bool(gaps) and min(gaps) < OBJECT_GAP - 1e-9

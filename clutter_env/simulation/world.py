@@ -114,6 +114,9 @@ class Mark(NamedTuple):
 class World:
     """Physics of one robot, one table and a fixed number of objects; `reset` applies a scene to it."""
 
+    scene: TableScene
+    """That of the episode; there is none before the first."""
+
     def __init__(
         self,
         robot: RobotSpec,
@@ -147,7 +150,6 @@ class World:
         self._home = self._home[: self.index.object_qpos.start]
         self.furniture_force = 0.0
         self._contacts: list[list[list[int]]] = []  # pairs of geoms after each part of the last control step
-        self.scene: TableScene | None = None
         self.marks: tuple[Mark, ...] = ()
         self._last: tuple[bytes, Measurements] | None = None
 
@@ -282,7 +284,6 @@ class World:
 
     def lowest_point(self, measurements: Measurements, slot: int) -> float:
         """Height [m] of an object's lowest point above the ground."""
-        assert self.scene is not None
         height, w, x, y, z = measurements.poses[slot, 2:].tolist()
         down_x, down_y, down_z = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
         if isinstance(self.scene, HouseholdScene):

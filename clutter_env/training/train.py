@@ -134,7 +134,7 @@ def train_all(
     trained, crashed = {}, []
     for run, result in run_jobs(partial(train, resume=resume), runs, workers, ray=ray):
         if isinstance(result, Crash | Killed):
-            crashed.append(f"{run.directory}: {result.detail if isinstance(result, Crash) else result}")
+            crashed.append(f"{run.directory}: {result.detail}")
         else:
             trained[run.directory] = result
             report(run, result)

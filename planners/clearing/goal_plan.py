@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -20,6 +20,7 @@ from planners.cause import Cause
 from planners.clearing.commitments import ClearingProblem, Commitments, NoCommitment, grasped
 from planners.clearing.goal_bound import LowerBound, fewest_picks, must_move
 from planners.clearing.lookahead import ClearancePlan
+from planners.clearing.order_of_moves import Order, Step
 from planners.clearing.saving_time import with_blockers
 from planners.goals import TOLERANCE, At, Goal, Holding, Inside, On
 from planners.grasping.candidates import GraspCandidate
@@ -103,9 +104,30 @@ def goal_plan(
     """
     to_move = dict.fromkeys((*problem.scene.held_names, *must_move(problem.scene, goal, start)))
     sim = _Simulation(problem, goal, start, not_placed, tuple(to_move))
+    order, in_vain, is_strict = (
+        Order.of(problem.scene, goal, to_move, problem.candidates),
+        set[tuple[str, bool]](),
+        True,
+    )
     while sim.waiting:
         if problem.deadline.is_over:
             return NoCommitment(Cause.TIME_LIMIT, tuple(sim.waiting))
+        if order is not None:
+            refuted = {name: _refuted_by(sim, name) for name in sim.waiting}
+            step, *later = order.steps(sim.scene, sim.waiting, refuted, in_vain) or (None,)
+            if step is not None and any(move.name == step.name for move in sim.moves):
+                return _as_plan(sim, sim.moves[-1].name)
+            if step is not None and _moved_as(sim, order, step, later, is_strict):
+                if not step.is_general and step.name in order.ends:
+                    return _as_plan(sim, step.name)
+                in_vain, is_strict = set(), True
+                continue
+            if step is not None:
+                in_vain.add((step.name, step.is_general))
+                continue
+            if is_strict and in_vain:
+                in_vain, is_strict = set(), False
+                continue
         if _moved_to_its_end(sim):
             continue
         in_the_way = _in_the_way(sim)
@@ -117,6 +139,19 @@ def goal_plan(
             return _refusal(sim)
         sim = with_these
     return _as_plan(sim, "")
+
+
+def _moved_as(sim: _Simulation, order: Order, step: Step, later: Sequence[Step], is_strict: bool) -> bool:
+    """Move an object as the order says, if it can be, out of the way of all later steps; of some, if not strict."""
+    grasps: list[GraspCandidate] = []
+    for one in later:
+        for grasp, body in ((one.taken, sim.scene.body(one.name)), (one.put, order.ends.get(one.name))):
+            if grasp is not None and body is not None:
+                world = sim.candidates.compiled.world(sim.scene.with_body(body))
+                sim.problem.placements.volume(world, grasp)  # known from now on
+                grasps.append(grasp)
+    counts = (len(grasps),) if is_strict else ((len(grasps) + 1) // 2, 0)
+    return _taken_and_put(sim, step.name, step.is_general, [KeepClear(None, tuple(grasps[:count])) for count in counts])
 
 
 def _moved_to_its_end(sim: _Simulation) -> bool:
@@ -183,7 +218,7 @@ def _grasp_to_hold(sim: _Simulation, name: str) -> GraspCandidate | None:
     return next(iter(free), None)
 
 
-def _taken_and_put(sim: _Simulation, name: str, is_general: bool) -> bool:
+def _taken_and_put(sim: _Simulation, name: str, is_general: bool, tiers: Sequence[KeepClear] = ()) -> bool:
     """Take an object and put it where the goal wants it, or aside; through another grasp where one does not fit."""
     scene, goal = sim.scene, sim.goal
     fact = placed_fact(goal, name) if is_general else None
@@ -196,7 +231,7 @@ def _taken_and_put(sim: _Simulation, name: str, is_general: bool) -> bool:
         with_it = scene.holding(name) if grasp is None else grasped(scene, grasp)
         assert with_it is not None
         failed: list[NDArray[np.float64]] = []
-        for keep in _tiers(sim, name):
+        for keep in tiers or _tiers(sim, name):
             keep = replace(keep, reserved=reserved)
             found = placements_of(sim.problem, goal, sim.start, with_it, fact, keep, sim.waiting, failed)
             placement = next(found, None)
@@ -280,11 +315,8 @@ def _free_grasps(sim: _Simulation, name: str) -> Iterator[GraspCandidate]:
 
 
 def _advance(sim: _Simulation, move: Move, scene: Scene) -> None:
-    """One more move; what is known of grasps in the present scene stays with the problem."""
     sim.moves.append(move)
     sim.scene, sim.waiting = scene, [name for name in sim.waiting if name != move.name]
-    if sim.candidates is sim.problem.candidates:
-        sim.candidates = sim.candidates.blank_copy()
 
 
 def _in_the_way(sim: _Simulation) -> tuple[str, ...]:

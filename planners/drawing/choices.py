@@ -124,11 +124,7 @@ def choices_of(solution: Solution) -> list[ClearancePicture]:
 
 
 def last_picture(solution: Solution) -> ClearancePicture:
-    """The supports when everything has been cleared, and NGR1: what taking the target sweeps.
-
-    Raises:
-        ValueError: the plan does not take the target, because it is in the gripper from the start.
-    """
+    """The supports when everything has been cleared, and NGR1: what taking the target sweeps."""
     if not solution.actions:
         raise ValueError("a plan without actions has nothing to draw")
     taken = solution.actions[-1]
@@ -158,32 +154,25 @@ def _choice(
 ) -> ClearancePicture:
     """The regions and candidates behind the location of a put-down; the regions are those that the planner kept clear.
 
-    Args:
-        target: of the plan.
-        put: the put-down.
-        picked: the action that takes the object, None if it is in the gripper from the start.
-        later: names of the objects that are taken afterwards, the target last.
-        cleared: names of the objects put aside before.
+    `picked` is the action that takes the object, None if it is in the gripper from the start; `later` names the objects
+    that are taken afterwards, the target last, and `cleared` those put aside before.
     """
     scene = put.scene if picked is None else picked.scene
     assert put.grip is not None
     body, (put_state, held) = scene.body(put.target), put.grip
     start = put.scene.state.base if picked is None or picked.grip is None else picked.grip[0].base
-    world, radius = CollisionWorld.from_scene(scene), body.radius
-    in_work = [_work_mask(world, surface, start, held, body) for surface in put.surfaces]
-    candidates = [placement_grid(surface.support) for surface in put.surfaces]
-    allowed = np.concatenate(
-        [each.free(grid, radius)[:, :2] for each, grid in zip(put.surfaces, candidates, strict=True)]
-    )
-    reached = np.any(
-        [_at(surface.grid, mask, allowed) for surface, mask in zip(put.surfaces, in_work, strict=True)], axis=0
-    )
-    released = put.released
+    world, radius, released = CollisionWorld.from_scene(scene), body.radius, put.released
+    drawn, candidates, free = [], [], []
+    for surface in put.surfaces:
+        grown = dilated(surface.grid, surface.blocked, radius)
+        in_work = _work_mask(world, surface, start, held, body)
+        drawn.append(DrawnSurface(surface.grid, surface.region, in_work, grown))
+        candidates.append(placement_grid(surface.support))
+        free.append(surface.free(candidates[-1], radius)[:, :2])
+    allowed = np.concatenate(free)
+    reached = np.any([_at(one.grid, one.in_work, allowed) for one in drawn if one.in_work is not None], axis=0)
     return ClearancePicture(
-        [
-            DrawnSurface(surface.grid, surface.region, mask, dilated(surface.grid, surface.blocked, radius))
-            for surface, mask in zip(put.surfaces, in_work, strict=True)
-        ],
+        drawn,
         scene.objects,
         target,
         [name for name in later if name != target],
@@ -224,13 +213,9 @@ def _work_mask(world: CollisionWorld, surface: Surface, base: Array, held: HeldO
     configurations = ConfigurationGrid.over(chain, _WORK_TORSOS, _WORK_ROLLS)
     everything = world.scene.mask(world.scene.names)
     reached = np.zeros(len(centres), dtype=np.bool_)
-    for index, centre in enumerate(centres):
-        level = np.column_stack(
-            (np.tile(centre, (_WORK_YAWS, 1)), np.full(_WORK_YAWS, height), yaws, np.zeros(_WORK_YAWS))
-        )
-        found = scan_configurations(
-            world, GripperPoses(bases, level), configurations, 0.0, ignore=everything, first_free=True
-        )
+    for index, (x, y) in enumerate(centres):
+        poses = GripperPoses(bases, np.array([(x, y, height, yaw, 0.0) for yaw in yaws]))
+        found = scan_configurations(world, poses, configurations, 0.0, ignore=everything, first_free=True)
         reached[index] = len(found.q) > 0
     coarse = reached.reshape(cells.shape)
     return _at(cells, coarse, grid.centres().reshape(-1, 2)).reshape(grid.shape)

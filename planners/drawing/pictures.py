@@ -1,10 +1,12 @@
-"""Pictures of a plan from above: the whole plan in one, or one for each clearance (Figs. 8-10 of Lee & Kim 2019).
+"""Pictures from above: of a plan, of each of its clearances (Figs. 8-10 of Lee & Kim 2019), of the steps of a search.
 
 They show the scene as the robot sees it, itself at the bottom: y to the left, x upwards.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,7 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from planners.drawing.choices import ClearancePicture, DrawnSurface, choices_of, last_picture
 from planners.scene import Body
+from planners.search.expert import SearchStep
 from planners.tamp.solution import Solution
 
 Array = NDArray[np.float64]
@@ -48,6 +51,8 @@ _PAGE, _TITLE, _LEGEND_ROW = 13.8, 0.45, 0.7 / 3
 """[inch] Width of all pictures, heights of a title and of a row of the legend."""
 _MOST = 11
 """Clearances drawn at most; of a longer plan the first ones are drawn."""
+_SEARCH_SIZE, _SEARCH_COLUMNS = 3.4, 4
+"""[inch] of the picture of one decision, and how many stand side by side."""
 _RANKED = 9
 """Candidates that get their rank as a number."""
 _UNKNOWN_RADIUS = 0.03
@@ -57,11 +62,7 @@ _SAME_PLACE = 0.005
 
 
 def draw_overview(solution: Solution, ax: Axes | None = None) -> Axes:
-    """Draw a whole plan in axes, or in a new figure: the scene, the clearances in order, and the path of the base.
-
-    Raises:
-        ValueError: the plan has no actions, because the target is in the gripper from the start.
-    """
+    """Draw a whole plan in axes, or in a new figure: the scene, the clearances in order, and the path of the base."""
     if not solution.actions:
         raise ValueError("a plan without actions has nothing to draw")
     axes = plt.subplots(figsize=(6.4, 7.2), layout="constrained")[1] if ax is None else ax
@@ -80,17 +81,14 @@ def draw_overview(solution: Solution, ax: Axes | None = None) -> Axes:
             _join(axes, action.scene.body(action.target), placed.position)
     _draw_base(axes, solution)
     entries = {
-        "target": Line2D([], [], linestyle="", marker="o", markersize=9, color=COLOURS["target"]),
-        "cleared": Line2D([], [], linestyle="", marker="o", markersize=9, color=COLOURS["moved"]),
-        "clearance location": Line2D([], [], linestyle="", marker="$1$", markersize=7, color=COLOURS["location"]),
+        "target": _dot(COLOURS["target"]),
+        "cleared": _dot(COLOURS["moved"]),
+        "clearance location": _dot(COLOURS["location"], marker="$1$", markersize=7),
         "base": Line2D([], [], linewidth=1.6, color=_BASE_COLOUR),
     }
     axes.legend(list(entries.values()), list(entries), loc="lower right", fontsize=8)
-    what = (
-        f"{solution.target} after {len(solution.clearances)} clearances"
-        if solution.target
-        else f"{solution.picks} picks"
-    )
+    count = len(solution.clearances)
+    what = f"{solution.target} after {count} clearances" if solution.target else f"{solution.picks} picks"
     axes.set_title(f"{what} ({solution.strategy.name})")
     return axes
 
@@ -124,11 +122,7 @@ def footprint(robot: RobotSpec, base: tuple[float, float, float], **style: Any) 
 
 
 def draw_plan(solution: Solution, path: Path) -> None:
-    """Write the pictures of a plan's clearances (Figs. 8-10 of Lee & Kim 2019) to one image file.
-
-    Raises:
-        ValueError: the plan has no actions; or it neither takes a target nor puts anything aside.
-    """
+    """Write the pictures of a plan's clearances (Figs. 8-10 of Lee & Kim 2019) to one image file."""
     choices = choices_of(solution)
     pictures = []
     for number, choice in enumerate(choices[:_MOST], start=1):
@@ -156,6 +150,30 @@ def draw_plan(solution: Solution, path: Path) -> None:
     figure.savefig(path, dpi=130)
 
 
+def draw_search(steps: Sequence[SearchStep]) -> Figure:
+    """Draw the decisions of a search: places of the target red, known objects grey, the camera a triangle."""
+    columns = min(len(steps), _SEARCH_COLUMNS) or 1
+    rows = math.ceil(len(steps) / columns) or 1
+    figure = plt.figure(figsize=(_SEARCH_SIZE * columns, _SEARCH_SIZE * rows), layout="constrained")
+    for number, step in enumerate(steps, start=1):
+        axes = figure.add_subplot(rows, columns, number)
+        for support, cells in step.places.items():
+            x0, x1, y0, y1 = step.extents[support]
+            face, edge = COLOURS["table"], COLOURS["ink"]
+            axes.add_patch(Rectangle((y0, x0), y1 - y0, x1 - x0, facecolor=face, edgecolor=edge))
+            shown = np.ma.masked_where(~cells, cells)
+            axes.imshow(shown, extent=(y0, y1, x0, x1), origin="lower", cmap="autumn", vmin=0, vmax=9, zorder=2)
+        for seen in step.known:
+            _draw_body(axes, seen.body, COLOURS["target" if seen.is_target else "object"], "")
+        axes.plot(step.eye[1], step.eye[0], "^", color=COLOURS["ink"])
+        axes.set_title(f"{step.time:.0f} s: {step.text}", fontsize=8)
+        axes.set_aspect("equal")
+        axes.autoscale_view()
+        axes.invert_xaxis()
+        axes.axis("off")
+    return figure
+
+
 def draw_clearance(axes: Axes, picture: ClearancePicture, title: str = "") -> None:
     """Draw the choice of one clearance location, or the supports before the target is taken."""
     x_low, x_high, y_low, y_high = picture.extent
@@ -178,28 +196,28 @@ def draw_clearance(axes: Axes, picture: ClearancePicture, title: str = "") -> No
         spine.set_color(COLOURS["refused"])
 
 
+def _dot(colour: str, **style: Any) -> Line2D:
+    return Line2D([], [], linestyle="", color=colour, **{"marker": "o", "markersize": 9, **style})
+
+
 def legend_entries() -> dict[str, Artist]:
     """Colours and marks of all pictures, by their meaning."""
-
-    def dot(colour: str, **style: Any) -> Line2D:
-        return Line2D([], [], linestyle="", color=colour, **{"marker": "o", "markersize": 9, **style})
-
     edge = {"markeredgecolor": COLOURS["ink"]}
     return {
-        "target": dot(COLOURS["target"], **edge),
-        "put aside now": dot(COLOURS["moved"], **edge),
-        "put aside before": dot(COLOURS["cleared"], **edge),
-        "to be cleared later": dot(COLOURS["obstacle"], **edge),
-        "stays": dot(COLOURS["object"], **edge),
+        "target": _dot(COLOURS["target"], **edge),
+        "put aside now": _dot(COLOURS["moved"], **edge),
+        "put aside before": _dot(COLOURS["cleared"], **edge),
+        "to be cleared later": _dot(COLOURS["obstacle"], **edge),
+        "stays": _dot(COLOURS["object"], **edge),
         "NGR1: taking the target": Patch(color=COLOURS["NGR1"], alpha=0.55),
         "NGR2: clearing the others": Patch(color=COLOURS["NGR2"], alpha=0.55),
         "outside R_work": Patch(facecolor="none", edgecolor=COLOURS["outside"], hatch="////", linewidth=0),
-        "place chosen for it": dot(COLOURS["cleared"], markeredgecolor=COLOURS["location"], markeredgewidth=1.4),
+        "place chosen for it": _dot(COLOURS["cleared"], markeredgecolor=COLOURS["location"], markeredgewidth=1.4),
         "robot in front, takes | puts": Line2D([], [], **_stand(COLOURS["moved"], COLOURS["location"])),
         "robot in front, takes the target": Line2D([], [], **_stand(COLOURS["target"], COLOURS["target"])),
         "too close for its centre": Line2D([], [], color=COLOURS["ink"], linewidth=0.8, linestyle=":"),
-        "candidate, in order": dot(COLOURS["location"], markersize=6),
-        "refused candidate": dot(COLOURS["refused"], marker="x", markersize=5),
+        "candidate, in order": _dot(COLOURS["location"], markersize=6),
+        "refused candidate": _dot(COLOURS["refused"], marker="x", markersize=5),
     }
 
 

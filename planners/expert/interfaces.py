@@ -95,15 +95,7 @@ class ScenePlanner(Protocol):
         time_limit: float | None,
         /,
     ) -> Solution | Infeasible:
-        """Plan for a goal.
-
-        Args:
-            scene: the world; an object may be in the gripper.
-            goal: name of the object to take, or a `planners.goals.Goal` if it is anything else.
-            strategy: how to clear.
-            rng: for sampling.
-            time_limit: [s] of wall time, None for none.
-        """
+        """Plan for a goal: the name of the object to take, or a `planners.goals.Goal` if it is anything else."""
         ...
 
 

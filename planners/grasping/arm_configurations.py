@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -14,11 +14,11 @@ from assets.robots import RobotSpec
 from irm.chain import ArmChain, pose_of
 from irm.ik.solvers import free_angles, solver_arrays
 from irm.kernel_arguments import packed
-from planners.collision.driven_world import Drive, Extents
+from planners.collision.driven_world import DriveWorlds, drive_worlds
 from planners.collision.scene_arrays import RobotArrays, robot_arrays
 from planners.collision.world import CollisionWorld
-from planners.grasping.scan_kernel import make_memory, many_gripper_hits, scan
-from planners.scene import SELF_BIT, Body, HeldObject, StaticObstacle
+from planners.grasping.scan_kernel import make_memory, many_configuration_hits, many_gripper_hits, scan
+from planners.scene import SELF_BIT, Body, HeldObject
 from planners.scene.cover import (
     BACK,
     LEAST_LIFT,
@@ -121,6 +121,7 @@ def scan_configurations(
     held: HeldObject | None = None,
     ignore: int = 0,
     first_free: bool = False,
+    known: Collection[int] = (),
 ) -> ArmConfigurations:
     """Arm configurations that hit no static obstacle, not the robot itself, and as few objects as possible.
 
@@ -141,65 +142,96 @@ def scan_configurations(
         held: the held object.
         ignore: mask of bits that do not count.
         first_free: stop after the first pair, in the order given, for which some configuration hits nothing.
+        known: masks of other configurations; what hits more than one of them is left out.
     """
-    if body is None or not needs_drive(world.scene, body.foot):
-        return _scan(world, world, poses, grid, opening, held, ignore, first_free)
+    parts: list[ArmConfigurations] = []
+    for drive, rows in _drives(world, body, poses, held, ignore):
+        chosen = poses if drive is None else GripperPoses(poses.bases[rows], poses.gripper_poses[rows])
+        found = _scan(world, drive, chosen, grid, opening, held, ignore, first_free, known)
+        found = found._replace(pair=rows[found.pair])
+        if drive is None or (first_free and len(found.q)):
+            return found
+        parts.append(found)
     none = np.zeros(0, np.int64)
-    parts = [ArmConfigurations(np.zeros((0, len(world.robot.lower))), none, np.zeros(0, np.uint64), np.zeros(0))]
-    extents: dict[bytes, Extents] = {}
-    support = driven_out_of(world.scene, body)
-    for drive, rows in _drives(support, poses):
-        if held is not None:
-            rows = rows[_fit_outside(world, held, support, drive, poses.bases[rows], poses.gripper_poses[rows])]
-        chosen = GripperPoses(poses.bases[rows], poses.gripper_poses[rows])
-        backed_off = body.at(body.position + [*drive.offset, 0.0])
-        before = objects_before(world.scene, backed_off, drive.direction) & ~ignore
-        if first_free and before:
-            continue
-        key = drive.direction.tobytes()
-        extents[key] = extents.get(key) or Extents.of(world, drive.direction)
-        driven = extents[key].driven_world(drive, body if held is None else None)
-        found = _scan(world, driven, chosen, grid, opening, held, ignore, first_free)
-        inside = [
-            world.hits(chosen.bases[pair], q, opening, held, ignore)
-            for q, pair in zip(found.q, found.pair, strict=True)
-        ]
-        hits = found.hits | np.array(inside, dtype=np.uint64) | np.uint64(before)
-        found = found._replace(pair=rows[found.pair], hits=hits)
-        if not first_free:
-            parts.append(found)
-        elif not hits.all():
-            return ArmConfigurations(*(column[hits == 0] for column in found))
+    parts.append(ArmConfigurations(np.zeros((0, len(world.robot.lower))), none, np.zeros(0, np.uint64), np.zeros(0)))
     return ArmConfigurations(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+
+def hits_of(
+    world: CollisionWorld, poses: GripperPoses, Q: Array, opening: float, body: Body, ignore: int
+) -> NDArray[np.uint64]:
+    """What configurations `Q` (k, n) that grasp an object hit, as `scan_configurations` counts it: masks (k,)."""
+    masks = np.zeros(len(Q), np.uint64)
+    for drive, rows in _drives(world, body, poses, None, ignore):
+        inside, driven = (world, world) if drive is None else drive.worlds
+        shift, before = (np.zeros((0, 2)), 0) if drive is None else (_rows(drive.shift), drive.before)
+        queries = (one.query(opening, None, ignore) for one in (inside, driven))
+        masks[rows] = many_configuration_hits(*queries, shift, _rows(poses.bases[rows]), _rows(Q[rows])) | before
+    return masks
+
+
+class _Driven(NamedTuple):
+    """A drive out after backing off, for k pairs of poses: its worlds, `shift` (k, 2) [m] from each base pose to where
+    it begins, and the mask of what the object would touch on the way (k,)."""
+
+    worlds: DriveWorlds
+    shift: Array
+    before: NDArray[np.uint64]
+
+
+def _drives(
+    world: CollisionWorld, body: Body | None, poses: GripperPoses, held: HeldObject | None, ignore: int
+) -> Iterator[tuple[_Driven | None, NDArray[np.int64]]]:
+    """The drives out of where an object stands, one for each side, and the rows of the poses; None: no drive."""
+    if body is None or not needs_drive(world.scene, body.foot):
+        yield None, np.arange(len(poses.bases))
+        return
+    support, yaws = driven_out_of(world.scene, body), poses.gripper_poses[:, 3]
+    shifts = -BACK * np.column_stack((np.cos(yaws), np.sin(yaws)))
+    directions = direction_out(support, poses.bases).round(_SAME_DRIVE)
+    for direction in np.unique(directions, axis=0):
+        rows = np.flatnonzero((directions == direction).all(axis=1))
+        distances = np.array(distances_out(support, poses.gripper_poses[rows, :2] + shifts[rows], direction))
+        if held is not None:
+            outside = poses.bases[rows]
+            outside[:, :2] += shifts[rows] + np.outer(distances, direction)
+            fits = _fit_outside(world, held, outside)
+            rows, distances = rows[fits], distances[fits]
+        if len(rows):
+            before = objects_before(world.scene, body, shifts[rows], direction) & ~np.uint64(ignore)
+            left = body if held is None else None
+            worlds = drive_worlds(world, direction, float(distances.max()), LEAST_LIFT, left)
+            yield _Driven(worlds, shifts[rows], before), rows
 
 
 def _scan(
     world: CollisionWorld,
-    checked: CollisionWorld,
+    drive: _Driven | None,
     poses: GripperPoses,
     grid: ConfigurationGrid,
     opening: float,
     held: HeldObject | None,
     ignore: int,
     first_free: bool,
+    known: Collection[int],
 ) -> ArmConfigurations:
-    """The scan in the world `checked`, `world` itself or that of a drive.
-
-    What is hit on a drive counts; of what the arm hits at its start, and not on the way, only what the gripper hits.
-    """
+    """The scan where the robot stands, or there and on a drive."""
     bases, gripper_poses = _rows(poses.bases), _rows(poses.gripper_poses)
-    known, is_driven = gripper_hits(world, gripper_poses, opening, held=held, ignore=ignore), checked is not world
-    if is_driven:
-        known |= gripper_hits(checked, gripper_poses, opening, held=held, ignore=ignore)
-    query, home = checked.query(opening, held, ignore, first_free), np.array(world.scene.robot.home)
+    inside, driven, shift = (world, world, np.zeros((0, 2))) if drive is None else (*drive.worlds, _rows(drive.shift))
+    by_gripper = gripper_hits(inside, gripper_poses, opening, held=held, ignore=ignore)
+    if drive is not None:
+        backed_off = gripper_poses.copy()
+        backed_off[:, :2] += shift
+        by_gripper |= gripper_hits(driven, backed_off, opening, held=held, ignore=ignore) | drive.before
+    query, home = inside.query(opening, held, ignore, first_free), np.array(world.scene.robot.home)
+    on_drive = driven.query(opening, held, ignore, first_free)
     # Those whose gripper hits fewest objects come first: what they find rules out most of the others.
-    by_hits = np.argsort(np.bitwise_count(known & ~np.uint64(FIXED_BITS)), kind="stable")
+    by_hits = np.argsort(np.bitwise_count(by_gripper & ~np.uint64(FIXED_BITS)), kind="stable")
     order = np.arange(len(bases)) if first_free else by_hits
-    memory, (torsos, rolls, nearest_home) = make_memory(len(home)), grid
-    # On a drive the arm is in its final configuration from the start: that it fits at home does not matter.
-    scan(query, memory, home, bases, gripper_poses, known, order, torsos, rolls, nearest_home, not is_driven)
-    kept, count = memory.kept, int(memory.kept.size[0])
-    return ArmConfigurations(kept.q[:count], kept.pair[:count], kept.hits[:count], kept.quality[:count])
+    memory, (torsos, rolls, nearest_home) = make_memory(len(home), known), grid
+    scan(query, on_drive, shift, memory, home, bases, gripper_poses, by_gripper, order, torsos, rolls, nearest_home)
+    kept, rows = memory.kept, np.flatnonzero(memory.kept.pair[: memory.kept.size[0]] >= 0)
+    return ArmConfigurations(kept.q[rows], kept.pair[rows], kept.hits[rows], kept.quality[rows])
 
 
 def gripper_rotation(yaw: float, pitch: float) -> Array:
@@ -253,25 +285,8 @@ def gripper_arrays(robot: RobotSpec) -> RobotArrays:
     return packed(gripper)
 
 
-def _fit_outside(
-    world: CollisionWorld, held: HeldObject, support: StaticObstacle, drive: Drive, bases: Array, gripper_poses: Array
-) -> NDArray[np.bool_]:
-    """Whether the robot fits with what it holds where the drive to each of k pairs of poses begins: (k,)."""
-    starts, outside = gripper_poses[:, :2] + drive.offset, bases.copy()
-    outside[:, :2] += drive.offset + np.outer(distances_out(support, starts, drive.direction), drive.direction)
+def _fit_outside(world: CollisionWorld, held: HeldObject, bases: Array) -> NDArray[np.bool_]:
+    """Whether the robot fits with what it holds, carried or at home, where drives begin, at base poses (k, 3): (k,)."""
     ways = np.array([world.scene.state.q, world.scene.robot.home])
-    fixed = [world.hits_many(base, ways, 0.0, held) & np.uint64(FIXED_BITS) for base in outside]
+    fixed = [world.hits_many(base, ways, 0.0, held) & np.uint64(FIXED_BITS) for base in bases]
     return np.array([not hits.all() for hits in fixed], dtype=np.bool_)
-
-
-def _drives(support: StaticObstacle, poses: GripperPoses) -> Iterator[tuple[Drive, NDArray[np.int64]]]:
-    """The straight drives out after backing off, and the rows of the pairs of base and gripper pose for each."""
-    yaws, directions = poses.gripper_poses[:, 3], direction_out(support, poses.bases)
-    drives = np.column_stack((yaws, directions)).round(_SAME_DRIVE)
-    for same in np.unique(drives, axis=0):
-        rows = np.flatnonzero((drives == same).all(axis=1))
-        yaw, direction = yaws[rows[0]], directions[rows[0]]
-        offset = -BACK * np.array([np.cos(yaw), np.sin(yaw)])
-        starts = poses.gripper_poses[rows, :2] + offset
-        farthest = max(distances_out(support, starts, direction))
-        yield Drive(offset, direction, farthest, LEAST_LIFT), rows

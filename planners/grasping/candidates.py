@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 import operator
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import NamedTuple, TypeAlias
@@ -23,7 +23,13 @@ from assets.robots import RobotSpec
 from irm.chain import ArmChain
 from irm.kinematics import link_frames
 from planners.collision.world import CompiledScenes, objects_on
-from planners.grasping.arm_configurations import ArmConfigurations, ConfigurationGrid, GripperPoses, scan_configurations
+from planners.grasping.arm_configurations import (
+    ArmConfigurations,
+    ConfigurationGrid,
+    GripperPoses,
+    hits_of,
+    scan_configurations,
+)
 from planners.grasping.base_placement import STRAIGHT, TURNED, Placer, facing_bases, farthest_reach
 from planners.grasping.families import SIDE, Family, families_for
 from planners.grasping.grasp_poses import GraspPose, generate_grasps
@@ -47,6 +53,7 @@ _YAW_COST, _TORSO_COST = 0.5, 3.0
 """Cost of a radian of the base's yaw and of a metre of the torso from home; one of the pan and the rolls is 1."""
 _ACROSS = 0.7
 """Cosine of the angle between a joint's axis and the robot's y axis from which on it bends the arm in its plane."""
+_ALL = (1 << 64) - 1
 _DECIMALS = 6
 """Of a canonical quality: differences by rounding decide nothing."""
 
@@ -124,6 +131,15 @@ class _Known(NamedTuple):
     unseen: tuple[_Stage, ...]  # not looked at yet
     tried: frozenset[tuple[bytes, float, float]] = frozenset()  # found worse than expected by motion planning
     refills: int = 0  # how often grasps were looked for again without these
+    scene: Scene | None = None  # in which the blockers are those
+
+
+_Key: TypeAlias = tuple[str, str, bytes]
+
+
+def _key(scene: Scene, name: str) -> _Key:
+    """Identifies the grasps of an object where it stands, through the active arm."""
+    return scene.robot.arm_name, name, scene.body(name).pose.tobytes()
 
 
 @dataclass
@@ -144,6 +160,8 @@ class GraspCandidates:
         canonical: whether canonical grasps come first, for robots that act with one arm.
         near_home: only the configuration nearest to home, for end-effector-controlled robots.
         compiled: the compiled scenes, shared with the other users in one solve.
+        remembers: whether grasps are kept when other objects have moved: only what these hit is looked at again. Where
+            that leaves no free one, and one might be free that was left out as it hit more, grasps are looked for anew.
     """
 
     arms: Mapping[str, Placer]
@@ -151,9 +169,10 @@ class GraspCandidates:
     canonical: bool = False
     near_home: bool = False
     compiled: CompiledScenes = field(default_factory=CompiledScenes)
+    remembers: bool = False
     _scene: Scene | None = None
     _views: dict[str, Scene] = field(default_factory=dict)
-    _known: dict[tuple[str, str], _Known] = field(default_factory=dict)
+    _known: dict[_Key, _Known] = field(default_factory=dict)
     _merged: dict[str, tuple[_Grasps, list[_Grasps]]] = field(default_factory=dict)
 
     def for_object(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
@@ -174,7 +193,7 @@ class GraspCandidates:
         """Grasps of that object of all families, best first: others may fit the place where it is to be put."""
         self.for_object(scene, name)
         for view in self._views_of(scene).values():
-            key, body = (view.robot.arm_name, name), view.body(name)
+            key, body = _key(view, name), view.body(name)
             known = self._known[key]
             for stage in known.unseen:
                 known = known._replace(candidates=best_first((*known.candidates, *self._of_stage(view, body, stage))))
@@ -197,9 +216,9 @@ class GraspCandidates:
                     break
         return best_first(found)
 
-    def blank_copy(self) -> GraspCandidates:
+    def blank_copy(self, remembers: bool = False) -> GraspCandidates:
         """The same arms and grasp set, with nothing known of any scene."""
-        return GraspCandidates(self.arms, self.families, self.canonical, self.near_home, self.compiled)
+        return replace(self, remembers=remembers, _scene=None, _views={}, _known={}, _merged={})
 
     def ban(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Remove that grasp until the scene changes."""
@@ -216,26 +235,56 @@ class GraspCandidates:
     def _views_of(self, scene: Scene) -> dict[str, Scene]:
         """The scene with each arm active; what is known of other arrangements of objects is forgotten."""
         if self._scene is not scene:
-            if self._scene is None or not _have_same_poses(self._scene, scene):
-                self._known, self._merged = {}, {}
+            if self._scene is None or _moved(self._scene, scene):
+                self._known, self._merged = self._known if self.remembers else {}, {}
             self._scene, self._views = scene, {arm: scene.using(arm) for arm in self.arms}
         return self._views
 
     def _through_arm(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
         """Grasps of that object with the active arm of a scene."""
-        key, body = (scene.robot.arm_name, name), scene.body(name)
+        key, body = _key(scene, name), scene.body(name)
         known = self._known.get(key)
+        if known is not None and self.remembers and known.scene is not scene:
+            known = self._known[key] = self._as_in(scene, body, known)
         if known is None:
-            known = self._known[key] = _Known((), self._stages(body))
+            known = self._known[key] = _Known((), self._stages(body), scene=scene)
         while known.unseen and not any(grasp.blockers == 0 for grasp in known.candidates):
-            found = self._of_stage(scene, body, known.unseen[0])
+            found = self._of_stage(scene, body, known.unseen[0], known.candidates)
             known = known._replace(candidates=best_first((*known.candidates, *found)), unseen=known.unseen[1:])
             self._known[key] = known
         return known.candidates
 
+    def hits_among(self, scene: Scene, name: str, grasps: Sequence[GraspCandidate], among: int) -> NDArray[np.uint64]:
+        """What grasps of an object where it stands hit among the objects of a mask: masks (k,)."""
+        world, body, hits = self.compiled.world(scene), scene.body(name), np.zeros(len(grasps), np.uint64)
+        for opening in {grasp.opening for grasp in grasps}:
+            rows = [row for row, grasp in enumerate(grasps) if grasp.opening == opening]
+            some = [grasps[row] for row in rows]
+            poses = np.array([(*body.position, grasp.yaw, grasp.pitch) for grasp in some])
+            pairs, Q = GripperPoses(np.array([one.base for one in some]), poses), np.array([one.q for one in some])
+            hits[rows] = hits_of(world, pairs, Q, opening, body, _ALL & ~among)
+        return hits
+
+    def _as_in(self, scene: Scene, body: Body, known: _Known) -> _Known:
+        """What is known of an object's grasps, with what is in their way in another scene."""
+        assert known.scene is not None
+        moved = _moved(known.scene, scene)
+        if not moved:
+            return known._replace(scene=scene)
+        before, on_it = known.candidates, objects_on(self.compiled.world(scene), body.name) & moved
+        hits = self.hits_among(scene, body.name, before, moved & ~scene.mask({body.name, *scene.held_names}))
+        masks = [grasp.blockers & ~moved | on_it | int(mask) for grasp, mask in zip(before, hits, strict=True)]
+        if 0 not in masks and any(not grasp.blockers & ~moved for grasp in before):
+            return _Known((), self._stages(body), scene=scene)
+        now = (
+            grasp if mask == grasp.blockers else replace(grasp, blockers=mask)
+            for grasp, mask in zip(before, masks, strict=True)
+        )
+        return known._replace(candidates=best_first(now), scene=scene)
+
     def _keep(self, scene: Scene, grasp: GraspCandidate, candidates: Sequence[GraspCandidate]) -> None:
         """Remember the grasps that are left without one as it was; others, where it was the last that hits the same."""
-        key = (grasp.arm, grasp.object)
+        key = _key(scene, grasp.object)
         known = self._known[key]
         known = known._replace(candidates=best_first(candidates), tried=known.tried | {grasp.pair})
         self._known[key] = known
@@ -252,30 +301,38 @@ class GraspCandidates:
         every_turn = (STRAIGHT, TURNED, _MAP) if self.canonical else (_MAP,)
         return tuple(_Stage(family, turns) for family in families_for(body, self.families) for turns in every_turn)
 
-    def _of_stage(self, scene: Scene, body: Body, stage: _Stage) -> list[GraspCandidate]:
+    def _of_stage(self, scene: Scene, body: Body, stage: _Stage, known: _Grasps = ()) -> list[GraspCandidate]:
+        """Grasps of one stage; under a shelf, where scans take long, none that hits more than a `known` one."""
         found: list[GraspCandidate] = []
         for wanted, opening in _wanted(scene, body, stage.family):
             if stage.turns:
                 poses = self._untried(scene, body, self._facing(scene, wanted, stage.turns))
                 found += self._scan(scene, body, poses, opening, about_home=True)
             else:
-                found += self._from_map(scene, body, wanted, opening)
+                found += self._from_map(scene, body, wanted, opening, known)
         if not self.canonical:
             return found
         worse, robot = _WORSE * self._stages(body).index(stage), scene.robot
         return [replace(grasp, quality=_canonical_quality(grasp.base, grasp.q, robot) - worse) for grasp in found]
 
-    def _from_map(self, scene: Scene, body: Body, wanted: Array, opening: float) -> list[GraspCandidate]:
+    def _from_map(
+        self, scene: Scene, body: Body, wanted: Array, opening: float, known: _Grasps
+    ) -> list[GraspCandidate]:
         """The grasps from base poses of the reachability map."""
-        covered, placer, before = is_covered(scene, body.foot), self.arms[scene.robot.arm_name], -1
+        covered, placer = is_covered(scene, body.foot), self.arms[scene.robot.arm_name]
         candidates: list[GraspCandidate] = []
+        before = GripperPoses(np.zeros((0, 3)), np.zeros((0, 5)))
         for most in _BASES:
             bases, index = placer.bases(wanted, most)
-            if len(bases) == before:
+            if len(bases) == len(before.bases):
                 break  # there are no more
-            before = len(bases)
             poses = self._untried(scene, body, GripperPoses(bases, wanted[index]))
-            candidates = self._scan(scene, body, poses, opening)
+            if covered:
+                masks = {grasp.blockers for grasp in (*known, *candidates)}
+                candidates += self._scan(scene, body, _not_among(poses, before), opening, known=masks)
+            else:
+                candidates = self._scan(scene, body, poses, opening)
+            before = poses
             if any(not (covered and grasp.blockers) for grasp in candidates):
                 break
         return candidates
@@ -287,7 +344,7 @@ class GraspCandidates:
 
     def _untried(self, scene: Scene, body: Body, poses: GripperPoses) -> GripperPoses:
         """The pairs of base pose and gripper pose at which no grasp of the object was refuted."""
-        tried = self._known[scene.robot.arm_name, body.name].tried
+        tried = self._known[_key(scene, body.name)].tried
         if not tried:
             return poses
         pairs = zip(poses.bases, *poses.gripper_poses.T[3:].tolist(), strict=True)
@@ -295,7 +352,13 @@ class GraspCandidates:
         return GripperPoses(poses.bases[rows], poses.gripper_poses[rows])
 
     def _scan(
-        self, scene: Scene, body: Body, poses: GripperPoses, opening: float, about_home: bool = False
+        self,
+        scene: Scene,
+        body: Body,
+        poses: GripperPoses,
+        opening: float,
+        about_home: bool = False,
+        known: Collection[int] = (),
     ) -> list[GraspCandidate]:
         """The grasps from these base poses; under a shelf those to which the base drives with the arm rigid."""
         world, arm = self.compiled.world(scene), scene.robot.arm_name
@@ -305,7 +368,7 @@ class GraspCandidates:
         else:
             grid = ConfigurationGrid.near_home(chain) if self.near_home else ConfigurationGrid.over(chain)
         ignore = scene.mask({body.name, *scene.held_names})
-        found = scan_configurations(world, poses, grid, opening, body=body, ignore=ignore)
+        found = scan_configurations(world, poses, grid, opening, body=body, ignore=ignore, known=known)
         found = found._replace(hits=found.hits | np.uint64(objects_on(world, body.name)))
         return as_candidates(body.name, poses, opening, found, arm, needs_drive(scene, body.foot))
 
@@ -319,6 +382,13 @@ def _wanted(scene: Scene, body: Body, family: Family) -> list[tuple[Array, float
     for grasp in generate_grasps(body, scene.robot, (family,)):
         groups.setdefault(math.ceil(grasp.opening / _OPENINGS) if body.shape == "pieces" else 0, []).append(grasp)
     return [(gripper_poses(group), max(grasp.opening for grasp in group)) for group in groups.values()]
+
+
+def _not_among(poses: GripperPoses, others: GripperPoses) -> GripperPoses:
+    """The pairs of poses that are not among others."""
+    seen = {pair.tobytes() for pair in np.hstack(others)}
+    rows = [pair.tobytes() not in seen for pair in np.hstack(poses)]
+    return GripperPoses(poses.bases[rows], poses.gripper_poses[rows])
 
 
 def _canonical_quality(base: Array, q: Array, robot: RobotSpec) -> float:
@@ -343,12 +413,15 @@ def best_first(candidates: Iterable[GraspCandidate]) -> tuple[GraspCandidate, ..
     return tuple(sorted(candidates, key=lambda grasp: (grasp.blockers.bit_count(), -grasp.quality)))
 
 
-def _have_same_poses(one: Scene, other: Scene) -> bool:
-    """Whether the objects have the same poses, and the same one is held; the robot's state does not matter."""
+def _moved(one: Scene, other: Scene) -> int:
+    """Mask of the objects that do not have the same poses, or are held in one scene alone; the robot does not matter.
 
-    if set(one.held_names) != set(other.held_names) or len(one.objects) != len(other.objects):
-        return False
-    return all(
-        a is b or (a.name == b.name and np.array_equal((*a.position, *a.quaternion), (*b.position, *b.quaternion)))
-        for a, b in zip(one.objects, other.objects, strict=True)
-    )
+    All, where the scenes do not have the same objects.
+    """
+    if one.names != other.names:
+        return (1 << max(len(one.names), len(other.names))) - 1
+    mask = one.mask(one.held_names) ^ other.mask(other.held_names)
+    for index, (a, b) in enumerate(zip(one.objects, other.objects, strict=True)):
+        if a is not b and not np.array_equal((*a.position, *a.quaternion), (*b.position, *b.quaternion)):
+            mask |= 1 << index
+    return mask

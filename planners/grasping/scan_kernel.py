@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
@@ -84,11 +85,20 @@ class Memory(NamedTuple):
     e: Array
 
 
-def make_memory(joints: int) -> Memory:
-    """Memory for one scan of configurations of so many joints, with nothing found yet."""
+def make_memory(joints: int, known: Collection[int] = ()) -> Memory:
+    """Memory for one scan of configurations of so many joints, with nothing found yet but some `known` masks.
+
+    These are rows without a pair, -1, of a quality that any other exceeds.
+    """
     n, rows = joints, int(CAPACITY)
-    size = np.zeros(1, np.int64)
-    kept = Kept(np.empty((rows, n)), np.empty(rows, np.int64), np.empty(rows, np.uint64), np.empty(rows), size)
+    masks = sorted(set(known), key=int.bit_count)[:rows]
+    kept = Kept(
+        np.empty((rows, n)),
+        np.full(rows, -1, np.int64),
+        np.array([*masks, *[0] * (rows - len(masks))], np.uint64),
+        np.full(rows, -np.inf),
+        np.array([len(masks)], np.int64),
+    )
     R, p, J = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n - 1))
     return Memory(kept, np.empty((MAX_SOLUTIONS, n)), np.empty(n), R, p, J, np.empty((6, 6)), np.empty(6), np.empty(6))
 
@@ -207,13 +217,50 @@ def _insert(kept: Kept, q: Array, pair: int, hits: np.uint64, quality: float) ->
     kept.pair[place], kept.hits[place], kept.quality[place] = pair, hits, quality
 
 
+@leaf_kernel
+def _hits(
+    query: CollisionQuery, driven: CollisionQuery, active: np.uint64, base: Array, q: Array, out: Array
+) -> np.uint64:
+    """What a configuration hits at a base pose, and on the drive that begins at another one, `out`; (0,) for none."""
+    hits = _NONE
+    if out.shape[0] > 0:
+        hits = configuration_hits(driven, active, out, q)
+        if hits & _FIXED != _NONE or (query.first_only and hits != _NONE):
+            return np.uint64(hits)
+    return np.uint64(hits | configuration_hits(query, active & ~hits, base, q))
+
+
+@njit(cache=True)
+def many_configuration_hits(
+    query: CollisionQuery, driven: CollisionQuery, shift: Array, bases: Array, Q: Array
+) -> NDArray[np.uint64]:
+    """What configurations (k, n) hit, each at its base pose (k, 3); `driven` and `shift` as for `scan`."""
+    hits, drives = np.empty(Q.shape[0], np.uint64), shift.shape[0] > 0
+    out = np.empty(3 if drives else 0)
+    for k in range(Q.shape[0]):
+        if drives:
+            out[0], out[1], out[2] = bases[k, 0] + shift[k, 0], bases[k, 1] + shift[k, 1], bases[k, 2]
+        hits[k] = _hits(query, driven, query.active, bases[k], Q[k], out)
+    return hits
+
+
 @njit(cache=True)
 def _consider(
-    query: CollisionQuery, memory: Memory, by_gripper: np.uint64, base: Array, q: Array, pair: int, home: Array
+    query: CollisionQuery,
+    driven: CollisionQuery,
+    memory: Memory,
+    by_gripper: np.uint64,
+    base: Array,
+    out: Array,
+    q: Array,
+    pair: int,
+    home: Array,
 ) -> None:
     """Keep a configuration if no kept one dominates it. What the gripper hits is known and not checked again."""
-    unknown = query.active & ~by_gripper & ~_SELF
-    hits = configuration_hits(query, unknown, base, q) | by_gripper
+    # Most configurations hit something static, which is soon found out.
+    if configuration_hits(query, query.active & _STATIC, base, q) != _NONE:
+        return
+    hits = _hits(query, driven, query.active & ~by_gripper & ~_SELF, base, q, out) | by_gripper
     if hits & _FIXED != _NONE or (query.first_only and hits != _NONE):
         return
     if _is_dominated(memory.kept, hits, CAPACITY):
@@ -249,9 +296,11 @@ def _pose_in_base(gripper_pose: Array, base: Array, R: Array, p: Array) -> None:
 @njit(cache=True)
 def _scan_pair(
     query: CollisionQuery,
+    driven: CollisionQuery,
     memory: Memory,
     by_gripper: np.uint64,
     base: Array,
+    out: Array,
     pair: int,
     R: Array,
     p: Array,
@@ -271,20 +320,21 @@ def _scan_pair(
             for k in range(_unwrapped(found, solutions, home, robot)):
                 q = found[k]
                 if not nearest_home:
-                    _consider(query, memory, by_gripper, base, q, pair, home)
+                    _consider(query, driven, memory, by_gripper, base, out, q, pair, home)
                     continue
                 travel = _travel(q, home)
-                fixed = query.active & _FIXED
-                if travel < least and configuration_hits(query, fixed, base, q) == _NONE:
+                if travel < least and _hits(query, driven, query.active & _FIXED, base, q, out) == _NONE:
                     least = travel
                     copy_row(q, nearest)
     if least < np.inf:
-        _consider(query, memory, by_gripper, base, nearest, pair, home)
+        _consider(query, driven, memory, by_gripper, base, out, nearest, pair, home)
 
 
 @njit(cache=True)
 def scan(
     query: CollisionQuery,
+    driven: CollisionQuery,
+    shift: Array,
     memory: Memory,
     home: Array,
     bases: Array,
@@ -294,24 +344,27 @@ def scan(
     torsos: Array,
     rolls: Array,
     nearest_home: bool,
-    needs_home: bool,
 ) -> None:
     """The loop of `scan_configurations` over pairs of gripper pose and base pose, in an `order` (k,).
 
-    With `needs_home` a base pose counts only if the robot in its `home` (n,) configuration hits nothing static there.
+    `shift` (k, 2) [m] leads from each base pose to where a drive begins, on which `driven` checks what the rigid robot
+    hits; (0, 2) for none. Without a drive a base pose counts only if the robot in its `home` (n,) configuration hits
+    nothing static there; on a drive the arm is in its final configuration from the start.
 
     `known` (k,) is what the gripper alone hits. With `query.first_only` the scan stops after the first pair for which
     some configuration hits nothing. What is found is in `memory.kept`.
     """
-    writes, first_free = pointer_to(memory), query.first_only
-    R, p = np.empty((3, 3)), np.empty(3)
+    writes, first_free, drives = pointer_to(memory), query.first_only, shift.shape[0] > 0
+    R, p, out = np.empty((3, 3)), np.empty(3), np.empty(3 if drives else 0)
     for pair in order:
         by_gripper, base = known[pair], bases[pair]
         if by_gripper & _FIXED != _NONE or (first_free and by_gripper != _NONE):
             continue
-        if needs_home and configuration_hits(query, query.active & _STATIC, base, home) != _NONE:
+        if drives:
+            out[0], out[1], out[2] = base[0] + shift[pair, 0], base[1] + shift[pair, 1], base[2]
+        elif configuration_hits(query, query.active & _STATIC, base, home) != _NONE:
             continue
         _pose_in_base(gripper_poses[pair], base, R, p)
-        _scan_pair(query, writes, by_gripper, base, pair, R, p, home, torsos, rolls, nearest_home)
+        _scan_pair(query, driven, writes, by_gripper, base, out, pair, R, p, home, torsos, rolls, nearest_home)
         if first_free and memory.kept.size[0] > 0:
             break

@@ -214,13 +214,16 @@ class PlacementSearch:
         """Supports, those where objects are put aside unless others are named, as the held object may use them."""
         _, body = in_hand(world.scene)
         height, supports = body.top - body.bottom + 2 * _GAP, supports or self.supports_in(world.scene)
-        for grasp in keep_clear.grasps:
-            if grasp.key not in self._volumes:  # the other objects of the world do not matter
-                self._volumes[grasp.key] = grasp_volume(world, grasp, self.approach(world, grasp))
-        target = SweptVolume() if keep_clear.target is None else self._volumes[keep_clear.target.key]
-        obstacles = [self._volumes[grasp.key] for grasp in keep_clear.obstacles]
+        target = SweptVolume() if keep_clear.target is None else self.volume(world, keep_clear.target)
+        obstacles = [self.volume(world, grasp) for grasp in keep_clear.obstacles]
         reserved = keep_clear.reserved
         return tuple(Surface.of(world.scene, one, body, height, target, obstacles, reserved) for one in supports)
+
+    def volume(self, world: CollisionWorld, grasp: GraspCandidate) -> SweptVolume:
+        """What a grasp sweeps; remembered, as the other objects of the world do not matter."""
+        if grasp.key not in self._volumes:
+            self._volumes[grasp.key] = grasp_volume(world, grasp, self.approach(world, grasp))
+        return self._volumes[grasp.key]
 
     def approach(self, world: CollisionWorld, grasp: GraspCandidate) -> tuple[ContactQuery, Approach] | None:
         """How the gripper comes to a grasp and leaves it, as `planned_approach`: other objects do not count.

@@ -3,8 +3,7 @@
 from planners.scene.bodies import AsideObject, Body, HeldObject, ParkedArm, RobotState, UnknownObject
 from planners.scene.masks import MAX_OBJECTS, SELF_BIT, STATIC_BIT
 from planners.scene.scene import SUPPORT, Scene
-from planners.scene.solid import SceneError, Solid
-from planners.scene.static_obstacle import FLOOR, StaticObstacle
+from planners.scene.solid import FLOOR, SceneError, Solid, StaticObstacle
 
 __all__ = [
     "FLOOR",

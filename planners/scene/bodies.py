@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull
 
-from planners.scene.solid import SceneError, Solid, frozen
+from planners.scene.solid import BOX_CORNERS, SceneError, Solid, frozen
 
 UPRIGHT_TILT = 0.17
 """[rad] An object tilted by less still counts as standing."""
@@ -29,6 +29,8 @@ _ON_FACE = 0.002
 """[m] that the centre of mass must be inside the edges of a face on which an object of several pieces rests."""
 _SAME_FACE = 0.02
 """[rad] Faces of a hull at a smaller angle count as one."""
+_FACES = np.array([(0, 0, 1), (0, 0, -1), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)], dtype=float)
+"""Directions out of the faces of a box, those of its z axis first; the first two are the ends of a cylinder."""
 _DIGITS = 3
 """Pitches are rounded to so many decimals [rad]: what remains is closed by the gap under the object."""
 
@@ -145,6 +147,13 @@ class Body:
         points = self.corners[:, :2]
         return np.asarray(points[ConvexHull(points).vertices])
 
+    @property
+    def resting_directions(self) -> Array:
+        """(k, 3) in its own frame: what may point up when it rests on a level plane; of a cylinder, standing."""
+        if self.shape == "pieces":
+            return _resting_directions(self.pieces, self.centre_of_mass or (0.0, 0.0, 0.0))
+        return _FACES if self.shape == "box" else _FACES[:2]
+
     def reach(self, direction: ArrayLike) -> float:
         """[m] from the centre to the farthest plane perpendicular to a world `direction` (3,) of unit length, that way.
 
@@ -196,8 +205,7 @@ class Body:
             return float(lying * half + standing * radius)
         if self.shape == "pieces":
             return float(np.linalg.norm(self.corners[:, :2] - self.position[:2], axis=1).max())
-        signs = np.array([(a, b, c) for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)], dtype=float)
-        corners = (signs * self.half_extents) @ self.rotation.T
+        corners = (BOX_CORNERS * self.half_extents) @ self.rotation.T
         return float(np.hypot(corners[:, 0], corners[:, 1]).max())
 
     @property
@@ -291,15 +299,12 @@ class ParkedArm:
 
 def up_axis(body: Body) -> Array:
     """The direction (3,) in the world, fixed to the object, that points up once it rests as it lies or stands now."""
-    z_axis, up = body.rotation[:, 2], np.array((0.0, 0.0, 1.0))
-    if body.shape == "pieces":
-        ups = _resting_directions(body) @ body.rotation.T
-        return np.asarray(ups[ups[:, 2].argmax()])
+    z_axis = body.rotation[:, 2]
     if body.shape == "cylinder" and abs(z_axis[2]) < math.sqrt(0.5):
-        level = up - z_axis[2] * z_axis
+        level = np.array((0.0, 0.0, 1.0)) - z_axis[2] * z_axis
         return np.asarray(level / np.linalg.norm(level))
-    axis = 2 if body.shape == "cylinder" else int(np.abs(body.rotation[2]).argmax())
-    return np.asarray(body.rotation[:, axis] * np.sign(body.rotation[2, axis]))
+    ups = body.resting_directions @ body.rotation.T
+    return np.asarray(ups[ups[:, 2].argmax()])
 
 
 def resting_ways(body: Body) -> tuple[Body, ...]:
@@ -309,11 +314,9 @@ def resting_ways(body: Body) -> tuple[Body, ...]:
     """
     if body.is_upright:
         return (body,)
-    x, y, z = np.eye(3)
-    if body.shape == "pieces":
-        ups = _resting_directions(body)
-    else:
-        ups = np.array([z, -z, *([up_axis(body) @ body.rotation] if body.shape == "cylinder" else [x, -x, y, -y])])
+    ups = body.resting_directions
+    if body.shape == "cylinder":
+        ups = np.vstack((ups, up_axis(body) @ body.rotation))
     return tuple(body.at_pose(with_up(body, up)) for up in ups @ body.rotation.T) or (body,)
 
 
@@ -349,14 +352,10 @@ def _resting_axes(body: Body, rotation: Array) -> Iterator[Array]:
 
     The object's own z axis comes before the others: it stands if it can.
     """
-    axes = [rotation[:, 2], -rotation[:, 2]]
-    if body.shape == "pieces":
-        axes = list(_resting_directions(body) @ rotation.T)
-    elif body.shape == "cylinder":
+    axes = [*(body.resting_directions @ rotation.T)]
+    if body.shape == "cylinder":
         lying = np.array((-rotation[2, 2], 0.0, rotation[0, 2]))
         axes += [lying, -lying]
-    else:
-        axes += [rotation[:, 0], -rotation[:, 0], rotation[:, 1], -rotation[:, 1]]
     for axis in axes:
         if abs(axis[1]) < math.sin(UPRIGHT_TILT) and math.hypot(axis[0], axis[2]) > math.sin(UPRIGHT_TILT):
             yield axis
@@ -381,18 +380,16 @@ def _between_pads(intervals: Array) -> float:
     return 2.0 * max((float(np.abs(one).max()) for one in around), default=0.0)
 
 
-def _resting_directions(body: Body) -> Array:
-    """Directions (k, 3), in the frame of an object, that may point up when it rests on a level plane.
-
-    The object's own z axis comes first if it stands on its bottom, then those of the largest faces of its hull.
-    """
-    return _resting_on_hull(body.pieces, body.centre_of_mass or (0.0, 0.0, 0.0))
-
-
 @lru_cache(maxsize=256)
-def _resting_on_hull(pieces: tuple[Solid, ...], middle: tuple[float, ...]) -> Array:
+def _resting_directions(pieces: tuple[Solid, ...], middle: tuple[float, ...]) -> Array:
+    """Directions (k, 3), in the frame of pieces, that may point up when they rest on a level plane.
+
+    The z axis comes first if they stand on their bottom, then those of the largest faces of the hull.
+    """
     hull = ConvexHull(np.concatenate([piece.corners for piece in pieces]))
-    normals, areas = hull.equations[:, :3], _triangle_areas(hull.points[hull.simplices])
+    normals, corners = hull.equations[:, :3], hull.points[hull.simplices]
+    sides = corners[:, 1:] - corners[:, :1]
+    areas = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / 2
     found: list[tuple[float, Array]] = []
     for normal in normals:
         is_same = normals @ normal > math.cos(_SAME_FACE)
@@ -405,9 +402,3 @@ def _resting_on_hull(pieces: tuple[Solid, ...], middle: tuple[float, ...]) -> Ar
             found.append((float(areas[is_same].sum()), -normal))
     found.sort(key=lambda one: (one[1][2] < math.cos(UPRIGHT_TILT), -round(one[0], 9)))
     return np.array([up for _, up in found]).reshape(-1, 3)
-
-
-def _triangle_areas(corners: Array) -> Array:
-    """[m²] of triangles (n, 3, 3)."""
-    one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    return np.asarray(np.linalg.norm(np.cross(one, other), axis=1) / 2)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from planners.scene.bodies import Body
 from planners.scene.scene import Scene
-from planners.scene.static_obstacle import StaticObstacle
+from planners.scene.solid import StaticObstacle
 
 Array = NDArray[np.float64]
 
@@ -91,13 +91,17 @@ def distances_out(support: StaticObstacle, tcps: Iterable[Array], direction: Arr
     return [max(edge + DRIVE_CLEARANCE - float(direction @ tcp), 0.0) for tcp in tcps]
 
 
-def objects_before(scene: Scene, body: Body, direction: Array) -> int:
-    """Mask of the objects that an object touches when it is moved along `direction` (2,) from where it stands."""
+def objects_before(scene: Scene, body: Body, shifts: Array, direction: Array) -> NDArray[np.uint64]:
+    """What an object touches when it is moved along `direction` (2,), shifted by (k, 2) [m] before: masks (k,)."""
     across = np.array([-direction[1], direction[0], 0.0])
-    half, mask = body.half_extent_along(across) + HELD_GAP, 0
+    half, starts, masks = (
+        body.half_extent_along(across) + HELD_GAP,
+        body.position[:2] + shifts,
+        np.zeros(len(shifts), np.uint64),
+    )
     for index, other in enumerate(scene.objects):
-        away = other.position - body.position
-        is_ahead = away[:2] @ direction > 0.0 and other.bottom < body.top and body.bottom < other.top
-        if is_ahead and abs(away @ across) < half + other.half_extent_along(across):
-            mask |= 1 << index
-    return mask
+        if other.bottom < body.top and body.bottom < other.top:
+            away, apart = other.position[:2] - starts, half + other.half_extent_along(across)
+            touched = (away @ direction > 0.0) & (np.abs(away @ across[:2]) < apart)
+            masks |= touched.astype(np.uint64) << np.uint64(index)
+    return masks

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from planners.scene.bodies import Body, RobotState, Shape, pose_matrix
-from planners.scene.solid import SceneError, Solid
-from planners.scene.static_obstacle import FLOOR, StaticObstacle
+from planners.scene.solid import FLOOR, SceneError, Solid, StaticObstacle
 
 Array: TypeAlias = NDArray[np.float64]
 SolidT = TypeVar("SolidT", bound=Solid)
@@ -51,11 +50,7 @@ def can_touch(model: mujoco.MjModel) -> NDArray[np.bool_]:
 
 
 def robot_bodies(model: mujoco.MjModel, robot: RobotSpec) -> frozenset[int]:
-    """Ids of the base body and all that is attached to it.
-
-    Raises:
-        SceneError: the model lacks a body, joint or site that the robot's specification names.
-    """
+    """Ids of the base body and all that is attached to it; raises `SceneError` where the model lacks parts of it."""
     kinds = {
         mujoco.mjtObj.mjOBJ_BODY: (robot.base_body,),
         mujoco.mjtObj.mjOBJ_JOINT: (*robot.drive_joints, *robot.finger_joints),
@@ -92,25 +87,18 @@ class RobotJoints:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec) -> RobotJoints:
-        """Look them up.
-
-        Raises:
-            SceneError: the base is attached to something that moves, or does not stand upright on the ground z = 0.
-        """
+        """Look them up; raises `SceneError` unless the base stands upright on the ground, on nothing that moves."""
         columns = np.array([model.joint(name).qposadr[0] for name in robot.drive_joints])
         body = model.body(robot.base_body).id
         parent = int(model.body_parentid[body])
         if int(model.body_weldid[parent]) != 0:
-            raise SceneError(
-                f"the base of robot {robot.name!r} is attached to the moving body {model.body(parent).name!r}"
-            )
+            moving = model.body(parent).name
+            raise SceneError(f"the base of robot {robot.name!r} is attached to the moving body {moving!r}")
         frame, local = data.xmat[parent].reshape(3, 3), np.empty(9)
         mujoco.mju_quat2Mat(local, model.body_quat[body])
         position, rotation = data.xpos[parent] + frame @ model.body_pos[body], frame @ local.reshape(3, 3)
         if abs(position[2]) > _ON_THE_FLOOR or 1 - rotation[2, 2] > _ON_THE_FLOOR:
-            raise SceneError(
-                f"the base of robot {robot.name!r} must stand upright on the ground z = 0, not at {position}"
-            )
+            raise SceneError(f"the base of {robot.name!r} must stand upright on the ground z = 0, not at {position}")
         reference = model.qpos0[columns[:3]]
         yaw = np.arctan2(rotation[1, 0], rotation[0, 0]) - reference[2]
         return cls(columns, np.append(position[:2] - rotation[:2, :2] @ reference[:2], yaw))
@@ -134,8 +122,8 @@ class RobotJoints:
 def robot_state_of(model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec) -> RobotState:
     """Where its base, joints and fingers are."""
     drive = RobotJoints.of(model, data, robot).read(data)
-    fingers = np.array([data.qpos[model.joint(name).qposadr[0]] for name in robot.finger_joints])
-    return RobotState(drive[:3], drive[3:], float(fingers.mean()))
+    fingers = [data.joint(name).qpos[0] for name in robot.finger_joints]
+    return RobotState(drive[:3], drive[3:], float(np.mean(fingers)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,41 +133,31 @@ class MovableBodies:
     Attributes:
         names: of the n bodies.
         bodies: (n,) their ids.
-        objects: (n,) the same as the planner has them, at the origin of the world.
+        objects: (n,) the same as the planner has them, in the frames of the bodies.
         addresses: (n, 7) of the poses of the bodies in `qpos`.
-        offsets: (n, 3) [m] centre of the object in the body's frame; `turns` (n, 4) its quaternion there, wxyz.
     """
 
     names: tuple[str, ...]
     bodies: NDArray[np.int64]
     objects: tuple[Body, ...]
     addresses: NDArray[np.int64]
-    offsets: Array
-    turns: Array
 
     @classmethod
     def of(cls, model: mujoco.MjModel, robot: RobotSpec, movable: Movable = is_object_name) -> MovableBodies:
-        """Look them up.
-
-        Raises:
-            SceneError: a name that is no free body, or a body with further joints, without a geom that can touch, or
-                with one that cannot be represented.
-        """
+        """Look them up; raises `SceneError` for a name that is no free body, or a body that cannot be represented."""
         bodies = _movable_ids(model, robot, movable)
         found = [_object(model, body) for body in bodies]
         return cls(
             names=tuple(body.name for body in found),
             bodies=np.array(bodies, dtype=np.int64),
-            objects=tuple(body.at(np.zeros(3), (1.0, 0.0, 0.0, 0.0)) for body in found),
+            objects=tuple(found),
             addresses=model.jnt_qposadr[model.body_jntadr[bodies]].reshape(-1, 1).astype(np.int64) + np.arange(7),
-            offsets=np.array([body.position for body in found]).reshape(-1, 3),
-            turns=np.array([body.quaternion for body in found]).reshape(-1, 4),
         )
 
     @cached_property
     def _are_centred(self) -> bool:
         """Whether all objects have the frames of their bodies."""
-        return not self.offsets.any() and bool((self.turns == (1.0, 0.0, 0.0, 0.0)).all())
+        return not any(one.position.any() or (one.quaternion != (1.0, 0.0, 0.0, 0.0)).any() for one in self.objects)
 
     def poses(self, data: mujoco.MjData) -> tuple[Array, Array]:
         """Centres (n, 3) [m] and quaternions (n, 4) wxyz of the objects.
@@ -190,10 +168,10 @@ class MovableBodies:
         if self._are_centred:
             return values[:, :3].copy(), values[:, 3:].copy()
         centres, quaternions, turned = values[:, :3].copy(), np.empty((len(values), 4)), np.empty(3)
-        for i, (offset, turn, quaternion) in enumerate(zip(self.offsets, self.turns, values[:, 3:], strict=True)):
-            mujoco.mju_rotVecQuat(turned, offset, quaternion)
+        for i, (one, quaternion) in enumerate(zip(self.objects, values[:, 3:], strict=True)):
+            mujoco.mju_rotVecQuat(turned, one.position, quaternion)
             centres[i] += turned
-            mujoco.mju_mulQuat(quaternions[i], quaternion, turn)
+            mujoco.mju_mulQuat(quaternions[i], quaternion, one.quaternion)
         return centres, quaternions
 
     def read(self, data: mujoco.MjData) -> tuple[Body, ...]:
@@ -203,9 +181,7 @@ class MovableBodies:
     def read_one(self, data: mujoco.MjData, index: int) -> Body:
         """One object where it was at the last step, as sites of the model are."""
         body = int(self.bodies[index])
-        T = pose_matrix(data.xpos[body], data.xmat[body])
-        own = self.objects[index].at(self.offsets[index], self.turns[index])
-        return own.at_pose(T @ own.pose)
+        return self.objects[index].at_pose(pose_matrix(data.xpos[body], data.xmat[body]) @ self.objects[index].pose)
 
 
 def _movable_ids(model: mujoco.MjModel, robot: RobotSpec, movable: Movable) -> list[int]:
@@ -275,19 +251,15 @@ def static_obstacles_of(
 ) -> tuple[FoundObstacle, ...]:
     """Every geom that is neither on the robot nor on a movable body, where it is now, with the name of its body.
 
-    Args:
-        model: horizontal planes at ground height or below are the ground and are left out, other planes become boxes.
-        data: after a step or `mj_forward`.
-        robot: which robot it is.
-        movable: ids of the movable bodies; what is attached to them goes with them.
-        is_obstacle: which geoms count; by default those that can touch something.
+    Horizontal planes at ground height or below are the ground and are left out, other planes become boxes. What is
+    attached to the movable bodies, given by their ids, goes with them. By default geoms count that can touch something.
 
     Raises:
         SceneError: a geom that cannot be represented, something deformable, or a geom on the robot that is not its own.
     """
     if model.nflex:
-        flexes = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_FLEX, i) or f"flex_{i}" for i in range(model.nflex)]
-        raise SceneError(f"deformable bodies cannot be represented: {', '.join(flexes)}")
+        names = [model.flex(i).name or f"flex_{i}" for i in range(model.nflex)]
+        raise SceneError(f"deformable bodies cannot be represented: {', '.join(names)}")
     on_robot, touches = robot_bodies(model, robot), can_touch(model)
     for touching in np.flatnonzero(touches):
         part = model.body(model.geom_bodyid[touching])
@@ -394,14 +366,13 @@ def find_supports(found: Sequence[FoundObstacle], wanted: Iterable[str]) -> tupl
     for name in wanted:
         tops = [one.obstacle for one in level if name == one.obstacle.name]
         tops = tops or [one.obstacle for one in level if name == one.body]
-        if not tops and name == FLOOR:
-            names.append(name)
-            continue
-        if not tops:
+        if tops:
+            sizes = [(top.top, float(np.prod(top.extent[:2])), top.name) for top in tops]
+            largest = max(area for _, area, _ in sizes)
+            name = max(one for one in sizes if one[1] >= largest / 2)[2]
+        elif name != FLOOR:
             both = (known for one in level for known in (one.obstacle.name, one.body) if known != "world")
             known = ", ".join(dict.fromkeys(both)) or "none"
             raise SceneError(f"no support {name!r}; geoms and bodies with a level top face: {known}")
-        areas = [float(np.prod(top.extent[:2])) for top in tops]
-        large = [(top.top, area, top.name) for top, area in zip(tops, areas, strict=True) if area >= max(areas) / 2]
-        names.append(max(large)[2])
+        names.append(name)
     return tuple(dict.fromkeys(names))

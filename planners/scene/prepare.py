@@ -72,7 +72,8 @@ def prepare(model: mujoco.MjModel, robot: RobotSpec) -> Prepared:
     """
     mended, changes = copy.copy(model), []
     on_robot = _robot_geoms(model, robot)
-    contype, conaffinity = (int(np.bitwise_or.reduce(bits[on_robot])) for bits in _bits(model))
+    contype = int(np.bitwise_or.reduce(model.geom_contype[on_robot]))
+    conaffinity = int(np.bitwise_or.reduce(model.geom_conaffinity[on_robot]))
     for geom in ghosts(model, robot):
         before = f"{model.geom_contype[geom]}/{model.geom_conaffinity[geom]}"
         body = int(model.geom_bodyid[geom])
@@ -121,30 +122,15 @@ def _full_grips(model: mujoco.MjModel, robot: RobotSpec) -> Iterator[tuple[int, 
 def ghosts(model: mujoco.MjModel, robot: RobotSpec, bodies: Collection[int] | None = None) -> tuple[int, ...]:
     """Ids of the geoms that can touch something, but no geom of the robot, which passes through them.
 
-    Args:
-        model: that contains the robot; its explicit contact pairs and exclusions are not looked at.
-        robot: which robot it is.
-        bodies: ids of the bodies that count; all by default, but for planes.
-
-    Raises:
-        SceneError: as for `prepare`.
+    Those of the bodies with these ids, or of all, but then no planes. Explicit contact pairs and exclusions are not
+    looked at. Errors are those of `prepare`.
     """
-    contype, conaffinity = _bits(model)
-    on_robot, of_robot = _robot_geoms(model, robot), robot_bodies(model, robot)
-    found = []
-    for geom in np.flatnonzero(can_touch(model)):
-        body = int(model.geom_bodyid[geom])
-        is_asked = int(model.geom_type[geom]) != _PLANE if bodies is None else body in bodies
-        if body in of_robot or not is_asked:
-            continue
-        meets = (contype[geom] & conaffinity[on_robot]) | (conaffinity[geom] & contype[on_robot])
-        if not meets.any():
-            found.append(int(geom))
-    return tuple(found)
-
-
-def _bits(model: mujoco.MjModel) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    return model.geom_contype, model.geom_conaffinity
+    contype, conaffinity, body = model.geom_contype, model.geom_conaffinity, model.geom_bodyid
+    is_asked = model.geom_type != _PLANE if bodies is None else np.isin(body, list(bodies))
+    others = is_asked & can_touch(model) & ~np.isin(body, list(robot_bodies(model, robot)))
+    on_robot = _robot_geoms(model, robot)
+    meets = (contype[:, None] & conaffinity[on_robot]) | (conaffinity[:, None] & contype[on_robot])
+    return tuple(int(geom) for geom in np.flatnonzero(others & ~meets.any(axis=1)))
 
 
 def _robot_geoms(model: mujoco.MjModel, robot: RobotSpec) -> NDArray[np.int64]:

@@ -34,8 +34,7 @@ from planners.scene.mujoco_reading import (
     robot_state_of,
     static_obstacles_of,
 )
-from planners.scene.solid import SceneError
-from planners.scene.static_obstacle import FLOOR, StaticObstacle
+from planners.scene.solid import FLOOR, SceneError, StaticObstacle
 
 SUPPORT = "table_top"
 """Name of the support in the scenes of this package."""
@@ -79,35 +78,27 @@ class Scene:
     regions: tuple[Region, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "objects", tuple(self.objects))
-        object.__setattr__(self, "static_obstacles", tuple(self.static_obstacles))
-        object.__setattr__(self, "supports", tuple(self.supports))
-        object.__setattr__(self, "regions", tuple(self.regions))
+        for name in ("objects", "static_obstacles", "supports", "regions"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
         if len(self.objects) > MAX_OBJECTS:
             raise SceneError(f"{len(self.objects)} objects; at most {MAX_OBJECTS} fit a mask")
         for kind in (self.names, tuple(obstacle.name for obstacle in self.static_obstacles), self.supports):
             if len(set(kind)) != len(kind):
                 raise SceneError(f"duplicate names among {', '.join(kind)}")
-        self._check_regions()
-        if self.held is not None:
-            self.index(self.held.name)
-            # Commanded to close completely, the fingers press on what is between them.
-            object.__setattr__(self, "state", replace(self.state, finger_position=0.0))
-        for one in self.aside:
-            self.index(one.held.name)
-
-    def _check_regions(self) -> None:
-        """Raise `SceneError` if a region has the name of something else, or lies on no support."""
         taken = {*self.names, *self.supports}
         for region in self.regions:
             if region.name in taken:
                 raise SceneError(f"region {region.name!r} has the name of another region, a support or an object")
             if region.support not in self.supports:
                 known = ", ".join(self.supports) or "none"
-                raise SceneError(
-                    f"region {region.name!r} is on {region.support!r}, which is no support; known: {known}"
-                )
+                raise SceneError(f"region {region.name!r} is on {region.support!r}, no support; known: {known}")
             taken.add(region.name)
+        if self.held is not None:
+            self.index(self.held.name)
+            # Commanded to close completely, the fingers press on what is between them.
+            object.__setattr__(self, "state", replace(self.state, finger_position=0.0))
+        for one in self.aside:
+            self.index(one.held.name)
 
     @cached_property
     def names(self) -> tuple[str, ...]:

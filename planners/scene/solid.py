@@ -1,4 +1,4 @@
-"""Convex solids: what static obstacles and objects of several pieces are made of. Immutable."""
+"""Convex solids: pieces of objects, and static obstacles, which nothing moves. Immutable."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from scipy.spatial import ConvexHull, QhullError
 Array = NDArray[np.float64]
 SolidShape = Literal["box", "cylinder", "capsule", "sphere", "ellipsoid", "hull"]
 
+FLOOR = "floor"
+"""Name of the floor as a support, which is no static obstacle: every scene has it."""
 _EQUAL_EXTENTS = {"cylinder": (0, 1), "capsule": (0, 1), "sphere": (0, 1, 2)}
 """Half extents that must be equal, since the solid is round about its z axis or about every axis."""
 _SAME = 1e-9
@@ -22,7 +24,7 @@ LEVEL = 1e-6
 """Rounding of the entries of a rotation matrix: an axis this near to the vertical is vertical."""
 _SIDES = 24
 """Sides of the polygon around a round solid: its corners are 0.9% of the radius away from a circle."""
-_CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+BOX_CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 _AROUND = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
 """Corners of a rectangle, counter-clockwise."""
 
@@ -173,7 +175,7 @@ class Solid:
         if self.shape == "box" and self.is_axis_aligned:
             return np.asarray(_AROUND * self.half_extents[:2] + self.position[:2])
         if self.shape in ("box", "hull"):
-            corners = _CORNERS * self.half_extents if self.shape == "box" else self.vertices
+            corners = BOX_CORNERS * self.half_extents if self.shape == "box" else self.vertices
             points = self.position[:2] + corners @ self.rotation[:2].T
             return np.asarray(points[ConvexHull(points).vertices])
         angles = np.arange(_SIDES) * (2 * np.pi / _SIDES)
@@ -189,7 +191,7 @@ class Solid:
         if self.shape == "hull":
             local = self.vertices
         elif self.shape == "box":
-            local = _CORNERS * half
+            local = BOX_CORNERS * half
         elif self.shape == "cylinder":
             edge = _around((0.0,)) * ring
             local = np.concatenate([(edge + level) * half for level in ((0.0, 0.0, -1.0), (0.0, 0.0, 1.0))])
@@ -238,3 +240,34 @@ class Solid:
         enter, leave = entries.max(axis=1), exits.min(axis=1)
         enter[(is_along & (gap < 0)).any(axis=1)] = np.inf
         return enter, leave, normals[entries.argmax(axis=1)], normals[exits.argmin(axis=1)]
+
+
+@dataclass(frozen=True, eq=False)
+class StaticObstacle(Solid):
+    """A convex solid that stays where it is: a table top, a wall, a pillar, a bottle that the robot must not touch.
+
+    Its frame is the world, and its name unique among the static obstacles of a scene.
+    """
+
+    _KIND = "static obstacle"
+
+    @property
+    def top(self) -> float:
+        """[m] height of the highest point."""
+        return float(self.upper[2])
+
+    @cached_property
+    def has_level_top(self) -> bool:
+        """Whether objects can stand on it: a box with a vertical axis, or an upright cylinder."""
+        vertical = np.abs(self.rotation[2]) > 1 - LEVEL
+        return bool(vertical.any() if self.shape == "box" else self.shape == "cylinder" and vertical[2])
+
+    def is_under(self, points: Array) -> NDArray[np.bool_]:
+        """Which points (..., 2) [m] lie above or below its outline; of an upright cylinder, its circle."""
+        away = points - self.position[:2]
+        if self.shape == "cylinder" and self.has_level_top:
+            return np.asarray(np.hypot(away[..., 0], away[..., 1]) <= self.half_extents[0])
+        corners = self.outline - self.position[:2]
+        sides = np.roll(corners, -1, axis=0) - corners
+        turns = sides[:, 0] * (away[..., 1, None] - corners[:, 1]) - sides[:, 1] * (away[..., 0, None] - corners[:, 0])
+        return np.asarray((turns >= 0).all(axis=-1))

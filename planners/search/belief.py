@@ -25,8 +25,22 @@ CELL, LAYER = 0.01, 0.02
 """[m] sides of a cell along the support, and its height."""
 _MARGIN = 0.01
 """[m] by which a cell must be in front of what is seen there; more with noise."""
+_SHARES = (0.5, 0.9)
+"""Of the target's height: it is in sight where a point there is."""
 _FIT_ERROR = 0.008
 """[m] by which the footprints of perceived objects may be too large."""
+
+
+def beside(
+    grid: SupportGrid, furniture: Sequence[StaticObstacle], bottom: float, top: float, margin: float = 0.0
+) -> NDArray[np.bool_]:
+    """Cells within a margin [m] of the boxes around furniture that reaches between two heights [m]."""
+    (x, y), found = np.moveaxis(grid.centres(), -1, 0), grid.empty()
+    for one in furniture:
+        if one.lower[2] < top and one.top > bottom:
+            low, high = one.lower[:2] - margin, one.upper[:2] + margin
+            found |= (x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1])
+    return found
 
 
 @dataclass(eq=False)
@@ -58,15 +72,12 @@ class Belief:
             levels[name] = _Level(grid, np.ones((*grid.shape, layers), np.bool_))
         return cls(target, levels)
 
-    def update(self, view: View, noise: float = 0.0) -> int:
-        """Clear what a view shows to be empty; the number of cells. `noise` [m] is that of its depth."""
+    def update(self, view: View, noise: float = 0.0) -> None:
+        """Clear what a view shows to be empty. `noise` [m] is that of its depth."""
         T_camera_world, cell = np.linalg.inv(view.T_world_camera), np.array((CELL, CELL, LAYER))
-        cleared = 0
         for level in self._levels.values():
             origin = np.array((level.grid.x0, level.grid.y0, level.grid.height))
-            margin = _MARGIN + 3 * noise
-            cleared += carve(level.is_unseen, origin, cell, view.depth, view.K, T_camera_world, margin)
-        return cleared
+            carve(level.is_unseen, origin, cell, view.depth, view.K, T_camera_world, _MARGIN + 3 * noise)
 
     def emptied(self, body: Body) -> float:
         """Share of the cells inside an object that have been seen to be empty: near 1 if it is no longer there."""
@@ -90,25 +101,22 @@ class Belief:
         found = {}
         for name, level in self._levels.items():
             top, bottom = level.grid.height + self.target.height, level.grid.height + LAYER
-            beside = [one for one in known if one.bottom < top and one.top > bottom]
-            free = level.is_unseen.all(axis=2) & ~footprint_mask(level.grid, beside, -_FIT_ERROR)
-            for one in furniture:
-                if one.lower[2] < top - LAYER and one.top > bottom and one.shape == "box":
-                    x, y = np.moveaxis(level.grid.centres(), -1, 0)
-                    free &= ~((x > one.lower[0]) & (x < one.upper[0]) & (y > one.lower[1]) & (y < one.upper[1]))
+            objects = [one for one in known if one.bottom < top and one.top > bottom]
+            free = level.is_unseen.all(axis=2) & ~footprint_mask(level.grid, objects, -_FIT_ERROR)
+            boxes = [one for one in furniture if one.shape == "box"]
+            free &= ~beside(level.grid, boxes, bottom, top - LAYER)
             away = distance_transform_edt(np.pad(free, 1))[1:-1, 1:-1] * CELL
             found[name] = free & (away >= self.target.radius - CELL / 2**0.5)
         return found
 
-    def points(self, places: dict[str, NDArray[np.bool_]], shares: Sequence[float] = (0.5, 0.9)) -> Array:
-        """(m, n, 3) [m] points of the target at each of its m places, at these shares of its height."""
+    def points(self, places: dict[str, NDArray[np.bool_]]) -> Array:
+        """(m, n, 3) [m] points of the target at each of its m places, at `_SHARES` of its height."""
         found = [
             np.column_stack((level.grid.centres()[places[name]], np.full(places[name].sum(), level.grid.height)))
             for name, level in self._levels.items()
         ]
-        feet = np.concatenate(found)
-        up = np.outer(np.asarray(shares) * self.target.height, (0.0, 0.0, 1.0))
-        return np.asarray(feet[:, None] + up)
+        up = np.outer(_SHARES, (0.0, 0.0, self.target.height))
+        return np.asarray(np.concatenate(found)[:, None] + up)
 
     def grid(self, support: str) -> SupportGrid:
         """The cells of a support."""

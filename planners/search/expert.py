@@ -68,6 +68,8 @@ _GONE = 0.6
 """Share of an object's cells that must be seen to be empty until it counts as gone."""
 _LURKING = 0.02
 """[m] radius of an object that may stand, unseen, where the arm would pass."""
+_TOLERANCES = MonitorConfig(slip=0.03)
+"""Where an object is between the fingers is seen by their opening alone."""
 _SHRINK = (0.0, 0.001, 0.002, 0.004, 0.008)
 """[m] by which perceived objects are made narrower until they do not overlap."""
 
@@ -188,6 +190,7 @@ class SearchExpert:
         model, data = self._env.workplace, mujoco.MjData(self._env.workplace)
         mujoco.mj_forward(model, data)
         self._empty = Scene.from_mujoco(model, data, self._env.robot, movable=(), support=self._env.support_name)
+        self._supports = [self._empty.support_named(name) for name in self._empty.supports]
         self._cameras = [name.removesuffix("_depth") for name in sorted(observation) if name.endswith("_depth")]
         self._target = Description.of(observation["target"])
         self._belief = Belief.begin(self._empty, self._target)
@@ -250,39 +253,35 @@ class SearchExpert:
                 return self._end(f"gave up: {left} places cannot be brought into sight, or the target cannot be taken")
             if isinstance(step, Viewpoint):
                 self._note(f"look from ({step.base[0]:.2f}, {step.base[1]:.2f}), gain {step.gain:.2f}", places)
-                if not (yield from self._go(step)):
-                    refused.add(_key(step))
-                yield from self._look([name for name, cells in places.items() if cells.any()])
-                continue
-            name, goal, actions = step
-            self._note(f"move {name}", places)
-            self._attempted.append(name)
-            yield from self._carry_out(actions, goal, name)
-            yield from self._look([one for one, cells in places.items() if cells.any()])
+                yield from self._go(step)
+            else:
+                name, actions = step
+                self._note(f"move {name}", places)
+                self._attempted.append(name)
+                yield from self._put_aside(name, actions)
+            yield from self._look([name for name, cells in places.items() if cells.any()])
         self._end("gave up: too many steps")
 
     def _next(
         self, scene: Scene, places: Mapping[str, NDArray[np.bool_]], refused: set[str], target: Seen | None
-    ) -> Viewpoint | tuple[str, Goal, tuple[BoundAction, ...]] | None:
+    ) -> Viewpoint | tuple[str, tuple[BoundAction, ...]] | None:
         """The view or the move that reveals most per second; None if there is none."""
         prospect = Prospect(self._belief, dict(places), scene)
         views = [one for one in self._viewpoints(scene, prospect) if _key(one) not in refused]
         eyes = [one.eye for one in views[:: max(len(views) // 6, 1)]]
         names, worth = self._ranked(prospect, views, target)
-        best = max(views, key=lambda one: one.rate, default=None)
-        is_worth = best is not None and best.gain >= _LEAST_GAIN and self._order == "expected" and target is None
-        if is_worth and best is not None and best.rate >= worth / _MOVE_SECONDS:
+        useful = [one for one in views if one.gain >= _LEAST_GAIN] if self._order == "expected" and not target else []
+        best = max(useful, key=lambda one: one.rate, default=None)
+        if best is None or best.rate < worth / _MOVE_SECONDS:
+            for name in names[:_TRIED]:
+                for region in spots(scene, scene.body(name), self._belief, prospect, eyes, self._rng):
+                    outcome = self._solved(replace(scene, regions=(region,)), inside(name, region.name))
+                    if isinstance(outcome, Solution) and outcome.actions:
+                        refused.clear()
+                        return name, outcome.actions
+        if best is not None:
             refused.add(_key(best))
-            return best
-        for name in names[:_TRIED]:
-            planned = self._planned_move(scene, name, prospect, eyes)
-            if planned is not None:
-                refused.clear()
-                return planned
-        if is_worth and best is not None:
-            refused.add(_key(best))
-            return best
-        return None
+        return best
 
     def _ranked(self, prospect: Prospect, views: Sequence[Viewpoint], target: Seen | None) -> tuple[list[str], float]:
         """Names of objects, the first to be moved first, and what moving that one is worth."""
@@ -306,17 +305,6 @@ class SearchExpert:
         order = sorted((name for name in names if best[name] > 0), key=lambda name: -best[name] * again[name])
         return order, best[order[0]] if order else 0.0
 
-    def _planned_move(
-        self, scene: Scene, name: str, prospect: Prospect, eyes: Sequence[Array]
-    ) -> tuple[str, Goal, tuple[BoundAction, ...]] | None:
-        """A plan that puts an object where it hides nothing unknown, None if none is found."""
-        for region in spots(scene, scene.body(name), self._belief, prospect, eyes, self._rng):
-            goal, wanted = inside(name, region.name), replace(scene, regions=(region,))
-            outcome = self._planner.solve(wanted, goal, "lookahead", self._rng)
-            if isinstance(outcome, Solution) and outcome.actions:
-                return name, goal, outcome.actions
-        return None
-
     def _take(self, name: str) -> Actions:
         """Take the target; whether it is held in the end."""
         looks = 0
@@ -327,29 +315,25 @@ class SearchExpert:
             if isinstance(outcome, Infeasible):
                 self.report.deviations.append(f"{outcome.cause}: {outcome.detail}")
                 return False
-            view = self._view_of_unseen(outcome.actions) if self._order == "expected" and looks < _RETRIES else None
-            if view is not None:
+            may_look = self._order == "expected" and looks < _RETRIES
+            if may_look and (view := self._view_of_unseen(outcome.actions, name)) is not None:
                 looks += 1
                 self._note("look at what is on the way to the target", self._places())
                 yield from self._go(view)
-                yield from self._look([self._empty.support.name])
-                if not self._is_target(name):
-                    return False
-                continue
-            self._note(f"take {name}", self._places())
-            if (yield from self._follow(outcome.actions)):
-                for _ in range(_HOLD):
-                    yield self._env.joint_action(self._last, self._width)
-                if self._held is not None and self._held.name == name and self._reading.is_gripping:
-                    self.report.taken = True
-                    return True
-            yield from self._recover()
+            else:
+                self._note(f"take {name}", self._places())
+                if (yield from self._follow(outcome.actions)):
+                    yield from self._wait(_HOLD)
+                    if self._held is not None and self._held.name == name and self._reading.is_gripping:
+                        self.report.taken = True
+                        return True
+                yield from self._recover()
             yield from self._look([self._empty.support.name])
             if not self._is_target(name):
                 return False
         return False
 
-    def _carry_out(self, actions: tuple[BoundAction, ...], goal: Goal, name: str) -> Actions:
+    def _put_aside(self, name: str, actions: tuple[BoundAction, ...]) -> Actions:
         """Follow a plan; after a deviation plan again from where things are believed to be."""
         regions = actions[0].scene.regions
         for _ in range(_RETRIES):
@@ -357,43 +341,36 @@ class SearchExpert:
                 return
             if self._held is None or self._held.name != name:
                 break
-            outcome = self._solved(replace(self._scene(), regions=regions), goal)
+            outcome = self._solved(replace(self._scene(), regions=regions), inside(name, regions[0].name))
             if isinstance(outcome, Infeasible):
                 break
             actions = outcome.actions
         yield from self._recover()
 
-    def _view_of_unseen(self, actions: Sequence[BoundAction]) -> Viewpoint | None:
-        """The view that shows most of the unseen places that motions pass through; None if there are none, or no view.
-
-        Something of the target's height and `_LURKING` wide is taken to stand at each of them.
-        """
+    def _view_of_unseen(self, actions: Sequence[BoundAction], name: str) -> Viewpoint | None:
+        """The view that shows most of the unseen places that motions pass through; None if there is none."""
         scene, places = self._scene(), self._places()
         prospect = Prospect(self._belief, places, scene)
         feet, room = prospect.points[:, 0], MAX_OBJECTS - len(scene.objects)
-        target = self._seen_target()
-        assert target is not None
-        near = np.argsort(np.hypot(*(feet - target.body.position)[:, :2].T), kind="stable")
+        away = feet - scene.body(name).position
+        # Something of the target's height is taken to stand at these places, those near the target first.
         chosen: list[int] = []
-        for index in near:
+        for index in np.argsort(np.hypot(*away[:, :2].T), kind="stable"):
             if len(chosen) < room and all(math.dist(feet[index], feet[other]) > 2 * _LURKING for other in chosen):
                 chosen.append(int(index))
         half = np.array((_LURKING, _LURKING, self._target.height / 2))
         unseen = [Body(f"unseen_{i}", "cylinder", half, feet[i], np.array((1.0, 0, 0, 0))) for i in chosen]
         world = CollisionWorld.from_scene(replace(scene, objects=(*scene.objects, *unseen), held=None))
-        known = scene.mask(scene.names)
-        hit = 0
-        for action in actions:
-            trajectory = action.trajectory
+        hit, known = 0, scene.mask(scene.names)
+        for trajectory in (action.trajectory for action in actions):
             X = np.column_stack((trajectory.base, trajectory.q))[::_EVERY]
             hit |= world.path_hits(X, self._env.robot.max_opening, ignore=known)
         rows = [index for number, index in enumerate(chosen) if hit >> (len(scene.objects) + number) & 1]
         if not rows:
             return None
         prospect.points = prospect.points[rows]
-        views = self._viewpoints(scene, prospect)
-        best = max(views, key=lambda one: one.rate, default=None)
-        return best if best is not None and best.gain >= 0.5 else None
+        best = max(self._viewpoints(scene, prospect), key=lambda one: one.rate)
+        return best if best.gain >= 0.5 else None
 
     def _viewpoints(self, scene: Scene, prospect: Prospect) -> list[Viewpoint]:
         """Viewpoints before the support, with what they are worth."""
@@ -413,7 +390,7 @@ class SearchExpert:
             return True
         env, bodies = self._env, actions[0].scene.objects
         sensor = BelievedSensor(bodies, self._reading, env.robot, self._held)
-        executor = Executor(actions, env.robot, sensor, self._tolerances, at_start=2)  # type: ignore[arg-type]  # its members names and read are used
+        executor = Executor(actions, env.robot, sensor, _TOLERANCES, at_start=2)  # type: ignore[arg-type]  # its members names and read are used
         head = np.array(env.robot.head_configuration) if len(self._reading.head) else None
         while not executor.is_over:
             sensor.update(self._reading)
@@ -428,21 +405,15 @@ class SearchExpert:
             self.report.deviations.append(str(executor.deviation))
         return executor.deviation is None
 
-    @property
-    def _tolerances(self) -> MonitorConfig:
-        return MonitorConfig(slip=0.03)
-
     def _settle_belief(self, before: Sequence[Body], after: Sequence[Body]) -> None:
         """Objects that the robot has moved are where it let go of them, upright; around there nothing is known."""
         moved = {new.name: new for old, new in zip(before, after, strict=True) if new is not old}
         kept = []
         for one in self._known:
             if (body := moved.get(one.name)) is not None:
-                size = one.body.half_extents
-                yaw = math.atan2(body.rotation[1, 0], body.rotation[0, 0])
                 under = [s.top for s in self._supports if s.is_under(body.position[:2]) and s.top < body.position[2]]
-                height = max(under, default=0.0) + size[2]
-                there = one.body.at((*body.position[:2], height), (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)))
+                height, turn = max(under, default=0.0) + one.body.half_extents[2], body.yaw / 2
+                there = one.body.at((*body.position[:2], height), (math.cos(turn), 0.0, 0.0, math.sin(turn)))
                 T = there.pose @ np.linalg.inv(one.body.pose)
                 one = replace(one, body=there, points=one.points @ T[:3, :3].T + T[:3, 3])
                 self._belief.forget(there)
@@ -461,56 +432,52 @@ class SearchExpert:
         yield from self._interpolate(drive)
 
     def _go(self, view: Viewpoint) -> Actions:
-        """Drive to a viewpoint in a straight line, the arm aside; whether that is free."""
+        """Drive to a viewpoint in a straight line, the arm aside, if that is free."""
         drive = np.concatenate((view.base, [view.torso], self._aside[1:]))
         drive[2] = unwrap_yaw(drive[2], self._reading.drive[2])
         self.report.views += 1
-        return (yield from self._interpolate(drive))
+        yield from self._interpolate(drive)
 
     def _interpolate(self, goal: Array) -> Actions:
-        """Move all joints together to a whole-body configuration, if nothing known is in the way; whether it is."""
+        """Move all joints together to a whole-body configuration, if nothing known is in the way."""
         start, robot = self._reading.drive.copy(), self._env.robot
         world = CollisionWorld.from_scene(self._scene())
         if world.path_hits(np.stack((start, goal)), robot.max_opening, self._held, first_only=True):
-            return False
+            return
         seconds = float((np.abs(goal - start) / (_SPEED * np.array(robot.max_velocity))).max()) * 1.5
         steps = max(math.ceil(seconds / CONTROL_STEP), 1)
         for step in range(1, steps + 1):
             share = step / steps
             self._last = start + (goal - start) * share * share * (3 - 2 * share)
             yield self._env.joint_action(self._last, self._width)
-        for _ in range(_SETTLE):
-            yield self._env.joint_action(goal, self._width)
-        return True
+        yield from self._wait(_SETTLE)
+
+    def _wait(self, steps: int) -> Actions:
+        for _ in range(steps):
+            yield self._env.joint_action(self._last, self._width)
 
     # Looking.
 
     def _look(self, names: Sequence[str]) -> Actions:
-        """Look at supports, and what stands on them; the arm out of sight for it, and home again."""
-        home = self._reading.drive.copy()
-        home[3:] = np.append(home[3], self._home[1:])
-        options = [
-            self._aside[1:],
-            *(self._home[1:] + turn * np.eye(len(self._home) - 1)[0] for turn in (_ASIDE, -_ASIDE)),
-        ]
-        supports = [self._empty.support_named(name) for name in names]
+        """Look at supports, all if none is named, the arm out of sight for it, and home again."""
+        base, home = self._reading.drive[:4].copy(), self._home[1:]
+        first = np.eye(len(home))[0]
+        supports = [one for one in self._supports if one.name in names] or self._supports
         for number, support in enumerate(sorted(supports, key=lambda one: float(one.position[1]))):
             point = np.append(support.position[:2], support.top + self._target.height / 2)
-            for arm in options if number == 0 else ():
-                drive = np.append(home[:4], arm)
-                if not np.allclose(drive, self._reading.drive, atol=0.02):
-                    yield from self._interpolate(drive)
-                yield from self._aim(point)
-                hidden = float((self._view(self._cameras[0]).masks == ROBOT).mean())
-                if hidden <= _HIDES:
-                    self._aside[1:] = arm
-                    break
             if number:
                 yield from self._aim(point)
+            else:
+                for arm in (self._aside[1:], home + _ASIDE * first, home - _ASIDE * first):
+                    if not np.allclose(np.append(base, arm), self._reading.drive, atol=0.02):
+                        yield from self._interpolate(np.append(base, arm))
+                    yield from self._aim(point)
+                    if (self._view(self._cameras[0]).masks == ROBOT).mean() <= _HIDES:
+                        self._aside[1:] = arm
+                        break
             self._take_in()
-        if not np.allclose(self._reading.drive[4:], home[4:], atol=0.02):
-            home[3] = self._home[0]
-            yield from self._interpolate(home)
+        if not np.allclose(self._reading.drive[4:], home, atol=0.02):
+            yield from self._interpolate(np.concatenate((base[:3], self._home)))
 
     def _aim(self, point: Array) -> Actions:
         """Turn the head until the first camera looks at a point (3,) [m], and wait until the image is still."""
@@ -522,8 +489,7 @@ class SearchExpert:
             if np.abs(errors).max() < _AIMED:
                 break
             yield self._env.joint_action(self._last, self._width, self._reading.head + 0.5 * errors)
-        for _ in range(_SETTLE):
-            yield self._env.joint_action(self._last, self._width)
+        yield from self._wait(_SETTLE)
 
     def _take_in(self) -> None:
         """Carve, forget what is gone, and perceive, with each camera."""
@@ -534,7 +500,7 @@ class SearchExpert:
         self.report.belief_s.append(time.process_time() - started)
         known = tuple(one for one in self._known if self._belief.emptied(one.body) < _GONE)
         for view in views:
-            known = perceive(view, known, self._supports, self._target)
+            known = perceive(view, known, self._supports, self._target, self._held.name if self._held else "")
         self._known = known
 
     def _view(self, camera: str) -> View:
@@ -545,10 +511,6 @@ class SearchExpert:
         return (self._reading.T_world_base @ self._info["T_base_camera"][self._cameras[0]])[:3, 3]
 
     # What is known.
-
-    @property
-    def _supports(self) -> list[Any]:
-        return [self._empty.support_named(name) for name in self._empty.supports]
 
     def _places(self) -> dict[str, NDArray[np.bool_]]:
         return self._belief.places([one.body for one in self._known], self._empty.static_obstacles)

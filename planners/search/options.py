@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,8 +12,8 @@ from numpy.typing import NDArray
 
 from planners.goals import Region
 from planners.placing.negative_goal_region import SupportGrid, footprint_mask
-from planners.scene import Body, Scene, StaticObstacle
-from planners.search.belief import Belief
+from planners.scene import Body, Scene
+from planners.search.belief import Belief, beside
 from planners.search.sight import FIXED, Screens, between
 
 Array = NDArray[np.float64]
@@ -78,11 +79,9 @@ class Prospect:
         Places that furniture hides do not count.
         """
         masks = self.masks(eye)
-        count = sum((masks >> i) & 1 for i in range(len(self.bodies))) + np.zeros(masks.shape, int)
-        least = np.where(masks & FIXED, 99, count).min(axis=1)
+        count = np.where(masks & FIXED, 99, np.bitwise_count(masks))
+        least, chosen = count.min(axis=1), masks[np.arange(len(masks)), count.argmin(axis=1)]
         worth = np.where((least > 0) & (least < 99), 0.5 ** (least - 1.0), 0.0)
-        rows = np.arange(len(masks))
-        chosen = masks[rows, np.where(masks & FIXED, 99, count).argmin(axis=1)] if len(masks) else masks[:, 0]
         return {
             body.name: float((((chosen >> i) & 1) * worth).sum() / max(len(masks), 1))
             for i, body in enumerate(self.bodies)
@@ -95,31 +94,29 @@ class Prospect:
         return float(np.mean(shares)) if len(self.points) else 0.0
 
 
-def viewpoints(scene: Scene, belief_points: Array, T_base_eye: Array, torso: tuple[float, float]) -> list[Viewpoint]:
-    """Viewpoints before the support that most places are on: from its front, several sides and heights.
+def viewpoints(scene: Scene, points: Array, eye: Array, torso: tuple[float, float]) -> list[Viewpoint]:
+    """Viewpoints before the first support: from where the robot stands, its front, several sides and heights.
 
     Args:
         scene: where the robot stands, and the furniture.
-        belief_points: (m, n, 3) [m] of the places.
-        T_base_eye: (3,) [m] where the camera is in the base frame now.
+        points: (m, n, 3) [m] of the places that are to be seen.
+        eye: (3,) [m] where the camera is in the base frame now.
         torso: [m] range of its height.
     """
     support, state = scene.support, scene.state
-    front, middle = support.lower[0], belief_points[..., 1].mean() if len(belief_points) else support.position[1]
+    middle = points[..., 1].mean() if len(points) else support.position[1]
+    bases = [np.array(state.base)]
+    for x in support.lower[0] - np.array(_STAND_OFF):
+        for y in middle + np.array(_SIDEWAYS):
+            bases.append(np.array((x, y, math.atan2(middle - y, support.position[0] - x))))
     found = []
-    poses = [np.array((front - away, middle + y, 0.0)) for away in _STAND_OFF for y in _SIDEWAYS]
-    for number, base in enumerate([np.array(state.base), *poses]):
-        if number:
-            base[2] = math.atan2(middle - base[1], support.position[0] - base[0])
-        for height in (torso[0], float(state.q[0]), torso[1]):
-            turn = abs(math.remainder(base[2] - state.base[2], 2 * math.pi))
-            seconds = _LOOK + max(
-                float(np.hypot(*(base - state.base)[:2])) / _DRIVE, turn / _TURN, abs(height - state.q[0]) / _LIFT
-            )
-            c, s = math.cos(base[2]), math.sin(base[2])
-            x, y, z = T_base_eye
-            eye = np.array((base[0] + c * x - s * y, base[1] + s * x + c * y, z + height - state.q[0]))
-            found.append(Viewpoint(base, height, eye, seconds))
+    for base, height in itertools.product(bases, (torso[0], float(state.q[0]), torso[1])):
+        away, turn = math.dist(base[:2], state.base[:2]), math.remainder(base[2] - state.base[2], 2 * math.pi)
+        rise = height - state.q[0]
+        seconds = _LOOK + max(away / _DRIVE, abs(turn) / _TURN, abs(rise) / _LIFT)
+        c, s = math.cos(base[2]), math.sin(base[2])
+        there = np.array((base[0] + c * eye[0] - s * eye[1], base[1] + s * eye[0] + c * eye[1], eye[2] + rise))
+        found.append(Viewpoint(base, height, there, seconds))
     return found
 
 
@@ -135,7 +132,8 @@ def spots(
         support, grid = scene.support_named(name), belief.grid(name)
         coarse = SupportGrid.over(support, _SPOT_SPACING).centres().reshape(-1, 2)
         taken = footprint_mask(grid, [one for one in others if one.top > support.top], around)
-        taken |= _narrow(grid, scene.static_obstacles, support, body, radius)
+        above = support.top + 2 * body.half_extents[2] + 0.02
+        taken |= beside(grid, scene.static_obstacles, support.top + 0.001, above, radius)
         unseen = belief.unseen(name)
         for x, y in coarse:
             inside = min(x - support.lower[0], support.upper[0] - x, y - support.lower[1], support.upper[1] - y)
@@ -157,16 +155,3 @@ def spots(
         if len(chosen) == _SPOTS:
             break
     return chosen
-
-
-def _narrow(
-    grid: SupportGrid, furniture: Sequence[StaticObstacle], support: StaticObstacle, body: Body, radius: float
-) -> NDArray[np.bool_]:
-    """Cells where an object would touch furniture beside or above the support."""
-    x, y = np.moveaxis(grid.centres(), -1, 0)
-    top, taken = support.top + 2 * body.half_extents[2] + 0.02, grid.empty()
-    for one in furniture:
-        if one.lower[2] < top and one.top > support.top + 0.001:
-            low, high = one.lower[:2] - radius, one.upper[:2] + radius
-            taken |= (x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1])
-    return taken

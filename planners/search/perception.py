@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from scipy.optimize import least_squares
 from scipy.spatial import ConvexHull, QhullError
 
 from planners.scene import Body, StaticObstacle
+from planners.scene.bodies import Shape
 
 Array = NDArray[np.float64]
 
@@ -122,47 +123,44 @@ class Seen:
 
 
 def perceive(
-    view: View, known: Sequence[Seen], supports: Sequence[StaticObstacle], target: Description
+    view: View, known: Sequence[Seen], supports: Sequence[StaticObstacle], target: Description, held: str = ""
 ) -> tuple[Seen, ...]:
-    """The known objects with what a view adds to them, and those that it shows for the first time.
+    """The known objects, in their present places, with what a view adds to them, and those that it shows as the first.
 
-    A mask belongs to the known object in which most of its points lie. One that covers several objects is left out.
-
-    Args:
-        view: the image.
-        known: what was seen before, in the present places.
-        supports: on which objects stand.
-        target: whose colour and size are known.
+    A mask belongs to the known object in which most of its points lie. One that covers several objects is left out. Two
+    parts of the target become one, where its place is known by then; but what is held keeps its name.
     """
     found = {one.name: one for one in known}
     count = max((int(one.name.rpartition("_")[2]) for one in known), default=-1) + 1
     for label in np.unique(view.masks[view.masks >= FIRST_MASK]).tolist():
         mask = view.masks == label
-        if mask.sum() < _LEAST_PIXELS:
+        points = view.points(mask)
+        if len(points) < _LEAST_PIXELS or np.ptp(np.percentile(points, (2, 98), axis=0), axis=0)[:2].max() > _WIDEST:
             continue
-        points, colour = view.points(mask), view.colours[mask].mean(axis=0) / 255
-        low, high = np.percentile(points, (2, 98), axis=0)
-        if max((high - low)[:2]) > _WIDEST:
-            continue
+        colour = view.colours[mask].mean(axis=0) / 255
         is_target = target.has_colour(colour)
         shares = {
             name: float(_inside(one.body, points).mean()) for name, one in found.items() if one.is_target == is_target
         }
-        best = max(shares, key=lambda name: shares[name], default="")
-        if best and shares[best] >= _SHARED:
-            merged = np.concatenate((found[best].points, points))
-            if len(merged) > _MOST_POINTS:
-                merged = merged[np.linspace(0, len(merged) - 1, _MOST_POINTS).astype(int)]
-            body, sigma = fit_upright(best, merged, supports, target if is_target else None)
-            found[best] = replace(found[best], body=body, points=merged, sigma=sigma)
-            continue
-        if any(share > _SHARED / 3 for share in shares.values()) and not is_target:
+        name = max(shares, key=lambda name: shares[name], default="")
+        if name and shares[name] >= _SHARED:
+            points = _some(np.concatenate((found[name].points, points)), _MOST_POINTS)
+            colour = found[name].colour
+        elif any(share > _SHARED / 3 for share in shares.values()) and not is_target:
             continue  # partly another object's: masks that run into each other
-        name = f"seen_{count:02d}"
-        count += 1
+        else:
+            name, count = f"seen_{count:02d}", count + 1
         body, sigma = fit_upright(name, points, supports, target if is_target else None)
+        for part in [one for one in found.values() if one.is_target and is_target and one.name not in (name, held)]:
+            if _inside(body, part.points).mean() >= _SHARED:
+                del found[part.name]
         found[name] = Seen(body, points, colour, sigma, is_target)
     return tuple(found.values())
+
+
+def _some(points: Array, most: int) -> Array:
+    """As many points, evenly spread over their order, if there are more."""
+    return points[np.linspace(0, len(points) - 1, min(len(points), most)).astype(int)]
 
 
 def _inside(body: Body, points: Array) -> NDArray[np.bool_]:
@@ -177,23 +175,18 @@ def fit_upright(
     """The upright cylinder or box that fits points of a surface best, and the uncertainty [m] of its place.
 
     The outline from above is fitted by least squares: points of the sides lie on it, those of the top within it. Of
-    both shapes the one with the smaller error is taken. A side that no point shows is as near as the points allow.
-
-    Args:
-        name: of the body.
-        points: (n, 3) [m] in the world.
-        supports: the object stands on the highest of them under its lowest point.
-        target: an object of known shape and size, of which only the pose is sought.
+    both shapes the one with the smaller error is taken. A side that no point shows is as near as the points allow. The
+    object stands on the highest of the supports under its lowest point; of a target only the pose is sought.
     """
     z_low, z_high = np.percentile(points[:, 2], (1, 99))
     middle = np.median(points[:, :2], axis=0)
     under = [one.top for one in supports if one.is_under(middle) and one.top < z_low + 0.03]
     bottom = max(under, default=float(z_low))
     top = bottom + target.height if target else max(float(z_high), bottom + 0.02)
-    chosen = points[np.linspace(0, len(points) - 1, min(len(points), _FITTED)).astype(int)]
+    chosen = _some(points, _FITTED)
     xy, is_side = chosen[:, :2], chosen[:, 2] < z_high - _RIM
     size = None if target is None else np.array(target.half_extents[:2])
-    fits = {}
+    fits: dict[Shape, tuple[tuple[float, ...], float]] = {}
     if target is None or target.shape == "cylinder":
         fits["cylinder"] = _fit_circle(xy, is_side, size)
     if target is None or target.shape == "box":
@@ -201,14 +194,8 @@ def fit_upright(
     # A rectangle has more parameters, and fits noise better.
     shape = min(fits, key=lambda kind: fits[kind][1] * (1.25 if kind == "box" else 1.0))
     (x, y, half_x, half_y, yaw), error = fits[shape]
-    half = np.array((half_x, half_y, (top - bottom) / 2))
-    body = Body(
-        name,
-        "box" if shape == "box" else "cylinder",
-        half,
-        np.array((x, y, (top + bottom) / 2)),
-        np.array((math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))),
-    )
+    half, position = np.array((half_x, half_y, (top - bottom) / 2)), np.array((x, y, (top + bottom) / 2))
+    body = Body(name, shape, half, position, np.array((math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))))
     around = np.arctan2(*(xy - (x, y)).T[::-1])
     at_edge = np.hypot(*(xy - (x, y)).T) > 0.6 * min(half_x, half_y)
     sectors = len(np.unique(np.floor(around[at_edge] / (math.pi / 6))))
@@ -242,42 +229,34 @@ def _fit_rectangle(xy: Array, is_side: NDArray[np.bool_], size: Array | None) ->
         outline = xy[ConvexHull(xy).vertices]
     except QhullError:  # points on a line
         outline = xy
-    best: tuple[tuple[float, ...], float] | None = None
 
-    def signed(parameters: Array) -> Array:
-        x, y, yaw = parameters[:3]
-        half = parameters[3:] if size is None else size
+    def axes(yaw: float) -> Array:
         c, s = math.cos(yaw), math.sin(yaw)
-        away = np.abs((xy - (x, y)) @ np.array(((c, -s), (s, c)))) - half
-        outside = np.hypot(*np.maximum(away, 0.0).T)
-        return np.asarray(np.where((away > 0).any(axis=1), outside, away.max(axis=1)))
+        return np.array(((c, -s), (s, c)))
 
     def errors(parameters: Array) -> Array:
-        away = signed(parameters)
+        beyond = np.abs((xy - parameters[:2]) @ axes(parameters[2])) - (parameters[3:] if size is None else size)
+        outside = np.hypot(*np.maximum(beyond, 0.0).T)
+        away = np.where((beyond > 0).any(axis=1), outside, beyond.max(axis=1))
         return np.where(is_side, away, np.maximum(away, 0.0))
 
     def extents(yaw: float) -> tuple[Array, Array]:
-        c, s = math.cos(yaw), math.sin(yaw)
-        local = outline @ np.array(((c, -s), (s, c)))
+        local = outline @ axes(yaw)
         return local.min(axis=0), local.max(axis=0)
 
     yaws = np.arange(30) * math.pi / (60 if size is None or abs(size[0] - size[1]) < 1e-3 else 30)
     areas = [float(np.prod(np.maximum(high - low, 0.01))) for low, high in map(extents, yaws)]
-    for index in np.argsort(areas)[:2]:
-        yaw = float(yaws[index])
+    fits = []
+    for yaw in yaws[np.argsort(areas)[:2]]:
         low, high = extents(yaw)
-        c, s = math.cos(yaw), math.sin(yaw)
-        x, y = np.array(((c, -s), (s, c))) @ ((low + high) / 2)
+        x, y = axes(yaw) @ ((low + high) / 2)
         widest = np.clip(_UNSEEN * (high - low), _SIZES[0] * 1.05, _SIZES[1])
         half = np.clip((high - low) / 2, _SIZES[0] * 1.01, widest * 0.99)
         first = np.array((x, y, yaw, *(half if size is None else ())))
         least = np.array((-np.inf, -np.inf, -np.inf, _SIZES[0], _SIZES[0]))[: len(first)]
         most = np.array((np.inf, np.inf, np.inf, *widest))[: len(first)]
         solved = least_squares(errors, first, bounds=(least, most), loss="soft_l1", f_scale=0.004, max_nfev=40)
-        error = float(np.sqrt((errors(solved.x) ** 2).mean()))
-        if best is None or error < best[1]:
-            x, y, yaw, *rest = (float(value) for value in solved.x)
-            a, b = rest or (float(size[0]), float(size[1]))  # type: ignore[index]  # rest is empty where a size is given
-            best = (x, y, a, b, yaw), error
-    assert best is not None
-    return best
+        x, y, turn, *rest = (float(value) for value in solved.x)
+        a, b = rest if size is None else size.tolist()
+        fits.append(((x, y, a, b, turn), float(np.sqrt((errors(solved.x) ** 2).mean()))))
+    return min(fits, key=lambda fit: fit[1])

@@ -14,9 +14,8 @@ from planners.scene import Body, StaticObstacle
 
 Array: TypeAlias = NDArray[np.float64]
 
-MOST_SOLIDS = 62
-"""Bits of a mask that stand for solids of their own; `FIXED` stands for all furniture."""
 FIXED = 1 << 62
+"""The bit of a mask that stands for all furniture."""
 
 
 class Screens(NamedTuple):

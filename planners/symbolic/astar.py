@@ -77,9 +77,8 @@ class LowerBound:
             self._bases[name, location] |= bases[arm_pose]
             self._trajectories[name, location] |= trajectories[arm_pose]
         self._put_down: dict[str, frozenset[str]] = defaultdict(frozenset)
-        offers = [fact[1:3] for fact in problem.state.find("isClearanceLocation", None, None, None)]
-        offers += [fact[1:3] for fact in problem.state.find("isPlacementLocation", None, None)]
-        for location, name in offers:
+        cleared = problem.state.find("isClearanceLocation", None, None, None)
+        for _, location, name, *_ in (*cleared, *problem.state.find("isPlacementLocation", None, None)):
             self._put_down[name] |= self._bases[name, location]
 
     def __call__(self, state: SymbolicState) -> float:

@@ -104,11 +104,7 @@ class Kairos:
         self._parse_domain = cache(self._kairos.parse_domain)
 
     def plan(self, problem: TaskProblem, time_limit: float) -> TaskPlan | NoPlan:
-        """A plan for the problem, found within `time_limit` [s].
-
-        Raises:
-            EngineFailedError: kairos ended without plan or proof, and not by the time limit.
-        """
+        """A plan for the problem, found within `time_limit` [s]; raises `EngineFailedError`."""
         parsed = self._kairos.parse_problem(problem.text(), self._parse_domain(problem.domain))
         result = self._kairos.Planner().solve(parsed, anytime=False, timeout=time_limit)
         status = self._kairos.Status
@@ -123,30 +119,21 @@ class UnifiedPlanning:
     """Any one-shot planner that unified-planning knows by name."""
 
     def __init__(self, engine: str, name: str) -> None:
-        """Find the engine.
-
-        Raises:
-            MissingEngineError: unified-planning or the engine is not installed.
-        """
+        """Find the engine; raises `MissingEngineError`."""
         self.name = name
-        shortcuts = _require("unified_planning.shortcuts", f"'unified-planning[{engine}]'")
-        shortcuts.get_environment().credits_stream = None
-        known = shortcuts.get_environment().factory.engines
-        if engine not in known:
+        self._engine = engine
+        self._shortcuts = _require("unified_planning.shortcuts", f"'unified-planning[{engine}]'")
+        environment = self._shortcuts.get_environment()
+        environment.credits_stream = None
+        if engine not in (known := environment.factory.engines):
             raise MissingEngineError(
                 f"unified-planning has no engine {engine!r} here; it has: {', '.join(known)}; "
                 f"to add one: pip install 'unified-planning[{engine}]' or the engine's own package"
             )
-        self._engine = engine
-        self._shortcuts = shortcuts
         self._reader = importlib.import_module("unified_planning.io").PDDLReader
 
     def plan(self, problem: TaskProblem, time_limit: float) -> TaskPlan | NoPlan:
-        """A plan for the problem, found within `time_limit` [s].
-
-        Raises:
-            EngineFailedError: the engine broke down or does not support the domain.
-        """
+        """A plan for the problem, found within `time_limit` [s]; raises `EngineFailedError`."""
         parsed = self._reader().parse_problem_string(problem.domain, problem.text())
         with self._shortcuts.OneshotPlanner(name=self._engine) as engine:
             result = engine.solve(parsed, timeout=time_limit)
@@ -209,11 +196,7 @@ def _spelled(steps: Iterable[tuple[str, Iterable[str]]]) -> TaskPlan:
 
 
 def _require(module: str, package: str) -> Any:
-    """An optional module.
-
-    Raises:
-        MissingEngineError: it is not installed.
-    """
+    """An optional module; raises `MissingEngineError`."""
     if find_spec(module.partition(".")[0]) is None:
         raise MissingEngineError(f"this task planner is not installed; install it with: pip install {package}")
     return importlib.import_module(module)
@@ -230,9 +213,8 @@ def why_unsolvable(problem: TaskProblem) -> tuple[Reason, tuple[str, ...]] | Non
         return None
     state = problem.state
     held = state.all_held
-    stuck = () if state.holds_aside else [name for name in held if name != problem.target]
-    for name in stuck:
-        if not _has_free_location(state, name):
+    for name in held if not state.holds_aside else ():
+        if name != problem.target and not _has_free_location(state, name):
             return "no location", (name,)
     relevant = problem.relevant_objects()
     gone = _removable(state, relevant)
@@ -241,9 +223,8 @@ def why_unsolvable(problem: TaskProblem) -> tuple[Reason, tuple[str, ...]] | Non
         if problem.target in _removable(state, relevant, free=ungraspable):
             return "no grasp", tuple(sorted(ungraspable))
         return "cyclic", _circle(state, relevant - gone)
-    homeless = {name for name in relevant if name != problem.target and not _locations(state, name)}
-    if state.holds_aside:
-        homeless = set()
+    others = relevant - {problem.target} if not state.holds_aside else ()
+    homeless = {name for name in others if not _locations(state, name)}
     if problem.target not in _removable(state, relevant - homeless):
         return "no location", tuple(sorted(homeless))
     return None

@@ -67,10 +67,10 @@ class SymbolicState:
 
     def find(self, *pattern: str | None) -> list[Atom]:
         """Facts that match a predicate and its arguments, None standing for any argument; sorted."""
-        given = [(place, symbol) for place, symbol in enumerate(pattern) if place and symbol is not None]
         facts = self._by_predicate.get(pattern[0], ())
-        for place, symbol in given:
-            facts = [fact for fact in facts if fact[place] == symbol]
+        for place, symbol in enumerate(pattern):
+            if place and symbol is not None:
+                facts = [fact for fact in facts if fact[place] == symbol]
         return sorted(facts)
 
     def changed(self, add: Iterable[Atom] = (), remove: Iterable[Atom] = ()) -> SymbolicState:
@@ -85,12 +85,7 @@ class SymbolicState:
     @cached_property
     def grippers(self) -> tuple[str, ...]:
         """All grippers, by name."""
-        return tuple(
-            sorted(
-                {fact[1] for fact in self.find("empty", None)}
-                | {fact[2] for fact in self.find("graspedBy", None, None)}
-            )
-        )
+        return tuple(sorted(fact[-1] for kind in ("empty", "graspedBy") for fact in self._by_predicate.get(kind, ())))
 
     def gripper_for(self, name: str) -> str:
         """The gripper that holds an object, or else the first one that reaches all its grasps."""
@@ -151,11 +146,8 @@ class TaskProblem:
     def relevant_objects(self) -> frozenset[str]:
         """The target and what is to be placed, what obstructs these however indirectly, and what is held."""
         blockers = self.state.blockers()
-        relevant = {self.target, *(fact[1] for fact in self.placed)} - {""}
-        frontier = sorted(relevant)
-        for held in self.state.all_held:
-            relevant.add(held)
-            frontier.append(held)
+        relevant = {self.target, *(fact[1] for fact in self.placed), *self.state.all_held} - {""}
+        frontier = [*relevant]
         while frontier:
             for names in blockers.get(frontier.pop(), {}).values():
                 frontier.extend(names - relevant)
@@ -177,7 +169,9 @@ class TaskProblem:
         Raises:
             SymbolError: a fact that the domain does not know, or a name PDDL cannot hold.
         """
-        objects = "\n".join(f"    {' '.join(names)} - {kind}" for kind, names in sorted(self._symbols().items()))
+        kinds = self._kinds()
+        by_kind = {kind: sorted(one for one in kinds if kinds[one] == kind) for kind in sorted({*kinds.values()})}
+        objects = "\n".join(f"    {' '.join(names)} - {kind}" for kind, names in by_kind.items())
         facts = "\n".join(f"    {format_atom(fact)}" for fact in sorted(self.state.facts))
         wanted = " ".join(format_atom(fact) for fact in sorted(self.goals))
         wanted = wanted if len(self.goals) == 1 else f"(and {wanted})"
@@ -186,7 +180,8 @@ class TaskProblem:
             f"  (:objects\n{objects})\n  (:init\n{facts})\n  (:goal {wanted}))\n"
         )
 
-    def _symbols(self) -> dict[str, list[str]]:
+    def _kinds(self) -> dict[str, str]:
+        """The type of every symbol."""
         kinds: dict[str, str] = {}
         known = _argument_types()
         for predicate, *arguments in (*self.state.facts, *self.goals):
@@ -198,10 +193,7 @@ class TaskProblem:
                     raise SymbolError(f"{symbol!r} is no PDDL name: lower-case letters, digits, _ and - only")
                 if kinds.setdefault(symbol, kind) != kind:
                     raise SymbolError(f"{symbol!r} is used both as {kinds[symbol]} and as {kind}")
-        by_kind: dict[str, list[str]] = defaultdict(list)
-        for symbol in sorted(kinds):
-            by_kind[kinds[symbol]].append(symbol)
-        return by_kind
+        return kinds
 
 
 class GroundAction(NamedTuple):

@@ -10,19 +10,13 @@ that PDDL knows they rebind references: a fact about a path is dropped once that
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import NamedTuple
 
-from planners.symbolic.problem import (
-    GRIPPER,
-    ROBOT_INIT_LOC,
-    Atom,
-    GroundAction,
-    SymbolError,
-    SymbolicState,
-)
+from planners.symbolic.problem import GRIPPER, ROBOT_INIT_LOC, Atom, GroundAction, SymbolicState
 
 
 class References(NamedTuple):
@@ -52,18 +46,9 @@ def initial_state(
 ) -> SymbolicState:
     """The facts of a scene before any motion is planned: every object can be grasped where it stands.
 
-    Args:
-        objects: names of all objects.
-        held: objects by the gripper that holds them; they may be put down (as no obstacles until an error says so).
-        grippers: symbols of the robot's grippers.
-        held_obstructs: the object that held ones were taken away for; "" puts them down as no obstacles.
-
-    Raises:
-        SymbolError: a held object is not among the objects.
+    `held` are objects by the gripper that holds them; they may be put down, as no obstacles until an error says so, or
+    as obstacles of `held_obstructs`, for which they were taken away.
     """
-    for name in held.values():
-        if name not in objects:
-            raise SymbolError(f"held object {name!r} is not among the objects: {', '.join(sorted(objects))}")
     facts: set[Atom] = {("robotAt", ROBOT_INIT_LOC)}
     facts |= {("graspedBy", held[one], one) if one in held else ("empty", one) for one in grippers}
     for name in objects:
@@ -143,15 +128,13 @@ def motion_facts(references: References, name: str, location: str) -> set[Atom]:
     }
 
 
-def next_location(state: SymbolicState, name: str, where: str = "table") -> str:
+def next_location(state: SymbolicState, name: str) -> str:
     """A symbol for a new place for object `name`: `table_loc_36`, `table_loc_36_2`, …"""
-    base = f"{where}_loc_{name.removeprefix('object_')}"
+    base = f"table_loc_{name.removeprefix('object_')}"
     taken = state.retired | {fact[3] for fact in state.facts if fact[0] == "isGrasp" and fact[2] != name}
     taken |= {fact[1] for fact in state.facts if fact[0] == "occupied"}
-    suffix = 1
-    while (symbol := base if suffix == 1 else f"{base}_{suffix}") in taken:
-        suffix += 1
-    return symbol
+    later = (f"{base}_{number}" for number in itertools.count(2))
+    return next(symbol for symbol in itertools.chain((base,), later) if symbol not in taken)
 
 
 class InapplicableActionError(ValueError):
@@ -167,16 +150,9 @@ class GraspObstructed:
 
 
 def unmet_preconditions(state: SymbolicState, action: GroundAction) -> tuple[Atom, ...]:
-    """The facts that keep an action from being applied: missing ones, and ones that must not hold ("not", …).
-
-    Raises:
-        InapplicableActionError: no action of the domain, or the wrong number of arguments.
-    """
+    """The facts that keep an action from being applied: missing ones, and ones that must not hold ("not", …)."""
     required, forbidden = _preconditions(state, action)
-    return (
-        *sorted(required - state.facts),
-        *sorted(("not", *fact) for fact in forbidden & state.facts),
-    )
+    return (*sorted(required - state.facts), *sorted(("not", *fact) for fact in forbidden & state.facts))
 
 
 def apply_action(state: SymbolicState, action: GroundAction) -> SymbolicState:
@@ -185,20 +161,15 @@ def apply_action(state: SymbolicState, action: GroundAction) -> SymbolicState:
     Raises:
         InapplicableActionError: a precondition does not hold; the message lists them.
     """
-    unmet = unmet_preconditions(state, action)
-    if unmet:
+    if unmet := unmet_preconditions(state, action):
         raise InapplicableActionError(f"{action} is not applicable: {', '.join(map(str, unmet))}")
-    add, remove = _effects(state, action)
-    return state.changed(add, remove)
+    return state.changed(*_effects(state, action))
 
 
 def update_from_action(state: SymbolicState, action: GroundAction) -> SymbolicState:
-    """The state after a verified action (Algorithm 1, updateInitialStateFromAction).
+    """The state after a verified action (Algorithm 1, updateInitialStateFromAction); raises as `apply_action`.
 
     An object that was put down keeps its grasp references: they now mean grasps at its new place.
-
-    Raises:
-        InapplicableActionError: a precondition does not hold.
     """
     state = apply_action(state, action)
     if action.name not in ("PutDownGeneral", "PutDownForClearance"):
@@ -243,18 +214,14 @@ def arm_actions(state: SymbolicState) -> Iterator[tuple[GroundAction, str]]:
         for _, _, name, location in state.find("isGrasp", arm_pose, None, None):
             motion = (base, arm_pose, trajectory, location)
             targets = [fact[3] for fact in state.find("isClearanceLocation", location, name, None)]
-            candidates = (
-                action
-                for gripper in state.grippers
+            for gripper in state.grippers:
                 for action in (
                     GroundAction("PickUp", (name, gripper, *motion)),
                     GroundAction("PutDownGeneral", (name, gripper, *motion)),
                     *(GroundAction("PutDownForClearance", (name, target, gripper, *motion)) for target in targets),
-                )
-            )
-            for action in candidates:
-                if set(unmet_preconditions(state, action)) <= {("robotAt", base)}:
-                    yield action, base
+                ):
+                    if set(unmet_preconditions(state, action)) <= {("robotAt", base)}:
+                        yield action, base
 
 
 def _preconditions(state: SymbolicState, action: GroundAction) -> tuple[frozenset[Atom], frozenset[Atom]]:
@@ -274,9 +241,7 @@ def _preconditions(state: SymbolicState, action: GroundAction) -> tuple[frozense
             specific = {("graspedBy", name, gripper), ("isClearanceLocation", location, name, tar), ("obstacle", name)}
             forbidden = {("occupied", location)}
         case _:
-            raise InapplicableActionError(
-                f"no action of the domain: {action}; see GroundAction for names and arguments"
-            )
+            raise InapplicableActionError(f"no action of the domain: {action}; see GroundAction for the valid ones")
     motion = {("robotAt", pose1), ("isGrasp", pose2, name, location), ("isMotion", traj, pose1, pose2)}
     return frozenset(specific | motion), frozenset({*forbidden, *state.find("obstructs", None, traj, name)})
 

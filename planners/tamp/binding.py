@@ -48,10 +48,8 @@ def bind_grasps(search: Search, symbols: SymbolicState, scene: Scene) -> PlanSta
 
     def order_by_task_plan(commitments: Commitments) -> Commitments:
         """The commitments in the order in which the task planner clears."""
-        skeleton = task_plan(
-            search,
-            PlanState(_with_obstructions(search, symbols, scene, commitments), scene, ClearancePlan(commitments)),
-        )
+        obstructed = _with_obstructions(search, symbols, scene, commitments)
+        skeleton = task_plan(search, PlanState(obstructed, scene, ClearancePlan(commitments)))
         if isinstance(skeleton, NoPlan):
             return commitments
         picked = [action.args[0] for action in skeleton.actions if action.name == "PickUp"]
@@ -111,11 +109,8 @@ def _bind_moves(search: Search, symbols: SymbolicState, scene: Scene) -> PlanSta
     if lacking:
         unmet = " ".join(Goal((fact,)).to_pddl() for fact in lacking)
         return search.infeasible(Cause.MOTION, f"the plan ends without {unmet}", ())
-    commitments = found.commitments
-    if scene.robot.acts_with_all_arms:
-        for name, grasp in commitments.grasps.items():
-            symbols = reached_by(symbols, name, gripper_symbol(scene.robot, grasp.arm))
-    blockers = {name: set(names) & set(found.until) for name, names in commitments.blockers(scene).items()}
+    symbols = _with_arms(symbols, scene, found.commitments)
+    blockers = {name: set(names) & set(found.until) for name, names in found.commitments.blockers(scene).items()}
     moves: list[Moved] = []
     rest = [fact.object for fact in search.goal.placed if fact.object not in found.until]
     for index, name in enumerate(found.until):
@@ -128,48 +123,45 @@ def _bind_moves(search: Search, symbols: SymbolicState, scene: Scene) -> PlanSta
 
 
 def rebind_grasps(search: Search, symbols: SymbolicState, scene: Scene) -> PlanState | Infeasible:
-    """Choose anew what the references stand for.
-
-    The robot is said to be at `ROBOT_INIT_LOC`: the base-pose symbols are about to be rebound to other poses.
-    """
-    here = symbols.robot_at
-    at_no_reference = symbols.changed(add={("robotAt", ROBOT_INIT_LOC)}, remove={("robotAt", here)})
-    return bind_grasps(search, at_no_reference, scene)
+    """Choose anew what the references stand for."""
+    # The symbols of base poses are about to be rebound to other poses: the robot is at none of them.
+    here = {("robotAt", symbols.robot_at)}
+    return bind_grasps(search, symbols.changed(add={("robotAt", ROBOT_INIT_LOC)}, remove=here), scene)
 
 
 def task_plan(search: Search, state: PlanState) -> TaskPlan | NoPlan:
-    """The task planner's answer, checked; its time is counted. What is to stay in a hand it does not put down.
-
-    Raises:
-        InvalidAnswerError: the task planner returned no valid answer.
-    """
+    """The task planner's answer, checked; its time is counted. What is to stay in a hand it does not put down."""
     before = cpu_seconds()
     symbols, aside = state.symbols, state.clearance_plan.aside
     offers = symbols.find("isClearanceLocation", None, aside, None) if aside else ()
     target = search.target or state.clearance_plan.commitments.target
     problem = TaskProblem(symbols.changed(remove=offers), target, state.wanted).pruned()
-    time_limit = min(TASK_PLANNING_S, search.motion_layer.deadline.remaining)
-    answer = search.task_planner.plan(problem, time_limit) if time_limit > 0 else NoPlan("gave up")
+    checked = search.answers.get(problem)
+    if checked is None:
+        time_limit = min(TASK_PLANNING_S, search.motion_layer.deadline.remaining)
+        answer = search.task_planner.plan(problem, time_limit) if time_limit > 0 else NoPlan("gave up")
+        checked = search.answers[problem] = checked_answer(problem, answer, search.task_planner)
     search.task_planning_s += cpu_seconds() - before
     search.task_plans += 1
-    checked = checked_answer(problem, answer, search.task_planner)
     search.has_given_up |= isinstance(checked, NoPlan) and checked.reason == "gave up"
     return checked
 
 
 def _with_obstructions(search: Search, symbols: SymbolicState, scene: Scene, commitments: Commitments) -> SymbolicState:
-    """Forget what obstructed earlier choices; a strategy that plans ahead says what obstructs these.
-
-    Of a robot that acts with several arms the facts say which arm each choice is made for.
-    """
-    if scene.robot.acts_with_all_arms:
-        for name, grasp in commitments.grasps.items():
-            symbols = reached_by(symbols, name, gripper_symbol(scene.robot, grasp.arm))
+    """Forget what obstructed earlier choices; a strategy that plans ahead says what obstructs these."""
+    symbols = _with_arms(symbols, scene, commitments)
     blockers = commitments.blockers(scene) if search.strategy.plans_ahead else {}
     obstructed = {trajectory for _, _, trajectory, _ in symbols.find("obstructs", None, None, None)}
     for name in scene.names:
         if blockers.get(name) or grasp_references(name).arm_trajectory in obstructed:
             symbols = update_from_error(symbols, GraspObstructed(name, frozenset(blockers.get(name, ()))))
+    return symbols
+
+
+def _with_arms(symbols: SymbolicState, scene: Scene, commitments: Commitments) -> SymbolicState:
+    """Of a robot that acts with several arms: which arm each choice is made for."""
+    for name, grasp in commitments.grasps.items() if scene.robot.acts_with_all_arms else ():
+        symbols = reached_by(symbols, name, gripper_symbol(scene.robot, grasp.arm))
     return symbols
 
 
@@ -191,8 +183,7 @@ def bind_action(search: Search, state: PlanState, action: GroundAction) -> Bound
             return _drive_to_put_down(search, state, action, pose.removeprefix(_PUT_DOWN_POSE))
         case GroundAction("PickUp", (name, *_)):
             return _pick_up(search, state, action, name)
-        case _:
-            return state.put_downs[action.args[-1]]
+    return state.put_downs[action.args[-1]]
 
 
 def _drive_to_grasp(search: Search, state: PlanState, action: GroundAction, name: str) -> BoundMotion | Refutation:

@@ -45,12 +45,9 @@ class JointTrajectory:
 
 
 def joint_trajectory(actions: Sequence[BoundAction]) -> JointTrajectory:
-    """The trajectory of bound actions, in order.
+    """The trajectory of bound actions, in order; raises `ValueError` if there are none.
 
     An arm that does not act is where it was left, at first in its home configuration, its gripper closed.
-
-    Raises:
-        ValueError: there are no actions.
     """
     if not actions:
         raise ValueError("the plan has no actions: there is nothing to export")

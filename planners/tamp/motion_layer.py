@@ -161,10 +161,12 @@ class MotionLayer:
     def lower_bound(self, scene: Scene, goal: Goal, start: Scene, buffers: bool) -> LowerBound:
         """The fewest picks for a goal, by the grasps known here."""
         search, deadline = self.placement_search, self.deadline
+        self.candidates.remembers = True
         return fewest_picks(scene, goal, self.candidates, start, search=search, buffers=buffers, deadline=deadline)
 
     def _problem(self, strategy: Strategy, scene: Scene) -> ClearingProblem:
         search, rng, deadline = self.placement_search, self.rng, self.deadline
+        self.candidates.remembers = True
         return ClearingProblem(self.candidates, search, scene, "", strategy, rng, deadline)
 
     def _reject(self, scene: Scene, grasp: GraspCandidate) -> None:

@@ -6,7 +6,7 @@ import json
 import types
 import typing
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cache
 from pathlib import Path
@@ -97,28 +97,22 @@ def _encode(plan: Stored) -> tuple[dict[str, Any], list[NDArray[Any]]]:
 
     def encode(value: Any) -> Any:
         kind = type(value)
-        is_array = isinstance(value, np.ndarray) and not value.dtype.hasobject
-        if is_array or classes.get(kind.__name__) is kind:
-            if id(value) not in known:
-                known[id(value)] = number(value)
+        if id(value) in known:
             return known[id(value)]
-        if value is None or isinstance(value, bool | str):
+        if isinstance(value, np.ndarray) and not value.dtype.hasobject:
+            arrays.append(value)
+            return known.setdefault(id(value), {"array": len(arrays) - 1})
+        if classes.get(kind.__name__) is kind:
+            content = {name: encode(getattr(value, name)) for name in _field_types(classes[kind.__name__])}
+            objects.append({"class": kind.__name__, "fields": content})
+            return known.setdefault(id(value), {"object": len(objects) - 1})
+        if value is None or isinstance(value, bool | str | int | float):
             return value
-        if isinstance(value, int | np.integer):
-            return int(value)
-        if isinstance(value, float | np.floating):
-            return float(value)
+        if isinstance(value, np.integer | np.floating):
+            return value.item()
         if isinstance(value, tuple):
             return [encode(entry) for entry in value]
         raise PlanFileError(f"a plan that holds a {kind.__qualname__} cannot be written")
-
-    def number(value: Any) -> dict[str, int]:
-        if isinstance(value, np.ndarray):
-            arrays.append(value)
-            return {"array": len(arrays) - 1}
-        content = {name: encode(getattr(value, name)) for name in _field_types(classes[type(value).__name__])}
-        objects.append({"class": type(value).__name__, "fields": content})
-        return {"object": len(objects) - 1}
 
     root = encode(plan)
     return {"objects": objects, "plan": root}, arrays
@@ -148,8 +142,9 @@ def _decode(header: Mapping[str, Any], classes: Mapping[str, type], read_array: 
         kind = classes[stored["class"]]
         content = {renamed.get(name, name): decode(value) for name, value in stored["fields"].items()}
         for name, hint in _field_types(kind).items():
-            is_missing = name not in content and header["version"] != VERSION and name in _defaulted(kind)
-            if not is_missing and not _fits(content.get(name), hint):
+            # A dataclass keeps defaults as attributes of the class.
+            is_missing = name not in content and header["version"] != VERSION and is_dataclass(kind)
+            if not (is_missing and hasattr(kind, name)) and not _fits(content.get(name), hint):
                 raise TypeError(f"{name} of a {kind.__name__} is no {hint}")
         objects.append(kind(**content))
     return decode(header["plan"])
@@ -168,11 +163,6 @@ def _fits(value: Any, hint: Any) -> bool:
     if hint in (int, float):
         return isinstance(value, int | hint) and not isinstance(value, bool)
     return hint is Any or isinstance(value, origin or hint)
-
-
-def _defaulted(kind: type) -> set[str]:
-    """Names of the fields of a dataclass that have a default."""
-    return {one.name for one in fields(kind) if one.default is not MISSING} if is_dataclass(kind) else set()
 
 
 @cache

@@ -118,11 +118,9 @@ class SolveStats:
 
     def rows(self) -> dict[str, str]:
         """Times and counts in words, for the summary of a plan."""
-        return {
-            "Planning time": f"{self.total_s:.2f} s of CPU time",
-            "Replans": f"{self.replans} (task plans: {self.task_plans})",
-            **({"Grasps without a way to them": str(self.unusable)} if self.unusable else {}),
-        }
+        unusable = {"Grasps without a way to them": str(self.unusable)} if self.unusable else {}
+        replans = f"{self.replans} (task plans: {self.task_plans})"
+        return {"Planning time": f"{self.total_s:.2f} s of CPU time", "Replans": replans, **unusable}
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -165,10 +163,8 @@ class Solution(Stored):
 
     def __repr__(self) -> str:
         wanted = f"target={reprlib.repr(self.target)}" if self.target else f"goal={reprlib.repr(str(self.goal))}"
-        return (
-            f"Solution({wanted}, strategy={reprlib.repr(self.strategy.name)}, "
-            f"actions={len(self.actions)}, clearances={len(self.clearances)}, duration={self.duration:.1f} s)"
-        )
+        counts = f"actions={len(self.actions)}, clearances={len(self.clearances)}, duration={self.duration:.1f} s"
+        return f"Solution({wanted}, strategy={reprlib.repr(self.strategy.name)}, {counts})"
 
     @property
     def duplicated(self) -> tuple[str, ...]:
@@ -189,16 +185,14 @@ class Solution(Stored):
         """The plan in words, several lines: goal, what is put down and where, picks, length, times."""
         puts = [action for action in self.actions if action.is_clearance]
         wanted = f"takes {self.target}" if self.target else f"reaches {self.goal}"
-        lines = [f"Plan that {wanted}, made by strategy {self.strategy.name!r}"]
-        lines.append(f"{'Clearances' if self.target else 'Put down'}: {len(puts) or 'none'}")
-        lines += [f"  {number}. {_clearance(action)}" for number, action in enumerate(puts, start=1)]
-        picks = {} if self.bound is None else {"Picks": f"{self.picks}; no plan has fewer than {self.bound.least}"}
-        rows = {
-            **picks,
-            "Actions": str(len(self.actions)),
-            "Simulated duration": f"{self.duration:.1f} s",
-            **self.stats.rows(),
-        }
+        lines = [
+            f"Plan that {wanted}, made by strategy {self.strategy.name!r}",
+            f"{'Clearances' if self.target else 'Put down'}: {len(puts) or 'none'}",
+            *(f"  {number}. {_clearance(action)}" for number, action in enumerate(puts, start=1)),
+        ]
+        rows = {"Actions": str(len(self.actions)), "Simulated duration": f"{self.duration:.1f} s", **self.stats.rows()}
+        if self.bound is not None:
+            rows = {"Picks": f"{self.picks}; no plan has fewer than {self.bound.least}", **rows}
         return "\n".join([*lines, *(f"{name}: {value}" for name, value in rows.items())])
 
     def _repr_html_(self) -> str:

@@ -28,12 +28,12 @@ from clutter_env.policies.high_level.candidates import CandidateRule
 from clutter_env.policies.high_level.policy import LearnedHighLevelPolicy
 from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
 from clutter_env.policies.two_level import TwoLevelPolicy
-from clutter_env.policies.weights import WeightsInfo, save_weights
 from clutter_env.seeds import training_seeds
 from clutter_env.task import Task
 from scripts.shipped_weights.decisions import SEEDS_OF_A_RUN, DecisionBudget, train_decisions
 from scripts.shipped_weights.motion_examples import Motion, motions_of, planned_motions
 from scripts.shipped_weights.motions import fit_motions
+from scripts.shipped_weights.saving import save_weights, trained_in
 
 FIRST_PLAN_SEED = 100_000
 """First seed of the scenes whose plans are learned from."""
@@ -138,12 +138,12 @@ def train(
     if not decisions.exists():
         rule = CandidateRule(robot, layout, recipe.grasps)
         chooser = train_decisions(env, rule, seed, recipe.decisions, directory / "examples.npz", log)
-        save_weights(decisions, chooser, WeightsInfo.of_env("decisions", env, recipe.grasps))
+        save_weights(decisions, chooser, trained_in(env, "decisions", recipe.grasps))
     if not motions.exists():
         network = fit_motions(
             robot, list(shown), recipe.motion_steps, seed, lambda step, loss: log(f"motions, step {step}: {loss:.4f}")
         )
-        save_weights(motions, network, WeightsInfo.of_env("motions", env, recipe.grasps))
+        save_weights(motions, network, trained_in(env, "motions", recipe.grasps))
     env.close()
     return TwoLevelPolicy(LearnedHighLevelPolicy.load(decisions), KeyframePolicy.load(motions), recipe.grasps)
 

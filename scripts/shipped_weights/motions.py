@@ -15,7 +15,6 @@ from clutter_env.data.dataset import Dataset
 from clutter_env.errors import DatasetError
 from clutter_env.policies.experts import PLANNERS
 from clutter_env.policies.motion.arm import ArmKinematics, rotations_about
-from clutter_env.policies.motion.keep_out import KeepOutRegion
 from clutter_env.policies.motion.network import (
     CENTRE,
     FREE,
@@ -23,6 +22,7 @@ from clutter_env.policies.motion.network import (
     FREE_UNITS,
     POSE,
     REACH,
+    KeepOutRegion,
     KeyframeNetwork,
     Prediction,
 )

@@ -183,23 +183,6 @@ def test_a_sealed_file_with_a_wrong_entry_is_an_error_of_the_suite(suite_file: P
                 assert value != "missing" or name in ("sha256", "format"), f"{name} is missing"
 
 
-@pytest.mark.parametrize(
-    "entry",
-    [
-        {"count": -1, "is_proved": True, "cause": ""},
-        {"count": 1.0, "is_proved": True, "cause": ""},
-        {"count": 1, "is_proved": 1, "cause": ""},
-        {"count": 1, "is_proved": True, "cause": "unreachable"},
-        {"count": None, "is_proved": True, "cause": ""},
-        {"count": 1},
-        3,
-    ],
-)
-def test_what_is_no_floor_is_refused(entry: object) -> None:
-    with pytest.raises(SuiteError, match="is not a floor"):
-        Floor.read(entry)
-
-
 def test_a_floor_belongs_to_a_grasp_set() -> None:
     scene = replace(clutter_env.suite("side-15-v2").test[0], floor_side=Floor(2, True), floor_all=Floor(1, False))
     assert (scene.floor("side"), scene.floor("all")) == (Floor(2, True), Floor(1, False))

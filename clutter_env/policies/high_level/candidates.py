@@ -133,7 +133,7 @@ class CandidateRule:
         return np.column_stack((x, y, np.full(len(x), TABLE_HEIGHT)))
 
     def _with_bases(self, index: NDArray[np.int64], tcp: Array) -> Candidates:
-        """All base poses of the rule for TCP poses (k, 5)."""
+        """With all base poses of the rule, for TCP poses (k, 5)."""
         turns = np.array(TURNS)
         yaw = np.remainder(tcp[:, 3:4] - turns + math.pi, 2 * math.pi) - math.pi
         standoff = np.repeat(np.interp(tcp[:, 4:5], _PITCHES, _MIN), len(turns), axis=1)

@@ -183,7 +183,6 @@ class KeyframePolicy:
         return bool((error[3:] < _PASSING).all())
 
     def _keyframe(self, seen: ParsedObservation) -> Keyframe:
-        """The goal of the present phase."""
         return self._planner.keyframe(self._phases[0], self._contact, self._offset, seen)
 
     # Feedback.

@@ -171,7 +171,6 @@ class ShelfKeyframePlanner:
         return self._last[2]
 
     def _flipped(self, q: Array) -> Array:
-        """The configuration with the wrist on the chosen side."""
         return with_wrist_flipped(self._robot, q) if self._arm.is_flipped else q
 
     def _predict(self, phase: str, contact: Contact, free: Array) -> Prediction:
@@ -202,7 +201,6 @@ def drive_points(table: StaticObstacle, contact: Contact) -> Array:
 
 
 def _is_same(contact: Contact, other: Contact) -> bool:
-    """Whether it is the same pick or place."""
     if (contact.skill, contact.object) != (other.skill, other.object):
         return False
     return np.allclose(contact.tcp, other.tcp, atol=_ALIKE) and np.allclose(contact.base, other.base, atol=_ALIKE)

@@ -9,7 +9,6 @@ import pytest
 
 from clutter_env.cli.episode import Arguments
 from clutter_env.cli.expert_episodes import (
-    Played,
     episode_text,
     plan_text,
     replanning_text,
@@ -36,7 +35,7 @@ def test_replanning_marks_what_held_and_what_was_refuted() -> None:
 def test_the_text_of_an_episode_without_a_plan_names_the_cause() -> None:
     plan = Infeasible(Cause.NO_CLEARANCE_LOCATION, "nowhere for object_02", target="object_01")
     report = EpisodeReport(failure="no clearance location: nowhere for object_02")
-    text = episode_text(Arguments(strategy="ngr"), Played(0, plan, report, False, False))
+    text = episode_text(Arguments(strategy="ngr"), plan, report_rows(report, False, False))
     assert "No plan takes object_01" in text
     assert "Cause: no clearance location" in text
     assert "Replanning of ngr (as in Fig. 11)\n\nnone" in text

@@ -8,7 +8,7 @@ from gymnasium.vector import AsyncVectorEnv, AutoresetMode
 
 import clutter_env
 from clutter_env.data.hub import make_env
-from clutter_env.errors import ConfigError
+from clutter_env.errors import ConfigError, UnknownTask
 
 assert clutter_env  # registers the environments
 
@@ -51,7 +51,7 @@ def test_each_environment_can_have_a_process() -> None:
 
 
 def test_misuse_is_named() -> None:
-    with pytest.raises(ConfigError, match=r"known ones: .*Retrieve-o15"):
+    with pytest.raises(UnknownTask, match=r"known ones: .*Retrieve-o15"):
         make_env(cfg={"env_id": "clutter_env/Sort-v0"})
     with pytest.raises(ConfigError, match="at least 1"):
         make_env(0)

@@ -92,6 +92,19 @@ def test_a_second_episode_begins_where_the_robot_is() -> None:
     np.testing.assert_array_equal(used.act(*given), fresh.act(*given))
 
 
+def test_it_looks_at_all_supports_where_no_place_is_left() -> None:
+    """After a move that made way for the target, in sight by then, nothing was looked at."""
+    env = gym.make("clutter_env/Search-o5-v0", image_size=32, frame_every=10)
+    expert = SearchExpert(env)
+    given = env.reset(seed=1)
+    expert.reset(*given)
+    expert._run = expert._look([])
+    while not expert.done:
+        observation, _, _, _, info = env.step(expert.act(*given))
+        given = observation, info
+    assert len(expert.report.belief_s) == len(expert._supports)
+
+
 def test_of_a_target_seen_as_two_things_the_surer_one_is_planned_with_among_all_others() -> None:
     env = gym.make("clutter_env/Search-o5-v0", image_size=32)
     expert = SearchExpert(env)

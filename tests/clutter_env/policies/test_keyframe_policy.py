@@ -16,10 +16,9 @@ from assets import FETCH
 from clutter_env.envs.observation import OBSERVATION_LAYOUT
 from clutter_env.policies.motion.arm import ArmKinematics, shorter_turns, with_wrist_flipped
 from clutter_env.policies.motion.control import CLOSE
-from clutter_env.policies.motion.keep_out import KeepOutRegion
 from clutter_env.policies.motion.keyframe_planner import OpenKeyframePlanner
 from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
-from clutter_env.policies.motion.network import KeyframeNetwork
+from clutter_env.policies.motion.network import KeepOutRegion, KeyframeNetwork
 from clutter_env.policies.parsed_observation import parse_observation, planar_pose
 from clutter_env.policies.protocol import begin_episode
 from clutter_env.policies.registry import load_policy

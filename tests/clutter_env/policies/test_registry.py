@@ -20,8 +20,9 @@ from clutter_env.policies.motion.network import KeyframeNetwork
 from clutter_env.policies.protocol import PolicyError, PublicInfo, begin_episode
 from clutter_env.policies.registry import BUILT_IN, PolicyTraits, load_policy
 from clutter_env.policies.two_level import TwoLevelPolicy
-from clutter_env.policies.weights import PROBLEMS, WeightsInfo, load_weights, save_weights, shipped_path
+from clutter_env.policies.weights import PROBLEMS, load_weights, shipped_path
 from clutter_env.scene.layout import Layout
+from scripts.shipped_weights.saving import save_weights, trained_in
 
 
 def test_every_built_in_policy_is_made_and_has_the_protocol() -> None:
@@ -102,7 +103,7 @@ def test_weights_for_a_users_own_robot_and_layout_are_loaded_again(tmp_path: Pat
     bench, robot = Layout("bench", depth=0.6, width=1.1), replace(FETCH, name="mine", max_loaded_yaw_rate=0.1)
     env = gym.make("clutter_env/Retrieve-o1-v0", layout=bench, robot=robot)
     network, _ = KeyframeNetwork.load(shipped_path("motions", "shelf"))
-    save_weights(tmp_path / "w.npz", network, WeightsInfo.of_env("motions", env, "side"))
+    save_weights(tmp_path / "w.npz", network, trained_in(env, "motions", "side"))
     policy = KeyframePolicy.load(tmp_path / "w.npz")
     begin_episode(policy, env.reset(seed=0)[1], env)
     for changed in ({"layout": replace(bench, width=1.2)}, {"robot": replace(robot, max_loaded_yaw_rate=0.2)}):

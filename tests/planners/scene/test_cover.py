@@ -56,5 +56,5 @@ def test_objects_before_another_are_those_that_it_meets_on_the_direction_out() -
         cylinder("object_03", 0.25, 0.0),  # behind it
     )
     scene = shelf_scene(moved, *others)
-    assert scene.names_of(objects_before(scene, moved, np.array([-1.0, 0.0]))) == ("object_01",)
-    assert scene.names_of(objects_before(scene, moved, np.array([1.0, 0.0]))) == ("object_03",)
+    assert scene.names_of(objects_before(scene, moved, np.zeros((1, 2)), np.array([-1.0, 0.0]))[0]) == ("object_01",)
+    assert scene.names_of(objects_before(scene, moved, np.zeros((1, 2)), np.array([1.0, 0.0]))[0]) == ("object_03",)

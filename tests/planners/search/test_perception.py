@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from planners.scene import StaticObstacle
-from planners.search.perception import Description, fit_upright
+from planners.search.perception import Description, Seen, fit_upright, perceive
 from tests.planners.scenes import HEIGHT, OBSTACLES
 
 Array = NDArray[np.float64]
@@ -61,6 +64,22 @@ def test_a_sliver_of_a_known_target_tells_its_place() -> None:
     body, _ = fit_upright("target", strip, _SUPPORTS, Description((1, 0, 0), "cylinder", half))
     assert np.linalg.norm(body.position[:2] - (0.1, -0.2)) < 0.006
     assert np.allclose(body.half_extents, half)
+
+
+def test_two_parts_of_the_target_become_one_once_it_is_seen_whole() -> None:
+    rng, target = np.random.default_rng(4), Description((1, 0, 0), "cylinder", (0.03, 0.03, 0.06))
+    points = _seen_from_the_front("cylinder", np.array(target.half_extents), 0.0, 0.0, rng)
+    parts = {"seen_00": points[points[:, 1] > -0.18], "seen_01": points[points[:, 1] < -0.22]}
+    known = [
+        Seen(fit_upright(name, part, _SUPPORTS, target)[0], part, np.array((1, 0, 0)), 0.0, True)
+        for name, part in parts.items()
+    ]
+    image = {"masks": np.full((1, len(points)), 3), "colours": np.full((1, len(points), 3), (255, 0, 0))}
+    view: Any = SimpleNamespace(**image, points=lambda _: points)
+    (found,) = perceive(view, known, _SUPPORTS, target)
+    assert np.linalg.norm(found.body.position[:2] - (0.1, -0.2)) < 0.002
+    for held in parts:
+        assert held in [one.name for one in perceive(view, known, _SUPPORTS, target, held)]
 
 
 def test_colours_are_compared_in_any_shade() -> None:

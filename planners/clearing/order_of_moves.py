@@ -1,0 +1,220 @@
+"""The order of moves under a shelf, found on masks before any placement is looked for.
+
+Under a shelf all grippers come from the front: what stands before a place must go there after what stands behind. What
+is in the way of taking each object where it stands, and of putting it down at its end, is worked out once, as masks of
+objects where they stand and of objects at their ends. A best-first search over which objects stand where finds the
+fewest moves: to an end, or aside, where an object counts as in nobody's way.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from planners.goals import Goal
+from planners.grasping.candidates import GraspCandidate, GraspCandidates
+from planners.placing.goal_places import beside, distances, locations_in, place_of
+from planners.placing.locations import stand_at
+from planners.scene import Body, Scene
+from planners.scene.cover import needs_drive
+
+_EXPANSIONS = 2000
+"""Arrangements from which moves are looked for, before the search becomes greedy, and before it is given up."""
+_WEIGHTS = (1.0, 3.0)
+"""Of the moves that are left at least: exact, and greedy."""
+_BESIDE = 0.004
+"""[m] between an object at its end and what may stand beside it."""
+
+
+class Option(NamedTuple):
+    """A way to take an object, or to put it down, and what must not stand where then: see `Order`."""
+
+    mask: int
+    grasp: GraspCandidate
+
+
+class Step(NamedTuple):
+    """One move of the order.
+
+    Attributes:
+        name: of the object.
+        is_general: whether it goes to its end, not just aside.
+        taken: how it is taken; None if it has been put aside by then.
+        put: how it is put down at its end; None if it is put aside.
+    """
+
+    name: str
+    is_general: bool
+    taken: GraspCandidate | None
+    put: GraspCandidate | None
+
+
+@dataclass(frozen=True)
+class Order:
+    """The order of moves for a goal.
+
+    In its masks bit i is object i where it stands, bit n + i object i of n at its end.
+
+    Attributes:
+        candidates: where grasps come from; to put an object down counts as to take it from its end, in reverse.
+        ends: where the objects of the goal are to stand, by name.
+    """
+
+    candidates: GraspCandidates
+    ends: Mapping[str, Body]
+    _at_ends: dict[tuple[str, bytes, bytes], int] = field(default_factory=dict, repr=False)
+    _seen: dict[str, bytes] = field(default_factory=dict, repr=False)  # the ends that these hits are at
+
+    @classmethod
+    def of(cls, scene: Scene, goal: Goal, waiting: Collection[str], candidates: GraspCandidates) -> Order | None:
+        """The order for objects that are to move; None if there is none: see `is_under_shelf`."""
+        if not is_under_shelf(scene, goal) or scene.held_names:
+            return None
+        ends = {fact.object: scene.body(fact.object) for fact in goal.placed if fact.object not in waiting}
+        for fact in (fact for fact in goal.placed if fact.object in waiting):
+            place, body = place_of(scene, fact), scene.body(fact.object)
+            if place.below or not body.is_upright:
+                return None
+            alone = replace(scene, objects=tuple(ends.values()))
+            found = next(locations_in(alone, body, place, (), (), lambda points: np.ones(len(points), np.bool_)), None)
+            if found is None:
+                return None
+            point, (yaw, *_) = found
+            turn = 0.0 if yaw is None else yaw - body.yaw
+            ends[body.name] = stand_at(body, np.array([*point, place.face.top]), turn)
+        return cls(candidates, ends)
+
+    def steps(
+        self,
+        scene: Scene,
+        waiting: Collection[str],
+        in_the_way: Mapping[str, Collection[str]],
+        in_vain: Collection[tuple[str, bool]],
+    ) -> list[Step]:
+        """The moves from a scene on, [] if none are found.
+
+        Args:
+            scene: where objects stand.
+            waiting: names of what is to move.
+            in_the_way: names of what else must have left before an object is put down at its end, by its name.
+            in_vain: first moves that were refuted, and whether to the end.
+        """
+        names, n = scene.names, len(scene.names)
+        ends = {name: body if name in waiting else scene.body(name) for name, body in self.ends.items()}
+        final, seen = scene, {name: body.pose.tobytes() for name, body in ends.items()}
+        for body in ends.values():
+            final = final.with_body(body)
+        if seen != self._seen:
+            self._at_ends.clear()
+            self._seen.update(seen)
+        start, to_move = scene.mask(names), scene.mask(waiting)
+
+        @cache
+        def options(name: str, at_end: bool) -> list[Option]:
+            """Ways to take an object where it stands, or from its end, one for each mask and pitch."""
+            there = scene.with_body(ends[name]) if at_end else scene
+            grasps, body, too = self.candidates.for_object(there, name), there.body(name), 0
+            if at_end:
+                near = (one for one in beside(scene, scene.support_under(body), body) if one.name != name)
+                touched = (one for one in near if distances(body.position[None, :2], one)[0] < body.radius + _BESIDE)
+                too = scene.mask({*(one.name for one in touched), *in_the_way.get(name, ())} - {name})
+            new = [grasp for grasp in grasps if grasp.key not in self._at_ends]
+            among = scene.mask(set(ends) - {name})
+            hits = self.candidates.hits_among(final.with_body(body), name, new, among)
+            self._at_ends.update((grasp.key, int(hit)) for grasp, hit in zip(new, hits, strict=True))
+            best: dict[tuple[int, float], Option] = {}
+            for grasp in grasps:
+                mask = grasp.blockers | too | self._at_ends[grasp.key] << n
+                best.setdefault((mask, grasp.pitch), Option(mask, grasp))
+            return sorted(best.values(), key=lambda one: one.mask.bit_count())
+
+        def moves(now: int, is_first: bool) -> Iterator[tuple[Step, int]]:
+            """The moves that are possible, and where objects stand after them."""
+            for index, name in enumerate(names):
+                stands, end = now >> index & 1, 1 << n + index
+                if now & end or not (stands or name in ends):
+                    continue
+                left = now & ~(1 << index)
+                taken = [one for one in options(name, False) if not one.mask & left] if stands else []
+                if stands and not taken:
+                    continue
+                if name in ends and not (stands and name not in waiting) and not (is_first and (name, True) in in_vain):
+                    put = [one for one in options(name, True) if not one.mask & left]
+                    pairs = ((a.grasp, b.grasp) for a in taken for b in put if a.grasp.pitch == b.grasp.pitch)
+                    pair = next(pairs, None) if stands else (None, put[0].grasp) if put else None
+                    if pair is not None:
+                        yield Step(name, True, pair[0], pair[1]), left | end
+                if stands and not (is_first and (name, False) in in_vain):
+                    yield Step(name, False, taken[0].grasp, None), left
+
+        @cache
+        def left_over(now: int) -> int:
+            """About how many moves are left: of all that is to move, and of what must leave for that at least."""
+            rest, needed, done = [], 0, 0
+            for index, name in enumerate(names):
+                stands = now >> index & 1
+                if not now >> n + index & 1 and (name in waiting if stands else name in ends):
+                    rest.append(name)
+                    kinds = [False] * stands + [True] * (name in ends)
+                    for kind in kinds:
+                        needed |= fewest(name, kind, now)
+            while more := needed & ~done:
+                index = more.bit_length() - 1
+                done |= 1 << index
+                needed |= fewest(names[index], False, now)
+            return len(rest) + (needed & ~to_move).bit_count()
+
+        def fewest(name: str, at_end: bool, now: int) -> int:
+            """The smallest set of objects, where they stand, in the way of an object; all where it cannot be moved."""
+            masks = (one.mask & now & start for one in options(name, at_end))
+            return min(masks, key=int.bit_count, default=start)
+
+        return next(filter(None, (_best_first(start, moves, left_over, weight) for weight in _WEIGHTS)), [])
+
+
+def is_under_shelf(scene: Scene, goal: Goal) -> bool:
+    """Whether the moves for a goal are ordered: all that it names is to stand somewhere, something under a shelf."""
+    if goal.order or goal.held or len(scene.robot.acting_arms) > 1:
+        return False
+    points = [scene.body(fact.object).foot for fact in goal.placed]
+    for place in (place_of(scene, fact) for fact in goal.placed):
+        middle = place.location if place.area is None else np.array(place.area.centre)
+        points += [] if middle is None else [np.append(middle, place.face.top)]
+    return any(needs_drive(scene, point) for point in points)
+
+
+_Trail: TypeAlias = "tuple[Step, _Trail] | None"
+
+
+def _best_first(
+    start: int,
+    moves: Callable[[int, bool], Iterator[tuple[Step, int]]],
+    left_over: Callable[[int], int],
+    weight: float,
+) -> list[Step]:
+    """The moves of a shortest way until none are left over, [] if none is found."""
+    count, done = itertools.count(), set[int]()
+    queue: list[tuple[float, int, int, int, _Trail]] = [(weight * left_over(start), 0, 0, start, None)]
+    while queue and len(done) < _EXPANSIONS:
+        _, _, cost, now, trail = heapq.heappop(queue)
+        if now in done:
+            continue
+        done.add(now)
+        if left_over(now) == 0:
+            steps: list[Step] = []
+            while trail is not None:
+                step, trail = trail
+                steps.insert(0, step)
+            return steps
+        for step, then in moves(now, trail is None):
+            if then not in done:
+                # Of equally good ones the latest first: it is nearest to the end.
+                rank = cost + 1 + weight * left_over(then), -next(count)
+                heapq.heappush(queue, (*rank, cost + 1, then, (step, trail)))
+    return []
