@@ -18,13 +18,12 @@ from tests.irm.arms import APPROACH, arm_chain, random_configurations, random_po
 NO, OPEN, YES = 0, 1, 2
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", APPROACH)
 @pytest.mark.parametrize("near_limits", [False, True])
 def test_a_pose_of_the_arm_is_never_called_out_of_reach(name, near_limits):
     chain = arm_chain(name)
     T = np.array([forward(chain, q) for q in random_configurations(chain, 400, np.random.default_rng(0), near_limits)])
-    status, _ = ExactSolver(chain).solve(T)
+    status, _ = ExactSolver(chain).reach(T)
     assert np.mean(status == YES) > 0.99
     assert not np.any(status == NO)
 
@@ -56,7 +55,7 @@ def test_every_yes_comes_with_a_configuration_within_the_limits_that_reaches(nam
 def test_no_is_confirmed_by_numerical_inverse_kinematics_and_little_is_open(name):
     chain, rng = arm_chain(name), np.random.default_rng(2)
     T = random_poses(chain, 200, rng)
-    status, _ = ExactSolver(chain).solve(T)
+    status, _ = ExactSolver(chain).reach(T)
     assert np.mean(status == OPEN) <= 0.05
     assert np.any(status == NO)
     for pose in T[status == NO]:
@@ -92,7 +91,7 @@ def test_without_a_structure_no_is_by_length_alone(lift_arm):
     reached = np.array([forward(bent, q) for q in random_configurations(bent, 40, rng)])
     far = np.tile(np.eye(4), (3, 1, 1))
     far[:, 0, 3] = 3.0
-    status, _ = ExactSolver(bent).solve(np.concatenate([reached, far]))
+    status, _ = ExactSolver(bent).reach(np.concatenate([reached, far]))
     assert not np.any(status[:40] == NO)
     assert np.mean(status[:40] == YES) > 0.9
     assert np.all(status[40:] == NO)
@@ -112,12 +111,11 @@ def test_without_a_structure_the_lengths_of_the_links_refuse_a_third_of_what_is_
     assert np.mean(others[others != YES] == NO) > 0.33
 
 
-@pytest.mark.slow
 def test_parallel_axes_on_a_lift(lift_arm):
     chain, rng = ArmChain.from_robot(lift_arm), np.random.default_rng(5)
     assert isinstance(find_structure(chain), ParallelArm)
     T = np.array([forward(chain, q) for q in random_configurations(chain, 200, rng, True)])
-    status, q = ExactSolver(chain).solve(T)
+    status, q = ExactSolver(chain).reach(T)
     assert np.all(status == YES)
     for pose, configuration in zip(T, q, strict=True):
         np.testing.assert_allclose(forward(chain, configuration), pose, atol=3e-5)
