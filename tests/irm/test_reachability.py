@@ -203,7 +203,8 @@ def test_bases_for_a_sampled_map_reach(lift_arm_map):
 
 @pytest.mark.slow
 def test_without_its_closed_form_fetch_gets_nearly_the_same_map():
-    parameters = {"voxel": 0.15, "orientations": 26, "heights": (0.6, 1.2), "lift": False}
+    """Of the joints alone: free configurations of high μ are rare, and sampling finds others."""
+    parameters = {"voxel": 0.15, "orientations": 26, "heights": (0.6, 1.2), "lift": False, "self_collision": False}
     exact = ReachabilityMap.build(FETCH, **parameters)
     sampled = ReachabilityMap.build(dataclasses.replace(FETCH, closed_form_ik=""), samples=100_000, **parameters)
     both = np.intersect1d(exact.cells, sampled.cells).size
