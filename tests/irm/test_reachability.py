@@ -13,16 +13,15 @@ from assets.robots import FETCH
 from irm.errors import ReachabilityError
 from irm.free_space import FreeSpace
 from irm.grid import MapGrid, MapParameters, Orientations, nearest_orientation
-from irm.ik.closed_form import ik_pan, inverse
-from irm.ik.numerical import random_seeds, solve
+from irm.ik.closed_form import ik_pan
+from irm.ik.numerical import random_seeds
 from irm.ik.solvers import ExactSolver
 from irm.inverse_map import InverseReachabilityMap
-from irm.kinematics import jacobian, manipulability
 from irm.map_kernels import PAN_SAMPLES, shapes_at_every_roll
 from irm.reachability_map import ReachabilityMap
 from irm.rotations import rotation, rotations, yaw_pitch_roll
 from irm.verification import SelfCollision, tcp_poses
-from tests.irm.arms import ARM, CHAIN, in_base
+from tests.irm.arms import ARM, CHAIN, in_base, inverse, jacobian, manipulability, solve
 
 
 def test_every_pose_of_a_map_has_an_exact_solution_as_good_as_it_says(coarse_map):

@@ -9,11 +9,11 @@ import pytest
 
 from assets.robots import FETCH
 from irm.chain import ArmChain
-from irm.ik.numerical import random_seeds, solve
+from irm.ik.numerical import random_seeds
 from irm.ik.solvers import ExactSolver, arm_solutions, free_angles, solver_arrays
 from irm.ik.structure import ParallelArm, SphericalArm, find_structure
 from irm.kinematics import forward
-from tests.irm.arms import APPROACH, arm_chain, random_configurations, random_poses
+from tests.irm.arms import APPROACH, arm_chain, random_configurations, random_poses, solve
 
 NO, OPEN, YES = 0, 1, 2
 
@@ -96,6 +96,20 @@ def test_without_a_structure_no_is_by_length_alone(lift_arm):
     assert not np.any(status[:40] == NO)
     assert np.mean(status[:40] == YES) > 0.9
     assert np.all(status[40:] == NO)
+
+
+def test_without_a_structure_the_lengths_of_the_links_refuse_a_third_of_what_is_out_of_reach():
+    chain = arm_chain("ur5e")
+    bent = chain.offsets.copy()
+    bent[3:, :3] += 0.02
+    chain, rng = dataclasses.replace(chain, offsets=bent), np.random.default_rng(0)
+    assert find_structure(chain) is None
+    solver = ExactSolver(chain)
+    reached = solver.reach(np.array([forward(chain, q) for q in random_configurations(chain, 300, rng, True)]))[0]
+    assert not np.any(reached == NO)
+    assert np.mean(reached == YES) > 0.97
+    others = solver.reach(random_poses(chain, 200, rng))[0]
+    assert np.mean(others[others != YES] == NO) > 0.33
 
 
 @pytest.mark.slow
