@@ -20,7 +20,7 @@ from assets import robot as find_robot
 from clutter_env.cli import table
 from clutter_env.cli.clearance_trials import Record, Trials, Variant
 from clutter_env.reporting.intervals import bootstrap
-from clutter_env.reporting.tables import markdown_section, number_text
+from clutter_env.reporting.tables import markdown_table, number_text
 from clutter_env.scene.layout import TABLE
 from planners import STRATEGIES
 
@@ -74,7 +74,7 @@ def effort(arguments: Arguments, variants: Mapping[str, Variant]) -> str:
         attempts = {name: trials.attempts(objects, name) for name in (reference, *variants)}
         for name, own in attempts.items():
             lines.append([str(objects), name, *paired(own, attempts[reference])])
-    return markdown_section(f"Base motions and simulated time, paired with {reference}", head, lines)
+    return f"### Base motions and simulated time, paired with {reference}\n\n{markdown_table(head, lines)}"
 
 
 def paired(own: Mapping[int, Record], reference: Mapping[int, Record]) -> list[str]:

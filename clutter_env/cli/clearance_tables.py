@@ -10,7 +10,7 @@ import numpy as np
 
 from clutter_env.cli.clearance_trials import CRASH, Record, Trials
 from clutter_env.reporting.intervals import NO_INTERVAL, Interval, Times, bootstrap, times, wilson
-from clutter_env.reporting.tables import NOTHING, markdown_section, number_text
+from clutter_env.reporting.tables import NOTHING, markdown_table, number_text
 
 Row: TypeAlias = dict[str, Any]
 Summary: TypeAlias = dict[str, list[Row]]
@@ -214,7 +214,8 @@ def _section(title: str, rows: Sequence[Row], columns: Mapping[str, str]) -> str
         filled = text.format(**entry)
         return NOTHING if filled in ("nan", "nan%") else filled
 
-    return markdown_section(title, list(columns), [[cell(text, entry) for text in columns.values()] for entry in rows])
+    cells = [[cell(text, entry) for text in columns.values()] for entry in rows]
+    return f"### {title}\n\n{markdown_table(list(columns), cells)}"
 
 
 def _counts(causes: Counter[str]) -> str:

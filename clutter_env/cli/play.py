@@ -50,10 +50,8 @@ def run(arguments: Arguments) -> None:
         raise UsageError(f"--objects {arguments.objects} is not valid; valid numbers: {valid}")
     env_id, path = f"clutter_env/Retrieve-o{arguments.objects}-v0", arguments.film
     if path is None and not has_display():
-        path = (
-            Path("outputs/play")
-            / f"{arguments.policy.replace(':', '.').replace('/', '.')}-{arguments.objects}-{arguments.seed}"
-        )
+        policy_name = arguments.policy.replace(":", ".").replace("/", ".")
+        path = Path("outputs/play") / f"{policy_name}-{arguments.objects}-{arguments.seed}"
     keywords = {"layout": arguments.layout, "obstructed": arguments.obstructed}
     scene: Any = SeededScene(env_id, {name: value for name, value in keywords.items() if value}, arguments.seed)
     policy = load_policy(arguments.policy, seed=0, trust=arguments.trust)

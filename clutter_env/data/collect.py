@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import itertools
 import tempfile
 import traceback
 from collections import Counter
@@ -162,8 +163,7 @@ def collect(
                 f"{stored}, with fewer --workers if memory is short"
             )
         again.append(seed)
-    chosen = dataset.chosen_seeds(job)
-    assert chosen is not None
+    chosen = list(itertools.islice(filter(dataset.has_episode, itertools.count(job.first_seed)), job.episodes))
     dataset.finish(chosen)
     return chosen
 

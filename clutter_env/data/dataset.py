@@ -137,18 +137,6 @@ class Dataset:
         entries = [_read_json(file, "seed", "reason") for file in files]
         return {int(entry["seed"]): str(entry["reason"]) for entry in entries}
 
-    def chosen_seeds(self, job: Job) -> list[int] | None:
-        """The seeds of the dataset; None until all seeds up to the last of them are decided."""
-        chosen: list[int] = []
-        seed = job.first_seed
-        while len(chosen) < job.episodes:
-            if not self.is_decided(seed):
-                return None
-            if self.has_episode(seed):
-                chosen.append(seed)
-            seed += 1
-        return chosen
-
     def finish(self, seeds: Sequence[int]) -> None:
         """Store the seeds of the complete dataset."""
         write_json(self.directory / _INDEX, {"seeds": list(seeds)})

@@ -57,24 +57,17 @@ class StepLabels:
     @classmethod
     def of(cls, labels: Sequence[StepLabel | None], objects: Sequence[str]) -> StepLabels:
         """The labels of an expert's steps, None where it has none; `objects` are named as in the observation."""
-        steps = len(labels)
-        found = cls(
+        contacts = [None if label is None else label.contact for label in labels]
+        no_base, no_tcp, no_keyframe = (np.full(shape, np.nan) for shape in (3, (4, 4), _KEYFRAME))
+        keyframes = [no_keyframe if label is None else label.keyframe for label in labels]
+        return cls(
             tuple("" if label is None else label.phase for label in labels),
-            np.zeros(steps, np.int64),
-            np.full(steps, -1, np.int64),
-            np.full((steps, 3), np.nan),
-            np.full((steps, 4, 4), np.nan),
-            np.full((steps, _KEYFRAME), np.nan),
+            np.array([CONTACT_SKILLS.index(one.skill if one else "") for one in contacts], np.int64),
+            np.array([objects.index(one.object) if one else -1 for one in contacts], np.int64),
+            np.array([one.base if one else no_base for one in contacts], np.float64).reshape(-1, 3),
+            np.array([one.tcp if one else no_tcp for one in contacts], np.float64).reshape(-1, 4, 4),
+            np.array(keyframes, np.float64).reshape(-1, _KEYFRAME),
         )
-        for step, label in enumerate(labels):
-            if label is None:
-                continue
-            found.keyframe[step] = label.keyframe
-            if label.contact is not None:
-                found.skill[step] = CONTACT_SKILLS.index(label.contact.skill)
-                found.object[step] = objects.index(label.contact.object)
-                found.contact_base[step], found.contact_tcp[step] = label.contact.base, label.contact.tcp
-        return found
 
     def __len__(self) -> int:
         return len(self.phases)

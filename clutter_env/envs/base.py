@@ -403,9 +403,9 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         grip = Grip(
             held=tuple(gripped.integers("held", grippers, -1, scene.num_objects - 1).tolist()),
             is_carried=tuple(gripped.flags("is_carried", grippers).tolist()),
-            is_touching=gripped.flag("is_touching"),
+            is_touching=bool(gripped.flags("is_touching")),
         )
-        furniture_force = memory.number("furniture_force", 0.0)
+        furniture_force = float(memory.numbers("furniture_force", (), 0.0))
         check_generator(self.np_random, memory["rng"])
         watched = checked_memory(memory["monitor"], scene.num_objects, grippers)
         bookkeeping = self._read_memory(memory["task"], scene)

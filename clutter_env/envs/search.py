@@ -141,7 +141,8 @@ class SearchEnv(RetrieveEnv):
         """The observation, with the last image between two frames; see `Observer.observe`."""
         if self._shows_new_frame:
             observation = super().observe_world(target, hold_progress, lift_left)
-            self._shown = {name: self._seen(name, observation) for name in self._image_names}
+            images = [name for name in observation if name.endswith(("_rgb", "_depth", "_segmentation"))]
+            self._shown = {name: self._seen(name, observation) for name in images}
         else:
             measured = self._senses.measurements if self._senses else self.measurements
             vectors = self._observer.observe(self.perceived, measured, target, hold_progress, lift_left)
@@ -158,11 +159,6 @@ class SearchEnv(RetrieveEnv):
     @property
     def _shows_new_frame(self) -> bool:
         return len(self._actions) % self.config.frame_every == 0
-
-    @property
-    def _image_names(self) -> list[str]:
-        kinds = ("rgb", "depth", "segmentation")
-        return [f"{camera}_{kind}" for camera in self.config.observed_cameras for kind in kinds]
 
     def _seen(self, name: str, observation: dict[str, Any]) -> NDArray[Any]:
         """An image with the errors of depth and masks, which follow from the state; masks numbered as they come."""

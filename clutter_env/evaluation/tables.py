@@ -163,9 +163,17 @@ def results(evaluation: Evaluation) -> dict[str, Any]:
 
 def markdown(rows: Sequence[Row]) -> str:
     """The main table. Steps are of the environment: skills where a policy acts by skills."""
+    means = {"disturbed": 2, "fallen": 2, "furniture_force": 0, "refused": 2, "steps": 0, "sim_s": 1, "wall_s": 1}
     head = ["scenes", "policy", "track", "runs × scenes", "clean success", "lifted", "moved / lower bound"]
     head += ["disturbed", "fallen", "furniture N", "refused", "steps", "sim s", "wall s", "failures"]
-    return markdown_table(head, [_cells(row) for row in rows])
+    cells = []
+    for row in rows:
+        played = f"{row.runs} × {row.episodes // max(row.runs, 1)}"
+        rates = map(str, (row.clean, row.lifted, row.moved_per_floor))
+        numbers = (number_text(getattr(row, name).mean, f"{{:.{digits}f}}") for name, digits in means.items())
+        causes = ", ".join(f"{cause} {count}" for cause, count in Counter(row.failures).most_common())
+        cells.append([row.scene_set, row.policy, row.track, played, *rates, *numbers, causes or "none"])
+    return markdown_table(head, cells)
 
 
 def markdown_by_floor(rows: Sequence[Row]) -> str:
@@ -174,36 +182,12 @@ def markdown_by_floor(rows: Sequence[Row]) -> str:
     strata = [name for name in STRATA if any(name in row.by_floor for row in known)]
     if not known:
         return ""
-    cells = [
-        [
-            row.scene_set,
-            row.policy,
-            *(f"{row.by_floor[n].clean} of {row.by_floor[n].scenes}" if n in row.by_floor else NOTHING for n in strata),
-        ]
-        for row in known
-    ]
+
+    def cell(rate: StratumRate | None) -> str:
+        return NOTHING if rate is None else f"{rate.clean} of {rate.scenes}"
+
+    cells = [[row.scene_set, row.policy, *(cell(row.by_floor.get(name)) for name in strata)] for row in known]
     return markdown_table(["scenes", "policy", *(f"lower bound {name}" for name in strata)], cells)
-
-
-def _cells(row: Row) -> list[str]:
-    causes = ", ".join(f"{cause} {count}" for cause, count in Counter(row.failures).most_common())
-    return [
-        row.scene_set,
-        row.policy,
-        row.track,
-        f"{row.runs} × {row.episodes // max(row.runs, 1)}",
-        str(row.clean),
-        str(row.lifted),
-        str(row.moved_per_floor),
-        number_text(row.disturbed.mean),
-        number_text(row.fallen.mean),
-        number_text(row.furniture_force.mean, "{:.0f}"),
-        number_text(row.refused.mean),
-        number_text(row.steps.mean, "{:.0f}"),
-        number_text(row.sim_s.mean, "{:.1f}"),
-        number_text(row.wall_s.mean, "{:.1f}"),
-        causes or "none",
-    ]
 
 
 def _rate(runs: Sequence[Sequence[Score]], name: str, rng: np.random.Generator) -> Interval:

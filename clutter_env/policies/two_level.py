@@ -83,9 +83,6 @@ class TwoLevelPolicy:
         find_grasp_set(grasps)  # raises for one that there is not, before an episode is played
         self._high_level, self._motion = high_level, motion
         self.is_privileged = any(getattr(level, "is_privileged", False) for level in (high_level, motion))
-        self._contact: Contact | None = None
-        self._is_taken, self._steps_after, self.started, self.failed = False, 0, 0, 0
-        self._tries = Counter[str]()
 
     def check(self, public: PublicInfo) -> None:
         """Refuse an environment with another robot or layout than the weights of either level (`PolicyError`)."""
@@ -96,9 +93,9 @@ class TwoLevelPolicy:
     def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any] | None = None) -> None:
         """Start an episode of both levels; `env` is read by privileged ones alone."""
         self._target, self.failure = str(info["target"]), ""
-        self._contact = None
+        self._contact: Contact | None = None
         self._is_taken, self._steps_after, self.started, self.failed = False, 0, 0, 0
-        self._tries.clear()
+        self._tries = Counter[str]()
         for level in (self._high_level, self._motion):
             arguments = (info, env) if getattr(level, "is_privileged", False) else (info,)
             level.reset(*arguments)

@@ -21,11 +21,6 @@ def markdown_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "".join(f"| {' | '.join(cells)} |\n" for cells in [head, ["---"] * len(head), *rows])
 
 
-def markdown_section(title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table under a heading of the third level."""
-    return f"### {title}\n\n{markdown_table(head, rows)}"
-
-
 def number_text(value: float | None, pattern: str = "{:.2f}") -> str:
     """A number as text; `NOTHING` for None and NaN."""
     return NOTHING if value is None or math.isnan(value) else pattern.format(value)

@@ -163,14 +163,6 @@ class Fields:
         value: int = self._entries(name, (), "an integer", {int}, lowest, highest)[0]
         return value
 
-    def number(self, name: str, lowest: float = -_LARGEST, highest: float = _LARGEST) -> float:
-        """A finite number from `lowest` to `highest`, both included."""
-        return float(self._entries(name, (), "a number", {int, float}, lowest, highest)[0])
-
-    def flag(self, name: str) -> bool:
-        """True or false."""
-        return bool(self._entries(name, (), "true or false", {bool}, False, True)[0])
-
     def numbers(
         self, name: str, shape: tuple[int, ...], lowest: float = -_LARGEST, highest: float = _LARGEST
     ) -> NDArray[np.float64]:
@@ -182,9 +174,10 @@ class Fields:
         """An array (size,) of integers from `lowest` to `highest`, both included."""
         return np.array(self._entries(name, (size,), f"{size} integers", {int}, lowest, highest), np.int64)
 
-    def flags(self, name: str, size: int) -> NDArray[np.bool_]:
-        """An array (size,) of true and false."""
-        return np.array(self._entries(name, (size,), f"{size} times true or false", {bool}, False, True), np.bool_)
+    def flags(self, name: str, *shape: int) -> NDArray[np.bool_]:
+        """An array (shape) of true and false."""
+        entries = self._entries(name, shape, f"true or false, of shape {shape}", {bool}, False, True)
+        return np.array(entries, np.bool_).reshape(shape)
 
     def _entries(
         self, name: str, shape: tuple[int, ...], wanted: str, kinds: set[type], lowest: float, highest: float

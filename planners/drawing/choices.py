@@ -124,11 +124,7 @@ def choices_of(solution: Solution) -> list[ClearancePicture]:
 
 
 def last_picture(solution: Solution) -> ClearancePicture:
-    """The supports when everything has been cleared, and NGR1: what taking the target sweeps.
-
-    Raises:
-        ValueError: the plan does not take the target, because it is in the gripper from the start.
-    """
+    """The supports when everything has been cleared, and NGR1: what taking the target sweeps."""
     if not solution.actions:
         raise ValueError("a plan without actions has nothing to draw")
     taken = solution.actions[-1]

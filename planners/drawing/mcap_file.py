@@ -75,13 +75,7 @@ class MissingExtra(ImportError):
 
 
 def write_mcap(plan: Solution, path: Path) -> None:
-    """Write a plan as ROS 2 messages; what `Solution.to_mcap` calls. Time 0 is the beginning of the plan.
-
-    Raises:
-        ValueError: the plan has no actions.
-        MissingExtra: the extra "ros" is not installed.
-        OSError: the file cannot be written.
-    """
+    """Write a plan as ROS 2 messages, as `Solution.to_mcap` does. Time 0 is the beginning of the plan."""
     try:
         writer_module = import_module("mcap_ros2.writer")
     except ImportError as error:

@@ -62,11 +62,7 @@ _SAME_PLACE = 0.005
 
 
 def draw_overview(solution: Solution, ax: Axes | None = None) -> Axes:
-    """Draw a whole plan in axes, or in a new figure: the scene, the clearances in order, and the path of the base.
-
-    Raises:
-        ValueError: the plan has no actions, because the target is in the gripper from the start.
-    """
+    """Draw a whole plan in axes, or in a new figure: the scene, the clearances in order, and the path of the base."""
     if not solution.actions:
         raise ValueError("a plan without actions has nothing to draw")
     axes = plt.subplots(figsize=(6.4, 7.2), layout="constrained")[1] if ax is None else ax
@@ -85,17 +81,14 @@ def draw_overview(solution: Solution, ax: Axes | None = None) -> Axes:
             _join(axes, action.scene.body(action.target), placed.position)
     _draw_base(axes, solution)
     entries = {
-        "target": Line2D([], [], linestyle="", marker="o", markersize=9, color=COLOURS["target"]),
-        "cleared": Line2D([], [], linestyle="", marker="o", markersize=9, color=COLOURS["moved"]),
-        "clearance location": Line2D([], [], linestyle="", marker="$1$", markersize=7, color=COLOURS["location"]),
+        "target": _dot(COLOURS["target"]),
+        "cleared": _dot(COLOURS["moved"]),
+        "clearance location": _dot(COLOURS["location"], marker="$1$", markersize=7),
         "base": Line2D([], [], linewidth=1.6, color=_BASE_COLOUR),
     }
     axes.legend(list(entries.values()), list(entries), loc="lower right", fontsize=8)
-    what = (
-        f"{solution.target} after {len(solution.clearances)} clearances"
-        if solution.target
-        else f"{solution.picks} picks"
-    )
+    count = len(solution.clearances)
+    what = f"{solution.target} after {count} clearances" if solution.target else f"{solution.picks} picks"
     axes.set_title(f"{what} ({solution.strategy.name})")
     return axes
 
@@ -129,11 +122,7 @@ def footprint(robot: RobotSpec, base: tuple[float, float, float], **style: Any) 
 
 
 def draw_plan(solution: Solution, path: Path) -> None:
-    """Write the pictures of a plan's clearances (Figs. 8-10 of Lee & Kim 2019) to one image file.
-
-    Raises:
-        ValueError: the plan has no actions; or it neither takes a target nor puts anything aside.
-    """
+    """Write the pictures of a plan's clearances (Figs. 8-10 of Lee & Kim 2019) to one image file."""
     choices = choices_of(solution)
     pictures = []
     for number, choice in enumerate(choices[:_MOST], start=1):
@@ -207,28 +196,28 @@ def draw_clearance(axes: Axes, picture: ClearancePicture, title: str = "") -> No
         spine.set_color(COLOURS["refused"])
 
 
+def _dot(colour: str, **style: Any) -> Line2D:
+    return Line2D([], [], linestyle="", color=colour, **{"marker": "o", "markersize": 9, **style})
+
+
 def legend_entries() -> dict[str, Artist]:
     """Colours and marks of all pictures, by their meaning."""
-
-    def dot(colour: str, **style: Any) -> Line2D:
-        return Line2D([], [], linestyle="", color=colour, **{"marker": "o", "markersize": 9, **style})
-
     edge = {"markeredgecolor": COLOURS["ink"]}
     return {
-        "target": dot(COLOURS["target"], **edge),
-        "put aside now": dot(COLOURS["moved"], **edge),
-        "put aside before": dot(COLOURS["cleared"], **edge),
-        "to be cleared later": dot(COLOURS["obstacle"], **edge),
-        "stays": dot(COLOURS["object"], **edge),
+        "target": _dot(COLOURS["target"], **edge),
+        "put aside now": _dot(COLOURS["moved"], **edge),
+        "put aside before": _dot(COLOURS["cleared"], **edge),
+        "to be cleared later": _dot(COLOURS["obstacle"], **edge),
+        "stays": _dot(COLOURS["object"], **edge),
         "NGR1: taking the target": Patch(color=COLOURS["NGR1"], alpha=0.55),
         "NGR2: clearing the others": Patch(color=COLOURS["NGR2"], alpha=0.55),
         "outside R_work": Patch(facecolor="none", edgecolor=COLOURS["outside"], hatch="////", linewidth=0),
-        "place chosen for it": dot(COLOURS["cleared"], markeredgecolor=COLOURS["location"], markeredgewidth=1.4),
+        "place chosen for it": _dot(COLOURS["cleared"], markeredgecolor=COLOURS["location"], markeredgewidth=1.4),
         "robot in front, takes | puts": Line2D([], [], **_stand(COLOURS["moved"], COLOURS["location"])),
         "robot in front, takes the target": Line2D([], [], **_stand(COLOURS["target"], COLOURS["target"])),
         "too close for its centre": Line2D([], [], color=COLOURS["ink"], linewidth=0.8, linestyle=":"),
-        "candidate, in order": dot(COLOURS["location"], markersize=6),
-        "refused candidate": dot(COLOURS["refused"], marker="x", markersize=5),
+        "candidate, in order": _dot(COLOURS["location"], markersize=6),
+        "refused candidate": _dot(COLOURS["refused"], marker="x", markersize=5),
     }
 
 

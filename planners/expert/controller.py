@@ -89,9 +89,7 @@ class ControlledWorld:
         Args:
             controller: of the robot.
             model: that contains the robot with the names of `robot`; nothing is simulated in it.
-            robot: which robot it is.
             movable, support, more_supports, regions: as for `Scene.from_mujoco`.
-            goal: that the environment sets.
 
         Raises:
             ExpertError: a step that is no positive time, or positions that do not fit the model.

@@ -257,6 +257,9 @@ def _consider(
     home: Array,
 ) -> None:
     """Keep a configuration if no kept one dominates it. What the gripper hits is known and not checked again."""
+    # Most configurations hit something static, which is soon found out.
+    if configuration_hits(query, query.active & _STATIC, base, q) != _NONE:
+        return
     hits = _hits(query, driven, query.active & ~by_gripper & ~_SELF, base, q, out) | by_gripper
     if hits & _FIXED != _NONE or (query.first_only and hits != _NONE):
         return

@@ -15,13 +15,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.collision.hit_kernels import CollisionQuery, path_hits
 from planners.collision.scene_arrays import RobotArrays
-from planners.collision.world import CollisionWorld
+from planners.collision.world import STEP, CollisionWorld
 from planners.motion.arm import tcp_poses
 from planners.motion.path import CLEARANCE, SAME_BASE, interpolate
 from planners.motion.timing import finger_ramp, near_walls, round_corners, time_parametrise
 from planners.motion.trajectory import Phase, Trajectory
-from planners.scene import SELF_BIT, HeldObject
+from planners.scene import SELF_BIT
 
 Array = NDArray[np.float64]
 
@@ -103,8 +104,9 @@ def _shorter_path(
     # The checks: with the widest opening of the motion, or what is held throughout.
     robot, first = world.scene.robot, phases[0].phases[0]
     widest = max(float(phase.finger_position.max()) for phase in phases)
-    wide = world.with_padding(CLEARANCE)
-    checks = _Checks(world, wide, robot.opening(widest), first.touched if first.held else None)
+    opening, held = robot.opening(widest), first.touched if first.held else None
+    clear = world.with_padding(CLEARANCE).query(opening, held, 1 << SELF_BIT, first_only=True)
+    checks = _Checks(world, clear, world.query(opening, held, first_only=True))
     starts = list(_lines(world.robot, phases[0].states, begins_in_contact))
     ends = [line[::-1] for line in _lines(world.robot, phases[-1].states[::-1], ends_in_contact)]
     for i, j in sorted(itertools.product(range(len(starts)), range(len(ends))), key=sum):
@@ -119,16 +121,15 @@ def _shorter_path(
 
 
 class _Checks(NamedTuple):
-    """The collision checks of one motion: the gripper opened by `opening` [m], or `held` in it."""
+    """The collision checks of one motion."""
 
     world: CollisionWorld
-    wide: CollisionWorld  # the same with `CLEARANCE` as its padding
-    opening: float
-    held: HeldObject | None
+    clear: CollisionQuery  # with `CLEARANCE` as padding, without the robot itself
+    free: CollisionQuery  # with the world's own, with it
 
     def is_free(self, path: Array) -> bool:
         """Whether a path keeps `CLEARANCE` from all but the robot itself."""
-        return not self.wide.path_hits(path, self.opening, self.held, 1 << SELF_BIT, first_only=True)
+        return not path_hits(self.clear, path, STEP)
 
     def rounded(self, start: Array, corners: Array, end: Array) -> Array | None:
         """The path along two lines and by corners between them, its corners rounded; None if it is not free.
@@ -150,7 +151,7 @@ class _Checks(NamedTuple):
                 changed = (at >= first) & (at <= last) | is_off & drives
                 edges = np.flatnonzero(np.diff(changed, prepend=False, append=False)).reshape(-1, 2)
                 is_clear = all(self.is_free(path[enter:leave]) for enter, leave in edges)
-                if is_clear and not self.world.path_hits(path, self.opening, self.held, first_only=True):
+                if is_clear and not path_hits(self.free, path, STEP):
                     return path
         return None
 

@@ -203,22 +203,23 @@ class MujocoCollisionChecker:
             enough: [m] A deeper one ends the check.
         """
         worst, world = PenetrationReport(0.0, ("", ""), np.zeros(len(self.scene.robot.drive_joints))), self._world
-        for states, held, ignore in self._segments(motion):
+        segments = list(self._segments(motion))
+        for states, held, ignore in segments:
             query = world.query(0.0, held, ignore)
-            states = self._refine(states, held, query.attached.reach, step)
+            fine = self._refine(states, held, query.attached.reach, step)
             grips, before = self._grips(held), dict[tuple[int, int], float]()
             for geom in grips:
                 self._let_collide(geom, _OTHER)
             ignored = {geom for name in self.scene.names_of(ignore) for geom in self._geoms[name]}
-            for row in np.flatnonzero(unproved_states(query, states)):
+            for row in np.flatnonzero(unproved_states(query, fine)):
                 if worst.penetration > enough:
                     break
-                self._place(states[row], held)
+                self._place(fine[row], held)
                 before = self._depths(held) if row == 0 else before
-                worst = self._worse(worst, states[row], before, grips, ignored)
-            if held is not None:
+                worst = self._worse(worst, fine[row], before, grips, ignored)
+            if held is not None and states is not segments[-1][0]:
                 # From now on the object stays where it is placed last.
-                self._place(states[-1], held)
+                self._place(fine[-1], held)
                 (position, R), quaternion = self._held_pose(held, self._tcp), np.empty(4)
                 mujoco.mju_mat2Quat(quaternion, R.ravel())
                 self._positions.put(held.name, position, quaternion)
@@ -258,11 +259,14 @@ class MujocoCollisionChecker:
             finger = self.scene.robot.finger_position(motion.opening)
             yield np.column_stack([X, np.full(len(X), finger)]), motion.held, motion.ignore
             return
-        for piece in phases_of(motion):
-            phase = piece.phases[0]
-            held = phase.touched if phase.held else None
-            between = () if phase.touched is None or phase.held else (phase.touched.name,)
-            yield piece.states, held, self.scene.mask(between)
+
+        def kind(piece: Trajectory) -> tuple[bool, HeldObject | None]:
+            return bool(piece.phases[0].held), piece.phases[0].touched
+
+        for (is_held, touched), pieces in itertools.groupby(phases_of(motion), key=kind):
+            states = np.vstack([piece.states for piece in pieces])
+            between = () if touched is None or is_held else (touched.name,)
+            yield states, touched if is_held else None, self.scene.mask(between)
 
     def _refine(
         self, states: NDArray[np.float64], held: HeldObject | None, reach: NDArray[np.float64], step: float

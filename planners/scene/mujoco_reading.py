@@ -92,16 +92,13 @@ class RobotJoints:
         body = model.body(robot.base_body).id
         parent = int(model.body_parentid[body])
         if int(model.body_weldid[parent]) != 0:
-            raise SceneError(
-                f"the base of robot {robot.name!r} is attached to the moving body {model.body(parent).name!r}"
-            )
+            moving = model.body(parent).name
+            raise SceneError(f"the base of robot {robot.name!r} is attached to the moving body {moving!r}")
         frame, local = data.xmat[parent].reshape(3, 3), np.empty(9)
         mujoco.mju_quat2Mat(local, model.body_quat[body])
         position, rotation = data.xpos[parent] + frame @ model.body_pos[body], frame @ local.reshape(3, 3)
         if abs(position[2]) > _ON_THE_FLOOR or 1 - rotation[2, 2] > _ON_THE_FLOOR:
-            raise SceneError(
-                f"the base of robot {robot.name!r} must stand upright on the ground z = 0, not at {position}"
-            )
+            raise SceneError(f"the base of {robot.name!r} must stand upright on the ground z = 0, not at {position}")
         reference = model.qpos0[columns[:3]]
         yaw = np.arctan2(rotation[1, 0], rotation[0, 0]) - reference[2]
         return cls(columns, np.append(position[:2] - rotation[:2, :2] @ reference[:2], yaw))
@@ -125,8 +122,8 @@ class RobotJoints:
 def robot_state_of(model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec) -> RobotState:
     """Where its base, joints and fingers are."""
     drive = RobotJoints.of(model, data, robot).read(data)
-    fingers = np.array([data.qpos[model.joint(name).qposadr[0]] for name in robot.finger_joints])
-    return RobotState(drive[:3], drive[3:], float(fingers.mean()))
+    fingers = [data.joint(name).qpos[0] for name in robot.finger_joints]
+    return RobotState(drive[:3], drive[3:], float(np.mean(fingers)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,17 +133,14 @@ class MovableBodies:
     Attributes:
         names: of the n bodies.
         bodies: (n,) their ids.
-        objects: (n,) the same as the planner has them, at the origin of the world.
+        objects: (n,) the same as the planner has them, in the frames of the bodies.
         addresses: (n, 7) of the poses of the bodies in `qpos`.
-        offsets: (n, 3) [m] centre of the object in the body's frame; `turns` (n, 4) its quaternion there, wxyz.
     """
 
     names: tuple[str, ...]
     bodies: NDArray[np.int64]
     objects: tuple[Body, ...]
     addresses: NDArray[np.int64]
-    offsets: Array
-    turns: Array
 
     @classmethod
     def of(cls, model: mujoco.MjModel, robot: RobotSpec, movable: Movable = is_object_name) -> MovableBodies:
@@ -156,16 +150,14 @@ class MovableBodies:
         return cls(
             names=tuple(body.name for body in found),
             bodies=np.array(bodies, dtype=np.int64),
-            objects=tuple(body.at(np.zeros(3), (1.0, 0.0, 0.0, 0.0)) for body in found),
+            objects=tuple(found),
             addresses=model.jnt_qposadr[model.body_jntadr[bodies]].reshape(-1, 1).astype(np.int64) + np.arange(7),
-            offsets=np.array([body.position for body in found]).reshape(-1, 3),
-            turns=np.array([body.quaternion for body in found]).reshape(-1, 4),
         )
 
     @cached_property
     def _are_centred(self) -> bool:
         """Whether all objects have the frames of their bodies."""
-        return not self.offsets.any() and bool((self.turns == (1.0, 0.0, 0.0, 0.0)).all())
+        return not any(one.position.any() or (one.quaternion != (1.0, 0.0, 0.0, 0.0)).any() for one in self.objects)
 
     def poses(self, data: mujoco.MjData) -> tuple[Array, Array]:
         """Centres (n, 3) [m] and quaternions (n, 4) wxyz of the objects.
@@ -176,10 +168,10 @@ class MovableBodies:
         if self._are_centred:
             return values[:, :3].copy(), values[:, 3:].copy()
         centres, quaternions, turned = values[:, :3].copy(), np.empty((len(values), 4)), np.empty(3)
-        for i, (offset, turn, quaternion) in enumerate(zip(self.offsets, self.turns, values[:, 3:], strict=True)):
-            mujoco.mju_rotVecQuat(turned, offset, quaternion)
+        for i, (one, quaternion) in enumerate(zip(self.objects, values[:, 3:], strict=True)):
+            mujoco.mju_rotVecQuat(turned, one.position, quaternion)
             centres[i] += turned
-            mujoco.mju_mulQuat(quaternions[i], quaternion, turn)
+            mujoco.mju_mulQuat(quaternions[i], quaternion, one.quaternion)
         return centres, quaternions
 
     def read(self, data: mujoco.MjData) -> tuple[Body, ...]:
@@ -189,9 +181,7 @@ class MovableBodies:
     def read_one(self, data: mujoco.MjData, index: int) -> Body:
         """One object where it was at the last step, as sites of the model are."""
         body = int(self.bodies[index])
-        T = pose_matrix(data.xpos[body], data.xmat[body])
-        own = self.objects[index].at(self.offsets[index], self.turns[index])
-        return own.at_pose(T @ own.pose)
+        return self.objects[index].at_pose(pose_matrix(data.xpos[body], data.xmat[body]) @ self.objects[index].pose)
 
 
 def _movable_ids(model: mujoco.MjModel, robot: RobotSpec, movable: Movable) -> list[int]:

@@ -136,11 +136,13 @@ def task_plan(search: Search, state: PlanState) -> TaskPlan | NoPlan:
     offers = symbols.find("isClearanceLocation", None, aside, None) if aside else ()
     target = search.target or state.clearance_plan.commitments.target
     problem = TaskProblem(symbols.changed(remove=offers), target, state.wanted).pruned()
-    time_limit = min(TASK_PLANNING_S, search.motion_layer.deadline.remaining)
-    answer = search.task_planner.plan(problem, time_limit) if time_limit > 0 else NoPlan("gave up")
+    checked = search.answers.get(problem)
+    if checked is None:
+        time_limit = min(TASK_PLANNING_S, search.motion_layer.deadline.remaining)
+        answer = search.task_planner.plan(problem, time_limit) if time_limit > 0 else NoPlan("gave up")
+        checked = search.answers[problem] = checked_answer(problem, answer, search.task_planner)
     search.task_planning_s += cpu_seconds() - before
     search.task_plans += 1
-    checked = checked_answer(problem, answer, search.task_planner)
     search.has_given_up |= isinstance(checked, NoPlan) and checked.reason == "gave up"
     return checked
 

@@ -16,7 +16,7 @@ from planners.motion.arm import tcp_pose
 from planners.motion.path import NO_WAY
 from planners.scene import Scene
 from planners.strategies import Strategy
-from planners.symbolic.problem import Atom, GroundAction, SymbolicState, TaskPlanner
+from planners.symbolic.problem import Atom, GroundAction, NoPlan, SymbolicState, TaskPlan, TaskPlanner, TaskProblem
 from planners.tamp.motion_layer import BoundMotion, MotionLayer
 from planners.tamp.solution import BoundAction, Infeasible, ReplanRecord, SolveStats
 
@@ -76,10 +76,10 @@ class Refutation:
 class Search:
     """One run of Algorithm 1: what it was given, the plan F so far, and its counts.
 
-    `has_given_up`: a call of the task planner reached its time limit. `hold_aside`: whether one arm may hold an
-    obstacle while another one takes the target. `start` is the scene before anything was moved, `bound` the lower bound
-    there, of a goal with places. `not_placed`: objects for whose place no motion was found, with what is in the way;
-    `refused_pitches`: and the pitches [rad] of the grasps through which they had been taken.
+    `has_given_up`: a call of the task planner reached its time limit; `answers` are those it gave. `hold_aside`: if one
+    arm may hold an obstacle while another one takes the target. `start` is the scene before anything was moved, `bound`
+    the lower bound there, of a goal with places. `not_placed`: objects for whose place no motion was found, with what
+    is in the way; `refused_pitches`: and the pitches [rad] of the grasps through which they had been taken.
     """
 
     goal: Goal
@@ -95,6 +95,7 @@ class Search:
     clearances: list[str] = field(default_factory=list)
     history: list[ReplanRecord] = field(default_factory=list)
     task_plans: int = 0
+    answers: dict[TaskProblem, TaskPlan | NoPlan] = field(default_factory=dict)
     has_given_up: bool = False
     task_planning_s: float = 0.0
     motion_planning_s: float = 0.0

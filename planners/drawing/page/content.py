@@ -52,13 +52,9 @@ _NGR1, _NGR2, _OUTSIDE = 1, 2, 4
 
 
 def page_text(recording: Recording, title: str, rows: Mapping[str, str], result: str) -> str:
-    """A whole recording as JSON text.
+    """A whole recording and the rows of its report as JSON text.
 
-    Args:
-        recording: what is shown.
-        title: of the page.
-        rows: the report, names and values.
-        result: "success", "failure", "plan", or "running" for an episode that goes on.
+    The result is "success", "failure", "plan", or "running" for an episode that goes on.
     """
     arrays, model, bodies = ArrayBlock(), recording.model, moving_bodies(recording.model)
     indices = {model.body(body).name: index for index, body in enumerate(bodies)}

@@ -38,15 +38,7 @@ class LivePage:
     """
 
     def __init__(self, recording: Recording, port: int = 0) -> None:
-        """Start to serve.
-
-        Args:
-            recording: the beginning of the episode.
-            port: of the server; 0 for a free one.
-
-        Raises:
-            OSError: the port is taken.
-        """
+        """Start to serve the beginning of an episode at a port, 0 for a free one; raises `OSError` if it is taken."""
         title = episode_title(recording)
         self._bodies = moving_bodies(recording.model)
         self._sent = recording

@@ -25,11 +25,7 @@ _SUPPORT, _OTHER = (0.80, 0.68, 0.53, 1.0), (0.86, 0.87, 0.88, 1.0)
 
 
 def write_page(path: Path, recording: Recording, rows: Mapping[str, str], result: str = "", title: str = "") -> None:
-    """Write the page of a recording, with the names and values of its report; `result` as for `page_text`.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
+    """Write the page of a recording, with the names and values of its report; `result` as for `page_text`."""
     title = title or episode_title(recording)
     path.write_text(page_html(title, page_text(recording, title, rows, result)), encoding="utf-8")
 
@@ -40,12 +36,9 @@ def episode_title(recording: Recording) -> str:
 
 
 def page_html(title: str, content: str, address: str = "") -> str:
-    """The page.
+    """The page of a JSON text as from `ArrayBlock.text`.
 
-    Args:
-        title: of the window.
-        content: JSON text as from `ArrayBlock.text`.
-        address: of the events of a running episode, on the server that the page comes from; "" for none.
+    The address is that of the events of a running episode, on the server that the page comes from; "" for none.
     """
     folder = files(__package__) / "static"
     scripts = "\n".join((folder / f"{name}.js").read_text(encoding="utf-8") for name in _SCRIPTS)
@@ -64,25 +57,15 @@ def page_html(title: str, content: str, address: str = "") -> str:
 
 
 def write_plan_page(plan: Solution, path: Path) -> None:
-    """Write the page of a plan; what `Solution.to_html` calls.
-
-    Raises:
-        ValueError: the plan has no actions.
-        OSError: the file cannot be written.
-    """
+    """Write the page of a plan, as `Solution.to_html` does."""
     lines = (line.partition(": ") for line in plan.summary().splitlines())
     rows = {name.strip(): value for name, _, value in lines if value}
     what = f"{plan.target} after {len(plan.clearances)} clearances" if plan.target else f"{plan.picks} picks"
-    title = f"Plan: {what}"
-    write_page(path, plan_recording(plan), rows, "plan", title)
+    write_page(path, plan_recording(plan), rows, "plan", f"Plan: {what}")
 
 
 def plan_recording(plan: Solution) -> Recording:
-    """The motions of a plan, one action after the other; a held object moves with the gripper, all others rest.
-
-    Raises:
-        ValueError: the plan has no actions.
-    """
+    """The motions of a plan, one action after the other; a held object moves with the gripper, all others rest."""
     if not plan.actions:
         raise ValueError("a plan without actions has nothing to show")
     first = plan.actions[0].scene
