@@ -10,36 +10,33 @@ Example:
     print(placement.status, placement.poses)
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from irm.answers import BasePlacement, PlacementBatch, Status
 from irm.chain import PRISMATIC, ArmChain, JointRow, frames_of, pose_of
 from irm.errors import QueryError, ReachabilityError
 from irm.free_space import FreeSpace
 from irm.grid import MapParameters
-from irm.ik.solvers import (
-    CLOSED_FORM,
-    ITERATIVE,
-    PARALLEL,
-    SPHERICAL,
-    ExactSolver,
-    SelfCollision,
-    arm_solutions,
-    free_angles,
-    solver_arrays,
-)
 from irm.inverse_map import ClassicalInverseReachabilityMap, InverseReachabilityMap
 from irm.kinematics import fk_frames, forward, link_origins
 from irm.reachability_map import ReachabilityMap, cache_folder, cached_map, is_map_at_hand
 from irm.robot_shape import SolidBoxes, robot_radius
-from irm.tolerance import TolerantPlacement, query_tolerant
-from irm.verification import (
-    NotVerified,
-    Verified,
-    classify,
-    compare_with_model,
-    decide,
-    tcp_poses,
-    verify,
-)
+
+if TYPE_CHECKING:
+    from irm.ik.solvers import (
+        CLOSED_FORM,
+        ITERATIVE,
+        PARALLEL,
+        SPHERICAL,
+        ExactSolver,
+        SelfCollision,
+        arm_solutions,
+        free_angles,
+        solver_arrays,
+    )
+    from irm.tolerance import TolerantPlacement, query_tolerant
+    from irm.verification import NotVerified, Verified, classify, compare_with_model, decide, tcp_poses, verify
 
 __all__ = [
     "CLOSED_FORM",
@@ -84,3 +81,13 @@ __all__ = [
     "tcp_poses",
     "verify",
 ]
+
+
+if not TYPE_CHECKING:
+
+    def __getattr__(name: str) -> Any:
+        """What needs inverse kinematics, whose kernels are imported when first asked for: maps are queried without."""
+        if name not in __all__:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        modules = (import_module(f"irm.{module}") for module in ("ik.solvers", "verification", "tolerance"))
+        return next(getattr(module, name) for module in modules if hasattr(module, name))

@@ -66,10 +66,10 @@ class BasePlacement:
         return [("x [m]", "y [m]", "yaw [rad]", "μ", "torso [m]", "certain"), *words]
 
     @staticmethod
-    def nothing(status: Status) -> BasePlacement:
-        """An answer without bases."""
-        none = np.empty(0)
-        return BasePlacement(status, np.empty((0, 3)), none, none, none, np.empty(0, dtype=bool))
+    def nothing(status: Status, positions: tuple[int, ...] = ()) -> BasePlacement:
+        """An answer without bases; of several targets, with their number."""
+        none = np.empty((0, *positions))
+        return BasePlacement(status, np.empty((0, 3)), np.empty(0), none, none, np.empty(0, dtype=bool))
 
     @staticmethod
     def of_rows(rows: Floats, configurations: Floats | None = None) -> BasePlacement:

@@ -32,35 +32,28 @@ _ON_AXIS = 1e-4
 
 
 class Joint(Protocol):
-    """One joint of the chain torso → arm, as `assets.ChainLink`; at zero its frame has `offset` [m] and `rotation`."""
+    """One joint of the chain torso → arm, as `assets.ChainLink`.
 
-    @property
-    def joint(self) -> str:
-        """Name."""
+    Its name; origin (3,) [m] and orientation (3, 3) of its frame in its parent's, at zero; unit vector (3,) of its axis
+    in its own frame; limits [m] or [rad]; and whether it slides along its axis.
+    """
 
+    # fmt: off
     @property
-    def offset(self) -> Sequence[float]:
-        """(3,) origin of the joint's frame in its parent's [m]."""
-
+    def joint(self) -> str: ...
     @property
-    def rotation(self) -> NDArray[np.float64]:
-        """(3, 3) orientation of the joint's frame in its parent's."""
-
+    def offset(self) -> Sequence[float]: ...
     @property
-    def direction(self) -> Sequence[float]:
-        """(3,) unit vector of the axis in the joint's frame."""
-
+    def rotation(self) -> NDArray[np.float64]: ...
     @property
-    def lower(self) -> float:
-        """Lower limit [m] or [rad]."""
-
+    def direction(self) -> Sequence[float]: ...
     @property
-    def upper(self) -> float:
-        """Upper limit [m] or [rad]."""
-
+    def lower(self) -> float: ...
     @property
-    def prismatic(self) -> bool:
-        """Whether the joint slides along its axis."""
+    def upper(self) -> float: ...
+    @property
+    def prismatic(self) -> bool: ...
+    # fmt: on
 
 
 _NO_TURN = np.eye(3)
@@ -91,61 +84,36 @@ class _Table(NamedTuple):
 class Robot(Hashable, Protocol):
     """A mobile manipulator; attributes as of `assets.RobotSpec`, which says what they mean."""
 
+    # fmt: off
     @property
-    def full_name(self) -> str:
-        """Name of robot and active arm."""
-
+    def full_name(self) -> str: ...
     @property
-    def chain(self) -> Sequence[Joint]:
-        """Joints of torso and arm."""
-
+    def chain(self) -> Sequence[Joint]: ...
     @property
-    def tcp_offset(self) -> Sequence[float]:
-        """(3,) origin of the TCP in the last link's frame [m]."""
-
+    def tcp_offset(self) -> Sequence[float]: ...
     @property
-    def tcp_rotation(self) -> NDArray[np.float64]:
-        """(3, 3) its orientation."""
-
+    def tcp_rotation(self) -> NDArray[np.float64]: ...
     @property
-    def home(self) -> Sequence[float]:
-        """(1 + n,) home configuration."""
-
+    def home(self) -> Sequence[float]: ...
     @property
-    def plans_torso(self) -> bool:
-        """Whether the torso is free."""
-
+    def plans_torso(self) -> bool: ...
     @property
-    def closed_form_ik(self) -> str:
-        """Name of its closed form, or an empty string."""
-
+    def closed_form_ik(self) -> str: ...
     @property
-    def map_folder(self) -> Path | None:
-        """Folder of maps that come with the robot, or None."""
-
+    def map_folder(self) -> Path | None: ...
     @property
-    def shapes(self) -> Shapes:
-        """Its collision shapes."""
-
+    def shapes(self) -> Shapes: ...
     @property
-    def mjcf_path(self) -> Path:
-        """Its MJCF file."""
-
+    def mjcf_path(self) -> Path: ...
     @property
-    def base_body(self) -> str:
-        """Name of the base's body."""
-
+    def base_body(self) -> str: ...
     @property
-    def tcp_site(self) -> str:
-        """Name of the TCP's site."""
-
+    def tcp_site(self) -> str: ...
     @property
-    def finger_joints(self) -> tuple[str, ...]:
-        """Names of the fingers' joints."""
-
+    def finger_joints(self) -> tuple[str, ...]: ...
     @property
-    def max_finger_position(self) -> float:
-        """Position of an open finger [m]."""
+    def max_finger_position(self) -> float: ...
+    # fmt: on
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from irm.answers import BasePlacement, Status
 from irm.compilation import njit
 from irm.errors import QueryError
 from irm.free_space import Raster, floor_distance, point_is_free
-from irm.ik.closed_form import inverse
+from irm.ik.solvers import all_solutions
 from irm.inverse_table import SPARE_BASES, GroupField, InverseTable, best_first
 from irm.kinematics import wrap
 from irm.query_kernels import SAME_PLACE, Tiles, base_turns, is_apart
@@ -47,7 +47,7 @@ def place_for_path(
     in_world = waypoints if target is None else target + waypoints * (0, 0, 1)
     keys = _keys(table, in_world, options)
     if keys is None:
-        return _nothing(Status.NO, len(waypoints)).with_first_yaw()
+        return BasePlacement.nothing(Status.NO, (len(waypoints),)).with_first_yaw()
     reference = table.rarest(keys)
     vertical = np.logical_not(waypoints[:, :2].any(axis=1))
     orientations = table.grid.orientations
@@ -80,7 +80,7 @@ def place_for_targets(
     windows = np.array(np.broadcast_to(ranges, (len(targets), 2)))
     keys = _keys(table, targets, options)
     if keys is None:
-        return _nothing(Status.NO, len(targets))
+        return BasePlacement.nothing(Status.NO, (len(targets),))
     reference = table.rarest(keys)
     low, high = windows[reference].tolist()
     turns = base_turns(yaw_window(table.grid, keys[reference], (low, high), options.yaw_step))
@@ -93,10 +93,6 @@ def _keys(table: InverseTable, points: Floats, options: QueryOptions) -> list[Ke
     found = [find_key(table.grid, float(z), options.pitch, options.roll) for z in points[:, 2]]
     keys = [key for key in found if key is not None]
     return None if len(keys) < len(found) or options.free_space.is_empty else keys
-
-
-def _nothing(status: Status, positions: int) -> BasePlacement:
-    return BasePlacement.of_multi_rows(np.empty((0, 5)), np.empty((0, positions)), np.empty((0, positions)), status)
 
 
 class _Found(NamedTuple):
@@ -156,7 +152,7 @@ class _Search:
             half = 0.5 * float(self.turns[1] - self.turns[0]) if n > 1 else 0.0
             blocked = solids.block(poses, axes, half).reshape(n, m).any(axis=1)
             is_no = blocked.all() or self._is_out_of_reach()
-            return _nothing(Status.NO if is_no else Status.UNKNOWN, m)
+            return BasePlacement.nothing(Status.NO if is_no else Status.UNKNOWN, (m,))
         turns = self.turns[free]
         turns.setflags(write=False)  # as all turns, so that kernels are compiled only once
         search = replace(self, turns=turns, points=self.points[free])
@@ -225,7 +221,7 @@ class _Search:
                 return False
             torsos = np.linspace(*self.table.grid.torso_range, _TORSOS)
             rolls = np.linspace(-np.pi, np.pi, _ROLLS, endpoint=False)
-            if not solids.are_clear(T, inverse(chain, world_to_base(base) @ T, torsos, rolls)).any():
+            if not solids.are_clear(T, all_solutions(chain, world_to_base(base) @ T, torsos, rolls)).any():
                 return False
         return True
 

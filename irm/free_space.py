@@ -70,35 +70,6 @@ def outline_distance(raster: Raster, m: int, x: float, y: float) -> float:
     return -nearest if inside else nearest
 
 
-@njit(cache=True)
-def is_outside(raster: Raster, x: float, y: float) -> bool:
-    """Whether a point is farther than its radius from every outline: `outline_distance` without its square roots."""
-    vertices, starts, radii = raster.vertices, raster.starts, raster.radii
-    for m in range(starts.shape[0] - 1):
-        limit = radii[m] * radii[m]
-        inside = False
-        ax, ay = x - vertices[starts[m + 1] - 1, 0], y - vertices[starts[m + 1] - 1, 1]
-        for k in range(starts[m], starts[m + 1]):
-            bx, by = x - vertices[k, 0], y - vertices[k, 1]
-            ex, ey = ax - bx, ay - by
-            along, length = ax * ex + ay * ey, ex * ex + ey * ey
-            if along <= 0.0 or length == 0.0:
-                near = ax * ax + ay * ay
-            elif along >= length:
-                near = bx * bx + by * by
-            else:
-                cross = ax * ey - ay * ex
-                near = cross * cross / length
-            if near <= limit:
-                return False
-            if (ay < 0.0) != (by < 0.0) and (ax * by - ay * bx > 0.0) == (by < ay):
-                inside = not inside
-            ax, ay = bx, by
-        if inside:
-            return False
-    return True
-
-
 @njit(cache=True, inline="always")
 def point_is_free(raster: Raster, x: float, y: float) -> bool:
     """Whether the base's centre may be at a point."""
@@ -112,7 +83,9 @@ def point_is_free(raster: Raster, x: float, y: float) -> bool:
         kind = raster.cells[np.uint64(i), np.uint64(j)]
         free = kind == FREE
         if kind == MIXED:
-            free = is_outside(raster, x, y)
+            free = True
+            for m in range(raster.radii.shape[0]):
+                free = free and outline_distance(raster, m, x, y) > raster.radii[m]
     return free
 
 

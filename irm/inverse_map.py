@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irm.answers import BasePlacement, PlacementBatch, Status
-from irm.common_bases import place_for_path, place_for_targets
 from irm.errors import QueryError
 from irm.free_space import FreeSpace
-from irm.inverse_table import SPARE_BASES, InverseTable, best_first, ranking_score
+from irm.inverse_table import SPARE_BASES, InverseTable, best_apart, best_first, ranking_score
 from irm.query_kernels import SAME_PLACE, PlaceQueries, TcpPlace, Tiles, base_turns, best_bases, best_bases_batch
 from irm.query_keys import (
     FULL_TURN,
@@ -34,7 +33,6 @@ from irm.query_keys import (
 from irm.reachability_map import CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH, ReachabilityMap
 from irm.robot_shape import SolidBoxes
 from irm.rotations import rotation, wrap_to_pi
-from irm.several_arms import place_for_arms
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -199,6 +197,8 @@ class InverseReachabilityMap:
         Raises:
             QueryError: see the class; or a vertical approach comes with offsets that are not vertical.
         """
+        from irm.common_bases import place_for_path  # its kernels, and inverse kinematics, when first asked for
+
         options = checked_options(keywords)
         points, bounds = as_positions(waypoints), as_yaw_range(yaw_range)
         origin = None if target is None else np.array(as_position(target))
@@ -227,6 +227,9 @@ class InverseReachabilityMap:
         Example:
             both = left.query_multi([tray_left, tray_right], arms=(left, right), free_space=floor)
         """
+        from irm.common_bases import place_for_targets  # see `query_path`
+        from irm.several_arms import place_for_arms
+
         if arms:
             tables = [arm._table for arm in arms]
             return place_for_arms(tables, as_positions(targets), yaw_ranges, checked_options(keywords))
@@ -343,7 +346,7 @@ class ClassicalInverseReachabilityMap:
         per_yaw = [self._candidates(point, yaw, angles, space) for yaw in turns]
         base, x, y, base_yaw, approach = (np.concatenate(column) for column in zip(*per_yaw, strict=True))
         mu = self.reachability_map.manipulability[base]
-        chosen = _best_apart(x, y, self._score[base], options)
+        chosen = best_apart(x, y, self._score[base], options.k, options.separation)
         if not len(chosen):
             return BasePlacement.nothing(Status.UNKNOWN)
         torso, certain = self._torso_and_certainty(base[chosen], key)
@@ -404,16 +407,3 @@ def _inverse_transforms(rm: ReachabilityMap) -> Floats:
     T[:3, :, 3] = p_base.T
     T[3, :, 3] = 1.0
     return T
-
-
-def _best_apart(x: Floats, y: Floats, score: NDArray[np.float32], options: QueryOptions) -> Integers:
-    """Indices of the `options.k` best candidates, each farther than `options.separation` from the better ones."""
-    if options.k == 1:
-        return np.array([score.argmax()]) if len(score) else np.empty(0, dtype=np.int64)
-    chosen: list[int] = []
-    left = score.astype(float)
-    while len(chosen) < options.k and len(left) and left.max() > 0:
-        best = int(left.argmax())
-        chosen.append(best)
-        left[np.hypot(x - x[best], y - y[best]) <= max(options.separation, SAME_PLACE)] = 0.0
-    return np.array(chosen, dtype=np.int64)

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cached_property
 from math import cos, hypot, sin, sqrt
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 from irm.answers import NO, YES
 from irm.errors import QueryError
 from irm.free_space import FreeSpace
-from irm.ik.solvers import ExactSolver
 from irm.query_kernels import (
     PARTS,
     RADIUS_STEP,
     RING_WIDTH,
     RINGS,
+    SAME_PLACE,
     SECTORS,
     Ranking,
     Tiles,
@@ -38,6 +38,9 @@ from irm.query_kernels import (
 from irm.query_keys import Key, QueryOptions, linspace_angles, nearby_keys, outer_turns
 from irm.reachability_map import CERTAIN_IN_HEIGHT, ReachabilityMap
 from irm.rotations import rotation
+
+if TYPE_CHECKING:
+    from irm.ik.solvers import ExactSolver
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -204,6 +207,8 @@ class InverseTable:
 
     @cached_property
     def _solver(self) -> ExactSolver:
+        from irm.ik.solvers import ExactSolver  # only for exact answers
+
         assert self.reachability_map.chain is not None
         return ExactSolver(self.reachability_map.chain, self.reachability_map.grid.torso_range)
 
@@ -211,6 +216,18 @@ class InverseTable:
 def best_first(mu: Floats, certain: NDArray[np.bool_], kept: NDArray[np.bool_]) -> Integers:
     """Indices of those kept, the certain ones first, then by μ."""
     return np.flatnonzero(kept)[np.lexsort((-mu[kept], ~certain[kept]))]
+
+
+def best_apart(x: Floats, y: Floats, score: NDArray[Any], count: int, separation: float) -> Integers:
+    """Indices of at most `count` bases of highest score, each farther than `separation` [m] from the better ones."""
+    chosen: list[int] = []
+    left = score.astype(float)
+    while len(chosen) < count and len(left) and left.max() > 0:
+        best = int(left.argmax())
+        chosen.append(best)
+        if len(chosen) < count:
+            left[np.hypot(x - x[best], y - y[best]) <= max(separation, SAME_PLACE)] = 0.0
+    return np.array(chosen, dtype=np.int64)
 
 
 def _about_z(angle: Floats) -> Floats:

@@ -121,17 +121,6 @@ def link_origins(chain: ArmChain, q: ArrayLike) -> Floats:
     return link_frames(chain, q)[1]
 
 
-def jacobian(chain: ArmChain, q: ArrayLike) -> Floats:
-    """Geometric Jacobian (6, n) of the TCP with respect to the arm joints, in the base frame.
-
-    Rows: linear velocity [m] per unit of joint motion, then angular [rad]. The torso has no column.
-    """
-    R, p = link_frames(chain, q)
-    J = np.empty((6, chain.size - 1))
-    arm_jacobian(chain.axes, R, p, J)
-    return J
-
-
 _SWEEPS = 30
 """Largest number of QL iterations per eigenvalue; three are usual."""
 
@@ -230,10 +219,3 @@ def condition(J: Floats, A: Floats, diagonal: Floats, beside: Floats) -> float:
     for i in range(1, rows):
         smallest, largest = min(smallest, diagonal[i]), max(largest, diagonal[i])
     return sqrt(max(smallest, 0.0) / largest) if largest > 0.0 else 0.0
-
-
-def manipulability(J: ArrayLike) -> float:
-    """μ of a (6, n) geometric Jacobian with linear rows in m: 0 at a singularity, at most 1."""
-    matrix = np.ascontiguousarray(J, dtype=float)
-    rows = matrix.shape[0]
-    return float(condition(matrix, np.empty((rows, rows)), np.empty(rows), np.empty(rows)))

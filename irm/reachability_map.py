@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,9 +25,11 @@ from numpy.typing import ArrayLike, NDArray
 from irm.chain import ArmChain, Robot
 from irm.errors import MapFileError, MapMismatchError, ReachabilityError
 from irm.grid import MapGrid, MapParameters, Orientations, nearest_orientation
-from irm.map_kernels import Layer, closed_form_layers, sampled_layers
 from irm.rotations import as_poses, wrap_to_pi
 from irm.shapes import NO_SHAPES
+
+if TYPE_CHECKING:
+    from irm.map_kernels import Layer
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -91,6 +93,8 @@ class ReachabilityMap:
         Raises:
             ReachabilityError: the robot or the parameters make no sense.
         """
+        from irm.map_kernels import closed_form_layers, sampled_layers  # most maps are loaded: their import is saved
+
         wanted = MapParameters(**parameters)
         chain = _chain_of(robot, wanted)
         if not (progress is None or callable(progress)):

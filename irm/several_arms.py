@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from irm.answers import YES, BasePlacement, Status
 from irm.errors import QueryError
 from irm.ik.solvers import ExactSolver
-from irm.inverse_table import SPARE_BASES, InverseTable
-from irm.query_kernels import SAME_PLACE, base_turns
+from irm.inverse_table import SPARE_BASES, InverseTable, best_apart
+from irm.query_kernels import base_turns
 from irm.query_keys import Key, QueryOptions, as_yaw_ranges, find_key, yaw_window
 from irm.rotations import rotation, world_to_base, wrap_to_pi
 
@@ -42,13 +42,13 @@ def place_for_arms(
         key = find_key(table.grid, float(point[2]), options.pitch, options.roll)
         bounds = float(window[0]), float(window[1])
         if key is None or not table.may_exist(point.tolist(), options.pitch, key, bounds, options.free_space):
-            return _nothing(Status.NO, len(targets))
+            return BasePlacement.nothing(Status.NO, (len(targets),))
         keys.append(key)
     x, y, yaw, approach, mu = _scored(tables, keys, targets, windows, options)
-    chosen = _apart(x, y, mu, options.k + SPARE_BASES, options.separation)
+    chosen = best_apart(x, y, mu, options.k + SPARE_BASES, options.separation)
     rows = np.column_stack([x, y, wrap_to_pi(yaw), mu, np.zeros(len(x))])[chosen]
     if not len(rows):
-        return _nothing(Status.UNKNOWN, len(targets))
+        return BasePlacement.nothing(Status.UNKNOWN, (len(targets),))
     yaws, size = approach[chosen], max(chain.size for chain in chains if chain is not None)
     q = np.full((len(rows), len(targets), size), np.nan)
     for row, base in enumerate(rows):
@@ -61,10 +61,6 @@ def place_for_arms(
     rows, yaws, q = rows[order], yaws[order], q[order]
     status = Status.YES if rows[:, 4].any() else Status.UNKNOWN
     return BasePlacement.of_multi_rows(rows, q[..., 0].copy(), yaws, status, q)
-
-
-def _nothing(status: Status, targets: int) -> BasePlacement:
-    return BasePlacement.of_multi_rows(np.empty((0, 5)), np.empty((0, targets)), np.empty((0, targets)), status)
 
 
 def _scored(
@@ -116,17 +112,6 @@ def _best_yaws(
     best = mu.argmax(axis=1)
     rows = np.arange(len(x))
     return mu[rows, best], np.asarray(wrap_to_pi(approach[rows, best]))
-
-
-def _apart(x: Floats, y: Floats, mu: Floats, count: int, separation: float) -> list[int]:
-    """Indices of at most `count` bases of highest μ, each farther than `separation` [m] from the better ones."""
-    chosen: list[int] = []
-    for k in np.argsort(-mu, kind="stable").tolist():
-        if len(chosen) == count:
-            break
-        if np.all(np.hypot(x[chosen] - x[k], y[chosen] - y[k]) > max(separation, SAME_PLACE)):
-            chosen.append(k)
-    return chosen
 
 
 def _together(tables: list[InverseTable], T_base_tcp: Floats, q: Floats) -> bool:

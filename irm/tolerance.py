@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Unpack
+from dataclasses import fields, replace
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -68,16 +69,9 @@ def query_tolerant(
     rm = inverse_map.reachability_map
     probability = np.array([reach_probability(rm, base, T[k], errors) for k, base in enumerate(found.poses)])
     order = np.argsort(-probability, kind="stable")[:wanted]
-    chosen = BasePlacement(
-        found.status,
-        found.poses[order],
-        found.manipulability[order],
-        found.torso[order],
-        found.approach_yaw[order],
-        found.certain[order],
-        None if found.configurations is None else found.configurations[order],
-    )
-    return TolerantPlacement(chosen, probability[order])
+    columns = {entry.name: getattr(found, entry.name) for entry in fields(found)}
+    arrays: dict[str, Any] = {name: value[order] for name, value in columns.items() if isinstance(value, np.ndarray)}
+    return TolerantPlacement(replace(found, **arrays), probability[order])
 
 
 def reach_probability(rm: ReachabilityMap, base: Floats, T_world_tcp: Floats, errors: Floats) -> float:

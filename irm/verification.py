@@ -25,9 +25,7 @@ from irm.chain import PRISMATIC, ArmChain
 from irm.compilation import njit
 from irm.errors import ChainError, QueryError
 from irm.grid import MapGrid
-from irm.ik.closed_form import inverse
-from irm.ik.numerical import random_seeds, solve
-from irm.ik.solvers import ExactSolver, SelfCollision
+from irm.ik.solvers import ExactSolver, SelfCollision, all_solutions, free_angles
 from irm.kinematics import forward
 from irm.query_keys import as_positions
 from irm.reachability_map import ReachabilityMap
@@ -53,10 +51,8 @@ _COMPARED = 200
 
 _TORSOS = 8
 """Torso heights that are tried, evenly over the range."""
-_ROLLS = 36
-"""Upper-arm rolls that are tried per turn, for arms with a closed form."""
-_SEEDS = 12
-"""Random starting configurations per torso height, for all other arms."""
+_ANGLES = 36
+"""Angles of the free joint that are tried at each; for arms without a closed form, configurations to start from."""
 LARGEST_STEP, LARGEST_LIFT = 0.35, 0.06
 """Largest motion of an arm joint [rad] and of the torso [m] between consecutive TCP poses."""
 _SAME = 1e-6
@@ -238,13 +234,11 @@ def configurations(chain: ArmChain, T_base_tcp: ArrayLike, torso_range: tuple[fl
     `torso_range` are lowest and highest height of the lift, its limits by default [m].
     """
     low, high = torso_range or (float(chain.lower[0]), float(chain.upper[0]))
-    torsos = np.linspace(low, high, _TORSOS) if high > low else np.array([low])
+    torsos = np.linspace(low, high, _TORSOS if high > low else 1)
+    angles = free_angles(chain, _ANGLES)
     if chain.has_closed_form:
-        found = inverse(chain, T_base_tcp, torsos, np.linspace(-np.pi, np.pi, _ROLLS, endpoint=False))
-    else:
-        rng = np.random.default_rng(0)
-        seeds = np.concatenate([random_seeds(chain, _SEEDS, torso, rng) for torso in torsos])
-        found = solve(chain, T_base_tcp, seeds)
+        angles = np.linspace(-np.pi, np.pi, _ANGLES, endpoint=False)
+    found = all_solutions(chain, np.asarray(T_base_tcp, dtype=float), torsos, angles)
     return found[SelfCollision(chain).of(found)]
 
 
@@ -321,26 +315,15 @@ def _configuration_path(chain: ArmChain, base: Floats, candidates: list[Floats],
     return np.array(path[::-1]).reshape(-1, chain.size)
 
 
-@njit(cache=True)
 def _nearest_parents(found: Floats, before: Floats, limits: Floats, turning: NDArray[np.bool_]) -> NDArray[np.int64]:
     """For each configuration (k, n) the nearest of those before (m, n), measured in steps; -1 if none is within one
     step."""
-    parents = np.full(found.shape[0], -1)
-    for i in range(found.shape[0]):
-        nearest = 1.0
-        for j in range(before.shape[0]):
-            widest = 0.0
-            for joint in range(limits.shape[0]):
-                apart = abs(found[i, joint] - before[j, joint])
-                if turning[joint]:
-                    apart = min(apart, abs(2.0 * np.pi - apart))
-                widest = max(widest, apart / limits[joint])
-                if widest > nearest:
-                    break
-            if widest <= nearest:
-                nearest = widest
-                parents[i] = j
-    return parents
+    from scipy.spatial import KDTree  # a tenth of a second, which only this needs
+
+    turn = np.where(turning, 2 * np.pi / limits, 0.0)  # of joints that turn without limit; 0 for the others
+    some, others = (np.where(turning, np.mod(q, 2 * np.pi), q) / limits for q in (found, before))
+    distance, nearest = KDTree(others, boxsize=turn).query(some, p=np.inf)
+    return np.where(distance <= 1.0, nearest, -1)
 
 
 def compare_with_model(chain: ArmChain, model: mujoco.MjModel, base: str, tip: str, approach: str = "x") -> None:

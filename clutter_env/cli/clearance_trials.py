@@ -174,16 +174,9 @@ def _solve(trial: Trial, variant: Variant) -> Record:
     planner = replace(planner, robot=_robot(trial.arguments, variant), **variant.planner)
     scene = replace(scene, robot=planner.robot)
     outcome = planner.solve(scene, target, variant.strategy, rng, trial.arguments.time_limit)
-    stats = outcome.stats
-    attempt = Record(
-        *trial.key,
-        clearances=outcome.clearances,
-        replans=stats.replans,
-        task_plans=stats.task_plans,
-        task_planning_s=stats.task_planning_s,
-        motion_planning_s=stats.motion_planning_s,
-        total_s=stats.total_s,
-    )
+    spent = ("replans", "task_plans", "task_planning_s", "motion_planning_s", "total_s")
+    of_stats = {name: getattr(outcome.stats, name) for name in spent}
+    attempt = Record(*trial.key, clearances=outcome.clearances, **of_stats)
     if isinstance(outcome, Infeasible):
         alone = planner.solve(replace(scene, objects=(scene.body(target),)), target, variant.strategy, rng)
         taken = isinstance(alone, Solution)

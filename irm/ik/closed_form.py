@@ -25,17 +25,15 @@ distance ρ from the pan axis, on φ = bearing of the wrist centre - pan, and on
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import acos, asin, atan2, ceil, cos, floor, hypot, pi, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from irm.answers import NO, UNKNOWN, YES
-from irm.chain import ArmChain, ChainArrays, chain_arrays
+from irm.chain import ChainArrays
 from irm.compilation import njit
-from irm.errors import ChainError
 from irm.kinematics import fk_frames, wrap
 
 Floats = NDArray[np.float64]
@@ -192,48 +190,6 @@ def ik_pan(arm: ChainArrays, approach: Floats, wrist: Floats, c1: float, s1: flo
         out[count, 4] = flex
         count += 1
     return count
-
-
-@njit(cache=True)
-def _inverse_grid(arm: ChainArrays, R: Floats, p: Floats, torsos: Floats, rolls: Floats, rows: Floats) -> int:
-    """Write all solutions on the grid into `rows`; the number of solutions."""
-    found = np.empty((MAX_SOLUTIONS, 8))
-    total = 0
-    for torso in torsos:
-        for roll in rolls:
-            count = ik_arm(arm, R, p, torso, roll, found)
-            for k in range(count):
-                rows[total] = found[k]
-                total += 1
-    return total
-
-
-def inverse(chain: ArmChain, T_base_tcp: ArrayLike, torsos: Sequence[float] | Floats, rolls: ArrayLike) -> Floats:
-    """Every closed-form solution within the limits on a grid of the two free parameters.
-
-    Args:
-        chain: of an arm with a closed form.
-        T_base_tcp: (4, 4) target.
-        torsos: torso heights to try [m].
-        rolls: upper-arm rolls to try [rad], in [-π, π].
-
-    Returns:
-        (k, 8) configurations, k = 0 if there is none; roll joints in [-π, π].
-
-    Raises:
-        ChainError: the arm has no closed form.
-    """
-    if not chain.has_closed_form:
-        raise ChainError(f"{chain.robot} has no closed form; use irm.ik.numerical.solve")
-    T = np.ascontiguousarray(T_base_tcp, dtype=float)
-    if T.shape != (4, 4):
-        raise ChainError(f"T_base_tcp has shape (4, 4), not {T.shape}")
-    heights = np.atleast_1d(np.asarray(torsos, dtype=float))
-    angles = np.atleast_1d(np.asarray(rolls, dtype=float))
-    rows = np.empty((MAX_SOLUTIONS * heights.size * angles.size, 8))
-    R, p = np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(T[:3, 3])
-    count = _inverse_grid(chain_arrays(chain), R, p, heights, angles, rows)
-    return rows[:count].copy()
 
 
 SLACK = 1e-9

@@ -5,11 +5,10 @@ from __future__ import annotations
 from math import acos, sin, sqrt
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from irm.chain import ArmChain, ChainArrays, chain_arrays, has_free_roll
+from irm.chain import ArmChain, ChainArrays, has_free_roll
 from irm.compilation import njit
-from irm.errors import ChainError
 from irm.kinematics import arm_jacobian, fk_frames
 
 Floats = NDArray[np.float64]
@@ -134,28 +133,6 @@ def refine(chain: ChainArrays, R: Floats, p: Floats, q: Floats) -> bool:
     for joint in range(1, n):
         q[joint] = min(chain.upper[joint], max(chain.lower[joint], q[joint]))
     return approach_pose(chain, R, p, False, q, frames, origins, J)
-
-
-def solve(chain: ArmChain, T_base_tcp: ArrayLike, seeds: ArrayLike) -> Floats:
-    """Configurations that reach a pose, one from each seed from which the iteration converges.
-
-    Args:
-        chain: of any arm.
-        T_base_tcp: (4, 4) target, roll included.
-        seeds: (m, 1 + n) configurations to start from; their torso heights are kept.
-
-    Returns:
-        (k, 1 + n) solutions within the limits, k ≤ m.
-    """
-    T = np.ascontiguousarray(T_base_tcp, dtype=float)
-    starts = np.atleast_2d(np.array(seeds, dtype=float))
-    if T.shape != (4, 4) or starts.shape[1] != chain.size:
-        raise ChainError(f"expected a (4, 4) pose and seeds (m, {chain.size}), not {T.shape} and {starts.shape}")
-    R, p, J = np.empty((chain.size + 1, 3, 3)), np.empty((chain.size + 1, 3)), np.empty((6, chain.size - 1))
-    arm = chain_arrays(chain)
-    R_goal, p_goal = np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(T[:3, 3])
-    found = [q for q in starts if approach_pose(arm, R_goal, p_goal, False, q, R, p, J)]
-    return np.array(found).reshape(-1, chain.size)
 
 
 def random_seeds(chain: ArmChain, count: int, torso: float, rng: np.random.Generator) -> Floats:

@@ -3,7 +3,7 @@
 `ExactSolver` answers each YES with a configuration within the limits and free of self-collision as its proof. An arm
 with the structure of Fetch's arm is solved by `irm.ik.closed_form`. With a structure of `irm.ik.structure` the closed
 form is scanned over the free joint, and over the lift if there is one. Without such a structure the arm is solved from
-random configurations, and NO is a statement about its length alone.
+random configurations, and NO is a statement about the lengths of its links alone.
 
 `arm_solutions` is for kernels. The free parameters are the height of the lift and, for seven joints, the angle of one
 of them. With these the closed form of the arm has up to eight solutions. An arm without a known closed form is solved
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irm.answers import NO, UNKNOWN, YES
-from irm.chain import ArmChain, ChainArrays, chain_arrays
+from irm.chain import PRISMATIC, ArmChain, ChainArrays, chain_arrays, pose_of
 from irm.compilation import njit
 from irm.ik.closed_form import decide_poses, ik_arm
 from irm.ik.numerical import random_seeds, refine
@@ -40,7 +40,8 @@ LIFT_HALVINGS = 6
 LIFT_SLOPE = 60.0
 """[rad/m] Largest slope of the excess along the lift that is assumed."""
 SEEDS = 60
-"""Random configurations per lift height for arms without a closed form, and for poses that it leaves open."""
+"""Random configurations for arms without a closed form, and for poses that it leaves open; at each height of a lift
+half as many."""
 CLOSED_FORM, SPHERICAL, PARALLEL, ITERATIVE = range(4)
 """How an arm is solved: by `irm.ik.closed_form`, by the two structures of `irm.ik.structure`, or by iteration."""
 _UPPER_ARM_ROLL, _ELBOW_FLEX = 3, 4
@@ -128,9 +129,7 @@ class ExactSolver:
             decide_poses(chain_arrays(self.chain, self.torso_range), T, status, q)
             return status, q
         low, high = self.torso_range
-        away = T[:, :3, 3] - self.chain.shoulder  # from the nearest height of the lift
-        away[:, 2] -= np.clip(away[:, 2], low, high)
-        status[~(np.linalg.norm(away, axis=1) <= self.chain.reach + _ROUNDING)] = NO
+        status[_are_beyond(self.chain, self.torso_range, T)] = NO
         if not self.is_iterative:
             _scan_poses(self._arrays, T, low, high, status, q)
         if np.any(status == UNKNOWN):
@@ -141,8 +140,29 @@ class ExactSolver:
     def _seeds(self) -> Floats:
         """(m, 1 + n) random configurations, from which poses may be reached that are open otherwise."""
         low, high = self.torso_range
-        heights, rng = np.linspace(low, high, 5 if high > low else 1), np.random.default_rng(0)
-        return np.concatenate([random_seeds(self.chain, SEEDS, height, rng) for height in heights])
+        heights, rng = np.linspace(low, high, ceil((high - low) / LIFT_STEP) + 1), np.random.default_rng(0)
+        count = SEEDS if low == high else SEEDS // 2
+        return np.concatenate([random_seeds(self.chain, count, height, rng) for height in heights])
+
+
+def _are_beyond(chain: ArmChain, torso_range: tuple[float, float], T: Floats) -> NDArray[np.bool_]:
+    """(n,) whether the last joint of poses (n, 4, 4) is certainly out of reach of the links.
+
+    Its origin is where it is, whatever its angle. That of the second joint of the arm is on a circle about the first
+    axis; on a lift only its distance from the first joint counts.
+    """
+    (low, high), hand = torso_range, pose_of(chain.tip)
+    links = chain.reach - float(np.linalg.norm(hand[:3, 3])) + _ROUNDING
+    away = T[:, :3, 3] - T[:, :3, :3] @ (hand[:3, :3].T @ hand[:3, 3]) - chain.shoulder
+    away[:, 2] -= np.clip(away[:, 2], low, high)
+    beyond = ~(np.linalg.norm(away, axis=1) <= links)
+    if low == high and chain.axes[1] < PRISMATIC:
+        axis, second = int(chain.axes[1]), chain.offsets[2, :3]
+        away = np.roll(away @ pose_of(chain.offsets[1])[:3, :3], -axis, axis=1)  # the axis first
+        along, *across = np.roll(second, -axis)
+        apart = np.hypot(away[:, 0] - along, np.hypot(away[:, 1], away[:, 2]) - np.hypot(*across))
+        beyond |= apart > links - np.linalg.norm(second)
+    return np.asarray(beyond)
 
 
 @njit(cache=True)
@@ -321,6 +341,24 @@ def arm_solutions(arm: SolverArrays, R: Floats, p: Floats, torso: float, free: f
             found[kept] = found[k]
             kept += 1
     return kept
+
+
+def all_solutions(chain: ArmChain, T_base_tcp: Floats, torsos: Floats, angles: Floats) -> Floats:
+    """(k, 1 + n) every configuration that reaches a pose (4, 4), on a grid of the two free parameters."""
+    R, p = np.ascontiguousarray(T_base_tcp[:3, :3]), np.ascontiguousarray(T_base_tcp[:3, 3])
+    return np.asarray(_solutions_on_grid(packed(solver_arrays(chain)), R, p, torsos, angles))
+
+
+@njit(cache=True)
+def _solutions_on_grid(arm: SolverArrays, R: Floats, p: Floats, torsos: Floats, angles: Floats) -> Floats:
+    n = arm.chain.axes.shape[0]
+    rows, found, total = np.empty((8 * torsos.size * angles.size, n)), np.empty((8, n)), 0
+    for torso in torsos:
+        for angle in angles:
+            count = arm_solutions(arm, R, p, torso, angle, found)
+            rows[total : total + count] = found[:count]
+            total += count
+    return rows[:total].copy()
 
 
 class SelfCollision:

@@ -299,10 +299,11 @@ class TampExpert:
 
     # Steps of the loop.
 
-    def _plan(self, scene: Scene) -> None:
-        """Solve and begin to execute, or end the episode with the reason for failure."""
+    def _plan(self, read: Scene | None = None) -> None:
+        """Solve, as things are or were read, and begin to execute; or end the episode with the reason for failure."""
         before = time.process_time()
         try:
+            scene = read or self._read_scene()
             goal, planner = self._goal.target or self._goal, self._planner
             given = scene, goal, self._strategy, self._rng, self._config.planning_s
             solution = planner.solve(*given, *[self._start_scene] * isinstance(planner, Planner))
@@ -364,12 +365,7 @@ class TampExpert:
             end = "the target was not held" if self._goal.target else "the goal was not reached"
             if not self._may_replan(f"{end} at the end of the plan"):
                 return
-        try:
-            scene = self._read_scene()
-        except SceneError as error:
-            self._end(f"the scene is not valid for planning: {error}")
-            return
-        self._plan(scene)
+        self._plan()
 
     def _may_replan(self, failure: str) -> bool:
         """Count one more replan, or end the episode with a failure if there were too many."""

@@ -10,6 +10,9 @@ import numpy as np
 from assets.robots import FETCH
 from irm.chain import ArmChain, chain_arrays
 from irm.ik.closed_form import ik_pan
+from irm.ik.numerical import refine
+from irm.ik.solvers import all_solutions
+from irm.kinematics import arm_jacobian, condition, fk_frames
 from irm.rotations import rotation
 
 FOLDER = Path(__file__).resolve().parents[1] / "data" / "arms"
@@ -27,6 +30,32 @@ def arm_model(name):
 
 def arm_chain(name):
     return ArmChain.from_mjcf(FOLDER / f"{name}.xml", "base", "tcp", APPROACH[name])
+
+
+def jacobian(chain, q):
+    """(6, n) of the TCP with respect to the arm's joints, linear rows first, in the base frame."""
+    R, p, J = np.empty((chain.size + 1, 3, 3)), np.empty((chain.size + 1, 3)), np.empty((6, chain.size - 1))
+    fk_frames(chain.offsets, chain.axes, chain.tip, np.array(q, dtype=float), R, p)
+    arm_jacobian(chain.axes, R, p, J)
+    return J
+
+
+def manipulability(J):
+    """μ of a Jacobian, by the kernel of the maps."""
+    return condition(np.ascontiguousarray(J, dtype=float), np.empty((6, 6)), np.empty(6), np.empty(6))
+
+
+def inverse(chain, T, torsos, angles):
+    """Every solution for a pose (4, 4) on a grid of the two free parameters: (k, 1 + n)."""
+    return all_solutions(chain, T, np.atleast_1d(torsos), np.atleast_1d(angles))
+
+
+def solve(chain, T, seeds):
+    """Solutions for a pose (4, 4) by iteration from each of the configurations (m, 1 + n)."""
+    arm, R, p = chain_arrays(chain), T[:3, :3].copy(), T[:3, 3].copy()
+    return np.array([q for q in np.atleast_2d(np.array(seeds, dtype=float)) if refine(arm, R, p, q)]).reshape(
+        -1, chain.size
+    )
 
 
 def in_world(target, yaw, offsets=PATH):

@@ -11,13 +11,13 @@ import pytest
 from assets.robots import FETCH
 from irm.answers import Status
 from irm.errors import QueryError
-from irm.ik.numerical import random_seeds, solve
+from irm.ik.numerical import random_seeds
 from irm.ik.solvers import ExactSolver
 from irm.inverse_map import InverseReachabilityMap
 from irm.reachability_map import ReachabilityMap
 from irm.rotations import rotations
 from irm.verification import classify, decide, tcp_poses
-from tests.irm.arms import CHAIN, is_reached, random_poses
+from tests.irm.arms import CHAIN, is_reached, random_poses, solve
 
 NO, UNKNOWN, YES = (Status.NO.value, Status.UNKNOWN.value, Status.YES.value)
 

@@ -13,16 +13,15 @@ from assets.robots import FETCH
 from irm.errors import ReachabilityError
 from irm.free_space import FreeSpace
 from irm.grid import MapGrid, MapParameters, Orientations, nearest_orientation
-from irm.ik.closed_form import ik_pan, inverse
-from irm.ik.numerical import random_seeds, solve
+from irm.ik.closed_form import ik_pan
+from irm.ik.numerical import random_seeds
 from irm.ik.solvers import ExactSolver
 from irm.inverse_map import InverseReachabilityMap
-from irm.kinematics import jacobian, manipulability
 from irm.map_kernels import PAN_SAMPLES, shapes_at_every_roll
 from irm.reachability_map import ReachabilityMap
 from irm.rotations import rotation, rotations, yaw_pitch_roll
 from irm.verification import SelfCollision, tcp_poses
-from tests.irm.arms import ARM, CHAIN, in_base
+from tests.irm.arms import ARM, CHAIN, in_base, inverse, jacobian, manipulability, solve
 
 
 def test_every_pose_of_a_map_has_an_exact_solution_as_good_as_it_says(coarse_map):
@@ -204,7 +203,8 @@ def test_bases_for_a_sampled_map_reach(lift_arm_map):
 
 @pytest.mark.slow
 def test_without_its_closed_form_fetch_gets_nearly_the_same_map():
-    parameters = {"voxel": 0.15, "orientations": 26, "heights": (0.6, 1.2), "lift": False}
+    """Of the joints alone: free configurations of high μ are rare, and sampling finds others."""
+    parameters = {"voxel": 0.15, "orientations": 26, "heights": (0.6, 1.2), "lift": False, "self_collision": False}
     exact = ReachabilityMap.build(FETCH, **parameters)
     sampled = ReachabilityMap.build(dataclasses.replace(FETCH, closed_form_ik=""), samples=100_000, **parameters)
     both = np.intersect1d(exact.cells, sampled.cells).size

@@ -9,22 +9,21 @@ import pytest
 
 from assets.robots import FETCH
 from irm.chain import ArmChain
-from irm.ik.numerical import random_seeds, solve
+from irm.ik.numerical import random_seeds
 from irm.ik.solvers import ExactSolver, arm_solutions, free_angles, solver_arrays
 from irm.ik.structure import ParallelArm, SphericalArm, find_structure
 from irm.kinematics import forward
-from tests.irm.arms import APPROACH, arm_chain, random_configurations, random_poses
+from tests.irm.arms import APPROACH, arm_chain, random_configurations, random_poses, solve
 
 NO, OPEN, YES = 0, 1, 2
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", APPROACH)
 @pytest.mark.parametrize("near_limits", [False, True])
 def test_a_pose_of_the_arm_is_never_called_out_of_reach(name, near_limits):
     chain = arm_chain(name)
     T = np.array([forward(chain, q) for q in random_configurations(chain, 400, np.random.default_rng(0), near_limits)])
-    status, _ = ExactSolver(chain).solve(T)
+    status, _ = ExactSolver(chain).reach(T)
     assert np.mean(status == YES) > 0.99
     assert not np.any(status == NO)
 
@@ -56,7 +55,7 @@ def test_every_yes_comes_with_a_configuration_within_the_limits_that_reaches(nam
 def test_no_is_confirmed_by_numerical_inverse_kinematics_and_little_is_open(name):
     chain, rng = arm_chain(name), np.random.default_rng(2)
     T = random_poses(chain, 200, rng)
-    status, _ = ExactSolver(chain).solve(T)
+    status, _ = ExactSolver(chain).reach(T)
     assert np.mean(status == OPEN) <= 0.05
     assert np.any(status == NO)
     for pose in T[status == NO]:
@@ -92,18 +91,31 @@ def test_without_a_structure_no_is_by_length_alone(lift_arm):
     reached = np.array([forward(bent, q) for q in random_configurations(bent, 40, rng)])
     far = np.tile(np.eye(4), (3, 1, 1))
     far[:, 0, 3] = 3.0
-    status, _ = ExactSolver(bent).solve(np.concatenate([reached, far]))
+    status, _ = ExactSolver(bent).reach(np.concatenate([reached, far]))
     assert not np.any(status[:40] == NO)
     assert np.mean(status[:40] == YES) > 0.9
     assert np.all(status[40:] == NO)
 
 
-@pytest.mark.slow
+def test_without_a_structure_the_lengths_of_the_links_refuse_a_third_of_what_is_out_of_reach():
+    chain = arm_chain("ur5e")
+    bent = chain.offsets.copy()
+    bent[3:, :3] += 0.02
+    chain, rng = dataclasses.replace(chain, offsets=bent), np.random.default_rng(0)
+    assert find_structure(chain) is None
+    solver = ExactSolver(chain)
+    reached = solver.reach(np.array([forward(chain, q) for q in random_configurations(chain, 300, rng, True)]))[0]
+    assert not np.any(reached == NO)
+    assert np.mean(reached == YES) > 0.97
+    others = solver.reach(random_poses(chain, 200, rng))[0]
+    assert np.mean(others[others != YES] == NO) > 0.33
+
+
 def test_parallel_axes_on_a_lift(lift_arm):
     chain, rng = ArmChain.from_robot(lift_arm), np.random.default_rng(5)
     assert isinstance(find_structure(chain), ParallelArm)
     T = np.array([forward(chain, q) for q in random_configurations(chain, 200, rng, True)])
-    status, q = ExactSolver(chain).solve(T)
+    status, q = ExactSolver(chain).reach(T)
     assert np.all(status == YES)
     for pose, configuration in zip(T, q, strict=True):
         np.testing.assert_allclose(forward(chain, configuration), pose, atol=3e-5)

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from assets.robots import FETCH
 from irm.chain import ArmChain
-from irm.ik.closed_form import inverse
 from planners.collision.world import FINGER_GAP, CollisionWorld
 from planners.motion.path import WholeBodyPath, on_base
 from planners.scene import Body, HeldObject, Scene, StaticObstacle
+from tests.irm.arms import inverse
 from tests.planners.scenes import HEIGHT, random_scene
 
 CHAIN = ArmChain.from_robot(FETCH)
