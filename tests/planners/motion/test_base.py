@@ -50,7 +50,7 @@ def test_drives_are_free_when_checked_finer_and_end_where_asked(held: HeldObject
         path = plan_base(world, start, goal, HOME, held=held)
         assert isinstance(path, WholeBodyPath)
         planned += 1
-        assert np.allclose(path.base, start)
+        assert np.allclose(path.configurations[0, :3], start)
         assert np.allclose(path.end_base, goal)
         tight = world.with_padding(0.0)
         for opening in (0.0, FETCH.max_opening):
