@@ -24,7 +24,7 @@ from planners.placing.locations import stand_at
 from planners.scene import Body, Scene
 from planners.scene.cover import needs_drive
 
-_EXPANSIONS = 2000
+_EXPANSIONS = 8000
 """Arrangements from which moves are looked for, before the search becomes greedy, and before it is given up."""
 _WEIGHTS = (1.0, 3.0)
 """Of the moves that are left at least: exact, and greedy."""

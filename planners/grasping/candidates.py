@@ -216,9 +216,9 @@ class GraspCandidates:
                     break
         return best_first(found)
 
-    def blank_copy(self, remembers: bool = False) -> GraspCandidates:
+    def blank_copy(self) -> GraspCandidates:
         """The same arms and grasp set, with nothing known of any scene."""
-        return replace(self, remembers=remembers, _scene=None, _views={}, _known={}, _merged={})
+        return replace(self, _scene=None, _views={}, _known={}, _merged={})
 
     def ban(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Remove that grasp until the scene changes."""

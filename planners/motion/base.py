@@ -18,7 +18,7 @@ from planners.motion.lattice import NEAR, search_lattice, ways_to
 from planners.motion.path import CLEARANCE, NO_WAY, SAME_BASE, NoPath, WholeBodyPath, on_base
 from planners.motion.rrt import shortcut
 from planners.scene import HeldObject
-from planners.scene.masks import FIXED_BITS
+from planners.scene.masks import FIXED_BITS, SELF_BIT
 
 _RETREATS = (0.0, 0.15, 0.35, 0.6, 0.9)
 """[m] that the base backs away from the table before it drives along, tried in this order."""
@@ -50,7 +50,13 @@ class BaseRoadmap:
     _explored: dict[tuple[object, ...], tuple[object, Array]] = field(default_factory=dict, repr=False)
 
     def search(
-        self, world: CollisionWorld, X: Array, opening: float, held: HeldObject | None, rng: np.random.Generator
+        self,
+        world: CollisionWorld,
+        X: Array,
+        opening: float,
+        held: HeldObject | None,
+        rng: np.random.Generator,
+        ignore: int = 0,
     ) -> Array | None:
         """A drive (k, 11) between two whole-body configurations (2, 11), None if there is none on the lattice.
 
@@ -62,7 +68,7 @@ class BaseRoadmap:
         if key in self._explored and not _is_near(self._explored[key][1], goal):
             return None
         checks, ways = (
-            world.query(opening, held, first_only=True),
+            world.query(opening, held, ignore, first_only=True),
             ways_to(goal, ground.parts, ground.origin, ground.cell),
         )
         path, reached = search_lattice(
@@ -121,11 +127,13 @@ def plan_base(
     there[2] = unwrap_yaw(there[2], here[2])
     if world.scene.robot.base_drive == "fixed":
         return _standing(world, on_base(np.stack((here, there)), configuration), opening, held)
-    wide = world.with_padding(CLEARANCE)
-    for padded in (wide, world):
+    # Torso, arm and what is held stay where they are on the robot: they may be nearer to it than to all else.
+    itself = 1 << SELF_BIT
+    wide = world.with_padding(CLEARANCE), itself & ~world.hits(here, configuration, opening, held)
+    for padded, ignore in (wide, (world, 0)):
         for waypoints in _simple_paths(here, there):
             X = on_base(driveable(world.scene.robot, waypoints), configuration)
-            if not padded.path_hits(X, opening, held, first_only=True):
+            if not padded.path_hits(X, opening, held, ignore, first_only=True):
                 return WholeBodyPath(X, opening, held)
     away = _moved_away(world, here, configuration, opening, held)
     if away is not None:
@@ -141,10 +149,10 @@ def plan_base(
     if not roadmap.ground.are_connected(here, there)[0]:
         return NO_WAY
     X = on_base(np.stack((here, there)), configuration)
-    for padded in (wide, world):
-        if any(padded.hits(place, configuration, opening, held) for place in (here, there)):
+    for padded, ignore in (wide, (world, 0)):
+        if any(padded.hits(place, configuration, opening, held, ignore) for place in (here, there)):
             continue
-        path = roadmap.search(padded, X, opening, held, rng)
+        path = roadmap.search(padded, X, opening, held, rng, ignore)
         if path is not None:
             path = on_base(driveable(world.scene.robot, path[:, :3]), configuration)
         if path is not None and not world.path_hits(path, opening, held):
@@ -181,7 +189,7 @@ def _moved_away(world: CollisionWorld, start: Array, q: Array, opening: float, h
         for distance in _AWAY:
             for turn in _ways_out(world.scene.robot, start[2] - heading):
                 end = start + distance * np.array([math.cos(heading + turn), math.sin(heading + turn), 0.0])
-                if not padded.hits(end, q, opening, held) and not smaller.path_hits(
+                if not padded.hits(end, q, opening, held, 1 << SELF_BIT) and not smaller.path_hits(
                     on_base(np.stack((start, end)), q), opening, held, first_only=True
                 ):
                     return np.asarray(end)

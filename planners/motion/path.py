@@ -40,16 +40,6 @@ class WholeBodyPath:
         object.__setattr__(self, "configurations", array)
 
     @property
-    def base(self) -> Array:
-        """(3,) base pose at the start."""
-        return np.asarray(self.configurations[0, :3])
-
-    @property
-    def start(self) -> Array:
-        """(8,) torso and arm at the start."""
-        return np.asarray(self.configurations[0, 3:])
-
-    @property
     def end_base(self) -> Array:
         """(3,) base pose at the end."""
         return np.asarray(self.configurations[-1, :3])

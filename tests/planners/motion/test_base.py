@@ -12,11 +12,11 @@ from scipy.sparse.csgraph import dijkstra
 
 from assets.robots import FETCH
 from planners.collision.ground_map import GroundMap
-from planners.collision.world import STEP, CollisionWorld
+from planners.collision.world import PADDING, STEP, CollisionWorld
 from planners.motion.base import BaseRoadmap, plan_base
 from planners.motion.lattice import ways_to
-from planners.motion.path import NO_WAY, NoPath, WholeBodyPath
-from planners.scene import HeldObject, StaticObstacle
+from planners.motion.path import CLEARANCE, NO_WAY, NoPath, WholeBodyPath
+from planners.scene import SELF_BIT, HeldObject, StaticObstacle
 from tests.planners.motion_scenes import mixed_scene
 from tests.planners.scenes import ROOM, cylinder, table_scene, wall
 
@@ -50,7 +50,7 @@ def test_drives_are_free_when_checked_finer_and_end_where_asked(held: HeldObject
         path = plan_base(world, start, goal, HOME, held=held)
         assert isinstance(path, WholeBodyPath)
         planned += 1
-        assert np.allclose(path.base, start)
+        assert np.allclose(path.configurations[0, :3], start)
         assert np.allclose(path.end_base, goal)
         tight = world.with_padding(0.0)
         for opening in (0.0, FETCH.max_opening):
@@ -147,3 +147,25 @@ def test_ways_along_the_ground_are_shortest_ones(seed: int) -> None:
     found = ways_to(np.array([0.22, 0.38, 0.0]), parts, np.zeros(2), cell)
     assert np.array_equal(np.isinf(found), np.isinf(expected))
     assert np.allclose(found[np.isfinite(found)], expected[np.isfinite(expected)])
+
+
+def test_a_drive_keeps_a_centimetre_from_all_else_where_what_is_held_is_nearer_to_the_robot() -> None:
+    start, goal = np.array([-1.0, 0.5, 0.0]), np.array([-1.0, -0.5, 0.0])
+    # An object that is held farther and farther back comes near to the robot at home.
+    for back in np.arange(0.1, 0.3, 0.002):
+        held = replace(HANGING, T_tcp_object=np.array([[1, 0, 0, -back], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]]))
+        near, nearer = (world_with().with_padding(gap).hits(start, HOME, 0.0, held) for gap in (CLEARANCE, PADDING))
+        if near >> SELF_BIT & 1:
+            break
+    assert near >> SELF_BIT & 1
+    assert not nearer
+    # A wall before it: the straight drive passes that at half a centimetre, one farther back at more.
+    X = np.stack([np.concatenate((base, HOME)) for base in (start, goal)])
+    worlds = (world_with(wall("before", (x, -0.02), (x, 0.02))) for x in np.arange(0.0, -1.0, -0.002))
+    world = next(one for one in worlds if one.with_padding(0.7 * CLEARANCE).path_hits(X, 0.0, held, 1 << SELF_BIT))
+    passes = [world.with_padding(gap).path_hits(X, 0.0, held, 1 << SELF_BIT) for gap in (CLEARANCE, PADDING)]
+    assert passes[0]
+    assert not passes[1]
+    path = plan_base(world, start, goal, HOME, held=held)
+    assert isinstance(path, WholeBodyPath)
+    assert not world.with_padding(0.99 * CLEARANCE).path_hits(path.configurations, 0.0, held, 1 << SELF_BIT)

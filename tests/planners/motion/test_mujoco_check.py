@@ -95,7 +95,9 @@ def test_a_check_does_not_change_the_next_one() -> None:
     scene = mixed_scene(10, 1)
     checker = MujocoCollisionChecker(scene)
     empty = arm_path(np.array([-0.8, 0.0, 0.0]), np.stack([HOME, HOME + 0.3]), 0.05)
-    loaded = arm_path(empty.base, empty.configurations[:, 3:], 0.05, HeldObject("object_02", np.eye(4)))
+    loaded = arm_path(
+        empty.configurations[0, :3], empty.configurations[:, 3:], 0.05, HeldObject("object_02", np.eye(4))
+    )
     first = checker.deepest_penetration(empty)
     checker.deepest_penetration(loaded)
     assert checker.deepest_penetration(empty).penetration == first.penetration

@@ -78,15 +78,15 @@ def test_picks_are_joined_and_free_and_take_the_object_where_it_is(picks: Picks)
     assert len(picks) >= 4
     for scene, motion in picks:
         assert_joined_and_free(motion, scene, scene)
-        assert np.allclose(motion.transit.start, HOME)
+        assert np.allclose(motion.transit.configurations[0, 3:], HOME)
         assert [path.held is not None for path in motion.paths] == [False, False, True, True]
-        T_world_tcp = tcp_pose(FETCH, RobotState(motion.departure.base, motion.departure.start, 0.0))
+        T_world_tcp = tcp_pose(FETCH, RobotState(*np.split(motion.departure.configurations[0], [3]), 0.0))
         assert np.allclose(T_world_tcp @ motion.held.T_tcp_object, scene.body(motion.body.name).pose)
 
 
 def test_what_was_picked_can_be_put_back(picks: Picks) -> None:
     for scene, motion in picks:
-        world, base, q = CollisionWorld.from_scene(scene), motion.departure.base, motion.departure.start
+        world, (base, q) = CollisionWorld.from_scene(scene), np.split(motion.departure.configurations[0], [3])
         assert planned_approach(world, base, q, motion.body.name)
         assert can_put_down(world, base, q, motion.held)
         start = motion.retreat.configurations[-1]
@@ -107,7 +107,7 @@ def test_under_a_shelf_the_base_drives_and_the_arm_is_rigid_then(shelf_picks: Pi
         for path in (motion.approach, motion.departure):
             moves = np.abs(np.diff(path.configurations, axis=0))
             assert not (moves[:, :3].any(axis=1) & (moves[:, 3:] > 1e-12).any(axis=1)).any()
-            assert np.linalg.norm(path.end_base - path.base) > 0.2
+            assert np.linalg.norm(path.end_base - path.configurations[0, :3]) > 0.2
 
 
 def test_the_end_of_a_pick_holds_the_object_as_high_as_counts_as_lifted(shelf_picks: Picks) -> None:
