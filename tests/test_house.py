@@ -112,7 +112,10 @@ def test_everything_public_has_a_docstring() -> None:
 
 
 def undocumented(tree: ast.Module, prefix: str = "") -> Iterator[str]:
-    """Public functions, classes and methods without a docstring, and the module itself."""
+    """Public functions, classes and methods without a docstring, and the module itself.
+
+    What a protocol only names (its body is "...") is described by the protocol's own docstring.
+    """
     if ast.get_docstring(tree) is None:
         yield prefix or "module"
     for node in tree.body:
@@ -120,7 +123,10 @@ def undocumented(tree: ast.Module, prefix: str = "") -> Iterator[str]:
             if ast.get_docstring(node) is None:
                 yield prefix + node.name
             if isinstance(node, ast.ClassDef):
-                methods = ast.Module([entry for entry in node.body if isinstance(entry, ast.FunctionDef)], [])
+                is_protocol = "Protocol" in [ast.unparse(base) for base in node.bases]
+                written = [entry for entry in node.body if isinstance(entry, ast.FunctionDef)]
+                named = [one for one in written if is_protocol and ast.unparse(one.body[-1]) == "..."]
+                methods = ast.Module([one for one in written if one not in named], [])
                 yield from (name for name in undocumented(methods, f"{node.name}.") if name != f"{node.name}.")
 
 
