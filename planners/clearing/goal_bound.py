@@ -25,8 +25,8 @@ from planners.placing.goal_places import is_too_large, must_go_first, overlappin
 from planners.placing.placements import PlacementSearch
 from planners.scene import MAX_OBJECTS, Scene
 
-_GOAL, _ASIDE, _PUT = "goal", "aside ", "put "
-"""Names of the imaginary objects; no PDDL name has a space."""
+_GOAL, _ASIDE, _PUT = "\0goal", "\0aside ", "\0put "
+"""Names of the imaginary objects; no other one has a null."""
 
 
 @dataclass(frozen=True)

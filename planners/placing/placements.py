@@ -183,7 +183,7 @@ class PlacementSearch:
             for region in keep_clear.reserved:
                 if region.support == place.face.name:
                     free &= ~region.touches_disc(points, radius)
-            return free
+            return np.asarray(free)
 
         failed = [] if failed is None else failed
         for point, yaws in locations_in(scene, body, place, leaving, others, allowed):

@@ -433,3 +433,14 @@ def test_the_bound_counts_from_the_scene_as_it_is() -> None:
     plan = solve(scene, goal)
     assert isinstance(plan, Solution)
     assert plan.picks == lower_bound(scene, goal).picks == 0
+
+
+def test_objects_may_have_any_name() -> None:
+    scene, names = scene_of("three"), ("goal", "My cup", "aside goal")
+    scene = replace(
+        scene, objects=tuple(replace(one, name=name) for one, name in zip(scene.objects, names, strict=True))
+    )
+    goal = Goal.from_pddl(shifted(scene, names[:2]).to_pddl()) & goals.holding("aside goal")
+    plan = solve(scene, goal)
+    assert isinstance(plan, Solution), plan
+    assert plan.picks == lower_bound(scene, goal).picks == 4
