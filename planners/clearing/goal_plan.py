@@ -104,31 +104,25 @@ def goal_plan(
     """
     to_move = dict.fromkeys((*problem.scene.held_names, *must_move(problem.scene, goal, start)))
     sim = _Simulation(problem, goal, start, not_placed, tuple(to_move))
-    order, in_vain, is_strict = (
-        Order.of(problem.scene, goal, to_move, problem.candidates),
-        set[tuple[str, bool]](),
-        True,
-    )
+    order, in_vain = Order.of(problem.scene, goal, to_move, problem.candidates), set[tuple[str, bool]]()
     while sim.waiting:
         if problem.deadline.is_over:
             return NoCommitment(Cause.TIME_LIMIT, tuple(sim.waiting))
         if order is not None:
             refuted = {name: _refuted_by(sim, name) for name in sim.waiting}
             step, *later = order.steps(sim.scene, sim.waiting, refuted, in_vain) or (None,)
-            if step is not None and any(move.name == step.name for move in sim.moves):
-                return _as_plan(sim, sim.moves[-1].name)
-            if step is not None and _moved_as(sim, order, step, later, is_strict):
+            if step is not None:
+                if any(move.name == step.name for move in sim.moves):
+                    return _as_plan(sim, sim.moves[-1].name)
+                if not _moved_as(sim, order, step, later):
+                    in_vain.add((step.name, step.is_general))
+                    continue
                 if not step.is_general and step.name in order.ends:
                     return _as_plan(sim, step.name)
-                in_vain, is_strict = set(), True
+                in_vain = set()
                 continue
-            if step is not None:
-                in_vain.add((step.name, step.is_general))
-                continue
-            if is_strict and in_vain:
-                in_vain, is_strict = set(), False
-                continue
-        if _moved_to_its_end(sim):
+        held_in_vain = [name for name in sim.scene.held_names if name in not_placed.blockers]
+        if any(_moved(sim, name) for name in _in_turn(sim) if name not in held_in_vain and not _refuted_by(sim, name)):
             continue
         in_the_way = _in_the_way(sim)
         if not in_the_way:
@@ -141,8 +135,8 @@ def goal_plan(
     return _as_plan(sim, "")
 
 
-def _moved_as(sim: _Simulation, order: Order, step: Step, later: Sequence[Step], is_strict: bool) -> bool:
-    """Move an object as the order says, if it can be, out of the way of all later steps; of some, if not strict."""
+def _moved_as(sim: _Simulation, order: Order, step: Step, later: Sequence[Step]) -> bool:
+    """Move an object as the order says, if it can be, out of the way of all later steps."""
     grasps: list[GraspCandidate] = []
     for one in later:
         for grasp, body in ((one.taken, sim.scene.body(one.name)), (one.put, order.ends.get(one.name))):
@@ -150,14 +144,7 @@ def _moved_as(sim: _Simulation, order: Order, step: Step, later: Sequence[Step],
                 world = sim.candidates.compiled.world(sim.scene.with_body(body))
                 sim.problem.placements.volume(world, grasp)  # known from now on
                 grasps.append(grasp)
-    counts = (len(grasps),) if is_strict else ((len(grasps) + 1) // 2, 0)
-    return _taken_and_put(sim, step.name, step.is_general, [KeepClear(None, tuple(grasps[:count])) for count in counts])
-
-
-def _moved_to_its_end(sim: _Simulation) -> bool:
-    """Move the next object for which that is possible to where it is to be."""
-    in_vain = [name for name in sim.scene.held_names if name in sim.not_placed.blockers]
-    return any(_moved(sim, name) for name in _in_turn(sim) if name not in in_vain and not _refuted_by(sim, name))
+    return _taken_and_put(sim, step.name, step.is_general, [KeepClear(None, tuple(grasps))])
 
 
 def _refuted_by(sim: _Simulation, name: str) -> frozenset[str]:
@@ -332,8 +319,7 @@ def _in_the_way(sim: _Simulation) -> tuple[str, ...]:
 
 def _standing_there(sim: _Simulation, name: str) -> tuple[str, ...]:
     """What stands where an object is to go."""
-    fact = placed_fact(sim.goal, name)
-    scene = sim.scene
+    fact, scene = placed_fact(sim.goal, name), sim.scene
     return () if fact is None else in_the_way(scene, scene.body(name), place_of(scene, fact), sim.waiting)
 
 
@@ -386,16 +372,11 @@ def _put_aside(sim: _Simulation) -> str:
     """
     names = sim.scene.held_names[:1]
     if not names:
-        free = sorted(_free_by_order(sim), key=lambda name: _has_left(sim, name))
+        moved = {name: sim.scene.body(name).position - sim.start.body(name).position for name in sim.waiting}
+        free = sorted(_free_by_order(sim), key=lambda name: bool(np.linalg.norm(moved[name]) > TOLERANCE))
         first = [name for name in (*_bound(sim).aside, *sorted(sim.last)) if name in free]
         names = tuple(dict.fromkeys((*first, *free)))
     return next((name for name in names if _taken_and_put(sim, name, is_general=False)), "")
-
-
-def _has_left(sim: _Simulation, name: str) -> bool:
-    """Whether an object stands elsewhere than at the start."""
-    way = sim.scene.body(name).position - sim.start.body(name).position
-    return float(np.linalg.norm(way)) > TOLERANCE
 
 
 def _refusal(sim: _Simulation) -> NoCommitment:
