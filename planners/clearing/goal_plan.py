@@ -310,24 +310,17 @@ def _in_the_way(sim: _Simulation) -> tuple[str, ...]:
     """What is not waiting to be moved, and is in the way: of an object at its place, of the robot there, of a grasp."""
     if sim.scene.held_names:
         return ()
-    for find in (_standing_there, _in_the_way_of_put_down):
-        found = next(filter(None, (find(sim, name) for name in sim.waiting)), ())
-        if found:
-            return found
-    return tuple(name for name in _bound(sim).objects if name not in sim.waiting)
+    scene, facts = sim.scene, [fact for name in sim.waiting if (fact := placed_fact(sim.goal, name))]
+    there = (in_the_way(scene, scene.body(fact.object), place_of(scene, fact), sim.waiting) for fact in facts)
+    found = next(filter(None, itertools.chain(there, (_in_the_way_of_put_down(sim, fact) for fact in facts))), ())
+    return found or tuple(name for name in _bound(sim).objects if name not in sim.waiting)
 
 
-def _standing_there(sim: _Simulation, name: str) -> tuple[str, ...]:
-    """What stands where an object is to go."""
-    fact, scene = placed_fact(sim.goal, name), sim.scene
-    return () if fact is None else in_the_way(scene, scene.body(name), place_of(scene, fact), sim.waiting)
-
-
-def _in_the_way_of_put_down(sim: _Simulation, name: str) -> tuple[str, ...]:
+def _in_the_way_of_put_down(sim: _Simulation, fact: On | Inside | At) -> tuple[str, ...]:
     """What keeps the robot from putting an object down at its place, once those that wait have left."""
-    fact = placed_fact(sim.goal, name)
-    if fact is None or (isinstance(fact, On) and fact.place in sim.waiting):
+    if isinstance(fact, On) and fact.place in sim.waiting:
         return ()
+    name = fact.object
     refuted_by = tuple(sorted(_refuted_by(sim, name).difference(sim.waiting)))
     if refuted_by or not sim.failures[name]:  # to ask takes as long as to look for a placement
         return refuted_by

@@ -358,11 +358,11 @@ def _normals(corners: Array) -> Array:
 
 
 def facing_bases(
-    placer: Placer, gripper_poses: Array, reach: float, turns: Sequence[float] = STRAIGHT
+    placer: Placer, gripper_poses: Array, turns: Sequence[float] = STRAIGHT
 ) -> tuple[Array, NDArray[np.int64]]:
     """Base poses that face gripper poses from a fixed distance, smooth in the gripper's pose, the least turned first.
 
-    The distance is `_STANDOFF` of the reach [m] in whole centimetres, or where the free ground begins behind that.
+    The distance is `_STANDOFF` of the arm's reach in whole centimetres, or where the free ground begins behind that.
     `turns` [rad] are the gripper's yaws relative to the base. Result as of `MapPlacer.bases`, but those of all gripper
     poses in one order, the least cost first. A base that does not move stands as it does.
     """
@@ -373,7 +373,7 @@ def facing_bases(
     is_level = gripper_poses[:, 4] == 0.0
     for rows, ground in ((is_level, placer.ground), (~is_level, placer.open_ground)):
         if rows.any():
-            distance[rows] = _distance_behind(ground, gripper_poses[rows], yaw[rows], reach)
+            distance[rows] = _distance_behind(ground, gripper_poses[rows], yaw[rows], farthest_reach(placer.robot))
     x = gripper_poses[:, :1] - distance * np.cos(yaw)
     y = gripper_poses[:, 1:2] - distance * np.sin(yaw)
     cost = np.round(_YAW_COST * np.abs(yaw) + np.abs(turns), 9)
