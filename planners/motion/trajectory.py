@@ -88,6 +88,11 @@ class Trajectory:
         return float(self.times[-1])
 
     @property
+    def held(self) -> str:
+        """Name of the object that is held at the end, "" for none."""
+        return self.phases[-1].held
+
+    @property
     def states(self) -> NDArray[np.float64]:
         """(n, 12) base, torso and arm, finger position."""
         return np.column_stack([self.base, self.q, self.finger_position])
