@@ -189,7 +189,8 @@ class Inside:
         body = scene.body(self.object)
         if self.region in region_names(scene):
             region = region_named(scene, self.region)
-            return is_at_rest(scene, body, scene.support_named(region.support).top, start) and region.contains(body)
+            is_there = region.contains(body) and scene.support_named(region.support).is_under(body.position[:2])
+            return bool(is_there) and is_at_rest(scene, body, scene.support_named(region.support).top, start)
         face = scene.support_named(self.region)
         corners = footprint(body, -EDGE)
         return is_at_rest(scene, body, face.top, start) and bool(face.is_under(corners).all())
@@ -389,6 +390,14 @@ class Goal:
                 if not any(name in names for names in kinds.values()):
                     valid = "; ".join(f"{kind}: {', '.join(names) or 'none'}" for kind, names in kinds.items())
                     raise GoalError(f"the goal names {name!r}, which the scene does not have; {valid}")
+                for region in (one for one in scene.regions if one.name == name):
+                    face = scene.support_named(region.support)
+                    if overlap(region.corners, face.outline) <= 0:
+                        (x, y), (a, b) = face.outline.min(axis=0), face.outline.max(axis=0)
+                        raise GoalError(
+                            f"region {name!r} lies beside its support {region.support!r}, which reaches from "
+                            f"({x:.2f}, {y:.2f}) to ({a:.2f}, {b:.2f}) m"
+                        )
         self._check_contradictions(scene)
 
     def _check_contradictions(self, scene: Scene) -> None:
@@ -405,6 +414,9 @@ class Goal:
                 raise GoalError(f"{name!r} is to be at {place!r}, which is to be clear")
             if place in self.held:
                 raise GoalError(f"{name!r} is to stand on {place!r}, which is to be held")
+        for fact, cleared in itertools.product(self.placed, self.cleared):
+            if cleared in region_names(scene) and _is_always_in(scene, fact, region_named(scene, cleared)):
+                raise GoalError(f"{fact.object!r} is to be where {cleared!r} is, which is to be clear")
         for edges in (places.items(), self.order):
             graph: TopologicalSorter[str] = TopologicalSorter()
             for one, other in edges:
@@ -515,6 +527,20 @@ def region_named(scene: Scene, name: str) -> Region:
         if region.name == name:
             return region
     raise GoalError(f"no region {name!r}; known regions: {', '.join(region_names(scene)) or 'none'}")
+
+
+def _is_always_in(scene: Scene, fact: On | Inside | At, region: Region) -> bool:
+    """Whether an object stands partly in a region wherever a fact holds; at a pose it counts as the circle within."""
+    body = scene.body(fact.object)
+    if isinstance(fact, At):
+        radius = min(body.half_extents[:2] if body.is_upright else body.half_extents) - fact.tolerance - 2 * EDGE
+        point = np.array((fact.x, fact.y))
+        under = [name for name in scene.supports if scene.support_named(name).is_under(point)]
+        is_known = body.shape != "pieces" and under == [region.support]
+        return bool(is_known and region.touches_disc(point, radius))
+    place = _names(fact)[1]
+    areas = [one for one in scene.regions if one.name == place and one.support == region.support]
+    return any(region.contains_points(area.corners).all() for area in areas)
 
 
 def footprint(body: Body, margin: float = 0.0) -> Array:

@@ -205,7 +205,9 @@ class Planner:
         self.warmup()
         context = PlanningContext.of(self.robot, scene, grasps=self.grasps)
         grasps, search = context.grasps(), context.placements()
-        return fewest_picks(scene, wanted, grasps, search=search, buffers=not self.hold_aside, expansions=expansions)
+        return fewest_picks(
+            scene, wanted, grasps, scene, search=search, buffers=not self.hold_aside, expansions=expansions
+        )
 
     def clearance_floor(self, scene: Scene, target: str, expansions: int = MAX_EXPANSIONS) -> ClearanceFloor:
         """The minimum number of clearances; see the function `clearance_floor`."""

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
 
 from planners.cause import Cause
 from planners.clearing.lower_bound import MAX_EXPANSIONS, self_clearable_sets
@@ -24,8 +25,8 @@ from planners.placing.goal_places import is_too_large, must_go_first, overlappin
 from planners.placing.placements import PlacementSearch
 from planners.scene import MAX_OBJECTS, Scene
 
-_GOAL, _ASIDE, _PUT = "goal", "aside ", "put "
-"""Names of the imaginary objects; no PDDL name has a space."""
+_GOAL, _ASIDE, _PUT = "\0goal", "\0aside ", "\0put "
+"""Names of the imaginary objects; no other one has a null."""
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,8 @@ def fewest_picks(
     stuck = stuck or tuple(name for name, masks in puts.items() if not masks.ever)
     if stuck:
         return LowerBound(None, stuck, (), True, 0, Cause.UNREACHABLE)
+    if circle := order_circle(scene, goal, to_move):
+        return LowerBound(None, circle, (), True, 0, Cause.NO_SELF_CLEARABLE_SET)
     waits = {name: scene.mask(names) for name, names in waiting_for.items()}
     twice = [name for name, mask in waits.items() if buffers and (mask or name in puts)]
     blocked = [name for name, masks in puts.items() if 0 not in masks.ever]
@@ -161,6 +164,26 @@ def must_move(scene: Scene, goal: Goal, start: Scene | None = None) -> tuple[str
         names += occupants(scene, fact.region) if isinstance(fact, Clear) else ()
     names += [name for name in goal.held if name not in scene.held_names]
     return tuple(dict.fromkeys(names))
+
+
+def order_circle(scene: Scene, goal: Goal, to_move: Collection[str]) -> tuple[str, ...]:
+    """Names of objects whose moves the order of a goal puts in a circle with what must leave before them, if any.
+
+    Times of first and last moves are compared; an object in a hand has made its first move.
+    """
+    waits = waits_for(scene, goal, to_move) if goal.order else {}
+    moving = {*to_move, *(one for name in to_move for one in waits.get(name, ()))} - set(scene.held_names)
+    graph = TopologicalSorter[tuple[str, str]]()
+    for name in sorted(moving):
+        graph.add(
+            (name, "last"), (name, "first"), *((one, "first") for one in sorted(moving & waits.get(name, frozenset())))
+        )
+        graph.add((name, "first"), *((one, "last") for one, other in goal.order if other == name and one in moving))
+    try:
+        graph.prepare()
+    except CycleError as error:
+        return tuple(dict.fromkeys(name for name, _ in error.args[1]))
+    return ()
 
 
 def waits_for(scene: Scene, goal: Goal, to_move: Collection[str]) -> dict[str, frozenset[str]]:

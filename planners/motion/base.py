@@ -81,7 +81,7 @@ class BaseRoadmap:
 
     def excludes(self, start: Array, base: Array) -> bool:
         """Whether all that was explored from a base pose (3,) leaves out another one, and something was explored."""
-        explored = [poses for _, poses in self._explored.values() if np.array_equal(poses[0], start)]
+        explored = [poses for _, poses in self._explored.values() if np.array_equal(poses[:1], start[None])]
         return bool(explored) and not any(_is_near(poses, base) for poses in explored)
 
 

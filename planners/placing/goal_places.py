@@ -21,6 +21,7 @@ from planners.goals import (
     At,
     Fact,
     Goal,
+    GoalError,
     Inside,
     On,
     Region,
@@ -31,7 +32,7 @@ from planners.goals import (
     region_names,
 )
 from planners.placing.locations import stand_at
-from planners.scene import Body, Scene, SceneError, StaticObstacle
+from planners.scene import Body, Scene, StaticObstacle
 from planners.scene.bodies import resting_ways
 
 Array: TypeAlias = NDArray[np.float64]
@@ -72,7 +73,7 @@ def place_of(scene: Scene, fact: On | Inside | At) -> Place:
     """The place that a fact of a goal names.
 
     Raises:
-        SceneError: there is no support under a pose.
+        GoalError: there is no support under a pose.
     """
     body = scene.body(fact.object)
     if isinstance(fact, At):
@@ -103,7 +104,7 @@ def _face_at(scene: Scene, body: Body, fact: At) -> StaticObstacle:
     under = [face for face in map(scene.support_named, scene.supports) if face.is_under(point)]
     if not under:
         known = ", ".join(scene.supports)
-        raise SceneError(f"no support under ({fact.x:.2f}, {fact.y:.2f}) m for {fact.object!r}; supports: {known}")
+        raise GoalError(f"no support under ({fact.x:.2f}, {fact.y:.2f}) m for {fact.object!r}; supports: {known}")
     bottom = body.bottom if fact.z is None else fact.z - float(body.position[2]) + body.bottom
     return min(under, key=lambda face: (round(abs(face.top - bottom), 3), -face.top))
 

@@ -19,6 +19,7 @@ from scipy.ndimage import distance_transform_edt
 
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import SUPPORT_SLACK, CollisionWorld
+from planners.goals import EDGE
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits, scan_configurations
 from planners.grasping.base_placement import Placer, facing_bases, farthest_reach
 from planners.grasping.candidates import GraspCandidate
@@ -42,6 +43,10 @@ _FAILURES, _NEAR_FAILURE = 12, 0.03
 location is tried either."""
 _GAP = 0.001
 """[m] between the object and the table when the fingers open."""
+_TIPS = 0.01
+"""[m] from the edge of a face at which the centre of an object must be at least."""
+_RIM = np.column_stack((np.cos(np.arange(24) * np.pi / 12), np.sin(np.arange(24) * np.pi / 12)))
+"""Points around a circle of radius 1."""
 _FACES_DOWN = math.radians(75)
 """[rad] A gripper of a larger pitch has no front that would have to face away from the base."""
 _CLEAR, _CLEAR_WORTH = 0.03, 3.0
@@ -163,20 +168,22 @@ class PlacementSearch:
         """
         scene, (_, body), radius = world.scene, in_hand(world.scene), _radius(world.scene)
         surfaces: tuple[Surface, ...] = ()
+        # Of an object that lies or has corners the circle within; at a pose, what keeps it from tipping over the edge.
+        foot = _RIM * (min(body.half_extents) - EDGE if place.area is not None else _TIPS)
         if place.below:
             world = with_lowered(world, place.below)
         else:
             surfaces = self.surfaces(world, keep_clear, (place.face,))
 
         def allowed(points: Array) -> NDArray[np.bool_]:
-            """Whether an object at points (n, 2) is in nobody's way and in nobody's region: (n,)."""
-            free = np.ones(len(points), dtype=np.bool_)
+            """Whether an object at points (n, 2) stands on the face, in nobody's way and in nobody's region: (n,)."""
+            free = place.face.is_under(points[:, None] + foot).all(axis=1)
             for surface in surfaces if keep_clear.grasps else ():
                 free &= is_free(surface.grid, surface.region.mask, points, radius)
             for region in keep_clear.reserved:
                 if region.support == place.face.name:
                     free &= ~region.touches_disc(points, radius)
-            return free
+            return np.asarray(free)
 
         failed = [] if failed is None else failed
         for point, yaws in locations_in(scene, body, place, leaving, others, allowed):

@@ -22,6 +22,7 @@ from planners.symbolic.problem import (
     TaskPlanner,
     TaskProblem,
     format_atom,
+    symbol_of,
 )
 from planners.symbolic.transitions import InapplicableActionError, update_from_action
 
@@ -191,7 +192,10 @@ def without_detours(actions: Iterable[GroundAction]) -> tuple[GroundAction, ...]
 def _spelled(steps: Iterable[tuple[str, Iterable[str]]]) -> TaskPlan:
     """A plan in the domain's spelling; planners fold names to lower case."""
     return TaskPlan(
-        tuple(GroundAction(_ACTION_NAMES[name.lower()], tuple(map(str.lower, args))) for name, args in steps)
+        tuple(
+            GroundAction(_ACTION_NAMES[name.lower()], tuple(symbol_of(arg.lower()) for arg in args))
+            for name, args in steps
+        )
     )
 
 

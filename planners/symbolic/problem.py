@@ -37,11 +37,12 @@ _DECIDES = {
     "obstructs": 3,
 }
 """The argument that decides whether a fact matters for the target; facts with other predicates always do."""
-_LEGAL_SYMBOL = re.compile(r"[a-z][a-z0-9_-]*")
+_LEGAL_SYMBOL, _CODE = re.compile(r"[a-z][a-z0-9_-]*"), re.compile(r"u-([0-9a-f]{2})+")
+"""Names that PDDL can hold; names that stand for others, of which they are the bytes."""
 
 
 class SymbolError(ValueError):
-    """A fact or name that PDDL cannot hold."""
+    """A fact that the domain does not know."""
 
 
 @dataclass(frozen=True)
@@ -164,16 +165,18 @@ class TaskProblem:
         return replace(self, state=replace(self.state, facts=facts))
 
     def text(self) -> str:
-        """The problem in PDDL, against `assets/pddl/domain.pddl`.
+        """The problem in PDDL, against `assets/pddl/domain.pddl`; names that PDDL cannot hold stand there in code.
 
         Raises:
-            SymbolError: a fact that the domain does not know, or a name PDDL cannot hold.
+            SymbolError: a fact that the domain does not know.
         """
-        kinds = self._kinds()
+        kinds = {_in_code(symbol): kind for symbol, kind in self._kinds().items()}
         by_kind = {kind: sorted(one for one in kinds if kinds[one] == kind) for kind in sorted({*kinds.values()})}
         objects = "\n".join(f"    {' '.join(names)} - {kind}" for kind, names in by_kind.items())
-        facts = "\n".join(f"    {format_atom(fact)}" for fact in sorted(self.state.facts))
-        wanted = " ".join(format_atom(fact) for fact in sorted(self.goals))
+        facts = "\n".join(
+            f"    {format_atom((fact[0], *map(_in_code, fact[1:])))}" for fact in sorted(self.state.facts)
+        )
+        wanted = " ".join(format_atom((fact[0], *map(_in_code, fact[1:]))) for fact in sorted(self.goals))
         wanted = wanted if len(self.goals) == 1 else f"(and {wanted})"
         return (
             "(define (problem take-target)\n  (:domain obstructed-grasp)\n"
@@ -189,11 +192,20 @@ class TaskProblem:
             if len(types) != len(arguments):
                 raise SymbolError(f"no fact of the domain: {predicate}{tuple(arguments)}; known: {known}")
             for symbol, kind in zip(arguments, types, strict=True):
-                if not _LEGAL_SYMBOL.fullmatch(symbol):
-                    raise SymbolError(f"{symbol!r} is no PDDL name: lower-case letters, digits, _ and - only")
                 if kinds.setdefault(symbol, kind) != kind:
                     raise SymbolError(f"{symbol!r} is used both as {kinds[symbol]} and as {kind}")
         return kinds
+
+
+def _in_code(symbol: str) -> str:
+    """The name that stands in PDDL for a symbol: itself, if PDDL can hold it."""
+    is_legal = _LEGAL_SYMBOL.fullmatch(symbol) and not _CODE.fullmatch(symbol)
+    return symbol if is_legal else f"u-{symbol.encode().hex()}"
+
+
+def symbol_of(name: str) -> str:
+    """The symbol for which a name stands in PDDL."""
+    return bytes.fromhex(name[2:]).decode() if _CODE.fullmatch(name) else name
 
 
 class GroundAction(NamedTuple):
@@ -262,6 +274,7 @@ class TaskPlanner(Protocol):
 
         Args:
             problem: without the objects that do not matter; `problem.text()` is its PDDL, `domain_text()` the domain's.
+                The names in the text are those of the plan once `symbol_of` has read them.
             time_limit: [s] of wall time; a planner that does not end by then returns `NoPlan("gave up")`.
         """
         ...

@@ -144,7 +144,7 @@ def call_task_planning(search: Search, state: PlanState) -> TaskPlan | Infeasibl
     is_too_often = put_down.total() - len(search.goal.placed) >= MAX_CLEARANCES
     is_too_often |= not search.target and max(put_down.values(), default=0) > MAX_ASIDE
     if search.is_late or len(search.history) >= MAX_REPLANS or is_too_often:
-        return search.out_of_time()
+        return search.out_of_time(state.scene)
     found = task_plan(search, state)
     if isinstance(found, TaskPlan):
         return found

@@ -7,6 +7,7 @@ from dataclasses import replace
 from assets.robots import RobotSpec
 from planners.cause import Cause
 from planners.clearing.commitments import Commitments, NoCommitment
+from planners.clearing.goal_bound import must_move, order_circle
 from planners.clearing.goal_plan import NotPlaced
 from planners.clearing.lookahead import ClearancePlan, keep_clear
 from planners.clock import cpu_seconds
@@ -82,6 +83,10 @@ def refused(search: Search, scene: Scene, found: NoCommitment) -> Infeasible:
     overlap = overlapping(scene, search.goal, found.objects)
     if cause is Cause.NO_CLEARANCE_LOCATION and overlap and set(overlap) == set(found.objects):
         return search.infeasible(cause, f"{' and '.join(found.objects)} overlap at their poses", found.objects)
+    if cause is Cause.NO_SELF_CLEARABLE_SET and set(found.objects) == {
+        *order_circle(scene, search.goal, must_move(scene, search.goal, search.start))
+    }:
+        return search.infeasible(cause, f"by the order of the goal, {names} wait for each other", found.objects)
     detail = {
         Cause.UNREACHABLE: context.unreached(scene, found.objects) if cause is Cause.UNREACHABLE else "",
         Cause.NO_WAY_FOR_BASE: f"from where the robot is, the base cannot drive to where it could take {names}",

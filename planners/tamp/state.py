@@ -128,12 +128,14 @@ class Search:
                 detail += f"; {count} of {len(self.history)} refutations: {reason}"
         return Infeasible(cause, detail, objects, cleared, self.stats(), self.target, self.strategy, self.goal)
 
-    def out_of_time(self) -> Infeasible:
+    def out_of_time(self, scene: Scene | None = None) -> Infeasible:
         """The end of the search at the time limit, or after too many replans or clearances."""
         counts = f"{len(self.history)} replans and {len(self.clearances)} clearances"
         if self.is_late or self.has_given_up:
             return self.infeasible(Cause.TIME_LIMIT, f"the time was up after {counts}", ())
-        return self.infeasible(Cause.GIVEN_UP, f"given up after {counts}", ())
+        unmet = () if self.target or scene is None else self.goal.unmet(as_seen(scene), self.start)
+        without = f", without {' '.join(str(Goal((fact,))) for fact in unmet)}" if unmet else ""
+        return self.infeasible(Cause.GIVEN_UP, f"given up after {counts}{without}", ())
 
     def stats(self) -> SolveStats:
         """The counts so far."""

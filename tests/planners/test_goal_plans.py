@@ -376,3 +376,71 @@ def test_a_target_on_an_upper_board_ends_above_where_it_stood() -> None:
     assert isinstance(plan, Solution)
     assert plan.end is not None
     assert goals.holding(info["target"]).holds(plan.end, scene)
+
+
+ROUND = StaticObstacle("round", np.array([-2.2, 1.3, 0.35]), np.array([0.25, 0.25, 0.35]), "cylinder")
+
+
+def test_objects_are_put_on_the_face_of_a_round_support_not_beside_it() -> None:
+    scene = random_scene(4, 0)
+    square = Region("square", "round", (-2.2, 1.3), (0.25, 0.25))
+    scene = replace(
+        scene,
+        static_obstacles=(*scene.static_obstacles, ROUND),
+        supports=("table_top", "round"),
+        regions=(square,),
+    )
+    for place in ("round", "square"):
+        plan = solve(scene, goals.and_(*(goals.on(name, place) for name in scene.names[:3])))
+        assert isinstance(plan, Solution), plan
+        assert plan.end is not None
+        for name in scene.names[:3]:
+            assert np.hypot(*(plan.end.body(name).position - ROUND.position)[:2]) < 0.252 - plan.end.body(name).radius
+
+
+@pytest.mark.slow
+def test_what_would_tip_over_the_edge_is_not_put_down_and_the_refusal_says_what_is_lacking() -> None:
+    scene = scene_of("three")
+    scene = replace(scene, regions=(Region("over", "table_top", (-0.38, 0.0), (0.04, 0.04)),))
+    for goal in (goals.at("a", (-0.345, 0.0)), goals.inside("a", "over")):
+        refusal = solve(scene, goal)
+        assert isinstance(refusal, Infeasible)
+        assert f"without {goal}" in refusal.detail
+
+
+@pytest.mark.parametrize(
+    "order",
+    [
+        goals.inside("b", "left") & goals.on("a", "b") & goals.before("a", "b"),
+        goals.inside("b", "left") & goals.holding("a") & goals.before("a", "b"),
+        shifted(scene_of("three"), ("a", "b")) & goals.before("a", "b"),
+        shifted(scene_of("three"), ("a", "b", "c")) & goals.before("c", "a"),
+    ],
+)
+def test_an_order_that_cannot_be_kept_is_refused_with_a_proof(order: Goal) -> None:
+    bound, refusal = lower_bound(scene_of("three"), order), solve(scene_of("three"), order)
+    assert bound.picks is None
+    assert bound.proved
+    assert isinstance(refusal, Infeasible)
+    assert "by the order of the goal" in refusal.detail
+
+
+def test_the_bound_counts_from_the_scene_as_it_is() -> None:
+    scene = scene_of("three")
+    lying = replace(scene.body("a"), quaternion=np.array([np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0]))
+    scene = scene.with_body(lying.at([*lying.position[:2], HEIGHT + 0.035]))
+    goal = goals.on("a", "table_top")
+    plan = solve(scene, goal)
+    assert isinstance(plan, Solution)
+    assert plan.picks == lower_bound(scene, goal).picks == 0
+
+
+def test_objects_may_have_any_name() -> None:
+    scene, names = scene_of("three"), ("goal", "My cup", "aside goal")
+    scene = replace(
+        scene, objects=tuple(replace(one, name=name) for one, name in zip(scene.objects, names, strict=True))
+    )
+    goal = Goal.from_pddl(shifted(scene, names[:2]).to_pddl()) & goals.holding("aside goal")
+    plan = solve(scene, goal)
+    assert isinstance(plan, Solution), plan
+    assert plan.picks == lower_bound(scene, goal).picks == 4

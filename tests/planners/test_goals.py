@@ -25,7 +25,7 @@ def scene_with(*bodies: Body) -> Scene:
         scene,
         static_obstacles=(*scene.static_obstacles, tray),
         supports=(*scene.supports, "tray"),
-        regions=(LEFT, RIGHT),
+        regions=(LEFT, RIGHT, Region("beside", "table_top", (2.0, 0.0), (0.1, 0.1))),
     )
 
 
@@ -174,7 +174,7 @@ def test_text_that_is_no_goal_is_refused(text: str) -> None:
     ("goal", "message"),
     [
         (goals.holding("x"), "objects: a, b, c"),
-        (goals.on("a", "x"), "regions: left, right; supports: table_top, tray; objects: a, b, c"),
+        (goals.on("a", "x"), "regions: left, right, beside; supports: table_top, tray; objects: a, b, c"),
         (goals.inside("a", "b"), "regions: left, right"),
         (goals.clear("x"), "supports: table_top, tray"),
         (goals.on("a", "tray") & goals.holding("a"), "twice: a"),
@@ -183,6 +183,8 @@ def test_text_that_is_no_goal_is_refused(text: str) -> None:
         (goals.before("a", "b") & goals.before("b", "a"), "circle"),
         (goals.on("a", "left") & goals.clear("table_top"), "is to be clear"),
         (goals.on("a", "b") & goals.holding("b"), "is to be held"),
+        (goals.at("a", (0.0, -0.2)) & goals.clear("right"), "is to be clear"),
+        (goals.inside("a", "beside"), "beside its support 'table_top', which reaches from"),
     ],
 )
 def test_a_goal_without_meaning_is_refused(scene: Scene, goal: Goal, message: str) -> None:

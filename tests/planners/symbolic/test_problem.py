@@ -160,8 +160,6 @@ def test_plan_is_printed_as_in_figure_13() -> None:
 
 
 def test_misuse_is_refused() -> None:
-    with pytest.raises(SymbolError, match="PDDL name"):
-        obstruction_problem("Object 1", {}).text()
     with pytest.raises(SymbolError, match="no fact"):
         TaskProblem(SymbolicState(frozenset({("likes", CUP)})), CUP).text()
     with pytest.raises(InapplicableActionError, match="no action"):
