@@ -142,7 +142,10 @@ def goal_plan(
 
 
 def _moved_as(sim: _Simulation, order: Order, step: Step, later: Sequence[Step], is_strict: bool) -> bool:
-    """Move an object as the order says, if it can be, out of the way of all later steps; of some, if not strict."""
+    """Move an object as the order says, if it can be, out of the way of all later steps.
+
+    Of some where it is not strict, or where the object goes to its end, which the order has counted with.
+    """
     grasps: list[GraspCandidate] = []
     for one in later:
         for grasp, body in ((one.taken, sim.scene.body(one.name)), (one.put, order.ends.get(one.name))):
@@ -150,7 +153,8 @@ def _moved_as(sim: _Simulation, order: Order, step: Step, later: Sequence[Step],
                 world = sim.candidates.compiled.world(sim.scene.with_body(body))
                 sim.problem.placements.volume(world, grasp)  # known from now on
                 grasps.append(grasp)
-    counts = (len(grasps),) if is_strict else ((len(grasps) + 1) // 2, 0)
+    some = ((len(grasps) + 1) // 2, 0)
+    counts = (len(grasps), *some) if step.is_general else (len(grasps),) if is_strict else some
     return _taken_and_put(sim, step.name, step.is_general, [KeepClear(None, tuple(grasps[:count])) for count in counts])
 
 
