@@ -50,6 +50,9 @@ VARIANTS: tuple[dict[str, Any], ...] = (
     {"object_set": "tall", "terminate_on_fallen": True},
     {"object_set": "heavy", "shapes": "mixed"},
     {"obstructed": 2, "success": "lifted"},
+    {"object_set": "household"},
+    {"reality": 0.5},
+    {"reality": 1.0, "object_set": "household"},
 )
 """Further keyword arguments, which the environments of Retrieve take in turn, as far as their objects fit."""
 OBSTRUCTED_OBJECTS = 20

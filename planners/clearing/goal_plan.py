@@ -104,22 +104,29 @@ def goal_plan(
     """
     to_move = dict.fromkeys((*problem.scene.held_names, *must_move(problem.scene, goal, start)))
     sim = _Simulation(problem, goal, start, not_placed, tuple(to_move))
-    order, in_vain = Order.of(problem.scene, goal, to_move, problem.candidates), set[tuple[str, bool]]()
+    order, in_vain, is_strict = (
+        Order.of(problem.scene, goal, to_move, problem.candidates),
+        set[tuple[str, bool]](),
+        True,
+    )
     while sim.waiting:
         if problem.deadline.is_over:
             return NoCommitment(Cause.TIME_LIMIT, tuple(sim.waiting))
         if order is not None:
             refuted = {name: _refuted_by(sim, name) for name in sim.waiting}
             step, *later = order.steps(sim.scene, sim.waiting, refuted, in_vain) or (None,)
-            if step is not None:
-                if any(move.name == step.name for move in sim.moves):
-                    return _as_plan(sim, sim.moves[-1].name)
-                if not _moved_as(sim, order, step, later):
-                    in_vain.add((step.name, step.is_general))
-                    continue
+            if step is not None and any(move.name == step.name for move in sim.moves):
+                return _as_plan(sim, sim.moves[-1].name)
+            if step is not None and _moved_as(sim, order, step, later, is_strict):
                 if not step.is_general and step.name in order.ends:
                     return _as_plan(sim, step.name)
-                in_vain = set()
+                in_vain, is_strict = set(), True
+                continue
+            if step is not None:
+                in_vain.add((step.name, step.is_general))
+                continue
+            if is_strict and in_vain:
+                in_vain, is_strict = set(), False
                 continue
         held_in_vain = [name for name in sim.scene.held_names if name in not_placed.blockers]
         if any(_moved(sim, name) for name in _in_turn(sim) if name not in held_in_vain and not _refuted_by(sim, name)):
@@ -135,8 +142,11 @@ def goal_plan(
     return _as_plan(sim, "")
 
 
-def _moved_as(sim: _Simulation, order: Order, step: Step, later: Sequence[Step]) -> bool:
-    """Move an object as the order says, if it can be, out of the way of all later steps."""
+def _moved_as(sim: _Simulation, order: Order, step: Step, later: Sequence[Step], is_strict: bool) -> bool:
+    """Move an object as the order says, if it can be, out of the way of all later steps.
+
+    Of some where it is not strict, or where the object goes to its end, which the order has counted with.
+    """
     grasps: list[GraspCandidate] = []
     for one in later:
         for grasp, body in ((one.taken, sim.scene.body(one.name)), (one.put, order.ends.get(one.name))):
@@ -144,7 +154,9 @@ def _moved_as(sim: _Simulation, order: Order, step: Step, later: Sequence[Step])
                 world = sim.candidates.compiled.world(sim.scene.with_body(body))
                 sim.problem.placements.volume(world, grasp)  # known from now on
                 grasps.append(grasp)
-    return _taken_and_put(sim, step.name, step.is_general, [KeepClear(None, tuple(grasps))])
+    some = ((len(grasps) + 1) // 2, 0)
+    counts = (len(grasps), *some) if step.is_general else (len(grasps),) if is_strict else some
+    return _taken_and_put(sim, step.name, step.is_general, [KeepClear(None, tuple(grasps[:count])) for count in counts])
 
 
 def _refuted_by(sim: _Simulation, name: str) -> frozenset[str]:

@@ -116,10 +116,12 @@ class Order:
         start, to_move = scene.mask(names), scene.mask(waiting)
 
         @cache
-        def options(name: str, at_end: bool) -> list[Option]:
-            """Ways to take an object where it stands, or from its end, one for each mask and pitch."""
+        def options(name: str, at_end: bool, of_all: bool = False) -> list[Option]:
+            """Ways to take an object where it stands, or from its end, one for each mask and pitch; families of grasps
+            are looked at until one is free, or all."""
             there = scene.with_body(ends[name]) if at_end else scene
-            grasps, body, too = self.candidates.for_object(there, name), there.body(name), 0
+            find = self.candidates.of_all_families if of_all else self.candidates.for_object
+            grasps, body, too = find(there, name), there.body(name), 0
             if at_end:
                 near = (one for one in beside(scene, scene.support_under(body), body) if one.name != name)
                 touched = (one for one in near if distances(body.position[None, :2], one)[0] < body.radius + _BESIDE)
@@ -134,6 +136,10 @@ class Order:
                 best.setdefault((mask, grasp.pitch), Option(mask, grasp))
             return sorted(best.values(), key=lambda one: one.mask.bit_count())
 
+        def same_pitch(taken: list[Option], put: list[Option]) -> tuple[GraspCandidate | None, GraspCandidate] | None:
+            """What an object is taken through, and put down."""
+            return next(((a.grasp, b.grasp) for a in taken for b in put if a.grasp.pitch == b.grasp.pitch), None)
+
         def moves(now: int, is_first: bool) -> Iterator[tuple[Step, int]]:
             """The moves that are possible, and where objects stand after them."""
             for index, name in enumerate(names):
@@ -146,8 +152,17 @@ class Order:
                     continue
                 if name in ends and not (stands and name not in waiting) and not (is_first and (name, True) in in_vain):
                     put = [one for one in options(name, True) if not one.mask & left]
-                    pairs = ((a.grasp, b.grasp) for a in taken for b in put if a.grasp.pitch == b.grasp.pitch)
-                    pair = next(pairs, None) if stands else (None, put[0].grasp) if put else None
+                    if stands:
+                        # To be put aside only to be taken at another pitch would never end.
+                        pair = same_pitch(taken, put)
+                        if pair is None and is_first and put:
+                            every = (
+                                [one for one in options(name, at_end, True) if not one.mask & left]
+                                for at_end in (False, True)
+                            )
+                            pair = same_pitch(*every)
+                    else:
+                        pair = (None, put[0].grasp) if put else None
                     if pair is not None:
                         yield Step(name, True, pair[0], pair[1]), left | end
                 if stands and not (is_first and (name, False) in in_vain):
