@@ -11,7 +11,7 @@ import numpy as np
 from assets.robots import FETCH, RobotSpec, robot as find_robot
 from planners.cause import Cause
 from planners.clearing.goal_bound import LowerBound, fewest_picks
-from planners.clearing.lower_bound import MAX_EXPANSIONS, ClearanceFloor, smallest_set
+from planners.clearing.lower_bound import MAX_EXPANSIONS, ClearanceFloor, self_clearable_sets
 from planners.clearing.order_of_moves import is_under_shelf
 from planners.clock import NO_DEADLINE, Deadline, cpu_seconds
 from planners.collision.ground_map import GroundMap
@@ -217,7 +217,8 @@ class Planner:
         context = PlanningContext.of(self.robot, scene, grasps=self.grasps)
         if target in scene.held_names:
             return ClearanceFloor(0, (), True, 0, grasps=context.catalogue)
-        found = smallest_set(partial(context.grasps().blockers, scene), target, scene.names, expansions)
+        blockers = partial(context.grasps().blockers, scene)
+        found = next(self_clearable_sets(blockers, target, scene.names, expansions=expansions))
         is_too_wide = found.cause == Cause.UNREACHABLE and context.too_wide(scene, target)
         return replace(found, cause=Cause.TOO_WIDE if is_too_wide else found.cause, grasps=context.catalogue)
 

@@ -128,7 +128,8 @@ def goal_plan(
             if is_strict and in_vain:
                 in_vain, is_strict = set(), False
                 continue
-        if _moved_to_its_end(sim):
+        held_in_vain = [name for name in sim.scene.held_names if name in not_placed.blockers]
+        if any(_moved(sim, name) for name in _in_turn(sim) if name not in held_in_vain and not _refuted_by(sim, name)):
             continue
         in_the_way = _in_the_way(sim)
         if not in_the_way:
@@ -156,12 +157,6 @@ def _moved_as(sim: _Simulation, order: Order, step: Step, later: Sequence[Step],
     some = ((len(grasps) + 1) // 2, 0)
     counts = (len(grasps), *some) if step.is_general else (len(grasps),) if is_strict else some
     return _taken_and_put(sim, step.name, step.is_general, [KeepClear(None, tuple(grasps[:count])) for count in counts])
-
-
-def _moved_to_its_end(sim: _Simulation) -> bool:
-    """Move the next object for which that is possible to where it is to be."""
-    in_vain = [name for name in sim.scene.held_names if name in sim.not_placed.blockers]
-    return any(_moved(sim, name) for name in _in_turn(sim) if name not in in_vain and not _refuted_by(sim, name))
 
 
 def _refuted_by(sim: _Simulation, name: str) -> frozenset[str]:
@@ -327,25 +322,17 @@ def _in_the_way(sim: _Simulation) -> tuple[str, ...]:
     """What is not waiting to be moved, and is in the way: of an object at its place, of the robot there, of a grasp."""
     if sim.scene.held_names:
         return ()
-    for find in (_standing_there, _in_the_way_of_put_down):
-        found = next(filter(None, (find(sim, name) for name in sim.waiting)), ())
-        if found:
-            return found
-    return tuple(name for name in _bound(sim).objects if name not in sim.waiting)
+    scene, facts = sim.scene, [fact for name in sim.waiting if (fact := placed_fact(sim.goal, name))]
+    there = (in_the_way(scene, scene.body(fact.object), place_of(scene, fact), sim.waiting) for fact in facts)
+    found = next(filter(None, itertools.chain(there, (_in_the_way_of_put_down(sim, fact) for fact in facts))), ())
+    return found or tuple(name for name in _bound(sim).objects if name not in sim.waiting)
 
 
-def _standing_there(sim: _Simulation, name: str) -> tuple[str, ...]:
-    """What stands where an object is to go."""
-    fact = placed_fact(sim.goal, name)
-    scene = sim.scene
-    return () if fact is None else in_the_way(scene, scene.body(name), place_of(scene, fact), sim.waiting)
-
-
-def _in_the_way_of_put_down(sim: _Simulation, name: str) -> tuple[str, ...]:
+def _in_the_way_of_put_down(sim: _Simulation, fact: On | Inside | At) -> tuple[str, ...]:
     """What keeps the robot from putting an object down at its place, once those that wait have left."""
-    fact = placed_fact(sim.goal, name)
-    if fact is None or (isinstance(fact, On) and fact.place in sim.waiting):
+    if isinstance(fact, On) and fact.place in sim.waiting:
         return ()
+    name = fact.object
     refuted_by = tuple(sorted(_refuted_by(sim, name).difference(sim.waiting)))
     if refuted_by or not sim.failures[name]:  # to ask takes as long as to look for a placement
         return refuted_by
@@ -390,16 +377,11 @@ def _put_aside(sim: _Simulation) -> str:
     """
     names = sim.scene.held_names[:1]
     if not names:
-        free = sorted(_free_by_order(sim), key=lambda name: _has_left(sim, name))
+        moved = {name: sim.scene.body(name).position - sim.start.body(name).position for name in sim.waiting}
+        free = sorted(_free_by_order(sim), key=lambda name: bool(np.linalg.norm(moved[name]) > TOLERANCE))
         first = [name for name in (*_bound(sim).aside, *sorted(sim.last)) if name in free]
         names = tuple(dict.fromkeys((*first, *free)))
     return next((name for name in names if _taken_and_put(sim, name, is_general=False)), "")
-
-
-def _has_left(sim: _Simulation, name: str) -> bool:
-    """Whether an object stands elsewhere than at the start."""
-    way = sim.scene.body(name).position - sim.start.body(name).position
-    return float(np.linalg.norm(way)) > TOLERANCE
 
 
 def _refusal(sim: _Simulation) -> NoCommitment:

@@ -66,21 +66,6 @@ class ClearanceFloor:
         return self.count is None and self.proved
 
 
-def smallest_set(
-    blockers: Blockers, target: str, names: Sequence[str], expansions: int = MAX_EXPANSIONS
-) -> ClearanceFloor:
-    """The smallest self-clearable set for the target, for the declared options.
-
-    Args:
-        blockers: of every object's options.
-        target: name of the object wanted.
-        names: of all objects, in the order of their bits.
-        expansions: search nodes after which the proof is given up; the result then says `proved=False` and has both
-            bounds.
-    """
-    return next(self_clearable_sets(blockers, target, names, expansions=expansions))
-
-
 def self_clearable_sets(
     blockers: Blockers,
     target: str,
@@ -96,8 +81,8 @@ def self_clearable_sets(
     asked for once a set that would be smallest relies on them. So the answer is exact for all declared options.
 
     Always yields at least one result: if there is no set, the one that says why; if the limit is reached before the
-    first set is proved smallest, one with `proved=False`. The iterator ends early at the limit and at the deadline; if
-    there is no set by then, it yields one result whose cause is TIME_LIMIT.
+    first set is proved smallest, one with `proved=False` and both bounds. The iterator ends early at the limit and at
+    the deadline; if there is no set by then, it yields one result whose cause is TIME_LIMIT.
     """
     enumeration = _Enumeration(_Options(blockers, target, names), expansions, deadline)
     fewest: int | None = None

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from itertools import product
 from typing import NamedTuple
 
@@ -134,12 +134,7 @@ class CollisionWorld:
 
     def active(self, ignore: int = 0) -> np.uint64:
         """The bits that count when those of `ignore` do not; what idle arms hold is a part of the robot."""
-        return np.uint64(_ALL & ~int(ignore) & ~self._aside)
-
-    @cached_property
-    def _aside(self) -> int:
-        """Mask of the objects that idle arms hold."""
-        return self.scene.mask(one.held.name for one in self.scene.aside)
+        return np.uint64(_ALL & ~int(ignore) & ~self.scene.mask(one.held.name for one in self.scene.aside))
 
     def _carry(self, held: HeldObject | None, robot: RobotArrays) -> _Carried:
         """What is computed once for each held object, and for none; raises `UnknownObject`.

@@ -115,29 +115,19 @@ def free_ground(scene: Scene, with_shadows: bool = False) -> FreeSpace:
 
 def _beside_base(scene: Scene) -> list[StaticObstacle]:
     """The static obstacles at heights of the base, the torso or the head."""
-    low, high = _trunk_heights(scene.robot)
+    low, _, high = _trunk_heights(scene.robot)
     return [one for one in scene.static_obstacles if one.upper[2] > low and one.lower[2] < high]
 
 
 @cache
-def _trunk_heights(robot: RobotSpec) -> tuple[float, float]:
-    """[m] below and above which neither the base nor the torso with the head reaches, at any height of the torso."""
+def _trunk_heights(robot: RobotSpec) -> tuple[float, float, float]:
+    """[m] of the lowest and the highest point of the base, and above which neither it nor torso and head ever reach."""
     arrays = robot_arrays(robot)
     is_base, is_torso = arrays.link == BASE, arrays.link == 0
     raised = np.where(is_torso, arrays.offsets[0, 2] + arrays.upper[0], 0.0)
     top = (arrays.position[:, 2] + raised + arrays.bound)[is_base | is_torso].max()
-    corners = np.abs(arrays.rotation[:, 2]) * arrays.half
-    bottom = (arrays.position[:, 2] - corners.sum(axis=1) - arrays.radius)[is_base].min()
-    return float(bottom), float(top)
-
-
-@cache
-def _base_height(robot: RobotSpec) -> float:
-    """[m] of the base's highest point."""
-    arrays = robot_arrays(robot)
-    of_base = arrays.link == BASE
-    up = (np.abs(arrays.rotation[:, 2]) * arrays.half).sum(axis=1) + arrays.radius
-    return float((arrays.position[:, 2] + up)[of_base].max())
+    height, up = arrays.position[:, 2], (np.abs(arrays.rotation[:, 2]) * arrays.half).sum(axis=1) + arrays.radius
+    return float((height - up)[is_base].min()), float((height + up)[is_base].max()), float(top)
 
 
 def farthest_reach(robot: RobotSpec) -> float:
@@ -206,7 +196,7 @@ class MapPlacer:
             base poses (m, 3) x [m], y [m], yaw [rad]; index of the gripper pose of each (m,).
         """
         bases, index = [np.empty((0, 3))], [np.empty(0, dtype=np.int64)]
-        low = gripper_poses[:, 2] < _base_height(self.robot)
+        low = gripper_poses[:, 2] < _trunk_heights(self.robot)[1]
         for pitch, is_low in sorted(set(zip(gripper_poses[:, 4].tolist(), low.tolist(), strict=True))):
             rows = np.flatnonzero((gripper_poses[:, 4] == pitch) & (low == is_low))
             found = self._bases_at_pitch(gripper_poses[rows], pitch, most, is_low)
@@ -368,11 +358,11 @@ def _normals(corners: Array) -> Array:
 
 
 def facing_bases(
-    placer: Placer, gripper_poses: Array, reach: float, turns: Sequence[float] = STRAIGHT
+    placer: Placer, gripper_poses: Array, turns: Sequence[float] = STRAIGHT
 ) -> tuple[Array, NDArray[np.int64]]:
     """Base poses that face gripper poses from a fixed distance, smooth in the gripper's pose, the least turned first.
 
-    The distance is `_STANDOFF` of the reach [m] in whole centimetres, or where the free ground begins behind that.
+    The distance is `_STANDOFF` of the arm's reach in whole centimetres, or where the free ground begins behind that.
     `turns` [rad] are the gripper's yaws relative to the base. Result as of `MapPlacer.bases`, but those of all gripper
     poses in one order, the least cost first. A base that does not move stands as it does.
     """
@@ -383,7 +373,7 @@ def facing_bases(
     is_level = gripper_poses[:, 4] == 0.0
     for rows, ground in ((is_level, placer.ground), (~is_level, placer.open_ground)):
         if rows.any():
-            distance[rows] = _distance_behind(ground, gripper_poses[rows], yaw[rows], reach)
+            distance[rows] = _distance_behind(ground, gripper_poses[rows], yaw[rows], farthest_reach(placer.robot))
     x = gripper_poses[:, :1] - distance * np.cos(yaw)
     y = gripper_poses[:, 1:2] - distance * np.sin(yaw)
     cost = np.round(_YAW_COST * np.abs(yaw) + np.abs(turns), 9)

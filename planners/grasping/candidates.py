@@ -30,7 +30,7 @@ from planners.grasping.arm_configurations import (
     hits_of,
     scan_configurations,
 )
-from planners.grasping.base_placement import STRAIGHT, TURNED, Placer, facing_bases, farthest_reach
+from planners.grasping.base_placement import STRAIGHT, TURNED, Placer, facing_bases
 from planners.grasping.families import SIDE, Family, families_for
 from planners.grasping.grasp_poses import GraspPose, generate_grasps
 from planners.scene import Body, Scene
@@ -306,7 +306,8 @@ class GraspCandidates:
         found: list[GraspCandidate] = []
         for wanted, opening in _wanted(scene, body, stage.family):
             if stage.turns:
-                poses = self._untried(scene, body, self._facing(scene, wanted, stage.turns))
+                bases, index = facing_bases(self.arms[scene.robot.arm_name], wanted, stage.turns)
+                poses = self._untried(scene, body, GripperPoses(bases, wanted[index]))
                 found += self._scan(scene, body, poses, opening, about_home=True)
             else:
                 found += self._from_map(scene, body, wanted, opening, known)
@@ -336,11 +337,6 @@ class GraspCandidates:
             if any(not (covered and grasp.blockers) for grasp in candidates):
                 break
         return candidates
-
-    def _facing(self, scene: Scene, wanted: Array, turns: tuple[float, ...]) -> GripperPoses:
-        """Base poses that face the wanted gripper poses (k, 5), the least turned first."""
-        bases, index = facing_bases(self.arms[scene.robot.arm_name], wanted, farthest_reach(scene.robot), turns)
-        return GripperPoses(bases, wanted[index])
 
     def _untried(self, scene: Scene, body: Body, poses: GripperPoses) -> GripperPoses:
         """The pairs of base pose and gripper pose at which no grasp of the object was refuted."""

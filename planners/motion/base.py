@@ -47,7 +47,9 @@ class BaseRoadmap:
     """
 
     ground: GroundMap
-    _explored: dict[tuple[object, ...], tuple[object, Array]] = field(default_factory=dict, repr=False)
+    _explored: dict[tuple[int, float, bytes, float, int], tuple[object, Array]] = field(
+        default_factory=dict, repr=False
+    )
 
     def search(
         self,
@@ -81,7 +83,8 @@ class BaseRoadmap:
 
     def excludes(self, start: Array, base: Array) -> bool:
         """Whether all that was explored from a base pose (3,) leaves out another one, and something was explored."""
-        explored = [poses for _, poses in self._explored.values() if np.array_equal(poses[:1], start[None])]
+        here = np.asarray(start, dtype=float).tobytes()
+        explored = [poses for key, (_, poses) in self._explored.items() if key[2].startswith(here)]
         return bool(explored) and not any(_is_near(poses, base) for poses in explored)
 
 

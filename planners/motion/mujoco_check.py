@@ -24,6 +24,7 @@ from planners.motion.path import WholeBodyPath, cut, interpolate
 from planners.motion.trajectory import Trajectory, phases_of
 from planners.scene import HeldObject, Scene, SceneError, Solid
 from planners.scene.bodies import pose_matrix
+from planners.scene.mujoco_reading import local_pose
 
 _ROBOT, _OTHER = 1, 2
 """Collision bits: the robot collides with itself and all other geoms; of these only held objects with others."""
@@ -57,8 +58,6 @@ def scene_model(scene: Scene) -> mujoco.MjModel:
             geom.contype, geom.conaffinity, geom.margin = _ROBOT, _ROBOT | _OTHER, 0.0
     for first, second in _neighbours(scene.robot):
         spec.add_exclude(bodyname1=first, bodyname2=second)
-    for name in _on_base(scene.robot) if scene.robot.base_drive == "fixed" else ():
-        spec.add_exclude(bodyname1="world", bodyname2=name)
     spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], **_OTHER_GEOM)
     for obstacle in scene.static_obstacles:
         _add_solid(spec, spec.worldbody, _OBSTACLE + obstacle.name, obstacle)
@@ -93,17 +92,15 @@ def _add_solid(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, solid: Soli
 
 @cache
 def _neighbours(robot: RobotSpec) -> tuple[tuple[str, str], ...]:
-    """The names of each two bodies on the same link or on neighbouring links, whose contacts do not count."""
+    """The names of each two bodies whose contacts do not count: on the same link or on neighbouring ones.
+
+    Of a base that stands those with the world do not either.
+    """
     model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
     links, pairs = link_of_body(model, robot), itertools.combinations(range(1, model.nbody), 2)
-    return tuple((model.body(a).name, model.body(b).name) for a, b in pairs if abs(links[a] - links[b]) <= 1)
-
-
-def _on_base(robot: RobotSpec) -> tuple[str, ...]:
-    """The names of the bodies that move with the base alone."""
-    model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
-    links = link_of_body(model, robot)
-    return tuple(model.body(body).name for body in range(1, model.nbody) if links[body] == BASE)
+    near = [(a, b) for a, b in pairs if abs(links[a] - links[b]) <= 1]
+    near += [(0, b) for b in range(1, model.nbody) if links[b] == BASE and robot.base_drive == "fixed"]
+    return tuple((model.body(a).name, model.body(b).name) for a, b in near)
 
 
 class ModelPositions:
@@ -165,9 +162,7 @@ class MujocoCollisionChecker:
         self._geoms = {name: np.flatnonzero(model.geom_bodyid == body).tolist() for name, body in of_objects.items()}
         self._names = {geom: name for name, geoms in self._geoms.items() for geom in geoms}
         # Poses of the geoms in the frames of their objects: MuJoCo puts the origin of a mesh where it likes.
-        self._in_object = {
-            geom: pose_matrix(model.geom_pos[geom], _rotation(model.geom_quat[geom])) for geom in self._names
-        }
+        self._in_object = {geom: pose_matrix(*local_pose(model, "geom", geom)) for geom in self._names}
         # Of the robot those pairs count that count for the planner: shapes that touch in nearly every configuration,
         # such as boxes around the meshes of short links, do not.
         geoms = collision_geoms(model, robot)
@@ -339,12 +334,6 @@ def _signature(scene: Scene) -> tuple[object, ...]:
 
     objects = tuple((body.name, body.shape, *body.half_extents, of_solids(body.pieces)) for body in scene.objects)
     return scene.robot.name, scene.robot.arm_name, objects, of_solids(scene.static_obstacles)
-
-
-def _rotation(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
-    matrix = np.empty(9)
-    mujoco.mju_quat2Mat(matrix, quaternion)
-    return matrix.reshape(3, 3)
 
 
 def _gripper_geoms(model: mujoco.MjModel, robot: RobotSpec) -> set[int]:

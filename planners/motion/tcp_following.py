@@ -51,11 +51,6 @@ class Followed:
     finger_position: Array
     held: tuple[HeldObject | None, ...]
 
-    @property
-    def end(self) -> Array:
-        """(8,) the last configuration."""
-        return np.asarray(self.configurations[-1, 3:])
-
     def hits(self, world: CollisionWorld, ignore: int) -> int:
         """Mask of what is hit on the way; the bits of `ignore` do not count."""
         found = 0

@@ -80,12 +80,9 @@ def place_of(scene: Scene, fact: On | Inside | At) -> Place:
         yaw = fact.yaw if has_yaw(body) else None
         return Place(_face_at(scene, body, fact), location=np.array([fact.x, fact.y]), yaw=yaw)
     name = fact.place if isinstance(fact, On) else fact.region
-    if name in region_names(scene):
-        region = region_named(scene, name)
-        return Place(scene.support_named(region.support), region)
-    if name in scene.supports:
-        face = scene.support_named(name)
-        return Place(face, whole_face(face))
+    if name in (*region_names(scene), *scene.supports):
+        area = _region_or_face(scene, name)
+        return Place(scene.support_named(area.support), area)
     other = scene.body(name)
     if other.shape != "pieces":
         face = StaticObstacle(name, other.position, other.half_extents, other.shape, other.rotation)
@@ -122,7 +119,7 @@ def reserved_regions(scene: Scene, goal: Goal, besides: str = "") -> tuple[Regio
         goal: what it is to be.
         besides: name of an object, whose own place is not reserved for others, nor what that lies in.
     """
-    own = next((fact for fact in goal.placed if fact.object == besides), None)
+    own = placed_fact(goal, besides)
     mine = None if own is None else place_of(scene, own).area
     if own is not None and mine is None:
         return ()

@@ -11,8 +11,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.grasping.arm_configurations import gripper_rotation
 from planners.scene import Body, HeldObject, Scene, StaticObstacle
-from planners.scene.bodies import release_pitch, up_axis, with_up
+from planners.scene.bodies import pose_matrix, release_pitch, up_axis, with_up
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -101,7 +102,4 @@ def in_hand(scene: Scene) -> tuple[HeldObject, Body]:
 
 def rotated(yaw: float, pitch: float) -> Array:
     """The transform (4, 4) of a gripper at the origin with this yaw and pitch [rad]: Rz(yaw) Ry(pitch)."""
-    cy, sy, cp, sp = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch)
-    T = np.eye(4)
-    T[:3, :3] = [[cy * cp, -sy, cy * sp], [sy * cp, cy, sy * sp], [-sp, 0.0, cp]]
-    return T
+    return pose_matrix(np.zeros(3), gripper_rotation(yaw, pitch))

@@ -255,7 +255,7 @@ class PlacementSearch:
                 if deadline.is_over:
                     return
                 free = _free(world, poses[turns == turn])
-                bases, index = facing_bases(placer, free, farthest_reach(scene.robot))
+                bases, index = facing_bases(placer, free)
                 for base, pose in zip(bases, free[index], strict=True):
                     yield from self._configurations(world, GripperPoses(base[None], pose[None]), location[2], grid)
 

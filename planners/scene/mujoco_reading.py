@@ -213,7 +213,7 @@ def _object(model: mujoco.MjModel, body: int) -> Body:
         return Body(name, shape, half, model.geom_pos[geoms[0]], model.geom_quat[geoms[0]])
     pieces = []
     for geom in geoms:
-        position, rotation = _in_root(model, int(model.geom_bodyid[geom]), body, *_local_pose(model, "geom", geom))
+        position, rotation = _in_root(model, int(model.geom_bodyid[geom]), body, *local_pose(model, "geom", geom))
         pieces.append(_solid(Solid, model, geom, position, rotation, _ADVICE))
     parts = np.flatnonzero((model.body_rootid == body) & (model.body_mass > 0))
     centres = [_in_root(model, int(part), body, model.body_ipos[part], np.eye(3))[0] for part in parts]
@@ -223,12 +223,12 @@ def _object(model: mujoco.MjModel, body: int) -> Body:
 def _in_root(model: mujoco.MjModel, body: int, root: int, position: Array, rotation: Array) -> tuple[Array, Array]:
     """Position (3,) and rotation (3, 3) in the frame of a body, in that of another one to which it is attached."""
     while body != root:
-        offset, turn = _local_pose(model, "body", body)
+        offset, turn = local_pose(model, "body", body)
         position, rotation, body = offset + turn @ position, turn @ rotation, int(model.body_parentid[body])
     return position, rotation
 
 
-def _local_pose(model: mujoco.MjModel, kind: Literal["body", "geom"], index: int) -> tuple[Array, Array]:
+def local_pose(model: mujoco.MjModel, kind: Literal["body", "geom"], index: int) -> tuple[Array, Array]:
     """Position (3,) [m] and rotation (3, 3) of a body in its parent's frame, or of a geom in its body's."""
     rotation = np.empty(9)
     mujoco.mju_quat2Mat(rotation, getattr(model, f"{kind}_quat")[index])

@@ -260,10 +260,7 @@ class MotionLayer:
             if isinstance(path, WholeBodyPath):
                 joined = replace(path, configurations=np.vstack([driven.configurations, path.configurations]))
                 if self.is_accepted(scene, [joined]):
-                    trajectory = drive_trajectory(world, joined, state)
-                    there = RobotState(joined.end_base, joined.end, float(trajectory.finger_position[-1]))
-                    bound = self._followed(scene, BoundMotion(trajectory, scene.with_state(there)), ())
-                    return NoPath("the arm touches something") if isinstance(bound, BlockedBy) else bound
+                    return self._driven(scene, joined)
         return NoPath("no free motion brings it there")
 
     def drive(self, scene: Scene, base: Array, home_first: bool = False) -> BoundMotion | NoPath:
@@ -281,8 +278,12 @@ class MotionLayer:
                 found = plan_base(world, state.base, base, homing.end, held=scene.held, roadmap=roadmap)
         if isinstance(found, NoPath):
             return found
-        trajectory = drive_trajectory(world, found, scene.state, homing)
-        state = RobotState(found.end_base, found.end, float(trajectory.finger_position[-1]))
+        return self._driven(scene, found, homing)
+
+    def _driven(self, scene: Scene, path: WholeBodyPath, homing: WholeBodyPath | None = None) -> BoundMotion | NoPath:
+        """The motion along a path on which nothing is taken or put down, after the arm has moved home."""
+        trajectory = drive_trajectory(self.compiled.world(scene), path, scene.state, homing)
+        state = RobotState(path.end_base, path.end, float(trajectory.finger_position[-1]))
         bound = self._followed(scene, BoundMotion(trajectory, scene.with_state(state)), ())
         return NoPath("following the base, the arm touches something") if isinstance(bound, BlockedBy) else bound
 
@@ -349,7 +350,7 @@ class MotionLayer:
             return NoPath(f"following the TCP, the arm touches {', '.join(world.names_of(hits))}")
         if hits:
             return BlockedBy(frozenset(world.names_of(hits)), "following")
-        state = RobotState(bound.scene.state.base, followed.end, bound.scene.state.finger_position)
+        state = RobotState(bound.scene.state.base, followed.configurations[-1, 3:], bound.scene.state.finger_position)
         return replace(bound, scene=bound.scene.with_state(state))
 
     def shortened(self, actions: Sequence[BoundAction], end: Scene) -> tuple[BoundAction, ...]:

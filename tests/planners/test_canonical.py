@@ -13,7 +13,7 @@ from planners.collision.world import CollisionWorld
 from planners.contact import Contact, contact_of, contacts, label_of
 from planners.context import PlanningContext
 from planners.grasping.arm_configurations import GripperPoses
-from planners.grasping.base_placement import STRAIGHT
+from planners.grasping.base_placement import facing_bases
 from planners.grasping.candidates import GraspCandidate, GraspCandidates, gripper_poses
 from planners.grasping.grasp_poses import generate_grasps
 from planners.motion.arm import tcp_pose
@@ -77,8 +77,9 @@ def test_a_lone_object_is_taken_straight_ahead_and_the_plan_moves_little_when_it
 def free_straight(source: GraspCandidates, scene: Scene, name: str) -> list[GraspCandidate]:
     """All straight grasps of an object in which nothing is hit, one for each direction."""
     body, grasps = scene.body(name), generate_grasps(scene.body(name), scene.robot)
-    poses = source._facing(scene, gripper_poses(grasps), STRAIGHT)
-    alone = [GripperPoses(base[None], pose[None]) for base, pose in zip(*poses, strict=True)]
+    wanted = gripper_poses(grasps)
+    bases, index = facing_bases(source.arms[scene.robot.arm_name], wanted)
+    alone = [GripperPoses(base[None], pose[None]) for base, pose in zip(bases, wanted[index], strict=True)]
     source.for_object(scene, name)
     found = [source._scan(scene, body, pose, grasps[0].opening, about_home=True) for pose in alone]
     return [grasp for options in found for grasp in options if not grasp.blockers]

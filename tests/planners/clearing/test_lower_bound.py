@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from planners.cause import Cause
-from planners.clearing.lower_bound import ClearanceFloor, self_clearable_sets, smallest_set
+from planners.clearing.lower_bound import ClearanceFloor, self_clearable_sets
 
 STATIC = 1 << 63
 
@@ -170,5 +170,5 @@ def test_dense_clutter_is_proved_within_the_default_limits_and_small_limits_give
 
 def test_sets_are_named_in_an_order_of_removal() -> None:
     blockers = {"cup": [0b110], "jar": [0b100], "can": [0]}
-    floor = smallest_set(blockers.__getitem__, "cup", tuple(blockers))
+    floor = next(self_clearable_sets(blockers.__getitem__, "cup", tuple(blockers)))
     assert (floor.count, floor.objects, floor.options, floor.proved) == (2, ("can", "jar"), (0, 0, 0), True)

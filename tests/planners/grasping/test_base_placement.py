@@ -31,7 +31,7 @@ POSES = np.array([(x, y, 0.83, yaw, 0.0) for x in (-0.25, 0.1, 0.25) for y in (-
 
 
 def test_the_base_faces_the_gripper_with_its_yaw_from_the_nearest_free_ground_behind_the_standoff() -> None:
-    bases, index = facing_bases(PLACER, POSES, REACH)
+    bases, index = facing_bases(PLACER, POSES)
     assert len(bases) > len(POSES) / 3
     for base, (x, y, _, yaw, _) in zip(bases, POSES[index], strict=True):
         ahead = np.array([np.cos(yaw), np.sin(yaw)])
@@ -46,7 +46,7 @@ def test_the_base_faces_the_gripper_with_its_yaw_from_the_nearest_free_ground_be
 
 
 def test_turned_bases_have_all_the_relative_yaws_and_the_least_turned_comes_first() -> None:
-    bases, index = facing_bases(PLACER, POSES, REACH, TURNED)
+    bases, index = facing_bases(PLACER, POSES, TURNED)
     turns = POSES[index, 3] - bases[:, 2]
     assert {round(np.degrees(turn)) for turn in turns} == {-60, -40, -20, 20, 40, 60}
     cost = 0.5 * np.abs(bases[:, 2]) + np.abs(turns)
@@ -55,7 +55,7 @@ def test_turned_bases_have_all_the_relative_yaws_and_the_least_turned_comes_firs
 
 def test_a_base_moves_little_when_the_gripper_does() -> None:
     line = np.column_stack((np.linspace(-0.3, 0.3, 121), np.full(121, 0.1), np.full(121, 0.83), np.zeros((121, 2))))
-    bases, index = facing_bases(PLACER, line, REACH)
+    bases, index = facing_bases(PLACER, line)
     ordered = bases[np.argsort(index)]
     assert len(ordered) > 100
     assert np.linalg.norm(np.diff(ordered[:, :2], axis=0), axis=1).max() < 0.0051 + 2e-4

@@ -126,8 +126,9 @@ def test_where_the_base_fits_and_the_robot_does_not_the_answer_holds_for_all_goa
     assert plan_base(world, start, BEFORE_THE_TABLE, HOME, roadmap=roadmap) is NO_WAY
     assert roadmap.excludes(start, np.array([-1.0, -0.4, 0.0]))
     assert not roadmap.excludes(start, np.array([-3.0, -0.5, 2.0]))
-    nothing_reached = BaseRoadmap(roadmap.ground, {(): (None, np.zeros((0, 3)))})
-    assert not nothing_reached.excludes(start, np.array([-1.0, -0.4, 0.0]))
+    nothing_reached = BaseRoadmap(roadmap.ground, {(0, 0.0, start.tobytes(), 0.0, 0): (None, np.zeros((0, 3)))})
+    assert nothing_reached.excludes(start, np.array([-1.0, -0.4, 0.0]))
+    assert not nothing_reached.excludes(start + 0.1, np.array([-1.0, -0.4, 0.0]))
 
 
 @pytest.mark.parametrize("seed", range(3))
