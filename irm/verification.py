@@ -93,6 +93,9 @@ def decide(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> NDArray[np.int8]:
 def classify(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> NDArray[np.int8]:
     """(n,) `Status` values of TCP poses (n, 4, 4) in the base frame, by a map of all pitches and heights alone.
 
+    NO is sure where the chain has a closed form; a map that was filled by samples may miss what is rarely reached, and
+    `decide` is sure for all.
+
     Raises:
         QueryError: not an array of poses, or the map does not cover all pitches and heights.
     """
