@@ -29,7 +29,11 @@ def main(num_envs: int = 4, workers: int = 2, objects: int = 15, steps: int = 30
     """
     env_id = f"clutter_env/Retrieve-o{objects}-v0"
     envs = [gym.make(env_id) for _ in range(num_envs)]
-    actions = np.random.default_rng(0).uniform(-1, 1, (steps, num_envs, *envs[0].action_space.shape)).astype(np.float32)
+    actions = (
+        np.random.default_rng(0)
+        .uniform(-1, 1, (steps, num_envs, *(envs[0].action_space.shape or ())))
+        .astype(np.float32)
+    )
 
     def step(some: range, at: int) -> None:
         for index in some:
