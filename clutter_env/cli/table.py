@@ -4,8 +4,7 @@
     clutter-env table --layout shelf --objects 10 --strategies lookahead --grasps all --no-obstructed
 
 The scenes are resets of the environment from --seed on. Every trial is written to a file as soon as it ends: run the
-same command again after an interruption. JSON and Markdown tables are written to the output directory;
-`python scripts/clearance_page.py`, with the same arguments, also draws them.
+same command again after an interruption. JSON and Markdown tables and a picture are written to the output directory.
 """
 
 from __future__ import annotations
@@ -61,13 +60,14 @@ class Arguments:
     workers: int = os.cpu_count() or 1
     """Number of processes."""
     out: Path = Path("outputs/clearance_table")
-    """Directory of trials.jsonl, table.json and table.md."""
+    """Directory of trials.jsonl, table.json, table.md and table.png."""
     json: Path | None = None
     """Write the figures to this file too."""
 
 
 def run(arguments: Arguments, more: Mapping[str, Variant] | None = None, name: str = "clutter-env table") -> None:
     """Find the scenes, try the strategies and `more` rows, report; `name` is the command shown on the page."""
+    from clutter_env.cli.clearance_picture import draw
     from clutter_env.cli.clearance_tables import markdown, summarise
     from clutter_env.cli.clearance_trials import Trials
     from clutter_env.reporting.files import write_json
@@ -81,6 +81,7 @@ def run(arguments: Arguments, more: Mapping[str, Variant] | None = None, name: s
         write_json(path, {"settings": trials.settings, **summary})
     command = command_line(name, arguments, ("workers", "out", "json"))
     (arguments.out / "table.md").write_text(f"```sh\n{command}\n```\n\n{tables}")
+    draw(summary).savefig(arguments.out / "table.png", dpi=130)
     print(f"tables and figures: {arguments.out}")
     if crashed := sum(entry["crashed"] for entry in (*summary["rows"], *summary["scenes"])):
         print(f"{crashed} trials CRASHED; their tracebacks are in {arguments.out / 'trials.jsonl'}")

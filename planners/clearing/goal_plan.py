@@ -104,11 +104,8 @@ def goal_plan(
     """
     to_move = dict.fromkeys((*problem.scene.held_names, *must_move(problem.scene, goal, start)))
     sim = _Simulation(problem, goal, start, not_placed, tuple(to_move))
-    order, in_vain, is_strict = (
-        Order.of(problem.scene, goal, to_move, problem.candidates),
-        set[tuple[str, bool]](),
-        True,
-    )
+    order = Order.of(problem.scene, goal, to_move, problem.candidates)
+    in_vain, is_strict = set[tuple[str, bool]](), True
     while sim.waiting:
         if problem.deadline.is_over:
             return NoCommitment(Cause.TIME_LIMIT, tuple(sim.waiting))

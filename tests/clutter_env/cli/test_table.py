@@ -11,6 +11,7 @@ import pytest
 
 import planners
 from assets import FETCH
+from clutter_env.cli.clearance_picture import draw
 from clutter_env.cli.clearance_tables import scene_row, strategy_rows, summarise
 from clutter_env.cli.clearance_trials import ASSESSMENT, CRASH, Record, Trials, _environment
 from clutter_env.cli.main import main
@@ -18,7 +19,7 @@ from clutter_env.cli.table import STRATEGIES, Arguments
 from clutter_env.errors import UsageError
 from planners import Planner
 from scripts.ablations import ABLATIONS
-from scripts.clearance_page import draw, write_page
+from scripts.clearance_page import write_page
 from scripts.make_suites import STEPS_PER_PICK
 
 LOOKAHEAD = planners.STRATEGIES["lookahead"]
@@ -161,6 +162,7 @@ def test_a_small_table_is_made_and_made_again_from_its_trials(tmp_path: Path) ->
     lines = (tmp_path / "trials.jsonl").read_text().splitlines()
     assert len(lines) == 1 + sum('"strategy": "floor"' in line for line in lines) + 2 * 2
     assert "### Scenes" in (tmp_path / "table.md").read_text()
+    assert (tmp_path / "table.png").stat().st_size > 10_000
 
 
 def test_a_page_has_the_tables_and_their_picture(tmp_path: Path) -> None:
