@@ -171,7 +171,7 @@ class SearchEnv(RetrieveEnv):
             return image
         labels = image[..., 0].copy()
         if self.config.mask_errors:
-            _spoil(labels, self.config.mask_errors, rng)
+            spoil(labels, self.config.mask_errors, rng)
         values, first = np.unique(labels, return_index=True)
         order = np.argsort(first[values >= FIRST_OBJECT], kind="stable")
         numbers = np.arange(256, dtype=np.uint8)
@@ -184,7 +184,7 @@ class SearchEnv(RetrieveEnv):
         return np.array((*self.world.colour(slot)[:3], scene.is_box[slot], *scene.half_extents[slot]), np.float32)
 
 
-def _spoil(labels: NDArray[np.uint8], probability: float, rng: np.random.Generator) -> None:
+def spoil(labels: NDArray[np.uint8], probability: float, rng: np.random.Generator) -> None:
     """Write errors into the masks (height, width): some missed, some merged with a neighbour's, some jagged."""
     for label in np.unique(labels[labels >= FIRST_OBJECT]).tolist():
         mask = labels == label

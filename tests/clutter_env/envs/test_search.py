@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import clutter_env  # noqa: F401  registers the environments
-from clutter_env.envs.search import SearchEnv
+from clutter_env.envs.search import SearchEnv, spoil
 from clutter_env.errors import ConfigError, OptionError, StateError
+from clutter_env.rendering.cameras import FIRST_OBJECT, FURNITURE
 
 REST = np.zeros(14, np.float32)
 REST[11] = 1.0
@@ -59,16 +60,36 @@ def test_the_same_seed_gives_the_same_scene_and_images(env: SearchEnv) -> None:
 
 
 def test_errors_of_depth_and_masks() -> None:
-    noisy = SearchEnv(num_objects=5, image_size=64, depth_noise=0.005, mask_errors=0.3)
-    exact = SearchEnv(num_objects=5, image_size=64)
-    spoiled = 0
-    for seed in range(12):  # which masks are spoiled depends on what the renderer shows: most scenes show two or three
+    noisy = SearchEnv(num_objects=20, image_size=64, visible_fraction=1.0, depth_noise=0.005, mask_errors=0.3)
+    exact = SearchEnv(num_objects=20, image_size=64, visible_fraction=1.0)
+    masks = spoiled = 0
+    for seed in range(6):
         (seen, _), (true, _) = noisy.reset(seed=seed), exact.reset(seed=seed)
         away = (seen["head_depth"] - true["head_depth"])[true["head_depth"] < 7.9]
         assert 0.004 < away.std() < 0.006
+        masks += len(np.unique(true["head_segmentation"])) - FIRST_OBJECT
         spoiled += (seen["head_segmentation"] != true["head_segmentation"]).any()
         assert seen in noisy.observation_space
-    assert 0 < spoiled < 12
+    assert masks >= 12
+    assert spoiled >= 3
+
+
+def test_masks_are_missed_and_merged_as_often_as_asked() -> None:
+    clean = np.full((40, 40), FURNITURE, np.uint8)
+    clean[10:30, 8:18], clean[10:30, 19:29] = FIRST_OBJECT, FIRST_OBJECT + 1  # near enough to be merged
+    counts = np.zeros(3, int)
+    for seed in range(400):
+        labels = clean.copy()
+        spoil(labels, 0.2, np.random.default_rng(seed))
+        left, right = labels[12:28, 10:16], labels[12:28, 21:27]  # inside, where no ragged edge comes
+        is_merged = (left == right).all() and (left >= FIRST_OBJECT).all()
+        counts += (labels == clean).all(), (left == FURNITURE).all(), is_merged
+    unspoiled, missed, merged = counts / 400
+    assert 0.20 < unspoiled < 0.32  # two masks and three errors: 0.8 to the sixth power, 0.26
+    assert 0.17 < missed < 0.29  # itself, or merged into one that is missed: 0.2 + 0.16 * 0.2
+    assert 0.17 < merged < 0.29  # either takes the other's number: 0.16 * 0.8 + 0.64 * 0.16
+    spoil(labels := clean.copy(), 0.0, np.random.default_rng(0))
+    assert (labels == clean).all()
 
 
 def test_images_come_every_few_steps() -> None:
