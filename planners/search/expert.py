@@ -252,11 +252,11 @@ class SearchExpert:
                 left = sum(int(cells.sum()) for cells in places.values())
                 return self._end(f"gave up: {left} places cannot be brought into sight, or the target cannot be taken")
             if isinstance(step, Viewpoint):
-                self._note(f"look from ({step.base[0]:.2f}, {step.base[1]:.2f}), gain {step.gain:.2f}", places)
+                self._note(f"another view, which should show {step.gain:.0%} of the places left", places)
                 yield from self._go(step)
             else:
                 name, actions = step
-                self._note(f"move {name}", places)
+                self._note(f"put {name} aside", places)
                 self._attempted.append(name)
                 yield from self._put_aside(name, actions)
             yield from self._look([name for name, cells in places.items() if cells.any()])
