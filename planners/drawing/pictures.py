@@ -154,7 +154,7 @@ def draw_search(steps: Sequence[SearchStep]) -> Figure:
     """Draw the decisions of a search: where the target can be, the known objects, from where the camera looks."""
     columns = min(len(steps), _COLUMNS_WIDE) or 1
     rows = math.ceil(len(steps) / columns) or 1
-    extents = np.array([extent for step in steps for extent in step.extents.values()] or [(0.0, 1.0, 0.0, 1.0)])
+    extents = np.array([grid.extent for step in steps for grid in step.grids.values()] or [(0.0, 1.0, 0.0, 1.0)])
     (x_low, y_low), (x_high, y_high) = extents[:, 0::2].min(axis=0), extents[:, 1::2].max(axis=0)
     width = _PAGE / columns
     height = width * (x_high - x_low + 2 * _SEARCH_MARGIN) / (y_high - y_low + _SEARCH_MARGIN)
@@ -163,7 +163,7 @@ def draw_search(steps: Sequence[SearchStep]) -> Figure:
     for number, step in enumerate(steps, start=1):
         axes = figure.add_subplot(rows, columns, number)
         for support, cells in step.places.items():
-            x0, x1, y0, y1 = step.extents[support]
+            x0, x1, y0, y1 = step.grids[support].extent
             face, edge = COLOURS["table"], COLOURS["ink"]
             axes.add_patch(Rectangle((y0, x0), y1 - y0, x1 - x0, facecolor=face, edgecolor=edge))
             shown = np.ma.masked_where(~cells, cells)

@@ -64,9 +64,8 @@ class Description:
         return min(self.half_extents[:2])
 
     def has_colour(self, colour: Array) -> bool:
-        """Whether this is its colour, by the shares of red, green and blue, which shade does not change."""
-        own, other = np.array(self.colour) / (sum(self.colour) or 1.0), colour / (colour.sum() or 1.0)
-        return bool(np.abs(own - other).max() < _HUE)
+        """Whether this is its colour, in any shade."""
+        return _alike(np.array(self.colour), colour, _HUE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +127,7 @@ def perceive(
     """The known objects, in their present places, with what a view adds to them, and those that it shows as the first.
 
     A mask belongs to the known object in which most of its points lie. One that covers several objects is left out. Two
-    parts of the target become one, where its place is known by then; but what is held keeps its name.
+    parts of one object become one, see `_joined`; but what is held keeps its name.
     """
     found = {one.name: one for one in known}
     count = max((int(one.name.rpartition("_")[2]) for one in known), default=-1) + 1
@@ -150,12 +149,40 @@ def perceive(
             continue  # partly another object's: masks that run into each other
         else:
             name, count = f"seen_{count:02d}", count + 1
-        body, sigma = fit_upright(name, points, supports, target if is_target else None)
-        for part in [one for one in found.values() if one.is_target and is_target and one.name not in (name, held)]:
-            if _inside(body, part.points).mean() >= _SHARED:
+        found[name] = seen = _fitted(name, points, colour, supports, target if is_target else None)
+        for part in [one for one in found.values() if one.is_target == is_target and one.name not in (name, held)]:
+            if (whole := _joined(seen, part, supports)) is not None:
                 del found[part.name]
-        found[name] = Seen(body, points, colour, sigma, is_target)
+                found[name] = seen = whole
     return tuple(found.values())
+
+
+def _fitted(
+    name: str, points: Array, colour: Array, supports: Sequence[StaticObstacle], target: Description | None
+) -> Seen:
+    body, sigma = fit_upright(name, points, supports, target)
+    return Seen(body, points, colour, sigma, target is not None)
+
+
+def _joined(seen: Seen, part: Seen, supports: Sequence[StaticObstacle]) -> Seen | None:
+    """Two objects as one, None if they are two.
+
+    Of the target, of which there is one, the other is a part if most of it lies in this one. Others of the same colour
+    are parts of one if a single shape fits both together so well that its place is surer than that of either.
+    """
+    if seen.is_target:
+        return seen if _inside(seen.body, part.points).mean() >= _SHARED else None
+    if not _alike(seen.colour, part.colour, _HUE / 2) or math.dist(seen.body.position, part.body.position) > _SIZES[1]:
+        return None
+    points = _some(np.concatenate((part.points, seen.points)), _MOST_POINTS)
+    whole = _fitted(seen.name, points, seen.colour, supports, None)
+    return whole if whole.sigma < min(seen.sigma, part.sigma) else None
+
+
+def _alike(colour: Array, other: Array, most: float) -> bool:
+    """Whether the shares of red, green and blue, which shade does not change, differ by no more than that."""
+    shares = (np.asarray(one) / (np.sum(one) or 1.0) for one in (colour, other))
+    return bool(np.abs(np.subtract(*shares)).max() < most)
 
 
 def _some(points: Array, most: int) -> Array:

@@ -82,6 +82,27 @@ def test_two_parts_of_the_target_become_one_once_it_is_seen_whole() -> None:
         assert held in [one.name for one in perceive(view, known, _SUPPORTS, target, held)]
 
 
+def test_two_parts_of_an_object_become_one_and_two_objects_of_a_colour_do_not() -> None:
+    """Views from two sides between obstacles show a strip each; a neighbour 15 mm away looks the same."""
+    rng, green = np.random.default_rng(4), (0.1, 0.8, 0.1)
+    points = _seen_from_the_front("cylinder", np.array((0.03, 0.03, 0.06)), 0.0, 0.001, rng)
+    target = Description((1, 0, 0), "cylinder", (0.02, 0.02, 0.05))
+    sides = points[points[:, 2] < HEIGHT + 0.11]
+    left, right = sides[sides[:, 1] > -0.185], sides[sides[:, 1] < -0.215]
+
+    def then(first: Array, second: Array) -> tuple[Seen, ...]:
+        body, sigma = fit_upright("seen_00", first, _SUPPORTS)
+        known = [Seen(body, first, np.array(green), sigma)]
+        colours = np.full((1, len(second), 3), 255 * np.array(green))
+        view: Any = SimpleNamespace(masks=np.full((1, len(second)), 3), colours=colours, points=lambda _: second)
+        return perceive(view, known, _SUPPORTS, target)
+
+    (whole,) = then(left, right)
+    assert np.linalg.norm(whole.body.position[:2] - (0.1, -0.2)) < 0.003
+    assert len(then(points, points + (0, 0.075, 0))) == 2
+    assert len(then(left, right + (0, 0.075, 0))) == 2
+
+
 def test_colours_are_compared_in_any_shade() -> None:
     target = Description.of((0.87, 0.12, 0.1, 1.0, 0.02, 0.03, 0.06))
     assert (target.shape, target.height, target.radius) == ("box", 0.12, 0.02)
