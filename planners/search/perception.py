@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 from scipy.optimize import least_squares
 from scipy.spatial import ConvexHull, QhullError
 
@@ -64,8 +65,9 @@ class Description:
         return min(self.half_extents[:2])
 
     def has_colour(self, colour: Array) -> bool:
-        """Whether this is its colour, in any shade."""
-        return _alike(np.array(self.colour), colour, _HUE)
+        """Whether this is its colour, by the shares of red, green and blue, which shade does not change."""
+        own, other = np.array(self.colour) / (sum(self.colour) or 1.0), colour / (colour.sum() or 1.0)
+        return bool(np.abs(own - other).max() < _HUE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,13 +128,15 @@ def perceive(
 ) -> tuple[Seen, ...]:
     """The known objects, in their present places, with what a view adds to them, and those that it shows as the first.
 
-    A mask belongs to the known object in which most of its points lie. One that covers several objects is left out. Two
-    parts of one object become one, see `_joined`; but what is held keeps its name.
+    A mask belongs to the known object in which most of its points lie. One that covers several objects is left out;
+    where a known object turns out to be two, it is given up for these. Two parts of the target become one, where its
+    place is known by then; but what is held keeps its name.
     """
     found = {one.name: one for one in known}
+    shown: dict[str, Array] = {}  # the points that this view shows of an object
     count = max((int(one.name.rpartition("_")[2]) for one in known), default=-1) + 1
     for label in np.unique(view.masks[view.masks >= FIRST_MASK]).tolist():
-        mask = view.masks == label
+        mask = without_ragged_edges(view.masks == label)
         points = view.points(mask)
         if len(points) < _LEAST_PIXELS or np.ptp(np.percentile(points, (2, 98), axis=0), axis=0)[:2].max() > _WIDEST:
             continue
@@ -141,48 +145,33 @@ def perceive(
         shares = {
             name: float(_inside(one.body, points).mean()) for name, one in found.items() if one.is_target == is_target
         }
-        name = max(shares, key=lambda name: shares[name], default="")
-        if name and shares[name] >= _SHARED:
+        first, second = sorted(["", "", *shares], key=lambda name: -shares.get(name, 0.0))[:2]
+        is_known = shares.get(first, 0.0) >= _SHARED
+        if not is_target and shares.get(second if is_known else first, 0.0) > _SHARED / 3:
+            continue  # partly another object's: masks that run into each other
+        if is_known and first in shown and not is_target and first != held:
+            body, sigma = fit_upright(first, shown[first], supports)
+            found[first] = Seen(body, shown[first], found[first].colour, sigma)
+            is_known = False
+        if is_known:
+            name, shown[first] = first, points
             points = _some(np.concatenate((found[name].points, points)), _MOST_POINTS)
             colour = found[name].colour
-        elif any(share > _SHARED / 3 for share in shares.values()) and not is_target:
-            continue  # partly another object's: masks that run into each other
         else:
             name, count = f"seen_{count:02d}", count + 1
-        found[name] = seen = _fitted(name, points, colour, supports, target if is_target else None)
-        for part in [one for one in found.values() if one.is_target == is_target and one.name not in (name, held)]:
-            if (whole := _joined(seen, part, supports)) is not None:
+            shown[name] = points
+        body, sigma = fit_upright(name, points, supports, target if is_target else None)
+        for part in [one for one in found.values() if one.is_target and is_target and one.name not in (name, held)]:
+            if _inside(body, part.points).mean() >= _SHARED:
                 del found[part.name]
-                found[name] = seen = whole
+        found[name] = Seen(body, points, colour, sigma, is_target)
     return tuple(found.values())
 
 
-def _fitted(
-    name: str, points: Array, colour: Array, supports: Sequence[StaticObstacle], target: Description | None
-) -> Seen:
-    body, sigma = fit_upright(name, points, supports, target)
-    return Seen(body, points, colour, sigma, target is not None)
-
-
-def _joined(seen: Seen, part: Seen, supports: Sequence[StaticObstacle]) -> Seen | None:
-    """Two objects as one, None if they are two.
-
-    Of the target, of which there is one, the other is a part if most of it lies in this one. Others of the same colour
-    are parts of one if a single shape fits both together so well that its place is surer than that of either.
-    """
-    if seen.is_target:
-        return seen if _inside(seen.body, part.points).mean() >= _SHARED else None
-    if not _alike(seen.colour, part.colour, _HUE / 2) or math.dist(seen.body.position, part.body.position) > _SIZES[1]:
-        return None
-    points = _some(np.concatenate((part.points, seen.points)), _MOST_POINTS)
-    whole = _fitted(seen.name, points, seen.colour, supports, None)
-    return whole if whole.sigma < min(seen.sigma, part.sigma) else None
-
-
-def _alike(colour: Array, other: Array, most: float) -> bool:
-    """Whether the shares of red, green and blue, which shade does not change, differ by no more than that."""
-    shares = (np.asarray(one) / (np.sum(one) or 1.0) for one in (colour, other))
-    return bool(np.abs(np.subtract(*shares)).max() < most)
+def without_ragged_edges(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """A mask (height, width) without the pixels that have most of their neighbours outside it."""
+    around = ndimage.uniform_filter(mask.astype(np.float32), 3, mode="nearest")
+    return np.asarray(mask & (around > 0.5))
 
 
 def _some(points: Array, most: int) -> Array:

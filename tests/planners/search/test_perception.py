@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from planners.scene import StaticObstacle
-from planners.search.perception import Description, Seen, fit_upright, perceive
+from planners.search.perception import Description, Seen, fit_upright, perceive, without_ragged_edges
 from tests.planners.scenes import HEIGHT, OBSTACLES
 
 Array = NDArray[np.float64]
@@ -82,25 +83,40 @@ def test_two_parts_of_the_target_become_one_once_it_is_seen_whole() -> None:
         assert held in [one.name for one in perceive(view, known, _SUPPORTS, target, held)]
 
 
-def test_two_parts_of_an_object_become_one_and_two_objects_of_a_colour_do_not() -> None:
-    """Views from two sides between obstacles show a strip each; a neighbour 15 mm away looks the same."""
-    rng, green = np.random.default_rng(4), (0.1, 0.8, 0.1)
-    points = _seen_from_the_front("cylinder", np.array((0.03, 0.03, 0.06)), 0.0, 0.001, rng)
-    target = Description((1, 0, 0), "cylinder", (0.02, 0.02, 0.05))
-    sides = points[points[:, 2] < HEIGHT + 0.11]
-    left, right = sides[sides[:, 1] > -0.185], sides[sides[:, 1] < -0.215]
+def _view_of(*masks: Array) -> Any:
+    """A view whose masks, numbered from 3 on, show these points (n, 3) in green and blue."""
+    numbers = np.repeat(np.arange(len(masks)), [len(points) for points in masks])
+    every = np.concatenate(masks)
+    colours = 255 * np.eye(3)[1 + numbers % 2]
+    return SimpleNamespace(masks=3 + numbers[None], colours=colours[None], points=lambda mask: every[mask[0]])
 
-    def then(first: Array, second: Array) -> tuple[Seen, ...]:
-        body, sigma = fit_upright("seen_00", first, _SUPPORTS)
-        known = [Seen(body, first, np.array(green), sigma)]
-        colours = np.full((1, len(second), 3), 255 * np.array(green))
-        view: Any = SimpleNamespace(masks=np.full((1, len(second)), 3), colours=colours, points=lambda _: second)
-        return perceive(view, known, _SUPPORTS, target)
 
-    (whole,) = then(left, right)
-    assert np.linalg.norm(whole.body.position[:2] - (0.1, -0.2)) < 0.003
-    assert len(then(points, points + (0, 0.075, 0))) == 2
-    assert len(then(left, right + (0, 0.075, 0))) == 2
+def test_masks_that_run_into_each_other_change_nothing_and_one_that_was_two_is_parted() -> None:
+    rng, target = np.random.default_rng(4), Description((1, 0, 0), "cylinder", (0.02, 0.02, 0.05))
+    one = _seen_from_the_front("cylinder", np.array((0.03, 0.03, 0.06)), 0.0, 0.001, rng)
+    other = one + (0.0, 0.08, 0.0)
+    both = np.concatenate((one[::2], other[::3]))
+    known = perceive(_view_of(one, other), (), _SUPPORTS, target)
+    assert len(known) == 2
+    for before, after in zip(known, perceive(_view_of(both), known, _SUPPORTS, target), strict=True):
+        np.testing.assert_array_equal(before.body.half_extents, after.body.half_extents)
+    joined = perceive(_view_of(both), (), _SUPPORTS, target)
+    assert len(joined) == 1
+    parted = perceive(_view_of(one, other), joined, _SUPPORTS, target)
+    places = sorted(tuple(np.round(seen.body.position[:2], 2)) for seen in parted)
+    assert places == [(0.1, -0.2), (0.1, -0.12)]
+
+
+def test_ragged_edges_of_a_mask_are_cut_off() -> None:
+    rng, mask = np.random.default_rng(0), np.zeros((40, 40), bool)
+    mask[10:30, 15:25] = True
+    ragged = mask | (ndimage.binary_dilation(mask, iterations=2) & (rng.random(mask.shape) < 1 / 4))
+    assert (ragged & ~mask).sum() > 15
+    assert (without_ragged_edges(ragged) & ~mask).sum() < (ragged & ~mask).sum() / 2
+    assert without_ragged_edges(mask)[mask].mean() > 0.97
+    strip = np.zeros((40, 40), bool)
+    strip[10:30, 15:17] = True
+    assert without_ragged_edges(strip)[strip].mean() > 0.85
 
 
 def test_colours_are_compared_in_any_shade() -> None:
