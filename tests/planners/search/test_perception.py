@@ -76,11 +76,24 @@ def test_two_parts_of_the_target_become_one_once_it_is_seen_whole() -> None:
         for name, part in parts.items()
     ]
     image = {"masks": np.full((1, len(points)), 3), "colours": np.full((1, len(points), 3), (255, 0, 0))}
-    view: Any = SimpleNamespace(**image, points=lambda _: points)
+    view: Any = SimpleNamespace(**image, points=lambda _: points, eye=np.zeros(2))
     (found,) = perceive(view, known, _SUPPORTS, target)
     assert np.linalg.norm(found.body.position[:2] - (0.1, -0.2)) < 0.002
     for held in parts:
         assert held in [one.name for one in perceive(view, known, _SUPPORTS, target, held)]
+
+
+@pytest.mark.parametrize(("shape", "half"), [("cylinder", (0.03, 0.03, 0.08)), ("box", (0.022, 0.028, 0.07))])
+def test_what_is_seen_as_a_sliver_lies_behind_it(shape: str, half: tuple[float, ...]) -> None:
+    """A strip 15 mm wide of the side that faces the camera, between two others: the object is not in front of it."""
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        points = _seen_from_the_front(shape, np.array(half), 0.0, 0.001, rng)
+        at = rng.uniform(-0.01, 0.01) - 0.2
+        strip = points[(points[:, 2] < HEIGHT + 2 * half[2] - 0.01) & (np.abs(points[:, 1] - at) < 0.0075)]
+        body, _ = fit_upright("it", strip, _SUPPORTS, eye=np.array((-1.0, -0.2)))
+        assert np.linalg.norm(body.position[:2] - (0.1, -0.2)) < 0.018
+        assert body.half_extents[:2].min() >= 0.02
 
 
 def _view_of(*masks: Array) -> Any:
@@ -88,7 +101,7 @@ def _view_of(*masks: Array) -> Any:
     numbers = np.repeat(np.arange(len(masks)), [len(points) for points in masks])
     every = np.concatenate(masks)
     colours = 255 * np.eye(3)[1 + numbers % 2]
-    return SimpleNamespace(masks=3 + numbers[None], colours=colours[None], points=lambda mask: every[mask[0]])
+    return SimpleNamespace(masks=3 + numbers[None], colours=colours[None], points=lambda mask: every[mask[0]], eye=np.array((-1.0, 0.0)))
 
 
 def test_masks_that_run_into_each_other_change_nothing_and_one_that_was_two_is_parted() -> None:
