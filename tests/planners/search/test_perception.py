@@ -101,7 +101,8 @@ def _view_of(*masks: Array) -> Any:
     numbers = np.repeat(np.arange(len(masks)), [len(points) for points in masks])
     every = np.concatenate(masks)
     colours = 255 * np.eye(3)[1 + numbers % 2]
-    return SimpleNamespace(masks=3 + numbers[None], colours=colours[None], points=lambda mask: every[mask[0]], eye=np.array((-1.0, 0.0)))
+    image = {"masks": 3 + numbers[None], "colours": colours[None], "eye": np.array((-1.0, 0.0))}
+    return SimpleNamespace(**image, points=lambda mask: every[mask[0]])
 
 
 def test_masks_that_run_into_each_other_change_nothing_and_one_that_was_two_is_parted() -> None:
