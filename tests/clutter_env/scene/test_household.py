@@ -9,6 +9,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from clutter_env.envs.observation import OBJECT_FIELDS, OBJECT_KINDS
+from clutter_env.policies.protocol import PolicyError, begin_episode
+from clutter_env.policies.registry import load_policy
 from clutter_env.scene.household import KINDS, HouseholdScene, slot_kinds
 from clutter_env.scene.layout import LAYOUTS
 from clutter_env.scene.object_sets import OBJECT_GAP, OBJECT_SETS, capacity
@@ -17,6 +20,7 @@ from planners import Scene, generate_grasps
 from planners.grasping.families import GRASP_SETS
 
 ID = "clutter_env/Retrieve-o15-v0"
+BOX = {"shape": "box", "depth": 0.06, "width": 0.06, "height": 0.1, "position": [0.0, 0.0]}
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +37,22 @@ def test_there_are_twelve_kinds_of_real_size_and_mass() -> None:
         for sign in (-1, 1):
             points, radii = kind.cloud
             assert (sign * points + radii[:, None]).max(axis=0) == pytest.approx(kind.half_extents, abs=1e-4)
+
+
+def test_the_observation_has_the_kind_of_each_object_in_a_last_column(env: gym.Env) -> None:
+    observation, _ = env.reset(seed=0)
+    inner = env.unwrapped
+    layout = inner.observation_layout["objects"]  # type: ignore[attr-defined]  # of this package
+    assert tuple(column.name for column in layout.columns) == (*OBJECT_FIELDS, "kind")
+    rows = observation["objects"].reshape(15, layout.size)
+    assert [OBJECT_KINDS[int(number)] for number in rows[:, layout.index("kind")]] == list(slot_kinds(15))
+    assert observation in env.observation_space
+    observation, _ = env.reset(options={"objects": [BOX]})
+    assert observation["objects"].reshape(15, -1)[:, -1].tolist() == [-1.0] + [0.0] * 14
+    plain = gym.make(ID)
+    assert plain.reset(seed=0)[0]["objects"].size == 15 * len(OBJECT_FIELDS)
+    with pytest.raises(PolicyError, match="household"):
+        begin_episode(load_policy("keyframes", 0), {}, env)
 
 
 @pytest.mark.parametrize("layout", ["paper", "shelf", "two_boards"])
