@@ -20,12 +20,16 @@ import clutter_env  # noqa: F401  registers the environments
 from clutter_env.config import EFFECTS
 from clutter_env.envs.reality import LEVELS
 from clutter_env.evaluation.score import play_scene
+from clutter_env.policies.experts import PLANNERS, PlannerExpert
+from clutter_env.policies.protocol import AnyPolicy
 from clutter_env.policies.registry import load_policy
 from clutter_env.reporting.files import JsonLines
 from clutter_env.seeds import HELD_OUT
 
 TOGETHER = "together"
 _BLOCK = 10
+_PLANNING_S = 60.0
+"""Wall time for one plan: after something went wrong a search can take minutes."""
 
 
 def main(
@@ -82,7 +86,9 @@ def _play(policy: str, base: str, effect: str, share: float, seed: int) -> Any:
     return score
 
 
-_policy = cache(lambda name: load_policy(name, 0))
+@cache
+def _policy(name: str) -> AnyPolicy:
+    return PlannerExpert(PLANNERS[name], _PLANNING_S) if name in PLANNERS else load_policy(name, 0)
 
 
 if __name__ == "__main__":
