@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import gymnasium as gym
 import mujoco
 import numpy as np
 import pytest
+
+import clutter_env
 
 from clutter_env.envs.observation import OBJECT_FIELDS, OBJECT_KINDS
 from clutter_env.policies.protocol import PolicyError, begin_episode
@@ -16,7 +19,7 @@ from clutter_env.scene.household import KINDS, HouseholdScene, slot_kinds
 from clutter_env.scene.layout import LAYOUTS
 from clutter_env.scene.object_sets import OBJECT_GAP, OBJECT_SETS, capacity
 from clutter_env.scene.random_scene import sample_scene
-from planners import Scene, generate_grasps
+from planners import Scene, Solution, generate_grasps, solve
 from planners.grasping.families import GRASP_SETS
 
 ID = "clutter_env/Retrieve-o15-v0"
@@ -137,3 +140,13 @@ def test_explicit_objects_stay_cylinders_and_boxes(env: gym.Env) -> None:
     env.reset(seed=0, options={"objects": [entry]})
     assert env.unwrapped.world.shapes == ("cylinder",)  # type: ignore[attr-defined]  # of this package
     assert math.isclose(env.unwrapped.model.geom("object_00").size[0], 0.03)  # type: ignore[attr-defined]  # of this package
+
+
+def test_a_bowl_under_a_board_is_taken_by_its_rim() -> None:
+    place = clutter_env.suite("household-shelf-10-v1").test[46]
+    env = place.make()
+    _, info = place.reset(env)
+    inner: Any = env.unwrapped
+    scene = Scene.from_mujoco(inner.model, inner.data, inner.robot)
+    assert inner.world.shapes[scene.names.index(info["target"])] == "bowl"
+    assert isinstance(solve(scene, info["target"]), Solution)
