@@ -63,7 +63,7 @@ _DRIVES = (
 )
 """Tried first under a shelf: the object is lifted where it stands, as high as counts as lifted if the shelf allows."""
 _OVER_RIM = tuple(pattern._replace(name="drive over its rim", up=0.06) for pattern in _DRIVES)
-"""The same of a bowl or a mug, whose wall the empty gripper has between its fingers: it comes and goes above the rim."""
+"""The same of a bowl or mug, whose wall the empty gripper has between its fingers: it comes and goes above the rim."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import clutter_env
-
 from clutter_env.envs.observation import OBJECT_FIELDS, OBJECT_KINDS
 from clutter_env.policies.protocol import PolicyError, begin_episode
 from clutter_env.policies.registry import load_policy
@@ -142,6 +141,7 @@ def test_explicit_objects_stay_cylinders_and_boxes(env: gym.Env) -> None:
     assert math.isclose(env.unwrapped.model.geom("object_00").size[0], 0.03)  # type: ignore[attr-defined]  # of this package
 
 
+@pytest.mark.slow
 def test_a_bowl_under_a_board_is_taken_by_its_rim() -> None:
     place = clutter_env.suite("household-shelf-10-v1").test[46]
     env = place.make()
