@@ -53,8 +53,8 @@ def main(
     kept = JsonLines(out)
     played = {tuple(row[:5]): row for row in kept.values}
     for first in range(0, scenes, _BLOCK):
-        cells = product(shares, effects, policies, range(first, min(first + _BLOCK, scenes)))
-        for share, effect, policy, scene in cells:
+        block = range(first, min(first + _BLOCK, scenes))
+        for share, effect, policy, scene in product(shares, effects, policies, block):
             key = (policy, base, *_cell(effect, share), scene)
             if key not in played:
                 score = _play(policy, base, *key[2:4], HELD_OUT + scene)
