@@ -8,6 +8,7 @@ joints are held where the file has them.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,21 +24,26 @@ from assets.robot_parts import InvalidRobot, rotation_of
 from irm.errors import ChainError
 from irm.model_reading import arm_joints, hull_corners, is_solid, load_model, load_urdf, tip_frame
 from irm.rotations import frame_along
+from irm.shapes import CLEARANCE
 
 Floats = NDArray[np.float64]
 BASE = ("base_x", "base_y", "base_yaw")
 FINGERS = ("left_finger", "right_finger")
-_NAMES = frozenset((*BASE, *FINGERS, "mobile_base", "lift", "pillar", "palm", "grip"))
+_NAMES = frozenset((*BASE, *FINGERS, "mobile_base", "lift", "pillar", "gripper", "grip"))
 _GAINS = {"base": 20000.0, "lift": 20000.0, "arm": 2500.0, "finger": 2000.0}
 """[N/m], [N m/rad] of the position servos, which hold the arm within millimetres."""
 _FORCE, _FINGER_FORCE = 1000.0, 60.0
 """[N], [N m]"""
 _PAD = np.array([0.035, 0.006, 0.012])
 """[m] Half extents of a finger along the approach, the finger motion and across both."""
+_PALM = 0.02
+"""[m] Half depth of what carries the fingers."""
 _PAD_CENTRE = -0.02
 """[m] of the fingers along the approach, from the TCP."""
 _FACES, _TURNS, _ROUNDS = 12, 18, 100
 """Faces of a hull whose normals are tried as axes; turns of a box about its axis; steps to the centre of a circle."""
+_SAMPLES = 2000
+"""Random configurations in which it is found what touches."""
 _SHORTEST = 1e-4
 """[m] Half length of a capsule that is a sphere."""
 _STILL = 1e-3
@@ -99,9 +105,11 @@ def make_robot(file: Path, mounting: Mounting) -> tuple[str, dict[str, Any]]:
     _finish(maker.robot, lift[0], [name for name, slides in maker.joints if not slides])
     maker.robot.modelname = file.parent.name if file.stem in ("robot", "model", "scene") else file.stem
     try:
-        maker.robot.compile()
+        made = maker.robot.compile()
     except ValueError as problem:
         raise InvalidRobot(f"{file}: the robot that was made of it does not compile: {problem}") from problem
+    for one, other in maker.touching_in_boxes_alone(made):
+        maker.robot.add_exclude(bodyname1=one, bodyname2=other)
     page = {"base_joints": BASE, "tip": "grip", "finger_joints": FINGERS}
     return maker.robot.to_xml(), page | ({"base": "fixed"} if mounting.fixed else {})
 
@@ -162,11 +170,11 @@ class _Maker:
                 carrier.add_geom(
                     name="pillar", type=mjtGeom.mjGEOM_CYLINDER, size=[0.08, high / 2, 0], pos=[0, 0, -high / 2]
                 )
-        # What stands on a pedestal is a part of it: see `RobotSpec.fixed`.
-        stands = mounting.fixed and mounting.lift is None
-        self._add_geoms(
-            carrier if mounting.on is not None and not stands else base, root, place if stands else np.zeros(3)
-        )
+        if mounting.on is None or (mounting.fixed and mounting.lift is None):
+            self._add_geoms(base, root, place)  # what stands on a pedestal is a part of it: see `RobotSpec.fixed`
+        else:
+            self.bodies[root] = carrier.add_body(name=self._name(model.body(root).name, "arm_base"), **_inertia(0, np.zeros(3)))
+            self._add_geoms(self.bodies[root], root, np.zeros(3))
         for child in self._children(root):
             self._copy(child, carrier)
 
@@ -205,11 +213,8 @@ class _Maker:
     def _add_geoms(self, to: Any, body: int, place: Floats) -> None:
         """The shapes of a body, whose frame is at `place` [m] in that of the new one."""
         model = self.model
-        first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
-        for geom in range(first, first + count):
+        for geom in self._solid_geoms(body):
             kind = mjtGeom(int(model.geom_type[geom]))
-            if not self.solid[geom] or kind == mjtGeom.mjGEOM_PLANE:
-                continue
             if kind in (mjtGeom.mjGEOM_MESH, mjtGeom.mjGEOM_ELLIPSOID):
                 corners = (
                     hull_corners(model, geom) if kind == mjtGeom.mjGEOM_MESH else _sphere() * model.geom_size[geom]
@@ -218,6 +223,42 @@ class _Maker:
             else:
                 pose = {"pos": place + model.geom_pos[geom], "quat": model.geom_quat[geom]}
                 to.add_geom(type=kind, size=model.geom_size[geom], mass=0, **pose)
+
+    def touching_in_boxes_alone(self, made: mujoco.MjModel) -> Iterator[tuple[str, str]]:
+        """Names of bodies, two by two, that touch in some of many random configurations, but their meshes in none."""
+        numbers, names = self.numbers, [name for name, _ in self.joints]
+        models = [(made, mujoco.MjData(made)), (self.model, mujoco.MjData(self.model))]
+        columns = [[int(made.joint(name).qposadr[0]) for name in names], self.model.jnt_qposadr[numbers]]
+        geoms = {
+            old: [np.flatnonzero(made.geom_bodyid == made.body(new.name).id), self._solid_geoms(old)]
+            for old, new in self.bodies.items()
+        }
+        pairs = dict.fromkeys(itertools.combinations(geoms, 2), False)
+        limited = self.model.jnt_limited[numbers].astype(bool)[:, None]
+        low, high = np.where(limited, self.model.jnt_range[numbers], (-np.pi, np.pi)).T
+        for q in np.random.default_rng(0).uniform(low, high, (_SAMPLES, len(low))):
+            for (model, data), column in zip(models, columns, strict=True):
+                data.qpos[column] = q
+                mujoco.mj_kinematics(model, data)
+            for one, other in tuple(pairs):
+                touch = (
+                    any(
+                        mujoco.mj_geomDistance(*world, a, b, 2 * CLEARANCE, None) < CLEARANCE
+                        for a, b in itertools.product(geoms[one][k], geoms[other][k])
+                    )
+                    for k, world in enumerate(models)
+                )
+                if next(touch):
+                    pairs[one, other] = True
+                    if next(touch):
+                        del pairs[one, other]
+        return ((self.bodies[one].name, self.bodies[other].name) for (one, other), hit in pairs.items() if hit)
+
+    def _solid_geoms(self, body: int) -> list[int]:
+        """The geoms of a body of the file that are shapes for collisions."""
+        first, count = int(self.model.body_geomadr[body]), int(self.model.body_geomnum[body])
+        is_plane = self.model.geom_type == int(mjtGeom.mjGEOM_PLANE)
+        return [geom for geom in range(first, first + count) if self.solid[geom] and not is_plane[geom]]
 
     def _children(self, body: int) -> list[int]:
         return [k for k in range(1, self.model.nbody) if k != body and int(self.model.body_parentid[k]) == body]
@@ -244,11 +285,14 @@ def _add_gripper(robot: mujoco.MjSpec, wrist: Any, T_wrist_tcp: Floats, mounting
     def at(x: float) -> Floats:
         return np.asarray(T_wrist_tcp[:3, 3] + T_wrist_tcp[:3, 0] * x)
 
+    gripper = wrist.add_body(name="gripper", **_inertia(0.3, [1e-4] * 3))
+    gripper.add_site(name="grip", pos=at(0.0), quat=quat)
     back = _PAD_CENTRE - _PAD[0] - 0.005
-    half = max((mounting.tool + back) / 2, 0.02)
-    size = [half, mounting.opening / 2 + 2 * _PAD[1], 0.025]
-    wrist.add_geom(name="palm", type=mjtGeom.mjGEOM_BOX, size=size, pos=at(back - half), quat=quat, mass=0.3)
-    wrist.add_site(name="grip", pos=at(0.0), quat=quat)
+    size = [_PALM, mounting.opening / 2 + 2 * _PAD[1], 0.025]
+    gripper.add_geom(name="palm", type=mjtGeom.mjGEOM_BOX, size=size, pos=at(back - _PALM), quat=quat, mass=0)
+    if (neck := mounting.tool + back - 2 * _PALM) > 0:  # no wider than a flange, so that the wrist can bend
+        place = {"pos": at(neck / 2 - mounting.tool), "quat": quat}
+        gripper.add_geom(name="neck", type=mjtGeom.mjGEOM_BOX, size=[neck / 2, 0.025, 0.025], **place, mass=0)
     for name, side in zip(FINGERS, (1.0, -1.0), strict=True):
         finger = wrist.add_body(name=name, pos=at(_PAD_CENTRE), quat=quat, **_inertia(0.1, [1e-4] * 3))
         finger.add_joint(
