@@ -35,7 +35,7 @@ class Arguments:
     layout: str = ""
     """Table and surroundings; empty: "paper", or the task's."""
     robot: str = "fetch"
-    """Name of the robot."""
+    """Name of the robot, or its MJCF file with its page beside it, arm.xml and arm.json."""
     grasps: Literal["", "side", "tilted", "top", "all"] = ""
     """Grasp set: level gripper (the paper's experiment), tilted, from above, or all of them, as `planners.solve` uses
     unless told otherwise; empty: side, for a task all."""
