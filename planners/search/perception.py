@@ -170,7 +170,7 @@ def perceive(
     return tuple(found.values())
 
 
-def of_one_colour(mask: NDArray[np.bool_], colours: Array) -> NDArray[np.bool_]:
+def of_one_colour(mask: NDArray[np.bool_], colours: NDArray[Any]) -> NDArray[np.bool_]:
     """A mask (height, width) without the pixels that have another colour (height, width, 3) than most of it.
 
     So what is left of two objects whose masks run into each other is one, and of a ragged edge what belongs to it.
