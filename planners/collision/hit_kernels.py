@@ -30,6 +30,8 @@ _STATIC = np.uint64(1 << STATIC_BIT)
 _SELF = np.uint64(1 << SELF_BIT)
 _BLOCK = 6
 """Checks along a path of which one may stand for all."""
+_AROUND = 4
+"""Of an edge one check may stand for all that are fewer than so many, a power of two, away from it."""
 
 
 class Attached(NamedTuple):
@@ -56,6 +58,7 @@ class Scratch(NamedTuple):
         p: (n + 2, 3) their origins [m].
         solids: p + 2 h solids: the robot's primitives, then those of the held object, as in `Attached`.
         x: (3 + n,) the whole-body configuration that is checked, on the way along an edge.
+        slack: (1 + n,) [m] how far the base and the links move there until the last check beside it.
         simplex: (4, 3) for `are_within`.
     """
 
@@ -63,6 +66,7 @@ class Scratch(NamedTuple):
     p: Array
     solids: Solids
     x: Array
+    slack: Array
     simplex: Array
 
 
@@ -107,6 +111,7 @@ def make_scratch(robot: RobotArrays, attached: Attached) -> Scratch:
             first=np.concatenate((np.zeros(len(robot.core), np.int64), held.first)),
         ),
         x=np.empty(3 + n),
+        slack=np.empty(1 + n),
         simplex=np.empty((4, 3)),
     )
 
@@ -388,33 +393,6 @@ def edge_samples(reach: Array, start: Array, end: Array, step: float) -> int:
 
 
 @leaf_kernel
-def edge_hits(query: CollisionQuery, start: Array, end: Array, step: float) -> np.uint64:
-    """What a straight motion between two whole-body configurations (3 + n,) hits; `start` itself is not checked.
-
-    No point of the robot moves more than `step` [m] between two checks, so nothing deeper
-    than `step / 2 - padding` is missed. The end comes first, then ever finer subdivisions: a blocked edge is refused
-    early.
-    """
-    parts = edge_samples(query.attached.reach, start, end, step)
-    x = query.scratch.x
-    for joint in range(x.shape[0]):
-        x[joint] = end[joint]
-    hits = configuration_hits(query, query.active, x[:3], x[3:])
-    stride = 1
-    while 2 * stride < parts:
-        stride *= 2
-    while stride >= 1 and not (query.first_only and hits != _NONE):
-        for i in range(stride, parts, 2 * stride):
-            for joint in range(x.shape[0]):
-                x[joint] = start[joint] + (end[joint] - start[joint]) * i / parts
-            hits |= configuration_hits(query, query.active, x[:3], x[3:])
-            if query.first_only and hits != _NONE:
-                return np.uint64(hits)
-        stride //= 2
-    return np.uint64(hits)
-
-
-@leaf_kernel
 def _is_clear_around(query: CollisionQuery, x: Array, opening: float, slack: Array) -> bool:
     """Whether nothing that counts is hit at a configuration (3 + n,), nor where each link has moved by its slack.
 
@@ -459,6 +437,50 @@ def _is_clear_around(query: CollisionQuery, x: Array, opening: float, slack: Arr
         radius[i] = robot.radius[i] if i < count else attached.solids.radius[i - count]
         bound[i] = robot.bound[i] if i < count else attached.solids.bound[i - count]
     return is_clear
+
+
+@leaf_kernel
+def _hits_on_edge(query: CollisionQuery, start: Array, end: Array, share: int, parts: int) -> np.uint64:
+    """What is hit at so many of the `parts` of an edge from its start."""
+    x = query.scratch.x
+    for joint in range(x.shape[0]):
+        x[joint] = start[joint] + (end[joint] - start[joint]) * share / parts
+    return np.uint64(configuration_hits(query, query.active, x[:3], x[3:]))
+
+
+@leaf_kernel
+def edge_hits(query: CollisionQuery, start: Array, end: Array, step: float) -> np.uint64:
+    """What a straight motion between two whole-body configurations (3 + n,) hits; `start` itself is not checked.
+
+    No point of the robot moves more than `step` [m] between two checks, so nothing deeper
+    than `step / 2 - padding` is missed. The end comes first, then ever finer subdivisions: a blocked edge is refused
+    early. The finest are left out where nothing is so near that they could hit it.
+    """
+    reach, x, slack = query.attached.reach, query.scratch.x, query.scratch.slack
+    parts, stride = edge_samples(reach, start, end, step), 1
+    copy_row(end, x)
+    hits = configuration_hits(query, query.active, x[:3], x[3:])
+    while 2 * stride < parts:
+        stride *= 2
+    far = math.hypot(end[0] - start[0], end[1] - start[1]) + abs(end[2] - start[2]) * reach[2]
+    for link in range(slack.shape[0]):
+        far += abs(end[2 + link] - start[2 + link]) * reach[2 + link] if link > 0 else 0.0
+        slack[link] = far * (_AROUND - 1) / parts
+    while stride >= 1:
+        for i in range(stride, parts, 2 * stride):
+            if query.first_only and hits != _NONE:
+                return np.uint64(hits)
+            if stride == _AROUND:
+                for joint in range(x.shape[0]):
+                    x[joint] = start[joint] + (end[joint] - start[joint]) * i / parts
+                if _is_clear_around(query, x, query.opening, slack):
+                    continue
+            for away in range(_AROUND if stride == _AROUND else 1):
+                hits |= _hits_on_edge(query, start, end, i - away, parts)
+                if away > 0 and i + away < parts and not (query.first_only and hits != _NONE):
+                    hits |= _hits_on_edge(query, start, end, i + away, parts)
+        stride = stride // 2 if stride != _AROUND else 0
+    return np.uint64(hits)
 
 
 @leaf_kernel
