@@ -95,7 +95,7 @@ def classify(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> NDArray[np.int8]:
     """(n,) `Status` values of TCP poses (n, 4, 4) in the base frame, by a map of all pitches and heights alone.
 
     NO is sure. A map that was filled by samples may miss what is rarely reached: there the lengths of the links have
-    to prove it, and if they do not, or are not known, the answer is UNKNOWN.
+    to prove it, and if they do not, the answer is UNKNOWN.
 
     Raises:
         QueryError: not an array of poses, or the map does not cover all pitches and heights.
@@ -105,11 +105,9 @@ def classify(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> NDArray[np.int8]:
         raise QueryError(_WHOLE_MAP)
     answers = np.empty(len(T), dtype=np.int8)
     _classify(rm.reachable, rm.reached, *_place(grid, T), answers)
-    if rm.chain is None or not rm.chain.has_closed_form:
-        outside = np.flatnonzero(answers == NO)
-        answers[outside] = UNKNOWN
-        if rm.chain is not None:
-            answers[outside[are_out_of_reach(rm.chain, grid.torso_range, T[outside])]] = NO
+    if rm.chain is not None and not rm.chain.has_closed_form:
+        outside = answers == NO
+        answers[outside] = np.where(are_out_of_reach(rm.chain, grid.torso_range, T[outside]), NO, UNKNOWN)
     return answers
 
 
