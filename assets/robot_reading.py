@@ -18,7 +18,7 @@ from assets.robot_parts import ChainLink, InvalidRobot, check_names, require
 from irm.chain import ArmChain, frames_of, link_of_body, pose_of
 from irm.errors import ChainError
 from irm.model_reading import is_solid, shapes_of
-from irm.shapes import Shapes
+from irm.shapes import Shapes, with_pairs
 
 if TYPE_CHECKING:
     from assets.robot_spec import RobotSpec
@@ -121,9 +121,15 @@ def read_shapes(robot: RobotSpec) -> Shapes:
     fingers = {int(model.jnt_bodyid[_joint(model, name)]): robot.max_finger_position for name in robot.finger_joints}
     geoms, links = collision_geoms(model, robot), link_of_body(model, robot)
     try:
-        return shapes_of(model, data, geoms, links, places, joints, fingers)
+        shapes = shapes_of(model, data, geoms, links, places, joints, fingers)
     except ChainError as problem:
         raise InvalidRobot(str(problem)) from problem
+    excluded = {(int(pair) >> 16, int(pair) & 0xFFFF) for pair in model.exclude_signature}
+    if not excluded:
+        return shapes
+    bodies = np.sort(model.geom_bodyid[np.array(geoms)[shapes.pairs]], axis=1)
+    counts = [tuple(pair) not in excluded for pair in bodies.tolist()]
+    return with_pairs(shapes, shapes.pairs[counts], len(places) - 2)
 
 
 def collision_geoms(model: mujoco.MjModel, robot: RobotSpec) -> list[int]:

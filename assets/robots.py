@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from assets.pr2 import PR2
@@ -107,11 +109,13 @@ _PAGES: dict[str, dict[str, Any]] = {
 
 
 def robot(robot: str | RobotSpec | Mapping[str, Any]) -> RobotSpec:
-    """The robot of that name; a `RobotSpec` is returned as it is, its fields as a dictionary make one.
+    """The robot of that name, or of an MJCF file that has its page beside it, `arm.xml` and `arm.json`.
+
+    A `RobotSpec` is returned as it is, its fields as a dictionary make one.
 
     Raises:
-        UnknownRobot: no robot of that name; the message lists the known ones.
-        InvalidRobot: the dictionary does not hold the fields of a `RobotSpec`.
+        UnknownRobot: no robot of that name, or no such file or page; the message lists the known names.
+        InvalidRobot: the dictionary does not hold the fields of a `RobotSpec`, or the files do not describe a robot.
     """
     if isinstance(robot, RobotSpec):
         return robot
@@ -119,9 +123,17 @@ def robot(robot: str | RobotSpec | Mapping[str, Any]) -> RobotSpec:
         return RobotSpec.from_fields(robot)
     if isinstance(robot, str) and robot in _PAGES:
         return _read(robot)
+    if isinstance(robot, str) and robot.endswith(".xml"):
+        page = Path(robot).with_suffix(".json")
+        if not (Path(robot).is_file() and page.is_file()):
+            raise UnknownRobot(f"no robot {robot!r}: a file needs its page {page.name} beside it (docs/add_a_robot.md)")
+        try:
+            return RobotSpec.from_mjcf(robot, **json.loads(page.read_text(encoding="utf-8")))
+        except (ValueError, TypeError) as problem:
+            raise InvalidRobot(f"{page}: {problem}") from problem
     if not isinstance(robot, str) or robot not in _ROBOTS:
         known = ", ".join(sorted((*_ROBOTS, *_PAGES)))
-        raise UnknownRobot(f"no robot {robot!r}; known robots: {known}; or give an assets.RobotSpec")
+        raise UnknownRobot(f"no robot {robot!r}; known robots: {known}; or give an MJCF file or an assets.RobotSpec")
     return _ROBOTS[robot]
 
 

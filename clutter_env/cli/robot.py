@@ -65,8 +65,10 @@ class Arguments:
     """make: from the tip to the point between the finger tips [m]."""
     without: tuple[str, ...] = ()
     """make: bodies that are left out, with all that they carry."""
-    fixed: bool = False
-    """make: the base does not move; with --on the arm stands on a pedestal of that --radius."""
+    apart: tuple[str, ...] = ()
+    """make: bodies, two by two, that cannot touch, whatever the shapes in place of their meshes do."""
+    drive: Literal["holonomic", "differential", "fixed"] = "holonomic"
+    """make: how the base moves; fixed with --on: the arm stands on a pedestal of that --radius."""
 
     def __post_init__(self) -> None:
         if self.action == "check":
@@ -104,22 +106,22 @@ def _report(robot: RobotSpec, table: float, picture: Path) -> None:
 def _make(arguments: Arguments) -> None:
     """Write the robot's file, its page with the best home configuration, and the picture."""
     from assets.robot_making import Mounting, make_robot
-    from clutter_env.cli.robot_report import home_candidates
+    from clutter_env.cli.robot_report import home_candidates, why_no_home
 
     if not (arguments.base and arguments.tip):
         raise UsageError("make needs --base, the arm's first body, and --tip, the site or body between the finger tips")
     mounting = Mounting(**{entry.name: getattr(arguments, entry.name) for entry in fields(Mounting)})
-    text, page = make_robot(source := Path(arguments.robot), mounting)
+    text, page, found = make_robot(source := Path(arguments.robot), mounting)
     stem = source.parent.name if source.stem in ("robot", "model", "scene") else source.stem
     file = arguments.out or Path("outputs") / f"{stem}.xml"
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(text, encoding="utf-8")
+    print("\n".join(f"{name}: {value}" for name, value in found.items()))
     draft = assets.RobotSpec.from_mjcf(file, **page, home=_middle(file, page))
     homes = home_candidates(draft, count=1, table_height=arguments.table)
     if not homes:
         raise UsageError(
-            f"{file} is written, but its level gripper reaches no grasps on a table of {arguments.table} m: try "
-            "another height or place (--on), a lift (--lift 0 0.4), a longer --tool, or another --table"
+            f"{file} is written, but no home configuration is found: {why_no_home(draft, arguments.table)}"
         )
     page["home"] = [round(float(value), 6) for value in homes[0].q]
     write_json(file.with_suffix(".json"), page)

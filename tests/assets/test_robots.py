@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import asdict, replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -180,3 +181,18 @@ def test_the_arms_are_mirror_images() -> None:
         turns = -1 if mine.axis in ("x", "z") else 1
         assert mine.offset == (other.offset[0], -other.offset[1], other.offset[2])
         assert sorted((turns * mine.lower, turns * mine.upper)) == pytest.approx([other.lower, other.upper])
+
+
+def test_a_file_with_its_page_beside_it_is_a_robot(tmp_path: Path) -> None:
+    panda = robot("panda_mobile")
+    page = {"base_joints": panda.base_joints, "tip": "tcp", "finger_joints": panda.finger_joints, "home": panda.home}
+    (file := tmp_path / "arm.xml").write_text(panda.mjcf_path.read_text())
+    with pytest.raises(UnknownRobot, match=r"its page arm\.json beside it"):
+        robot(str(file))
+    file.with_suffix(".json").write_text(json.dumps({**page, "base": "fixed"}))
+    found = robot(str(file))
+    assert found.chain == panda.chain
+    assert found.base_drive == "fixed"
+    file.with_suffix(".json").write_text(json.dumps({**page, "hands": 2}))
+    with pytest.raises(InvalidRobot, match=r"arm\.json: .*unknown or missing: hands"):
+        robot(str(file))
