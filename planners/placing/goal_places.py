@@ -21,7 +21,6 @@ from planners.goals import (
     At,
     Fact,
     Goal,
-    GoalError,
     Inside,
     On,
     Region,
@@ -70,11 +69,7 @@ class Place:
 
 
 def place_of(scene: Scene, fact: On | Inside | At) -> Place:
-    """The place that a fact of a goal names.
-
-    Raises:
-        GoalError: there is no support under a pose.
-    """
+    """The place that a fact of a goal names."""
     body = scene.body(fact.object)
     if isinstance(fact, At):
         yaw = fact.yaw if has_yaw(body) else None
@@ -102,9 +97,6 @@ def _face_at(scene: Scene, body: Body, fact: At) -> StaticObstacle:
     """The support under a pose: the one at the height that it gives, else the one it stands on, else the highest."""
     point = np.array([fact.x, fact.y])
     under = [face for face in map(scene.support_named, scene.supports) if face.is_under(point)]
-    if not under:
-        known = ", ".join(scene.supports)
-        raise GoalError(f"no support under ({fact.x:.2f}, {fact.y:.2f}) m for {fact.object!r}; supports: {known}")
     bottom = body.bottom if fact.z is None else fact.z - float(body.position[2]) + body.bottom
     return min(under, key=lambda face: (round(abs(face.top - bottom), 3), -face.top))
 

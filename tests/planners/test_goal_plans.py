@@ -348,6 +348,28 @@ def test_what_lies_is_stood_up_where_it_does_not_fit_lying() -> None:
     assert goal.holds(plan.end, scene)
 
 
+def high_and_low(seed: int) -> Scene:
+    """Four objects on a table 0.54 m high, a second one of 0.94 m to its left, both without legs."""
+    tables = [
+        StaticObstacle(name, np.array([0.0, y, top - 0.02]), np.array([0.35, 0.5, 0.02]))
+        for name, y, top in (("table_top", 0.0, 0.54), ("high", 1.6, 0.94))
+    ]
+    scene = random_scene(4, seed)
+    bodies = tuple(one.at(one.position - [0.0, 0.0, HEIGHT - 0.54]) for one in scene.objects)
+    return replace(scene, objects=bodies, static_obstacles=tuple(tables), supports=("table_top", "high"))
+
+
+@pytest.mark.parametrize("stacked", [False, True])
+def test_objects_go_straight_to_a_higher_table_over_what_stands_there(stacked: bool) -> None:
+    scene = high_and_low(0)
+    names = scene.names[:3] if stacked else scene.names
+    places = ("high", *names) if stacked else ["high"] * 4
+    plan = solve(scene, goals.and_(*(goals.on(*fact) for fact in zip(names, places, strict=False))))
+    assert isinstance(plan, Solution), plan
+    assert plan.picks == len(names)
+    assert_free(plan)
+
+
 def test_what_has_fallen_is_stood_up_for_a_goal_from_before() -> None:
     fallen, goal = with_one_lying(0.2), goals.inside("lying", "place")
     before = fallen.with_body(cylinder("lying", -0.2, 0.15, 0.03, 0.15))
