@@ -72,7 +72,7 @@ def _sides(key: ChainKey) -> tuple[_Side, _Side]:
     """The last joint's origin as the base sees it, and the first joint's as the hand does."""
     chain, n = key.chain, key.chain.size - 1
     steps = [pose_of(place) for place in chain.offsets[1:]]  # step k leads from link k to joint k + 1
-    back = [np.linalg.inv(step) for step in steps]
+    back: list[Floats] = [np.asarray(np.linalg.inv(step)) for step in steps]
     near = _side(chain, steps[n - 1][:3, 3], steps[n - 2 : 0 : -1], list(range(n, 0, -1))[1:], back[1], -1.0)
     far = _side(chain, back[1][:3, 3], back[2:], list(range(2, n + 1)), steps[n - 1], 1.0)
     return near, far
