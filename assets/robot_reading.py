@@ -133,14 +133,20 @@ def read_shapes(robot: RobotSpec) -> Shapes:
 
 
 def collision_geoms(model: mujoco.MjModel, robot: RobotSpec) -> list[int]:
-    """Ids of the robot's geoms that can touch something: from the gripper to the base, then those of idle arms."""
+    """Ids of the robot's geoms that can touch something: the gripper's, then others, then those of idle arms."""
     idle = {int(model.jnt_bodyid[model.joint(arm.joints[0]).id]) for arm in robot.idle_arms}
     for body in range(model.nbody):
         if int(model.body_parentid[body]) in idle:
             idle.add(body)
     base = model.body(robot.base_body).id
     of_robot = is_solid(model) & (model.body_rootid[model.geom_bodyid] == base)
-    return sorted(np.flatnonzero(of_robot)[::-1].tolist(), key=lambda geom: int(model.geom_bodyid[geom]) in idle)
+    links, last = link_of_body(model, robot), len(robot.chain) - 1  # a body may stand after the arm in the file
+
+    def group(geom: int) -> tuple[bool, bool]:
+        body = int(model.geom_bodyid[geom])
+        return body in idle, links[body] != last
+
+    return sorted(np.flatnonzero(of_robot)[::-1].tolist(), key=group)
 
 
 def _chain(arm: ArmChain) -> tuple[ChainLink, ...]:

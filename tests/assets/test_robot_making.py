@@ -83,6 +83,17 @@ def test_boxes_do_not_touch_where_the_meshes_in_their_place_never_do(round_ended
     assert free(None, (0.0, 0.0, -0.8, 0.0, 0.0, 0.0, 0.0)), "the corner of a box would touch"
 
 
+def test_shapes_of_the_gripper_come_first_wherever_bodies_stand_in_the_file(round_ended: Path, tmp_path: Path) -> None:
+    """The planner tells by it what may touch the object that is grasped; the arm's base stands after the arm here."""
+    text, page, _ = make_robot(round_ended, replace(ROUND, drive="fixed"))
+    (tmp_path / "made.xml").write_text(text)
+    robot = RobotSpec.from_mjcf(tmp_path / "made.xml", **page, home=(0.0, 0.0, -0.6, 0.9, 0.0, 0.0, 0.0))
+    model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    assert model.body("base").id > model.body("gripper").id
+    is_last = robot.shapes.link == len(robot.chain) - 1
+    assert is_last.argmin() == is_last.sum() == 4, "palm, neck and two fingers"
+
+
 def test_named_bodies_that_cannot_touch_are_left_out(round_ended: Path) -> None:
     assert (
         "link1 and link5"
