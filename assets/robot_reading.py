@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from assets.files import path as asset_path
-from assets.robot_parts import ChainLink, InvalidRobot, check_names, require
+from assets.robot_parts import ARM_FIELDS, ArmSpec, ChainLink, InvalidRobot, check_names, require
 from irm.chain import ArmChain, frames_of, link_of_body, pose_of
 from irm.errors import ChainError
 from irm.model_reading import is_solid, shapes_of
@@ -54,11 +54,13 @@ _DEFAULTS: Mapping[str, Any] = {
 
 def read_fields(mjcf: str | Path, page: Mapping[str, Any]) -> dict[str, Any]:
     """The fields of a robot's `RobotSpec`; arguments and exceptions as of `RobotSpec.from_mjcf`."""
+    if "arms" in page:
+        return _with_arms(mjcf, page)
     known = (*_NEEDED, *_DEFAULTS)
     if wrong := [*(set(page) - set(known)), *(set(_NEEDED) - set(page))]:
         raise InvalidRobot(
             f"these do not describe a robot (unknown or missing: {', '.join(sorted(wrong))}); "
-            f"what can be said: {', '.join(known)}"
+            f"what can be said: {', '.join((*known, 'base', 'arms'))}"
         )
     said = {**_DEFAULTS, **{name: tuple(value) if isinstance(value, list) else value for name, value in page.items()}}
     # MuJoCo looks up whatever it is given: without these checks None ends the process.
@@ -101,6 +103,22 @@ def read_fields(mjcf: str | Path, page: Mapping[str, Any]) -> dict[str, Any]:
         **_gripper(model, said["finger_joints"], said["finger_geoms"]),
         **_footprint(model, base),
     }
+
+
+def _with_arms(mjcf: str | Path, page: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of a robot with several arms: each is read as if it were the only one, and the first is active."""
+    arms, shared = page["arms"], {name: value for name, value in page.items() if name != "arms"}
+    is_known = isinstance(arms, Mapping) and len(arms) > 1 and all(isinstance(arm, Mapping) for arm in arms.values())
+    require(is_known, "arms", f"must hold what is said of each arm by its name, of two or more, not {arms!r}")
+    (active, fields), *others = ((name, read_fields(mjcf, {**shared, **arm})) for name, arm in arms.items())
+    idle = []
+    for name, one in others:
+        is_shared = one["chain"][0] == fields["chain"][0] and one["home"][0] == fields["home"][0]
+        require(is_shared, "arms", f"must share one lift and its height at home; {name!r} and {active!r} do not")
+        own = {entry: one[entry] for entry in ARM_FIELDS} | {entry: one[entry][1:] for entry in ("chain", "home")}
+        limits = {entry: one[entry][4:] for entry in ("max_velocity", "max_acceleration")}
+        idle.append(ArmSpec(name=name, **own, **limits))
+    return fields | {"arm_name": active, "idle_arms": tuple(idle)}
 
 
 @cache
