@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -66,6 +67,8 @@ _ELBOW_ABOVE = 0.05
 """[m] An elbow that much above the TCP keeps the forearm off the table."""
 _TORSO_WEIGHT = 5.0
 """[rad/m] What a metre of the torso counts beside a radian of a joint."""
+_OFF_THE_TABLE = 0.004
+"""[m] at least between the gripper and the table; the planner keeps 2 mm."""
 _TRIED = 200
 """Configurations in which it is looked up what touches."""
 _STILL = 0.002
@@ -149,9 +152,20 @@ def _problems(robot: RobotSpec, model: mujoco.MjModel, reach: LevelReach, table:
         yield f"home: the robot touches {' and '.join(touched)}"
     if robot.max_opening <= (widest := 2 * OBJECT_SETS["standard"].radius[1]):
         yield f"the gripper opens to {robot.max_opening:.3f} m; standard objects are up to {widest:.3f} m wide"
+    if robot.grasp_height < (least := least_grasp_height(robot)):
+        yield f"grasp_height: with {robot.grasp_height} m the gripper is too near to the table: level grasps need {least}"
     farthest = max(x.max(initial=0.0) for x in (reach.straight_ahead, reach.tilted, reach.from_above))
     if farthest < robot.base_radius + 0.3:
         yield "no grasp reaches 0.3 m beyond the base at the table's height"
+
+
+def least_grasp_height(robot: RobotSpec) -> float:
+    """[m] of the TCP above the table, in level grasps, at which the last link keeps off it; rounded up to 5 mm."""
+    shapes, last = robot.shapes, robot.shapes.link == len(robot.chain) - 1
+    up = robot.tcp_rotation[:, 2]
+    below = (np.array(robot.tcp_offset) - shapes.position[last]) @ up + shapes.radius[last]
+    below += (np.abs(up @ shapes.rotation[last]) * shapes.half[last]).sum(axis=1)
+    return math.ceil((float(below.max()) + _OFF_THE_TABLE) * 200) / 200
 
 
 class LevelReach(NamedTuple):
