@@ -153,7 +153,7 @@ def _problems(robot: RobotSpec, model: mujoco.MjModel, reach: LevelReach, table:
     if robot.max_opening <= (widest := 2 * OBJECT_SETS["standard"].radius[1]):
         yield f"the gripper opens to {robot.max_opening:.3f} m; standard objects are up to {widest:.3f} m wide"
     if robot.grasp_height < (least := least_grasp_height(robot)):
-        yield f"grasp_height: with {robot.grasp_height} m the gripper is too near to the table: level grasps need {least}"
+        yield f"grasp_height: with {robot.grasp_height} m the gripper nears the table: level grasps need {least}"
     farthest = max(x.max(initial=0.0) for x in (reach.straight_ahead, reach.tilted, reach.from_above))
     if farthest < robot.base_radius + 0.3:
         yield "no grasp reaches 0.3 m beyond the base at the table's height"
