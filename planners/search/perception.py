@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 from scipy.optimize import least_squares
 from scipy.spatial import ConvexHull, QhullError
 
@@ -65,9 +64,8 @@ class Description:
         return min(self.half_extents[:2])
 
     def has_colour(self, colour: Array) -> bool:
-        """Whether this is its colour, by the shares of red, green and blue, which shade does not change."""
-        own, other = np.array(self.colour) / (sum(self.colour) or 1.0), colour / (colour.sum() or 1.0)
-        return bool(np.abs(own - other).max() < _HUE)
+        """Whether this is its colour, in any shade."""
+        return bool(np.abs(_shares(np.array(self.colour)) - _shares(colour)).max() < _HUE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,15 +139,14 @@ def perceive(
     shown: dict[str, Array] = {}  # the points that this view shows of an object
     count = max((int(one.name.rpartition("_")[2]) for one in known), default=-1) + 1
     for label in np.unique(view.masks[view.masks >= FIRST_MASK]).tolist():
-        mask = without_ragged_edges(view.masks == label)
+        mask = of_one_colour(view.masks == label, view.colours)
         points = view.points(mask)
         if len(points) < _LEAST_PIXELS or np.ptp(np.percentile(points, (2, 98), axis=0), axis=0)[:2].max() > _WIDEST:
             continue
         colour = view.colours[mask].mean(axis=0) / 255
         is_target = target.has_colour(colour)
-        shares = {
-            name: float(_inside(one.body, points).mean()) for name, one in found.items() if one.is_target == is_target
-        }
+        others = [one for one in found.values() if one.is_target == is_target]
+        shares = {one.name: float(_inside(one.body, points).mean()) for one in others}
         first, second = sorted(["", "", *shares], key=lambda name: -shares.get(name, 0.0))[:2]
         is_known = shares.get(first, 0.0) >= _SHARED
         if not is_target and shares.get(second if is_known else first, 0.0) > _SHARED / 3:
@@ -173,10 +170,20 @@ def perceive(
     return tuple(found.values())
 
 
-def without_ragged_edges(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """A mask (height, width) without the pixels that have most of their neighbours outside it."""
-    around = ndimage.uniform_filter(mask.astype(np.float32), 3, mode="nearest")
-    return np.asarray(mask & (around > 0.5))
+def of_one_colour(mask: NDArray[np.bool_], colours: NDArray[Any]) -> NDArray[np.bool_]:
+    """A mask (height, width) without the pixels that have another colour (height, width, 3) than most of it.
+
+    So what is left of two objects whose masks run into each other is one, and of a ragged edge what belongs to it.
+    """
+    shares = _shares(colours[mask].astype(float))
+    kept = mask.copy()
+    kept[mask] = np.abs(shares - np.median(shares, axis=0)).max(axis=1) < _HUE
+    return kept
+
+
+def _shares(colours: Array) -> Array:
+    """Shares of red, green and blue (…, 3) in colours, which shade does not change."""
+    return np.asarray(colours / np.maximum(colours.sum(axis=-1, keepdims=True), 1e-6))
 
 
 def _some(points: Array, most: int) -> Array:

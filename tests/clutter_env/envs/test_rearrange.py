@@ -164,6 +164,7 @@ def test_goals_of_the_users_own() -> None:
         ({"task": "sort"}, "needs a support whose name begins with 'tray_', as layout 'trays' has"),
         ({"task": "swap", "goal": "object_00"}, "without option 'task'"),
         ({"goal": "(on object_00 tray_red)"}, "regions: none; supports: table_top"),
+        ({"goal": "(at object_00 (x 50) (y 50))"}, r"no support under .* supports: table_top, counter_left"),
         ({"goal": "(over object_00 object_01)"}, "valid are holding"),
         ({"goal": "(inside object_00 left)", "regions": [{"name": "left"}]}, "Region"),
         ({"goal": "(inside object_00 left)", "regions": [Region("left", "moon", (0, 0), (1, 1))]}, "no support"),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from planners.scene import StaticObstacle
-from planners.search.perception import Description, Seen, fit_upright, perceive, without_ragged_edges
+from planners.search.perception import Description, Seen, fit_upright, of_one_colour, perceive
 from tests.planners.scenes import HEIGHT, OBSTACLES
 
 Array = NDArray[np.float64]
@@ -121,16 +121,16 @@ def test_masks_that_run_into_each_other_change_nothing_and_one_that_was_two_is_p
     assert places == [(0.1, -0.2), (0.1, -0.12)]
 
 
-def test_ragged_edges_of_a_mask_are_cut_off() -> None:
+def test_of_a_mask_what_has_its_colour_counts() -> None:
+    """A ragged edge takes in the table; a mask that runs into a neighbour's takes in all of that."""
     rng, mask = np.random.default_rng(0), np.zeros((40, 40), bool)
     mask[10:30, 15:25] = True
+    colours = np.full((40, 40, 3), (200, 160, 120))  # wood
+    colours[mask] = (20, 60, 30) + rng.integers(0, 3, (mask.sum(), 1)) * np.array((10, 30, 15))  # one green in shades
+    colours[10:30, 25:33] = (30, 40, 200)
     ragged = mask | (ndimage.binary_dilation(mask, iterations=2) & (rng.random(mask.shape) < 1 / 4))
-    assert (ragged & ~mask).sum() > 15
-    assert (without_ragged_edges(ragged) & ~mask).sum() < (ragged & ~mask).sum() / 2
-    assert without_ragged_edges(mask)[mask].mean() > 0.97
-    strip = np.zeros((40, 40), bool)
-    strip[10:30, 15:17] = True
-    assert without_ragged_edges(strip)[strip].mean() > 0.85
+    ragged[10:30, 25:33] = True
+    assert (of_one_colour(ragged, colours) == mask).all()
 
 
 def test_colours_are_compared_in_any_shade() -> None:
