@@ -65,8 +65,8 @@ def robot_bodies(model: mujoco.MjModel, robot: RobotSpec) -> frozenset[int]:
     if missing:
         joints = ", ".join(filter(None, known[mujoco.mjtObj.mjOBJ_JOINT])) or "none"
         way = (
-            f"its joints: {joints}; put the robot in with `planners.insert_robot(model, robot, without=[…])`, or say by "
-            "`RobotSpec.from_mjcf(base_joints=…, tip=…, finger_joints=…)` what its parts are called"
+            f"its joints: {joints}; put the robot in with `planners.insert_robot(model, robot, without=[…])`, or say "
+            "by `RobotSpec.from_mjcf(base_joints=…, tip=…, finger_joints=…)` what its parts are called"
         )
         if prefixed := [name for names in known.values() for name in names if name.endswith(missing[0])]:
             way = f"it has {prefixed[0]!r}: attach the robot without a name prefix"
