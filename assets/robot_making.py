@@ -112,7 +112,7 @@ def make_robot(file: Path, mounting: Mounting) -> MadeRobot:
     T_last_tcp[:3, 3] += mounting.tool * T_last_tcp[:3, 0]
     maker = _Maker(model, mounting, numbers)
     gripper = maker.bodies[int(model.jnt_bodyid[numbers[-1]])]
-    _add_gripper(maker.robot, gripper, T_last_tcp, mounting)
+    _add_gripper(maker.robot, gripper, T_last_tcp, mounting, max(-mounting.tool, maker.front(T_last_tcp)))
     lift = [name for name, slides in maker.joints if slides] or ["lift"]
     _finish(maker.robot, lift[0], [name for name, slides in maker.joints if not slides])
     maker.robot.modelname = file.parent.name if file.stem in ("robot", "model", "scene") else file.stem
@@ -286,6 +286,18 @@ class _Maker:
                         del pairs[one, other]
         return ((self.bodies[one].name, self.bodies[other].name) for (one, other), hit in pairs.items() if hit)
 
+    def front(self, T_last_tcp: Floats) -> float:
+        """[m] How far the shapes of the last link and what is fixed to it reach along the approach, from the TCP."""
+        model, data, last = self.model, mujoco.MjData(self.model), int(self.model.jnt_bodyid[self.numbers[-1]])
+        mujoco.mj_kinematics(model, data)
+        reached = [-np.inf]
+        for geom in (geom for body in self._below(last) if body in self.bodies for geom in self._solid_geoms(body)):
+            corners = model.geom_aabb[geom, :3] + model.geom_aabb[geom, 3:] * list(itertools.product((-1, 1), repeat=3))
+            world = corners @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
+            there = (world - data.xpos[last]) @ data.xmat[last].reshape(3, 3)
+            reached.append(float(((there - T_last_tcp[:3, 3]) @ T_last_tcp[:3, 0]).max()))
+        return max(reached)
+
     def _solid_geoms(self, body: int) -> list[int]:
         """The geoms of a body of the file that are shapes for collisions."""
         first, count = int(self.model.body_geomadr[body]), int(self.model.body_geomnum[body])
@@ -310,8 +322,8 @@ class _Maker:
         return f"own_{name}" if name in _NAMES else name or otherwise
 
 
-def _add_gripper(robot: mujoco.MjSpec, wrist: Any, T_wrist_tcp: Floats, mounting: Mounting) -> None:
-    """Two sliding fingers and what carries them, on the body of the last joint."""
+def _add_gripper(robot: mujoco.MjSpec, wrist: Any, T_wrist_tcp: Floats, mounting: Mounting, front: float) -> None:
+    """Two sliding fingers and what carries them, on the body of the last joint, whose shapes end at `front` [m]."""
     quat = _quaternion(T_wrist_tcp[:3, :3])
 
     def at(x: float) -> Floats:
@@ -322,8 +334,8 @@ def _add_gripper(robot: mujoco.MjSpec, wrist: Any, T_wrist_tcp: Floats, mounting
     back = _PAD_CENTRE - _PAD[0] - 0.005
     size = [_PALM, mounting.opening / 2 + 2 * _PAD[1], 0.025]
     gripper.add_geom(name="palm", type=mjtGeom.mjGEOM_BOX, size=size, pos=at(back - _PALM), quat=quat, mass=0)
-    if (neck := mounting.tool + back - 2 * _PALM) > 0:  # no wider than a flange, so that the wrist can bend
-        place = {"pos": at(neck / 2 - mounting.tool), "quat": quat}
+    if (neck := back - 2 * _PALM - front) > 0:  # no wider than a flange, so that the wrist can bend
+        place = {"pos": at(front + neck / 2), "quat": quat}
         gripper.add_geom(name="neck", type=mjtGeom.mjGEOM_BOX, size=[neck / 2, 0.025, 0.025], **place, mass=0)
     for name, side in zip(FINGERS, (1.0, -1.0), strict=True):
         finger = wrist.add_body(name=name, pos=at(_PAD_CENTRE), quat=quat, **_inertia(0.1, [1e-4] * 3))

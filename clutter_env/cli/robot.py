@@ -106,7 +106,7 @@ def _report(robot: RobotSpec, table: float, picture: Path) -> None:
 def _make(arguments: Arguments) -> None:
     """Write the robot's file, its page with the best home configuration, and the picture."""
     from assets.robot_making import Mounting, make_robot
-    from clutter_env.cli.robot_report import home_candidates, why_no_home
+    from clutter_env.cli.robot_report import home_candidates, least_grasp_height, why_no_home
 
     if not (arguments.base and arguments.tip):
         raise UsageError("make needs --base, the arm's first body, and --tip, the site or body between the finger tips")
@@ -118,6 +118,9 @@ def _make(arguments: Arguments) -> None:
     file.write_text(text, encoding="utf-8")
     print("\n".join(f"{name}: {value}" for name, value in found.items()))
     draft = assets.RobotSpec.from_mjcf(file, **page, home=_middle(file, page))
+    if (least := least_grasp_height(draft)) > draft.grasp_height:
+        page["grasp_height"] = least
+        print(f"grasp_height: {least} m, so that the hand keeps off the table in level grasps")
     homes = home_candidates(draft, count=1, table_height=arguments.table)
     if not homes:
         raise UsageError(
