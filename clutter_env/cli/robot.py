@@ -87,7 +87,7 @@ def run(arguments: Arguments) -> None:
         print("home, best first:")
         for candidate in home_candidates(robot, table_height=arguments.table):
             print(f"  {[round(float(value), 4) for value in candidate.q]}  {candidate.distance:.2f} rad from grasps")
-        raise UsageError(f"{arguments.page} says no home; take one of these, or your own")
+        raise UsageError("the page says no home; take one of these, or your own")
     _report(robot, arguments.table, arguments.out or Path("outputs") / f"{robot.name}.png")
 
 
