@@ -81,45 +81,26 @@ def _sides(key: ChainKey) -> tuple[_Side, _Side]:
 def _side(chain: ArmChain, point: Floats, steps: list[Floats], joints: list[int], step: Floats, sign: float) -> _Side:
     """A point that is fixed before the first of some `joints`, as the last two of them see it; between them are `steps`
     (4, 4). From the last to the one before leads `step`, after a turn by the angle of the last one and a `sign`."""
-    size = chain.reach / _CELLS
-    axes = chain.axes[joints]
-    solid = np.zeros((_CELLS + _SPARE, 2 * (_CELLS + _SPARE)), dtype=bool)
-    across = np.delete(point, axes[0])
-    solid[int(hypot(*across) / size), floor(point[axes[0]] / size) + _CELLS + _SPARE] = True
+    from scipy.ndimage import binary_erosion, binary_fill_holes, distance_transform_edt  # a tenth of a second to import
+
+    size, axes, middle = chain.reach / _CELLS, chain.axes[joints], _CELLS + _SPARE
+    solid = np.zeros((middle, 2 * middle), dtype=bool)
+    solid[int(hypot(*np.delete(point, axes[0])) / size), floor(point[axes[0]] / size) + middle] = True
     solids = [solid]
-    for k, T in enumerate(steps):
-        marks = np.zeros_like(solid)
-        surface = np.argwhere(_surface(solids[-1]))
-        _revolve(surface, size, axes[k], np.ascontiguousarray(T[:3, :3]), T[:3, 3].copy(), axes[k + 1], marks)
-        solids.append(_filled(marks))
+    for T, axis, next_axis in zip(steps, axes[:-1], axes[1:], strict=True):
+        inner = binary_erosion(np.concatenate([solid[::-1], solid]))[middle:]  # the axis is a mirror
+        marks, R, at = np.zeros_like(solid), np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(T[:3, 3])
+        _revolve(np.argwhere(solid & ~inner), size, axis, R, at, next_axis, marks)
+        solid = binary_fill_holes(np.concatenate([marks[::-1], marks]))[middle:]
+        solids.append(solid)
+    # Between middles of cells, less what two points may be away from these.
+    gaps = np.array([distance_transform_edt(~solid) - np.sqrt(2.0) for solid in solids[:-3:-1]])
+    tables = np.asarray(gaps * size - _ROUNDING, dtype=np.float32)
     end, angles = joints[-1], np.zeros((3, _ANGLES))
     width = min(2 * pi, float(chain.upper[end] - chain.lower[end]))
     angles[2 - axes[-1]] = sign * (chain.lower[end] + width * (np.arange(_ANGLES) + 0.5) / _ANGLES)
     turns = np.ascontiguousarray(step[:3, :3] @ rotations(*angles))
-    tables = np.array([_away(solid) * size for solid in solids[:-3:-1]])
     return _Side(tables, size, axes[:-3:-1].copy(), turns, step[:3, 3].copy(), 0.5 * width / _ANGLES)
-
-
-def _surface(solid: Bools) -> Bools:
-    """Cells of a solid beside one that is not; at the axis there is none beside."""
-    wide = np.pad(solid, ((0, 1), (1, 1)))
-    wide = np.concatenate([wide[:1], wide])
-    inner = wide[:-2, 1:-1] & wide[2:, 1:-1] & wide[1:-1, :-2] & wide[1:-1, 2:]
-    return np.asarray(solid & ~inner)
-
-
-def _filled(marks: Bools) -> Bools:
-    """What a marked surface encloses, with the axis as a mirror."""
-    from scipy.ndimage import binary_fill_holes  # a tenth of a second, which only this needs
-
-    return np.asarray(binary_fill_holes(np.concatenate([marks[::-1], marks]))[len(marks) :])
-
-
-def _away(solid: Bools) -> NDArray[np.float32]:
-    """Distance that any point of a cell has at least from a solid, in cells."""
-    from scipy.ndimage import distance_transform_edt  # see `_filled`
-
-    return np.asarray(distance_transform_edt(~solid) - np.sqrt(2.0) - 1e-3, dtype=np.float32)
 
 
 @njit(cache=True)
