@@ -137,13 +137,15 @@ class Renderer:
 
     marks: tuple[Mark, ...] = ()
     """Shown from the next image on."""
+    has_shadows: bool = True
+    """Whether pictures for people have them; from near they are coarse."""
     _context: Any = None
 
     def colour(self, data: mujoco.MjData, camera: str | mujoco.MjvCamera) -> NDArray[np.uint8]:
         """(height, width, 3) uint8; `camera` is the name of a camera of the model, or a free camera."""
         width, height = self._size
         picture, flags = np.empty((height, width, 3), np.uint8), self._scene.flags
-        flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 1
+        flags[mujoco.mjtRndFlag.mjRND_SHADOW] = self.has_shadows
         self._draw(data, camera, picture, None)
         flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
         return np.ascontiguousarray(picture[::-1])
