@@ -23,7 +23,7 @@ from scipy.spatial import ConvexHull
 from assets.robot_parts import InvalidRobot, rotation_of
 from irm.errors import ChainError
 from irm.model_reading import arm_joints, hull_corners, is_solid, load_model, load_urdf, tip_frame
-from irm.rotations import frame_along
+from irm.rotations import frame_along, rotation
 from irm.shapes import CLEARANCE
 
 Floats = NDArray[np.float64]
@@ -108,7 +108,7 @@ def make_robot(file: Path, mounting: Mounting) -> MadeRobot:
         T_last_tcp = tip_frame(model, int(model.jnt_bodyid[numbers[-1]]), mounting.tip, mounting.approach)
     except ChainError as problem:
         raise InvalidRobot(str(problem)) from problem
-    T_last_tcp[:3, :3] = T_last_tcp[:3, :3] @ _about_x(mounting.turn)
+    T_last_tcp[:3, :3] = T_last_tcp[:3, :3] @ rotation(0.0, 0.0, mounting.turn)
     T_last_tcp[:3, 3] += mounting.tool * T_last_tcp[:3, 0]
     maker = _Maker(model, mounting, numbers)
     gripper = maker.bodies[int(model.jnt_bodyid[numbers[-1]])]
@@ -139,11 +139,6 @@ def make_robot(file: Path, mounting: Mounting) -> MadeRobot:
         "touch only as boxes, so not checked": ", ".join(f"{one} and {other}" for one, other in apart) or "none",
     }
     return MadeRobot(maker.robot.to_xml(), page, found)
-
-
-def _about_x(angle: float) -> Floats:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([(1.0, 0.0, 0.0), (0.0, c, -s), (0.0, s, c)])
 
 
 class _Maker:
@@ -245,16 +240,13 @@ class _Maker:
         """The shapes of a body."""
         model = self.model
         for geom in self._solid_geoms(body):
-            kind = mjtGeom(int(model.geom_type[geom]))
-            self.meshes += kind == mjtGeom.mjGEOM_MESH
-            if kind in (mjtGeom.mjGEOM_MESH, mjtGeom.mjGEOM_ELLIPSOID):
-                corners = (
-                    hull_corners(model, geom) if kind == mjtGeom.mjGEOM_MESH else _sphere() * model.geom_size[geom]
-                )
-                to.add_geom(**_fitted(_moved(corners, model.geom_pos[geom], model.geom_quat[geom])), mass=0)
-            else:
-                pose = {"pos": model.geom_pos[geom], "quat": model.geom_quat[geom]}
-                to.add_geom(type=kind, size=model.geom_size[geom], mass=0, **pose)
+            kind, place = mjtGeom(int(model.geom_type[geom])), (model.geom_pos[geom], model.geom_quat[geom])
+            if kind == mjtGeom.mjGEOM_MESH:
+                self.meshes += 1
+                to.add_geom(**_fitted(hull_corners(model, geom) @ rotation_of(place[1]).T + place[0]), mass=0)
+            else:  # the planner knows no ellipsoids: a box is around it
+                kind = mjtGeom.mjGEOM_BOX if kind == mjtGeom.mjGEOM_ELLIPSOID else kind
+                to.add_geom(type=kind, size=model.geom_size[geom], mass=0, pos=place[0], quat=place[1])
 
     def touching_in_boxes_alone(self, made: mujoco.MjModel) -> Iterator[tuple[str, str]]:
         """Names of bodies, two by two, that touch in some of many random configurations, but their meshes in none."""
@@ -389,14 +381,12 @@ def _fitted(corners: Floats) -> dict[str, Any]:
     areas = np.linalg.norm(np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0]), axis=1)
     normals = hull.equations[np.argsort(-areas)[:_FACES], :3]
     principal = np.linalg.eigh(np.cov(corners.T))[1].T
-    best: tuple[float, dict[str, Any]] | None = None
-    for axis in (*np.eye(3), *principal, *normals):
-        R = frame_along(axis)
-        for volume, kind, size, centre, turn in _around_axis(corners @ R):
-            if best is None or volume < best[0]:
-                best = volume, {"type": kind, "size": size, "pos": R @ centre, "quat": _quaternion(R @ turn)}
-    assert best is not None
-    return best[1]
+    fits = (
+        (volume, {"type": kind, "size": size, "pos": R @ centre, "quat": _quaternion(R @ turn)})
+        for R in map(frame_along, (*np.eye(3), *principal, *normals))
+        for volume, kind, size, centre, turn in _around_axis(corners @ R)
+    )
+    return min(fits, key=lambda fit: fit[0])[1]
 
 
 def _around_axis(points: Floats) -> Iterator[tuple[float, mjtGeom, Floats, Floats, Floats]]:
@@ -420,17 +410,6 @@ def _around_axis(points: Floats) -> Iterator[tuple[float, mjtGeom, Floats, Float
         size = np.array([*((high - low) / 2), half])
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         yield 8 * float(size.prod()), mjtGeom.mjGEOM_BOX, size, turn @ np.array([*((high + low) / 2), middle]), turn
-
-
-def _sphere() -> Floats:
-    """Points (v, 3) spread evenly over a sphere, so large that their hull contains the unit sphere."""
-    k = np.arange(400) + 0.5
-    z, turn = 1 - k / 200, np.pi * (1 + 5**0.5) * k
-    return 1.02 * np.column_stack([np.cos(turn) * np.sqrt(1 - z * z), np.sin(turn) * np.sqrt(1 - z * z), z])
-
-
-def _moved(points: Floats, position: Floats, quaternion: Floats) -> Floats:
-    return np.asarray(points @ rotation_of(quaternion).T + position)
 
 
 def _quaternion(R: Floats) -> Floats:
