@@ -8,10 +8,11 @@ joints are held where the file has them.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -22,22 +23,27 @@ from scipy.spatial import ConvexHull
 from assets.robot_parts import InvalidRobot, rotation_of
 from irm.errors import ChainError
 from irm.model_reading import arm_joints, hull_corners, is_solid, load_model, load_urdf, tip_frame
-from irm.rotations import frame_along
+from irm.rotations import frame_along, rotation
+from irm.shapes import CLEARANCE
 
 Floats = NDArray[np.float64]
 BASE = ("base_x", "base_y", "base_yaw")
 FINGERS = ("left_finger", "right_finger")
-_NAMES = frozenset((*BASE, *FINGERS, "mobile_base", "lift", "pillar", "palm", "grip"))
+_NAMES = frozenset((*BASE, *FINGERS, "mobile_base", "lift", "pillar", "gripper", "grip"))
 _GAINS = {"base": 20000.0, "lift": 20000.0, "arm": 2500.0, "finger": 2000.0}
 """[N/m], [N m/rad] of the position servos, which hold the arm within millimetres."""
 _FORCE, _FINGER_FORCE = 1000.0, 60.0
 """[N], [N m]"""
 _PAD = np.array([0.035, 0.006, 0.012])
 """[m] Half extents of a finger along the approach, the finger motion and across both."""
+_PALM = 0.02
+"""[m] Half depth of what carries the fingers."""
 _PAD_CENTRE = -0.02
 """[m] of the fingers along the approach, from the TCP."""
 _FACES, _TURNS, _ROUNDS = 12, 18, 100
 """Faces of a hull whose normals are tried as axes; turns of a box about its axis; steps to the centre of a circle."""
+_SAMPLES = 2000
+"""Random configurations in which it is found what touches."""
 _SHORTEST = 1e-4
 """[m] Half length of a capsule that is a sphere."""
 _STILL = 1e-3
@@ -62,7 +68,9 @@ class Mounting:
         opening: of the gripper.
         tool: from the tip to the point between the finger tips, along the approach.
         without: names of bodies that are left out, with all that they carry.
-        fixed: whether the base does not move; the round base is then a pedestal as high as the arm's base.
+        apart: names of bodies, two by two, that cannot touch, whatever their shapes here.
+        drive: how the base moves: "holonomic", "differential" or "fixed", not at all; the round base is then a
+            pedestal as high as the arm's base.
     """
 
     base: str
@@ -75,11 +83,21 @@ class Mounting:
     opening: float = 0.085
     tool: float = 0.0
     without: tuple[str, ...] = ()
-    fixed: bool = False
+    apart: tuple[str, ...] = ()
+    drive: str = "holonomic"
 
 
-def make_robot(file: Path, mounting: Mounting) -> tuple[str, dict[str, Any]]:
-    """The MJCF text of a robot, and its page: the keyword arguments of `RobotSpec.from_mjcf`, but for `home`.
+class MadeRobot(NamedTuple):
+    """The MJCF text of a robot; its page, the keyword arguments of `RobotSpec.from_mjcf` but for `home`; and what was
+    found in the file and what became of it, by name."""
+
+    mjcf: str
+    page: dict[str, Any]
+    found: dict[str, str]
+
+
+def make_robot(file: Path, mounting: Mounting) -> MadeRobot:
+    """A robot of the file of an arm.
 
     Raises:
         InvalidRobot: the file cannot be read, or lacks what the mounting names; the message says what there is.
@@ -90,25 +108,37 @@ def make_robot(file: Path, mounting: Mounting) -> tuple[str, dict[str, Any]]:
         T_last_tcp = tip_frame(model, int(model.jnt_bodyid[numbers[-1]]), mounting.tip, mounting.approach)
     except ChainError as problem:
         raise InvalidRobot(str(problem)) from problem
-    T_last_tcp[:3, :3] = T_last_tcp[:3, :3] @ _about_x(mounting.turn)
+    T_last_tcp[:3, :3] = T_last_tcp[:3, :3] @ rotation(0.0, 0.0, mounting.turn)
     T_last_tcp[:3, 3] += mounting.tool * T_last_tcp[:3, 0]
     maker = _Maker(model, mounting, numbers)
     gripper = maker.bodies[int(model.jnt_bodyid[numbers[-1]])]
-    _add_gripper(maker.robot, gripper, T_last_tcp, mounting)
+    _add_gripper(maker.robot, gripper, T_last_tcp, mounting, max(-mounting.tool, maker.front(T_last_tcp)))
     lift = [name for name, slides in maker.joints if slides] or ["lift"]
     _finish(maker.robot, lift[0], [name for name, slides in maker.joints if not slides])
     maker.robot.modelname = file.parent.name if file.stem in ("robot", "model", "scene") else file.stem
     try:
-        maker.robot.compile()
+        made = maker.robot.compile()
     except ValueError as problem:
         raise InvalidRobot(f"{file}: the robot that was made of it does not compile: {problem}") from problem
+    names = [made.body(body).name for body in range(1, made.nbody)]
+    if len(mounting.apart) % 2 or not set(mounting.apart) <= set(names):
+        raise InvalidRobot(f"apart={mounting.apart!r} must be bodies, two by two; there are {', '.join(names)}")
+    apart = [*maker.touching_in_boxes_alone(made), *zip(mounting.apart[::2], mounting.apart[1::2], strict=True)]
+    for one, other in apart:
+        maker.robot.add_exclude(bodyname1=one, bodyname2=other)
     page = {"base_joints": BASE, "tip": "grip", "finger_joints": FINGERS}
-    return maker.robot.to_xml(), page | ({"base": "fixed"} if mounting.fixed else {})
-
-
-def _about_x(angle: float) -> Floats:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([(1.0, 0.0, 0.0), (0.0, c, -s), (0.0, s, c)])
+    page |= {"base": mounting.drive} if mounting.drive != "holonomic" else {}
+    joints = [model.joint(k).name or f"joint {k}" for k in range(model.njnt) if k not in numbers]
+    found = {
+        "arm in the file": ", ".join(name for name, slides in maker.joints if not slides),
+        "lift in the file": ", ".join(name for name, slides in maker.joints if slides) or "none",
+        "other joints, left out or held where they are": ", ".join(joints) or "none",
+        "gripper": f"two sliding fingers in place of its own; that they open to {mounting.opening} m is said by "
+        "--opening alone, and where the grasp is by --tip, --tool and --turn",
+        "shapes": f"boxes, cylinders and capsules in place of {maker.meshes} meshes",
+        "touch only as boxes, so not checked": ", ".join(f"{one} and {other}" for one, other in apart) or "none",
+    }
+    return MadeRobot(maker.robot.to_xml(), page, found)
 
 
 class _Maker:
@@ -119,6 +149,7 @@ class _Maker:
         self.robot = mujoco.MjSpec()
         self.bodies: dict[int, Any] = {}
         self.joints: list[tuple[str, bool]] = []
+        self.meshes = 0
         self.robot.compiler.degree, self.robot.compiler.autolimits = False, True
         self.solid = is_solid(model)
         if not self.solid[np.isin(model.geom_bodyid, self._below(model.body(mounting.base).id))].any():
@@ -130,14 +161,14 @@ class _Maker:
 
     def _add_arm(self, base: Any, root: int) -> None:
         """The base's shapes, a lift unless the file has one, and all that the root carries."""
-        mounting, model = self.mounting, self.model
+        mounting, model, is_fixed = self.mounting, self.model, self.mounting.drive == "fixed"
         place, carrier = np.zeros(3), base
         if mounting.on is not None:
             (x, z), r = mounting.on, mounting.radius
             place = np.array([x, 0.0, z])
             if not z > 0.1:
                 raise InvalidRobot(f"on={mounting.on!r}: the arm stands on a base that is higher than 0.1 m")
-            height = min(z - 0.01, z if mounting.fixed else 0.34) / 2
+            height = min(z - 0.01, z if is_fixed else 0.34) / 2
             base.add_geom(
                 name="wheels", type=mjtGeom.mjGEOM_CYLINDER, size=[r, height - 0.02, 0], pos=[0, 0, height + 0.02]
             )
@@ -162,11 +193,14 @@ class _Maker:
                 carrier.add_geom(
                     name="pillar", type=mjtGeom.mjGEOM_CYLINDER, size=[0.08, high / 2, 0], pos=[0, 0, -high / 2]
                 )
-        # What stands on a pedestal is a part of it: see `RobotSpec.fixed`.
-        stands = mounting.fixed and mounting.lift is None
-        self._add_geoms(
-            carrier if mounting.on is not None and not stands else base, root, place if stands else np.zeros(3)
-        )
+        if mounting.on is None:
+            self._add_geoms(base, root)
+        else:  # a body of its own; on a pedestal without a lift it is a part of that: see `RobotSpec.fixed`
+            stands = is_fixed and mounting.lift is None
+            self.bodies[root] = (base if stands else carrier).add_body(
+                name=self._name(model.body(root).name, "arm_base"), pos=place if stands else np.zeros(3)
+            )
+            self._add_geoms(self.bodies[root], root)
         for child in self._children(root):
             self._copy(child, carrier)
 
@@ -198,26 +232,69 @@ class _Maker:
                 if model.jnt_limited[k]:
                     joint.range = model.jnt_range[k]
                 joint.armature, joint.damping = (1.0, [50, 0, 0]) if slides else (0.1, [2, 0, 0])
-        self._add_geoms(made, body, np.zeros(3))
+        self._add_geoms(made, body)
         for child in self._children(body):
             self._copy(child, made)
 
-    def _add_geoms(self, to: Any, body: int, place: Floats) -> None:
-        """The shapes of a body, whose frame is at `place` [m] in that of the new one."""
+    def _add_geoms(self, to: Any, body: int) -> None:
+        """The shapes of a body."""
         model = self.model
-        first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
-        for geom in range(first, first + count):
-            kind = mjtGeom(int(model.geom_type[geom]))
-            if not self.solid[geom] or kind == mjtGeom.mjGEOM_PLANE:
-                continue
-            if kind in (mjtGeom.mjGEOM_MESH, mjtGeom.mjGEOM_ELLIPSOID):
-                corners = (
-                    hull_corners(model, geom) if kind == mjtGeom.mjGEOM_MESH else _sphere() * model.geom_size[geom]
+        for geom in self._solid_geoms(body):
+            kind, place = mjtGeom(int(model.geom_type[geom])), (model.geom_pos[geom], model.geom_quat[geom])
+            if kind == mjtGeom.mjGEOM_MESH:
+                self.meshes += 1
+                to.add_geom(**_fitted(hull_corners(model, geom) @ rotation_of(place[1]).T + place[0]), mass=0)
+            else:  # the planner knows no ellipsoids: a box is around it
+                kind = mjtGeom.mjGEOM_BOX if kind == mjtGeom.mjGEOM_ELLIPSOID else kind
+                to.add_geom(type=kind, size=model.geom_size[geom], mass=0, pos=place[0], quat=place[1])
+
+    def touching_in_boxes_alone(self, made: mujoco.MjModel) -> Iterator[tuple[str, str]]:
+        """Names of bodies, two by two, that touch in some of many random configurations, but their meshes in none."""
+        numbers, names = self.numbers, [name for name, _ in self.joints]
+        models = [(made, mujoco.MjData(made)), (self.model, mujoco.MjData(self.model))]
+        columns = [[int(made.joint(name).qposadr[0]) for name in names], self.model.jnt_qposadr[numbers]]
+        geoms: dict[int, list[Any]] = {
+            old: [np.flatnonzero(made.geom_bodyid == made.body(new.name).id), self._solid_geoms(old)]
+            for old, new in self.bodies.items()
+        }
+        pairs = dict.fromkeys(itertools.combinations(geoms, 2), False)
+        limited = self.model.jnt_limited[numbers].astype(bool)[:, None]
+        low, high = np.where(limited, self.model.jnt_range[numbers], (-np.pi, np.pi)).T
+        for q in np.random.default_rng(0).uniform(low, high, (_SAMPLES, len(low))):
+            for (model, data), column in zip(models, columns, strict=True):
+                data.qpos[column] = q
+                mujoco.mj_kinematics(model, data)
+            for one, other in tuple(pairs):
+                touch = (
+                    any(
+                        mujoco.mj_geomDistance(*world, a, b, 2 * CLEARANCE, None) < CLEARANCE
+                        for a, b in itertools.product(geoms[one][k], geoms[other][k])
+                    )
+                    for k, world in enumerate(models)
                 )
-                to.add_geom(**_fitted(_moved(corners, place + model.geom_pos[geom], model.geom_quat[geom])), mass=0)
-            else:
-                pose = {"pos": place + model.geom_pos[geom], "quat": model.geom_quat[geom]}
-                to.add_geom(type=kind, size=model.geom_size[geom], mass=0, **pose)
+                if next(touch):
+                    pairs[one, other] = True
+                    if next(touch):
+                        del pairs[one, other]
+        return ((self.bodies[one].name, self.bodies[other].name) for (one, other), hit in pairs.items() if hit)
+
+    def front(self, T_last_tcp: Floats) -> float:
+        """[m] How far the shapes of the last link and what is fixed to it reach along the approach, from the TCP."""
+        model, data, last = self.model, mujoco.MjData(self.model), int(self.model.jnt_bodyid[self.numbers[-1]])
+        mujoco.mj_kinematics(model, data)
+        reached = [-np.inf]
+        for geom in (geom for body in self._below(last) if body in self.bodies for geom in self._solid_geoms(body)):
+            corners = model.geom_aabb[geom, :3] + model.geom_aabb[geom, 3:] * list(itertools.product((-1, 1), repeat=3))
+            world = corners @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
+            there = (world - data.xpos[last]) @ data.xmat[last].reshape(3, 3)
+            reached.append(float(((there - T_last_tcp[:3, 3]) @ T_last_tcp[:3, 0]).max()))
+        return max(reached)
+
+    def _solid_geoms(self, body: int) -> list[int]:
+        """The geoms of a body of the file that are shapes for collisions."""
+        first, count = int(self.model.body_geomadr[body]), int(self.model.body_geomnum[body])
+        is_plane = self.model.geom_type == int(mjtGeom.mjGEOM_PLANE)
+        return [geom for geom in range(first, first + count) if self.solid[geom] and not is_plane[geom]]
 
     def _children(self, body: int) -> list[int]:
         return [k for k in range(1, self.model.nbody) if k != body and int(self.model.body_parentid[k]) == body]
@@ -237,18 +314,21 @@ class _Maker:
         return f"own_{name}" if name in _NAMES else name or otherwise
 
 
-def _add_gripper(robot: mujoco.MjSpec, wrist: Any, T_wrist_tcp: Floats, mounting: Mounting) -> None:
-    """Two sliding fingers and what carries them, on the body of the last joint."""
+def _add_gripper(robot: mujoco.MjSpec, wrist: Any, T_wrist_tcp: Floats, mounting: Mounting, front: float) -> None:
+    """Two sliding fingers and what carries them, on the body of the last joint, whose shapes end at `front` [m]."""
     quat = _quaternion(T_wrist_tcp[:3, :3])
 
     def at(x: float) -> Floats:
         return np.asarray(T_wrist_tcp[:3, 3] + T_wrist_tcp[:3, 0] * x)
 
+    gripper = wrist.add_body(name="gripper", **_inertia(0.3, [1e-4] * 3))
+    gripper.add_site(name="grip", pos=at(0.0), quat=quat)
     back = _PAD_CENTRE - _PAD[0] - 0.005
-    half = max((mounting.tool + back) / 2, 0.02)
-    size = [half, mounting.opening / 2 + 2 * _PAD[1], 0.025]
-    wrist.add_geom(name="palm", type=mjtGeom.mjGEOM_BOX, size=size, pos=at(back - half), quat=quat, mass=0.3)
-    wrist.add_site(name="grip", pos=at(0.0), quat=quat)
+    size = [_PALM, mounting.opening / 2 + 2 * _PAD[1], 0.025]
+    gripper.add_geom(name="palm", type=mjtGeom.mjGEOM_BOX, size=size, pos=at(back - _PALM), quat=quat, mass=0)
+    if (neck := back - 2 * _PALM - front) > 0:  # no wider than a flange, so that the wrist can bend
+        place = {"pos": at(front + neck / 2), "quat": quat}
+        gripper.add_geom(name="neck", type=mjtGeom.mjGEOM_BOX, size=[neck / 2, 0.025, 0.025], **place, mass=0)
     for name, side in zip(FINGERS, (1.0, -1.0), strict=True):
         finger = wrist.add_body(name=name, pos=at(_PAD_CENTRE), quat=quat, **_inertia(0.1, [1e-4] * 3))
         finger.add_joint(
@@ -301,14 +381,12 @@ def _fitted(corners: Floats) -> dict[str, Any]:
     areas = np.linalg.norm(np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0]), axis=1)
     normals = hull.equations[np.argsort(-areas)[:_FACES], :3]
     principal = np.linalg.eigh(np.cov(corners.T))[1].T
-    best: tuple[float, dict[str, Any]] | None = None
-    for axis in (*np.eye(3), *principal, *normals):
-        R = frame_along(axis)
-        for volume, kind, size, centre, turn in _around_axis(corners @ R):
-            if best is None or volume < best[0]:
-                best = volume, {"type": kind, "size": size, "pos": R @ centre, "quat": _quaternion(R @ turn)}
-    assert best is not None
-    return best[1]
+    fits = (
+        (volume, {"type": kind, "size": size, "pos": R @ centre, "quat": _quaternion(R @ turn)})
+        for R in map(frame_along, (*np.eye(3), *principal, *normals))
+        for volume, kind, size, centre, turn in _around_axis(corners @ R)
+    )
+    return min(fits, key=lambda fit: fit[0])[1]
 
 
 def _around_axis(points: Floats) -> Iterator[tuple[float, mjtGeom, Floats, Floats, Floats]]:
@@ -332,17 +410,6 @@ def _around_axis(points: Floats) -> Iterator[tuple[float, mjtGeom, Floats, Float
         size = np.array([*((high - low) / 2), half])
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         yield 8 * float(size.prod()), mjtGeom.mjGEOM_BOX, size, turn @ np.array([*((high + low) / 2), middle]), turn
-
-
-def _sphere() -> Floats:
-    """Points (v, 3) spread evenly over a sphere, so large that their hull contains the unit sphere."""
-    k = np.arange(400) + 0.5
-    z, turn = 1 - k / 200, np.pi * (1 + 5**0.5) * k
-    return 1.02 * np.column_stack([np.cos(turn) * np.sqrt(1 - z * z), np.sin(turn) * np.sqrt(1 - z * z), z])
-
-
-def _moved(points: Floats, position: Floats, quaternion: Floats) -> Floats:
-    return np.asarray(points @ rotation_of(quaternion).T + position)
 
 
 def _quaternion(R: Floats) -> Floats:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from assets.pr2 import PR2
@@ -107,11 +109,13 @@ _PAGES: dict[str, dict[str, Any]] = {
 
 
 def robot(robot: str | RobotSpec | Mapping[str, Any]) -> RobotSpec:
-    """The robot of that name; a `RobotSpec` is returned as it is, its fields as a dictionary make one.
+    """The robot of that name, or of an MJCF file that has its page beside it, `arm.xml` and `arm.json`.
+
+    A `RobotSpec` is returned as it is, its fields as a dictionary make one.
 
     Raises:
-        UnknownRobot: no robot of that name; the message lists the known ones.
-        InvalidRobot: the dictionary does not hold the fields of a `RobotSpec`.
+        UnknownRobot: no robot of that name, or no such file or page; the message lists the known names.
+        InvalidRobot: the dictionary does not hold the fields of a `RobotSpec`, or the files do not describe a robot.
     """
     if isinstance(robot, RobotSpec):
         return robot
@@ -119,9 +123,14 @@ def robot(robot: str | RobotSpec | Mapping[str, Any]) -> RobotSpec:
         return RobotSpec.from_fields(robot)
     if isinstance(robot, str) and robot in _PAGES:
         return _read(robot)
+    if isinstance(robot, str) and robot.endswith(".xml"):
+        files = Path(robot), Path(robot).with_suffix(".json")
+        if not all(file.is_file() for file in files):
+            raise UnknownRobot(f"no robot {robot!r}: a file needs its page {files[1].name} beside it")
+        return _of_files(*files, *(file.stat().st_mtime_ns for file in files))
     if not isinstance(robot, str) or robot not in _ROBOTS:
         known = ", ".join(sorted((*_ROBOTS, *_PAGES)))
-        raise UnknownRobot(f"no robot {robot!r}; known robots: {known}; or give an assets.RobotSpec")
+        raise UnknownRobot(f"no robot {robot!r}; known robots: {known}; or give an MJCF file or an assets.RobotSpec")
     return _ROBOTS[robot]
 
 
@@ -129,3 +138,12 @@ def robot(robot: str | RobotSpec | Mapping[str, Any]) -> RobotSpec:
 def _read(name: str) -> RobotSpec:
     """A robot that is described by its file and its page, read once."""
     return RobotSpec.from_mjcf(f"mjcf/{name}.xml", name=name, **_PAGES[name])
+
+
+@cache
+def _of_files(file: Path, page: Path, *_changed: int) -> RobotSpec:
+    """A robot of the user's own files, read once, and again when they have changed."""
+    try:
+        return RobotSpec.from_mjcf(file, **json.loads(page.read_text(encoding="utf-8")))
+    except (ValueError, TypeError) as problem:
+        raise InvalidRobot(f"{page}: {problem}") from problem

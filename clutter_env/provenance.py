@@ -27,12 +27,15 @@ from assets import RobotSpec
 from clutter_env.config import EnvConfig
 from clutter_env.envs.base import layout_identity
 from clutter_env.scene.layout import Layout
-from clutter_env.simulation.model import build_spec
+from clutter_env.simulation.model import build_spec, has_visuals
 from clutter_env.version import version
 
 _PACKAGE = Path(__file__).parent
 _PICTURES = ("render_mode", "camera", "width", "height")
 """Keyword arguments of an environment that change its pictures alone."""
+IMAGES = "robot in images"
+"""The part of an environment's digest that says what its observed images show of the robot: meshes, or the primitives
+where these are not installed. Scores, which are those of replayed actions, do not depend on it."""
 _ABILITIES = ("cameras", "segmentation", "num_points", "head", "reality", "base")
 """Keyword arguments that count only where they are not the default: records made before there were such stay valid."""
 _RULES = {
@@ -101,8 +104,8 @@ def differences(recorded: Mapping[str, Any] | None, present: Mapping[str, Any]) 
     old, new = recorded.get("environment"), present.get("environment")
     if isinstance(old, Mapping) and isinstance(new, Mapping):
         for name in sorted({*old, *new} - {"settings"}):
-            if old.get(name) != new.get(name):
-                values = f": {old.get(name)}, now {new.get(name)}" if name in ("task", "time limit") else ""
+            if old.get(name) != new.get(name) and not (name == IMAGES and name not in old):
+                values = f": {old.get(name)}, now {new.get(name)}" if name in ("task", "time limit", IMAGES) else ""
                 said.append(f"The environment's {name} has changed{values}.")
         before, now = old.get("settings", {}), new.get("settings", {})
         for name in sorted({*before, *now}):
@@ -169,6 +172,7 @@ def _digest(env: gym.Env[Any, Any]) -> dict[str, Any]:
         "model": _model_digest(inner.robot, inner.layout, config.slot_shapes),
         "task's code": _code_digest(*sorted(file for file in files if file)),
         **{name: _code_digest(*(str(_PACKAGE / file) for file in rules)) for name, rules in _RULES.items()},
+        **({IMAGES: "meshes" if has_visuals(inner.robot) else "primitives"} if config.obs_mode != "state" else {}),
         **({"reality": _code_digest(str(_PACKAGE / "envs/reality.py"))} if "reality" in settings else {}),
     }
 

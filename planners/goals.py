@@ -398,6 +398,12 @@ class Goal:
                             f"region {name!r} lies beside its support {region.support!r}, which reaches from "
                             f"({x:.2f}, {y:.2f}) to ({a:.2f}, {b:.2f}) m"
                         )
+            point = np.array((fact.x, fact.y)) if isinstance(fact, At) else None
+            if point is not None and not any(scene.support_named(name).is_under(point) for name in scene.supports):
+                known = ", ".join(scene.supports) or "none"
+                raise GoalError(
+                    f"no support under ({point[0]:.2f}, {point[1]:.2f}) m for {_names(fact)[0]!r}; supports: {known}"
+                )
         self._check_contradictions(scene)
 
     def _check_contradictions(self, scene: Scene) -> None:

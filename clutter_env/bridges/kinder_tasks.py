@@ -132,7 +132,7 @@ def tidybot(file: str) -> RobotSpec:
     Raises:
         InvalidRobot: the file is not that of TidyBot.
     """
-    text, page = make_robot(
+    text, page, _ = make_robot(
         Path(file), Mounting("base_link", "pinch_site", turn=np.pi / 2, tool=_TOOL, opening=_OPENING)
     )
     made = (

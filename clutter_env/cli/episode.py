@@ -4,6 +4,7 @@
     clutter-env episode --robot pr2 --objects 15
     clutter-env episode --objects 40 --episodes 50 --control-mode joint --grasps all
     clutter-env episode --task stack --objects 8
+    clutter-env episode --task search --objects 10
 
 One episode: the plan (Fig. 13 of Lee & Kim 2019), the replanning (Fig. 11), the report, a picture of every choice of
 a clearance location (Figs. 8-10), the plan as a file, the episode in 3-D as one page for a browser, and where the
@@ -28,12 +29,13 @@ class Arguments:
     """Random seed of the scene."""
     strategy: str = "lookahead"
     """lookahead, ngr (Lee & Kim 2019), dogar or srivastava."""
-    task: Literal["", "sort", "set", "swap", "stack", "fetch"] = ""
-    """A task of Rearrange, with 4, 8, 12 or 20 objects; empty: retrieve a target."""
+    task: Literal["", "sort", "set", "swap", "stack", "fetch", "search"] = ""
+    """A task of Rearrange, with 4, 8, 12 or 20 objects; search: for a target that no camera sees, 5, 10, 12 or 16;
+    empty: retrieve a target."""
     layout: str = ""
     """Table and surroundings; empty: "paper", or the task's."""
     robot: str = "fetch"
-    """Name of the robot."""
+    """Name of the robot, or its MJCF file with its page beside it, arm.xml and arm.json."""
     grasps: Literal["", "side", "tilted", "top", "all"] = ""
     """Grasp set: level gripper (the paper's experiment), tilted, from above, or all of them, as `planners.solve` uses
     unless told otherwise; empty: side, for a task all."""
@@ -60,12 +62,13 @@ class Arguments:
 
     def __post_init__(self) -> None:
         from assets import robot
-        from clutter_env import OBJECT_COUNTS, REARRANGE_COUNTS
+        from clutter_env import OBJECT_COUNTS, REARRANGE_COUNTS, SEARCH_COUNTS
         from clutter_env.envs.rearrange_tasks import TASKS
         from clutter_env.scene.layout import find_layout
         from planners import find_strategy
 
-        object.__setattr__(self, "layout", self.layout or (TASKS[self.task].layout if self.task else "paper"))
+        usual = {"": "paper", "search": "shelf"}
+        object.__setattr__(self, "layout", self.layout or usual.get(self.task) or TASKS[self.task].layout)
         object.__setattr__(self, "grasps", self.grasps or ("all" if self.task else "side"))
         find_strategy(self.strategy)
         robot(self.robot)
@@ -74,7 +77,7 @@ class Arguments:
             raise ValueError(f"--episodes {self.episodes} is not valid; it must be at least 1")
         if self.task and self.episodes > 1:
             raise ValueError("--episodes is without --task; of tasks: clutter-env evaluate --suite sort-8-v2")
-        counts = REARRANGE_COUNTS if self.task else OBJECT_COUNTS
+        counts = {"": OBJECT_COUNTS, "search": SEARCH_COUNTS}.get(self.task, REARRANGE_COUNTS)
         if self.objects not in counts:
             valid = ", ".join(map(str, counts))
             raise ValueError(f"--objects {self.objects} is not valid; valid numbers: {valid}")
@@ -87,13 +90,15 @@ class Arguments:
     @property
     def environment(self) -> str:
         """Id of the environment."""
-        return f"clutter_env/{'Rearrange' if self.task else 'Retrieve'}-o{self.objects}-v0"
+        family = {"": "Retrieve", "search": "Search"}.get(self.task, "Rearrange")
+        return f"clutter_env/{family}-o{self.objects}-v0"
 
 
 def run(arguments: Arguments) -> None:
     """Play one episode or many."""
     from assets import robot as find_robot
     from clutter_env.cli.expert_episodes import count_many, show_one
+    from clutter_env.cli.search_episode import show_search
     from clutter_env.reporting.files import write_json
     from clutter_env.reporting.progress import progress_bar
     from irm import cache_folder, cached_map, is_map_at_hand
@@ -104,6 +109,7 @@ def run(arguments: Arguments) -> None:
         print(f"building the reachability map, once; it is kept in {cache_folder()}", flush=True)
         cached_map(robot, progress=progress_bar, **map_parameters(robot))
     arguments.out.mkdir(parents=True, exist_ok=True)
-    figures = show_one(arguments) if arguments.episodes == 1 else count_many(arguments)
+    show = show_search if arguments.task == "search" else show_one if arguments.episodes == 1 else count_many
+    figures = show(arguments)
     for path in filter(None, (arguments.out / "report.json", arguments.json)):
         write_json(path, figures)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from assets import RobotSpec
+from assets.robot_reading import collision_geoms
 from clutter_env.errors import ConfigError
 from clutter_env.scene.layout import TABLE_HEIGHT
 from clutter_env.scene.object_sets import OBJECT_SETS
@@ -64,6 +67,12 @@ _ELBOW_ABOVE = 0.05
 """[m] An elbow that much above the TCP keeps the forearm off the table."""
 _TORSO_WEIGHT = 5.0
 """[rad/m] What a metre of the torso counts beside a radian of a joint."""
+_OFF_THE_TABLE = 0.004
+"""[m] at least between the gripper and the table; the planner keeps 2 mm."""
+_TRIED = 200
+"""Configurations in which it is looked up what touches."""
+_STILL = 0.002
+"""[m] The stroke of a lift that is none."""
 _AXIS = 0.08
 """[m] Length of a drawn axis."""
 _COLOURS = ("tab:red", "tab:green", "tab:blue")
@@ -97,18 +106,21 @@ def report_of(robot: RobotSpec, table: float = TABLE_HEIGHT) -> RobotReport:
 
 
 def _facts(robot: RobotSpec, reach: LevelReach) -> dict[str, str]:
-    chain, gripper, ahead = ArmChain.from_robot(robot), gripper_clearances(robot), reach.straight_ahead
-    tcp = forward(chain, robot.home)[:3, 3]
-    reaches = (
-        f"reaches x = {ahead.min():.2f} to {ahead.max():.2f} m straight ahead" if ahead.size else "reaches nothing"
+    chain, gripper = ArmChain.from_robot(robot), gripper_clearances(robot)
+    tcp, stroke = forward(chain, robot.home)[:3, 3], float(chain.upper[0] - chain.lower[0])
+    ahead = {"level": reach.straight_ahead, "tilted by 60°": reach.tilted, "from above": reach.from_above}
+    reaches = ", ".join(
+        f"{name} {f'x = {x.min():.2f} to {x.max():.2f} m' if x.size else 'none'}" for name, x in ahead.items()
     )
     return {
         "arm": f"{chain.size - 1} joints, {_METHODS[solver_arrays(chain).kind]}",
-        "lift": f"{robot.chain[0].joint}, {chain.lower[0]:.3g} to {chain.upper[0]:.3g} m",
+        "lift": f"{robot.chain[0].joint}, {chain.lower[0]:.3g} to {chain.upper[0]:.3g} m"
+        if stroke > _STILL
+        else "none",
         "gripper": f"opens to {robot.max_opening:.3f} m, palm {1000 * gripper.palm_reach:.0f} mm behind the TCP",
-        "base": f"radius {robot.base_radius:.3f} m, height {robot.base_height:.3f} m",
+        "base": f"{robot.base_drive}, radius {robot.base_radius:.3f} m, height {robot.base_height:.3f} m",
         "home": f"TCP at ({', '.join(f'{value:.3f}' for value in tcp)}) m",
-        "level gripper at the table": reaches,
+        "grasps at the table, straight ahead": reaches,
         "cameras": ", ".join(robot.cameras) or "none: no image observations",
     }
 
@@ -140,20 +152,34 @@ def _problems(robot: RobotSpec, model: mujoco.MjModel, reach: LevelReach, table:
         yield f"home: the robot touches {' and '.join(touched)}"
     if robot.max_opening <= (widest := 2 * OBJECT_SETS["standard"].radius[1]):
         yield f"the gripper opens to {robot.max_opening:.3f} m; standard objects are up to {widest:.3f} m wide"
-    if reach.straight_ahead.max(initial=0.0) < robot.base_radius + 0.3:
-        yield "the level gripper does not reach 0.3 m beyond the base at the table's height"
+    if robot.grasp_height < (least := least_grasp_height(robot)):
+        yield f"grasp_height: with {robot.grasp_height} m the gripper nears the table: level grasps need {least}"
+    farthest = max(x.max(initial=0.0) for x in (reach.straight_ahead, reach.tilted, reach.from_above))
+    if farthest < robot.base_radius + 0.3:
+        yield "no grasp reaches 0.3 m beyond the base at the table's height"
+
+
+def least_grasp_height(robot: RobotSpec) -> float:
+    """[m] of the TCP above the table, in level grasps, at which the last link keeps off it; rounded up to 5 mm."""
+    shapes, last = robot.shapes, robot.shapes.link == len(robot.chain) - 1
+    up = robot.tcp_rotation[:, 2]
+    below = (np.array(robot.tcp_offset) - shapes.position[last]) @ up + shapes.radius[last]
+    below += (np.abs(up @ shapes.rotation[last]) * shapes.half[last]).sum(axis=1)
+    return math.ceil((float(below.max()) + _OFF_THE_TABLE) * 200) / 200
 
 
 class LevelReach(NamedTuple):
     """TCP positions x, y, z [m] in the base frame, and those that a level gripper, yaw 0, reaches: (nx, ny, nz).
 
-    The robot does not touch itself there.
+    The robot does not touch itself there. `tilted` and `from_above` are x straight ahead of other grasps on the table.
     """
 
     x: Array
     y: Array
     z: Array
     reached: NDArray[np.bool_]
+    tilted: Array
+    from_above: Array
 
     @property
     def straight_ahead(self) -> Array:
@@ -218,7 +244,11 @@ def level_reach(robot: RobotSpec, table: float = TABLE_HEIGHT) -> LevelReach:
     for i, j, k in np.ndindex(reached.shape):
         found = arm.configurations(float(x[i]), float(y[j]), float(z[k]))
         reached[i, j, k] = bool(len(found)) and bool(arm.free(found).any())
-    return LevelReach(x, y, z, reached)
+    others = [
+        np.array([place for place in x if arm.free(arm.configurations(float(place), 0.0, table + up, pitch)).any()])
+        for pitch, up in ((np.pi / 3, 0.06), (np.pi / 2, 0.08))
+    ]
+    return LevelReach(x, y, z, reached, *others)
 
 
 def home_candidates(robot: RobotSpec, count: int = 3, table_height: float = TABLE_HEIGHT) -> list[HomeCandidate]:
@@ -250,25 +280,57 @@ def home_candidates(robot: RobotSpec, count: int = 3, table_height: float = TABL
     return sorted(rated, key=lambda candidate: candidate.distance)[:count]
 
 
+def why_no_home(robot: RobotSpec, table: float) -> str:
+    """The reason why `home_candidates` finds none: grasps out of reach, or which bodies touch, and what to do."""
+    arm = _Arm(robot)
+    places = [(0.0, robot.grasp_height), (np.pi / 3, 0.06), (np.pi / 2, 0.08), *((0.0, z) for z in _HOME_HEIGHTS)]
+    reached = [arm.configurations(x, 0.0, table + z, pitch) for pitch, z in places for x in (0.45, 0.6, 0.75)]
+    Q = np.concatenate(reached)
+    if not len(Q):
+        return (
+            f"the arm reaches no grasp on a table of {table} m, 0.45 to 0.75 m ahead; try another height or place "
+            "(--on), a lift (--lift 0 0.4), a longer --tool, or another --table"
+        )
+    model, counts = mujoco.MjModel.from_xml_path(str(robot.mjcf_path)), Counter[tuple[str, str]]()
+    data, geoms = mujoco.MjData(model), np.array(collision_geoms(model, robot))
+    tried = Q[:: 1 + len(Q) // _TRIED]
+    for q in tried:
+        data.qpos[[model.joint(link.joint).qposadr[0] for link in robot.chain]] = q
+        mujoco.mj_kinematics(model, data)
+        near = (
+            pair for pair in geoms[robot.shapes.pairs] if mujoco.mj_geomDistance(model, data, *pair, 0.01, None) < 0.002
+        )
+        counts.update({tuple(sorted(model.body(model.geom_bodyid[geom]).name for geom in pair)) for pair in near})
+    most = [f"{one} and {other} ({count / len(tried):.0%})" for (one, other), count in counts.most_common(3)]
+    return (
+        f"{int(arm.free(Q).sum())} of {len(Q)} configurations for grasps and homes are free of self-collision, most "
+        f"often these touch: {', '.join(most) or 'none'}. Where boxes in place of meshes touch but the robot does "
+        f"not, say --apart BODY BODY; else try another height or place (--on), or a lift (--lift 0 0.4)"
+    )
+
+
 def draw_robot(robot: RobotSpec, reach: LevelReach, file: Path) -> None:
     """Write one page: the robot at home from two sides, and the reach of its level gripper from above, by height."""
     figure = Figure(figsize=(13, 10))
-    parts: Any = figure.subfigures(2, 1, height_ratios=(2.2, 1))
+    parts: Any = figure.subfigures(2, 1, height_ratios=(2.6, 1))
     above, below = parts
     chain = ArmChain.from_robot(robot)
     R, p = np.empty((chain.size + 1, 3, 3)), np.empty((chain.size + 1, 3))
     fk_frames(chain.offsets, chain.axes, chain.tip, np.array(robot.home), R, p)
     frames = [pose_of(np.concatenate([p[k], R[k].ravel()])) for k in range(chain.size + 1)]
     above.suptitle(
-        f"{robot.name} at home: collision shapes, frames of the joints and of the TCP (x red, y green, z blue)"
+        f"{robot.name} at home: collision shapes of base (grey), arm (blue) and gripper (orange); dashed: the table\n"
+        "frames of the joints and of the TCP: x red, y green, z blue; between the fingers x must point ahead, y across"
     )
+    x, y, z = (0.45, 0.9, 0.9, 0.45, 0.45), (0.7, 0.7, -0.7, -0.7, 0.7), reach.z[reach.z.size // 2] - robot.grasp_height
     for column, (elevation, azimuth) in enumerate(((18, -60), (0, -90))):
-        axes: Any = above.add_subplot(1, 2, column + 1, projection="3d", proj_type="ortho")
+        axes: Any = above.add_axes((0.02 + 0.48 * column, -0.02, 0.48, 0.98), projection="3d", proj_type="ortho")
+        axes.plot(x, y, z, color="0.3", linestyle="--", linewidth=1.0)
         _draw_shapes(axes, robot_arrays(robot), frames)
         for T in frames:
             for direction, colour in zip(T[:3, :3].T, _COLOURS, strict=True):
                 axes.plot(*np.transpose([T[:3, 3], T[:3, 3] + _AXIS * direction]), color=colour, linewidth=1.5)
-        axes.set_box_aspect((1, 1, 1.1), zoom=1.25)
+        axes.set_box_aspect((1, 1, 1.1), zoom=1.0 + 0.25 * column)
         axes.set(xlim=(-0.7, 0.9), ylim=(-0.8, 0.8), zlim=(0, 1.76), xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
         axes.view_init(elevation, azimuth)
         if elevation == 0:

@@ -121,6 +121,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             shows_objects=shows_objects,
             shows_goal=shows_objects and self._shows_goal,
             shows_head=self._num_head > 0,
+            shows_kinds=bool(config.find_object_set().kinds),
         )
         self.action_space = spaces.Box(-1.0, 1.0, (self.action_size,), np.float32)
         self.observation_space = self._make_observation_space()

@@ -20,6 +20,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from assets import FETCH, ActingJoints, RobotSpec
+from clutter_env.scene.household import KINDS
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.world import Measurements, World
 
@@ -29,6 +30,8 @@ JOINT_BOUND = 8.0
 """[rad], [m] Clip of joint positions; wider than every joint's range."""
 VELOCITY_BOUND = 16.0
 """[m/s], [rad/s] Clip of measured velocities; ordinary ones are a tenth of it."""
+OBJECT_KINDS = tuple(KINDS)
+"""What the number in the column "kind" of household objects stands for: their kinds, in order; -1 is none of them."""
 
 
 class Column(NamedTuple):
@@ -78,10 +81,12 @@ class EntryLayout(Mapping[str, slice]):
         return names.index(column)
 
 
-def observation_layout(robot: RobotSpec, shows_head: bool = False) -> Mapping[str, EntryLayout]:
+def observation_layout(
+    robot: RobotSpec, shows_head: bool = False, shows_kinds: bool = False
+) -> Mapping[str, EntryLayout]:
     """The layout of the entries "robot", "tcp", "gripper", "objects" (one row of it) and "goal" for a robot.
 
-    With `shows_head` there is "head" too, for one that is commanded.
+    With `shows_head` there is "head" too, for one that is commanded; with `shows_kinds` a column of `OBJECT_KINDS`.
 
     Of a robot that acts with several arms the joints and grippers of the others follow those of the active one.
     """
@@ -122,6 +127,7 @@ def observation_layout(robot: RobotSpec, shows_head: bool = False) -> Mapping[st
             "half_extents": [Column(f"half_{axis}", "m", 1.0) for axis in "xyz"],
             "is_box": [Column("is_box", "", 1.0)],
             "held": [Column("held", "", 1.0)],
+            **({"kind": [Column("kind", "", len(OBJECT_KINDS) - 1.0)]} if shows_kinds else {}),
         },
         "goal": {
             "tcp_to_target": [Column(axis, *metres) for axis in "xyz"],
@@ -137,7 +143,7 @@ OBSERVATION_LAYOUT = observation_layout(FETCH)
 """The layout of the default robot's observations."""
 
 OBJECT_FIELDS = tuple(column.name for column in OBSERVATION_LAYOUT["objects"].columns)
-"""Columns of one object's row; a cylinder's half extents are radius, radius, half height."""
+"""Columns of one object's row; a cylinder's half extents are radius, radius, half height. Household: "kind" too."""
 
 
 def entry_slices(layout: Mapping[str, EntryLayout], entries: Sequence[str], num_objects: int) -> dict[str, slice]:
@@ -186,10 +192,17 @@ class Observer:
     """
 
     def __init__(
-        self, world: World, num_slots: int, *, shows_objects: bool, shows_goal: bool, shows_head: bool = False
+        self,
+        world: World,
+        num_slots: int,
+        *,
+        shows_objects: bool,
+        shows_goal: bool,
+        shows_head: bool = False,
+        shows_kinds: bool = False,
     ) -> None:
-        self._num_slots = num_slots
-        self.layout = observation_layout(world.robot, shows_head)
+        self._num_slots, self._shows_kinds = num_slots, shows_kinds
+        self.layout = observation_layout(world.robot, shows_head, shows_kinds)
         shown = {"head": shows_head, "objects": shows_objects, "goal": shows_goal}
         names = ["robot", "tcp", "gripper", *(name for name, is_shown in shown.items() if is_shown)]
         self._slices = entry_slices(self.layout, names, num_slots)
@@ -249,7 +262,7 @@ class Observer:
         own = [base_x, base_y, sine, cosine, *joints, ahead, left, *rates, *tcp, *widths, *commanded, *head]
         flat[self._own] = own
         if self._shows_objects:
-            rows = flat[self._slices["objects"]].reshape(self._num_slots, len(OBJECT_FIELDS))
+            rows = flat[self._slices["objects"]].reshape(self._num_slots, -1)
             rows[: len(measurements.poses), _POSE] = relative.T[1:]
             for slot in measurements.grip.held:
                 if slot >= 0:
@@ -266,13 +279,16 @@ class Observer:
             self._constant = np.zeros_like(self.bounds)
             self._constant_scene = world.scene
             if self._shows_objects:
-                rows = self._constant[self._slices["objects"]].reshape(self._num_slots, len(OBJECT_FIELDS))
+                rows = self._constant[self._slices["objects"]].reshape(self._num_slots, -1)
                 present = rows[: world.scene.num_objects]
                 present[:, _ROW["present"]] = 1.0
                 if target >= 0:
                     present[target, _ROW["is_target"]] = 1.0
                 present[:, _ROW["half_extents"]] = world.scene.half_extents
                 present[:, _ROW["is_box"]] = world.scene.is_box[:, None]
+                if self._shows_kinds:
+                    kinds = [OBJECT_KINDS.index(shape) if shape in KINDS else -1 for shape in world.scene.shapes]
+                    present[:, -1] = kinds
         return self._constant
 
 

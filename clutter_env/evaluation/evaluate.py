@@ -25,7 +25,7 @@ from clutter_env.parallel import Crash, Killed, run_jobs
 from clutter_env.policies.protocol import AnyPolicy, PolicyError
 from clutter_env.policies.registry import PolicyTraits, policy_files
 from clutter_env.policies.runs import is_run, load_run
-from clutter_env.provenance import differences, environment_digest, provenance
+from clutter_env.provenance import IMAGES, differences, environment_digest, provenance
 from clutter_env.reporting.files import JsonLines
 from clutter_env.suites import Floor, suite
 from clutter_env.task import Task
@@ -316,7 +316,7 @@ def judged_in(scenes: SceneSet, control_modes: Sequence[str]) -> dict[str, Any]:
     """The digest of the environment in which recordings with these control modes are scored."""
     # Anew, because resets change the time limit.
     with closing(_judging_env.__wrapped__(scenes, (*control_modes, "joint")[0])) as env:
-        return environment_digest(env)
+        return {name: part for name, part in environment_digest(env).items() if name != IMAGES}
 
 
 @lru_cache(maxsize=4)

@@ -127,7 +127,7 @@ class ScriptedExpert:
 
 
 class PlannerExpert:
-    """`planners.TampExpert` without a time limit.
+    """`planners.TampExpert` without a time limit, or with one of `planning_s` seconds for each plan.
 
     It gives up after a number of task plans and clearances, so that a loaded machine finds the same plans.
     """
@@ -135,8 +135,8 @@ class PlannerExpert:
     is_privileged = True
     env_keywords: Mapping[str, Any] = MappingProxyType({})
 
-    def __init__(self, choice: PlannerChoice) -> None:
-        self.grasps, self._choice = choice.grasps, choice
+    def __init__(self, choice: PlannerChoice, planning_s: float = math.inf) -> None:
+        self.grasps, self._choice, self._planning_s = choice.grasps, choice, planning_s
         self._expert: TampExpert | None = None
 
     def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:  # noqa: ARG002  part of the protocol
@@ -144,7 +144,7 @@ class PlannerExpert:
         # The scripts do without the planner and its compiled kernels.
         from planners import ExpertConfig, TampExpert
 
-        choice, config = self._choice, ExpertConfig(planning_s=math.inf)
+        choice, config = self._choice, ExpertConfig(planning_s=self._planning_s)
         self._expert = TampExpert(env, choice.strategy, grasps=choice.grasps, canonical=choice.canonical, config=config)
         self._expert.reset()
 

@@ -50,6 +50,9 @@ class WeightsInfo:
         other = WeightsInfo(self.kind, robot_identity(public.robot), layout_identity(public.layout), self.grasps)
         if (self.robot, self.layout) != (other.robot, other.layout):
             raise PolicyError(f"these are {self}; the environment needs {other}")
+        rows = getattr(public.observation_space, "spaces", {}).get("objects")
+        if rows is not None and rows.high[-1] > 1:  # the column of kinds
+            raise PolicyError(f"these are {self}, for cylinders and boxes; the environment has household objects")
 
     def __str__(self) -> str:
         names = (one if isinstance(one, str) else f"{one['name']} (of your own)" for one in (self.robot, self.layout))

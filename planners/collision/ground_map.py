@@ -61,7 +61,9 @@ class GroundMap:
             if _is_upright(one) and one.lower[2] < core.top and one.upper[2] > core.bottom:
                 outlines.append(one.outline)
                 radii.append(max(core.radius - (_ROUND * one.half_extents[0] if one.shape == "cylinder" else 0.0), 0.0))
-        points = [self.scene.state.base[None, :2], *(one for one in outlines if np.ptp(one, axis=0).max() < _ENDLESS)]
+        # Round what the base passes below too: from there the arm reaches it.
+        around = [one.outline for one in self.scene.static_obstacles]
+        points = [self.scene.state.base[None, :2], *(one for one in around if np.ptp(one, axis=0).max() < _ENDLESS)]
         low, high = np.vstack(points).min(axis=0) - _AROUND, np.vstack(points).max(axis=0) + _AROUND
         cell = max(_CELL, float((high - low).max()) / _MOST_CELLS)
         return FreeSpace.from_polygons(outlines, radii if outlines else 0.0, (*low, *high), cell)

@@ -14,7 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb
+from matplotlib.colors import ListedColormap, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon, Rectangle
@@ -51,8 +51,8 @@ _PAGE, _TITLE, _LEGEND_ROW = 13.8, 0.45, 0.7 / 3
 """[inch] Width of all pictures, heights of a title and of a row of the legend."""
 _MOST = 11
 """Clearances drawn at most; of a longer plan the first ones are drawn."""
-_SEARCH_SIZE, _SEARCH_COLUMNS = 3.4, 4
-"""[inch] of the picture of one decision, and how many stand side by side."""
+_SEARCH_MARGIN = 0.06
+"""[m] from the supports to the camera's mark in pictures of a search."""
 _RANKED = 9
 """Candidates that get their rank as a number."""
 _UNKNOWN_RADIUS = 0.03
@@ -151,26 +151,39 @@ def draw_plan(solution: Solution, path: Path) -> None:
 
 
 def draw_search(steps: Sequence[SearchStep]) -> Figure:
-    """Draw the decisions of a search: places of the target red, known objects grey, the camera a triangle."""
-    columns = min(len(steps), _SEARCH_COLUMNS) or 1
+    """Draw the decisions of a search: where the target can be, the known objects, from where the camera looks."""
+    columns = min(len(steps), _COLUMNS_WIDE) or 1
     rows = math.ceil(len(steps) / columns) or 1
-    figure = plt.figure(figsize=(_SEARCH_SIZE * columns, _SEARCH_SIZE * rows), layout="constrained")
+    extents = np.array([grid.extent for step in steps for grid in step.grids.values()] or [(0.0, 1.0, 0.0, 1.0)])
+    (x_low, y_low), (x_high, y_high) = extents[:, 0::2].min(axis=0), extents[:, 1::2].max(axis=0)
+    width = _PAGE / columns
+    height = width * (x_high - x_low + 2 * _SEARCH_MARGIN) / (y_high - y_low + _SEARCH_MARGIN)
+    figure = Figure(figsize=(_PAGE, (height + _TITLE) * rows + 2 * _LEGEND_ROW), layout="constrained")
+    possible = ListedColormap([COLOURS["NGR2"]])
     for number, step in enumerate(steps, start=1):
         axes = figure.add_subplot(rows, columns, number)
         for support, cells in step.places.items():
-            x0, x1, y0, y1 = step.extents[support]
+            x0, x1, y0, y1 = step.grids[support].extent
             face, edge = COLOURS["table"], COLOURS["ink"]
             axes.add_patch(Rectangle((y0, x0), y1 - y0, x1 - x0, facecolor=face, edgecolor=edge))
             shown = np.ma.masked_where(~cells, cells)
-            axes.imshow(shown, extent=(y0, y1, x0, x1), origin="lower", cmap="autumn", vmin=0, vmax=9, zorder=2)
+            axes.imshow(shown, extent=(y0, y1, x0, x1), origin="lower", cmap=possible, zorder=2)
         for seen in step.known:
-            _draw_body(axes, seen.body, COLOURS["target" if seen.is_target else "object"], "")
-        axes.plot(step.eye[1], step.eye[0], "^", color=COLOURS["ink"])
-        axes.set_title(f"{step.time:.0f} s: {step.text}", fontsize=8)
-        axes.set_aspect("equal")
-        axes.autoscale_view()
-        axes.invert_xaxis()
+            colour = COLOURS["target" if seen.is_target else "object"]
+            _draw_body(axes, seen.body, colour, seen.name.removeprefix("seen_"))
+        eye = float(np.clip(step.eye[1], y_low, y_high)), max(step.eye[0], x_low - _SEARCH_MARGIN)
+        axes.plot(*eye, "^", color=COLOURS["ink"], markersize=9, clip_on=False)
+        axes.set_title(f"{step.time:.0f} s: {step.text}", fontsize=10, loc="left", color=COLOURS["ink"], wrap=True)
+        y_limits, x_limits = (y_high + 0.01, y_low - 0.01), (x_low - 1.5 * _SEARCH_MARGIN, x_high + 0.01)
+        axes.set(xlim=y_limits, ylim=x_limits, aspect="equal")
         axes.axis("off")
+    entries = {
+        "the target can be here": Patch(color=COLOURS["NGR2"]),
+        "seen": _dot(COLOURS["object"], markeredgecolor=COLOURS["ink"]),
+        "target, seen": _dot(COLOURS["target"], markeredgecolor=COLOURS["ink"]),
+        "the camera is in front of here": _dot(COLOURS["ink"], marker="^"),
+    }
+    figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=4, frameon=False, fontsize=9)
     return figure
 
 

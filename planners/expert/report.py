@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from planners.expert.interfaces import ControlledEnv
-from planners.tamp.solution import Infeasible, Solution, html_table
+from planners.tamp.solution import html_table
 
 
 @dataclass(frozen=True)
@@ -85,10 +85,10 @@ class EpisodeReport:
 
 
 class Solve(NamedTuple):
-    """The result of a solve, and the time [s] of the episode at which it was made."""
+    """The result of a solve, and the time [s] of the episode at which it was made; or the report of a search."""
 
     time: float
-    outcome: Solution | Infeasible
+    outcome: Any
 
 
 class Note(NamedTuple):
@@ -158,8 +158,8 @@ class Recorder:
         """Keep the state before a control step, and what the robot does in it."""
         self._frames.append(self._frame(action, phase))
 
-    def add_solve(self, outcome: Solution | Infeasible) -> None:
-        """Keep the result of a solve."""
+    def add_solve(self, outcome: Any) -> None:
+        """Keep the result of a solve, or the report of a search, which may go on growing."""
         self._solves.append(Solve(self._now, outcome))
 
     def add_note(self, text: str) -> None:

@@ -62,6 +62,8 @@ _DRIVES = (
     ApproachPattern("drive", back=0.0, up=0.0, held_up=LEAST_LIFT, held_back=0.0, drives=True),
 )
 """Tried first under a shelf: the object is lifted where it stands, as high as counts as lifted if the shelf allows."""
+_OVER_RIM = tuple(pattern._replace(name="drive over its rim", up=0.06) for pattern in _DRIVES)
+"""The same of a bowl or mug, whose wall the empty gripper has between its fingers: it comes and goes above the rim."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +129,8 @@ class ContactQuery:
     @property
     def patterns(self) -> tuple[ApproachPattern, ...]:
         """All patterns, in the order in which they are tried: driving ones only under a shelf."""
-        return _DRIVES + APPROACH_PATTERNS if self.is_covered else APPROACH_PATTERNS
+        drives = (_DRIVES + _OVER_RIM if self.body.pieces else _DRIVES) if self.is_covered else ()
+        return drives + APPROACH_PATTERNS
 
     @property
     def likely_patterns(self) -> tuple[ApproachPattern, ...]:

@@ -198,12 +198,13 @@ class _FreePaths:
         """
         scene = query.world.scene
         least = -np.inf if query.held is None else scene.body(query.held.name).bottom + LIFTED
-        path: WholeBodyPath | BlockedBy | NoPath = NoPath("no carry configuration")
+        refuted: BlockedBy | NoPath = NoPath("no carry configuration")
         low: WholeBodyPath | None = None
         for only_home in (True, False):
             for end in _carry_configurations(query, self.query.q, q_hover, least, only_home, self.rises):
                 path = self._arm_path(query, q_hover, end, find_blockers)
                 if not isinstance(path, WholeBodyPath):
+                    refuted = path if isinstance(refuted, NoPath) else refuted
                     continue
                 X = path.configurations[:, 3:]
                 steps = np.maximum(np.ceil(np.abs(np.diff(X, axis=0)).max(axis=1) / _SAMPLING), 1).astype(int)
@@ -212,8 +213,8 @@ class _FreePaths:
                     return path
                 low = low or path
             if low is None:
-                return path
-        return low or path
+                return refuted
+        return low or refuted
 
     def _arm_path(
         self, query: ArmQuery, q_hover: Array, q: Array, find_blockers: bool
@@ -261,19 +262,19 @@ def _carry_configurations(
 ) -> Array:
     """Configurations (k, 8) in which a motion may end, best first.
 
-    The robot's home configuration where it fits; elsewhere home with another height of the torso, then the
-    configuration `q_hover` at the end of the straight lines, with the torso raised. What fits hits neither static
-    obstacles nor the robot, and holds the object's lowest point above `least_height` [m], if any of them does.
-    `only_home` leaves out the others where home does; with `rises_by_arm` the arm raises the object straight up where
-    none of these is high enough. Continuous joints end near `q_grasp` at home.
+    The robot's home configuration where it fits; elsewhere, and where it hits objects, home with another height of the
+    torso too, then the configuration `q_hover` at the end of the straight lines, with the torso raised. What fits hits
+    neither static obstacles nor the robot, and holds the object's lowest point above `least_height` [m], if any of them
+    does. `only_home` leaves out the others where home is free; with `rises_by_arm` the arm raises the object straight
+    up where none of these is high enough. Continuous joints end near `q_grasp` at home.
     """
 
-    def fits(q: Array) -> bool:
-        return not query.hits(q[None])[0] & FIXED_BITS
+    def fits(q: Array, mask: int = FIXED_BITS) -> bool:
+        return not query.hits(q[None])[0] & mask
 
     robot = query.world.robot
     home = unwrap_joints(robot, q_grasp, query.world.scene.robot.home)
-    if only_home and fits(home) and _held_heights(query, home[None])[0] >= least_height:
+    if only_home and fits(home, ~0) and _held_heights(query, home[None])[0] >= least_height:
         return home[None]
     torsos = [robot.lower[0] + share * (robot.upper[0] - robot.lower[0]) for share in _TORSO_SHARES]
     rises = [min(q_hover[0] + rise, robot.upper[0]) for rise in _RISES]

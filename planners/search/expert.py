@@ -24,6 +24,7 @@ from planners.expert.executor import Executor
 from planners.goals import Goal, inside
 from planners.motion.base import unwrap_yaw
 from planners.motion.trajectory import CONTROL_STEP
+from planners.placing.negative_goal_region import SupportGrid
 from planners.planner import Planner
 from planners.scene import Body, HeldObject, RobotState, Scene, SceneError
 from planners.scene.masks import MAX_OBJECTS
@@ -96,16 +97,17 @@ class SearchedEnv(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class SearchStep:
-    """One decision of a search: when [s], what in words, and the belief that it was made with.
+    """One decision of a search: when [s], its kind, what in words, and the belief that it was made with.
 
-    `places` are the cells at which the target can be, by support, `extents` [m] x low, x high, y low, y high of these;
-    `known` the objects, `eye` (3,) the camera.
+    `kind` is "drive" for a view, "place" for an object put aside, "pick" for the target taken, "end". `places` are the
+    cells at which the target can be, by support, of `grids`; `known` the objects, `eye` (3,) the camera.
     """
 
     time: float
+    kind: str
     text: str
     places: Mapping[str, NDArray[np.bool_]]
-    extents: Mapping[str, tuple[float, float, float, float]]
+    grids: Mapping[str, SupportGrid]
     known: tuple[Seen, ...]
     eye: Array
 
@@ -198,6 +200,7 @@ class SearchExpert:
         self._held: HeldObject | None = None
         self._attempted: list[str] = []
         self._ticks, self._done = 0, False
+        self._executor: Executor | None = None
         self._observation, self._info = observation, info
         self._reading = RobotReading.of(observation)
         self._last, self._width = self._reading.drive.copy(), self._reading.width  # as last commanded
@@ -228,6 +231,11 @@ class SearchExpert:
         """Whether the search has ended."""
         return self._run is not None and self._done
 
+    @property
+    def phase(self) -> str:
+        """Action and phase of the motion that follows a plan, for example "PickUp seen_03: lift"; "" otherwise."""
+        return "" if self._executor is None else self._executor.phase
+
     # The search, as a story; each part yields actions.
 
     def _search(self) -> Actions:
@@ -252,11 +260,11 @@ class SearchExpert:
                 left = sum(int(cells.sum()) for cells in places.values())
                 return self._end(f"gave up: {left} places cannot be brought into sight, or the target cannot be taken")
             if isinstance(step, Viewpoint):
-                self._note(f"look from ({step.base[0]:.2f}, {step.base[1]:.2f}), gain {step.gain:.2f}", places)
+                self._note("drive", f"another view, which should show {step.gain:.0%} of the places left", places)
                 yield from self._go(step)
             else:
                 name, actions = step
-                self._note(f"move {name}", places)
+                self._note("place", f"put {name} aside", places)
                 self._attempted.append(name)
                 yield from self._put_aside(name, actions)
             yield from self._look([name for name, cells in places.items() if cells.any()])
@@ -318,10 +326,10 @@ class SearchExpert:
             may_look = self._order == "expected" and looks < _RETRIES
             if may_look and (view := self._view_of_unseen(outcome.actions, name)) is not None:
                 looks += 1
-                self._note("look at what is on the way to the target", self._places())
+                self._note("drive", "look at what is on the way to the target", self._places())
                 yield from self._go(view)
             else:
-                self._note(f"take {name}", self._places())
+                self._note("pick", f"take {name}", self._places())
                 if (yield from self._follow(outcome.actions)):
                     yield from self._wait(_HOLD)
                     if self._held is not None and self._held.name == name and self._reading.is_gripping:
@@ -390,17 +398,19 @@ class SearchExpert:
             return True
         env, bodies = self._env, actions[0].scene.objects
         sensor = BelievedSensor(bodies, self._reading, env.robot, self._held)
-        executor = Executor(actions, env.robot, sensor, _TOLERANCES, at_start=2)  # type: ignore[arg-type]  # its members names and read are used
+        self._executor = executor = Executor(actions, env.robot, sensor, _TOLERANCES, at_start=2)  # type: ignore[arg-type]  # its members names and read are used
         head = np.array(env.robot.head_configuration) if len(self._reading.head) else None
         while not executor.is_over:
             sensor.update(self._reading)
+            counted = len(executor.cleared)
             command = executor.advance(sensor.read())
+            self.report.moves += executor.cleared[counted:]  # at once: the episode may end before the plan does
             self._last, self._width = command.drive, command.opening
             yield env.joint_action(command.drive, command.opening, head)
+        self._executor = None
         sensor.update(self._reading)
         self._held = sensor.held
         self._settle_belief(bodies, sensor.bodies)
-        self.report.moves += executor.cleared
         if executor.deviation is not None:
             self.report.deviations.append(str(executor.deviation))
         return executor.deviation is None
@@ -552,14 +562,14 @@ class SearchExpert:
             for pair in pairs:
                 known.pop(min(pair, key=lambda name: surety[name]), None)
 
-    def _note(self, text: str, places: Mapping[str, NDArray[np.bool_]]) -> None:
-        extents = {name: self._belief.grid(name).extent for name in places}
-        step = SearchStep(self._ticks * CONTROL_STEP, text, places, extents, self._known, self._eye())
+    def _note(self, kind: str, text: str, places: Mapping[str, NDArray[np.bool_]]) -> None:
+        grids = {name: self._belief.grid(name) for name in places}
+        step = SearchStep(self._ticks * CONTROL_STEP, kind, text, places, grids, self._known, self._eye())
         self.report.steps.append(step)
 
     def _end(self, failure: str) -> None:
         self.report.failure = failure
-        self._note(failure, self._places())
+        self._note("end", failure, self._places())
 
 
 def _key(view: Viewpoint) -> str:

@@ -26,7 +26,7 @@ _MOST_POINTS = 4000
 _FITTED = 300
 _RIM = 0.008
 """[m] below an object's highest point in which points are those of its top face."""
-_SIZES = (0.01, 0.10)
+_SIZES = (0.02, 0.10)
 """[m] radius or half extent of an object; and of what is seen of its width no more than `_UNSEEN`."""
 _UNSEEN = 0.75
 _WIDEST = 0.22
@@ -64,9 +64,8 @@ class Description:
         return min(self.half_extents[:2])
 
     def has_colour(self, colour: Array) -> bool:
-        """Whether this is its colour, by the shares of red, green and blue, which shade does not change."""
-        own, other = np.array(self.colour) / (sum(self.colour) or 1.0), colour / (colour.sum() or 1.0)
-        return bool(np.abs(own - other).max() < _HUE)
+        """Whether this is its colour, in any shade."""
+        return bool(np.abs(_shares(np.array(self.colour)) - _shares(colour)).max() < _HUE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +88,11 @@ class View:
             info["K"][camera],
             T_world_base @ info["T_base_camera"][camera],
         )
+
+    @property
+    def eye(self) -> Array:
+        """(2,) [m] where the camera is, from above."""
+        return self.T_world_camera[:2, 3]
 
     def points(self, mask: NDArray[np.bool_]) -> Array:
         """(n, 3) [m] in the world of the pixels of a mask."""
@@ -127,35 +131,59 @@ def perceive(
 ) -> tuple[Seen, ...]:
     """The known objects, in their present places, with what a view adds to them, and those that it shows as the first.
 
-    A mask belongs to the known object in which most of its points lie. One that covers several objects is left out. Two
-    parts of the target become one, where its place is known by then; but what is held keeps its name.
+    A mask belongs to the known object in which most of its points lie. One that covers several objects is left out;
+    where a known object turns out to be two, it is given up for these. Two parts of the target become one, where its
+    place is known by then; but what is held keeps its name.
     """
     found = {one.name: one for one in known}
+    shown: dict[str, Array] = {}  # the points that this view shows of an object
     count = max((int(one.name.rpartition("_")[2]) for one in known), default=-1) + 1
     for label in np.unique(view.masks[view.masks >= FIRST_MASK]).tolist():
-        mask = view.masks == label
+        mask = of_one_colour(view.masks == label, view.colours)
         points = view.points(mask)
         if len(points) < _LEAST_PIXELS or np.ptp(np.percentile(points, (2, 98), axis=0), axis=0)[:2].max() > _WIDEST:
             continue
         colour = view.colours[mask].mean(axis=0) / 255
         is_target = target.has_colour(colour)
-        shares = {
-            name: float(_inside(one.body, points).mean()) for name, one in found.items() if one.is_target == is_target
-        }
-        name = max(shares, key=lambda name: shares[name], default="")
-        if name and shares[name] >= _SHARED:
+        others = [one for one in found.values() if one.is_target == is_target]
+        shares = {one.name: float(_inside(one.body, points).mean()) for one in others}
+        first, second = sorted(["", "", *shares], key=lambda name: -shares.get(name, 0.0))[:2]
+        is_known = shares.get(first, 0.0) >= _SHARED
+        if not is_target and shares.get(second if is_known else first, 0.0) > _SHARED / 3:
+            continue  # partly another object's: masks that run into each other
+        if is_known and first in shown and not is_target and first != held:
+            body, sigma = fit_upright(first, shown[first], supports, eye=view.eye)
+            found[first] = Seen(body, shown[first], found[first].colour, sigma)
+            is_known = False
+        if is_known:
+            name, shown[first] = first, points
             points = _some(np.concatenate((found[name].points, points)), _MOST_POINTS)
             colour = found[name].colour
-        elif any(share > _SHARED / 3 for share in shares.values()) and not is_target:
-            continue  # partly another object's: masks that run into each other
         else:
             name, count = f"seen_{count:02d}", count + 1
-        body, sigma = fit_upright(name, points, supports, target if is_target else None)
+            shown[name] = points
+        body, sigma = fit_upright(name, points, supports, target if is_target else None, view.eye)
         for part in [one for one in found.values() if one.is_target and is_target and one.name not in (name, held)]:
             if _inside(body, part.points).mean() >= _SHARED:
                 del found[part.name]
         found[name] = Seen(body, points, colour, sigma, is_target)
     return tuple(found.values())
+
+
+def of_one_colour(mask: NDArray[np.bool_], colours: NDArray[Any]) -> NDArray[np.bool_]:
+    """A mask (height, width) without the pixels that have another colour (height, width, 3) than most of it.
+
+    So what is left of two objects whose masks run into each other is one, and of a ragged edge what belongs to it.
+    """
+    shares = _shares(colours[mask].astype(float))
+    kept = mask.copy()
+    kept[mask] = np.abs(shares - np.median(shares, axis=0)).max(axis=1) < _HUE
+    return kept
+
+
+def _shares(colours: Array) -> Array:
+    """Shares of red, green and blue (…, 3) in colours, which shade does not change."""
+    return np.asarray(colours / np.maximum(colours.sum(axis=-1, keepdims=True), 1e-6))
 
 
 def _some(points: Array, most: int) -> Array:
@@ -170,13 +198,18 @@ def _inside(body: Body, points: Array) -> NDArray[np.bool_]:
 
 
 def fit_upright(
-    name: str, points: Array, supports: Sequence[StaticObstacle], target: Description | None = None
+    name: str,
+    points: Array,
+    supports: Sequence[StaticObstacle],
+    target: Description | None = None,
+    eye: Array | None = None,
 ) -> tuple[Body, float]:
     """The upright cylinder or box that fits points of a surface best, and the uncertainty [m] of its place.
 
     The outline from above is fitted by least squares: points of the sides lie on it, those of the top within it. Of
-    both shapes the one with the smaller error is taken. A side that no point shows is as near as the points allow. The
-    object stands on the highest of the supports under its lowest point; of a target only the pose is sought.
+    both shapes the one with the smaller error is taken. A side that no point shows is as near as the points allow, and
+    what is wider than its points lies behind them as seen from `eye` (2,) [m], if that is known. The object stands on
+    the highest of the supports under its lowest point; of a target only the pose is sought.
     """
     z_low, z_high = np.percentile(points[:, 2], (1, 99))
     middle = np.median(points[:, :2], axis=0)
@@ -186,11 +219,12 @@ def fit_upright(
     chosen = _some(points, _FITTED)
     xy, is_side = chosen[:, :2], chosen[:, 2] < z_high - _RIM
     size = None if target is None else np.array(target.half_extents[:2])
+    away = np.zeros(2) if eye is None else (middle - eye) / np.linalg.norm(middle - eye)
     fits: dict[Shape, tuple[tuple[float, ...], float]] = {}
     if target is None or target.shape == "cylinder":
-        fits["cylinder"] = _fit_circle(xy, is_side, size)
+        fits["cylinder"] = _fit_circle(xy, is_side, size, away)
     if target is None or target.shape == "box":
-        fits["box"] = _fit_rectangle(xy, is_side, size)
+        fits["box"] = _fit_rectangle(xy, is_side, size, away)
     # A rectangle has more parameters, and fits noise better.
     shape = min(fits, key=lambda kind: fits[kind][1] * (1.25 if kind == "box" else 1.0))
     (x, y, half_x, half_y, yaw), error = fits[shape]
@@ -203,7 +237,9 @@ def fit_upright(
     return body, float(sigma)
 
 
-def _fit_circle(xy: Array, is_side: NDArray[np.bool_], size: Array | None) -> tuple[tuple[float, ...], float]:
+def _fit_circle(
+    xy: Array, is_side: NDArray[np.bool_], size: Array | None, away: Array
+) -> tuple[tuple[float, ...], float]:
     """x, y, radius, radius, 0 of the circle, and its root mean square error [m]."""
     centre = (xy.min(axis=0) + xy.max(axis=0)) / 2
     start = max(float(np.hypot(*(xy - centre).T).max()), _SIZES[0] * 1.01) if size is None else float(size[0])
@@ -214,7 +250,9 @@ def _fit_circle(xy: Array, is_side: NDArray[np.bool_], size: Array | None) -> tu
         return np.where(is_side, away, np.maximum(away, 0.0))
 
     widest = float(np.clip(_UNSEEN * np.ptp(xy, axis=0).max(), _SIZES[0] * 1.05, _SIZES[1]))
-    first = np.array((*centre, min(start, widest * 0.99)))[: 3 if size is None else 2]
+    start = start if size is not None else min(start, widest * 0.99)
+    behind = max(start - np.ptp(xy @ away) / 2, 0.0)
+    first = np.array((*(centre + behind * away), start))[: 3 if size is None else 2]
     low = np.array((-np.inf, -np.inf, _SIZES[0]))[: len(first)]
     high = np.array((np.inf, np.inf, widest))[: len(first)]
     solved = least_squares(errors, first, bounds=(low, high), loss="soft_l1", f_scale=0.004, max_nfev=60)
@@ -223,7 +261,9 @@ def _fit_circle(xy: Array, is_side: NDArray[np.bool_], size: Array | None) -> tu
     return (float(x), float(y), r, r, 0.0), float(np.sqrt((errors(solved.x) ** 2).mean()))
 
 
-def _fit_rectangle(xy: Array, is_side: NDArray[np.bool_], size: Array | None) -> tuple[tuple[float, ...], float]:
+def _fit_rectangle(
+    xy: Array, is_side: NDArray[np.bool_], size: Array | None, away: Array
+) -> tuple[tuple[float, ...], float]:
     """x, y, half extents, yaw of the rectangle, and its root mean square error [m]; yaws from a fan of starts."""
     try:
         outline = xy[ConvexHull(xy).vertices]
@@ -249,10 +289,10 @@ def _fit_rectangle(xy: Array, is_side: NDArray[np.bool_], size: Array | None) ->
     fits = []
     for yaw in yaws[np.argsort(areas)[:2]]:
         low, high = extents(yaw)
-        x, y = axes(yaw) @ ((low + high) / 2)
         widest = np.clip(_UNSEEN * (high - low), _SIZES[0] * 1.05, _SIZES[1])
         half = np.clip((high - low) / 2, _SIZES[0] * 1.01, widest * 0.99)
-        first = np.array((x, y, yaw, *(half if size is None else ())))
+        behind = np.maximum((half if size is None else size) - (high - low) / 2, 0.0) * (away @ axes(yaw))
+        first = np.array((*(axes(yaw) @ ((low + high) / 2 + behind)), yaw, *(half if size is None else ())))
         least = np.array((-np.inf, -np.inf, -np.inf, _SIZES[0], _SIZES[0]))[: len(first)]
         most = np.array((np.inf, np.inf, np.inf, *widest))[: len(first)]
         solved = least_squares(errors, first, bounds=(least, most), loss="soft_l1", f_scale=0.004, max_nfev=40)

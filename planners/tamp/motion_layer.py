@@ -25,7 +25,7 @@ from planners.motion.arm import ArmQuery, is_among_objects, is_at_home, plan_arm
 from planners.motion.base import plan_base
 from planners.motion.contact_free import merge_phases
 from planners.motion.mujoco_check import MujocoCollisionChecker
-from planners.motion.path import NO_WAY, BlockedBy, NoPath, WholeBodyPath
+from planners.motion.path import NO_WAY, BlockedBy, NoPath, WholeBodyPath, on_base
 from planners.motion.pick_and_place import PickPlaceMotion, plan_pick, plan_place
 from planners.motion.tcp_following import follow
 from planners.motion.timing import drive_trajectory, pick_trajectory, place_trajectory
@@ -277,6 +277,10 @@ class MotionLayer:
             if homing is not None:
                 found = plan_base(world, state.base, base, homing.end, held=scene.held, roadmap=roadmap)
         if isinstance(found, NoPath):
+            homing = self._raised(scene)  # gripper and load may be as low as what stands where it goes
+            if homing is not None:
+                found = plan_base(world, state.base, base, homing.end, held=scene.held, roadmap=roadmap)
+        if isinstance(found, NoPath):
             return found
         return self._driven(scene, found, homing)
 
@@ -296,6 +300,14 @@ class MotionLayer:
         """The arm's path home, if one is found and accepted."""
         home = plan_home(self.compiled.world(scene), scene.state, self.rng)
         return home if isinstance(home, WholeBodyPath) and self.is_accepted(scene, [home]) else None
+
+    def _raised(self, scene: Scene) -> WholeBodyPath | None:
+        """The path of the torso to its upper end, base and arm as they are, if it is free and accepted."""
+        world, state = self.compiled.world(scene), scene.state
+        up = np.array([world.robot.upper[0], *state.q[1:]])
+        path = WholeBodyPath(on_base(state.base, np.stack((state.q, up))), 0.0, scene.held)
+        is_free = not world.path_hits(path.configurations, 0.0, scene.held, first_only=True)
+        return path if is_free and self.is_accepted(scene, [path]) else None
 
     def pick_up(self, scene: Scene, grasp: GraspCandidate, rises: bool = False) -> BoundMotion | BlockedBy | NoPath:
         """Take an object through a grasp with its arm, and carry it; `rises` as for `plan_pick`."""

@@ -11,8 +11,9 @@ import pytest
 
 from assets import InvalidRobot, RobotSpec
 from assets.robot_making import Mounting, _fitted, make_robot
+from assets.robot_reading import collision_geoms
 from clutter_env.simulation.robot_check import check_robot
-from irm import ArmChain, forward
+from irm import ArmChain, SelfCollision, forward
 from irm.chain import BASE
 
 ARMS = Path(__file__).parents[1] / "data" / "arms"
@@ -38,8 +39,87 @@ def linkage(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return file
 
 
+@pytest.fixture(scope="module")
+def round_ended(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An arm whose upper arm, a mesh, turns 1 cm above its base: round ends clear it, the corners of a box do not."""
+    spec = mujoco.MjSpec()
+    spec.compiler.degree = False
+    turn = np.linspace(np.pi / 2, 3 * np.pi / 2, 12)
+    end = np.column_stack([0.05 * np.cos(turn), 0 * turn, 0.05 * np.sin(turn)])
+    both = np.vstack([end, (0.4, 0, 0) - end])
+    spec.add_mesh(name="upper_arm").uservert = np.vstack([both + (0, 0.04, 0), both - (0, 0.04, 0)]).ravel()
+    body = spec.worldbody.add_body(name="base")
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, 0.1, 0.05], pos=[0, 0, 0.05])
+    places = [(0, 0, 0.12), (0, 0, 0.04), (0.4, 0, 0), (0.1, 0, 0), (0.1, 0, 0), (0.05, 0, 0)]
+    for number, (place, axis) in enumerate(zip(places, "zyyxyx", strict=True), start=1):
+        body = body.add_body(name=f"link{number}", pos=place)
+        body.add_geom(size=[0.01] * 3, contype=0, conaffinity=0)
+        body.add_joint(name=f"joint{number}", axis=np.eye(3)["xyz".index(axis)], range=[-3, 0 if number == 2 else 3])
+    spec.body("link2").add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="upper_arm")
+    spec.body("link5").add_geom(size=[0.03] * 3)
+    spec.body("link6").add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.02, 0.02, 0.02])
+    spec.compile()
+    file = tmp_path_factory.mktemp("arm") / "round.xml"
+    file.write_text(spec.to_xml())
+    return file
+
+
+ROUND = Mounting("base", "link6", approach="x", on=(0.0, 0.8), tool=0.16)
+
+
+def test_boxes_do_not_touch_where_the_meshes_in_their_place_never_do(round_ended: Path, tmp_path: Path) -> None:
+    text, page, found = make_robot(round_ended, ROUND)
+    (tmp_path / "made.xml").write_text(text)
+    robot = RobotSpec.from_mjcf(tmp_path / "made.xml", **page, home=(0.0, 0.0, -0.6, 0.9, 0.0, 0.0, 0.0))
+    model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    geoms = np.array(collision_geoms(model, robot))
+    bodies = {
+        frozenset(model.body(model.geom_bodyid[geom]).name for geom in pair) for pair in geoms[robot.shapes.pairs]
+    }
+    assert "base and link2" in found["touch only as boxes, so not checked"]
+    assert frozenset(("base", "link2")) not in bodies
+    assert frozenset(("link2", "link5")) in bodies, "these touch in truth"
+    free = SelfCollision(ArmChain.from_robot(robot))
+    assert free(None, robot.home)
+    assert free(None, (0.0, 0.0, -0.8, 0.0, 0.0, 0.0, 0.0)), "the corner of a box would touch"
+
+
+def test_shapes_of_the_gripper_come_first_wherever_bodies_stand_in_the_file(round_ended: Path, tmp_path: Path) -> None:
+    """The planner tells by it what may touch the object that is grasped; the arm's base stands after the arm here."""
+    text, page, _ = make_robot(round_ended, replace(ROUND, drive="fixed"))
+    (tmp_path / "made.xml").write_text(text)
+    robot = RobotSpec.from_mjcf(tmp_path / "made.xml", **page, home=(0.0, 0.0, -0.6, 0.9, 0.0, 0.0, 0.0))
+    model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    assert model.body("base").id > model.body("gripper").id
+    is_last = robot.shapes.link == len(robot.chain) - 1
+    assert is_last.argmin() == is_last.sum() == 5, "the last link, palm, neck and two fingers"
+
+
+def test_named_bodies_that_cannot_touch_are_left_out(round_ended: Path) -> None:
+    assert (
+        "link1 and link5"
+        in make_robot(round_ended, replace(ROUND, apart=("link1", "link5"))).found[
+            "touch only as boxes, so not checked"
+        ]
+    )
+    with pytest.raises(InvalidRobot, match="apart"):
+        make_robot(round_ended, replace(ROUND, apart=("link1",)))
+    with pytest.raises(InvalidRobot, match=r"two by two; there are .*link5"):
+        make_robot(round_ended, replace(ROUND, apart=("link1", "arm")))
+
+
+def test_the_wrist_bends_before_a_long_tool(round_ended: Path) -> None:
+    """The palm is as wide as the fingers open, but only just behind them; at the flange there is a thin neck."""
+    model = mujoco.MjModel.from_xml_string(make_robot(round_ended, ROUND).mjcf)
+    palm, neck = model.geom("palm"), model.geom("neck")
+    assert palm.pos[0] - palm.size[0] > 0.05
+    assert neck.size[1] < 0.03 < palm.size[1]
+    assert neck.pos[0] + neck.size[0] == pytest.approx(palm.pos[0] - palm.size[0])
+    assert neck.pos[0] - neck.size[0] == pytest.approx(0.02), "where the last link's own shape ends"
+
+
 def made(file: Path, mounting: Mounting, folder: Path) -> RobotSpec:
-    text, page = make_robot(file, mounting)
+    text, page, _ = make_robot(file, mounting)
     out = folder / f"{file.stem}_mobile.xml"
     out.write_text(text)
     return RobotSpec.from_mjcf(out, **page, home=HOME)
@@ -47,7 +127,7 @@ def made(file: Path, mounting: Mounting, folder: Path) -> RobotSpec:
 
 @pytest.mark.parametrize("lift", [(0.0, 0.4), None])
 def test_the_arm_moves_as_in_its_file_and_the_data_agree_with_the_new_one(linkage: Path, tmp_path: Path, lift) -> None:
-    text, page = make_robot(linkage, replace(UR5E, lift=lift))
+    text, page, _ = make_robot(linkage, replace(UR5E, lift=lift))
     (tmp_path / "made.xml").write_text(text)
     robot = RobotSpec.from_mjcf(tmp_path / "made.xml", **page, home=(0.0 if lift is None else 0.25, *HOME[1:]))
     check_robot(robot)
@@ -72,7 +152,7 @@ def test_a_gripper_with_a_linkage_becomes_two_sliding_fingers(linkage: Path, tmp
 
 
 def test_an_arm_on_a_pedestal_does_not_drive(linkage: Path, tmp_path: Path) -> None:
-    text, page = make_robot(linkage, replace(UR5E, on=(0.0, 0.9), lift=None, radius=0.12, fixed=True))
+    text, page, _ = make_robot(linkage, replace(UR5E, on=(0.0, 0.9), lift=None, radius=0.12, drive="fixed"))
     (tmp_path / "made.xml").write_text(text)
     robot = RobotSpec.from_mjcf(tmp_path / "made.xml", **page, home=(0.0, *HOME[1:]))
     check_robot(robot)
@@ -142,7 +222,7 @@ def test_a_mobile_base_of_the_file_s_own_keeps_its_outline(linkage: Path, tmp_pa
     spec.body("base").add_geom(size=[0.3, 0.2, 0.1], pos=[0, 0, 0.1], type=mujoco.mjtGeom.mjGEOM_BOX)
     spec.compile()
     (tmp_path / "rover.xml").write_text(spec.to_xml())
-    text, page = make_robot(tmp_path / "rover.xml", replace(UR5E, on=None, lift=None))
+    text, page, _ = make_robot(tmp_path / "rover.xml", replace(UR5E, on=None, lift=None))
     (tmp_path / "made.xml").write_text(text)
     robot = RobotSpec.from_mjcf(tmp_path / "made.xml", **page, home=(0.0, *HOME[1:]))
     assert {tuple(np.abs(corner)) for corner in robot.base_outline} == {(0.3, 0.2)}

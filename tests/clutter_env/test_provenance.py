@@ -8,6 +8,7 @@ import platform
 import subprocess
 import sys
 import tomllib
+from contextlib import closing
 from pathlib import Path
 
 import gymnasium as gym
@@ -53,6 +54,21 @@ def test_pictures_do_not_matter() -> None:
     env = gym.make(ENV_ID, camera="top", width=64)
     assert environment_digest(env) == environment_digest(ENV_ID)
     env.close()
+
+
+def test_images_of_primitives_are_not_those_of_meshes(monkeypatch: pytest.MonkeyPatch) -> None:
+    records = []
+    for has_meshes in (False, True):
+        monkeypatch.setattr(module, "has_visuals", lambda _robot, there=has_meshes: there)
+        with closing(gym.make(ENV_ID)) as plain, closing(gym.make("clutter_env/Search-o5-v0")) as search:
+            records.append((provenance(plain), provenance(search)))
+    (state, seen), (same_state, other) = records
+    assert state == same_state
+    assert differences(json.loads(json.dumps(seen)), other) == [
+        "The environment's robot in images has changed: primitives, now meshes."
+    ]
+    del seen["environment"]["robot in images"]  # recorded before it was noted
+    assert differences(seen, other) == []
 
 
 def test_other_versions_and_commits_are_named() -> None:

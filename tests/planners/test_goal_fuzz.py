@@ -16,7 +16,7 @@ from planners import Body, ExpertConfig, Infeasible, Scene, Solution, TampExpert
 from planners.goals import Goal, GoalError, Region
 from planners.scene import HeldObject, StaticObstacle
 from tests.planners.goal_judge import margin
-from tests.planners.scenes import HEIGHT, SHELF, cylinder, random_scene, table_scene
+from tests.planners.scenes import DEPTH, HEIGHT, SHELF, WIDTH, cylinder, random_scene, table_scene
 
 THIN = 0.003
 """[m] of a tray on the table: less than what counts as resting on the table below it."""
@@ -68,7 +68,8 @@ def random_goal(rng: np.random.Generator, scene: Scene) -> Goal:
     body = scene.body(str(name))
     place = str(rng.choice(["table_top", "tray", "left", "small", str(other)]))
     area = str(rng.choice(["table_top", "tray", "left", "small"]))
-    pose = (*body.position[:2] + rng.normal(0, 0.015, 2), body.yaw + rng.normal(0, 0.1))
+    table = np.array((DEPTH / 2, WIDTH / 2))  # no goal means a place off all supports
+    pose = (*np.clip(body.position[:2] + rng.normal(0, 0.015, 2), -table, table), body.yaw + rng.normal(0, 0.1))
     z = None if rng.random() < 0.5 else float(body.position[2] + rng.normal(0, 0.015))
     facts = [
         goals.on(str(name), place),

@@ -12,7 +12,7 @@ import pytest
 from planners import Body, GoalError, HeldObject, Region, Scene, SceneError, StaticObstacle, goals
 from planners.goals import Goal
 from tests.planners.pieces import cut_in_two, mug
-from tests.planners.scenes import HEIGHT, cylinder, table_scene
+from tests.planners.scenes import DEPTH, HEIGHT, WIDTH, cylinder, table_scene
 
 LEFT = Region("left", "table_top", (0.0, 0.2), (0.10, 0.06), math.pi / 6)
 RIGHT = Region("right", "table_top", (0.0, -0.2), (0.10, 0.06))
@@ -82,12 +82,13 @@ def test_facts_of_an_object_of_pieces_are_those_of_the_box_that_it_was_cut_from(
     rng, seen = np.random.default_rng(0), set()
     for _ in range(60):
         x, y, turn = rng.uniform(-0.4, 0.4), rng.uniform(-0.5, 0.5), rng.uniform(-3, 3)
+        over = np.clip((x, y), (-DEPTH / 2, -WIDTH / 2), (DEPTH / 2, WIDTH / 2))
         quaternion = np.array((math.cos(turn / 2), 0.0, 0.0, math.sin(turn / 2)))
         whole = Body("a", "box", np.array((0.06, 0.03, 0.05)), np.array((x, y, HEIGHT + 0.05)), quaternion)
         below = replace(whole, name="b", position=whole.position - [0.0, 0.05, 0.1])
         asked = [
             goals.on("a", "table_top"), goals.inside("a", "left"), goals.inside("a", "table_top"), goals.clear("left"),
-            goals.at("a", (x, y, turn)), goals.at("a", (x, y, 0.1)), goals.on("a", "b"), goals.on("a", "left"),
+            goals.at("a", (*over, turn)), goals.at("a", (*over, 0.1)), goals.on("a", "b"), goals.on("a", "left"),
         ]  # fmt: skip
         scenes = [scene_with(one, other) for one, other in ((whole, below), (cut_in_two(whole), cut_in_two(below)))]
         facts = [tuple(goal.holds(scene) for goal in asked) for scene in scenes]
@@ -184,6 +185,7 @@ def test_text_that_is_no_goal_is_refused(text: str) -> None:
         (goals.on("a", "left") & goals.clear("table_top"), "is to be clear"),
         (goals.on("a", "b") & goals.holding("b"), "is to be held"),
         (goals.at("a", (0.0, -0.2)) & goals.clear("right"), "is to be clear"),
+        (goals.at("a", (50.0, 50.0)), r"no support under \(50.00, 50.00\) m for 'a'; supports: table_top, tray"),
         (goals.inside("a", "beside"), "beside its support 'table_top', which reaches from"),
     ],
 )

@@ -22,7 +22,9 @@ from planners.drawing.choices import ClearancePicture, DrawnSurface, choices_of
 from planners.expert.report import Frame, Note, Recording, Solve
 from planners.grasping.base_placement import Placer, placer_of
 from planners.motion.arm import tcp_pose
+from planners.placing.negative_goal_region import SupportGrid
 from planners.scene import RobotState
+from planners.search.expert import SearchReport
 from planners.tamp.solution import BoundAction, Solution
 
 _ALIGNMENT = 4
@@ -96,8 +98,10 @@ def frame_values(
 
 
 def solve_values(solve: Solve, arrays: ArrayBlock) -> dict[str, Any]:
-    """A plan with its layers, or the reason why there is none."""
+    """A plan with its layers, or the reason why there is none; of a search its decisions, with their beliefs."""
     outcome: Any = solve.outcome
+    if isinstance(outcome, SearchReport):
+        return {"time": 0.0, "summary": outcome.failure, "history": [], "choices": [], **_search(outcome, arrays)}
     plan = _plan(outcome, arrays) if getattr(outcome, "actions", ()) else {"actions": [], "choices": []}
     history = [
         {"plan": list(turn.plan), "verified": turn.verified, "facts": list(turn.new_facts), "reason": turn.reason}
@@ -230,6 +234,18 @@ def _plan(plan: Solution, arrays: ArrayBlock) -> dict[str, Any]:
     }
 
 
+def _search(report: SearchReport, arrays: ArrayBlock) -> dict[str, Any]:
+    """The decisions of a search, each with the places that were left when it was made, on every support."""
+    beliefs = [
+        [_cells(grid, _NGR2 * step.places[name].astype(np.uint8), arrays) for name, grid in step.grids.items()]
+        for step in report.steps
+    ]
+    actions = [
+        {"kind": step.kind, "text": step.text, "path": None, "base_path": None, "bases": None} for step in report.steps
+    ]
+    return {"actions": actions, "beliefs": beliefs}
+
+
 def _action(action: BoundAction, placer: Placer, arrays: ArrayBlock) -> dict[str, Any]:
     robot, trajectory = action.scene.robot, action.trajectory
     states = [RobotState(*row) for row in zip(trajectory.base, trajectory.q, trajectory.finger_position, strict=True)]
@@ -275,6 +291,10 @@ def _surface(surface: DrawnSurface, arrays: ArrayBlock) -> dict[str, Any]:
     cells = _NGR1 * region.ngr1.astype(np.uint8) + _NGR2 * region.ngr2.astype(np.uint8)
     if surface.in_work is not None:
         cells += _OUTSIDE * (~surface.in_work).astype(np.uint8)
+    return _cells(grid, cells, arrays)
+
+
+def _cells(grid: SupportGrid, cells: NDArray[np.uint8], arrays: ArrayBlock) -> dict[str, Any]:
     return {
         "extent": [float(edge) for edge in grid.extent],
         "height": grid.height,

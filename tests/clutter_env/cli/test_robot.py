@@ -6,11 +6,19 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from assets.robots import RobotSpec, robot
 from clutter_env.cli.main import main
-from clutter_env.cli.robot_report import LevelReach, home_candidates, level_reach, report_of
+from clutter_env.cli.robot_report import (
+    LevelReach,
+    home_candidates,
+    least_grasp_height,
+    level_reach,
+    report_of,
+    why_no_home,
+)
 from irm.chain import ArmChain
 from irm.kinematics import forward
 
@@ -65,6 +73,35 @@ def test_a_bad_home_is_named() -> None:
     assert not any("the TCP is" in problem for problem in report_of(low, table=0.4).problems)
     tilted = replace(PANDA, home=(*PANDA.home[:-1], 1.0))
     assert any("not level" in problem for problem in report_of(tilted).problems)
+
+
+@pytest.mark.usefixtures("reach_once")
+def test_a_gripper_that_touches_the_table_in_level_grasps_is_named() -> None:
+    assert least_grasp_height(PANDA) <= PANDA.grasp_height
+    low = report_of(replace(PANDA, grasp_height=least_grasp_height(PANDA) - 0.005)).problems
+    assert any("nears the table" in problem for problem in low)
+
+
+def test_the_report_counts_all_grasps_not_the_level_ones_alone(
+    reach: LevelReach, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An arm on a high pedestal takes objects from above: that is no problem."""
+    none = reach._replace(reached=np.zeros_like(reach.reached))
+    monkeypatch.setattr("clutter_env.cli.robot_report.level_reach", lambda *_: none)
+    report = report_of(PANDA.fixed())
+    assert report.problems == ()
+    assert report.facts["base"].startswith("fixed, ")
+    assert report.facts["grasps at the table, straight ahead"].startswith("level none, tilted by 60° x = ")
+    nothing = none._replace(tilted=np.zeros(0), from_above=np.zeros(0))
+    monkeypatch.setattr("clutter_env.cli.robot_report.level_reach", lambda *_: nothing)
+    assert any("no grasp reaches" in problem for problem in report_of(PANDA).problems)
+
+
+def test_why_there_is_no_home_is_said() -> None:
+    assert "reaches no grasp on a table of 3.0 m" in why_no_home(PANDA, 3.0)
+    said = why_no_home(PANDA, 0.75)
+    assert "are free of self-collision" in said
+    assert "--apart" in said
 
 
 def test_suggested_homes_are_level_ahead_and_high() -> None:

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import gymnasium as gym
 import mujoco
 import numpy as np
 import pytest
 
+import clutter_env
+from clutter_env.envs.observation import OBJECT_FIELDS, OBJECT_KINDS
+from clutter_env.policies.protocol import PolicyError, begin_episode
+from clutter_env.policies.registry import load_policy
 from clutter_env.scene.household import KINDS, HouseholdScene, slot_kinds
 from clutter_env.scene.layout import LAYOUTS
 from clutter_env.scene.object_sets import OBJECT_GAP, OBJECT_SETS, capacity
 from clutter_env.scene.random_scene import sample_scene
-from planners import Scene, generate_grasps
+from planners import Scene, Solution, generate_grasps, solve
 from planners.grasping.families import GRASP_SETS
 
 ID = "clutter_env/Retrieve-o15-v0"
+BOX = {"shape": "box", "depth": 0.06, "width": 0.06, "height": 0.1, "position": [0.0, 0.0]}
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +39,22 @@ def test_there_are_twelve_kinds_of_real_size_and_mass() -> None:
         for sign in (-1, 1):
             points, radii = kind.cloud
             assert (sign * points + radii[:, None]).max(axis=0) == pytest.approx(kind.half_extents, abs=1e-4)
+
+
+def test_the_observation_has_the_kind_of_each_object_in_a_last_column(env: gym.Env) -> None:
+    observation, _ = env.reset(seed=0)
+    inner = env.unwrapped
+    layout = inner.observation_layout["objects"]  # type: ignore[attr-defined]  # of this package
+    assert tuple(column.name for column in layout.columns) == (*OBJECT_FIELDS, "kind")
+    rows = observation["objects"].reshape(15, layout.size)
+    assert [OBJECT_KINDS[int(number)] for number in rows[:, layout.index("kind")]] == list(slot_kinds(15))
+    assert observation in env.observation_space
+    observation, _ = env.reset(options={"objects": [BOX]})
+    assert observation["objects"].reshape(15, -1)[:, -1].tolist() == [-1.0] + [0.0] * 14
+    plain = gym.make(ID)
+    assert plain.reset(seed=0)[0]["objects"].size == 15 * len(OBJECT_FIELDS)
+    with pytest.raises(PolicyError, match="household"):
+        begin_episode(load_policy("keyframes", 0), {}, env)
 
 
 @pytest.mark.parametrize("layout", ["paper", "shelf", "two_boards"])
@@ -117,3 +139,14 @@ def test_explicit_objects_stay_cylinders_and_boxes(env: gym.Env) -> None:
     env.reset(seed=0, options={"objects": [entry]})
     assert env.unwrapped.world.shapes == ("cylinder",)  # type: ignore[attr-defined]  # of this package
     assert math.isclose(env.unwrapped.model.geom("object_00").size[0], 0.03)  # type: ignore[attr-defined]  # of this package
+
+
+@pytest.mark.slow
+def test_a_bowl_under_a_board_is_taken_by_its_rim() -> None:
+    place = clutter_env.suite("household-shelf-10-v1").test[46]
+    env = place.make()
+    _, info = place.reset(env)
+    inner: Any = env.unwrapped
+    scene = Scene.from_mujoco(inner.model, inner.data, inner.robot)
+    assert inner.world.shapes[scene.names.index(info["target"])] == "bowl"
+    assert isinstance(solve(scene, info["target"]), Solution)

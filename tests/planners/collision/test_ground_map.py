@@ -34,6 +34,16 @@ def random_ground(seed: int, name: str = "fetch") -> Scene:
     return replace(scene, robot=spec, state=state, static_obstacles=(*scene.static_obstacles, *obstacles))
 
 
+def test_the_map_reaches_around_what_the_base_passes_below() -> None:
+    """Two table tops without legs, the second one far from where the robot starts; a pillar bars the simple drives."""
+    scene = table_scene()
+    tops = [StaticObstacle(f"top_{k}", np.array([0.0, 3.0 * k, 0.7]), np.array([0.3, 0.3, 0.02])) for k in range(2)]
+    pillar = StaticObstacle("pillar", np.array([-1.1, 0.8, 1.0]), np.array([0.4, 0.1, 1.0]))
+    world = CollisionWorld.from_scene(replace(scene, static_obstacles=(*tops, pillar)))
+    drive = plan_base(world, scene.state.base, [-1.0, 3.7, -0.6], scene.state.q)
+    assert isinstance(drive, WholeBodyPath), drive
+
+
 @pytest.mark.parametrize("name", ["fetch", "pr2", "panda_mobile"])
 def test_wherever_the_robot_is_free_the_map_has_a_part(name: str) -> None:
     scene = random_ground(3, name)

@@ -67,14 +67,16 @@ class Recording {
       const values = place ? array(place) : [];
       return Array.from({ length: values.length / 3 }, (_, i) => Array.from(values.slice(3 * i, 3 * i + 3)));
     };
+    const readSurfaces = (surfaces) => surfaces.map((surface) => ({ ...surface, cells: array(surface.cells) }));
     return {
       ...solve,
+      beliefs: (solve.beliefs || []).map((surfaces) => ({ surfaces: readSurfaces(surfaces) })),
       actions: solve.actions.map((action) => ({
         ...action, path: points(action.path), base_path: points(action.base_path), bases: points(action.bases),
       })),
       choices: solve.choices.map((choice) => ({
         ...choice, ordered: points(choice.ordered), refused: points(choice.refused),
-        surfaces: choice.surfaces.map((surface) => ({ ...surface, cells: array(surface.cells) })),
+        surfaces: readSurfaces(choice.surfaces),
       })),
     };
   }

@@ -36,12 +36,14 @@ class Marks {
     if (!solve) return [];
     const at = span.action < 0 ? solve.actions.length : span.action;
     const items = [];
+    const belief = solve.beliefs[Math.max(span.action, 0)];
+    if (belief && layers.regions) items.push(...this.once(belief, "regions", () => this.regions(belief)));
     const choice = this.choiceAt(solve, at);
     if (choice && layers.regions) items.push(...this.once(choice, "regions", () => this.regions(choice)));
     if (choice && layers.candidates) items.push(...this.once(choice, "candidates", () => this.candidates(choice)));
     const contact = solve.actions.slice(at).find((action) => action.bases.length);
     if (contact && layers.bases) items.push(...this.once(contact, "bases", () => this.bases(contact, solve)));
-    if (layers.paths)
+    if (layers.paths && !belief)
       solve.actions.slice(at, at + 1 + NEXT_PATHS).forEach((action, index) => {
         const [solid, faint] = this.once(action, "paths", () => this.paths(action));
         items.push(index === 0 ? solid : faint);

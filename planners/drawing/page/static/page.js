@@ -49,6 +49,8 @@ async function start() {
     document.getElementById("problem").textContent = error.message;
     document.getElementById("problem").hidden = false;
   }
+  const isSearch = recording.solves.some((solve) => solve.beliefs.length);
+  for (const part of document.querySelectorAll("[data-of]")) part.hidden = (part.dataset.of === "search") !== isSearch;
   showResult(content.result, content.rows);
   rebuild();
   new ResizeObserver(changed).observe(canvas);

@@ -3,6 +3,7 @@
 
 // An action in words.
 function describe(action) {
+  if (action.text) return action.text[0].toUpperCase() + action.text.slice(1);
   if (action.kind === "drive") return "Drive";
   if (action.kind === "pick") return `Pick up ${action.object}`;
   if (action.kind === "place") return `Put ${action.object} aside${action.because ? `, it obstructs ${action.because}` : ""}`;
@@ -44,6 +45,7 @@ class Panel {
     const reason = this.recording.notes.filter((note) => note.time <= solve.time + 1e-6).pop();
     const after = index && reason ? ` after “${reason.text}”` : "";
     const when = solve.time ? ` at ${solve.time.toFixed(1)} s` : "";
+    if (solve.beliefs.length) return element("h3", "", "Search");
     const many = this.recording.solves.length > 1;
     const count = solve.clearances ? `, ${solve.clearances.length} to put aside` : "";
     const by = solve.strategy ? ` by ${solve.strategy}` : "";
@@ -54,7 +56,7 @@ class Panel {
     const row = element("button", `action ${action.object === this.target ? "target" : action.kind}`);
     const spans = this.recording.spans.filter((span) => span.solve === solve && span.action === number);
     const text = element("span", "what", describe(action));
-    text.title = `${action.name.toUpperCase()} (${action.args.join(" ").toUpperCase()})`;
+    if (!action.text) text.title = `${action.name.toUpperCase()} (${action.args.join(" ").toUpperCase()})`;
     row.append(element("span", "number", String(number + 1)), text);
     // Without a span: the robot already stood where this drive ends, or the plan ended before.
     const isPassed = this.recording.spans.some((span) => span.solve === solve && span.action > number);

@@ -1,0 +1,89 @@
+"""One search for a hidden target behind `clutter-env episode --task search`, shown in full."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack, closing
+from typing import TYPE_CHECKING, Any
+
+import gymnasium as gym
+
+import clutter_env
+from clutter_env.errors import RenderingUnavailable
+from clutter_env.rendering.film import Film
+from clutter_env.reporting.progress import progress_bar, shown_compilation
+from planners import SearchExpert, warmup
+from planners.drawing.page.page import write_page
+from planners.drawing.pictures import draw_search
+from planners.expert.report import Recorder
+
+if TYPE_CHECKING:
+    from clutter_env.cli.episode import Arguments
+
+assert clutter_env  # registers the environments
+
+_FRAME_EVERY = 10
+"""Control steps between images: the expert looks only while the robot rests."""
+
+
+def show_search(arguments: Arguments) -> dict[str, Any]:
+    """Play a scene by camera data alone; film it, draw what was believed, print the report; the figures."""
+    keywords: dict[str, Any] = {name: getattr(arguments, name) for name in ("robot", "layout", "control_mode")}
+    env = gym.make(arguments.environment, frame_every=_FRAME_EVERY, disable_env_checker=True, **keywords)
+    inner: Any = env.unwrapped
+    with shown_compilation():
+        warmup(inner.robot)
+    observation, info = env.reset(seed=arguments.seed)
+    expert = SearchExpert(env)
+    expert.reset(observation, info)
+    recorder = Recorder(inner, info["target"])
+    recorder.add_solve(expert.report)
+    is_over, text = False, ""
+    with ExitStack() as stack:
+        film = None
+        if arguments.film:
+            try:
+                film = stack.enter_context(closing(Film(inner)))
+            except RenderingUnavailable as problem:
+                print(f"no film: {problem}", flush=True)
+        bar = stack.enter_context(progress_bar(bar_format="{n:.0f} s simulated{postfix}"))
+        while not (is_over or expert.done):
+            action = expert.act(observation, info)
+            text = expert.phase or "looks around"
+            recorder.add_frame(len(expert.report.steps) - 1, text)
+            observation, _, terminated, truncated, info = env.step(action)
+            is_over = terminated or truncated
+            bar.update(1 / env.metadata["render_fps"])
+            if film is not None:
+                film.watch(text)
+        report, is_success = expert.report, bool(info["is_success"])
+        rows = {
+            "success": "yes, by the environment" if is_success else f"no: {report.failure or 'not clean'}",
+            "target found, lifted": f"{'yes' if report.found else 'no'}, {'yes' if info['lifted'] else 'no'}",
+            "other views": str(report.views),
+            "objects put aside": str(len(report.moves)),
+            "deviations": "; ".join(report.deviations) or "none",
+            "slowest decision": f"{max(report.decision_s, default=0.0):.1f} s of CPU time",
+        }
+        files = [arguments.html or arguments.out / "episode.html", arguments.out / "search.png"]
+        write_page(files[0], recorder.recording(), rows, "success" if is_success else "failure")
+        draw_search(report.steps).savefig(files[1], dpi=110)
+        if film is not None:
+            film.finish(f"{info['target']} taken" if is_success else f"ended: {rows['success']}")
+            files.append(arguments.out / "strip.png")
+            film.save_strip(files[-1])
+            files.append(film.save_film(arguments.out / "film"))
+    env.close()
+    decisions = [f"{step.time:.0f} s: {step.text}" for step in report.steps]
+    print("\n".join([f"Decisions, seed {arguments.seed}", *decisions, "", *(f"{name}: {rows[name]}" for name in rows)]))
+    print("\nPage, pictures and film\n" + "\n".join(f"  {path}" for path in files))
+    return {
+        "environment": arguments.environment,
+        "layout": arguments.layout,
+        "seed": arguments.seed,
+        "is_success": is_success,
+        "lifted": bool(info["lifted"]),
+        "decisions": decisions,
+        "moves": report.moves,
+        "failure": report.failure,
+        "files": list(map(str, files)),
+    }
