@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from assets.robot_parts import NO_TURN, ArmSpec, ChainLink, LinkMesh
+from assets.robot_parts import ARM_FIELDS, NO_TURN, ArmSpec, ChainLink, LinkMesh
 from assets.robot_spec import RobotSpec
 
 _GREY = (0.45, 0.46, 0.48, 1.0)
@@ -102,11 +102,7 @@ PR2 = RobotSpec(
         ChainLink("torso_lift_joint", (-0.05, 0.0, 0.790675), "z", 0.0, 0.33, prismatic=True),
         *_RIGHT.chain,
     ),
-    tcp_offset=_RIGHT.tcp_offset,
-    tcp_site=_RIGHT.tcp_site,
-    gripper_body=_RIGHT.gripper_body,
-    finger_joints=_RIGHT.finger_joints,
-    finger_geoms=_RIGHT.finger_geoms,
+    **{name: getattr(_RIGHT, name) for name in ARM_FIELDS},
     head_joints=("head_pan_joint", "head_tilt_joint"),
     head_configuration=(0.0, 0.75),
     cameras=("head", "r_gripper", "l_gripper"),

@@ -23,7 +23,7 @@ from scipy.spatial import ConvexHull
 from assets.robot_parts import InvalidRobot, rotation_of
 from irm.errors import ChainError
 from irm.model_reading import arm_joints, hull_corners, is_solid, load_model, load_urdf, tip_frame
-from irm.rotations import frame_along
+from irm.rotations import frame_along, rotation
 from irm.shapes import CLEARANCE
 
 Floats = NDArray[np.float64]
@@ -108,11 +108,11 @@ def make_robot(file: Path, mounting: Mounting) -> MadeRobot:
         T_last_tcp = tip_frame(model, int(model.jnt_bodyid[numbers[-1]]), mounting.tip, mounting.approach)
     except ChainError as problem:
         raise InvalidRobot(str(problem)) from problem
-    T_last_tcp[:3, :3] = T_last_tcp[:3, :3] @ _about_x(mounting.turn)
+    T_last_tcp[:3, :3] = T_last_tcp[:3, :3] @ rotation(0.0, 0.0, mounting.turn)
     T_last_tcp[:3, 3] += mounting.tool * T_last_tcp[:3, 0]
     maker = _Maker(model, mounting, numbers)
     gripper = maker.bodies[int(model.jnt_bodyid[numbers[-1]])]
-    _add_gripper(maker.robot, gripper, T_last_tcp, mounting)
+    _add_gripper(maker.robot, gripper, T_last_tcp, mounting, max(-mounting.tool, maker.front(T_last_tcp)))
     lift = [name for name, slides in maker.joints if slides] or ["lift"]
     _finish(maker.robot, lift[0], [name for name, slides in maker.joints if not slides])
     maker.robot.modelname = file.parent.name if file.stem in ("robot", "model", "scene") else file.stem
@@ -139,11 +139,6 @@ def make_robot(file: Path, mounting: Mounting) -> MadeRobot:
         "touch only as boxes, so not checked": ", ".join(f"{one} and {other}" for one, other in apart) or "none",
     }
     return MadeRobot(maker.robot.to_xml(), page, found)
-
-
-def _about_x(angle: float) -> Floats:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([(1.0, 0.0, 0.0), (0.0, c, -s), (0.0, s, c)])
 
 
 class _Maker:
@@ -245,16 +240,13 @@ class _Maker:
         """The shapes of a body."""
         model = self.model
         for geom in self._solid_geoms(body):
-            kind = mjtGeom(int(model.geom_type[geom]))
-            self.meshes += kind == mjtGeom.mjGEOM_MESH
-            if kind in (mjtGeom.mjGEOM_MESH, mjtGeom.mjGEOM_ELLIPSOID):
-                corners = (
-                    hull_corners(model, geom) if kind == mjtGeom.mjGEOM_MESH else _sphere() * model.geom_size[geom]
-                )
-                to.add_geom(**_fitted(_moved(corners, model.geom_pos[geom], model.geom_quat[geom])), mass=0)
-            else:
-                pose = {"pos": model.geom_pos[geom], "quat": model.geom_quat[geom]}
-                to.add_geom(type=kind, size=model.geom_size[geom], mass=0, **pose)
+            kind, place = mjtGeom(int(model.geom_type[geom])), (model.geom_pos[geom], model.geom_quat[geom])
+            if kind == mjtGeom.mjGEOM_MESH:
+                self.meshes += 1
+                to.add_geom(**_fitted(hull_corners(model, geom) @ rotation_of(place[1]).T + place[0]), mass=0)
+            else:  # the planner knows no ellipsoids: a box is around it
+                kind = mjtGeom.mjGEOM_BOX if kind == mjtGeom.mjGEOM_ELLIPSOID else kind
+                to.add_geom(type=kind, size=model.geom_size[geom], mass=0, pos=place[0], quat=place[1])
 
     def touching_in_boxes_alone(self, made: mujoco.MjModel) -> Iterator[tuple[str, str]]:
         """Names of bodies, two by two, that touch in some of many random configurations, but their meshes in none."""
@@ -286,6 +278,18 @@ class _Maker:
                         del pairs[one, other]
         return ((self.bodies[one].name, self.bodies[other].name) for (one, other), hit in pairs.items() if hit)
 
+    def front(self, T_last_tcp: Floats) -> float:
+        """[m] How far the shapes of the last link and what is fixed to it reach along the approach, from the TCP."""
+        model, data, last = self.model, mujoco.MjData(self.model), int(self.model.jnt_bodyid[self.numbers[-1]])
+        mujoco.mj_kinematics(model, data)
+        reached = [-np.inf]
+        for geom in (geom for body in self._below(last) if body in self.bodies for geom in self._solid_geoms(body)):
+            corners = model.geom_aabb[geom, :3] + model.geom_aabb[geom, 3:] * list(itertools.product((-1, 1), repeat=3))
+            world = corners @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
+            there = (world - data.xpos[last]) @ data.xmat[last].reshape(3, 3)
+            reached.append(float(((there - T_last_tcp[:3, 3]) @ T_last_tcp[:3, 0]).max()))
+        return max(reached)
+
     def _solid_geoms(self, body: int) -> list[int]:
         """The geoms of a body of the file that are shapes for collisions."""
         first, count = int(self.model.body_geomadr[body]), int(self.model.body_geomnum[body])
@@ -310,8 +314,8 @@ class _Maker:
         return f"own_{name}" if name in _NAMES else name or otherwise
 
 
-def _add_gripper(robot: mujoco.MjSpec, wrist: Any, T_wrist_tcp: Floats, mounting: Mounting) -> None:
-    """Two sliding fingers and what carries them, on the body of the last joint."""
+def _add_gripper(robot: mujoco.MjSpec, wrist: Any, T_wrist_tcp: Floats, mounting: Mounting, front: float) -> None:
+    """Two sliding fingers and what carries them, on the body of the last joint, whose shapes end at `front` [m]."""
     quat = _quaternion(T_wrist_tcp[:3, :3])
 
     def at(x: float) -> Floats:
@@ -322,8 +326,8 @@ def _add_gripper(robot: mujoco.MjSpec, wrist: Any, T_wrist_tcp: Floats, mounting
     back = _PAD_CENTRE - _PAD[0] - 0.005
     size = [_PALM, mounting.opening / 2 + 2 * _PAD[1], 0.025]
     gripper.add_geom(name="palm", type=mjtGeom.mjGEOM_BOX, size=size, pos=at(back - _PALM), quat=quat, mass=0)
-    if (neck := mounting.tool + back - 2 * _PALM) > 0:  # no wider than a flange, so that the wrist can bend
-        place = {"pos": at(neck / 2 - mounting.tool), "quat": quat}
+    if (neck := back - 2 * _PALM - front) > 0:  # no wider than a flange, so that the wrist can bend
+        place = {"pos": at(front + neck / 2), "quat": quat}
         gripper.add_geom(name="neck", type=mjtGeom.mjGEOM_BOX, size=[neck / 2, 0.025, 0.025], **place, mass=0)
     for name, side in zip(FINGERS, (1.0, -1.0), strict=True):
         finger = wrist.add_body(name=name, pos=at(_PAD_CENTRE), quat=quat, **_inertia(0.1, [1e-4] * 3))
@@ -377,14 +381,12 @@ def _fitted(corners: Floats) -> dict[str, Any]:
     areas = np.linalg.norm(np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0]), axis=1)
     normals = hull.equations[np.argsort(-areas)[:_FACES], :3]
     principal = np.linalg.eigh(np.cov(corners.T))[1].T
-    best: tuple[float, dict[str, Any]] | None = None
-    for axis in (*np.eye(3), *principal, *normals):
-        R = frame_along(axis)
-        for volume, kind, size, centre, turn in _around_axis(corners @ R):
-            if best is None or volume < best[0]:
-                best = volume, {"type": kind, "size": size, "pos": R @ centre, "quat": _quaternion(R @ turn)}
-    assert best is not None
-    return best[1]
+    fits = (
+        (volume, {"type": kind, "size": size, "pos": R @ centre, "quat": _quaternion(R @ turn)})
+        for R in map(frame_along, (*np.eye(3), *principal, *normals))
+        for volume, kind, size, centre, turn in _around_axis(corners @ R)
+    )
+    return min(fits, key=lambda fit: fit[0])[1]
 
 
 def _around_axis(points: Floats) -> Iterator[tuple[float, mjtGeom, Floats, Floats, Floats]]:
@@ -408,17 +410,6 @@ def _around_axis(points: Floats) -> Iterator[tuple[float, mjtGeom, Floats, Float
         size = np.array([*((high - low) / 2), half])
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         yield 8 * float(size.prod()), mjtGeom.mjGEOM_BOX, size, turn @ np.array([*((high + low) / 2), middle]), turn
-
-
-def _sphere() -> Floats:
-    """Points (v, 3) spread evenly over a sphere, so large that their hull contains the unit sphere."""
-    k = np.arange(400) + 0.5
-    z, turn = 1 - k / 200, np.pi * (1 + 5**0.5) * k
-    return 1.02 * np.column_stack([np.cos(turn) * np.sqrt(1 - z * z), np.sin(turn) * np.sqrt(1 - z * z), z])
-
-
-def _moved(points: Floats, position: Floats, quaternion: Floats) -> Floats:
-    return np.asarray(points @ rotation_of(quaternion).T + position)
 
 
 def _quaternion(R: Floats) -> Floats:

@@ -104,6 +104,9 @@ class ArmSpec:
         return tuple(link.joint for link in self.chain)
 
 
+ARM_FIELDS = ("tcp_offset", "tcp_quaternion", "tcp_site", "gripper_body", "finger_joints", "finger_geoms")
+"""Fields that a `RobotSpec` and an `ArmSpec` have alike."""
+
 _UNIT = 1e-6
 """By how much the length of a unit vector or quaternion may differ from 1."""
 

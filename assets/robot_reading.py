@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from assets.files import path as asset_path
-from assets.robot_parts import ChainLink, InvalidRobot, check_names, require
+from assets.robot_parts import ARM_FIELDS, ArmSpec, ChainLink, InvalidRobot, check_names, require
 from irm.chain import ArmChain, frames_of, link_of_body, pose_of
 from irm.errors import ChainError
 from irm.model_reading import is_solid, shapes_of
@@ -54,11 +54,13 @@ _DEFAULTS: Mapping[str, Any] = {
 
 def read_fields(mjcf: str | Path, page: Mapping[str, Any]) -> dict[str, Any]:
     """The fields of a robot's `RobotSpec`; arguments and exceptions as of `RobotSpec.from_mjcf`."""
+    if "arms" in page:
+        return _with_arms(mjcf, page)
     known = (*_NEEDED, *_DEFAULTS)
     if wrong := [*(set(page) - set(known)), *(set(_NEEDED) - set(page))]:
         raise InvalidRobot(
             f"these do not describe a robot (unknown or missing: {', '.join(sorted(wrong))}); "
-            f"what can be said: {', '.join(known)}"
+            f"what can be said: {', '.join((*known, 'base', 'arms'))}"
         )
     said = {**_DEFAULTS, **{name: tuple(value) if isinstance(value, list) else value for name, value in page.items()}}
     # MuJoCo looks up whatever it is given: without these checks None ends the process.
@@ -103,6 +105,22 @@ def read_fields(mjcf: str | Path, page: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
+def _with_arms(mjcf: str | Path, page: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of a robot with several arms: each is read as if it were the only one, and the first is active."""
+    arms, shared = page["arms"], {name: value for name, value in page.items() if name != "arms"}
+    is_known = isinstance(arms, Mapping) and len(arms) > 1 and all(isinstance(arm, Mapping) for arm in arms.values())
+    require(is_known, "arms", f"must hold what is said of each arm by its name, of two or more, not {arms!r}")
+    (active, fields), *others = ((name, read_fields(mjcf, {**shared, **arm})) for name, arm in arms.items())
+    idle = []
+    for name, one in others:
+        is_shared = one["chain"][0] == fields["chain"][0] and one["home"][0] == fields["home"][0]
+        require(is_shared, "arms", f"must share one lift and its height at home; {name!r} and {active!r} do not")
+        own = {entry: one[entry] for entry in ARM_FIELDS} | {entry: one[entry][1:] for entry in ("chain", "home")}
+        limits = {entry: one[entry][4:] for entry in ("max_velocity", "max_acceleration")}
+        idle.append(ArmSpec(name=name, **own, **limits))
+    return fields | {"arm_name": active, "idle_arms": tuple(idle)}
+
+
 @cache
 def read_shapes(robot: RobotSpec) -> Shapes:
     """`RobotSpec.shapes`, read once."""
@@ -133,14 +151,20 @@ def read_shapes(robot: RobotSpec) -> Shapes:
 
 
 def collision_geoms(model: mujoco.MjModel, robot: RobotSpec) -> list[int]:
-    """Ids of the robot's geoms that can touch something: from the gripper to the base, then those of idle arms."""
+    """Ids of the robot's geoms that can touch something: the gripper's, then others, then those of idle arms."""
     idle = {int(model.jnt_bodyid[model.joint(arm.joints[0]).id]) for arm in robot.idle_arms}
     for body in range(model.nbody):
         if int(model.body_parentid[body]) in idle:
             idle.add(body)
     base = model.body(robot.base_body).id
     of_robot = is_solid(model) & (model.body_rootid[model.geom_bodyid] == base)
-    return sorted(np.flatnonzero(of_robot)[::-1].tolist(), key=lambda geom: int(model.geom_bodyid[geom]) in idle)
+    links, last = link_of_body(model, robot), len(robot.chain) - 1  # a body may stand after the arm in the file
+
+    def group(geom: int) -> tuple[bool, bool]:
+        body = int(model.geom_bodyid[geom])
+        return body in idle, links[body] != last
+
+    return sorted(np.flatnonzero(of_robot)[::-1].tolist(), key=group)
 
 
 def _chain(arm: ArmChain) -> tuple[ChainLink, ...]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from assets.files import folder, path
 from assets.robot_parts import (
+    ARM_FIELDS,
     NO_TURN,
     ArmSpec,
     ChainLink,
@@ -165,7 +166,9 @@ class RobotSpec:
                 x, along y and about z; `tip`, name of the TCP's site; `finger_joints`; `home`. More fields may be said:
                 `name`, `finger_geoms`, `head_joints`, `head_configuration`, `grasp_height`, `grasp_axis_offset`,
                 and the limits, which are slow ones otherwise: a model has none. `base` is "holonomic" if not said,
-                "differential" or "fixed": how the base moves.
+                "differential" or "fixed": how the base moves. Of a robot with several arms, `arms` holds for each, by
+                its name, what differs: `tip`, `finger_joints`, `home` (the same lift) and what else may be said; the
+                first one is active, see `using` and `with_all_arms`.
 
         Raises:
             FileNotFoundError: there is no such file.
@@ -226,7 +229,7 @@ class RobotSpec:
     @property
     def arms(self) -> tuple[ArmSpec, ...]:
         """All arms, the active one first."""
-        arm = {name: getattr(self, name) for name in _ARM_FIELDS} | {"name": self.arm_name}
+        arm = {name: getattr(self, name) for name in ARM_FIELDS} | {"name": self.arm_name}
         arm |= {"chain": self.chain[1:], "home": self.home[1:]}
         arm |= {name: getattr(self, name)[4:] for name in ("max_velocity", "max_acceleration")}
         return (ArmSpec(**arm), *self.idle_arms)
@@ -241,7 +244,7 @@ class RobotSpec:
         if arm_name not in arms:
             raise InvalidRobot(f"{self.name} has no arm {arm_name!r}; its arms: {', '.join(sorted(map(repr, arms)))}")
         chosen = arms.pop(arm_name)
-        parts: dict[str, Any] = {name: getattr(chosen, name) for name in _ARM_FIELDS}
+        parts: dict[str, Any] = {name: getattr(chosen, name) for name in ARM_FIELDS}
         parts |= {"chain": (self.chain[0], *chosen.chain), "home": (self.home[0], *chosen.home)}
         for name in ("max_velocity", "max_acceleration"):
             parts[name] = (*getattr(self, name)[:4], *getattr(chosen, name))
@@ -385,9 +388,6 @@ class ActingJoints:
         """How many grippers act."""
         return len(self.arms)
 
-
-_ARM_FIELDS = ("tcp_offset", "tcp_quaternion", "tcp_site", "gripper_body", "finger_joints", "finger_geoms")
-"""Fields that a `RobotSpec` and an `ArmSpec` have alike."""
 
 _POSITIVE = (
     "max_loaded_yaw_rate",

@@ -124,13 +124,10 @@ def robot(robot: str | RobotSpec | Mapping[str, Any]) -> RobotSpec:
     if isinstance(robot, str) and robot in _PAGES:
         return _read(robot)
     if isinstance(robot, str) and robot.endswith(".xml"):
-        page = Path(robot).with_suffix(".json")
-        if not (Path(robot).is_file() and page.is_file()):
-            raise UnknownRobot(f"no robot {robot!r}: a file needs its page {page.name} beside it (docs/add_a_robot.md)")
-        try:
-            return RobotSpec.from_mjcf(robot, **json.loads(page.read_text(encoding="utf-8")))
-        except (ValueError, TypeError) as problem:
-            raise InvalidRobot(f"{page}: {problem}") from problem
+        files = Path(robot), Path(robot).with_suffix(".json")
+        if not all(file.is_file() for file in files):
+            raise UnknownRobot(f"no robot {robot!r}: a file needs its page {files[1].name} beside it")
+        return _of_files(*files, *(file.stat().st_mtime_ns for file in files))
     if not isinstance(robot, str) or robot not in _ROBOTS:
         known = ", ".join(sorted((*_ROBOTS, *_PAGES)))
         raise UnknownRobot(f"no robot {robot!r}; known robots: {known}; or give an MJCF file or an assets.RobotSpec")
@@ -141,3 +138,12 @@ def robot(robot: str | RobotSpec | Mapping[str, Any]) -> RobotSpec:
 def _read(name: str) -> RobotSpec:
     """A robot that is described by its file and its page, read once."""
     return RobotSpec.from_mjcf(f"mjcf/{name}.xml", name=name, **_PAGES[name])
+
+
+@cache
+def _of_files(file: Path, page: Path, *_changed: int) -> RobotSpec:
+    """A robot of the user's own files, read once, and again when they have changed."""
+    try:
+        return RobotSpec.from_mjcf(file, **json.loads(page.read_text(encoding="utf-8")))
+    except (ValueError, TypeError) as problem:
+        raise InvalidRobot(f"{page}: {problem}") from problem

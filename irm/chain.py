@@ -353,6 +353,21 @@ class ChainArrays(NamedTuple):
     links: Floats
 
 
+class ChainKey:
+    """A chain that equals others with the same arrays, for `lru_cache`."""
+
+    def __init__(self, chain: ArmChain) -> None:
+        self.chain = chain
+        arrays = (chain.offsets, chain.axes, chain.lower, chain.upper, chain.tip, chain.links)
+        self._content = tuple(array.tobytes() for array in arrays)
+
+    def __hash__(self) -> int:
+        return hash(self._content)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ChainKey) and self._content == other._content
+
+
 def chain_arrays(chain: ArmChain, torso_range: tuple[float, float] | None = None) -> ChainArrays:
     """Read-only copies of a chain's arrays, with other limits of its torso if given [m]."""
     arrays = ChainArrays(*(getattr(chain, name).copy() for name in ChainArrays._fields))

@@ -40,8 +40,9 @@ _ROWS_AT_A_TIME = 4096
 """Bases computed by one call of a kernel: some milliseconds, after which the interpreter handles Ctrl-C."""
 _SQUARE = 0.1
 """[m] Edge of the squares of `_neighbours_together`; a row of sixteen has the length of a large table."""
-_CLOSE_BASES = 256
-"""Bases decided exactly, beyond the number wanted, before an answer is given without a certain base."""
+_MORE_BASES, _AT_A_TIME = 256, 16
+"""Bases decided exactly, beyond the number wanted, before an answer is given without a certain base; and how many of
+them at a time."""
 
 
 class InverseReachabilityMap:
@@ -115,16 +116,19 @@ class InverseReachabilityMap:
         if not is_exact:
             rows = self._best_bases(place, window, space, options.k, options.separation)
             # Where no cell of a key is reached over its whole height, inverse kinematics says which bases reach.
-            is_exact = options.exact is None and key.exact and len(rows) > 0 and not rows[0, 6] and table.decides_fast
+            unsure = options.exact is None and key.exact and len(rows) > 0 and not rows[0, 6]
+            is_exact = unsure and table.reachability_map.chain is not None
         if is_exact:
-            # If none of the bases reaches, more of them are tried, closer together.
-            tries = ((options.k + SPARE_BASES, options.separation), (options.k + _CLOSE_BASES, 0.0))
-            for count, separation in tries:
-                rows = self._best_bases(place, window, space, count, separation)
-                kept, configurations = self._decide(rows, np.tile(point, (len(rows), 1)), options, options.k)
-                rows, configurations = rows[kept], configurations[kept]
-                if rows[:, 6].any():
-                    break
+            rows = self._best_bases(place, window, space, options.k + SPARE_BASES, options.separation)
+            rows, configurations = self._decided(rows, point, options)
+            if not rows[:, 6].any():
+                # More of the ranking, each base at one turn: to the arm it is the same base at every turn.
+                others = self._best_bases(place, window, space, options.k + _MORE_BASES, -SAME_PLACE)
+                for first in range(0, len(others), _AT_A_TIME):
+                    some, q = self._decided(others[first : first + _AT_A_TIME], point, options)
+                    if some[:, 6].any():
+                        rows, configurations = some, q
+                        break
         if len(rows):
             return BasePlacement.of_rows(rows, configurations)
         possible = table.may_exist(point, options.pitch, key, bounds, space)
@@ -239,12 +243,20 @@ class InverseReachabilityMap:
         self, place: TcpPlace, window: YawWindow, space: FreeSpace, count: int, separation: float
     ) -> Floats:
         """(m, 7) rows of the kernel, m ≤ count. Many are computed in parts, between which Ctrl-C is handled."""
-        rows, progress = np.empty((count, 7)), np.zeros(3, dtype=np.int64)
-        apart = max(separation, SAME_PLACE)
+        rows, progress, tiles = np.empty((count, 7)), np.zeros(3, dtype=np.int64), self.tiles
+        if separation < 0.0:
+            tiles = tiles._replace(rings=tiles.ranked)
+        else:
+            separation = max(separation, SAME_PLACE)
         while progress[0] == progress[2] < count:
             progress[2] += _ROWS_AT_A_TIME
-            best_bases(self.tiles, place, window, space.raster, apart, rows, progress)
+            best_bases(tiles, place, window, space.raster, separation, rows, progress)
         return rows[: progress[0]]
+
+    def _decided(self, rows: Floats, point: Sequence[float], options: QueryOptions) -> tuple[Floats, Floats]:
+        """Those of the bases (m, 7) that may reach a point, `options.k` at most, and configurations; see `_decide`."""
+        kept, q = self._decide(rows, np.tile(point, (len(rows), 1)), options, options.k)
+        return rows[kept], q[kept]
 
     def _decide(
         self, rows: Floats, points: Floats, options: QueryOptions, most: int = MOST_BASES
@@ -309,7 +321,7 @@ class ClassicalInverseReachabilityMap:
 
     def __init__(self, reachability_map: ReachabilityMap) -> None:
         self.reachability_map = rm = reachability_map.subset(reachability_map.manipulability > 0)
-        self._score = ranking_score(rm, rm.manipulability, rm.torso, rm.flags)
+        self._score = ranking_score(rm, rm.manipulability, rm.flags)
         T = _inverse_transforms(rm)
         self._blocks = [np.ascontiguousarray(T[:, k : k + _BLOCK]) for k in range(0, len(rm), _BLOCK)]
 

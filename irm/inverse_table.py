@@ -188,9 +188,12 @@ class InverseTable:
         offset = points - np.concatenate([bases[:, None, :2], np.zeros((len(bases), 1, 1))], axis=2)
         T[..., :3, 3] = np.einsum("kij,kmj->kmi", _about_z(-bases[:, 2]), offset)
         T[..., 3, 3] = 1.0
-        answers, q = self._solver.solve(T.reshape(-1, 4, 4))
-        answers = answers.reshape(yaws.shape)
-        configurations = q.reshape(*yaws.shape, self._solver.chain.size)
+        flat = T.reshape(-1, 4, 4)
+        # A base at several turns about the TCP is the same base to the arm.
+        _, first, same = np.unique(flat.round(6).reshape(-1, 16), axis=0, return_index=True, return_inverse=True)
+        answers, q = self._solver.solve(flat[first])
+        answers = answers[same].reshape(yaws.shape)
+        configurations = q[same].reshape(*yaws.shape, self._solver.chain.size)
         return Decided(np.all(answers != NO, axis=1), np.all(answers == YES, axis=1), configurations, T)
 
     def improve(self, decided: Decided, rows: NDArray[np.int64], torsos: Floats) -> tuple[Floats, Floats]:
@@ -199,11 +202,6 @@ class InverseTable:
         T, n = decided.T_base_tcp[rows].reshape(-1, 4, 4), found.shape[-1]
         q, mu = self._solver.improve(T, found.reshape(-1, n), torsos.reshape(-1))
         return q.reshape(found.shape), mu.reshape(found.shape[:-1])
-
-    @property
-    def decides_fast(self) -> bool:
-        """Whether the arm is known, and has a structure that the exact solver knows."""
-        return self.reachability_map.chain is not None and not self._solver.is_iterative
 
     @cached_property
     def _solver(self) -> ExactSolver:
@@ -269,7 +267,7 @@ def invert_map(rm: ReachabilityMap) -> Tiles:
     bases: list[NDArray[Any]] = [values[order].astype(np.float32) for values in columns]
     voxel = (key * grid.shape[2] + i) * grid.shape[3] + j
     voxel = voxel[order]
-    score = ranking_score(rm, bases[3], bases[4], rm.flags[order])
+    score = ranking_score(rm, bases[3], rm.flags[order])
     by_voxel = _sorted_descending(voxel, score)
     best: Integers = by_voxel[np.flatnonzero(np.diff(voxel[by_voxel], prepend=-1))]  # of each voxel
     free = bases[3] > 0.0  # the others are in the tiles alone, where it is asked whether there is certainly no base
@@ -278,21 +276,21 @@ def invert_map(rm: ReachabilityMap) -> Tiles:
     rankings = [_ranking(some, key[order], keys, bases, score) for some in (np.flatnonzero(free), best[free[best]])]
     for array in (*arrays, *rankings[0], *rankings[1]):
         array.setflags(write=False)
-    return Tiles._make([*arrays, *rankings, *grid.torso_range])
+    return Tiles._make([*arrays, *rankings, *grid.torso_range, _lift_is_free(rm)])
 
 
-def ranking_score(rm: ReachabilityMap, mu: Singles, torso: NDArray[Any], flags: NDArray[np.uint8]) -> Singles:
+def _lift_is_free(rm: ReachabilityMap) -> bool:
+    """Whether a base is certain at other heights because the lift follows: not if the arm may touch the robot."""
+    return rm.chain is None or not rm.parameters.self_collision
+
+
+def ranking_score(rm: ReachabilityMap, mu: Singles, flags: NDArray[np.uint8]) -> Singles:
     """By what bases (n,) are ranked: μ, but cells that are reached over their whole height come before all others.
 
-    μ is that of a cell's centre. At other heights the lift follows, or the cells above and below say whether the arm
-    still reaches, free of itself; without this, one in twenty of the best bases does not. In a map of the joints alone
-    μ alone counts.
+    μ is that of a cell's centre. At other heights the cells above and below say whether the arm still reaches, free of
+    itself; without this, one in twenty of the best bases does not. In a map of the joints alone μ alone counts.
     """
-    if rm.chain is None or not rm.parameters.self_collision:
-        return mu
-    (lower, upper), half = rm.grid.torso_range, rm.grid.thickness / 2
-    follows = (torso - half >= lower) & (torso + half <= upper)
-    return np.ldexp(mu, 64 * (follows | (flags & CERTAIN_IN_HEIGHT > 0)))
+    return mu if _lift_is_free(rm) else np.ldexp(mu, 64 * (flags & CERTAIN_IN_HEIGHT > 0))
 
 
 def _tiles(key: Integers, keys: int, x: Floats, y: Floats, mu: Singles) -> tuple[Integers, tuple[NDArray[Any], ...]]:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irm.chain import PRISMATIC, ArmChain
-from irm.compilation import njit
+from irm.compilation import WITHOUT_REFERENCE_COUNTS, njit
 from irm.errors import ChainError
 
 
@@ -33,19 +33,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
-@njit(cache=True, inline="always")
-def _place(R_parent: Floats, p_parent: Floats, place: Floats, R: Floats, p: Floats) -> None:
-    """Frame at a `place` in its parent's frame: an origin (3,), or with the nine entries of an orientation (12,)."""
-    for i in range(3):
-        p[i] = p_parent[i] + R_parent[i, 0] * place[0] + R_parent[i, 1] * place[1] + R_parent[i, 2] * place[2]
-        for j in range(3):
-            if place.shape[0] == 3:
-                R[i, j] = R_parent[i, j]
-            else:
-                R[i, j] = R_parent[i, 0] * place[3 + j] + R_parent[i, 1] * place[6 + j] + R_parent[i, 2] * place[9 + j]
-
-
-@njit(cache=True)
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def fk_frames(offsets: Floats, axes: Integers, tip: Floats, q: Floats, R: Floats, p: Floats) -> None:
     """Frames of every link in the base frame, each after its own joint's motion.
 
@@ -56,15 +44,21 @@ def fk_frames(offsets: Floats, axes: Integers, tip: Floats, q: Floats, R: Floats
         p: (n + 1, 3) filled with origins [m].
     """
     n = axes.shape[0]
-    for k in range(n):
-        o = offsets[k]
-        if k == 0:
-            for i in range(3):
-                p[0, i] = o[i]
-                for j in range(3):
-                    R[0, i, j] = 1.0 if i == j else 0.0
-        else:
-            _place(R[k - 1], p[k - 1], o, R[k], p[k])
+    for i in range(3):  # the base, until the TCP is written to this place
+        p[n, i] = 0.0
+        for j in range(3):
+            R[n, i, j] = 1.0 if i == j else 0.0
+    for k in range(n + 1):
+        place, parent = offsets[k] if k < n else tip, k - 1 if k > 0 else n
+        is_turned = k > 0 and place.shape[0] > 3
+        for i in range(3):
+            a, b, c = R[parent, i, 0], R[parent, i, 1], R[parent, i, 2]
+            p[k, i] = p[parent, i] + a * place[0] + b * place[1] + c * place[2]
+            R[k, i, 0], R[k, i, 1], R[k, i, 2] = a, b, c
+            for j in range(3 if is_turned else 0):
+                R[k, i, j] = a * place[3 + j] + b * place[6 + j] + c * place[9 + j]
+        if k == n:
+            break
         axis = axes[k]
         if axis >= PRISMATIC:
             for i in range(3):
@@ -76,7 +70,6 @@ def fk_frames(offsets: Floats, axes: Integers, tip: Floats, q: Floats, R: Floats
                 a, b = R[k, i, u], R[k, i, v]
                 R[k, i, u] = c * a + s * b
                 R[k, i, v] = c * b - s * a
-    _place(R[n - 1], p[n - 1], tip, R[n], p[n])
 
 
 @njit(cache=True)

@@ -82,7 +82,8 @@ class Tiles(NamedTuple):
     Per tile: its centre `tile_x`, `tile_y`, the distance `tile_radius` from there to its farthest base [m], its best
     `tile_mu`, and its bases `tile_first` to `tile_last`. Per key: `key_first` (keys + 1,) tiles and `base_first`
     (keys + 1,) bases. `ranked`: all bases by μ; `rings`: the best base of each voxel by μ. `torso_lower`,
-    `torso_upper`: range in which the torso can follow the TCP's height [m]; equal if it is fixed.
+    `torso_upper`: range in which the torso can follow the TCP's height [m]; equal if it is fixed. `lift_is_free`:
+    whether a base is certain where the torso follows, because self-collision does not count.
     """
 
     x: Singles
@@ -103,6 +104,7 @@ class Tiles(NamedTuple):
     rings: Ranking
     torso_lower: float
     torso_upper: float
+    lift_is_free: bool
 
 
 class TcpPlace(NamedTuple):
@@ -326,7 +328,7 @@ def _best_bases(
     while turn >= 0 and progress[0] < min(progress[2], rows.shape[0]):
         k = progress[0]
         rank, turn = _next_in_order(ranking, progress[1], place, turns, around, rows, k)
-        progress[1] = rank
+        progress[1] = rank + (around.apart < 0.0)
         if turn >= 0:
             base = ranking.base[rank]
             c, s = turns.directions[turn, 0], turns.directions[turn, 1]
@@ -337,7 +339,7 @@ def _best_bases(
             rows[k, 4] = tiles.mu[base]
             torso = tiles.torso[base] + place.height_offset
             rows[k, 5] = min(upper, max(lower, torso)) if torso_follows else tiles.torso[base]
-            in_range = torso_follows and lower <= torso <= upper
+            in_range = tiles.lift_is_free and torso_follows and lower <= torso <= upper
             inside = abs(place.height_offset) < 1e-9 or in_range or tiles.flags[base] & CERTAIN_IN_HEIGHT != 0
             rows[k, 6] = 1.0 if (place.exact and inside) or tiles.flags[base] & CERTAIN_IN_PITCH != 0 else 0.0
             progress[0] += 1
@@ -356,7 +358,8 @@ def _best_bases_at_turns(
 def best_bases(
     tiles: Tiles, place: TcpPlace, window: YawWindow, raster: Raster, apart: float, rows: Floats, progress: Integers
 ) -> None:
-    """The best bases for the turns of a window, `apart` from each other [m]; `rows` and `progress` as `_best_bases`."""
+    """The best bases for the turns of a window, `apart` from each other [m]; `rows` and `progress` as `_best_bases`. If
+    `apart` is negative, each base that is ranked counts at one turn alone: others are the same for the arm."""
     _best_bases_at_turns(tiles, place, lay_out_turns(window), floor_around(raster, apart), rows, progress)
 
 

@@ -25,6 +25,7 @@ from irm.chain import PRISMATIC, ArmChain
 from irm.compilation import njit
 from irm.errors import ChainError, QueryError
 from irm.grid import MapGrid
+from irm.ik.outer_reach import are_out_of_reach
 from irm.ik.solvers import ExactSolver, SelfCollision, all_solutions, free_angles
 from irm.kinematics import forward
 from irm.query_keys import as_positions
@@ -93,8 +94,8 @@ def decide(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> NDArray[np.int8]:
 def classify(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> NDArray[np.int8]:
     """(n,) `Status` values of TCP poses (n, 4, 4) in the base frame, by a map of all pitches and heights alone.
 
-    NO is sure where the chain has a closed form; a map that was filled by samples may miss what is rarely reached, and
-    `decide` is sure for all.
+    NO is sure. A map that was filled by samples may miss what is rarely reached: there the lengths of the links have
+    to prove it, and if they do not, the answer is UNKNOWN.
 
     Raises:
         QueryError: not an array of poses, or the map does not cover all pitches and heights.
@@ -104,6 +105,9 @@ def classify(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> NDArray[np.int8]:
         raise QueryError(_WHOLE_MAP)
     answers = np.empty(len(T), dtype=np.int8)
     _classify(rm.reachable, rm.reached, *_place(grid, T), answers)
+    if rm.chain is not None and not rm.chain.has_closed_form:
+        outside = answers == NO
+        answers[outside] = np.where(are_out_of_reach(rm.chain, grid.torso_range, T[outside]), NO, UNKNOWN)
     return answers
 
 

@@ -105,6 +105,7 @@ def kind_images(seed: int, size: int) -> list[Picture]:
     env = RetrieveEnv(num_objects=len(KINDS) + 1, layout="island", object_set="household", render_mode="rgb_array")
     env.reset(seed=seed, options={"target": env.object_names[len(KINDS)]})  # red, whatever its kind
     renderer, colours, images = Renderer(env.model, size, size), env.model.geom_rgba.copy(), []
+    renderer.has_shadows = False
     for slot, name in enumerate(KINDS):
         others = [
             env.model.body(other).id for other in env.object_names[: len(KINDS) + 1] if other != env.object_names[slot]

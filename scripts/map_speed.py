@@ -66,7 +66,7 @@ def full_scan(
     c, s = np.cos(turns)[:, None], np.sin(turns)[:, None]
     x = point[0] + c * tiles.x[mine] - s * tiles.y[mine]
     y = point[1] + s * tiles.x[mine] + c * tiles.y[mine]
-    columns = tiles.mu[mine], tiles.torso[mine], tiles.flags[mine]
+    columns = tiles.mu[mine], tiles.flags[mine]
     score = np.where(space.are_free(x, y), ranking_score(inverse_map.reachability_map, *columns), np.float32(0.0))
     if score.size == 0 or not score.max() > 0:
         return BasePlacement.nothing(Status.UNKNOWN)

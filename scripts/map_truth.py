@@ -139,7 +139,7 @@ def measure(judge: Judge, poses: int, bases: int, voxel: float) -> dict[str, Any
     status, q = ExactSolver(chain, rm.grid.torso_range).solve(random)
     by_map, by_map_known = classify(rm, random), classify(rm, reachable)
     memory = sum(getattr(rm, name).nbytes for name in ("cells", "manipulability", "torso_index", "flags"))
-    bases_free, asked, query = _best_bases(judge, rm, bases, rng)
+    *best, query = _best_bases(judge, rm, bases, rng)
     answers: dict[str, Any] = {
         "build": built,
         "memory": memory / 1e6,
@@ -156,7 +156,7 @@ def measure(judge: Judge, poses: int, bases: int, voxel: float) -> dict[str, Any
             int(np.count_nonzero((by_map == YES) & (status == NO))),
             int(np.count_nonzero(by_map_known == NO) + np.count_nonzero((by_map == NO) & (status == YES))),
         ],
-        "bases": [bases_free, asked],
+        "bases": best,
         "query": query,
     }
     truth = status != UNKNOWN
@@ -239,11 +239,13 @@ def _random_poses(chain: ArmChain, count: int, rng: np.random.Generator) -> Floa
     return T
 
 
-def _best_bases(judge: Judge, rm: ReachabilityMap, wanted: int, rng: np.random.Generator) -> tuple[int, int, float]:
+def _best_bases(
+    judge: Judge, rm: ReachabilityMap, wanted: int, rng: np.random.Generator
+) -> tuple[int, int, int, float]:
     """How many of the best bases of random heights and pitches have a free configuration, without any floor plan; of
-    how many; and the median time of a query [µs]."""
+    how many; how many of these answers are UNKNOWN; and the median time of a query [µs]."""
     inverse_map, solver = InverseReachabilityMap(rm), ExactSolver(judge.chain, rm.grid.torso_range)
-    free, times = 0, list[float]()
+    free, unknown, times = 0, 0, list[float]()
     for pitch in itertools.islice(itertools.cycle(np.unique(rm.grid.orientations.pitch).tolist()), 4 * wanted):
         if len(times) == wanted:
             break
@@ -254,10 +256,11 @@ def _best_bases(judge: Judge, rm: ReachabilityMap, wanted: int, rng: np.random.G
         if not len(found):
             continue
         times.append(spent / 1e3)
+        unknown += found.status is Status.UNKNOWN
         T = world_to_base(found.poses[0]) @ tcp_poses(point, float(found.approach_yaw[0]), pitch)
         status, q = solver.solve(T)
         free += bool(status[0] == YES and judge.holds(q[0], T[0]))
-    return free, len(times), float(np.median(times))
+    return free, len(times), unknown, float(np.median(times))
 
 
 def tables(measured: dict[str, dict[str, Any]]) -> str:
@@ -277,7 +280,7 @@ def tables(measured: dict[str, dict[str, Any]]) -> str:
         row = [name, f"{m['build']:.0f}", f"{m['memory']:.1f}", f"{known:,} + {random:,}"]
         row += ["{} / {}".format(*m["classify"]), f"{wrong} / {exact['false_no']}"]
         row += [f"{100 * exact['unknown_reachable']:.2f}%", f"{100 * exact['unknown_random']:.2f}%"]
-        row += [f"{exact['micros']:.0f}", f"{m['query']:.0f}", "{} of {}".format(*m["bases"])]
+        row += [f"{exact['micros']:.0f}", f"{m['query']:.0f}", "{} of {}, {} UNKNOWN".format(*m["bases"])]
         rows.append(row)
         shares = [[f"{share:.1%}" for share in m[kind]] for kind in ("map", "rm4d", "sampled")]
         others.append([name, *(f"{right}, {yes}, {no}" for right, yes, no in shares)])

@@ -55,6 +55,7 @@ VARIANTS: tuple[dict[str, Any], ...] = (
     {"reality": 1.0, "object_set": "household"},
 )
 """Further keyword arguments, which the environments of Retrieve take in turn, as far as their objects fit."""
+_VARIANTS_OF_THE_WORLD = VARIANTS[-3:]
 OBSTRUCTED_OBJECTS = 20
 """Objects from which obstructed targets are common on every layout."""
 EPISODE_STEPS = 500
@@ -103,23 +104,29 @@ class EnduranceResult:
         )
 
 
-def main(steps: int = 1_000_000, seed: int = 0, json: Path | None = None) -> None:
+def main(steps: int = 1_000_000, seed: int = 0, json: Path | None = None, household: bool = False) -> None:
     """Step, then print the counts.
 
     Args:
         steps: Control steps in all, shared among the ids, control modes and layouts.
         seed: Random seed of scenes and actions.
         json: File of machine-readable results.
+        household: Retrieve with household objects or `reality` alone.
     """
     start = time.process_time()
     with progress_bar(total=steps, desc="stepping", unit="step") as bar:
-        result = run_endurance(steps, seed, bar.update)
+        result = run_endurance(steps, seed, bar.update, _VARIANTS_OF_THE_WORLD if household else None)
     print(f"{result.summary()}\nCPU time: {time.process_time() - start:.0f} s")
     if json is not None:
         write_json(json, result)
 
 
-def run_endurance(steps: int, seed: int, report: Callable[[int], None] = lambda _: None) -> EnduranceResult:
+def run_endurance(
+    steps: int,
+    seed: int,
+    report: Callable[[int], None] = lambda _: None,
+    variants: tuple[dict[str, Any], ...] | None = None,
+) -> EnduranceResult:
     """Step all ids in both control modes and all layouts, in rounds of about one episode each, in this process.
 
     Every round has other scenes and actions; every second one makes blind grasps in place of random actions.
@@ -129,6 +136,7 @@ def run_endurance(steps: int, seed: int, report: Callable[[int], None] = lambda 
             skills come on top.
         seed: of scenes and actions.
         report: called with the number of steps done since the last call.
+        variants: keyword arguments that environments of Retrieve take in turn, then the only ones; all ids without.
 
     Raises:
         EnduranceError: an observation is not in its space, or a reward is not finite.
@@ -136,7 +144,7 @@ def run_endurance(steps: int, seed: int, report: Callable[[int], None] = lambda 
     """
     if steps < 1:
         raise ValueError(f"steps={steps} must be at least 1")
-    kinds = _kinds()
+    kinds = _kinds(VARIANTS) if variants is None else [kind for kind in _kinds(variants) if "Retrieve" in kind[0]]
     rounds = max(round(steps / (EPISODE_STEPS * len(kinds))), 1)
     share = -(-steps // (rounds * len(kinds)))
     result = EnduranceResult()
@@ -148,7 +156,7 @@ def run_endurance(steps: int, seed: int, report: Callable[[int], None] = lambda 
             is_grasping = bool(turn % 2) and env_id not in ARM_IDS
             _run_one(env, share, seed + turn * len(kinds) + number, is_grasping, result, report)
             env.close()
-        if share == EPISODE_STEPS:
+        if share == EPISODE_STEPS and variants is None:
             for number, env_id in enumerate(SKILL_IDS):
                 _run_skills(gym.make(env_id, robot=ROBOTS[0]), seed + turn * len(SKILL_IDS) + number, result)
         result.memory_mb.append(int(Path("/proc/self/statm").read_text().split()[1]) * PAGE / 2**20)
@@ -156,12 +164,12 @@ def run_endurance(steps: int, seed: int, report: Callable[[int], None] = lambda 
     return result
 
 
-def _kinds() -> list[tuple[str, dict[str, Any]]]:
+def _kinds(variants: tuple[dict[str, Any], ...]) -> list[tuple[str, dict[str, Any]]]:
     """Id and keyword arguments of every environment; those with more objects than fit their table are left out."""
     kinds: list[tuple[str, dict[str, Any]]] = [(env_id, {}) for env_id in ARM_IDS]
     for env_id, mode, task in product(TASK_IDS, CONTROL_MODES, TASKS):
         kinds.append((env_id, {"control_mode": mode, "task": task, **gym.spec(env_id).kwargs}))
-    waiting = list(VARIANTS)
+    waiting = list(variants)
     for layout, env_id, mode in product(LAYOUTS, IDS, CONTROL_MODES):
         keywords = {"control_mode": mode, "layout": layout, **gym.spec(env_id).kwargs}
         if "Retrieve" not in env_id:

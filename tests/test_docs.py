@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import os
 import pkgutil
 import re
@@ -17,7 +18,7 @@ import gymnasium as gym
 import pytest
 
 import clutter_env
-from assets import FETCH, RobotSpec
+from assets import FETCH, RobotSpec, robot
 from clutter_env.cli.main import COMMANDS, read
 from clutter_env.config import EnvConfig
 from clutter_env.envs.observation import OBJECT_FIELDS, OBSERVATION_LAYOUT
@@ -116,7 +117,13 @@ def commands(page: str) -> Iterator[list[str]]:
 
 
 @pytest.mark.parametrize("page", [page for page in USER_PAGES if any(commands(page))])
-def test_the_commands_of_a_page_can_be_read(page: str) -> None:
+def test_the_commands_of_a_page_can_be_read(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if page.endswith("robot_from_a_file.md"):  # its first command makes a robot that the others name
+        panda = robot("panda_mobile")
+        named = {"base_joints": panda.base_joints, "tip": "tcp", "finger_joints": panda.finger_joints}
+        monkeypatch.chdir(tmp_path)
+        Path("vx300s.xml").write_text(panda.mjcf_path.read_text())
+        Path("vx300s.json").write_text(json.dumps({**named, "home": panda.home}))
     for command, *argv in commands(page):
         if command in ("--help", "COMMAND"):
             continue

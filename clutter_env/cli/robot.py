@@ -39,7 +39,7 @@ class Arguments:
     robot: tyro.conf.Positional[str]
     """check: name of a robot, module:NAME of a RobotSpec, or an MJCF file. make: an MJCF or URDF file."""
     page: Path | None = None
-    """JSON file of what the MJCF file does not say."""
+    """JSON file of what the MJCF file does not say; the one beside it if not given."""
     table: float = 0.75
     """Height of the table that the robot is to work at [m]."""
     out: Path | None = None
@@ -87,7 +87,7 @@ def run(arguments: Arguments) -> None:
         print("home, best first:")
         for candidate in home_candidates(robot, table_height=arguments.table):
             print(f"  {[round(float(value), 4) for value in candidate.q]}  {candidate.distance:.2f} rad from grasps")
-        raise UsageError(f"{arguments.page} says no home; take one of these, or your own")
+        raise UsageError("the page says no home; take one of these, or your own")
     _report(robot, arguments.table, arguments.out or Path("outputs") / f"{robot.name}.png")
 
 
@@ -106,7 +106,7 @@ def _report(robot: RobotSpec, table: float, picture: Path) -> None:
 def _make(arguments: Arguments) -> None:
     """Write the robot's file, its page with the best home configuration, and the picture."""
     from assets.robot_making import Mounting, make_robot
-    from clutter_env.cli.robot_report import home_candidates, why_no_home
+    from clutter_env.cli.robot_report import home_candidates, least_grasp_height, why_no_home
 
     if not (arguments.base and arguments.tip):
         raise UsageError("make needs --base, the arm's first body, and --tip, the site or body between the finger tips")
@@ -118,6 +118,9 @@ def _make(arguments: Arguments) -> None:
     file.write_text(text, encoding="utf-8")
     print("\n".join(f"{name}: {value}" for name, value in found.items()))
     draft = assets.RobotSpec.from_mjcf(file, **page, home=_middle(file, page))
+    if (least := least_grasp_height(draft)) > draft.grasp_height:
+        page["grasp_height"] = least
+        print(f"grasp_height: {least} m, so that the hand keeps off the table in level grasps")
     homes = home_candidates(draft, count=1, table_height=arguments.table)
     if not homes:
         raise UsageError(
@@ -167,14 +170,15 @@ def _robot(arguments: Arguments) -> tuple[RobotSpec, bool]:
         if arguments.page is not None:
             raise UsageError(f"--page is for an MJCF file, whose name ends with .xml; {arguments.robot!r} is none")
         return robot_by_name(arguments.robot), True
-    if arguments.page is None:
-        raise UsageError("an MJCF file needs --page, a JSON file; see docs/add_a_robot.md")
+    file = arguments.page or Path(arguments.robot).with_suffix(".json")
     try:
-        page = json.loads(arguments.page.read_text(encoding="utf-8"))
+        page = json.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise UsageError(f"an MJCF file needs --page, or {file} beside it; see docs/add_a_robot.md") from None
     except ValueError as problem:
-        raise UsageError(f"{arguments.page} is no JSON file: {problem}") from None
+        raise UsageError(f"{file} is no JSON file: {problem}") from None
     if not isinstance(page, dict):
-        raise UsageError(f"{arguments.page} holds {page!r:.40}; it must hold a JSON object, see docs/add_a_robot.md")
+        raise UsageError(f"{file} holds {page!r:.40}; it must hold a JSON object, see docs/add_a_robot.md")
     path, has_home = Path(arguments.robot).resolve(), "home" in page
     if not has_home:
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -66,6 +67,8 @@ _ELBOW_ABOVE = 0.05
 """[m] An elbow that much above the TCP keeps the forearm off the table."""
 _TORSO_WEIGHT = 5.0
 """[rad/m] What a metre of the torso counts beside a radian of a joint."""
+_OFF_THE_TABLE = 0.004
+"""[m] at least between the gripper and the table; the planner keeps 2 mm."""
 _TRIED = 200
 """Configurations in which it is looked up what touches."""
 _STILL = 0.002
@@ -149,9 +152,20 @@ def _problems(robot: RobotSpec, model: mujoco.MjModel, reach: LevelReach, table:
         yield f"home: the robot touches {' and '.join(touched)}"
     if robot.max_opening <= (widest := 2 * OBJECT_SETS["standard"].radius[1]):
         yield f"the gripper opens to {robot.max_opening:.3f} m; standard objects are up to {widest:.3f} m wide"
+    if robot.grasp_height < (least := least_grasp_height(robot)):
+        yield f"grasp_height: with {robot.grasp_height} m the gripper nears the table: level grasps need {least}"
     farthest = max(x.max(initial=0.0) for x in (reach.straight_ahead, reach.tilted, reach.from_above))
     if farthest < robot.base_radius + 0.3:
         yield "no grasp reaches 0.3 m beyond the base at the table's height"
+
+
+def least_grasp_height(robot: RobotSpec) -> float:
+    """[m] of the TCP above the table, in level grasps, at which the last link keeps off it; rounded up to 5 mm."""
+    shapes, last = robot.shapes, robot.shapes.link == len(robot.chain) - 1
+    up = robot.tcp_rotation[:, 2]
+    below = (np.array(robot.tcp_offset) - shapes.position[last]) @ up + shapes.radius[last]
+    below += (np.abs(up @ shapes.rotation[last]) * shapes.half[last]).sum(axis=1)
+    return math.ceil((float(below.max()) + _OFF_THE_TABLE) * 200) / 200
 
 
 class LevelReach(NamedTuple):
@@ -298,22 +312,25 @@ def why_no_home(robot: RobotSpec, table: float) -> str:
 def draw_robot(robot: RobotSpec, reach: LevelReach, file: Path) -> None:
     """Write one page: the robot at home from two sides, and the reach of its level gripper from above, by height."""
     figure = Figure(figsize=(13, 10))
-    parts: Any = figure.subfigures(2, 1, height_ratios=(2.2, 1))
+    parts: Any = figure.subfigures(2, 1, height_ratios=(2.6, 1))
     above, below = parts
     chain = ArmChain.from_robot(robot)
     R, p = np.empty((chain.size + 1, 3, 3)), np.empty((chain.size + 1, 3))
     fk_frames(chain.offsets, chain.axes, chain.tip, np.array(robot.home), R, p)
     frames = [pose_of(np.concatenate([p[k], R[k].ravel()])) for k in range(chain.size + 1)]
     above.suptitle(
-        f"{robot.name} at home: collision shapes, frames of the joints and of the TCP (x red, y green, z blue)"
+        f"{robot.name} at home: collision shapes of base (grey), arm (blue) and gripper (orange); dashed: the table\n"
+        "frames of the joints and of the TCP: x red, y green, z blue; between the fingers x must point ahead, y across"
     )
+    x, y, z = (0.45, 0.9, 0.9, 0.45, 0.45), (0.7, 0.7, -0.7, -0.7, 0.7), reach.z[reach.z.size // 2] - robot.grasp_height
     for column, (elevation, azimuth) in enumerate(((18, -60), (0, -90))):
-        axes: Any = above.add_subplot(1, 2, column + 1, projection="3d", proj_type="ortho")
+        axes: Any = above.add_axes((0.02 + 0.48 * column, -0.02, 0.48, 0.98), projection="3d", proj_type="ortho")
+        axes.plot(x, y, z, color="0.3", linestyle="--", linewidth=1.0)
         _draw_shapes(axes, robot_arrays(robot), frames)
         for T in frames:
             for direction, colour in zip(T[:3, :3].T, _COLOURS, strict=True):
                 axes.plot(*np.transpose([T[:3, 3], T[:3, 3] + _AXIS * direction]), color=colour, linewidth=1.5)
-        axes.set_box_aspect((1, 1, 1.1), zoom=1.25)
+        axes.set_box_aspect((1, 1, 1.1), zoom=1.0 + 0.25 * column)
         axes.set(xlim=(-0.7, 0.9), ylim=(-0.8, 0.8), zlim=(0, 1.76), xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
         axes.view_init(elevation, azimuth)
         if elevation == 0:

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.errors import OptionError
-from clutter_env.scene.layout import SECOND_TABLE, TABLE, TRAY, Layout, supports_of
+from clutter_env.scene.layout import SECOND_TABLE, TABLE, TABLE_HEIGHT, TRAY, Layout, supports_of
 from clutter_env.scene.object_sets import OBJECT_GAP
 from clutter_env.scene.table_scene import TableScene, object_name
 from planners import goals
-from planners.goals import Goal, Region
+from planners.goals import At, Goal, Region
 
 Rng: TypeAlias = np.random.Generator
 
@@ -115,9 +115,13 @@ def _swap(rng: Rng, layout: Layout, scene: TableScene) -> DrawnGoal:  # noqa: AR
             break
     else:
         raise OptionError("task 'swap': no two of these objects can change places; give them more room")
-    pairs = zip(cycle, np.roll(cycle, -1), strict=True)
-    facts = [goals.at(object_name(int(slot)), scene.positions[place]) for slot, place in pairs]
-    return DrawnGoal(goals.and_(*facts))
+    # Where one board lies above another the height says on which of them.
+    heights = TABLE_HEIGHT + scene.levels[after] + scene.standing_extents[:, 2]
+    is_high, facts = np.ptp(scene.levels) > 0, []
+    for slot in cycle.tolist():
+        x, y = map(float, scene.positions[after[slot]])
+        facts.append(At(object_name(slot), x, y, z=float(heights[slot]) if is_high else None))
+    return DrawnGoal(Goal(tuple(facts)))
 
 
 def _are_apart(scene: TableScene, positions: NDArray[np.float64], levels: NDArray[np.float64]) -> bool:

@@ -20,10 +20,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irm.answers import NO, UNKNOWN, YES
-from irm.chain import PRISMATIC, ArmChain, ChainArrays, chain_arrays, pose_of
+from irm.chain import ArmChain, ChainArrays, ChainKey, chain_arrays
 from irm.compilation import njit
 from irm.ik.closed_form import decide_poses, ik_arm
 from irm.ik.numerical import random_seeds, refine
+from irm.ik.outer_reach import are_out_of_reach
 from irm.ik.structure import ParallelArm, SphericalArm, find_structure
 from irm.ik.structured import parallel_excess, parallel_solutions, scan_free_joint, spherical_solutions
 from irm.kernel_arguments import leaf_kernel, packed
@@ -129,7 +130,7 @@ class ExactSolver:
             decide_poses(chain_arrays(self.chain, self.torso_range), T, status, q)
             return status, q
         low, high = self.torso_range
-        status[_are_beyond(self.chain, self.torso_range, T)] = NO
+        status[are_out_of_reach(self.chain, self.torso_range, T)] = NO
         if not self.is_iterative:
             _scan_poses(self._arrays, T, low, high, status, q)
         if np.any(status == UNKNOWN):
@@ -143,26 +144,6 @@ class ExactSolver:
         heights, rng = np.linspace(low, high, ceil((high - low) / LIFT_STEP) + 1), np.random.default_rng(0)
         count = SEEDS if low == high else SEEDS // 2
         return np.concatenate([random_seeds(self.chain, count, height, rng) for height in heights])
-
-
-def _are_beyond(chain: ArmChain, torso_range: tuple[float, float], T: Floats) -> NDArray[np.bool_]:
-    """(n,) whether the last joint of poses (n, 4, 4) is certainly out of reach of the links.
-
-    Its origin is where it is, whatever its angle. That of the second joint of the arm is on a circle about the first
-    axis; on a lift only its distance from the first joint counts.
-    """
-    (low, high), hand = torso_range, pose_of(chain.tip)
-    links = chain.reach - float(np.linalg.norm(hand[:3, 3])) + _ROUNDING
-    away = T[:, :3, 3] - T[:, :3, :3] @ (hand[:3, :3].T @ hand[:3, 3]) - chain.shoulder
-    away[:, 2] -= np.clip(away[:, 2], low, high)
-    beyond = ~(np.linalg.norm(away, axis=1) <= links)
-    if low == high and chain.axes[1] < PRISMATIC:
-        axis, second = int(chain.axes[1]), chain.offsets[2, :3]
-        away = np.roll(away @ pose_of(chain.offsets[1])[:3, :3], -axis, axis=1)  # the axis first
-        along, *across = np.roll(second, -axis)
-        apart = np.hypot(away[:, 0] - along, np.hypot(away[:, 1], away[:, 2]) - np.hypot(*across))
-        beyond |= apart > links - np.linalg.norm(second)
-    return np.asarray(beyond)
 
 
 @njit(cache=True)
@@ -261,7 +242,7 @@ _NO_PARALLELS = ParallelArm(
 
 def solver_arrays(chain: ArmChain) -> SolverArrays:
     """The solver of an arm; made once for all chains with the same arrays."""
-    return _solver_of(_Key(chain))
+    return _solver_of(ChainKey(chain))
 
 
 def free_angles(chain: ArmChain, count: int) -> Floats:
@@ -276,23 +257,8 @@ def free_angles(chain: ArmChain, count: int) -> Floats:
     return np.asarray(0.5 * (lower + upper) - 0.5 * width + (np.arange(count) + 0.5) * (width / count))
 
 
-class _Key:
-    """A chain that equals others with the same arrays, for `lru_cache`."""
-
-    def __init__(self, chain: ArmChain) -> None:
-        self.chain = chain
-        arrays = (chain.offsets, chain.axes, chain.lower, chain.upper, chain.tip, chain.links)
-        self._content = tuple(array.tobytes() for array in arrays)
-
-    def __hash__(self) -> int:
-        return hash(self._content)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Key) and self._content == other._content
-
-
 @lru_cache(maxsize=64)
-def _solver_of(key: _Key) -> SolverArrays:
+def _solver_of(key: ChainKey) -> SolverArrays:
     chain = key.chain
     arrays, none = chain_arrays(chain), np.zeros((0, chain.size))
     if chain.has_closed_form:

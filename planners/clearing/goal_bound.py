@@ -21,7 +21,7 @@ from planners.clock import NO_DEADLINE, Deadline
 from planners.goals import Before, Clear, Goal, Holding, On, occupants
 from planners.grasping.candidates import GraspCandidates
 from planners.placing.blockers import PutDownMasks, put_down_masks
-from planners.placing.goal_places import is_too_large, must_go_first, overlapping, place_of
+from planners.placing.goal_places import must_go_first, place_of, without_room
 from planners.placing.placements import PlacementSearch
 from planners.scene import MAX_OBJECTS, Scene
 
@@ -39,8 +39,8 @@ class LowerBound:
         aside: those of them that must be picked twice: put aside first, since others wait for them to leave.
         proved: whether `picks` is exact for the places where objects stand; if not, `least` is what is proved.
         least: no plan has fewer picks.
-        cause: "" or why there is no plan: "unreachable", "no self-clearable set", "no clearance location" where an
-            object is larger than its place or two overlap at their poses, or "time limit" if it was aborted.
+        cause: "" or why there is no plan: "unreachable", "no self-clearable set", "no clearance location" where
+            objects have no room at their places, whatever else moves, or "time limit" if it was aborted.
         expansions: search nodes visited.
     """
 
@@ -81,8 +81,7 @@ def fewest_picks(
     to_move = tuple(dict.fromkeys((*must_move(scene, goal, start), *also)))
     if not to_move:
         return LowerBound(0, (), (), True, 0)
-    too_large = tuple(fact.object for fact in goal.placed if fact.object in to_move and is_too_large(scene, fact))
-    if nowhere := too_large or overlapping(scene, goal, to_move):
+    if nowhere := without_room(scene, goal, to_move)[0]:
         return LowerBound(None, nowhere, (), True, 0, Cause.NO_CLEARANCE_LOCATION)
     stuck = tuple(name for name in to_move if name not in scene.held_names and not candidates.blockers(scene, name))
     waiting_for = waits_for(scene, goal, to_move)

@@ -30,6 +30,8 @@ _STATIC = np.uint64(1 << STATIC_BIT)
 _SELF = np.uint64(1 << SELF_BIT)
 _BLOCK = 6
 """Checks along a path of which one may stand for all."""
+_AROUND = 4
+"""Of an edge one check may stand for all that are fewer than so many, a power of two, away from it."""
 
 
 class Attached(NamedTuple):
@@ -56,6 +58,7 @@ class Scratch(NamedTuple):
         p: (n + 2, 3) their origins [m].
         solids: p + 2 h solids: the robot's primitives, then those of the held object, as in `Attached`.
         x: (3 + n,) the whole-body configuration that is checked, on the way along an edge.
+        slack: (1 + n,) [m] how far the base and the links move there until the last check beside it.
         simplex: (4, 3) for `are_within`.
     """
 
@@ -63,6 +66,7 @@ class Scratch(NamedTuple):
     p: Array
     solids: Solids
     x: Array
+    slack: Array
     simplex: Array
 
 
@@ -107,6 +111,7 @@ def make_scratch(robot: RobotArrays, attached: Attached) -> Scratch:
             first=np.concatenate((np.zeros(len(robot.core), np.int64), held.first)),
         ),
         x=np.empty(3 + n),
+        slack=np.empty(1 + n),
         simplex=np.empty((4, 3)),
     )
 
@@ -146,25 +151,31 @@ def _move_frames(R: Array, p: Array, count: int, base: Array) -> None:
     R[count, 0, 0], R[count, 0, 1], R[count, 1, 0], R[count, 1, 1] = c, -s, s, c
 
 
+@inlined_kernel
+def _place_solid(robot: RobotArrays, scratch: Scratch, slide: float, i: int) -> None:
+    """Write the world pose of the robot's primitive `i`, of a finger that has moved by `slide` [m]."""
+    R, p, link, along, position = scratch.R, scratch.p, robot.link, robot.slide, scratch.solids.position
+    frame = robot.offsets.shape[0] + 1 if link[i] == BASE else link[i]
+    _compose(R, p, frame, robot.position, robot.rotation, i, scratch.solids, i)
+    if robot.slides[i]:
+        for axis in range(3):
+            moved = R[frame, axis, 0] * along[i, 0]
+            moved += R[frame, axis, 1] * along[i, 1] + R[frame, axis, 2] * along[i, 2]
+            position[i, axis] += slide * moved
+
+
 @leaf_kernel
 def place_robot(
     robot: RobotArrays, attached: Attached, scratch: Scratch, base: Array, q: Array, opening: float
 ) -> None:
     """Write the world poses of all primitives, and of the held object, into `scratch`; `opening` of the gripper [m]."""
-    R, p, solids, position = scratch.R, scratch.p, scratch.solids, scratch.solids.position
+    R, p, solids = scratch.R, scratch.p, scratch.solids
     fk_frames(robot.offsets, robot.axes, robot.tip, q, R, p)
     tcp, count = robot.offsets.shape[0], robot.core.shape[0]
     _move_frames(R, p, tcp + 1, base)
-    link, slides, along, local, turn = robot.link, robot.slides, robot.slide, robot.position, robot.rotation
     slide = min(max(0.5 * (opening - robot.gap), 0.0), robot.slide_end)
     for i in range(count):
-        frame = tcp + 1 if link[i] == BASE else link[i]
-        _compose(R, p, frame, local, turn, i, solids, i)
-        if slides[i]:
-            for axis in range(3):
-                moved = R[frame, axis, 0] * along[i, 0]
-                moved += R[frame, axis, 1] * along[i, 1] + R[frame, axis, 2] * along[i, 2]
-                position[i, axis] += slide * moved
+        _place_solid(robot, scratch, slide, i)
     held = attached.solids
     for row in range(held.core.shape[0]):
         _compose(R, p, tcp, held.position, held.rotation, row, solids, count + row)
@@ -237,6 +248,45 @@ def _object_hits(
 
 
 @leaf_kernel
+def _solid_hits_static(
+    solids: Solids, i: int, is_base: bool, obstacles: Obstacles, padding: float, simplex: Array
+) -> bool:
+    """Whether solid i comes nearer than `padding` [m] to a static obstacle or, if it is not the base, the ground."""
+    static, extent = obstacles.static, obstacles.extent
+    position, centre, core = solids.position, static.position, static.core
+    x, y, z = position[i, 0], position[i, 1], position[i, 2]
+    bound = solids.bound[i] + padding
+    if z < bound and not is_base and z < height(solids, i) + padding:
+        return True
+    for j in range(core.shape[0]):
+        if z - bound >= centre[j, 2] + extent[j, 2]:
+            break
+        dx = max(abs(x - centre[j, 0]) - extent[j, 0], 0.0)
+        dy = max(abs(y - centre[j, 1]) - extent[j, 1], 0.0)
+        dz = max(abs(z - centre[j, 2]) - extent[j, 2], 0.0)
+        is_near = dx * dx + dy * dy + dz * dz < bound * bound
+        if is_near and _touch(solids, i, static, j, padding, simplex):
+            return True
+    return False
+
+
+@leaf_kernel
+def arm_hits_static(query: CollisionQuery, base: Array, q: Array) -> bool:
+    """Whether the robot without its gripper hits something static: primitives are placed until one does."""
+    robot, scratch, link = query.robot, query.scratch, query.robot.link
+    fk_frames(robot.offsets, robot.axes, robot.tip, q, scratch.R, scratch.p)
+    _move_frames(scratch.R, scratch.p, robot.offsets.shape[0] + 1, base)
+    for i in range(robot.held_from, robot.core.shape[0]):
+        is_base = link[i] == BASE
+        if is_base and robot.stands:
+            continue
+        _place_solid(robot, scratch, 0.0, i)
+        if _solid_hits_static(scratch.solids, i, is_base, query.obstacles, query.padding, scratch.simplex):
+            return True
+    return False
+
+
+@leaf_kernel
 def _hits_static(
     solids: Solids,
     count: int,
@@ -252,26 +302,20 @@ def _hits_static(
     These are the static obstacles and the ground; what is fixed to the base may be near the ground, and to anything if
     the base `stands` still.
     """
-    static, extent = obstacles.static, obstacles.extent
-    position, bounds, centre, core = solids.position, solids.bound, static.position, static.core
     for k in range(count + held):
         i = k if k < count else held + k
         if stands and k < count and link[i] == BASE:
             continue
-        x, y, z = position[i, 0], position[i, 1], position[i, 2]
-        bound = bounds[i] + padding
-        if z < bound and (k >= count or link[i] != BASE) and z < height(solids, i) + padding:
+        if _solid_hits_static(solids, i, k < count and link[i] == BASE, obstacles, padding, simplex):
             return True
-        for j in range(core.shape[0]):
-            if z - bound >= centre[j, 2] + extent[j, 2]:
-                break
-            dx = max(abs(x - centre[j, 0]) - extent[j, 0], 0.0)
-            dy = max(abs(y - centre[j, 1]) - extent[j, 1], 0.0)
-            dz = max(abs(z - centre[j, 2]) - extent[j, 2], 0.0)
-            is_near = dx * dx + dy * dy + dz * dz < bound * bound
-            if is_near and _touch(solids, i, static, j, padding, simplex):
-                return True
     return False
+
+
+@inlined_kernel
+def _are_apart(position: Array, i: int, j: int, reach: float) -> bool:
+    """Whether two centres are farther apart than `reach` [m], so that the spheres about two solids do not meet."""
+    x, y, z = position[i, 0] - position[j, 0], position[i, 1] - position[j, 1], position[i, 2] - position[j, 2]
+    return bool(x * x + y * y + z * z > reach * reach)
 
 
 @leaf_kernel
@@ -288,6 +332,8 @@ def _hits_itself(
                 return True
     for pair in range(pairs.shape[0]):
         i, j = pairs[pair, 0], pairs[pair, 1]
+        if _are_apart(position, i, j, bounds[i] + bounds[j] + padding):
+            continue
         distance = core_distance(solids, j, position[i, 0], position[i, 1], position[i, 2])
         is_near = distance < bounds[i] + radius[j] + padding
         if is_near and are_within(solids, i, solids, j, padding, simplex):
@@ -347,33 +393,6 @@ def edge_samples(reach: Array, start: Array, end: Array, step: float) -> int:
 
 
 @leaf_kernel
-def edge_hits(query: CollisionQuery, start: Array, end: Array, step: float) -> np.uint64:
-    """What a straight motion between two whole-body configurations (3 + n,) hits; `start` itself is not checked.
-
-    No point of the robot moves more than `step` [m] between two checks, so nothing deeper
-    than `step / 2 - padding` is missed. The end comes first, then ever finer subdivisions: a blocked edge is refused
-    early.
-    """
-    parts = edge_samples(query.attached.reach, start, end, step)
-    x = query.scratch.x
-    for joint in range(x.shape[0]):
-        x[joint] = end[joint]
-    hits = configuration_hits(query, query.active, x[:3], x[3:])
-    stride = 1
-    while 2 * stride < parts:
-        stride *= 2
-    while stride >= 1 and not (query.first_only and hits != _NONE):
-        for i in range(stride, parts, 2 * stride):
-            for joint in range(x.shape[0]):
-                x[joint] = start[joint] + (end[joint] - start[joint]) * i / parts
-            hits |= configuration_hits(query, query.active, x[:3], x[3:])
-            if query.first_only and hits != _NONE:
-                return np.uint64(hits)
-        stride //= 2
-    return np.uint64(hits)
-
-
-@leaf_kernel
 def _is_clear_around(query: CollisionQuery, x: Array, opening: float, slack: Array) -> bool:
     """Whether nothing that counts is hit at a configuration (3 + n,), nor where each link has moved by its slack.
 
@@ -395,6 +414,8 @@ def _is_clear_around(query: CollisionQuery, x: Array, opening: float, slack: Arr
             i, j = robot.self_pairs[pair, 0], robot.self_pairs[pair, 1]
             wide = padding + abs(slack[link[i] + 1] - slack[link[j] + 1])
             position = solids.position
+            if _are_apart(position, i, j, solids.bound[i] + solids.bound[j] + wide):
+                continue
             distance = core_distance(solids, j, position[i, 0], position[i, 1], position[i, 2])
             is_near = distance < solids.bound[i] + solids.radius[j] + wide
             if is_near and are_within(solids, i, solids, j, wide, simplex):
@@ -416,6 +437,50 @@ def _is_clear_around(query: CollisionQuery, x: Array, opening: float, slack: Arr
         radius[i] = robot.radius[i] if i < count else attached.solids.radius[i - count]
         bound[i] = robot.bound[i] if i < count else attached.solids.bound[i - count]
     return is_clear
+
+
+@leaf_kernel
+def _hits_on_edge(query: CollisionQuery, start: Array, end: Array, share: int, parts: int) -> np.uint64:
+    """What is hit at so many of the `parts` of an edge from its start."""
+    x = query.scratch.x
+    for joint in range(x.shape[0]):
+        x[joint] = start[joint] + (end[joint] - start[joint]) * share / parts
+    return np.uint64(configuration_hits(query, query.active, x[:3], x[3:]))
+
+
+@leaf_kernel
+def edge_hits(query: CollisionQuery, start: Array, end: Array, step: float) -> np.uint64:
+    """What a straight motion between two whole-body configurations (3 + n,) hits; `start` itself is not checked.
+
+    No point of the robot moves more than `step` [m] between two checks, so nothing deeper
+    than `step / 2 - padding` is missed. The end comes first, then ever finer subdivisions: a blocked edge is refused
+    early. The finest are left out where nothing is so near that they could hit it.
+    """
+    reach, x, slack = query.attached.reach, query.scratch.x, query.scratch.slack
+    parts, stride = edge_samples(reach, start, end, step), 1
+    copy_row(end, x)
+    hits = configuration_hits(query, query.active, x[:3], x[3:])
+    while 2 * stride < parts:
+        stride *= 2
+    far = math.hypot(end[0] - start[0], end[1] - start[1]) + abs(end[2] - start[2]) * reach[2]
+    for link in range(slack.shape[0]):
+        far += abs(end[2 + link] - start[2 + link]) * reach[2 + link] if link > 0 else 0.0
+        slack[link] = far * (_AROUND - 1) / parts
+    while stride >= 1:
+        for i in range(stride, parts, 2 * stride):
+            if query.first_only and hits != _NONE:
+                return np.uint64(hits)
+            if stride == _AROUND:
+                for joint in range(x.shape[0]):
+                    x[joint] = start[joint] + (end[joint] - start[joint]) * i / parts
+                if _is_clear_around(query, x, query.opening, slack):
+                    continue
+            for away in range(_AROUND if stride == _AROUND else 1):
+                hits |= _hits_on_edge(query, start, end, i - away, parts)
+                if away > 0 and i + away < parts and not (query.first_only and hits != _NONE):
+                    hits |= _hits_on_edge(query, start, end, i + away, parts)
+        stride = stride // 2 if stride != _AROUND else 0
+    return np.uint64(hits)
 
 
 @leaf_kernel

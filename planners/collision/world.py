@@ -64,7 +64,7 @@ class _Carried(NamedTuple):
     attached: Attached
     width: float  # [m] between the fingers; 0 without an object
     scratch: Scratch  # kernels hold the interpreter's lock, so that no two write to it at once
-    queries: dict[tuple[float, int, bool], CollisionQuery]
+    queries: dict[tuple[float, int, float, bool], CollisionQuery]
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,10 +139,11 @@ class CollisionWorld:
     def _carry(self, held: HeldObject | None, robot: RobotArrays) -> _Carried:
         """What is computed once for each held object, and for none; raises `UnknownObject`.
 
-        Worlds with the same obstacles share it, whatever their padding and wherever the robot is in their scenes.
+        Worlds with the same obstacles share it, wherever the robot is in their scenes and whatever more than `PADDING`
+        they keep.
         """
         is_in_hand = held is not None and self.scene.held is not None and self.scene.held.name == held.name
-        key = id(held), id(robot), self.padding, self.yields, is_in_hand
+        key = id(held), id(robot), min(self.padding, PADDING), self.yields, is_in_hand
         if key not in self._carried:
             if held is None:
                 width, (attached, scratch) = 0.0, _empty_handed(self.robot, robot)
@@ -199,7 +200,7 @@ class CollisionWorld:
         carried, active = self._carry(held, robot or self.robot), self.active(ignore)
         # Fingers that are commanded to close on the held object stay at its width.
         apart, padding = max(float(opening), carried.width), float(self.padding)
-        key = apart, int(active), first_only
+        key = apart, int(active), padding, first_only
         if key not in carried.queries:
             scratch, attached = carried.scratch, carried.attached
             query = CollisionQuery(carried.robot, self.obstacles, attached, scratch, apart, active, padding, first_only)

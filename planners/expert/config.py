@@ -21,6 +21,8 @@ class MonitorConfig:
         slip: [m] motion of a held object in the TCP frame.
         base: [m] and [rad] tracking error of a base joint.
         arm: [m] and [rad] tracking error of torso or arm joint.
+        aim: [m] from where the plan has an object, or one beside it, to where it is seen just before the gripper
+            approaches it.
 
     Raises:
         ExpertError: a value that is not a number of at least 0.
@@ -31,6 +33,7 @@ class MonitorConfig:
     slip: float = 0.02
     base: float = 0.08
     arm: float = 0.12
+    aim: float = math.inf
 
     def __post_init__(self) -> None:
         for entry in fields(self):

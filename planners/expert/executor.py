@@ -28,6 +28,10 @@ _RATE_CHANGE = 0.05
 """Per sample: by how much of its speed the robot slows down after a deviation, or turns back; 1 s to a stop."""
 _LAG, _CATCHING_UP = 0.25, 0.5
 """Share of the tolerated tracking error from which on the plan is carried out more slowly, and its speed then."""
+_LAST_LOOK = 1.0, 0.5
+"""[s] before an approach: from when until when the object is looked at again, so that the robot stops before it."""
+_BESIDE = 0.15
+"""[m] between the centres of objects that the open gripper touches both where they are seen wrongly."""
 _ROUNDING = 1e-6
 """Of a number of samples."""
 
@@ -231,9 +235,21 @@ class Executor:
             # The approach leads to where the object stood.
             index = self._names.index(action.target)
             away = float(np.linalg.norm(now.positions[index] - self._expected.positions[index]))
-            if away > self._config.displacement:
+            starts = [one.start for one in action.trajectory.phases if one.name == "approach"]
+            is_near = any(start - _LAST_LOOK[0] <= self._time < start - _LAST_LOOK[1] for start in starts)
+            if away > self._config.displacement or (is_near and self._is_off_aim(now)):
                 return Deviation(DeviationKind.OBJECT_MOVED, action.target)
         return deviation
+
+    def _is_off_aim(self, now: Snapshot) -> bool:
+        """Whether from here the object to be grasped, or one beside it, is seen elsewhere than when it was planned."""
+        planned = {body.name: body.position for body in self._present.scene.objects}
+        target = planned[self._present.target]
+        return any(
+            np.linalg.norm(seen - planned[name]) > self._config.aim
+            for name, seen in zip(self._names, now.positions, strict=True)
+            if name in planned and np.hypot(*(planned[name] - target)[:2]) < _BESIDE
+        )
 
     def _check_grip(self, now: Snapshot, held: HeldObject | None) -> Deviation | None:
         """Whether the fingers have grasped the object as planned and it has not moved between them since."""

@@ -43,6 +43,11 @@ _AT_START = 2
 
 The difference together with the first motion would exceed the acceleration limit, and the joint would lag.
 """
+_AIM = 1 / 3
+"""Share of the accuracy of poses by which what is grasped may seem to have moved once the robot has come near: more is
+seen wrongly from where the plan was made, and is planned again from here."""
+_LEAST_AIM = 0.004
+"""[m]"""
 _NEAR_HOME = 0.05
 """[m], [rad]: a configuration this near to home is planned from as if it were home; the controller closes the gap."""
 
@@ -111,6 +116,8 @@ class TampExpert:
         self._robots = {arm: robot if arm == robot.arm_name else robot.using(arm) for arm in robot.acting_arms}
         monitor, accuracy = self._config.monitor, float(getattr(self._env, "pose_accuracy", 0.0))
         self._tolerances = replace(monitor, displacement=monitor.displacement + accuracy, slip=monitor.slip + accuracy)
+        if accuracy > 0:
+            self._tolerances = replace(self._tolerances, aim=max(accuracy * _AIM, _LEAST_AIM))
         self._has_begun = False
         self._solution: Solution | Infeasible | None = None
 

@@ -91,13 +91,12 @@ def free_ground(scene: Scene, with_shadows: bool = False) -> FreeSpace:
     Raises:
         SceneError: a support is missing, or has no level top.
     """
-    top, centre, outlines = scene.support.top, scene.support.position[:2], []
+    centre, outlines = scene.support.position[:2], []
     supports = (scene.support, *map(scene.support_named, scene.supports[1:]))
     places = np.array([*(one.position[:2] for one in supports), *(one.position[:2] for one in scene.objects)])
     for obstacle in _beside_base(scene):
         outline = obstacle.outline
-        is_tall = obstacle.lower[2] < top and obstacle.upper[2] > top + WALL_HEIGHT
-        if with_shadows and is_tall and not obstacle.is_under(centre):
+        if with_shadows and _is_wall(scene, obstacle) and not obstacle.is_under(centre):
             # No arm reaches the support across a wall beside it: all that it hides from the centre is left out.
             away = outline - centre
             far = away * (3 * GROUND_SIZE / np.linalg.norm(away, axis=1, keepdims=True))
@@ -111,6 +110,11 @@ def free_ground(scene: Scene, with_shadows: bool = False) -> FreeSpace:
     # Farther away no ground is used, so that there are not too many cells.
     bounds = (*np.maximum(low, centre - _FARTHEST), *np.minimum(high, centre + _FARTHEST))
     return FreeSpace.from_polygons(outlines, inner_radius(scene.robot) + GROUND_MARGIN, bounds)
+
+
+def _is_wall(scene: Scene, obstacle: StaticObstacle) -> bool:
+    """Whether it stands out above the first support and below it."""
+    return bool(obstacle.lower[2] < scene.support.top < obstacle.upper[2] - WALL_HEIGHT)
 
 
 def _beside_base(scene: Scene) -> list[StaticObstacle]:
@@ -167,7 +171,8 @@ class MapPlacer:
     def of_scene(cls, scene: Scene, per_gripper_pose: int = 3, ground_map: GroundMap | None = None) -> MapPlacer:
         """Base poses for the active arm among the static obstacles of a scene; its map is made if not given."""
         robot, outlines = scene.robot, tuple(one.outline for one in _beside_base(scene))
-        free, in_the_open = free_ground(scene), free_ground(scene, with_shadows=True)
+        free, has_walls = free_ground(scene), any(_is_wall(scene, one) for one in scene.static_obstacles)
+        in_the_open = free_ground(scene, with_shadows=True) if has_walls else free
         return cls(
             robot, inverse_map(robot), free, in_the_open, outlines, ground_map or GroundMap(scene), per_gripper_pose
         )

@@ -14,7 +14,7 @@ from irm.ik.closed_form import MAX_SOLUTIONS
 from irm.ik.solvers import CLOSED_FORM, arm_solutions
 from irm.kernel_arguments import copy_row, leaf_kernel, pointer_to
 from irm.kinematics import arm_jacobian, condition, fk_frames
-from planners.collision.hit_kernels import CollisionQuery, configuration_hits
+from planners.collision.hit_kernels import CollisionQuery, arm_hits_static, configuration_hits
 from planners.collision.scene_arrays import RobotArrays
 from planners.collision.straight_lines import follow_line
 from planners.scene.masks import FIXED_BITS, SELF_BIT, STATIC_BIT
@@ -258,7 +258,7 @@ def _consider(
 ) -> None:
     """Keep a configuration if no kept one dominates it. What the gripper hits is known and not checked again."""
     # Most configurations hit something static, which is soon found out.
-    if configuration_hits(query, query.active & _STATIC, base, q) != _NONE:
+    if query.active & _STATIC != _NONE and arm_hits_static(query, base, q):
         return
     hits = _hits(query, driven, query.active & ~by_gripper & ~_SELF, base, q, out) | by_gripper
     if hits & _FIXED != _NONE or (query.first_only and hits != _NONE):

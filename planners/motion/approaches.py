@@ -230,7 +230,8 @@ def _lines(query: ContactQuery, pattern: ApproachPattern) -> tuple[Array, Array]
     empty = _follow(query, ((back, pattern.back), (up, pattern.up)), pattern)
     if empty is None:
         return None
-    loaded = _follow(query, ((up, pattern.held_up), (back, pattern.held_back)), pattern)
+    is_same = pattern.back == pattern.held_back == 0.0 and pattern.up == pattern.held_up
+    loaded = empty if is_same else _follow(query, ((up, pattern.held_up), (back, pattern.held_back)), pattern)
     return None if loaded is None else (empty, loaded)
 
 

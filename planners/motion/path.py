@@ -76,8 +76,9 @@ NO_WAY = NoPath("drive: no way for the base")
 def on_base(bases: ArrayLike, waypoints: ArrayLike) -> Array:
     """Whole-body configurations (n, 11): base poses (n, 3) with torso and arm (n, 8); one of either is that of all."""
     bases, waypoints = np.atleast_2d(bases), np.atleast_2d(waypoints)
-    (n,) = np.broadcast_shapes(bases.shape[:1], waypoints.shape[:1])
-    return np.hstack([np.broadcast_to(bases, (n, bases.shape[1])), np.broadcast_to(waypoints, (n, waypoints.shape[1]))])
+    X = np.empty((len(waypoints) if len(bases) == 1 else len(bases), bases.shape[1] + waypoints.shape[1]))
+    X[:, : bases.shape[1]], X[:, bases.shape[1] :] = bases, waypoints
+    return X
 
 
 def cut(parts: NDArray[np.int64]) -> Array:

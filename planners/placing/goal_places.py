@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -176,8 +176,8 @@ def locations_in(
 
 
 def _ways(area: Region, body: Body) -> tuple[Yaws, ...]:
-    """How an object may stand in an area: turned anyhow; a box along the area's sides too, either way round."""
-    if body.shape != "box" or not body.is_upright:
+    """How an object may stand in an area: turned anyhow; with corners along the area's sides too, either way round."""
+    if body.shape == "cylinder" or not body.is_upright:
         return ((None,),)
     quarters = [area.yaw + quarter * np.pi / 2 for quarter in range(4)]
     return (None,), (quarters[0], quarters[2]), (quarters[1], quarters[3])
@@ -199,7 +199,7 @@ def must_go_first(scene: Scene, body: Body, fact: On | Inside | At) -> tuple[str
     A location on a grid stands for all within half a cell, and an object counts as no larger than the circle in it.
     Nothing is proved of objects of several pieces, beside or under which others may stand.
     """
-    place, radius = place_of(scene, fact), float(min(body.half_extents[:2] if body.is_upright else body.half_extents))
+    place, radius = place_of(scene, fact), _inner_radius(body)
     body = min(resting_ways(body), key=lambda way: way.top - way.bottom)
     if place.below:
         return _on_top(scene, body, place)
@@ -218,7 +218,47 @@ def must_go_first(scene: Scene, body: Body, fact: On | Inside | At) -> tuple[str
     return tuple(one.name for one in in_the_way if (distances(centre, one) < radius - slack).all())
 
 
-def is_too_large(scene: Scene, fact: On | Inside | At) -> bool:
+def without_room(scene: Scene, goal: Goal, to_move: Collection[str]) -> tuple[tuple[str, ...], str]:
+    """Names of objects that cannot all be where a goal wants them, and why: proved; (), "" if none are found.
+
+    One of those at poses must move. Of objects of several pieces nothing is claimed.
+    """
+    if large := tuple(fact.object for fact in goal.placed if fact.object in to_move and _is_too_large(scene, fact)):
+        return large, f"{', '.join(large)}, however it is put down, is larger than its place"
+    if poses := _overlapping(scene, goal, to_move):
+        return poses, f"{' and '.join(poses)} overlap at their poses"
+    crowd = _crowd(scene, [fact for fact in goal.placed if scene.body(fact.object).shape != "pieces"])
+    return crowd, f"however they are put down, {', '.join(crowd)} do not all fit where they are to stand" * bool(crowd)
+
+
+def _crowd(scene: Scene, facts: Sequence[On | Inside | At]) -> tuple[str, ...]:
+    """Names of objects whose areas have no room for all of them, () if none are found.
+
+    Each takes at least the largest circle within. Two need their sum of radii between their centres. Of more, no
+    convex area holds more centres at distances of d than Oler's inequality says (Acta Mathematica 105, 1961).
+    """
+    found: list[tuple[str, float, Region, Region]] = []  # the last: where the centre may be
+    for fact in facts:
+        area, radius = place_of(scene, fact).area, _inner_radius(scene.body(fact.object))
+        inset = 0.0 if isinstance(fact, On) and fact.place in scene.supports else radius - EDGE
+        if area is not None and min(area.half_extents) > inset:
+            x, y = area.half_extents
+            found.append((fact.object, radius, area, replace(area, half_extents=(x - inset, y - inset))))
+    for (one, r, area, centres), (other, s, area_2, centres_2) in itertools.combinations(found, 2):
+        away = np.linalg.norm(centres.corners[:, None] - centres_2.corners, axis=2).max()
+        if area.support == area_2.support and away < r + s:
+            return one, other
+    for area in dict.fromkeys(area for _, _, area, _ in found):
+        inside = sorted((one for one in found if one[2] == area), key=lambda one: -one[1])
+        for count, (_, radius, _, _) in enumerate(inside, start=1):
+            x, y = np.max([centres.half_extents for _, _, _, centres in inside[:count]], axis=0)
+            most = 8 / math.sqrt(3) * x * y / (2 * radius) ** 2 + (x + y) / radius + 1
+            if count > most + 1e-9:
+                return tuple(name for name, *_ in inside[:count])
+    return ()
+
+
+def _is_too_large(scene: Scene, fact: On | Inside | At) -> bool:
     """Whether an object is larger than the area that a fact names, however it is turned, and put down if it lies.
 
     Proved: between the angles that are tried, its extents change by less than what they may be too large.
@@ -235,7 +275,7 @@ def is_too_large(scene: Scene, fact: On | Inside | At) -> bool:
     return True
 
 
-def overlapping(scene: Scene, goal: Goal, to_move: Collection[str]) -> tuple[str, ...]:
+def _overlapping(scene: Scene, goal: Goal, to_move: Collection[str]) -> tuple[str, ...]:
     """Names of two objects that would overlap at the poses of a goal, () if none would: proved.
 
     One of them must move; the other one overlaps both at its pose and, if it may stay, where it stands. Boxes that may
@@ -257,9 +297,14 @@ def _least_footprint(scene: Scene, fact: At) -> Array:
     body, location = scene.body(fact.object), np.array([fact.x, fact.y])
     if body.is_upright and fact.yaw is not None:
         return footprint(_standing(body, location, fact.yaw))
-    radius = float(min(body.half_extents[:2] if body.is_upright else body.half_extents))
+    radius = _inner_radius(body)
     angles = np.linspace(0.0, 2 * np.pi, 24, endpoint=False)
     return np.asarray(location + radius * np.column_stack((np.cos(angles), np.sin(angles))))
+
+
+def _inner_radius(body: Body) -> float:
+    """[m] of a circle inside an object seen from above, however it is turned and put down: upright if it is now."""
+    return float(min(body.half_extents[:2] if body.is_upright else body.half_extents))
 
 
 def in_the_way(scene: Scene, body: Body, place: Place, waiting: Collection[str]) -> tuple[str, ...]:
@@ -327,7 +372,7 @@ def _grid(area: Region, base: Array) -> Array:
 def _fits(
     points: Array, area: Region, body: Body, standing: Sequence[Body], gap: float, yaw: float | None
 ) -> NDArray[np.bool_]:
-    """Whether a box at a yaw, or the circle around an object, lies in an area and keeps a gap [m] from others: (n,)."""
+    """Whether the box around an object at a yaw, or the circle, lies in an area with a gap [m] to others: (n,)."""
     half = np.full(2, body.radius)
     if yaw is not None:
         half = np.abs(_corners(body, yaw - area.yaw)).max(axis=0)
@@ -343,14 +388,14 @@ def _fits(
 
 
 def _corners(body: Body, yaw: float) -> Array:
-    """Corners (4, 2) [m] of an upright box at the origin."""
+    """Corners (4, 2) [m] of the upright box around an object at the origin."""
     c, s = np.cos(yaw), np.sin(yaw)
     signs = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
     return np.asarray(signs * body.half_extents[:2] @ np.array([[c, s], [-s, c]]))
 
 
 def _room_beside(points: Array, body: Body, yaw: float | None, one: Body) -> Array:
-    """[m] between an object at points (n, 2), a box at a yaw or the circle around it, and another; 0 or less: none."""
+    """[m] between the box around an object at a yaw, or the circle, at points (n, 2), and another; 0 or less: none."""
     if yaw is None:
         return distances(points, one) - body.radius
     corners = _corners(body, yaw)

@@ -13,7 +13,7 @@ from planners.clearing.lookahead import ClearancePlan, keep_clear
 from planners.clock import cpu_seconds
 from planners.goals import Goal, Holding
 from planners.motion.path import BlockedBy, NoPath
-from planners.placing.goal_places import is_too_large, overlapping
+from planners.placing.goal_places import without_room
 from planners.placing.placements import Placement
 from planners.scene import Scene
 from planners.symbolic.engines import checked_answer
@@ -77,12 +77,9 @@ def refused(search: Search, scene: Scene, found: NoCommitment) -> Infeasible:
     too_wide = [reason for name in scene.names if (reason := context.too_wide(scene, name))]
     if cause is Cause.UNREACHABLE and (of_these := [context.too_wide(scene, name) for name in found.objects])[0]:
         return search.infeasible(Cause.TOO_WIDE, f"{'; '.join(of_these)}, {context.catalogue}", found.objects)
-    too_large = [fact for fact in search.goal.placed if fact.object in found.objects and is_too_large(scene, fact)]
-    if cause is Cause.NO_CLEARANCE_LOCATION and too_large:
-        return search.infeasible(cause, f"{names}, however it is put down, is larger than its place", found.objects)
-    overlap = overlapping(scene, search.goal, found.objects)
-    if cause is Cause.NO_CLEARANCE_LOCATION and overlap and set(overlap) == set(found.objects):
-        return search.infeasible(cause, f"{' and '.join(found.objects)} overlap at their poses", found.objects)
+    crowd, why = without_room(scene, search.goal, found.objects)
+    if cause is Cause.NO_CLEARANCE_LOCATION and crowd and set(crowd) == set(found.objects):
+        return search.infeasible(cause, f"{why}: proved, for all grasps", found.objects)
     if cause is Cause.NO_SELF_CLEARABLE_SET and set(found.objects) == {
         *order_circle(scene, search.goal, must_move(scene, search.goal, search.start))
     }:

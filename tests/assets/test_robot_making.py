@@ -57,6 +57,7 @@ def round_ended(tmp_path_factory: pytest.TempPathFactory) -> Path:
         body.add_joint(name=f"joint{number}", axis=np.eye(3)["xyz".index(axis)], range=[-3, 0 if number == 2 else 3])
     spec.body("link2").add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="upper_arm")
     spec.body("link5").add_geom(size=[0.03] * 3)
+    spec.body("link6").add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.02, 0.02, 0.02])
     spec.compile()
     file = tmp_path_factory.mktemp("arm") / "round.xml"
     file.write_text(spec.to_xml())
@@ -83,6 +84,17 @@ def test_boxes_do_not_touch_where_the_meshes_in_their_place_never_do(round_ended
     assert free(None, (0.0, 0.0, -0.8, 0.0, 0.0, 0.0, 0.0)), "the corner of a box would touch"
 
 
+def test_shapes_of_the_gripper_come_first_wherever_bodies_stand_in_the_file(round_ended: Path, tmp_path: Path) -> None:
+    """The planner tells by it what may touch the object that is grasped; the arm's base stands after the arm here."""
+    text, page, _ = make_robot(round_ended, replace(ROUND, drive="fixed"))
+    (tmp_path / "made.xml").write_text(text)
+    robot = RobotSpec.from_mjcf(tmp_path / "made.xml", **page, home=(0.0, 0.0, -0.6, 0.9, 0.0, 0.0, 0.0))
+    model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    assert model.body("base").id > model.body("gripper").id
+    is_last = robot.shapes.link == len(robot.chain) - 1
+    assert is_last.argmin() == is_last.sum() == 5, "the last link, palm, neck and two fingers"
+
+
 def test_named_bodies_that_cannot_touch_are_left_out(round_ended: Path) -> None:
     assert (
         "link1 and link5"
@@ -103,7 +115,7 @@ def test_the_wrist_bends_before_a_long_tool(round_ended: Path) -> None:
     assert palm.pos[0] - palm.size[0] > 0.05
     assert neck.size[1] < 0.03 < palm.size[1]
     assert neck.pos[0] + neck.size[0] == pytest.approx(palm.pos[0] - palm.size[0])
-    assert neck.pos[0] - neck.size[0] == pytest.approx(0.0, abs=1e-9)
+    assert neck.pos[0] - neck.size[0] == pytest.approx(0.02), "where the last link's own shape ends"
 
 
 def made(file: Path, mounting: Mounting, folder: Path) -> RobotSpec:

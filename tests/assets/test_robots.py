@@ -15,6 +15,7 @@ from assets import path
 from assets.robot_parts import rotation_of
 from assets.robots import FETCH, PR2, InvalidRobot, RobotSpec, UnknownRobot, robot
 from clutter_env.simulation.robot_check import check_robot
+from irm import ArmChain, forward
 
 ROBOTS = [FETCH, PR2, PR2.using("left"), robot("panda_mobile")]
 
@@ -196,3 +197,34 @@ def test_a_file_with_its_page_beside_it_is_a_robot(tmp_path: Path) -> None:
     file.with_suffix(".json").write_text(json.dumps({**page, "hands": 2}))
     with pytest.raises(InvalidRobot, match=r"arm\.json: .*unknown or missing: hands"):
         robot(str(file))
+
+
+def test_a_robot_with_two_arms_is_read_from_its_file() -> None:
+    """PR2, whose data are written by hand, is the oracle."""
+    arms = {
+        arm.name: {
+            "tip": arm.tcp_site,
+            "finger_joints": arm.finger_joints,
+            "finger_geoms": arm.finger_geoms,
+            "home": (PR2.home[0], *arm.home),
+        }
+        for arm in PR2.arms
+    }
+    page = {"base_joints": PR2.base_joints, "head_joints": PR2.head_joints, "head_configuration": (0.0, 0.75)}
+    read = RobotSpec.from_mjcf(PR2.mjcf, **page, arms=arms)
+    check_robot(read.with_all_arms())
+    assert [arm.name for arm in read.arms] == ["right", "left"]
+    assert read.still_joints == PR2.still_joints
+    for name in ("right", "left"):
+        chain, other = (ArmChain.from_robot(one.using(name)) for one in (read, PR2))
+        np.testing.assert_allclose(
+            forward(chain, PR2.using(name).home), forward(other, PR2.using(name).home), atol=1e-6
+        )
+    assert len(read.shapes.link) == len(PR2.shapes.link)
+    with pytest.raises(InvalidRobot, match="must share one lift"):
+        RobotSpec.from_mjcf(
+            PR2.mjcf, **page, arms={**arms, "left": {**arms["left"], "home": (0.1, *PR2.idle_arms[0].home)}}
+        )
+    for wrong in ({"right": arms["right"]}, ("r_tcp", "l_tcp")):
+        with pytest.raises(InvalidRobot, match="what is said of each arm by its name, of two or more"):
+            RobotSpec.from_mjcf(PR2.mjcf, **page, arms=wrong)

@@ -14,10 +14,11 @@ from irm.errors import QueryError
 from irm.ik.numerical import random_seeds
 from irm.ik.solvers import ExactSolver
 from irm.inverse_map import InverseReachabilityMap
+from irm.kinematics import forward
 from irm.reachability_map import ReachabilityMap
 from irm.rotations import rotations
 from irm.verification import classify, decide, tcp_poses
-from tests.irm.arms import CHAIN, is_reached, random_poses, solve
+from tests.irm.arms import CHAIN, is_reached, random_configurations, random_poses, solve
 
 NO, UNKNOWN, YES = (Status.NO.value, Status.UNKNOWN.value, Status.YES.value)
 
@@ -132,6 +133,18 @@ def test_what_has_no_answer_is_refused(coarse_map, level_map):
                 answer(coarse_map, bad)
     with pytest.raises(QueryError, match="all pitches and heights"):
         classify(level_map, np.eye(4)[None])
+
+
+def test_no_of_a_map_that_was_filled_by_samples_is_proved(lift_arm_map):
+    """Also where samples have found nothing; it said NO to 24 of TIAGo's free poses."""
+    chain, rng = lift_arm_map.chain, np.random.default_rng(6)
+    T = np.array([forward(chain, q) for q in random_configurations(chain, 200, rng)])
+    empty = lift_arm_map.subset(np.zeros(len(lift_arm_map), dtype=bool))
+    assert np.all(classify(empty, T) == UNKNOWN)
+    others = random_poses(chain, 500, rng)
+    refused = others[classify(lift_arm_map, others) == NO]
+    assert len(refused) > 50
+    assert np.all(ExactSolver(chain).reach(refused)[0] == NO)
 
 
 @pytest.mark.slow

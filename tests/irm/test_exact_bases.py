@@ -1,13 +1,18 @@
 """Bases decided by exact inverse kinematics, on request; paths off the rings of the map."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from irm.answers import Status
 from irm.free_space import FreeSpace
-from irm.ik.solvers import ExactSolver
+from irm.ik.solvers import ExactSolver, SelfCollision
+from irm.inverse_map import InverseReachabilityMap
+from irm.kinematics import forward
+from irm.reachability_map import ReachabilityMap
 from irm.verification import NotVerified, tcp_poses, verify
-from tests.irm.arms import CHAIN, PATH, in_base, in_world
+from tests.irm.arms import CHAIN, PATH, arm_chain, in_base, in_world
 
 SOLVER = ExactSolver(CHAIN)
 PITCHES = (0.0, 0.37, -0.61, np.pi / 2)
@@ -49,6 +54,27 @@ def test_the_best_base_has_a_free_configuration_wherever_a_base_has_one(coarse_m
         if reaches(found.poses[0], [point], found.approach_yaw[:1], pitch)[0] != Status.YES.value:
             assert not coarse_inverse.query(point, pitch=pitch, exact=True, k=200, separation=0.0).certain.any()
     assert asked > 50
+
+
+@pytest.mark.slow
+def test_best_bases_of_an_arm_without_a_structure_are_decided_where_the_map_is_certain_of_none():
+    """Each at one turn about the TCP: all turns of a base are the same to the arm. None of them was decided."""
+    chain = arm_chain("ur5e")
+    offsets = chain.offsets.copy()
+    offsets[3:, :3] += 0.02
+    chain, rng = dataclasses.replace(chain, offsets=offsets), np.random.default_rng(0)
+    rm = ReachabilityMap.build(chain, voxel=0.15, orientations=26, samples=50_000)
+    inverse_map, grid, decided = InverseReachabilityMap(rm), rm.grid, 0
+    for pitch in np.tile(np.unique(grid.orientations.pitch), 8):
+        point = (0.0, 0.0, rng.uniform(grid.bottom, grid.top - 1e-6))
+        found = inverse_map.query(point, pitch=pitch)
+        if found.configurations is not None:
+            decided += found.certain[0]
+            T = in_base(found.poses[0], tcp_poses(point, found.approach_yaw[0], pitch)[0])
+            if found.certain[0]:
+                np.testing.assert_allclose(forward(chain, found.configurations[0]), T, atol=3e-5)
+                assert SelfCollision(chain)(None, found.configurations[0])
+    assert decided > 0
 
 
 def test_bases_that_do_not_reach_are_dropped(coarse_inverse):

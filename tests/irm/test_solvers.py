@@ -97,7 +97,7 @@ def test_without_a_structure_no_is_by_length_alone(lift_arm):
     assert np.all(status[40:] == NO)
 
 
-def test_without_a_structure_the_lengths_of_the_links_refuse_a_third_of_what_is_out_of_reach():
+def test_without_a_structure_the_lengths_of_the_links_refuse_most_of_what_is_out_of_reach():
     chain = arm_chain("ur5e")
     bent = chain.offsets.copy()
     bent[3:, :3] += 0.02
@@ -108,7 +108,7 @@ def test_without_a_structure_the_lengths_of_the_links_refuse_a_third_of_what_is_
     assert not np.any(reached == NO)
     assert np.mean(reached == YES) > 0.97
     others = solver.reach(random_poses(chain, 200, rng))[0]
-    assert np.mean(others[others != YES] == NO) > 0.33
+    assert np.mean(others[others != YES] == NO) > 0.6
 
 
 def test_parallel_axes_on_a_lift(lift_arm):

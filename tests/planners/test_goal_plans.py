@@ -30,9 +30,11 @@ from planners.goals import Goal
 from planners.grasping.candidates import GraspCandidate
 from planners.motion.path import BlockedBy, NoPath
 from planners.placing.placements import Placement
+from planners.scene import Body
 from planners.tamp.motion_layer import MotionLayer
+from tests.planners.pieces import cut_in_two
 from tests.planners.plans import assert_free
-from tests.planners.scenes import HEIGHT, cylinder, random_scene, table_scene
+from tests.planners.scenes import HEIGHT, UPRIGHT, cylinder, random_scene, table_scene
 
 SIDES = ("table_top", "counter_left", "counter_right")
 LEFT = Region("left", "counter_left", (-0.15, 0.72), (0.12, 0.12))
@@ -323,6 +325,21 @@ def test_poses_at_which_two_objects_overlap_are_refused_by_the_bound(
         assert "a and b overlap at their poses" in found.detail or "b and a overlap" in found.detail
 
 
+@pytest.mark.parametrize(("half", "apart", "count"), [(0.05, 0.0, 4), (0.04, 0.02, 2), (0.1, 0.0, 4), (0.045, 0.1, 2)])
+def test_what_has_no_room_together_is_refused_by_the_bound(half: float, apart: float, count: int) -> None:
+    """In a square of that half side [m], or in two beside each other: the first two cases have no room."""
+    mats = tuple(Region(f"mat_{k}", "table_top", (0.05, 0.1 + k * apart), (half, half)) for k in range(2))
+    objects = [cylinder(name, -0.25, 0.15 * k - 0.2, 0.03) for k, name in enumerate("abcd")]
+    scene = replace(table_scene(*objects), regions=mats)
+    goal = goals.and_(*(goals.inside(name, f"mat_{k % 2 if apart else 0}") for k, name in enumerate("abcd"[:count])))
+    bound, is_refused = lower_bound(scene, goal), (half, apart) in ((0.05, 0.0), (0.04, 0.02))
+    assert bound.picks == (None if is_refused else count)
+    if is_refused:
+        found = solve(scene, goal)
+        assert (found.cause, found.objects, bound.proved) == (Cause.NO_CLEARANCE_LOCATION, bound.objects, True)
+        assert "do not all fit where they are to stand: proved, for all grasps" in found.detail
+
+
 def test_an_object_within_the_tolerance_of_its_pose_may_stay_beside_another() -> None:
     """At its very pose it would overlap."""
     place = np.array([0.0, 0.15])
@@ -346,6 +363,15 @@ def test_what_lies_is_stood_up_where_it_does_not_fit_lying() -> None:
     assert plan.picks == 1
     assert plan.end.body("lying").is_upright
     assert goal.holds(plan.end, scene)
+
+
+def test_an_object_of_pieces_is_put_along_the_sides_of_a_place_that_is_narrower_than_the_circle_around_it() -> None:
+    whole = Body("long", "box", np.array((0.06, 0.03, 0.06)), np.array((-0.2, 0.15, HEIGHT + 0.06)), UPRIGHT)
+    place = Region("place", "table_top", (-0.15, -0.15), (0.075, 0.045), 0.3)
+    scene = replace(scene_of("three"), objects=(*scene_of("three").objects, cut_in_two(whole)), regions=(place,))
+    plan = solve(scene, goals.inside("long", "place"))
+    assert isinstance(plan, Solution), plan
+    assert plan.picks == 1
 
 
 def high_and_low(seed: int) -> Scene:

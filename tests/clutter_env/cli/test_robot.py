@@ -11,7 +11,14 @@ import pytest
 
 from assets.robots import RobotSpec, robot
 from clutter_env.cli.main import main
-from clutter_env.cli.robot_report import LevelReach, home_candidates, level_reach, report_of, why_no_home
+from clutter_env.cli.robot_report import (
+    LevelReach,
+    home_candidates,
+    least_grasp_height,
+    level_reach,
+    report_of,
+    why_no_home,
+)
 from irm.chain import ArmChain
 from irm.kinematics import forward
 
@@ -66,6 +73,13 @@ def test_a_bad_home_is_named() -> None:
     assert not any("the TCP is" in problem for problem in report_of(low, table=0.4).problems)
     tilted = replace(PANDA, home=(*PANDA.home[:-1], 1.0))
     assert any("not level" in problem for problem in report_of(tilted).problems)
+
+
+@pytest.mark.usefixtures("reach_once")
+def test_a_gripper_that_touches_the_table_in_level_grasps_is_named() -> None:
+    assert least_grasp_height(PANDA) <= PANDA.grasp_height
+    low = report_of(replace(PANDA, grasp_height=least_grasp_height(PANDA) - 0.005)).problems
+    assert any("nears the table" in problem for problem in low)
 
 
 def test_the_report_counts_all_grasps_not_the_level_ones_alone(

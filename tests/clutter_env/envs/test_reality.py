@@ -13,6 +13,7 @@ from clutter_env.config import EFFECTS
 from clutter_env.envs.reality import LEVELS
 from clutter_env.errors import ConfigError, StateError
 from clutter_env.provenance import environment_digest
+from planners import TampExpert
 
 ID = "clutter_env/Retrieve-o5-v0"
 STEPS = 12
@@ -145,3 +146,16 @@ def test_a_differential_base_never_moves_sideways(mode: str) -> None:
         moved = controller.state.target[:2] - (x, y)
         assert abs(np.cos(yaw) * moved[1] - np.sin(yaw) * moved[0]) < 1e-9
     assert np.hypot(*(env.data.qpos[env.world.index.drive_qpos[:2]] - env.world.scene.base[:2])) > 0.02
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1_000_004, 1_000_039])
+def test_the_expert_looks_again_before_it_grasps(seed: int) -> None:
+    env: Any = gym.make("clutter_env/Retrieve-o15-v0", obstructed=True, reality=0.5).unwrapped
+    env.reset(seed=seed)
+    expert = TampExpert(env)
+    expert.reset()
+    while not expert.done:
+        env.step(expert.act())
+    assert expert.report.clean, expert.report
+    assert any(deviation.endswith(": moved") for deviation in expert.report.deviations), "it was planned from afar"

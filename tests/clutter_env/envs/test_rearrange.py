@@ -19,8 +19,8 @@ from clutter_env.envs.success import HOLD_STEPS
 from clutter_env.errors import ConfigError, OptionError, StateError
 from clutter_env.scene.layout import TABLE_HEIGHT
 from clutter_env.scene.object_sets import OBJECT_GAP
-from planners import goals
-from planners.goals import Region
+from planners import Scene, goals
+from planners.goals import At, Region
 
 REST = np.zeros(12, np.float32)
 REST[-1] = 1.0
@@ -291,3 +291,19 @@ def test_a_state_of_another_environment_is_refused() -> None:
     retrieve.reset(seed=0)
     with pytest.raises(StateError, match="task"):
         env.restore_state(retrieve.save_state())
+
+
+def test_objects_that_change_places_between_boards_come_to_stand_where_the_other_one_stood() -> None:
+    env = RearrangeEnv(num_objects=6, task="swap", layout="two_boards")
+    has_changed = False
+    for seed in range(95, 99):
+        env.reset(seed=seed)
+        scene = Scene.from_mujoco(env.model, env.data, env.robot)
+        for fact in env.goal.placed:
+            assert isinstance(fact, At)
+            (other,) = (
+                one for one in scene.objects if np.hypot(*(one.position[:2] - (fact.x, fact.y))) < 1e-3
+                and fact.z is not None and abs(one.bottom - (fact.z - scene.body(fact.object).half_extents[2])) < 0.01
+            )  # fmt: skip
+            has_changed |= scene.support_under(other) != scene.support_under(scene.body(fact.object))
+    assert has_changed

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
 
-from assets.robots import FETCH
+from assets.robots import FETCH, RobotSpec, robot
 from planners.expert.monitor import Sensor
 from planners.scene import Scene, SceneError
 from tests.planners.own_scenes import MOVABLE, SUPPORT, TABLE_X, TOP, kitchen, read
@@ -281,5 +283,40 @@ def test_a_robot_under_other_names_and_what_rides_on_it_are_refused() -> None:
     empty = mujoco.MjModel.from_xml_string('<mujoco><worldbody><geom size=".1"/></worldbody></mujoco>')
     data = mujoco.MjData(empty)
     mujoco.mj_forward(empty, data)
-    with pytest.raises(SceneError, match="lacks base_link, base_x"):
+    with pytest.raises(SceneError, match=r"lacks base_link, base_x.*its joints: none; .*insert_robot"):
         Scene.from_mujoco(empty, data, FETCH)
+    theirs = mujoco.MjSpec()
+    theirs.attach(mujoco.MjSpec.from_file(str(FETCH.mjcf_path)), prefix="robot0/", frame=theirs.worldbody.add_frame())
+    model = theirs.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    with pytest.raises(SceneError, match=r"it has 'robot0/base_link': attach the robot without a name prefix"):
+        Scene.from_mujoco(model, data, FETCH)
+
+
+def test_base_and_lift_have_any_names(tmp_path: Path) -> None:
+    """They are those of the robot's file, and no code knows others."""
+    panda = robot("panda_mobile")
+    text, names = (
+        panda.mjcf_path.read_text(),
+        dict(zip(panda.drive_joints[:4], ("jx", "jy", "jth", "column"), strict=True)),
+    )
+    for old, new in names.items():
+        text = text.replace(f'"{old}"', f'"{new}"')
+    (tmp_path / "own.xml").write_text(text)
+    own = RobotSpec.from_mjcf(
+        tmp_path / "own.xml",
+        base_joints=("jx", "jy", "jth"),
+        tip="tcp",
+        finger_joints=panda.finger_joints,
+        home=panda.home,
+    )
+    spec = mujoco.MjSpec.from_file(str(own.mjcf_path))
+    spec.worldbody.add_geom(name="table_top", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.3, 0.3, 0.1], pos=[5, 5, 1])
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.joint("jx").qpos, data.joint("column").qpos = 0.5, 0.2
+    mujoco.mj_forward(model, data)
+    state = Scene.from_mujoco(model, data, own).state
+    assert state.base[0] == 0.5
+    assert state.q[0] == 0.2
