@@ -91,12 +91,13 @@ def free_ground(scene: Scene, with_shadows: bool = False) -> FreeSpace:
     Raises:
         SceneError: a support is missing, or has no level top.
     """
-    centre, outlines = scene.support.position[:2], []
+    top, centre, outlines = scene.support.top, scene.support.position[:2], []
     supports = (scene.support, *map(scene.support_named, scene.supports[1:]))
     places = np.array([*(one.position[:2] for one in supports), *(one.position[:2] for one in scene.objects)])
     for obstacle in _beside_base(scene):
         outline = obstacle.outline
-        if with_shadows and _is_wall(scene, obstacle) and not obstacle.is_under(centre):
+        is_tall = obstacle.lower[2] < top and obstacle.upper[2] > top + WALL_HEIGHT
+        if with_shadows and is_tall and not obstacle.is_under(centre):
             # No arm reaches the support across a wall beside it: all that it hides from the centre is left out.
             away = outline - centre
             far = away * (3 * GROUND_SIZE / np.linalg.norm(away, axis=1, keepdims=True))
@@ -110,11 +111,6 @@ def free_ground(scene: Scene, with_shadows: bool = False) -> FreeSpace:
     # Farther away no ground is used, so that there are not too many cells.
     bounds = (*np.maximum(low, centre - _FARTHEST), *np.minimum(high, centre + _FARTHEST))
     return FreeSpace.from_polygons(outlines, inner_radius(scene.robot) + GROUND_MARGIN, bounds)
-
-
-def _is_wall(scene: Scene, obstacle: StaticObstacle) -> bool:
-    """Whether it stands out above the first support and below it."""
-    return bool(obstacle.lower[2] < scene.support.top < obstacle.upper[2] - WALL_HEIGHT)
 
 
 def _beside_base(scene: Scene) -> list[StaticObstacle]:
@@ -171,8 +167,7 @@ class MapPlacer:
     def of_scene(cls, scene: Scene, per_gripper_pose: int = 3, ground_map: GroundMap | None = None) -> MapPlacer:
         """Base poses for the active arm among the static obstacles of a scene; its map is made if not given."""
         robot, outlines = scene.robot, tuple(one.outline for one in _beside_base(scene))
-        free, has_walls = free_ground(scene), any(_is_wall(scene, one) for one in scene.static_obstacles)
-        in_the_open = free_ground(scene, with_shadows=True) if has_walls else free
+        free, in_the_open = free_ground(scene), free_ground(scene, with_shadows=True)
         return cls(
             robot, inverse_map(robot), free, in_the_open, outlines, ground_map or GroundMap(scene), per_gripper_pose
         )
@@ -219,16 +214,18 @@ class MapPlacer:
         An object that has slipped in the gripper may have to be released a little beyond straight down.
         """
         wanted, is_round = max(self.per_gripper_pose, most), not self.robot.base_outline
-        spare = _SPARE_MORE if is_low else 1 if is_round else _SPARE
-        bases, index = self._from_map(gripper_poses, pitch, spare * wanted)
-        usable = self.can_drive_to(bases)
-        if not usable.all() and spare < _SPARE_MORE:
-            bases, index = self._from_map(gripper_poses, pitch, _SPARE_MORE * wanted)
-            usable = self.can_drive_to(bases)
-        if not is_round:
-            usable &= fits(self.robot, bases, self.outlines, GROUND_MARGIN)
-        if is_low:
-            usable &= _outside_base(self.robot, bases, gripper_poses[index, :2]) > _half_thickness(self.robot)
+        for spare in (1 if is_round else _SPARE, _SPARE_MORE):
+            bases, index = self._from_map(gripper_poses, pitch, spare * wanted)
+            driven_to = usable = self.can_drive_to(bases)
+            if not is_round:
+                usable = usable & fits(self.robot, bases, self.outlines, GROUND_MARGIN)
+            if is_low:
+                away = _outside_base(self.robot, bases, gripper_poses[index, :2])
+                usable = usable & (away > _half_thickness(self.robot))
+            # More of them, looked at if one of the poses lacks some and the map has more, begin with the same.
+            enough = np.bincount(index[usable if is_low else driven_to], minlength=len(gripper_poses)) >= wanted
+            if (enough | (np.bincount(index, minlength=len(gripper_poses)) < spare * wanted)).all():
+                break
         bases, index = bases[usable], index[usable]
         kept = np.arange(len(index)) - np.searchsorted(index, index) < wanted
         return bases[kept], index[kept]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -32,7 +32,6 @@ from planners.placing.surfaces import KeepClear, Surface
 from planners.placing.swept_volume import grasp_volume
 from planners.scene import Body, Scene, StaticObstacle
 from planners.scene.bodies import release_pitch
-from planners.scene.cover import is_covered
 from planners.strategies import Strategy
 
 Array = NDArray[np.float64]
@@ -54,8 +53,6 @@ _CLEAR, _CLEAR_WORTH = 0.03, 3.0
 """[m] of free space around the object that is worth a longer distance, and the distance that a metre of it is worth."""
 _DECIMALS = 6
 """Decimals of canonical costs and turns: differences by rounding decide nothing."""
-_AT_ONCE = 6
-"""Gripper poses for which the map is asked for base poses: one of the first has a configuration as a rule."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,7 +257,7 @@ class PlacementSearch:
                 free = _free(world, poses[turns == turn])
                 bases, index = facing_bases(placer, free)
                 for base, pose in zip(bases, free[index], strict=True):
-                    yield from self._configurations(world, [GripperPoses(base[None], pose[None])], location[2], grid)
+                    yield from self._configurations(world, GripperPoses(base[None], pose[None]), location[2], grid)
 
     def _cells_best_first(self, scene: Scene, surfaces: Sequence[Surface]) -> Array:
         """The free cells (n, 3) [m] of some surfaces: near where the object was taken, and with free space around."""
@@ -295,21 +292,12 @@ class PlacementSearch:
         """The placement at a location (3,), by free gripper poses (k, 5), from where the base stands, if any."""
         near = gripper_poses[can_reach(world.scene, gripper_poses)]
         bases = np.tile(np.array(world.scene.state.base), (len(near), 1))
-        return self._configurations(world, [GripperPoses(bases, near)], location[2])
+        return self._configurations(world, GripperPoses(bases, near), location[2])
 
     def _after_a_drive(self, world: CollisionWorld, location: Array, gripper_poses: Array) -> Iterator[Placement]:
         """The same from wherever the base may stand."""
-        placer, step = self.arms[world.scene.robot.arm_name], _AT_ONCE
-        if is_covered(world.scene, location):
-            step = len(gripper_poses) or 1  # of all drives out those to one side come first
-
-        def from_map() -> Iterator[GripperPoses]:
-            for first in range(0, len(gripper_poses), step):
-                some = gripper_poses[first : first + step]
-                bases, index = placer.bases(some)
-                yield GripperPoses(bases, some[index])
-
-        return self._configurations(world, from_map(), location[2])
+        bases, index = self.arms[world.scene.robot.arm_name].bases(gripper_poses)
+        return self._configurations(world, GripperPoses(bases, gripper_poses[index]), location[2])
 
     def grid(self, arm: str) -> ConfigurationGrid:
         """The arm configurations that are tried for each pose."""
@@ -318,27 +306,22 @@ class PlacementSearch:
         return ConfigurationGrid.near_home(chain) if self.near_home else few
 
     def _configurations(
-        self, world: CollisionWorld, some: Iterable[GripperPoses], level: float, grid: ConfigurationGrid | None = None
+        self, world: CollisionWorld, poses: GripperPoses, level: float, grid: ConfigurationGrid | None = None
     ) -> Iterator[Placement]:
-        """The best of the first poses for which there is a configuration, if the gripper can come to it and leave."""
+        """The best of these poses for which there is a configuration that the gripper can come to and leave."""
+        if not len(poses.bases):
+            return
         scene, (held, body) = world.scene, in_hand(world.scene)
         grid = grid or self.grid(scene.robot.arm_name)
         opening, own = opening_around(scene.robot, body, held), scene.mask(scene.held_names)
-        for poses in some:
-            if not len(poses.bases):
-                continue
-            placed = put_down(scene, poses.gripper_poses[0], level)
-            found = scan_configurations(
-                world, poses, grid, opening, body=placed, held=held, ignore=own, first_free=True
-            )
-            for best in np.argsort(-found.quality):
-                base, pose = poses.bases[found.pair[best]], poses.gripper_poses[found.pair[best]]
-                if can_put_down(world, base, found.q[best], held):
-                    yaw, pitch = map(float, pose[3:])
-                    placed = put_down(scene, pose, level)
-                    yield Placement(placed, base, found.q[best], yaw, pitch, opening)
-                    return
-            if len(found.q):
+        placed = put_down(scene, poses.gripper_poses[0], level)
+        found = scan_configurations(world, poses, grid, opening, body=placed, held=held, ignore=own, first_free=True)
+        for best in np.argsort(-found.quality):
+            base, pose = poses.bases[found.pair[best]], poses.gripper_poses[found.pair[best]]
+            if can_put_down(world, base, found.q[best], held):
+                yaw, pitch = map(float, pose[3:])
+                placed = put_down(scene, pose, level)
+                yield Placement(placed, base, found.q[best], yaw, pitch, opening)
                 return
 
 
