@@ -508,9 +508,10 @@ class SearchExpert:
         for view in views:
             self._belief.update(view, self._noise)
         self.report.belief_s.append(time.process_time() - started)
-        known = tuple(one for one in self._known if self._belief.emptied(one.body) < _GONE)
+        held = self._held.name if self._held else ""
+        known = tuple(one for one in self._known if one.name == held or self._belief.emptied(one.body) < _GONE)
         for view in views:
-            known = perceive(view, known, self._supports, self._target, self._held.name if self._held else "")
+            known = perceive(view, known, self._supports, self._target, held)
         self._known = known
 
     def _view(self, camera: str) -> View:

@@ -11,6 +11,7 @@ import pytest
 
 import clutter_env
 from planners import ExpertError, SearchExpert
+from planners.scene import HeldObject
 from planners.search.options import Prospect, spots
 from planners.search.perception import Description, Seen
 from tests.planners.scenes import cylinder, table_scene
@@ -132,6 +133,20 @@ def test_of_a_target_seen_as_two_things_the_surer_one_is_planned_with_among_all_
     assert expert._scene().names == ("target", "left", "right")
     assert expert._is_target("target")
     assert not expert._is_target("sliver")
+
+
+def test_what_is_held_is_not_given_up_though_its_place_is_seen_to_be_empty() -> None:
+    env = gym.make("clutter_env/Search-o5-v0", image_size=32)
+    expert = SearchExpert(env)
+    expert.reset(*env.reset(seed=1))
+    body = cylinder("seen_00", -0.1, 0.0, radius=0.03)
+    expert._known = (Seen(body, body.position[None], np.zeros(3), 0.0),)
+    for level in expert._belief._levels.values():
+        level.is_unseen[:] = False
+    assert expert._belief.emptied(body) == 1
+    expert._held = HeldObject.grasped(body, expert._reading.T_world_tcp)
+    expert._take_in()
+    assert expert._scene().held_names == ("seen_00",)
 
 
 def test_what_hides_more_counts_more_and_a_spot_hides_nothing() -> None:
