@@ -77,6 +77,8 @@ class Arguments:
             raise ValueError(f"--episodes {self.episodes} is not valid; it must be at least 1")
         if self.task and self.episodes > 1:
             raise ValueError("--episodes is without --task; of tasks: clutter-env evaluate --suite sort-8-v2")
+        if self.task == "search" and (self.viewer or self.live):
+            raise ValueError("--viewer and --live are not with --task search; its film and its page are written")
         counts = {"": OBJECT_COUNTS, "search": SEARCH_COUNTS}.get(self.task, REARRANGE_COUNTS)
         if self.objects not in counts:
             valid = ", ".join(map(str, counts))

@@ -55,13 +55,8 @@ def show_one(arguments: Arguments) -> dict[str, Any]:
     where = f"{arguments.environment}, robot {arguments.robot}, layout {arguments.layout}, grasp set {arguments.grasps}"
     _log(f"{where}, seed {seed}: {goal if arguments.task else f'take {goal} out of {arguments.objects} objects'}")
     expert = TampExpert(env, arguments.strategy, grasps=arguments.grasps)
-    film = None
     with ExitStack() as stack:
-        if arguments.display == "film":
-            try:
-                film = stack.enter_context(closing(Film(inner)))
-            except RenderingUnavailable as problem:
-                _log(f"no film: {problem}")
+        film = film_of(inner, stack) if arguments.display == "film" else None
         expert.reset(goal)
         plan = expert.solution
         if plan is None:
@@ -78,9 +73,7 @@ def show_one(arguments: Arguments) -> dict[str, Any]:
         if isinstance(plan, Solution) and plan.actions:
             files += write_plan(plan, arguments.out)
         if film is not None:
-            files.append(arguments.out / "strip.png")
-            film.save_strip(files[-1])
-            files.append(film.save_film(arguments.out / "film"))
+            files += saved_film(film, arguments.out)
     env.close()
     print(f"\n{episode_text(arguments, plan, rows)}")
     print("\nPlan, pictures and film\n" + "\n".join(f"  {path}" for path in files))
@@ -96,6 +89,21 @@ def show_one(arguments: Arguments) -> dict[str, Any]:
         "replanning": [asdict(entry) for entry in plan.stats.history],
         "files": list(map(str, files)),
     }
+
+
+def film_of(inner: Any, stack: ExitStack) -> Film | None:
+    """The film of an environment, closed with the stack; None, and said why, where the machine cannot render."""
+    try:
+        return stack.enter_context(closing(Film(inner)))
+    except RenderingUnavailable as problem:
+        _log(f"no film: {problem}")
+        return None
+
+
+def saved_film(film: Film, out: Path) -> list[Path]:
+    """Save the strip and the film in a directory; the files."""
+    film.save_strip(out / "strip.png")
+    return [out / "strip.png", film.save_film(out / "film")]
 
 
 def _log(text: str) -> None:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 
 import clutter_env
-from clutter_env.errors import RenderingUnavailable
-from clutter_env.rendering.film import Film
+from clutter_env.cli.expert_episodes import film_of, saved_film
 from clutter_env.reporting.progress import progress_bar, shown_compilation
 from planners import SearchExpert, warmup
 from planners.drawing.page.page import write_page
@@ -39,12 +38,7 @@ def show_search(arguments: Arguments) -> dict[str, Any]:
     recorder.add_solve(expert.report)
     is_over, text = False, ""
     with ExitStack() as stack:
-        film = None
-        if arguments.film:
-            try:
-                film = stack.enter_context(closing(Film(inner)))
-            except RenderingUnavailable as problem:
-                print(f"no film: {problem}", flush=True)
+        film = film_of(inner, stack) if arguments.film else None
         bar = stack.enter_context(progress_bar(bar_format="{n:.0f} s simulated{postfix}"))
         while not (is_over or expert.done):
             action = expert.act(observation, info)
@@ -69,9 +63,7 @@ def show_search(arguments: Arguments) -> dict[str, Any]:
         draw_search(report.steps).savefig(files[1], dpi=110)
         if film is not None:
             film.finish(f"{info['target']} taken" if is_success else f"ended: {rows['success']}")
-            files.append(arguments.out / "strip.png")
-            film.save_strip(files[-1])
-            files.append(film.save_film(arguments.out / "film"))
+            files += saved_film(film, arguments.out)
     env.close()
     decisions = [f"{step.time:.0f} s: {step.text}" for step in report.steps]
     print("\n".join([f"Decisions, seed {arguments.seed}", *decisions, "", *(f"{name}: {rows[name]}" for name in rows)]))

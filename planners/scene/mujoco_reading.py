@@ -56,19 +56,17 @@ def robot_bodies(model: mujoco.MjModel, robot: RobotSpec) -> frozenset[int]:
         mujoco.mjtObj.mjOBJ_JOINT: (*robot.drive_joints, *robot.finger_joints),
         mujoco.mjtObj.mjOBJ_SITE: (robot.tcp_site,),
     }
-    known = {
-        mujoco.mjtObj.mjOBJ_BODY: [model.body(index).name for index in range(model.nbody)],
-        mujoco.mjtObj.mjOBJ_JOINT: [model.joint(index).name for index in range(model.njnt)],
-        mujoco.mjtObj.mjOBJ_SITE: [model.site(index).name for index in range(model.nsite)],
-    }
-    missing = [name for kind, names in kinds.items() for name in names if name not in known[kind]]
+    missing = [name for kind, names in kinds.items() for name in names if mujoco.mj_name2id(model, kind, name) < 0]
     if missing:
-        joints = ", ".join(filter(None, known[mujoco.mjtObj.mjOBJ_JOINT])) or "none"
+        joints = [model.joint(index).name for index in range(model.njnt)]
+        known = [model.body(index).name for index in range(model.nbody)] + joints
+        known += [model.site(index).name for index in range(model.nsite)]
         way = (
-            f"its joints: {joints}; put the robot in with `planners.insert_robot(model, robot, without=[…])`, or say "
-            "by `RobotSpec.from_mjcf(base_joints=…, tip=…, finger_joints=…)` what its parts are called"
+            f"its joints: {', '.join(filter(None, joints)) or 'none'}; put the robot in with `planners.insert_robot("
+            "model, robot, without=[…])`, or say by `RobotSpec.from_mjcf(base_joints=…, tip=…, finger_joints=…)` what "
+            "its parts are called"
         )
-        if prefixed := [name for names in known.values() for name in names if name.endswith(missing[0])]:
+        if prefixed := [name for name in known if name.endswith(missing[0])]:
             way = f"it has {prefixed[0]!r}: attach the robot without a name prefix"
         raise SceneError(f"the model lacks {', '.join(missing)} of robot {robot.name!r}; {way}")
     return _with_attached(model, [model.body(robot.base_body).id])

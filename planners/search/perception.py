@@ -147,9 +147,10 @@ def perceive(
         is_target = target.has_colour(colour)
         others = [one for one in found.values() if one.is_target == is_target]
         shares = {one.name: float(_inside(one.body, points).mean()) for one in others}
-        first, second = sorted(["", "", *shares], key=lambda name: -shares.get(name, 0.0))[:2]
+        first = max(shares, key=lambda name: shares[name], default="")
         is_known = shares.get(first, 0.0) >= _SHARED
-        if not is_target and shares.get(second if is_known else first, 0.0) > _SHARED / 3:
+        strangers = [share for name, share in shares.items() if not (is_known and name == first)]
+        if not is_target and max(strangers, default=0.0) > _SHARED / 3:
             continue  # partly another object's: masks that run into each other
         if is_known and first in shown and not is_target and first != held:
             body, sigma = fit_upright(first, shown[first], supports, eye=view.eye)
