@@ -29,9 +29,10 @@ $(VENV)/.core: $(BIN)/python pyproject.toml constraints.txt
 	$(PIP) install --quiet --quiet --constraint constraints.txt --editable .
 	@touch $@
 
-$(VENV)/.visuals: $(VENV)/.core
-	$(PIP) install --quiet --quiet --constraint constraints.txt --editable ".[visuals]"
-	@touch $@
+# In one go with the core. Python compiles files to bytecode when they are first imported: most never are.
+$(VENV)/.visuals: $(BIN)/python pyproject.toml constraints.txt
+	$(PIP) install --quiet --quiet --no-compile --constraint constraints.txt --editable ".[visuals]"
+	@touch $(VENV)/.core $@
 
 $(VENV)/.dev: $(VENV)/.core
 	$(PIP) install --quiet --quiet --constraint constraints.txt --editable ".[dev]"

@@ -55,8 +55,7 @@ class Browser:
         self._session = self._call("Target.attachToTarget", targetId=page, flatten=True)["sessionId"]
         for domain in ("Page", "Runtime", "Log", "Network"):
             self._call(f"{domain}.enable")
-        metrics = {"width": size[0], "height": size[1], "deviceScaleFactor": 1, "mobile": False}
-        self._call("Emulation.setDeviceMetricsOverride", **metrics)
+        self.resize(*size)
 
     def __enter__(self) -> Browser:
         return self
@@ -73,6 +72,11 @@ class Browser:
         """Load a page and wait until its script says that it is ready."""
         self._call("Page.navigate", url=address)
         self.wait("document.body && document.body.dataset.state === 'ready'")
+
+    def resize(self, width: int, height: int) -> None:
+        """Show the page in a window of that size [pixels]."""
+        metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        self._call("Emulation.setDeviceMetricsOverride", **metrics)
 
     def value(self, expression: str) -> Any:
         """The value of an expression in the page."""

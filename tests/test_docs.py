@@ -33,7 +33,13 @@ DOCS = ROOT / "docs"
 PAGES = {str(path.relative_to(ROOT)): path.read_text() for path in (ROOT / "README.md", *sorted(DOCS.rglob("*.md")))}
 USER_PAGES = {name: text for name, text in PAGES.items() if not name.startswith("docs/notes/")}
 MOST_WORDS = {"docs/results.md": 800}
-SLOW = ("docs/irm.md", "docs/guides/two_arms.md", "docs/planners.md", "docs/tutorials/planning.md")
+SLOW = (
+    "docs/irm.md",
+    "docs/guides/two_arms.md",
+    "docs/planners.md",
+    "docs/tutorials/planning.md",
+    "docs/tutorials/reinforcement_learning.md",
+)
 """Pages whose Python takes more than two seconds."""
 
 

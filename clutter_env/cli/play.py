@@ -44,6 +44,7 @@ def run(arguments: Arguments) -> None:
     from clutter_env.policies.registry import PolicyTraits, load_policy
     from clutter_env.rendering.film import Film
     from clutter_env.rendering.renderer import has_display
+    from clutter_env.reporting.progress import progress_bar
 
     if arguments.objects not in clutter_env.OBJECT_COUNTS:
         valid = ", ".join(map(str, clutter_env.OBJECT_COUNTS))
@@ -65,8 +66,10 @@ def run(arguments: Arguments) -> None:
         if path is not None:
             film = film or Film(env.unwrapped)
             film.watch(str(getattr(policy, "phase", "")))
+        bar.update(1 / env.metadata["render_fps"])
 
-    score = play_scene(scene, env, policy, watch=watch)
+    with progress_bar(bar_format="{n:.0f} s simulated, {elapsed} passed") as bar:
+        score = play_scene(scene, env, policy, watch=watch)
     if path is None:
         env.get_wrapper_attr("wait_for_window")()
     lifted = "the target was lifted" if score.lifted else f"the target was not lifted ({score.failure})"

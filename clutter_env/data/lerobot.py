@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import importlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +22,11 @@ from numpy.typing import NDArray
 
 from clutter_env.data.dataset import Dataset
 from clutter_env.data.episode import Episode
+from clutter_env.data.episode_file import read_episode
 from clutter_env.data.hub import TASKS, agent_entries, environment_entries, image_entries
 from clutter_env.data.replay import with_images
 from clutter_env.errors import DatasetError, LearningError, missing_extra
+from clutter_env.parallel import Crash, Killed, run_jobs
 from clutter_env.rendering.film import CODEC, PIXELS, Video
 from clutter_env.reporting.files import write_json, written_atomically
 
@@ -39,28 +42,54 @@ _FRAMES = 50
 """Images of an episode that count at most in statistics, spread evenly."""
 
 
-def export_lerobot(dataset: Dataset, directory: Path, image_size: int = 0) -> Path:
+def export_lerobot(
+    dataset: Dataset, directory: Path, image_size: int = 0, workers: int = 1, tick: Callable[[], object] = lambda: None
+) -> Path:
     """Write the dataset; the directory.
 
     Args:
         dataset: complete.
         directory: a new one.
         image_size: [pixels] of camera images that are rendered for episodes without any; 0 for none.
+        workers: how many processes render at a time; with one it is this process.
+        tick: called after each episode.
 
     Raises:
         DatasetError: the directory exists, or the dataset is not complete.
-        LearningError: pyarrow, or for images PyAV, is not installed; an odd image size.
-        RenderingUnavailable: images are to be rendered, and this machine cannot render.
+        LearningError: pyarrow, or for images PyAV, is not installed; an odd image size; a renderer failed.
+        RenderingUnavailable: images are to be rendered by this process, and this machine cannot render.
     """
     if directory.exists():
         raise DatasetError(f"{directory} exists; choose another directory or remove it")
     with written_atomically(directory) as part:
         part.mkdir(parents=True)
-        _write(dataset, part, image_size)
+        _write(dataset, part, _with_images(dataset, image_size, workers), tick)
     return directory
 
 
-def _write(dataset: Dataset, directory: Path, image_size: int) -> None:
+def _with_images(dataset: Dataset, image_size: int, workers: int) -> Iterator[Episode]:
+    """The episodes in their order, with images of that size where they have none."""
+    function = partial(_seen, image_size=image_size)
+    paths = [dataset.episode_path(seed) for seed in dataset.seeds]
+    if not image_size or workers == 1:
+        yield from map(function, paths)
+        return
+    waiting, done = list(paths), dict[Path, Episode]()
+    for path, result in run_jobs(function, paths, workers):
+        if isinstance(result, Crash | Killed):
+            raise LearningError(f"the images of {path} could not be rendered: {result.summary}")
+        done[path] = result
+        while waiting and waiting[0] in done:
+            yield done.pop(waiting.pop(0))
+
+
+def _seen(path: Path, image_size: int) -> Episode:
+    """The episode of a file, with images of that size [pixels] if it has none; with 0 as it is."""
+    episode = read_episode(path)
+    return with_images(episode, image_size) if image_size and not image_entries(episode.observations) else episode
+
+
+def _write(dataset: Dataset, directory: Path, found: Iterator[Episode], tick: Callable[[], object]) -> None:
     try:
         arrow, parquet = (importlib.import_module(name) for name in ("pyarrow", "pyarrow.parquet"))
     except ModuleNotFoundError as problem:
@@ -75,9 +104,7 @@ def _write(dataset: Dataset, directory: Path, image_size: int) -> None:
     episodes: list[dict[str, Any]] = []
     videos: dict[str, Video] = {}
     with ExitStack() as stack:
-        for index, recorded in enumerate(dataset):
-            has_images = image_entries(list(recorded.observations))
-            episode = with_images(recorded, image_size) if image_size and not has_images else recorded
+        for index, episode in enumerate(found):
             features = features or _features(episode, fps)
             columns = _columns(episode, index, first, fps)
             line: dict[str, Any] = {
@@ -91,7 +118,7 @@ def _write(dataset: Dataset, directory: Path, image_size: int) -> None:
             }
             first += len(episode)
             own = {name: _vector_statistics(values) for name, values in columns.items()}
-            for camera, name in image_entries(list(episode.observations)).items():
+            for camera, name in image_entries(episode.observations).items():
                 key, images = f"observation.images.{camera}", episode.observations[name][:-1]
                 if key not in videos:
                     path = directory / f"videos/{key}/{_FILE}.mp4"
@@ -107,6 +134,7 @@ def _write(dataset: Dataset, directory: Path, image_size: int) -> None:
                 statistics.setdefault(name, []).append(entry)
                 line |= {f"stats/{name}/{kind}": value for kind, value in entry.items()}
             episodes.append(line)
+            tick()
 
     def column(values: NDArray[Any]) -> Any:
         """Numbers (n,), or lists of one length (n, k)."""

@@ -36,6 +36,9 @@ from clutter_env.training.settings import Settings
 
 History = list[dict[str, float]]
 
+_OFF_POLICY = ("sac", "tqc", "dqn")
+_UPDATE_S = 0.03
+"""[s] An update of theirs and its step; as TQC takes on ArmReach."""
 _HINDSIGHT = {
     "replay_buffer_class": HerReplayBuffer,
     "replay_buffer_kwargs": {"n_sampled_goal": 4, "goal_selection_strategy": "future"},
@@ -169,7 +172,8 @@ def _learn(run: Run, is_resumed: bool) -> History:
     if left > 0:
         checkpoints = EveryNTimesteps(settings.checkpoint_every, ConvertCallback(checkpoint))
         checkpoints.last_time_trigger = model.num_timesteps
-        with progress_bar(total=settings.steps, initial=model.num_timesteps, unit="step") as bar:
+        seconds = _UPDATE_S * settings.gradient_steps * left if run.algorithm in _OFF_POLICY else 0.0
+        with progress_bar(total=settings.steps, initial=model.num_timesteps, unit="step", seconds=seconds) as bar:
             shown = ConvertCallback(lambda *_: bar.update(model.num_timesteps - bar.n) or True)
             model.learn(left, callback=[checkpoints, shown], reset_num_timesteps=False, tb_log_name="tensorboard")
         save_model(model, path)
@@ -187,7 +191,7 @@ def make_model(
         LearningError: there is no such device.
     """
     options = dict(_OPTIONS[family, algorithm])
-    if algorithm in ("sac", "tqc", "dqn"):
+    if algorithm in _OFF_POLICY:
         options |= {"train_freq": 1, "gradient_steps": settings.gradient_steps}
         options["buffer_size"] = min(_BUFFER, settings.steps)
     network, log_directory = network_name(env.observation_space), None if log is None else str(log)

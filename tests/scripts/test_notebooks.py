@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -22,3 +26,38 @@ def test_a_notebook_is_its_tutorial(name: str) -> None:
             assert source in tutorial
         assert "](../" not in source
         assert "my_module" not in source or cell["cell_type"] == "markdown"
+
+
+SHORTER = {"--episodes 20": "--episodes 2", "--steps 6000": "--steps 400", "--checkpoint-every 2000": ""}
+SHORTER |= {"--scenes 20": "--scenes 1", "--scenes 10": "--scenes 1", "--scenes 5": "--scenes 1"}
+"""Commands that take minutes, and what takes their place in the test."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", TUTORIALS)
+def test_the_cells_of_a_notebook_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In their order, but for the first, which installs."""
+    for needed in ("torch", "h5py"):
+        pytest.importorskip(needed)
+    (tmp_path / "clutter-env").write_text(
+        f"#!/bin/sh\nexec {sys.executable} -c 'from clutter_env.cli.main import main; main()' \"$@\"\n"
+    )
+    (tmp_path / "clutter-env").chmod(0o755)
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    path = os.pathsep.join((str(tmp_path), str(Path(sys.executable).parent), os.environ["PATH"]))
+    environment = {**os.environ, "PATH": path, "PYTHONPATH": str(ROOT)}
+    monkeypatch.chdir(tmp_path)
+    names = {"__name__": "__main__"}
+    install, *others = (
+        "".join(cell["source"]) for cell in notebook(TUTORIALS[name])["cells"] if cell["cell_type"] == "code"
+    )
+    assert install.startswith("%pip install")
+    for source in others:
+        if not source.startswith("!"):
+            exec(compile(source, name, "exec"), names)
+            continue
+        for long, short in (SHORTER | {"python clone.py": "python examples/clone.py"}).items():
+            source = source.replace(long, short)
+        for line in source.splitlines():
+            if "curl" not in line:
+                subprocess.run(line.removeprefix("!"), shell=True, env=environment, check=True)

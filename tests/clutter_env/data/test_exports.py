@@ -128,6 +128,21 @@ def test_lerobot_loads_what_was_exported(seen_dataset: Dataset, seen: list[Episo
 
 
 @pytest.mark.usefixtures("needs_gl")
+@pytest.mark.slow
+def test_two_processes_render_what_one_does_in_the_order_of_the_seeds(dataset: Dataset, tmp_path: Path) -> None:
+    for needed in ("pyarrow", "av"):
+        pytest.importorskip(needed)
+    ticks: list[int] = []
+    one, two = (
+        export_lerobot(dataset, tmp_path / str(workers), SIZE, workers, lambda: ticks.append(0)) for workers in (1, 2)
+    )
+    files = [file.relative_to(one) for file in one.rglob("*") if file.is_file()]
+    assert sum(file.suffix == ".mp4" for file in files) == 2
+    assert [file for file in files if (one / file).read_bytes() != (two / file).read_bytes()] == []
+    assert len(ticks) == 2 * len(SEEDS)
+
+
+@pytest.mark.usefixtures("needs_gl")
 def test_images_are_those_that_the_environment_shows(seen: list[Episode]) -> None:
     episode = seen[0]
     env = TASK.make(obs_mode="rgbd", image_size=SIZE)

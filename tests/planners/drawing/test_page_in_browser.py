@@ -65,6 +65,17 @@ def test_the_page_draws_without_a_complaint(page: Browser) -> None:
     assert page.problems == []
 
 
+def test_on_a_telephone_nothing_covers_the_phase_and_nothing_is_wider_than_the_screen(page: Browser) -> None:
+    page.resize(390, 844)
+    try:
+        page.value("document.getElementById('phase').textContent = 'PutDownForClearance object_04: lower'")
+        box = "document.getElementById('{}').getBoundingClientRect()".format
+        assert page.value(f"{box('phase')}.bottom <= {box('views')}.top")
+        assert page.value("document.documentElement.scrollWidth") == 390
+    finally:
+        page.resize(900, 600)
+
+
 def test_play_moves_time_and_the_robot(page: Browser, recording: Recording) -> None:
     before = picture(page)
     page.click("[data-part=play]")
