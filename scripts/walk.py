@@ -20,6 +20,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 TUTORIALS = ROOT / "docs/tutorials"
@@ -91,8 +92,8 @@ class Newcomer:
         if self._python is None or page != self._page:
             self.close()
             command = ["bash", "-c", 'exec python -c "$0"', _PYTHON]
-            pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-            self._python = subprocess.Popen(command, cwd=self._clone, env=self._environment, **pipes)
+            where: dict[str, Any] = {"cwd": self._clone, "env": self._environment}
+            self._python = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, **where)
             self._page, self._used = page, 0.0
         assert self._python.stdin is not None
         assert self._python.stdout is not None

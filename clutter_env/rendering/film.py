@@ -26,7 +26,7 @@ STEPS_PER_FRAME = 4
 FRAMES_PER_SECOND = 20
 _SPEED = STEPS_PER_FRAME * FRAMES_PER_SECOND / CONTROL_HZ
 _GIF_SHARE = 2
-"""A GIF, made on machines without PyAV, has every second frame at half the size."""
+"""A GIF, made on machines without PyAV, has half as many frames, at half the size."""
 _KEY_PHASES = (": close", ": lift", ": open")
 """The last state of these phases goes on the page: the grasp, the object in the air, the object put down."""
 _STRIP_COLUMNS = 4
@@ -48,6 +48,7 @@ class Film:
     env: Any
     frames: list[Frame] = field(default_factory=list)
     moments: list[tuple[str, Frame]] = field(default_factory=list)
+    _share: int = field(default_factory=lambda: 1 if importlib.util.find_spec("av") else _GIF_SHARE)
     _steps: int = 0
     _caption: str = ""
 
@@ -64,7 +65,7 @@ class Film:
         if caption != self._caption and self._caption.endswith(_KEY_PHASES):
             self._keep_moment()
         self._caption = caption or self._caption
-        if self._steps % STEPS_PER_FRAME == 0:
+        if self._steps % (STEPS_PER_FRAME * self._share) == 0:
             self._keep_frame()
         self._steps += 1
 
@@ -73,7 +74,7 @@ class Film:
         self._caption = caption
         self._keep_moment()
         self._keep_frame()
-        self.frames += self.frames[-1:] * FRAMES_PER_SECOND
+        self.frames += self.frames[-1:] * (FRAMES_PER_SECOND // self._share)
 
     def save_strip(self, path: Path) -> None:
         """The recorded moments on one page; of more than `_MOST_MOMENTS`, evenly spread ones and the last."""
@@ -87,13 +88,13 @@ class Film:
 
     def save_film(self, stem: Path) -> Path:
         """An mp4 where PyAV is installed (extra [data]), otherwise a GIF; returns which."""
-        if importlib.util.find_spec("av"):
+        if self._share == 1:
             path = stem.with_suffix(".mp4")
             with Video(path, self.frames[0].shape[:2], FRAMES_PER_SECOND) as video:
                 video.write(self.frames)
             return path
         path = stem.with_suffix(".gif")
-        first, *others = [Image.fromarray(frame).reduce(_GIF_SHARE) for frame in self.frames[::_GIF_SHARE]]
+        first, *others = [Image.fromarray(frame).reduce(_GIF_SHARE) for frame in self.frames]
         milliseconds = 1000 * _GIF_SHARE // FRAMES_PER_SECOND
         first.save(path, save_all=True, append_images=others, duration=milliseconds, loop=0)
         return path
