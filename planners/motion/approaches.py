@@ -179,10 +179,13 @@ def planned_approach(
 def fewest_blockers(world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: str) -> int | None:
     """The smallest set of objects in the way of the straight lines to and from a grasp (8,), as a mask.
 
+    What is held is not: it is put down before.
+
     Returns:
         None if the robot cannot follow any of the lines, or they lead through static obstacles.
     """
-    return fewest_hits(ContactQuery.grasp(world, base, q_grasp, name))
+    ignore = world.scene.mask(world.scene.held_names)
+    return fewest_hits(ContactQuery.grasp(world, base, q_grasp, name, ignore))
 
 
 def fewest_hits(query: ContactQuery) -> int | None:

@@ -410,25 +410,38 @@ class SearchExpert:
         self._executor = None
         sensor.update(self._reading)
         self._held = sensor.held
-        self._settle_belief(bodies, sensor.bodies)
+        self._settle_belief({new.name: new for old, new in zip(bodies, sensor.bodies, strict=True) if new is not old})
         if executor.deviation is not None:
             self.report.deviations.append(str(executor.deviation))
         return executor.deviation is None
 
-    def _settle_belief(self, before: Sequence[Body], after: Sequence[Body]) -> None:
-        """Objects that the robot has moved are where it let go of them, upright; around there nothing is known."""
-        moved = {new.name: new for old, new in zip(before, after, strict=True) if new is not old}
+    def _settle_belief(self, moved: Mapping[str, Body]) -> None:
+        """Objects moved by the robot: what it holds is in its hand, the rest where it let go of it, upright; around
+        there nothing is known."""
         kept = []
         for one in self._known:
             if (body := moved.get(one.name)) is not None:
-                under = [s.top for s in self._supports if s.is_under(body.position[:2]) and s.top < body.position[2]]
-                height, turn = max(under, default=0.0) + one.body.half_extents[2], body.yaw / 2
-                there = one.body.at((*body.position[:2], height), (math.cos(turn), 0.0, 0.0, math.sin(turn)))
-                T = there.pose @ np.linalg.inv(one.body.pose)
-                one = replace(one, body=there, points=one.points @ T[:3, :3].T + T[:3, 3])
-                self._belief.forget(there)
+                if self._held is None or self._held.name != one.name:
+                    under = [
+                        s.top for s in self._supports if s.is_under(body.position[:2]) and s.top < body.position[2]
+                    ]
+                    height, turn = max(under, default=0.0) + one.body.half_extents[2], body.yaw / 2
+                    upright = math.cos(turn), 0.0, 0.0, math.sin(turn)
+                    body = one.body.at((*body.position[:2], height), upright)
+                    self._belief.forget(body)
+                T = body.pose @ np.linalg.inv(one.body.pose)
+                one = replace(one, body=body, points=one.points @ T[:3, :3].T + T[:3, 3])
             kept.append(one)
         self._known = tuple(kept)
+
+    def _carry(self) -> None:
+        """Believe what is held to be where the hand is, or to have been dropped if the fingers press on nothing."""
+        if self._held is not None:
+            known, in_hand = {one.name: one.body for one in self._known}, self._held
+            body = known[in_hand.name].at_pose(self._reading.T_world_tcp @ in_hand.T_tcp_object)
+            if not self._reading.is_gripping:
+                self._held = None
+            self._settle_belief({in_hand.name: body})
 
     def _recover(self) -> Actions:
         """After a deviation: let go of what is held where the planner finds a place, and bring the arm home."""
@@ -503,6 +516,7 @@ class SearchExpert:
 
     def _take_in(self) -> None:
         """Carve, forget what is gone, and perceive, with each camera."""
+        self._carry()
         started = time.process_time()
         views = [self._view(name) for name in self._cameras]
         for view in views:

@@ -35,8 +35,8 @@ _HUE = 0.12
 """Difference of the shares of red, green and blue up to which two colours count as one."""
 _SHARED = 0.5
 """Share of a mask's points that lie in an object already known, from which on it is that object's."""
-_NEAR = 0.012
-"""[m] around a known object in which points count as its own."""
+_NEAR, _NEAR_HAND = 0.012, 0.03
+"""[m] around a known object in which points count as its own; the same of one in the hand, where it may have slipped."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ def perceive(
 
     A mask belongs to the known object in which most of its points lie. One that covers several objects is left out;
     where a known object turns out to be two, it is given up for these. Two parts of the target become one, where its
-    place is known by then; but what is held keeps its name.
+    place is known by then; but what is held keeps its name. What is in the hand stays as it was seen before.
     """
     found = {one.name: one for one in known}
     shown: dict[str, Array] = {}  # the points that this view shows of an object
@@ -142,6 +142,8 @@ def perceive(
         mask = of_one_colour(view.masks == label, view.colours)
         points = view.points(mask)
         if len(points) < _LEAST_PIXELS or np.ptp(np.percentile(points, (2, 98), axis=0), axis=0)[:2].max() > _WIDEST:
+            continue
+        if held and _inside(found[held].body, points, _NEAR_HAND).mean() >= _SHARED:
             continue
         colour = view.colours[mask].mean(axis=0) / 255
         is_target = target.has_colour(colour)
@@ -152,7 +154,7 @@ def perceive(
         strangers = [share for name, share in shares.items() if not (is_known and name == first)]
         if not is_target and max(strangers, default=0.0) > _SHARED / 3:
             continue  # partly another object's: masks that run into each other
-        if is_known and first in shown and not is_target and first != held:
+        if is_known and first in shown and not is_target:
             body, sigma = fit_upright(first, shown[first], supports, eye=view.eye)
             found[first] = Seen(body, shown[first], found[first].colour, sigma)
             is_known = False
@@ -192,10 +194,10 @@ def _some(points: Array, most: int) -> Array:
     return points[np.linspace(0, len(points) - 1, min(len(points), most)).astype(int)]
 
 
-def _inside(body: Body, points: Array) -> NDArray[np.bool_]:
+def _inside(body: Body, points: Array, near: float = _NEAR) -> NDArray[np.bool_]:
     """Whether points (n, 3) lie in an object, or near it: (n,)."""
     local = (points - body.position) @ body.rotation
-    return np.asarray((np.abs(local) < body.half_extents + _NEAR).all(axis=1))
+    return np.asarray((np.abs(local) < body.half_extents + near).all(axis=1))
 
 
 def fit_upright(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -144,9 +145,15 @@ def test_what_is_held_is_not_given_up_though_its_place_is_seen_to_be_empty() -> 
     for level in expert._belief._levels.values():
         level.is_unseen[:] = False
     assert expert._belief.emptied(body) == 1
-    expert._held = HeldObject.grasped(body, expert._reading.T_world_tcp)
+    expert._held = HeldObject(body.name, np.eye(4))
+    expert._reading = replace(expert._reading, width=0.06, commanded=0.05)
     expert._take_in()
     assert expert._scene().held_names == ("seen_00",)
+    np.testing.assert_allclose(expert._scene().body("seen_00").position, expert._reading.T_world_tcp[:3, 3])
+    expert._reading = replace(expert._reading, width=0.05)  # the fingers press on nothing: it fell
+    expert._carry()
+    assert expert._scene().held_names == ()
+    assert expert._scene().body("seen_00").bottom == pytest.approx(0.0, abs=1e-9)
 
 
 def test_what_hides_more_counts_more_and_a_spot_hides_nothing() -> None:

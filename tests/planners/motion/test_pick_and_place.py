@@ -176,6 +176,10 @@ def test_grasps_know_what_is_in_the_way_out() -> None:
     free = candidates.for_object(scene, "object_00")[0]
     assert not free.blockers
     assert fewest_blockers(world, free.base, free.q, "object_00") == 0
+    in_hand = CollisionWorld.from_scene(scene.with_held(HeldObject("object_00", np.eye(4))))
+    hits = [[fewest_blockers(one, grasp.base, grasp.q, "object_01") for one in (world, in_hand)] for grasp in walled_in]
+    assert any(standing & 1 for standing, _ in hits if standing is not None)
+    assert not any(held & 1 for _, held in hits if held is not None), "it is put down before anything is taken"
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -119,6 +120,15 @@ def test_masks_that_run_into_each_other_change_nothing_and_one_that_was_two_is_p
     parted = perceive(_view_of(one, other), joined, _SUPPORTS, target)
     places = sorted(tuple(np.round(seen.body.position[:2], 2)) for seen in parted)
     assert places == [(0.1, -0.2), (0.1, -0.12)]
+
+
+def test_what_is_in_the_hand_is_no_other_object() -> None:
+    """It hangs above the table, 2 cm from where it was when the fingers closed."""
+    rng, target = np.random.default_rng(4), Description((1, 0, 0), "cylinder", (0.02, 0.02, 0.05))
+    points = _seen_from_the_front("cylinder", np.array((0.03, 0.03, 0.06)), 0.0, 0.001, rng)
+    (known,) = perceive(_view_of(points), (), _SUPPORTS, target)
+    in_hand = replace(known, body=known.body.at(known.body.position + (0.0, 0.0, 0.4)))
+    assert perceive(_view_of(points + (0.0, 0.02, 0.4)), (in_hand,), _SUPPORTS, target, known.name) == (in_hand,)
 
 
 def test_of_a_mask_what_has_its_colour_counts() -> None:
