@@ -7,7 +7,7 @@ way of those, and so on, such that no object waits for itself. The task planner 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -72,6 +72,7 @@ class ClearingProblem:
         left_alone: objects that stay where they are: no grasp of them is offered.
         holds_aside: whether the last obstacle may stay in one gripper while another one takes the target.
         saves_time: whether grasps are chosen that take less time.
+        homeless: what is held and has been found to have no placement at all, whatever it keeps clear of.
     """
 
     candidates: GraspCandidates
@@ -87,6 +88,7 @@ class ClearingProblem:
     left_alone: frozenset[str] = frozenset()
     holds_aside: bool = False
     saves_time: bool = False
+    homeless: set[str] = field(default_factory=set)
 
     def grasps(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
         """Grasps of that object where it stands, with what blocks each now; best first."""

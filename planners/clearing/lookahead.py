@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -206,10 +207,16 @@ def simulate_clearance(
         name: of the object.
         keep: what the object must not stand in the way of.
     """
-    in_hand = scene.holding(name) or grasped(scene, commitments.grasps[name])
+    if name in problem.homeless:
+        return None
+    held = scene.holding(name)
+    in_hand = held or grasped(scene, commitments.grasps[name])
     world = problem.candidates.compiled.world(in_hand)
-    placement = next(problem.placements.find(world, keep, problem.strategy, problem.rng, problem.deadline), None)
+    find = partial(problem.placements.find, strategy=problem.strategy, rng=problem.rng, deadline=problem.deadline)
+    placement = next(find(world, keep), None)
     if placement is None:
+        if held is not None and scene is problem.scene and next(find(world, KeepClear()), None) is None:
+            problem.homeless.add(name)  # so no other commitments help
         return None
     state = RobotState(placement.base, in_hand.state.q, in_hand.state.finger_position)
     return placement, in_hand.with_held(None).with_body(placement.body).with_state(state)

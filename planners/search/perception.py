@@ -36,7 +36,7 @@ _HUE = 0.12
 _SHARED = 0.5
 """Share of a mask's points that lie in an object already known, from which on it is that object's."""
 _NEAR, _NEAR_HAND = 0.012, 0.03
-"""[m] around a known object in which points count as its own; the same of one in the hand, where it may have slipped."""
+"""[m] around a known object in which points count as its own; around one in the hand, where it may have slipped."""
 
 
 @dataclass(frozen=True)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 
 from assets.robots import FETCH
 from planners.cause import Cause
+from planners.placing.placements import PlacementSearch
 from planners.planner import Planner
-from planners.scene import Scene, StaticObstacle
+from planners.scene import HeldObject, Scene, StaticObstacle
 from planners.strategies import STRATEGIES
 from planners.tamp.solution import Infeasible, Solution
 from tests.planners.scenes import HEIGHT, cylinder, table_scene
@@ -80,3 +82,13 @@ def test_a_tight_flower_is_infeasible_for_every_plan() -> None:
     found = planner.solve(scene, "object_00")
     assert isinstance(found, Infeasible)
     assert found.cause is Cause.NO_SELF_CLEARABLE_SET
+
+
+def test_no_place_is_looked_for_again_for_what_is_held_and_fits_nowhere(scene: Scene) -> None:
+    wide = replace(scene.body("object_00"), half_extents=np.array([0.15, 0.15, 0.08]))
+    holding = scene.with_body(wide).with_held(HeldObject("object_00", np.eye(4)))
+    with patch.object(PlacementSearch, "find", autospec=True, side_effect=PlacementSearch.find) as find:
+        outcome = Planner(FETCH, grasps="side").solve(holding, "object_05", TWICE)
+    assert isinstance(outcome, Infeasible)
+    assert (outcome.cause, outcome.objects) == (Cause.NO_CLEARANCE_LOCATION, ("object_00",))
+    assert find.call_count == 2  # with what it is to keep clear of, and without
