@@ -154,7 +154,7 @@ class Executor:
         change = _RATE_CHANGE * self._stride
         self._rate += min(max(wanted - self._rate, -change), change)
         self._tick += self._rate * self._stride
-        while not self._is_at_end and self._tick >= (samples := self._samples) + 1 - _ROUNDING:
+        while not self._is_at_end and self._tick > (samples := self._samples) + _ROUNDING:
             self._tick -= samples
             self._expected = now
             if self._present.is_clearance:
