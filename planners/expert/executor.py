@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -67,6 +67,7 @@ class Executor:
         at_start: int = 0,
         dt: float = CONTROL_STEP,
         latency: int = 0,
+        unsure: Collection[str] = (),
     ) -> None:
         """Begin to execute a plan.
 
@@ -78,8 +79,10 @@ class Executor:
             at_start: samples for which the start of the plan is commanded before the robot moves along it.
             dt: [s] from one call of `advance` to the next; samples are `CONTROL_STEP` apart.
             latency: calls of `advance` until a snapshot shows what was commanded, beyond the first.
+            unsure: names of objects before whose approach the plan is stopped.
         """
         self._actions, self._robot, self._names, self._config = tuple(actions), robot, sensor.names, config
+        self._unsure = frozenset(unsure)
         self._by_tcp, self._stride = by_tcp, dt / CONTROL_STEP
         self._tick, self._rate, self._waited = -float(at_start), 1.0, 0.0
         self._expected = sensor.read()
@@ -237,6 +240,8 @@ class Executor:
             away = float(np.linalg.norm(now.positions[index] - self._expected.positions[index]))
             starts = [one.start for one in action.trajectory.phases if one.name == "approach"]
             is_near = any(start - _LAST_LOOK[0] <= self._time < start - _LAST_LOOK[1] for start in starts)
+            if is_near and action.target in self._unsure:
+                return Deviation(DeviationKind.OBJECT_UNSURE, action.target)
             if away > self._config.displacement or (is_near and self._is_off_aim(now)):
                 return Deviation(DeviationKind.OBJECT_MOVED, action.target)
         return deviation

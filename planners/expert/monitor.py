@@ -36,6 +36,7 @@ class DeviationKind(StrEnum):
     SLIPPED = "slipped in the gripper"
     TOPPLED = "toppled"
     OBJECT_MOVED = "moved"
+    OBJECT_UNSURE = "not seen well enough"
     BASE_TRACKING_ERROR = "base tracking error"
     ARM_TRACKING_ERROR = "arm tracking error"
 

@@ -69,6 +69,9 @@ _GONE = 0.6
 """Share of an object's cells that must be seen to be empty until it counts as gone."""
 _LURKING = 0.02
 """[m] radius of an object that may stand, unseen, where the arm would pass."""
+_UNSURE = 0.007
+"""[m] standard deviation of an object's place from which on it is looked at again before it is taken; more with noise.
+In 24 first views 90% of the errors were below 1.3 mm where it was less than 6 mm, below 18 mm where more than 7."""
 _TOLERANCES = MonitorConfig(slip=0.03)
 """Where an object is between the fingers is seen by their opening alone."""
 _SHRINK = (0.0, 0.001, 0.002, 0.004, 0.008)
@@ -398,7 +401,10 @@ class SearchExpert:
             return True
         env, bodies = self._env, actions[0].scene.objects
         sensor = BelievedSensor(bodies, self._reading, env.robot, self._held)
-        self._executor = executor = Executor(actions, env.robot, sensor, _TOLERANCES, at_start=2)  # type: ignore[arg-type]  # its members names and read are used
+        # The first object has just been looked at; those behind it come into sight as it goes.
+        picks = [action.target for action in actions if action.name == "PickUp"][:1]
+        unsure = {one.name for one in self._known if one.sigma > _UNSURE + self._noise} - set(picks)
+        self._executor = executor = Executor(actions, env.robot, sensor, _TOLERANCES, at_start=2, unsure=unsure)  # type: ignore[arg-type]  # its members names and read are used
         head = np.array(env.robot.head_configuration) if len(self._reading.head) else None
         while not executor.is_over:
             sensor.update(self._reading)
