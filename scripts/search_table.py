@@ -30,7 +30,7 @@ from planners.search.sensing import RobotReading
 POLICIES = ("expected", "random", "front", "shadow", "all-knowing")
 _FRAMES = {"frame_every": 10}
 _GREY = (0.5, 0.5, 0.5)
-"""Colour of no object: a target of it is absent."""
+"""Colour of no object: a target of it is absent. The scene's own target is then an object like the others."""
 
 
 @dataclass(frozen=True)
@@ -116,10 +116,10 @@ def searched(
     if absent:
         observation["target"][:3] = _GREY
     expert, steps, is_over = SearchExpert(env, order=order, noise=noise), 0, False
-    expert.reset(observation, info)
+    expert.reset(observation)
     while not (is_over or expert.done):
-        observation, _, terminated, truncated, info = env.step(expert.act(observation, info))
-        is_over, steps = terminated or truncated, steps + 1
+        observation, _, terminated, truncated, info = env.step(expert.act(observation))
+        is_over, steps = truncated or (terminated and not absent), steps + 1
     return expert, info, steps
 
 
@@ -140,7 +140,7 @@ def play(scene: SuiteScene, policy: str, mask_errors: float, depth_noise: float,
     else:
         expert, info, steps = searched(env, scene, policy, depth_noise, absent)
         found = expert.report
-        counts = ("" if info["lifted"] else found.failure, len(found.moves), found.views)
+        counts = ("" if info["lifted"] and not absent else found.failure, len(found.moves), found.views)
         times = max(found.belief_s, default=0.0), max(found.decision_s, default=0.0)
     env.close()
     faults = {"fallen": info["num_fallen"], "disturbed": info["num_disturbed"], "force": info["furniture_force"] > 50}
@@ -167,16 +167,16 @@ def perception_errors(scenes: tuple[SuiteScene, ...], depth_noise: float, mask_e
     errors: list[tuple[float, ...]] = []
     for scene in scenes:
         env: Any = scene.make(depth_noise=depth_noise, mask_errors=mask_errors, **_FRAMES).unwrapped
-        observation, info = env.reset(seed=scene.seed)
+        observation, _ = env.reset(seed=scene.seed)
         target = env.world.controller.state.target.copy()
         target[4] += 0.6
         for _ in range(30):
-            observation, *_, info = env.step(env.joint_action(target, 0.1))
+            observation, *_ = env.step(env.joint_action(target, 0.1))
         data = mujoco.MjData(env.workplace)
         mujoco.mj_forward(env.workplace, data)
         empty = Scene.from_mujoco(env.workplace, data, env.robot, movable=())
         supports = [empty.support_named(name) for name in empty.supports]
-        view = View.of(observation, info, "head", RobotReading.of(observation).T_world_base)
+        view = View.of(observation, "head", RobotReading.of(observation).T_world_base)
         true = env.world.scene
         for seen in perceive(view, (), supports, Description.of(observation["target"])):
             away = np.hypot(*(true.positions - seen.body.position[:2]).T)

@@ -38,7 +38,8 @@ ARM_IDS = tuple(name for name in ALL_IDS if "/Arm" in name)
 TASK_IDS = tuple(name for name in ALL_IDS if "/Rearrange-" in name)
 """Their tasks have layouts of their own."""
 SEARCH_IDS = tuple(name for name in ALL_IDS if "/Search-" in name)
-"""Left out: the physics is that of Retrieve, and every step of theirs renders an image."""
+"""The first of them stands for all: the physics is that of Retrieve, and images take long."""
+_SEARCH = {"image_size": 16, "frame_every": 10, "mask_errors": 0.05, "depth_noise": 0.005}
 IDS = tuple(name for name in ALL_IDS if name not in (*SKILL_IDS, *ARM_IDS, *TASK_IDS, *SEARCH_IDS))
 ROBOTS = ("fetch", "pr2", "panda_mobile")
 """The robots, which the environments have in turn."""
@@ -169,6 +170,8 @@ def _kinds(variants: tuple[dict[str, Any], ...]) -> list[tuple[str, dict[str, An
     kinds: list[tuple[str, dict[str, Any]]] = [(env_id, {}) for env_id in ARM_IDS]
     for env_id, mode, task in product(TASK_IDS, CONTROL_MODES, TASKS):
         kinds.append((env_id, {"control_mode": mode, "task": task, **gym.spec(env_id).kwargs}))
+    for mode in CONTROL_MODES:
+        kinds.append((SEARCH_IDS[0], {"control_mode": mode, **_SEARCH, **gym.spec(SEARCH_IDS[0]).kwargs}))
     waiting = list(variants)
     for layout, env_id, mode in product(LAYOUTS, IDS, CONTROL_MODES):
         keywords = {"control_mode": mode, "layout": layout, **gym.spec(env_id).kwargs}

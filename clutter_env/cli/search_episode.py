@@ -33,7 +33,7 @@ def show_search(arguments: Arguments) -> dict[str, Any]:
         warmup(inner.robot)
     observation, info = env.reset(seed=arguments.seed)
     expert = SearchExpert(env)
-    expert.reset(observation, info)
+    expert.reset(observation)
     recorder = Recorder(inner, info["target"])
     recorder.add_solve(expert.report)
     is_over, text = False, ""
@@ -41,7 +41,7 @@ def show_search(arguments: Arguments) -> dict[str, Any]:
         film = film_of(inner, stack) if arguments.film else None
         bar = stack.enter_context(progress_bar(bar_format="{n:.0f} s simulated{postfix}"))
         while not (is_over or expert.done):
-            action = expert.act(observation, info)
+            action = expert.act(observation)
             text = expert.phase or "looks around"
             recorder.add_frame(len(expert.report.steps) - 1, text)
             observation, _, terminated, truncated, info = env.step(action)

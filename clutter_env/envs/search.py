@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 import zlib
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from clutter_env.config import EnvConfig
+from clutter_env.envs.observation import POSITION_BOUND
 from clutter_env.envs.reset_options import MAX_DRAWS, ResetOptions, draw_scene
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ConfigError, OptionError, StateError, check_choice, check_integer, check_number
@@ -24,6 +24,8 @@ from clutter_env.scene.random_scene import screened
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.world import World
 
+_MOST_PIXELS = 1e5
+"""Bound of a camera matrix's numbers."""
 _POINTS = 12
 """Points along each direction of a surface that rays are cast to."""
 _SEEN_GROUPS = np.array((1, 0, 0, 0, 0, 0), np.uint8)
@@ -79,17 +81,17 @@ class SearchEnv(RetrieveEnv):
     """`RetrieveEnv` without the objects' poses: images and masks, the robot's own state, and what the target is like.
 
     Keyword arguments are the fields of `SearchConfig`. Reset options: `target`, which must be hidden, `objects`,
-    `state`. The observation has `robot`, `tcp`, `gripper` and `head`, of each camera `rgb`, `depth` and `segmentation`,
-    and `target` (7,): colour (red, green, blue), whether it is a box, half extents [m]. The masks are numbered anew in
-    every image, from 3 on: a number says nothing of which object it is. Success is that of `RetrieveEnv`; its info
-    says the truth, and `K` and `T_base_camera` are those of the images.
+    `state`. The observation has `robot`, `tcp`, `gripper` and `head`; of each camera `rgb`, `depth`, `segmentation`,
+    its matrix `K` (3, 3) and its place when the image was taken, `T_base_camera` (4, 4); and `target` (7,): colour
+    (red, green, blue), whether it is a box, half extents [m]. The masks are numbered anew in every image, from 3 on: a
+    number says nothing of which object it is. Success is that of `RetrieveEnv`; its info says the truth.
 
     Example:
         >>> import gymnasium as gym, clutter_env
         >>> env = gym.make("clutter_env/Search-o5-v0", image_size=64, visible_fraction=1.0)
         >>> observation, info = env.reset(seed=0)
         >>> sorted(observation)[:5]
-        ['gripper', 'head', 'head_depth', 'head_rgb', 'head_segmentation']
+        ['gripper', 'head', 'head_K', 'head_T_base_camera', 'head_depth']
     """
 
     config: SearchConfig
@@ -134,8 +136,11 @@ class SearchEnv(RetrieveEnv):
         )
 
     def _make_observation_space(self) -> spaces.Dict:
-        target = spaces.Box(0.0, 1.0, (7,), np.float32)
-        return spaces.Dict({**super()._make_observation_space().spaces, "target": target})
+        added = {"target": spaces.Box(0.0, 1.0, (7,), np.float32)}
+        for name in self.config.observed_cameras:
+            added[f"{name}_K"] = spaces.Box(0.0, _MOST_PIXELS, (3, 3), np.float64)
+            added[f"{name}_T_base_camera"] = spaces.Box(-POSITION_BOUND, POSITION_BOUND, (4, 4), np.float64)
+        return spaces.Dict({**super()._make_observation_space().spaces, **added})
 
     def observe_world(self, target: int, hold_progress: float, lift_left: float) -> dict[str, Any]:
         """The observation, with the last image between two frames; see `Observer.observe`."""
@@ -143,18 +148,14 @@ class SearchEnv(RetrieveEnv):
             observation = super().observe_world(target, hold_progress, lift_left)
             images = [name for name in observation if name.endswith(("_rgb", "_depth", "_segmentation"))]
             self._shown = {name: self._seen(name, observation) for name in images}
+            for kind, of_camera in self._rendering.calibration(self.perceived).items():
+                self._shown |= {f"{name}_{kind}": value for name, value in of_camera.items()}
         else:
             measured = self._senses.measurements if self._senses else self.measurements
             vectors = self._observer.observe(self.perceived, measured, target, hold_progress, lift_left)
             observation = dict(vectors)
-        shown = {name: image.copy() for name, image in self._shown.items()}
+        shown = {name: value.copy() for name, value in self._shown.items()}
         return {**observation, **shown, "target": self._description()}
-
-    def _info(self) -> dict[str, Any]:
-        info = super()._info()
-        if self._shows_new_frame:
-            self._calibration = {name: info[name] for name in ("K", "T_base_camera")}
-        return {**info, **copy.deepcopy(self._calibration)}
 
     @property
     def _shows_new_frame(self) -> bool:

@@ -79,7 +79,7 @@ _SHRINK = (0.0, 0.001, 0.002, 0.004, 0.008)
 
 
 class SearchedEnv(Protocol):
-    """All that the search expert uses of an environment beside observations, `K` and `T_base_camera`.
+    """All that the search expert uses of an environment beside observations.
 
     Attributes:
         robot: which robot it is.
@@ -150,9 +150,9 @@ class SearchExpert:
         env = gymnasium.make("clutter_env/Search-o10-v0")
         observation, info = env.reset(seed=0)
         expert = SearchExpert(env)
-        expert.reset(observation, info)
+        expert.reset(observation)
         while not expert.done:
-            observation, _, terminated, truncated, info = env.step(expert.act(observation, info))
+            observation, _, terminated, truncated, info = env.step(expert.act(observation))
             if terminated or truncated:
                 break
         print(expert.report.failure or "taken")
@@ -187,8 +187,8 @@ class SearchExpert:
         self._planner = planner or Planner(inner.robot)
         self._run: Actions | None = None
 
-    def reset(self, observation: Mapping[str, Any], info: Mapping[str, Any]) -> None:
-        """Begin an episode with its first observation; `info` has `K` and `T_base_camera`."""
+    def reset(self, observation: Mapping[str, Any]) -> None:
+        """Begin an episode with its first observation."""
         self._rng = np.random.default_rng(self._seed)
         self._planner.warmup()
         load_kernels()
@@ -204,7 +204,7 @@ class SearchExpert:
         self._attempted: list[str] = []
         self._ticks, self._done = 0, False
         self._executor: Executor | None = None
-        self._observation, self._info = observation, info
+        self._observation = observation
         self._reading = RobotReading.of(observation)
         self._last, self._width = self._reading.drive.copy(), self._reading.width  # as last commanded
         self._home = np.array(self._env.robot.home)
@@ -212,15 +212,15 @@ class SearchExpert:
         self.report = SearchReport()
         self._run = self._search()
 
-    def act(self, observation: Mapping[str, Any], info: Mapping[str, Any]) -> Array:
-        """The next action after an observation and its info.
+    def act(self, observation: Mapping[str, Any]) -> Array:
+        """The next action after an observation.
 
         Raises:
             ExpertError: `reset` has not been called.
         """
         if self._run is None:
-            raise ExpertError("call SearchExpert.reset(observation, info) before act()")
-        self._observation, self._info = observation, info
+            raise ExpertError("call SearchExpert.reset(observation) before act()")
+        self._observation = observation
         self._reading = RobotReading.of(observation, self._reading.drive[2])
         self._ticks += 1
         action = None if self._done else next(self._run, None)
@@ -512,7 +512,7 @@ class SearchExpert:
         """Turn the head until the first camera looks at a point (3,) [m], and wait until the image is still."""
         name = self._cameras[0]
         for _ in range(_AIM_STEPS if len(self._reading.head) else 0):
-            T_world_camera = self._reading.T_world_base @ self._info["T_base_camera"][name]
+            T_world_camera = self._reading.T_world_base @ self._observation[f"{name}_T_base_camera"]
             x, y, z, _ = np.linalg.inv(T_world_camera) @ np.append(point, 1.0)
             errors = np.array((-math.atan2(x, z), math.atan2(y, math.hypot(x, z))))
             if np.abs(errors).max() < _AIMED:
@@ -535,11 +535,11 @@ class SearchExpert:
         self._known = known
 
     def _view(self, camera: str) -> View:
-        return View.of(self._observation, self._info, camera, self._reading.T_world_base)
+        return View.of(self._observation, camera, self._reading.T_world_base)
 
     def _eye(self) -> Array:
         """(3,) [m] where the first camera is."""
-        return (self._reading.T_world_base @ self._info["T_base_camera"][self._cameras[0]])[:3, 3]
+        return self._view(self._cameras[0]).T_world_camera[:3, 3]
 
     # What is known.
 

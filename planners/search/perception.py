@@ -79,14 +79,14 @@ class View:
     T_world_camera: Array
 
     @classmethod
-    def of(cls, observation: Mapping[str, Any], info: Mapping[str, Any], camera: str, T_world_base: Array) -> View:
-        """That of a camera of an "rgbd" observation."""
+    def of(cls, observation: Mapping[str, Any], camera: str, T_world_base: Array) -> View:
+        """That of a camera, by an observation's entries."""
         return cls(
             observation[f"{camera}_rgb"],
             np.ascontiguousarray(observation[f"{camera}_depth"][..., 0]),
             observation[f"{camera}_segmentation"][..., 0],
-            info["K"][camera],
-            T_world_base @ info["T_base_camera"][camera],
+            observation[f"{camera}_K"],
+            T_world_base @ observation[f"{camera}_T_base_camera"],
         )
 
     @property

@@ -35,7 +35,7 @@ def test_endurance_names_the_episode_of_every_warning(monkeypatch: pytest.Monkey
     monkeypatch.setattr(soak, "TASK_IDS", TASK_IDS[:1])
     result = run_endurance(1, seed=0, report=done.append)
     left_out = 2  # o60 fits neither the layout "dense" nor "cabinet"
-    kinds = 2 * (len(LAYOUTS) * 2 - left_out + len(TASKS)) + len(ARM_IDS)
+    kinds = 2 * (len(LAYOUTS) * 2 - left_out + len(TASKS) + 1) + len(ARM_IDS)  # 1: Search
     assert result.steps == sum(done) == kinds
     assert [line.split("), ")[-1] for line in result.warnings] == [f"seed {seed}, step 0" for seed in seeds]
     assert all(line.startswith("BADQVEL: EnvSpec(id='clutter_env/Retrieve-o1-v0'") for line in result.warnings)

@@ -44,6 +44,7 @@ INFO_TYPES = {
 
 
 FEW = ["clutter_env/Retrieve-o1-v0", "clutter_env/Retrieve-o60-v0", "clutter_env/Rearrange-o4-v0", *IDS[-4:]]
+SEARCH: dict[str, Any] = {"id": "clutter_env/Search-o5-v0", "image_size": 32}
 
 
 @pytest.mark.parametrize("env_id", FEW)
@@ -98,15 +99,16 @@ def test_checkers_are_silent_for_every_id_robot_control_mode_and_observation_mod
 
 @pytest.mark.usefixtures("needs_gl")
 @pytest.mark.parametrize(
-    "keywords", [{"id": FEW[0]}, {"id": FEW[-1]}, {"id": FEW[0], "obs_mode": "rgbd", "image_size": 32}]
+    "keywords",
+    [{"id": FEW[0]}, {"id": FEW[-1]}, {"id": FEW[0], "obs_mode": "rgbd", "image_size": 32}, SEARCH],
 )
 def test_pictures_and_camera_observations_pass_the_checker_too(keywords: dict) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        check_env(gym.make(**keywords).unwrapped, skip_render_check="obs_mode" in keywords)
+        check_env(gym.make(**keywords).unwrapped, skip_render_check="image_size" in keywords)
 
 
-@pytest.mark.parametrize("env_id", [*FEW, "clutter_env/Skill-o5-v0"])
+@pytest.mark.parametrize("env_id", [*FEW, SEARCH["id"], "clutter_env/Skill-o5-v0"])
 def test_all_environments_have_the_same_info_of_plain_types(env_id: str) -> None:
     env = gym.make(env_id)
     _, first = env.reset(seed=0)

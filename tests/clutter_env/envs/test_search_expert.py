@@ -17,11 +17,13 @@ from planners.search.options import Prospect, spots
 from planners.search.perception import Description, Seen
 from tests.planners.scenes import cylinder, table_scene
 
-_SEEN = ("robot", "tcp", "gripper", "head", "head_rgb", "head_depth", "head_segmentation", "target")
+_SEEN = ("robot", "tcp", "gripper", "head", "target") + tuple(
+    f"head_{kind}" for kind in ("rgb", "depth", "segmentation", "K", "T_base_camera")
+)
 
 
 def _search(env: Any, seed: int, colour: tuple[float, ...] = ()) -> tuple[SearchExpert, dict[str, Any]]:
-    """An episode in which the expert gets images, joints and calibration, and five names of the environment."""
+    """An episode in which the expert gets some of the observation and five names of the environment."""
     observation, info = env.reset(seed=seed)
     inner = env.unwrapped
     starved = SimpleNamespace(
@@ -36,11 +38,10 @@ def _search(env: Any, seed: int, colour: tuple[float, ...] = ()) -> tuple[Search
         given = {name: np.array(observation[name]) for name in _SEEN}
         if colour:
             given["target"][:3] = colour
-        calibration = {name: info[name] for name in ("K", "T_base_camera")}
         if is_first:
-            expert.reset(given, calibration)
+            expert.reset(given)
         is_first = False
-        observation, _, terminated, truncated, info = env.step(expert.act(given, calibration))
+        observation, _, terminated, truncated, info = env.step(expert.act(given))
         is_over = terminated or truncated
     return expert, info
 
@@ -87,38 +88,37 @@ def test_misuse_is_named() -> None:
     with pytest.raises(ExpertError, match=r"lacks workplace; use clutter_env/Search-o\{N\}-v0"):
         SearchExpert(gym.make("clutter_env/Retrieve-o5-v0"))
     with pytest.raises(ExpertError, match="call SearchExpert"):
-        SearchExpert(env).act({}, {})
+        SearchExpert(env).act({})
 
 
 def test_a_second_episode_begins_where_the_robot_is() -> None:
     env = gym.make("clutter_env/Search-o5-v0", image_size=32)
     used, fresh = SearchExpert(env), SearchExpert(env)
-    given = env.reset(seed=1)
-    used.reset(*given)
+    given, _ = env.reset(seed=1)
+    used.reset(given)
     used._last = used._reading.drive + 1.0  # as an episode may leave it
-    given = env.reset(seed=2)
+    given, _ = env.reset(seed=2)
     for expert in (used, fresh):
-        expert.reset(*given)
-    np.testing.assert_array_equal(used.act(*given), fresh.act(*given))
+        expert.reset(given)
+    np.testing.assert_array_equal(used.act(given), fresh.act(given))
 
 
 def test_it_looks_at_all_supports_where_no_place_is_left() -> None:
     """After a move that made way for the target, in sight by then, nothing was looked at."""
     env = gym.make("clutter_env/Search-o5-v0", image_size=32, frame_every=10)
     expert = SearchExpert(env)
-    given = env.reset(seed=1)
-    expert.reset(*given)
+    given, _ = env.reset(seed=1)
+    expert.reset(given)
     expert._run = expert._look([])
     while not expert.done:
-        observation, _, _, _, info = env.step(expert.act(*given))
-        given = observation, info
+        given, *_ = env.step(expert.act(given))
     assert len(expert.report.belief_s) == len(expert._supports)
 
 
 def test_of_a_target_seen_as_two_things_the_surer_one_is_planned_with_among_all_others() -> None:
     env = gym.make("clutter_env/Search-o5-v0", image_size=32)
     expert = SearchExpert(env)
-    expert.reset(*env.reset(seed=1))
+    expert.reset(env.reset(seed=1)[0])
     places = {"sliver": (-0.1, 0.0), "target": (-0.1, 0.005), "left": (-0.1, 0.3), "right": (-0.1, -0.3)}
     bodies = [cylinder(name, *place, radius=0.03) for name, place in places.items()]
     expert._known = tuple(
@@ -139,7 +139,7 @@ def test_of_a_target_seen_as_two_things_the_surer_one_is_planned_with_among_all_
 def test_what_is_held_is_not_given_up_though_its_place_is_seen_to_be_empty() -> None:
     env = gym.make("clutter_env/Search-o5-v0", image_size=32)
     expert = SearchExpert(env)
-    expert.reset(*env.reset(seed=1))
+    expert.reset(env.reset(seed=1)[0])
     body = cylinder("seen_00", -0.1, 0.0, radius=0.03)
     expert._known = (Seen(body, body.position[None], np.zeros(3), 0.0),)
     for level in expert._belief._levels.values():
