@@ -20,6 +20,7 @@ TUTORIALS = {
     "plan_and_goals": "planning",
     "train_and_compare": "learning",
     "base_placement": "base_placement",
+    "find_hidden_target": "search",
 }
 """Notebooks by name, and the tutorials that they are made of."""
 REPOSITORY = "https://github.com/clutter-env/clutter-env"

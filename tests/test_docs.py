@@ -39,6 +39,7 @@ SLOW = (
     "docs/planners.md",
     "docs/tutorials/planning.md",
     "docs/tutorials/reinforcement_learning.md",
+    "docs/tutorials/search.md",
 )
 """Pages whose Python takes more than two seconds."""
 
