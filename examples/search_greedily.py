@@ -47,6 +47,15 @@ class Greedy:
         return action
 
 
+class Random(Greedy):
+    """Acts at random for as long."""
+
+    def act(self, observation: Observation) -> NDArray[np.float32]:  # noqa: ARG002  of the protocol
+        """Numbers from -1 to 1."""
+        self.steps += 1
+        return np.random.default_rng(self.steps).uniform(-1.0, 1.0, 12).astype(np.float32)
+
+
 def seen_goal(observation: Observation, camera: str = "head") -> NDArray[np.float64] | None:
     """(3,) [m] in the base's frame: the middle of the mask with the target's colour, else of the nearest mask."""
     masks, depth = observation[f"{camera}_segmentation"][..., 0], observation[f"{camera}_depth"][..., 0]
