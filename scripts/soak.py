@@ -25,6 +25,7 @@ from clutter_env.config import CONTROL_MODES, EnvConfig
 from clutter_env.envs.base import BaseEnv
 from clutter_env.envs.rearrange import RearrangeConfig
 from clutter_env.envs.rearrange_tasks import TASKS
+from clutter_env.envs.search import SearchConfig
 from clutter_env.envs.skill import SkillEnv
 from clutter_env.errors import ConfigError
 from clutter_env.reporting.files import write_json
@@ -189,7 +190,8 @@ def _kinds(variants: tuple[dict[str, Any], ...]) -> list[tuple[str, dict[str, An
 def _can_be_drawn(keywords: dict[str, Any]) -> bool:
     """Whether the objects fit the table, and obstructed targets are common among them."""
     try:
-        config = (RearrangeConfig if "task" in keywords else EnvConfig).from_keywords(keywords)
+        kind = RearrangeConfig if "task" in keywords else SearchConfig if "frame_every" in keywords else EnvConfig
+        config = kind.from_keywords(keywords)
     except ConfigError:
         return False
     return not config.obstructed or config.num_objects >= OBSTRUCTED_OBJECTS

@@ -175,3 +175,19 @@ def test_what_hides_more_counts_more_and_a_spot_hides_nothing() -> None:
     best = spots(scene, wide, belief, prospect, [eye], np.random.default_rng(0))[0]
     there = wide.at((*best.centre, wide.position[2]))
     assert prospect.hidden_by(there, [eye]) < 0.02 < prospect.hidden_by(wide, [eye])
+
+
+@pytest.mark.parametrize("turn", [0.05, 0.6])
+def test_motions_between_views_keep_the_limits(turn: float) -> None:
+    """What exceeds them is overshot, and the plan that follows begins with a joint in motion, which then lags."""
+    env = gym.make("clutter_env/Search-o5-v0", image_size=32)
+    expert = SearchExpert(env)
+    expert.reset(env.reset(seed=1)[0])
+    robot, start = expert._env.robot, expert._reading.drive
+    goal = start + turn * np.eye(len(start))[4]
+    expert._env = SimpleNamespace(robot=robot, joint_action=lambda drive, *_: drive)
+    commanded = np.array([start, start, *expert._interpolate(goal)])
+    np.testing.assert_array_equal(commanded[-1], goal)
+    speeds = np.diff(commanded, axis=0) / 0.05
+    assert (np.abs(speeds) <= np.array(robot.max_velocity)).all()
+    assert (np.abs(np.diff(speeds, axis=0)) / 0.05 <= np.array(robot.max_acceleration)).all()
