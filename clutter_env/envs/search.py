@@ -136,7 +136,7 @@ class SearchEnv(RetrieveEnv):
         )
 
     def _make_observation_space(self) -> spaces.Dict:
-        added = {"target": spaces.Box(0.0, 1.0, (7,), np.float32)}
+        added: dict[str, spaces.Space[Any]] = {"target": spaces.Box(0.0, 1.0, (7,), np.float32)}
         for name in self.config.observed_cameras:
             added[f"{name}_K"] = spaces.Box(0.0, _MOST_PIXELS, (3, 3), np.float64)
             added[f"{name}_T_base_camera"] = spaces.Box(-POSITION_BOUND, POSITION_BOUND, (4, 4), np.float64)
