@@ -171,8 +171,6 @@ def _kinds(variants: tuple[dict[str, Any], ...]) -> list[tuple[str, dict[str, An
     kinds: list[tuple[str, dict[str, Any]]] = [(env_id, {}) for env_id in ARM_IDS]
     for env_id, mode, task in product(TASK_IDS, CONTROL_MODES, TASKS):
         kinds.append((env_id, {"control_mode": mode, "task": task, **gym.spec(env_id).kwargs}))
-    for mode in CONTROL_MODES:
-        kinds.append((SEARCH_IDS[0], {"control_mode": mode, **_SEARCH, **gym.spec(SEARCH_IDS[0]).kwargs}))
     waiting = list(variants)
     for layout, env_id, mode in product(LAYOUTS, IDS, CONTROL_MODES):
         keywords = {"control_mode": mode, "layout": layout, **gym.spec(env_id).kwargs}
@@ -184,6 +182,8 @@ def _kinds(variants: tuple[dict[str, Any], ...]) -> list[tuple[str, dict[str, An
             kinds.append((env_id, keywords | variant))
             waiting.remove(variant)
             waiting.append(variant)
+    for mode in CONTROL_MODES:
+        kinds.append((SEARCH_IDS[0], {"control_mode": mode, **_SEARCH, **gym.spec(SEARCH_IDS[0]).kwargs}))
     return kinds
 
 

@@ -236,7 +236,7 @@ def fit_upright(
     around = np.arctan2(*(xy - (x, y)).T[::-1])
     at_edge = np.hypot(*(xy - (x, y)).T) > 0.6 * min(half_x, half_y)
     sectors = len(np.unique(np.floor(around[at_edge] / (math.pi / 6))))
-    sigma = 0.002 + error + 0.008 * (1 - min(sectors, 12) / 12) * (1.0 if target is None else 0.5)
+    sigma = 0.002 + error + 0.008 * (1 - min(sectors, 12) / 12)
     return body, float(sigma)
 
 
