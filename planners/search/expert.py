@@ -155,7 +155,7 @@ class SearchExpert:
             observation, _, terminated, truncated, info = env.step(expert.act(observation))
             if terminated or truncated:
                 break
-        print(expert.report.failure or "taken")
+        print("taken" if info["is_success"] else expert.report.failure)
     """
 
     def __init__(
