@@ -75,6 +75,8 @@ class Newcomer:
         if language == "sh":
             lines = [line for line in code.splitlines() if "my_" not in line and not line.startswith(_ALREADY_DONE)]
             code = "\n".join(lines)
+        if not code.strip():
+            return
         print(f"[{page}] {language}\n{code.rstrip()}", flush=True)
         started, before = time.monotonic(), self.cpu_s
         (self._run_shell if language == "sh" else self._run_python)(page, code)
