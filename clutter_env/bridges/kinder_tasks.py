@@ -1,4 +1,4 @@
-"""KinDER's mobile manipulation tasks (TidyBot), solved through their own `step`.
+"""KinDER's manipulation tasks (TidyBot, and a Franka arm on a desk), solved through their own `step`.
 
 with Remote("venv-kinder/bin/python", "kinder_worker.py") as kinder:
     task = KinderTask(kinder, "kinder/PickPlace3D-o1-v0", seed=0)
@@ -12,6 +12,8 @@ with Remote("venv-kinder/bin/python", "kinder_worker.py") as kinder:
 from __future__ import annotations
 
 import hashlib
+import tempfile
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -29,18 +31,61 @@ Array = NDArray[np.float64]
 
 _PREFIX = "robot_"
 """Of the names of KinDER's robot in the models of its tasks."""
-_HOME = (0.0005, 0.0, -0.3491, 3.1416, -2.5482, 0.0, -0.8727, 1.5708)
-"""[m, rad] The configuration in which KinDER's robot starts, with the lift that ours has."""
 _OPENING, _CLOSED = 0.085, 0.79
 """[m] of the gripper, and [rad] of its driver joints when it is closed."""
-_TOOL = 0.025
-"""[m] from the robot's pinch site to the middle of its finger pads where they hold an object of 4 cm."""
-_DAMPING = 0.15
-"""[s] Damping over stiffness of the arm's controller: it stays behind by its speed times this, unless told farther."""
 _STEP = 0.1
 """[m], [rad] The largest change of a joint in one step."""
 _MARGIN = 0.01
 """[m] by which an object may be beside where it was to be put down, and still be in its region."""
+
+
+@dataclass(frozen=True)
+class _Robot:
+    """A robot of KinDER.
+
+    Attributes:
+        body: the first one, without the prefix.
+        base_joints: of KinDER's, in our order; () of an arm that stands.
+        mounting: how its file becomes a robot of ours: `tool` leads from its pinch site to the middle of the finger
+            pads where they hold an object of 4 cm.
+        home: [m, rad] the configuration in which it starts, with the lift that ours has.
+        damping: [s] over stiffness of the arm's controller: the arm stays behind by its speed times this, unless told
+            farther.
+    """
+
+    body: str
+    base_joints: tuple[str, ...]
+    mounting: Mounting
+    home: tuple[float, ...]
+    damping: float
+
+
+_ROBOTS = {
+    "tidybot": _Robot(
+        "base_link",
+        ("joint_x", "joint_y", "joint_th"),
+        Mounting("base_link", "pinch_site", turn=np.pi / 2, tool=0.025, opening=_OPENING),
+        (0.0005, 0.0, -0.3491, 3.1416, -2.5482, 0.0, -0.8727, 1.5708),
+        0.15,
+    ),
+    "fr3": _Robot(
+        "base",
+        (),
+        Mounting(
+            "fr3_link0",
+            "pinch_site",
+            turn=np.pi / 2,
+            tool=0.033,
+            opening=_OPENING,
+            on=(0.0, 0.75),
+            apart=("fr3_link5", "fr3_link7"),  # "default" in the SRDF of Franka: only their boxes are near
+            radius=0.1,
+            drive="fixed",
+        ),
+        (0.0005, 0.0, 0.0, 0.0, -1.57079, 0.0, 1.57079, -0.7853),
+        0.1,
+    ),
+}
 
 
 class KinderTask:
@@ -67,13 +112,15 @@ class KinderTask:
         facts = start["goal"]
         if not all(fact[0] == "on" and fact[2] in start["boxes"] for fact in facts):
             raise BridgeError(f"{id} asks for {facts}; only places of objects can be planned for")
-        robot = tidybot(start["robot"])
-        model = insert_robot(start["xml"], robot, without=[_PREFIX + "base_link"])
+        self._kind, robot = _ROBOTS[start["kind"]], made_robot(start["kind"], start["robot"])
+        base = (0.0, 0.0, 0.0) if self._kind.base_joints else start["base"]
+        model = insert_robot(start["xml"], robot, base, without=[_PREFIX + self._kind.body])
         theirs = start["joints"]
-        names = ["joint_x", "joint_y", "joint_th", *robot.drive_joints[4:]]  # theirs, in our order, the lift aside
+        names = [*self._kind.base_joints, *robot.drive_joints[4:]]  # theirs, in our order, the lift aside
         self._theirs = np.array([theirs[_PREFIX + name] for name in names])
         self._driver = theirs[_PREFIX + "left_driver_joint"]
-        self._ours = np.array([model.joint(name).qposadr[0] for name in robot.drive_joints])
+        ours = robot.drive_joints[: len(self._kind.base_joints)] + robot.drive_joints[4:]
+        self._ours = np.array([model.joint(name).qposadr[0] for name in ours])
         self._fingers = [model.joint(name).qposadr[0] for name in robot.finger_joints]
         shared = [name for name in theirs if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) >= 0]
         joints = [(theirs[name], model.joint(name)) for name in shared]
@@ -81,6 +128,7 @@ class KinderTask:
         self._robot = robot
         self._wanted = np.array(start["qpos"])[self._theirs]
         self._qpos, self._state = model.qpos0.copy(), np.array(start["qpos"])
+        self._qpos[model.joint(robot.drive_joints[3]).qposadr[0]] = self._kind.home[0]
         anchors = set(start["anchors"].values())
         free = [model.body(model.jnt_bodyid[joint]).name for joint in np.flatnonzero(model.jnt_type == 0)]
         movable = [name for name in free if name not in anchors]
@@ -106,18 +154,19 @@ class KinderTask:
         """(nq,) joint positions in our model."""
         for theirs, ours, count in self._others:
             self._qpos[ours : ours + count] = self._state[theirs : theirs + count]
-        drive = self._state[self._theirs]
-        self._qpos[self._ours] = np.concatenate((drive[:3], [0.0005], drive[3:]))
+        self._qpos[self._ours] = self._state[self._theirs]
         opening = _OPENING * (1 - self._state[self._driver] / _CLOSED)
         self._qpos[self._fingers] = np.clip(self._robot.finger_position(opening), 0, _OPENING / 2)
         return self._qpos
 
     def act(self, configuration: Array, opening: float) -> None:
         """One step of the environment, by changes of joint positions."""
-        wanted = np.delete(configuration, 3)
+        arm = len(self._kind.base_joints)
+        wanted = np.append(configuration[:arm], configuration[4:])
         change = wanted - self._state[self._theirs]
-        change[3:] += _DAMPING * (wanted - self._wanted)[3:] / self.dt
-        change[2:] = (change[2:] + np.pi) % (2 * np.pi) - np.pi
+        change[arm:] += self._kind.damping * (wanted - self._wanted)[arm:] / self.dt
+        turns = slice(max(arm - 1, 0), None)  # the base's yaw and the arm
+        change[turns] = (change[turns] + np.pi) % (2 * np.pi) - np.pi
         self._wanted = wanted
         grip = np.clip(1 - opening / _OPENING, 0, 1)
         answer = self._kinder("step", action=[*np.clip(change, -_STEP, _STEP), grip])
@@ -126,22 +175,21 @@ class KinderTask:
 
 
 @cache
-def tidybot(file: str) -> RobotSpec:
-    """KinDER's robot as ours, made of its own MJCF file and kept in the user's cache.
+def made_robot(kind: str, text: str) -> RobotSpec:
+    """KinDER's robot as ours, made of the text of its own MJCF file and kept in the user's cache.
 
     Raises:
-        InvalidRobot: the file is not that of TidyBot.
+        InvalidRobot: the file is not that of this robot.
     """
-    text, page, _ = make_robot(
-        Path(file), Mounting("base_link", "pinch_site", turn=np.pi / 2, tool=_TOOL, opening=_OPENING)
-    )
-    made = (
-        Path(platformdirs.user_cache_dir("clutter-env"))
-        / f"tidybot-{hashlib.sha256(text.encode()).hexdigest()[:16]}.xml"
-    )
-    made.parent.mkdir(parents=True, exist_ok=True)
-    made.write_text(text, encoding="utf-8")
-    return RobotSpec.from_mjcf(made, **page, name="tidybot", home=_HOME, grasp_height=0.03)
+    folder, name = Path(platformdirs.user_cache_dir("clutter-env")), "franka" if kind == "fr3" else kind
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.NamedTemporaryFile("w", suffix=".xml", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        made, page, _ = make_robot(Path(file.name), _ROBOTS[kind].mounting)
+    kept = folder / f"{name}-{hashlib.sha256(made.encode()).hexdigest()[:16]}.xml"
+    kept.write_text(made, encoding="utf-8")
+    return RobotSpec.from_mjcf(kept, **page, name=name, home=_ROBOTS[kind].home, grasp_height=0.03)
 
 
 def _region(scene: Scene, name: str, boxes: Array, facts: list[list[str]]) -> Region:

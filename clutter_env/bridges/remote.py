@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import subprocess
+import tempfile
 from pathlib import Path
 from typing import Any
 
 from clutter_env.errors import ClutterEnvError
 
 WORKERS = Path(__file__).parent / "workers"
+_LINES = 40
+"""Last lines of what a worker that has ended wrote to standard error that its user is told."""
 
 
 class BridgeError(ClutterEnvError):
@@ -27,12 +30,13 @@ class Remote:
     def __init__(self, python: str | Path, worker: str) -> None:
         """Start it; raises `BridgeError` if the interpreter is not there."""
         self._name = f"{python} {worker}"
+        self._errors = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115  until `close`
         try:
             self._process = subprocess.Popen(
                 [str(python), str(WORKERS / worker)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
+                stderr=self._errors,
                 text=True,
             )
         except OSError as problem:
@@ -53,7 +57,12 @@ class Remote:
         except BrokenPipeError:
             line = ""
         if not line:
-            raise BridgeError(f"{self._name} has ended with code {self._process.wait()}: run it by hand to see why")
+            code = self._process.wait()
+            self._errors.seek(0)
+            said = "\n".join(self._errors.read().splitlines()[-_LINES:])
+            raise BridgeError(
+                f"{self._name} has ended with code {code}:\n{said or 'it wrote nothing to standard error'}"
+            )
         answer: dict[str, Any] = json.loads(line)
         if "error" in answer:
             raise BridgeError(f"{self._name}: {answer['error']}")
@@ -64,6 +73,7 @@ class Remote:
         if self._process.stdin is not None:
             self._process.stdin.close()
         self._process.wait()
+        self._errors.close()
 
     def __enter__(self) -> Remote:
         return self

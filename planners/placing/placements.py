@@ -25,13 +25,14 @@ from planners.grasping.base_placement import Placer, facing_bases, farthest_reac
 from planners.grasping.candidates import GraspCandidate
 from planners.grasping.grasp_poses import opening_around
 from planners.motion.approaches import Approach, ContactQuery, can_put_down, planned_approach
-from planners.placing.goal_places import Place, locations_in
+from planners.placing.goal_places import Place, Yaws, locations_in
 from planners.placing.locations import in_hand, placement_cells, placement_levels, put_down, rotated
 from planners.placing.negative_goal_region import SweptVolume, is_free
 from planners.placing.surfaces import KeepClear, Surface
 from planners.placing.swept_volume import grasp_volume
 from planners.scene import Body, Scene, StaticObstacle
 from planners.scene.bodies import release_pitch
+from planners.scene.cover import is_covered
 from planners.strategies import Strategy
 
 Array = NDArray[np.float64]
@@ -186,8 +187,27 @@ class PlacementSearch:
             return np.asarray(free)
 
         failed = [] if failed is None else failed
-        for point, yaws in locations_in(scene, body, place, leaving, others, allowed):
-            if any(np.hypot(*(point - other)) < _NEAR_FAILURE for other in failed):
+        # The farthest row comes first. Where half of the tries have failed under a shelf, what is nearest to the robot
+        # comes next, and the tries are spread over all.
+        area = (
+            place.area if place.area is not None and is_covered(scene, (*place.area.centre, place.face.top)) else None
+        )
+        spread = 0.0 if area is None else max(math.sqrt(4 * math.prod(area.half_extents) / _FAILURES), _NEAR_FAILURE)
+
+        def locations() -> Iterator[tuple[Array, Yaws, float]]:
+            """Locations, yaws, and how far from a location that has failed they are [m]."""
+            for point, yaws in locations_in(scene, body, place, leaving, others, allowed):
+                if area is not None and len(failed) >= _FAILURES // 2:
+                    break
+                yield point, yaws, _NEAR_FAILURE
+            else:
+                return
+            rest = list(locations_in(scene, body, place, leaving, others, allowed))
+            for point, yaws in sorted(rest, key=lambda one: math.dist(one[0], scene.state.base[:2])):
+                yield point, yaws, spread
+
+        for point, yaws, near in locations():
+            if any(np.hypot(*(point - other)) < near for other in failed):
                 continue
             if deadline.is_over or len(failed) >= _FAILURES:
                 return

@@ -6,7 +6,9 @@ goes to standard error.
 
 import json
 import os
+import re
 import sys
+import traceback
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,7 @@ import mujoco  # noqa: E402
 import numpy as np  # noqa: E402
 
 kinder.register_all_environments()
+_ROBOTS = {"tidybot": "stanford_tidybot/tidybot.xml", "fr3": "franka_fr3/fr3.xml"}
 
 
 class Task:
@@ -41,7 +44,8 @@ class Task:
         mujoco.mj_saveLastXML(str(file), model)
         text = file.read_text()
         file.unlink()
-        tools = Path(kinder.__file__).parent / "envs/dynamic3d/models"
+        models = Path(kinder.__file__).parent / "envs/dynamic3d/models"
+        file = models / _ROBOTS[task.robot_type]
         owners = {"ground": task._ground_fixture, **task._fixtures_dict, **task._objects_dict}
         wanted = {fact[2] for fact in task.task_config["goal_state"] if len(fact) == 3 and fact[0] in ("on", "in")}
         boxes, anchors = {}, {}
@@ -55,7 +59,9 @@ class Task:
         return {
             "xml": text,
             "joints": joints,
-            "robot": str(tools / "stanford_tidybot" / "tidybot.xml"),
+            "kind": task.robot_type,
+            "robot": re.sub('meshdir="[^"]*"', f'meshdir="{models / "assets"}"', file.read_text()),
+            "base": list(task._robot_env.get_base_pos_yaw()) if task.robot_type == "fr3" else [],
             "goal": task.task_config["goal_state"],
             "boxes": boxes,
             "anchors": anchors,
@@ -88,8 +94,8 @@ def main() -> None:
         request = json.loads(line)
         try:
             answer = getattr(task, request.pop("call"))(**request)
-        except Exception as problem:
-            answer = {"error": f"{type(problem).__name__}: {problem}"}
+        except Exception:
+            answer = {"error": traceback.format_exc()}
         print(json.dumps(answer), file=ANSWERS, flush=True)
 
 

@@ -8,16 +8,27 @@ from pathlib import Path
 
 import pytest
 
-from clutter_env.bridges.remote import BridgeError, Remote
+from clutter_env.bridges.remote import WORKERS, BridgeError, Remote
 
 WORKER = """
 import json, sys
 for line in sys.stdin:
     request = json.loads(line)
     if request["call"] == "leave":
+        print("on the way out", file=sys.stderr)
         sys.exit(3)
+    if request["call"] == "crash":
+        raise KeyError("no such region")
     fails = request["call"] == "fail"
     print(json.dumps({"error": "ValueError: no"} if fails else {"twice": 2 * request["number"]}), flush=True)
+"""
+
+KINDER = """
+def register_all_environments(): pass
+
+class make:
+    def __init__(self, id): pass
+    def reset(self, seed): raise ValueError("there is no such table")
 """
 
 
@@ -34,8 +45,35 @@ def test_calls_are_answered_and_errors_are_told(worker: str) -> None:
         with pytest.raises(BridgeError, match="ValueError: no"):
             remote("fail")
         assert remote("double", number=3) == {"twice": 6}
-        with pytest.raises(BridgeError, match="ended with code 3"):
+        with pytest.raises(BridgeError, match="ended with code 3:\non the way out"):
             remote("leave")
+
+
+def test_the_traceback_of_a_worker_that_crashes_reaches_the_user(worker: str) -> None:
+    with (
+        Remote(sys.executable, worker) as remote,
+        pytest.raises(BridgeError, match="KeyError: 'no such region'") as told,
+    ):
+        remote("crash")
+    assert 'worker.py", line' in str(told.value)
+
+
+def test_what_an_environment_of_kinder_raises_comes_with_its_traceback(tmp_path: Path) -> None:
+    """KinDER itself is not needed: what stands in its place has one environment, which cannot be reset."""
+    (tmp_path / "kinder.py").write_text(KINDER)
+    for name in ("mujoco", "numpy"):
+        (tmp_path / f"{name}.py").touch()
+    starter = tmp_path / "starter.py"
+    starter.write_text(
+        f"import runpy, sys\nsys.path.insert(0, {str(tmp_path)!r})\n"
+        f"runpy.run_path({str(WORKERS / 'kinder_worker.py')!r}, run_name='__main__')\n"
+    )
+    with (
+        Remote(sys.executable, str(starter)) as remote,
+        pytest.raises(BridgeError, match="there is no such table") as told,
+    ):
+        remote("reset", id="kinder/Any-v0", seed=0)
+    assert "in reset" in str(told.value)
 
 
 def test_a_missing_interpreter_is_told(tmp_path: Path) -> None:

@@ -15,9 +15,11 @@ from assets.robots import FETCH
 from planners.clearing.commitments import grasped
 from planners.collision.world import CollisionWorld
 from planners.context import PlanningContext
+from planners.goals import Region, inside
 from planners.motion.approaches import stand_off
 from planners.placing import placements
-from planners.placing.locations import placement_levels
+from planners.placing.goal_places import place_of
+from planners.placing.locations import placement_levels, stand_at
 from planners.placing.placements import Placement, PlacementSearch
 from planners.placing.surfaces import KeepClear, UnknownSupport, find_supports
 from planners.planner import Planner
@@ -193,3 +195,25 @@ def test_under_a_shelf_the_drive_in_begins_where_what_is_carried_fits() -> None:
     held, home = world.scene.held, np.array(scene.robot.home)
     assert outside
     assert not any(world.hits(base, home, 0.0, held) & FIXED_BITS for base in outside)
+
+
+def test_under_a_shelf_the_front_of_a_region_is_tried_where_its_back_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Low boards leave a tilted gripper room at the front alone; the tries were all spent on the row at the back."""
+    scene = shelf_scene(cylinder("object_00", -0.29, -0.15, 0.027, 0.175))
+    region = Region("back to front", scene.support.name, (0.0, 0.0), (0.27, 0.3))
+    scene, front = replace(scene, regions=(region,)), -0.2
+    context = PlanningContext.of(scene.robot, scene, grasps="side")
+    carrying = grasped(scene, context.grasps().for_object(scene, "object_00")[0])
+
+    def at_the_front(
+        _search: PlacementSearch, world: CollisionWorld, location: NDArray[np.float64], _yaws: object
+    ) -> Iterator[Placement]:
+        if location[0] < front:
+            body = stand_at(world.scene.body("object_00"), location)
+            yield Placement(body, np.zeros(3), np.zeros(8), 0.0, 0.0, 0.1)
+
+    monkeypatch.setattr(PlacementSearch, "about", at_the_front)
+    place = place_of(scene, inside("object_00", region.name).placed[0])
+    found = next(context.placements().find_at(CollisionWorld.from_scene(carrying), place, KeepClear()), None)
+    assert found is not None
+    assert found.body.position[0] < front
