@@ -10,6 +10,9 @@ import gymnasium as gym
 import matplotlib.pyplot as plt
 import numpy as np
 import tyro
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.patches import Patch
+from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
 import clutter_env  # noqa: F401  registers the environments
@@ -24,6 +27,11 @@ _KINDS: dict[str, dict[str, Any]] = {
     "pointcloud": {"obs_mode": "pointcloud"},
     "rgbd, segmentation, head alone": {"obs_mode": "rgbd", "segmentation": True, "cameras": ("head",)},
 }
+_ROBOTS = {"fetch": "Fetch", "pr2": "PR2", "panda_mobile": "Panda"}
+_COLOURS, _MEANINGS = [[0.93] * 3, [0.35] * 3, [0.80, 0.70, 0.55]], ("ground and sky", "robot", "furniture")
+"""Of the first three values of a segmentation."""
+_FARTHEST = 2.5
+"""[m] White in the picture of depths."""
 _BLOCKS, _BLOCK = 25, 12
 
 
@@ -38,29 +46,41 @@ def main(out: Path = Path("docs/images/cameras.png"), seed: int = 1, speed: bool
     if speed:
         measure()
         return
-    robots = ("fetch", "pr2", "panda_mobile")
-    figure = plt.figure(figsize=(12, 9.2), layout="constrained")
-    for row, robot in enumerate(robots):
+    figure = plt.figure(figsize=(14, 12), layout=ConstrainedLayoutEngine(h_pad=0.2))
+    for row, (robot, name) in enumerate(_ROBOTS.items()):
         observation, points, colours = views(robot, seed)
         segments = observation["head_segmentation"][..., 0]
         shown = {
-            f"{robot}: head_rgb": observation["head_rgb"],
-            "head_segmentation": palette(segments),
-            "head_depth, 0 to 2.5 m": observation["head_depth"][..., 0],
+            f"{name}: colour": observation["head_rgb"],
+            "segmentation": palette(segments),
+            "depth [m]": observation["head_depth"][..., 0],
         }
         for column, (title, image) in enumerate(shown.items()):
             axes = figure.add_subplot(3, 4, 4 * row + column + 1)
-            axes.imshow(image, cmap="gray", vmin=0, vmax=2.5 if image.dtype == np.float32 else None)
-            axes.set_title(title, fontsize=9)
+            drawn = axes.imshow(image, cmap="gray", vmin=0, vmax=_FARTHEST if title == "depth [m]" else None)
+            axes.set_title(title, fontsize=13)
             axes.axis("off")
+            if title == "depth [m]":
+                figure.colorbar(drawn, ax=axes, shrink=0.7, extend="max")
         cloud = figure.add_subplot(3, 4, 4 * row + 4, projection="3d")
         kept = (points[:, 0] < 2.2) & (np.abs(points[:, 1]) < 1.2)
         cloud.scatter(*points[kept].T, c=colours[kept] / 255, s=1.2, depthshade=False)
         cloud.view_init(25, -125)
         cloud.set_box_aspect(np.ptp(points[kept], axis=0))
-        cloud.set_title("points, from all of its cameras [m]", fontsize=9)
-        cloud.tick_params(labelsize=6)
-    figure.savefig(out, dpi=90)
+        cloud.set_title("points of all its cameras", fontsize=13)
+        for axis, label in ((cloud.xaxis, "x [m]"), (cloud.yaxis, "y [m]"), (cloud.zaxis, "z [m]")):
+            axis.set_label_text(label)
+            axis.set_major_locator(MultipleLocator(0.5))
+    kinds = [Patch(color=colour, label=label) for colour, label in zip(_COLOURS, _MEANINGS, strict=True)]
+    figure.legend(
+        handles=kinds,
+        title="segmentation; every object has a colour of its own",
+        loc="outside lower center",
+        ncols=3,
+        fontsize=13,
+        title_fontsize=13,
+    )
+    figure.savefig(out, dpi=80)
     print(out)
 
 
@@ -82,15 +102,13 @@ def views(robot: str, seed: int) -> tuple[dict[str, Any], NDArray[Any], NDArray[
 
 def palette(segments: NDArray[np.uint8]) -> NDArray[np.float64]:
     """A colour for every value of a segmentation."""
-    colours = np.vstack(
-        ([[0.93] * 3, [0.35] * 3, [0.80, 0.70, 0.55]], plt.colormaps["hsv"](np.arange(60) * 97 % 256)[:, :3])
-    )
+    colours = np.vstack((_COLOURS, plt.colormaps["hsv"](np.arange(60) * 97 % 256)[:, :3]))
     return np.asarray(colours[segments])
 
 
 def measure() -> None:
     """Steps per CPU second (of all threads, the renderer's too), kinds in turn: the median of blocks, and the best."""
-    for robot in ("fetch", "pr2", "panda_mobile"):
+    for robot in _ROBOTS:
         envs = {
             name: gym.make(_ID, robot=robot, **{**keywords, "image_size": 128}) for name, keywords in _KINDS.items()
         }

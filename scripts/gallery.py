@@ -28,7 +28,7 @@ Frame = NDArray[np.uint8]
 FRAMES_PER_SECOND = 10
 _LAST_S = 1.5
 """How long the last frame stays."""
-_COLOURS = 96
+_COLOURS = 256
 """Colours of a film's palette."""
 
 
@@ -60,14 +60,14 @@ NAMES = tuple(entry.name for entry in ENTRIES)
 
 def main(
     names: tuple[str, ...] = NAMES,
-    size: int = 320,
+    size: int = 400,
     out: Path = Path("docs/images/gallery"),
 ) -> None:
     """Play and write every film.
 
     Args:
         names: Films to make.
-        size: Pixels along each side.
+        size: Pixels of a film's width; it is three quarters as high.
         out: Directory of the films.
     """
     known = {entry.name: entry for entry in ENTRIES}
@@ -86,7 +86,7 @@ def frames(entry: Entry, size: int) -> Iterator[Frame]:
     policy: Any = load_policy("greedy", 0) if acts_by_skills else make_expert(entry.expert)
     keywords = {**PolicyTraits.of(policy).env_keywords, **entry.keywords}
     if "obs_mode" not in keywords:
-        keywords |= {"render_mode": "rgb_array", "width": size, "height": size}
+        keywords |= {"render_mode": "rgb_array", "width": size, "height": 3 * size // 4}
     env = gym.make(entry.env_id, **keywords)
     observation, info = env.reset(seed=entry.seed)
     begin_episode(policy, info, env)

@@ -76,16 +76,16 @@ def main(
 
 
 def scene_image(env: BaseEnv, label: str, seed: int, size: int) -> Picture:
-    """A scene, as wide as high, above its table, twice as wide as high: (3/2 size, size, 3).
+    """A scene above its table from above: (5/4 size, size, 3).
 
     Raises:
         RenderingUnavailable: this machine cannot render.
     """
     env.reset(seed=seed)
-    scene = whole_scene(env.model, env.layout, across(env.layout), 1.0)
+    scene = whole_scene(env.model, env.layout, env.world.scene.base, across(env.layout), 4 / 3)
     table = view_of(env.model, table_points(env.layout, AROUND_TABLE), ABOVE, 2.0)
     pictures = []
-    for view, height in ((scene, size), (table, size // 2)):
+    for view, height in ((scene, 3 * size // 4), (table, size // 2)):
         renderer = Renderer(env.model, size, height)
         renderer.marks = env.world.marks
         pictures.append(renderer.colour(env.data, view))
@@ -105,13 +105,12 @@ def kind_images(seed: int, size: int) -> list[Picture]:
     env = RetrieveEnv(num_objects=len(KINDS) + 1, layout="island", object_set="household", render_mode="rgb_array")
     env.reset(seed=seed, options={"target": env.object_names[len(KINDS)]})  # red, whatever its kind
     renderer, colours, images = Renderer(env.model, size, size), env.model.geom_rgba.copy(), []
-    renderer.has_shadows = False
+    renderer.has_shadows = False  # from near they are coarse
+    moves = env.model.body_weldid[env.model.geom_bodyid] > 0  # the robot and all objects
     for slot, name in enumerate(KINDS):
-        others = [
-            env.model.body(other).id for other in env.object_names[: len(KINDS) + 1] if other != env.object_names[slot]
-        ]
+        shown = env.model.geom_bodyid == env.model.body(env.object_names[slot]).id
         env.model.geom_rgba[:] = colours
-        env.model.geom_rgba[np.isin(env.model.geom_bodyid, others), 3] = 0.0
+        env.model.geom_rgba[moves & ~shown, 3] = 0.0
         camera = mujoco.MjvCamera()
         camera.lookat[:], camera.distance = env.data.body(env.object_names[slot]).xpos, 0.42
         camera.azimuth, camera.elevation = np.degrees(env.world.scene.yaws[slot]) + 205.0, -28.0

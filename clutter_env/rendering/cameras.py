@@ -61,13 +61,13 @@ class EnvRenderer:
         if mode == "human":
             self._use(world)
             if self._window is None:
-                self._window = Window(world.model, world.data, self._layout, self._config.camera)
+                self._window = Window(world, self._layout, self._config.camera)
             self._window.show(world.marks)
             return None
         width, height = self._config.width, self._config.height
         renderer, camera = self._renderer(world, width, height), self._config.camera
         if camera == FRAMED_CAMERA:
-            camera = whole_scene(world.model, self._layout, across(self._layout), width / height)
+            camera = whole_scene(world.model, self._layout, world.scene.base, across(self._layout), width / height)
         return renderer.colour(world.data, camera) if mode == "rgb_array" else renderer.depth(world.data, camera)
 
     def observation(self, world: World, images: dict[str, NDArray[Any]] | None = None) -> dict[str, NDArray[Any]]:
@@ -213,7 +213,8 @@ class Window:
         RenderingUnavailable: there is no display.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, layout: Layout, camera: str) -> None:
+    def __init__(self, world: World, layout: Layout, camera: str) -> None:
+        model, data = world.model, world.data
         self._data = data
         if not has_display():
             raise RenderingUnavailable("render_mode='human' needs a display; set DISPLAY, or use 'rgb_array'")
@@ -224,7 +225,7 @@ class Window:
             if camera != FRAMED_CAMERA:
                 view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, model.camera(camera).id
             else:  # this view the mouse can move
-                framed = whole_scene(model, layout, across(layout), _WINDOW_ASPECT)
+                framed = whole_scene(model, layout, world.scene.base, across(layout), _WINDOW_ASPECT)
                 view.type, view.lookat[:] = framed.type, framed.lookat
                 view.azimuth, view.elevation, view.distance = framed.azimuth, framed.elevation, framed.distance
         self._shown, self._due = data.time, time.monotonic()

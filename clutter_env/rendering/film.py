@@ -14,13 +14,15 @@ from PIL import Image, ImageDraw, ImageFont
 
 from clutter_env.config import CONTROL_HZ
 from clutter_env.errors import LearningError, missing_extra
-from clutter_env.rendering.framing import ABOVE, across, whole_scene, work_place
+from clutter_env.rendering.framing import ABOVE, across, near_view, table_points, view_of, whole_scene, work_place
 from clutter_env.rendering.renderer import Renderer
 
 Frame = NDArray[np.uint8]
 
-_WIDTH, _WIDTH_ABOVE, _HEIGHT = 640, 384, 480
-"""Pixels of a frame's two views, across the table and from above."""
+_SIZE, _SMALL_SIZE = (640, 480), (384, 240)
+"""Width and height [pixels] of a frame's view across the table; of those beside it, from above and of the gripper."""
+_AROUND_TABLE = 0.12
+"""[m] around the table in the view from above."""
 STEPS_PER_FRAME = 4
 """Control steps of 0.05 s between frames: at 20 frames/s the film runs four times as fast as the robot."""
 FRAMES_PER_SECOND = 20
@@ -53,11 +55,14 @@ class Film:
     _caption: str = ""
 
     def __post_init__(self) -> None:
-        self._renderer = Renderer(self.env.model, _WIDTH, _HEIGHT)
-        direction = across(self.env.layout)
-        self._across = whole_scene(self.env.model, self.env.layout, direction, _WIDTH / _HEIGHT)
-        self._near = work_place(self.env.model, self.env.layout, direction, _STRIP_SIZE[0] / _STRIP_SIZE[1])
-        self._above = whole_scene(self.env.model, self.env.layout, ABOVE, _WIDTH_ABOVE / _HEIGHT)
+        model, layout, start = self.env.model, self.env.layout, self.env.world.scene.base
+        self._renderer, self._small = Renderer(model, *_SIZE), Renderer(model, *_SMALL_SIZE)
+        self._small.has_shadows = False  # from near they are coarse
+        direction, aspect = across(layout), _SIZE[0] / _SIZE[1]
+        self._across = whole_scene(model, layout, start, direction, aspect)
+        self._near = work_place(model, layout, direction, aspect)
+        self._above = view_of(model, table_points(layout, _AROUND_TABLE), ABOVE, _SMALL_SIZE[0] / _SMALL_SIZE[1])
+        self._of_gripper = near_view(direction)
         self._about = f"target {self.env.target}, red" if self.env.target else ""
 
     def watch(self, caption: str) -> None:
@@ -102,14 +107,15 @@ class Film:
     def close(self) -> None:
         """Free the graphics."""
         self._renderer.close()
+        self._small.close()
 
     def _keep_moment(self) -> None:
         self.moments.append((self._caption, self._renderer.colour(self.env.data, self._near)))
 
     def _keep_frame(self) -> None:
-        scene, above = (self._renderer.colour(self.env.data, view) for view in (self._across, self._above))
-        edge = (_WIDTH - _WIDTH_ABOVE) // 2
-        picture = np.hstack([scene, above[:, edge : edge + _WIDTH_ABOVE]])
+        self._of_gripper.lookat[:] = self.env.data.site_xpos[self.env.world.index.tcp_site]
+        small = [self._small.colour(self.env.data, view) for view in (self._above, self._of_gripper)]
+        picture = np.hstack([self._renderer.colour(self.env.data, self._across), np.vstack(small)])
         said = f"{self._about}   {_SPEED:.0f}x speed".strip()
         self.frames.append(_captioned(picture, self._caption, said))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import product
 
 import mujoco
@@ -13,21 +14,27 @@ from clutter_env.scene.layout import TABLE_HEIGHT, Layout, top_of
 
 FRAMED_CAMERA = "scene"
 """Name of the view of the whole scene; all other cameras are in the model and stay where they are."""
-_ACROSS = (72.0, -32.0)
+_ACROSS = (65.0, -29.0)
 """[deg] azimuth and elevation: across the table from the robot's right; neither the arm nor the head hides the gripper
 for long."""
 _INTO_SHELF = (30.0, -50.0)
 """[deg] The same from farther in front and above, past the side of a shelf and through its transparent boards."""
 ABOVE = (0.0, -90.0)
 """[deg] azimuth and elevation: straight down, the robot below the table."""
-_ROBOT_RADIUS = 0.40
-"""[m] around the base centre: the base, and the elbow when the arm is folded."""
-_ROBOT_HEIGHT = 1.45
-"""[m] with the lift up."""
-_KNEE = 0.35
-"""[m] above the floor: what is lower of a robot at work need not be seen."""
+_BASE_RADIUS, _BODY_RADIUS = 0.35, 0.2
+"""[m] around the base centre: on the ground, and of what is above it."""
+_START_HEIGHT, _WORK_HEIGHT = 1.25, 1.45
+"""[m] of the robot with the lift as it starts, and up."""
+_KNEE, _WAIST = 0.35, 0.75
+"""[m] above the ground: what is lower of a robot at work need not be seen; still less of it in a nearer view."""
+_REACH = 0.55
+"""[m] from the front of the table to the base centre of a robot at work."""
+_INWARDS = 0.6
+"""Share of the table's half width to whose sides the robot goes: its arm reaches on."""
 _OBJECT_HEIGHT = 0.30
 """[m] above the table: objects, and one that is lifted."""
+_NEAR = 0.75
+"""[m] to a gripper that is shown from near."""
 _MARGIN = 1.06
 """Distance of the camera over that from which the scene fills the picture."""
 
@@ -40,29 +47,50 @@ def across(layout: Layout) -> tuple[float, float]:
 
 
 def whole_scene(
-    model: mujoco.MjModel, layout: Layout, direction: tuple[float, float], aspect: float
+    model: mujoco.MjModel, layout: Layout, start: Sequence[float], direction: tuple[float, float], aspect: float
 ) -> mujoco.MjvCamera:
     """A free camera that has the table and the robot in view, from its start to the last grasp.
 
     Args:
         model: says how wide free cameras see.
-        layout: table, and the region where the base starts.
+        layout: table, and what stands beside it.
+        start: x, y [m] of the base centre at the start, more numbers are ignored.
         direction: azimuth and elevation [deg] in which the camera looks.
         aspect: width over height of the picture.
     """
-    (low_x, low_y), (high_x, high_y) = layout.start_region
-    around = low_y - _ROBOT_RADIUS, high_y + _ROBOT_RADIUS
-    robot = product((low_x - _ROBOT_RADIUS, high_x + _ROBOT_RADIUS), around, (0.0, _ROBOT_HEIGHT))
-    return view_of(model, np.vstack((table_points(layout), list(robot))), direction, aspect)
+    robot = [*_ring(*start[:2], _BASE_RADIUS, 0.0), *_ring(*start[:2], _BODY_RADIUS, _START_HEIGHT)]
+    return view_of(model, np.array([*_at_work(layout, _KNEE), *robot]), direction, aspect)
 
 
 def work_place(
     model: mujoco.MjModel, layout: Layout, direction: tuple[float, float], aspect: float
 ) -> mujoco.MjvCamera:
     """A nearer view: the table and the upper part of the robot while it works there; arguments as of `whole_scene`."""
-    (_, (start_x, _)), half_y = layout.start_region, layout.width / 2
-    before = product((start_x - _ROBOT_RADIUS, -layout.depth / 2), (-half_y, half_y), (_KNEE, _ROBOT_HEIGHT))
-    return view_of(model, np.vstack((table_points(layout), list(before))), direction, aspect)
+    return view_of(model, np.array(_at_work(layout, _WAIST)), direction, aspect)
+
+
+def _at_work(layout: Layout, lowest: float) -> list[Sequence[float]]:
+    """Points [m] on the table, and of a robot before it, before its trays too, above that height."""
+    table = table_points(layout)
+    points: list[Sequence[float]] = list(table)
+    for side in (table[:, 1].min(), table[:, 1].max()):
+        y = np.clip(side, -layout.width, layout.width) * _INWARDS
+        for height in (lowest, _WORK_HEIGHT):
+            points += _ring(-layout.depth / 2 - _REACH, y, _BODY_RADIUS, height)
+    return points
+
+
+def _ring(x: float, y: float, radius: float, z: float) -> list[Sequence[float]]:
+    turns = np.arange(8) * (math.pi / 4)
+    return [(x + radius * math.cos(turn), y + radius * math.sin(turn), z) for turn in turns]
+
+
+def near_view(direction: tuple[float, float]) -> mujoco.MjvCamera:
+    """A free camera near to what its user has it look at, by `lookat`."""
+    camera = mujoco.MjvCamera()
+    camera.type, camera.distance = mujoco.mjtCamera.mjCAMERA_FREE, _NEAR
+    camera.azimuth, camera.elevation = direction
+    return camera
 
 
 def view_of(model: mujoco.MjModel, points: Points, direction: tuple[float, float], aspect: float) -> mujoco.MjvCamera:

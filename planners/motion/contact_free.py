@@ -22,7 +22,7 @@ from planners.motion.arm import tcp_poses
 from planners.motion.path import CLEARANCE, SAME_BASE, interpolate
 from planners.motion.timing import finger_ramp, near_walls, round_corners, time_parametrise
 from planners.motion.trajectory import Phase, Trajectory
-from planners.scene import SELF_BIT
+from planners.scene import SELF_BIT, HeldObject
 
 Array = NDArray[np.float64]
 
@@ -30,6 +30,13 @@ _KEPT = (0.4, 0.7, 1.0)
 """Shares of a straight line beside a contact that are kept; the smallest that is free is taken."""
 _STRAIGHT = 0.5
 """Share of what is kept that stays straight; the rest may be rounded off."""
+_BESIDE = 0.03
+"""[m] An object is held at its rim or handle if its centre is farther than this to the side of the TCP."""
+_SAG = 0.5
+"""Height [m] to which such an object is lifted before anything turns, per metre to its centre: a pan turns by 13
+degrees between the fingers, and its far side is twice as far away as its centre."""
+_TIPS = 0.02
+"""[m] above such an object's top: from there down the empty fingers, which have its wall between them, go straight."""
 _MOST_CORNERS = 10
 """Between two contacts; a path with more of them is left as it is."""
 _HALF_WIDTHS = (0.3, 0.15, 0.07)
@@ -41,7 +48,7 @@ _OFF_LINE = 0.001
 
 
 def merge_phases(
-    world: CollisionWorld, phases: Sequence[Trajectory], begins_in_contact: bool, ends_in_contact: bool
+    world: CollisionWorld, phases: Sequence[Trajectory], first: HeldObject | None, last: HeldObject | None
 ) -> list[Trajectory] | None:
     """The same phases on a shorter path, timed as one motion; None if none is found that takes less time.
 
@@ -50,9 +57,9 @@ def merge_phases(
     Args:
         world: the scene at this time, compiled.
         phases: consecutive ones in which nothing is grasped or released, at rest at both ends; one phase each.
-        begins_in_contact, ends_in_contact: whether the fingers are around an object at the start, at the end.
+        first, last: what the fingers are around at the start and at the end.
     """
-    path = _shorter_path(world, phases, begins_in_contact, ends_in_contact)
+    path = _shorter_path(world, phases, first, last)
     if path is None:
         return None
     robot, held, steps = world.scene.robot, phases[0].phases[0].held, [len(phase.times) - 1 for phase in phases]
@@ -60,21 +67,21 @@ def merge_phases(
     is_near = near_walls(world, robot.opening(max(start, end)))
     timed = time_parametrise(path, robot, start, Phase("", 0.0), bool(held), is_near)
     ramp = finger_ramp(robot, start, end)
-    last = len(timed.times) - 1
-    if not max(len(ramp) - 1, len(phases)) <= last < sum(steps):
+    count = len(timed.times) - 1
+    if not max(len(ramp) - 1, len(phases)) <= count < sum(steps):
         return None
-    bounds, states = _bounds(steps, last), timed.states.copy()
+    bounds, states = _bounds(steps, count), timed.states.copy()
     # The fingers begin to move with the phase in which they did as planned, or at once if they would be late.
     moving = (k for k, phase in enumerate(phases) if np.ptp(phase.finger_position) > 0.0)
-    for begin in (min(bounds[next(moving, 0)], last + 1 - len(ramp)), 0):
-        states[:, -1] = np.concatenate([np.full(begin, start), ramp, np.full(last + 1 - begin - len(ramp), end)])
+    for begin in (min(bounds[next(moving, 0)], count + 1 - len(ramp)), 0):
+        states[:, -1] = np.concatenate([np.full(begin, start), ramp, np.full(count + 1 - begin - len(ramp), end)])
         if held or _may_lag(world, states):
             break
     else:
         return None
     return [
-        Trajectory.of_states(states[first : final + 1], phase.phases[0])
-        for (first, final), phase in zip(itertools.pairwise(bounds), phases, strict=True)
+        Trajectory.of_states(states[enter : leave + 1], phase.phases[0])
+        for (enter, leave), phase in zip(itertools.pairwise(bounds), phases, strict=True)
     ]
 
 
@@ -95,29 +102,34 @@ def _bounds(steps: Sequence[int], last: int) -> list[int]:
 
 
 def _shorter_path(
-    world: CollisionWorld, phases: Sequence[Trajectory], begins_in_contact: bool, ends_in_contact: bool
+    world: CollisionWorld, phases: Sequence[Trajectory], first: HeldObject | None, last: HeldObject | None
 ) -> Array | None:
     """Whole-body configurations (n, 11) from the start of the motion to its end; None if no shorter path is found.
 
     The straight line between what is kept of the lines at both ends, or else a polygon of corners on the planned path.
     """
     # The checks: with the widest opening of the motion, or what is held throughout.
-    robot, first = world.scene.robot, phases[0].phases[0]
+    robot, loaded = world.scene.robot, phases[0].phases[0]
     widest = max(float(phase.finger_position.max()) for phase in phases)
-    opening, held = robot.opening(widest), first.touched if first.held else None
+    opening, held = robot.opening(widest), loaded.touched if loaded.held else None
     clear = world.with_padding(CLEARANCE).query(opening, held, 1 << SELF_BIT, first_only=True)
     checks = _Checks(world, clear, world.query(opening, held, first_only=True))
-    starts = list(_lines(world.robot, phases[0].states, begins_in_contact))
-    ends = [line[::-1] for line in _lines(world.robot, phases[-1].states[::-1], ends_in_contact)]
+    at_start, at_end = (
+        _straight(world, states, touched, held is not None)
+        for states, touched in ((phases[0].states[:1], first), (phases[-1].states[-1:], last))
+    )
+    keeps = at_start > 0.0 or at_end > 0.0
+    starts = list(_lines(world.robot, phases[0].states, first is not None, at_start))
+    ends = [line[::-1] for line in _lines(world.robot, phases[-1].states[::-1], last is not None, at_end)]
     for i, j in sorted(itertools.product(range(len(starts)), range(len(ends))), key=sum):
         if checks.is_free(np.stack([starts[i][-1], ends[j][0]])):
-            path = checks.rounded(starts[i], np.empty((0, starts[i].shape[1])), ends[j])
+            path = checks.rounded(starts[i], np.empty((0, starts[i].shape[1])), ends[j], keeps)
             if path is not None:
                 return path
-    inner = phases[int(begins_in_contact) : len(phases) - int(ends_in_contact)]
+    inner = phases[int(first is not None) : len(phases) - int(last is not None)]
     planned = [phase.states[:, :-1] for phase in inner]
     corners = _corners(checks, np.vstack([starts[-1][-1:], *planned, ends[-1][:1]]))
-    return None if corners is None else checks.rounded(starts[-1], corners[1:-1], ends[-1])
+    return None if corners is None else checks.rounded(starts[-1], corners[1:-1], ends[-1], keeps)
 
 
 class _Checks(NamedTuple):
@@ -131,15 +143,15 @@ class _Checks(NamedTuple):
         """Whether a path keeps `CLEARANCE` from all but the robot itself."""
         return not path_hits(self.clear, path, STEP)
 
-    def rounded(self, start: Array, corners: Array, end: Array) -> Array | None:
+    def rounded(self, start: Array, corners: Array, end: Array, keeps: bool) -> Array | None:
         """The path along two lines and by corners between them, its corners rounded; None if it is not free.
 
-        Corners within the straight parts of the lines are rounded too if that is free.
+        Corners within the straight parts of the lines are rounded too if that is free, unless `keeps`.
         """
         polygon = np.vstack([start, corners, end])
         first, last = len(start) - 1, len(polygon) - len(end)
         only_between = max(first - 1, 0), min(last + 1, len(polygon) - 1)
-        for begin, stop in ((0, len(polygon) - 1), only_between):
+        for begin, stop in ((0, len(polygon) - 1), only_between)[keeps:]:
             for half_width in _HALF_WIDTHS:
                 smooth, at = round_corners(self.world.scene.robot, polygon[begin : stop + 1], half_width)
                 path = np.vstack([polygon[:begin], smooth, polygon[stop + 1 :]])
@@ -170,10 +182,23 @@ def _corners(checks: _Checks, path: Array) -> Array | None:
     return np.array(corners)
 
 
-def _lines(robot: RobotArrays, states: Array, in_contact: bool) -> Iterator[Array]:
+def _straight(world: CollisionWorld, contact: Array, touched: HeldObject | None, is_held: bool) -> float:
+    """[m] of the line beside a contact (1, 12) that have to stay straight; 0 of what is held at its middle."""
+    if touched is None:
+        return 0.0
+    T_world_tcp = tcp_poses(world.robot, contact[:, :-1])[0]
+    aside, up = T_world_tcp[:2, :3] @ touched.T_tcp_object[:3, 3], T_world_tcp[2, :3] @ touched.T_tcp_object[:3, 3]
+    beside = float(np.hypot(*aside))
+    if beside <= _BESIDE:
+        return 0.0
+    return _SAG * beside if is_held else float(up + world.scene.body(touched.name).half_extents[2]) + _TIPS
+
+
+def _lines(robot: RobotArrays, states: Array, in_contact: bool, least: float) -> Iterator[Array]:
     """Parts of a phase beside a contact that may be kept: configurations (n, 11) from the contact on, shortest first.
 
-    The last configuration is the corner. Without contact nothing but the first configuration is kept.
+    The last configuration is the corner. At least `least` [m] stay straight. Without contact nothing but the first
+    configuration is kept.
     """
     X = states[:, :-1]
     if not in_contact:
@@ -182,5 +207,6 @@ def _lines(robot: RobotArrays, states: Array, in_contact: bool) -> Iterator[Arra
     points = tcp_poses(robot, X)[:, :3, 3]
     away = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     for share in _KEPT:
-        straight, corner = np.searchsorted(away, np.array([_STRAIGHT, 1.0]) * share * away[-1] - 1e-9)
+        kept = np.minimum(np.maximum(np.array([_STRAIGHT, 1.0]) * share * away[-1], least), away[-1])
+        straight, corner = np.searchsorted(away, kept - 1e-9)
         yield np.vstack([X[: straight + 1], X[corner]])

@@ -379,15 +379,16 @@ class MotionLayer:
             return actions[part[0]].scene.robot.arm_name, is_contact(part[1].phases[0])
 
         runs = [list(run) for _, run in itertools.groupby(parts, key=kind)]
-        in_contact = [is_contact(run[0][1].phases[0]) for run in runs]
+        contacts = [run[0][1].phases[0] for run in runs]
+        in_contact = [phase.touched if is_contact(phase) else None for phase in contacts]
         shorter: list[list[Trajectory]] = [[] for _ in actions]
         for k, run in enumerate(runs):
             phases = [phase for _, phase in run]
-            if not in_contact[k]:
-                before, after = k > 0 and in_contact[k - 1], k + 1 < len(runs) and in_contact[k + 1]
+            if in_contact[k] is None:
+                before, after = in_contact[k - 1] if k else None, in_contact[k + 1] if k + 1 < len(runs) else None
                 last, after_last = actions[run[-1][0]], scenes[run[-1][0]]
                 scene = last.scene
-                if last.is_clearance and before and run[0][0] == run[-1][0]:
+                if last.is_clearance and before is not None and run[0][0] == run[-1][0]:
                     # Nothing follows the release with this arm: what it has put down stands there.
                     scene = scene.with_held(None).with_body(after_last.body(last.target))
                 found = merge_phases(self.compiled.world(scene), phases, before, after)

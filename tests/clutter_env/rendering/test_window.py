@@ -86,7 +86,7 @@ def test_the_window_looks_through_the_camera_that_was_asked_for(monkeypatch: pyt
         assert viewer.cam.fixedcamid == env.model.camera(camera).id
     viewer = Viewer()
     env = shown(monkeypatch, viewer, layout="shelf")
-    framed = whole_scene(env.model, env.layout, across(env.layout), 1.5)
+    framed = whole_scene(env.model, env.layout, env.world.scene.base, across(env.layout), 1.5)
     assert int(viewer.cam.type) == int(mujoco.mjtCamera.mjCAMERA_FREE), "the mouse can move it"
     assert viewer.cam.distance == framed.distance
     assert viewer.cam.lookat.tolist() == framed.lookat.tolist()
@@ -153,7 +153,7 @@ def test_robot_and_objects_are_in_view_wherever_the_robot_starts(layout: str) ->
         objects = np.arange(env.model.ngeom)[env.world.index.object_geoms]
         points = env.data.geom_xpos[[*np.flatnonzero(robot), *objects]]
         for number, (direction, aspect) in enumerate(views):
-            camera = whole_scene(env.model, env.layout, direction, aspect)
+            camera = whole_scene(env.model, env.layout, (x, y), direction, aspect)
             places = np.abs(seen(env, camera, points)) / (aspect, 1.0)
             furthest[number] = max(furthest[number], float(places.max()))
     assert ((furthest > 0.6) & (furthest < 0.97)).all(), "all in the picture, and not small in its middle"

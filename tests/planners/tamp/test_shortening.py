@@ -11,6 +11,7 @@ import pytest
 from assets.robots import FETCH
 from planners import Planner, Solution, solve
 from planners.collision.world import STEP, CollisionWorld
+from planners.motion.arm import tcp_poses
 from planners.motion.path import CLEARANCE, WholeBodyPath
 from planners.motion.timing import round_corners
 from planners.motion.trajectory import CONTROL_STEP, Trajectory, is_contact, join, phases_of
@@ -18,8 +19,9 @@ from planners.scene import SELF_BIT, Scene
 from planners.tamp.motion_layer import MotionLayer
 from planners.tamp.solution import BoundAction
 from planners.warming import warmup_scene
+from tests.planners.pieces import bowl
 from tests.planners.plans import assert_free
-from tests.planners.scenes import random_scene, random_shelf
+from tests.planners.scenes import HEIGHT, random_scene, random_shelf, table_scene
 
 TARGET = "object_00"
 OFF_LINE = 0.001
@@ -165,3 +167,23 @@ def test_a_plan_that_mujoco_refutes_at_the_end_is_made_again_with_every_motion_c
     assert isinstance(again, Solution)
     for one, other in zip(expected.actions, again.actions, strict=True):
         assert np.array_equal(one.trajectory.states, other.trajectory.states)
+
+
+def test_what_is_held_at_its_rim_is_lifted_before_anything_turns() -> None:
+    scene = table_scene(bowl("bowl", (0.05, 0.1, HEIGHT)))
+    found = Planner(FETCH, grasps="all").solve(scene, "bowl")
+    assert isinstance(found, Solution)
+    phases = [phase for action in found.actions for phase in phases_of(action.trajectory)]
+    number = next(k for k, phase in enumerate(phases) if phase.phases[0].name == "close")
+    robot = CollisionWorld.from_scene(scene).robot
+    after = tcp_poses(robot, np.vstack([phase.states[:, :-1] for phase in phases[number + 1 :]]))
+    before = tcp_poses(robot, np.vstack([phase.states[:, :-1] for phase in phases[:number]]))[::-1]
+    contact = after[0]
+    beside = np.linalg.norm(contact[:2, 3] - scene.body("bowl").position[:2])
+    assert beside > 0.05, "at its rim"
+    top = scene.body("bowl").position[2] + scene.body("bowl").half_extents[2] - contact[2, 3]
+    for poses, height in ((after, 0.5 * beside), (before, top)):
+        straight = poses[: np.argmax(poses[:, 2, 3] > contact[2, 3] + height)]
+        assert len(straight) > 3
+        np.testing.assert_allclose(straight[:, :2, 3], np.tile(contact[:2, 3], (len(straight), 1)), atol=0.002)
+        np.testing.assert_allclose(straight[:, :3, :3], np.tile(contact[:3, :3], (len(straight), 1, 1)), atol=0.01)
