@@ -28,7 +28,10 @@ _KINDS: dict[str, dict[str, Any]] = {
     "rgbd, segmentation, head alone": {"obs_mode": "rgbd", "segmentation": True, "cameras": ("head",)},
 }
 _ROBOTS = {"fetch": "Fetch", "pr2": "PR2", "panda_mobile": "Panda"}
-_COLOURS, _MEANINGS = [[0.93] * 3, [0.35] * 3, [0.80, 0.70, 0.55]], ("ground and sky", "robot", "furniture")
+_COLOURS, _MEANINGS = (
+    ((0.93, 0.93, 0.93), (0.35, 0.35, 0.35), (0.80, 0.70, 0.55)),
+    ("ground and sky", "robot", "furniture"),
+)
 """Of the first three values of a segmentation."""
 _FARTHEST = 2.5
 """[m] White in the picture of depths."""

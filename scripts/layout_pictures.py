@@ -71,7 +71,7 @@ def main(
             else RetrieveEnv(num_objects=objects, layout=name, shapes=shapes, render_mode="rgb_array")
         )
         images.append(scene_image(env, name, seed, size))
-    save_images(images, out, len(images) if tasks else COLUMNS)
+    save_images(images, out, len(images) if tasks else 3)
     print(f"image: {out}")
 
 

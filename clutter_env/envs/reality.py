@@ -10,7 +10,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 from clutter_env.scene.household import HouseholdScene
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.world import Measurements, World
-
-ValueT = TypeVar("ValueT")
 
 
 @dataclass(frozen=True)
@@ -181,13 +179,12 @@ class Senses:
         poses[:, :2] = self._means
         return poses
 
-    def arriving(self, images: ValueT) -> ValueT:
-        """The images that arrive now, where those of this moment are `images`."""
+    def arriving(self, images: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+        """The images that arrive now, where those of this moment are `images`; the caller's own."""
         self._images.append(images)
         if self._shown is None or not self._is_dropped:
             self._shown = self._images[0]
-        shown: ValueT = self._shown
-        return shown
+        return {name: image.copy() for name, image in self._shown.items()}
 
     def _level(self, effect: str, name: str) -> float:
         return float(self._shares[effect] * getattr(LEVELS, name))

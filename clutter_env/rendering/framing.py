@@ -8,7 +8,7 @@ from itertools import product
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout, top_of
 
@@ -47,7 +47,7 @@ def across(layout: Layout) -> tuple[float, float]:
 
 
 def whole_scene(
-    model: mujoco.MjModel, layout: Layout, start: Sequence[float], direction: tuple[float, float], aspect: float
+    model: mujoco.MjModel, layout: Layout, start: ArrayLike, direction: tuple[float, float], aspect: float
 ) -> mujoco.MjvCamera:
     """A free camera that has the table and the robot in view, from its start to the last grasp.
 
@@ -58,7 +58,8 @@ def whole_scene(
         direction: azimuth and elevation [deg] in which the camera looks.
         aspect: width over height of the picture.
     """
-    robot = [*_ring(*start[:2], _BASE_RADIUS, 0.0), *_ring(*start[:2], _BODY_RADIUS, _START_HEIGHT)]
+    x, y = np.asarray(start, dtype=float)[:2]
+    robot = [*_ring(x, y, _BASE_RADIUS, 0.0), *_ring(x, y, _BODY_RADIUS, _START_HEIGHT)]
     return view_of(model, np.array([*_at_work(layout, _KNEE), *robot]), direction, aspect)
 
 

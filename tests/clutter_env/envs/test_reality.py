@@ -121,7 +121,19 @@ def test_images_come_from_where_the_cameras_truly_are_and_calibrations_do_not() 
     assert np.abs(pictures[0] - pictures[1]).max() > 10
 
 
+@pytest.mark.usefixtures("needs_gl")
+def test_a_frame_that_is_seen_twice_is_handed_out_twice() -> None:
+    env = gym.make(ID, obs_mode="rgbd", image_size=16, cameras=("gripper",), reality={"observation_delay": 1.0})
+    first, second = env.reset(seed=0)[0], env.step(np.zeros(12))[0]
+    assert np.array_equal(first["gripper_rgb"], second["gripper_rgb"]), "both are of the start"
+    assert not any(np.shares_memory(first[name], second[name]) for name in first)
+    env.close()
+
+
 def test_misuse_is_refused_with_the_valid_choices() -> None:
+    for cameras in ("head", ("head", "head")):
+        with pytest.raises(ConfigError, match="different names"):
+            gym.make(ID, obs_mode="rgbd", cameras=cameras)
     with pytest.raises(ConfigError, match="from 0 to 1"):
         gym.make(ID, reality=1.5)
     with pytest.raises(ConfigError, match=EFFECTS[0]):
