@@ -47,6 +47,12 @@ _DISTANCES = np.array((0.0, 0.06, 0.12, 0.18))
 """[m] from the contact on the straight line, at which the arm is compared with the objects."""
 _RADIUS, _CLEARANCE = 0.065, 0.02
 """[m] of the forearm, and of clearance around it that is enough."""
+RAISE, _TOP_GAP = 0.022, 0.03
+"""[m] by which a level gripper takes an object higher than planned, and between TCP and the object's top at least."""
+_LEVEL = 0.1
+"""Sine of the pitch up to which a gripper counts as level."""
+_WALL_GAP = 2 * CLOSE
+"""[m] between walls and the open gripper on its line: what it may be off the line, twice."""
 _TORSO_COST, _MISS_COST, _HIT_COST = 3.0, 30.0, 60.0
 """Costs of a metre of the torso from home, of a metre by which the gripper misses the contact, and of a metre of
 clearance that is missing; that of a radian of the roll is 1."""
@@ -77,14 +83,7 @@ class Keyframe(NamedTuple):
 
 
 class OpenKeyframePlanner:
-    """Keyframes as the network predicts them, in the current base frame.
-
-    Attributes:
-        raise_picks: [m] by which objects are taken higher than planned: table and wrist are hardly farther apart than
-            the gripper may be off its line.
-    """
-
-    raise_picks = CLOSE
+    """Keyframes as the network predicts them, in the current base frame."""
 
     def __init__(self, network: KeyframeNetwork, robot: RobotSpec, layout: Layout) -> None:
         self._network, self._robot, self._keep_out = network, robot, network.keep_out
@@ -95,16 +94,29 @@ class OpenKeyframePlanner:
     def begin(self, contact: Contact, index: int, seen: ParsedObservation) -> list[str]:
         """Choose the arm configuration at a contact of object `index`; the phases to go through.
 
-        There are none where the open gripper would touch what stands beside the table: the pick or place is refused.
+        There are none where the open gripper would come too near to what stands beside the table: the pick or place is
+        refused.
         """
         self._sizes = seen.sizes(index)
         self._free = self.free_joints(contact, index, seen)
         opens = "ready" if contact.skill == "pick" else "open"
         finger = float(self._predict(opens, contact, contact.tcp, np.array(contact.base), 0.0)[14])
-        gripper = gripper_points(self._robot, finger) @ contact.tcp[:3, :3].T + contact.tcp[:3, 3]
-        if distance_to_boxes(gripper, *self._walls.swapaxes(0, 1)).min() < CLOSE:
+        gripper = gripper_points(self._robot, finger) - _DISTANCES[:, None, None] * (1.0, 0.0, 0.0)
+        gripper = gripper @ contact.tcp[:3, :3].T + contact.tcp[:3, 3]
+        if distance_to_boxes(gripper, *self._walls.swapaxes(0, 1)).min() < _WALL_GAP:
             return []
         return [phase for phase in PHASES[contact.skill] if self._network.has_seen(contact.skill, phase)]
+
+    def raise_pick(self, contact: Contact, index: int, seen: ParsedObservation) -> float:
+        """[m] by which object `index` is taken higher than planned.
+
+        Table and wrist of a level gripper are hardly farther apart than the gripper may be off its line; the fingers
+        stay below the object's top.
+        """
+        if contact.tcp[2, 0] < -_LEVEL:
+            return CLOSE
+        top = float(seen.position(index)[2] + seen.sizes(index)[2])
+        return min(max(top - _TOP_GAP - float(contact.tcp[2, 3]), 0.0), RAISE)
 
     def free_joints(self, contact: Contact, index: int, seen: ParsedObservation) -> Array:
         """(2,) torso [m] and upper-arm roll [rad] at a contact of object `index`, less those of home.

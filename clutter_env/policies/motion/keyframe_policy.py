@@ -88,9 +88,9 @@ class KeyframePolicy:
         """Begin to execute a pick or a place."""
         seen = parse_observation(observation)
         tcp = np.array(contact.tcp)
-        tcp[2, 3] += self._planner.raise_picks if contact.skill == "pick" else 0.0
-        self._planned = self._contact = contact = Contact(contact.skill, contact.object, contact.base, tcp)
         self._index = seen.index(contact.object)
+        tcp[2, 3] += self._planner.raise_pick(contact, self._index, seen) if contact.skill == "pick" else 0.0
+        self._planned = self._contact = contact = Contact(contact.skill, contact.object, contact.base, tcp)
         self._first_seen = seen.position(self._index)
         self._offset, self._phases = IntegralOffset(), self._planner.begin(contact, self._index, seen)
         is_dropped = contact.skill == "place" and not seen.is_held(self._index)

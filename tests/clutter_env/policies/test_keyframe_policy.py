@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from assets import FETCH
 from clutter_env.envs.observation import OBSERVATION_LAYOUT
 from clutter_env.policies.motion.arm import ArmKinematics, shorter_turns, with_wrist_flipped
-from clutter_env.policies.motion.control import CLOSE
-from clutter_env.policies.motion.keyframe_planner import OpenKeyframePlanner
+from clutter_env.policies.motion.keyframe_planner import RAISE, OpenKeyframePlanner
 from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
 from clutter_env.policies.motion.network import KeepOutRegion, KeyframeNetwork
 from clutter_env.policies.parsed_observation import parse_observation, planar_pose
@@ -152,7 +151,7 @@ def test_a_pick_is_above_the_contact_and_moves_with_its_object_until_the_fingers
     moved["objects"][2] += 0.01
     policy.act(moved)
     shift = parse_observation(moved).position(0) - parse_observation(observation).position(0)
-    higher = shift + (0.0, 0.0, CLOSE)
+    higher = shift + (0.0, 0.0, RAISE)
     np.testing.assert_allclose(policy.contact.tcp[:3, 3] - contact.tcp[:3, 3], higher, atol=1e-9)
     np.testing.assert_allclose(policy.contact.base[:2] - contact.base[:2], shift[:2], atol=1e-9)
 
@@ -188,6 +187,20 @@ def test_a_pick_whose_open_gripper_would_touch_the_wall_is_refused(env: gym.Env[
         phases.append(policy.phase)
         assert policy.has_failed == (not policy.phase)
     assert phases == ["", "drive"]
+
+
+def test_a_level_gripper_takes_objects_higher_than_planned_but_below_their_top(env: gym.Env[Any, Any]) -> None:
+    """The wrist is 9 mm above the table where plans take objects, and pressed on its edge."""
+    seen = parse_observation(env.reset(seed=0)[0])
+    network, _ = KeyframeNetwork.load(shipped_path("motions", "side"))
+    planner = OpenKeyframePlanner(network, FETCH, find_layout("paper"))
+    level = planar_pose(np.zeros(3))
+    top = seen.position(0)[2] + seen.sizes(0)[2]
+    raised = []
+    for below in (0.10, 0.04, 0.02):
+        level[2, 3] = top - below
+        raised.append(planner.raise_pick(Contact("pick", "object_00", np.zeros(3), level), 0, seen))
+    np.testing.assert_allclose(raised, (RAISE, 0.01, 0.0), atol=1e-6)
 
 
 def test_an_arm_that_would_lie_on_furniture_is_not_chosen(env: gym.Env[Any, Any]) -> None:
