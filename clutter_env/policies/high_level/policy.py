@@ -80,7 +80,8 @@ class _Weighed(NamedTuple):
 class LearnedHighLevelPolicy:
     """Chooses the object to pick next and from where, and where to place the one that is held.
 
-    After a failure, which it sees by an empty gripper, it decides again without what was tried since an object moved.
+    After a failure, which it sees by an empty gripper, it decides again. What it tried with an object it does not try
+    again until that object has moved.
 
     Attributes:
         info: robot, layout and grasps that it was trained for.
@@ -123,8 +124,8 @@ class LearnedHighLevelPolicy:
         """The next pick or place in a scene that has been read already; see `decide`."""
         before, self._positions = self._positions, {body.name: body.position for body in scene.bodies}
         now = self._positions
-        if any(np.linalg.norm(now[name] - before.get(name, now[name])) > _MOVED for name in now):
-            self._tried.clear()
+        moved = {name for name in now if np.linalg.norm(now[name] - before.get(name, now[name])) > _MOVED}
+        self._tried = {key for key in self._tried if key[1] not in moved}
         if scene.held is not None and scene.held_index == scene.target:
             return None
         found = self._pick(scene) if scene.held is None else self._place(scene)
@@ -225,7 +226,7 @@ class LearnedHighLevelPolicy:
         return np.asarray(exact + _MARGIN_WORTH * np.maximum(padded - exact, 0.0))
 
     def _without_tried(self, weighed: _Weighed, skill: str, names: list[str]) -> _Weighed:
-        """The candidates that were not tried since an object moved; `names` of their objects by `index`."""
+        """The candidates that were not tried since their object moved; `names` of their objects by `index`."""
         if not self._tried:
             return weighed
         keys = (_key(weighed.candidates, row, skill, names[i]) for row, i in enumerate(weighed.candidates.index))

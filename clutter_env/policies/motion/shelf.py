@@ -109,14 +109,14 @@ _MAX_RISK = 6.0
 class ShelfKeyframePlanner:
     """Drives in with the arm rigid, straight and then along the gripper, and out again on the same path."""
 
-    def raise_pick(self, *_: object) -> float:
-        """Nothing: there is a board above."""
-        return 0.0
-
     def __init__(self, network: KeyframeNetwork, robot: RobotSpec, layout: Layout) -> None:
         self._robot, self._keep_out, self._table = robot, network.keep_out, table_of(layout)
         self._refused: list[Contact] = []
         self._network, self._arms = network, ShelfArm(network, robot, layout)
+
+    def raise_pick(self, *_: object) -> float:
+        """0 m: there is a board above."""
+        return 0.0
 
     def begin(self, contact: Contact, index: int, seen: ParsedObservation) -> list[str]:
         """Choose the arm at a contact of object `index`; the phases to go through.

@@ -12,6 +12,7 @@ import pytest
 from assets import FETCH
 from clutter_env.policies.high_level.candidates import MIN_STANDOFF, CandidateRule, object_rows, observed_scene
 from clutter_env.policies.high_level.policy import MAX_COST, RISK, LearnedHighLevelPolicy, clearing_costs
+from clutter_env.policies.parsed_observation import planar_pose
 from clutter_env.policies.weights import shipped_path
 from clutter_env.scene.layout import find_layout
 from scripts.shipped_weights.decision_examples import after_contact, as_observed, scene_of
@@ -93,6 +94,24 @@ def test_after_a_failure_it_decides_otherwise(env: Env, policy: LearnedHighLevel
     again = policy.decide(observation)
     assert again is not None
     assert np.array_equal(again.base, chosen[0].base)  # type: ignore[union-attr]  # it is not None, see above
+
+
+def test_what_failed_is_not_tried_again_after_another_object_has_moved(
+    env: Env, policy: LearnedHighLevelPolicy
+) -> None:
+    """It was, with one object taken and put down in between, until the budget was spent."""
+    observation, _ = env.reset(seed=1)
+    scene = observed_scene(observation)
+    failed = policy.choose(scene)
+    assert failed is not None
+    for step in range(1, 4):
+        other = next(body for body in scene.bodies if body.name != failed.object)
+        moved = other.at_pose(planar_pose(np.array((-0.3 + 0.05 * step, 0.45, 0.0))) @ other.pose)
+        bodies = tuple(moved if body is other else body for body in scene.bodies)
+        chosen = policy.choose(replace(scene, bodies=bodies))
+        assert chosen is None or not np.allclose(
+            (*chosen.base, *chosen.tcp.ravel()), (*failed.base, *failed.tcp.ravel())
+        )
 
 
 def test_it_gives_up_when_nothing_is_left(env: Env, policy: LearnedHighLevelPolicy) -> None:
