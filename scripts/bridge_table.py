@@ -2,6 +2,7 @@
 
     python scripts/bridge_table.py --python venv-kinder/bin/python --seeds 50 --out outputs/bridges.jsonl
     python scripts/bridge_table.py --tasks FetchPickAndPlace-v4 --seeds 50 --out outputs/bridges.jsonl
+    python scripts/bridge_table.py --tasks robosuite/Lift --python venv-robosuite/bin/python --out outputs/bridges.jsonl
     python scripts/bridge_table.py --out outputs/bridges.jsonl --show
 
 One line of the file is one episode; episodes that the file has are not run again.
@@ -23,6 +24,7 @@ import tyro
 from clutter_env.bridges.fetch_tasks import DOWN, FetchTask
 from clutter_env.bridges.kinder_tasks import KinderTask
 from clutter_env.bridges.remote import Remote
+from clutter_env.bridges.robosuite_tasks import GRASPS, RobosuiteTask
 from planners import ExpertConfig, SceneError, Solution, TampExpert
 
 KINDER = (
@@ -51,7 +53,7 @@ class Arguments:
     out: Path
     """JSON lines, one an episode."""
     python: Path = Path("venv-kinder/bin/python")
-    """Of the environment in which KinDER is installed."""
+    """Of the environment in which KinDER is installed, or robosuite."""
     tasks: tuple[str, ...] = KINDER
     """Ids."""
     first: int = 0
@@ -69,18 +71,20 @@ def main(arguments: Arguments) -> None:
     rows = [json.loads(line) for line in arguments.out.read_text().splitlines()] if arguments.out.exists() else []
     if not arguments.show:
         done = {(row["task"], row["seed"]) for row in rows}
-        is_remote = any(task.startswith("kinder/") for task in arguments.tasks)
-        worker = Remote(arguments.python, "kinder_worker.py") if is_remote else nullcontext()
-        with worker as kinder, arguments.out.open("a") as file:
+        packages = {task.partition("/")[0] for task in arguments.tasks if "/" in task}
+        if len(packages) > 1:
+            raise SystemExit(f"tasks of {' and '.join(sorted(packages))} need runs of their own: --python is one")
+        worker = Remote(arguments.python, f"{packages.pop()}_worker.py") if packages else nullcontext()
+        with worker as remote, arguments.out.open("a") as file:
             for seed in range(arguments.first, arguments.first + arguments.seeds):
                 for task in arguments.tasks:
                     if (task, seed) not in done:
-                        rows.append(episode(kinder, task, seed, arguments.steps))
+                        rows.append(episode(remote, task, seed, arguments.steps))
                         print(json.dumps(rows[-1]), file=file, flush=True)
     print("\n".join(table(rows)))
 
 
-def episode(kinder: Remote | None, id: str, seed: int, most: int) -> dict[str, Any]:
+def episode(remote: Remote | None, id: str, seed: int, most: int) -> dict[str, Any]:
     """One episode: what became of it, the CPU time [s] to the first plan, steps taken."""
     row: dict[str, Any] = {
         "task": id,
@@ -91,9 +95,9 @@ def episode(kinder: Remote | None, id: str, seed: int, most: int) -> dict[str, A
         "failure": "",
     }
     try:
-        task: Any = FetchTask(seed, id) if kinder is None else KinderTask(kinder, id, seed)
+        task, grasps = begin(remote, id, seed)
         config = ExpertConfig(planning_s=3600.0, with_floor=False)  # of wall time, on a busy machine
-        expert = TampExpert(task.world, grasps=DOWN if kinder is None else None, config=config)
+        expert = TampExpert(task.world, grasps=grasps, config=config)
         before = time.process_time()
         expert.reset()
     except SceneError as problem:
@@ -102,11 +106,11 @@ def episode(kinder: Remote | None, id: str, seed: int, most: int) -> dict[str, A
     while not (expert.done or task.world.is_over) and task.steps < most:
         task.world.step(expert.act())
         if (
-            kinder is not None and task.is_solved and not expert.phase
+            remote is not None and task.is_solved and not expert.phase
         ):  # at rest, and the environment's own check counts
             break
     report = expert.report
-    if kinder is None:
+    if remote is None:
         task.finish()
     return row | {
         "executed": report.executed or task.is_solved,
@@ -116,6 +120,16 @@ def episode(kinder: Remote | None, id: str, seed: int, most: int) -> dict[str, A
         "deviations": list(report.deviations),
         "steps": task.steps,
     }
+
+
+def begin(remote: Remote | None, id: str, seed: int) -> tuple[Any, Any]:
+    """An episode of the package that the id names, and the grasps for its robot."""
+    if remote is None:
+        return FetchTask(seed, id), DOWN
+    package, _, name = id.partition("/")
+    if package == "robosuite":
+        return RobosuiteTask(remote, name, seed), GRASPS
+    return KinderTask(remote, id, seed), None
 
 
 def table(rows: list[dict[str, Any]]) -> Iterator[str]:

@@ -116,6 +116,25 @@ CASES = {
         (-0.9, 0.0, 0.0),
         objects={"bottle": (0.0, 0.0, 0.9), "lemon": (0.1, 0.2, 0.85), "square-nut": (-0.1, -0.2, 0.83)},
     ),
+    "gymnasium-robotics push": Case(
+        "gym/fetch/push.xml",
+        "object0",
+        ("object0",),
+        "table0",
+        (0.55, 0.75, 0.0),
+        _FETCH,
+        {"object0": (1.2, 0.75, 0.425)},
+        robot="panda_mobile",
+    ),
+    "gymnasium-robotics manipulate_block": Case(
+        "gym/hand/manipulate_block.xml", "object", ("object",), "floor", (0.3, 0.87, 0.0), ("robot0:hand mount",)
+    ),
+    "gymnasium-robotics adroit_hammer": Case(
+        "gym/adroit_hand/adroit_hammer.xml", "Object", ("Object",), "table", (-1.0, 0.0, 0.0), ("forearm",)
+    ),
+    "dm_control manipulator": Case(
+        "dm_control/dm_control/suite/manipulator.xml", "ball", ("ball",), "floor", (-1.0, 0.0, 0.0), ("upper_arm",)
+    ),
     "dm_control stacker": Case(
         "dm_control/dm_control/suite/stacker.xml", "box0", ("box0",), "floor", (-1.0, 0.0, 0.0), ("upper_arm",)
     ),

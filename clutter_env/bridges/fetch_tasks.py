@@ -130,6 +130,18 @@ class FetchTask:
         return self.is_solved
 
 
+def reach(seed: int, id: str = "FetchReach-v4") -> bool:
+    """Whether an episode of FetchReach ends with success; it has no objects: its gripper goes straight to the goal."""
+    env = make(id)
+    observation, _ = env.reset(seed=seed)
+    is_over, info = False, {"is_success": False}
+    while not is_over:
+        ahead = (observation["desired_goal"] - observation["achieved_goal"]) / _SPEED
+        observation, _, terminated, truncated, info = env.step(np.append(np.clip(ahead, -1, 1), 0).astype(np.float32))
+        is_over = terminated or truncated
+    return bool(info["is_success"])
+
+
 def _pointing_down(position: Array, base: Array, start: Array) -> Array:
     """A configuration (8,) with the TCP at a position [m], straight down, near another, which may be off our limits."""
     links = FETCH.chain

@@ -138,7 +138,7 @@ def record(task: Task, env: gym.Env, expert: Expert, seed: int, options: Mapping
     """
     observation, info = env.reset(seed=seed, options=None if options is None else dict(options))
     begin_episode(expert, info, env)
-    observations, infos, states = [observation], [info], [_physics_state(env)]
+    observations, infos, states = [observation], [info], [physics_state(env)]
     actions: list[NDArray[np.float32]] = []
     rewards: list[float] = []
     skills: list[str] = []
@@ -153,7 +153,7 @@ def record(task: Task, env: gym.Env, expert: Expert, seed: int, options: Mapping
         rewards.append(float(reward))
         observations.append(observation)
         infos.append(info)
-        states.append(_physics_state(env))
+        states.append(physics_state(env))
     assert env.action_space.shape is not None
     return Episode(
         task=task,
@@ -177,7 +177,8 @@ def record(task: Task, env: gym.Env, expert: Expert, seed: int, options: Mapping
     )
 
 
-def _physics_state(env: gym.Env) -> NDArray[np.float64]:
+def physics_state(env: gym.Env) -> NDArray[np.float64]:
+    """(s,) MuJoCo's full physics state."""
     model, data = env.get_wrapper_attr("model"), env.get_wrapper_attr("data")
     state = np.empty(mujoco.mj_stateSize(model, PHYSICS_STATE))
     mujoco.mj_getState(model, data, state, PHYSICS_STATE)

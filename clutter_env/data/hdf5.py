@@ -12,12 +12,15 @@ from numpy.typing import NDArray
 
 from clutter_env.data.dataset import Dataset
 from clutter_env.data.episode import Episode
+from clutter_env.data.robomimic_env import GYM_TYPE
 from clutter_env.errors import DatasetError
 from clutter_env.reporting.files import written_atomically
+from clutter_env.version import version
 
-_GYM_TYPE = 2
-"""robomimic's number of Gymnasium environments (`EnvType.GYM_TYPE`)."""
-_ABOUT = "gymnasium.make(env_name, **env_kwargs) after import clutter_env; robomimic's own wrapper is for the older gym"
+_ABOUT = (
+    "gymnasium.make(env_name, **env_kwargs) after import clutter_env; robomimic's create_env_from_metadata works after "
+    "clutter_env.data.robomimic_env.register(), its own wrapper is for the older gym"
+)
 _VALID = 10
 """One of so many episodes is for validation."""
 _TEXT = h5py.string_dtype(encoding="utf-8")
@@ -28,7 +31,8 @@ def export_hdf5(dataset: Dataset, path: Path, robomimic: bool = False) -> Path:
 
     Ours has the groups episode_0, episode_1, … in the order of the seeds, each with everything that the episode's own
     file has. robomimic's has data/demo_0/{obs, next_obs, actions, …}; observations keep their names, the last `dones`
-    of an episode is 1, `mask/valid` names every tenth episode, `mask/train` the others.
+    of an episode is 1, `states` begin with the seed, or with -1 if the episode began from options; `mask/valid` names
+    every tenth episode, `mask/train` the others.
 
     Raises:
         DatasetError: the file exists, or the dataset is not complete.
@@ -45,7 +49,12 @@ def export_hdf5(dataset: Dataset, path: Path, robomimic: bool = False) -> Path:
                 total += len(episode)
             data.attrs["total"] = total
             data.attrs["env_args"] = json.dumps(
-                {"env_name": task.env_id, "type": _GYM_TYPE, "env_kwargs": dict(task.keywords)}
+                {
+                    "env_name": task.env_id,
+                    "type": GYM_TYPE,
+                    "env_version": version(),
+                    "env_kwargs": dict(task.keywords),
+                }
             )
             data.attrs["about"] = _ABOUT
             every, held_out = range(len(seeds)), slice(_VALID - 1, None, _VALID)
@@ -74,7 +83,7 @@ def _write_demo(group: h5py.Group, episode: Episode) -> None:
         "actions": episode.actions,
         "rewards": episode.rewards,
         "dones": dones,
-        "states": episode.states[:-1],
+        "states": np.insert(episode.states[:-1], 0, episode.seed if episode.options is None else -1, axis=1),
     }
     for name, values in episode.observations.items():
         arrays[f"obs/{name}"], arrays[f"next_obs/{name}"] = values[:-1], values[1:]

@@ -202,7 +202,10 @@ def _movable_ids(model: mujoco.MjModel, robot: RobotSpec, movable: Movable) -> l
         raise SceneError(f"movable is a collection of names or a predicate, not one string; use [{movable!r}]")
     unknown = [name for name in movable if name not in free]
     if unknown:
-        raise SceneError(f"no free body {', '.join(map(repr, unknown))}; free bodies: {', '.join(free) or 'none'}")
+        names = {model.body(body).name for body in range(1, model.nbody)} - {model.body(body).name for body in on_robot}
+        hint = "" if names.isdisjoint(unknown) else "; what can be moved has one <freejoint/> and no other joint"
+        known = ", ".join(free) or "none"
+        raise SceneError(f"no free body {', '.join(map(repr, unknown))}; free bodies: {known}{hint}")
     return [body for name, body in free.items() if name in movable]
 
 

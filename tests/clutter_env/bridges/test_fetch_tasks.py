@@ -21,3 +21,10 @@ def test_an_episode_ends_with_the_success_of_its_own_check(seed: int) -> None:
         task.world.step(expert.act())
     assert task.finish()
     assert task.steps == 50
+
+
+@pytest.mark.slow
+def test_the_gripper_reaches_a_point() -> None:
+    from clutter_env.bridges.fetch_tasks import reach
+
+    assert reach(seed=0)

@@ -95,3 +95,21 @@ def test_a_task_of_kinder_is_solved_by_its_own_check() -> None:
             task.world.step(expert.act())
         assert task.is_solved
         assert expert.report.scored
+
+
+@pytest.mark.slow
+@pytest.mark.skipif("ROBOSUITE_PYTHON" not in os.environ, reason="robosuite runs in an environment of its own")
+def test_a_task_of_robosuite_is_solved_by_its_own_check() -> None:
+    from clutter_env.bridges.robosuite_tasks import GRASPS, RobosuiteTask
+    from planners import TampExpert
+
+    with Remote(os.environ["ROBOSUITE_PYTHON"], "robosuite_worker.py") as robosuite:
+        with pytest.raises(BridgeError, match="there are Lift, Stack, PickPlace"):
+            RobosuiteTask(robosuite, "Door", seed=0)
+        task = RobosuiteTask(robosuite, "Lift", seed=0)
+        expert = TampExpert(task.world, grasps=GRASPS)
+        expert.reset()
+        while not (expert.done or task.world.is_over):
+            task.world.step(expert.act())
+        assert task.is_solved
+        assert expert.report.scored

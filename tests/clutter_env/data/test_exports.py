@@ -5,7 +5,11 @@ from __future__ import annotations
 import json
 import os
 import subprocess
+import sys
+from abc import ABC
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import h5py
 import numpy as np
@@ -19,6 +23,7 @@ from clutter_env.data.hdf5 import export_hdf5
 from clutter_env.data.lerobot import export_lerobot
 from clutter_env.data.minari import export_minari
 from clutter_env.data.replay import replay, with_images
+from clutter_env.data.robomimic_env import register
 from clutter_env.errors import DatasetError, LearningError
 from clutter_env.task import Task
 from tests.clutter_env.data.conftest import recorded, stored
@@ -205,8 +210,38 @@ def test_hdf5_has_our_layout_or_that_of_robomimic(dataset: Dataset, episodes: li
             np.testing.assert_array_equal(demo["actions"], episode.actions)
             np.testing.assert_array_equal(demo["obs/robot"], episode.observations["robot"][:-1])
             np.testing.assert_array_equal(demo["next_obs/objects"], episode.observations["objects"][1:])
+            np.testing.assert_array_equal(demo["states"][:, 0], episode.seed)
+            np.testing.assert_array_equal(demo["states"][:, 1:], episode.states[:-1])
             assert demo["dones"][:].sum() == demo["dones"][-1] == 1
             assert len(demo["states"]) == len(demo["rewards"]) == len(episode)
+
+
+def test_robomimic_plays_a_demonstration_in_our_environment(
+    dataset: Dataset, episodes: list[Episode], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With a stand-in for robomimic: its own wrapper is replaced, and its `isinstance` finds an environment."""
+    base: Any = ModuleType("robomimic.envs.env_base")
+    base.EnvBase = type("EnvBase", (ABC,), {})
+    monkeypatch.setitem(sys.modules, "robomimic.envs.env_base", None)
+    with pytest.raises(LearningError, match="not installed"):
+        register()
+    monkeypatch.setitem(sys.modules, "robomimic.envs.env_base", base)
+    monkeypatch.setitem(sys.modules, "robomimic.envs.env_gym", None)
+    register()
+    with h5py.File(export_hdf5(dataset, tmp_path / "demo.hdf5", robomimic=True), "r") as file:
+        metadata = json.loads(file["data"].attrs["env_args"])
+        states, actions = (file[f"data/demo_0/{name}"][:] for name in ("states", "actions"))
+    env = sys.modules["robomimic.envs.env_gym"].EnvGym(metadata["env_name"], **metadata["env_kwargs"])
+    assert isinstance(env, base.EnvBase)
+    assert env.serialize() == metadata
+    first = env.reset_to({"states": states[0]})
+    np.testing.assert_array_equal(first["objects"], episodes[0].observations["objects"][0])
+    for action in actions:
+        env.step(action)
+    assert env.is_success() == {"task": True}
+    assert env.get_reward() == episodes[0].rewards[-1]
+    with pytest.raises(LearningError, match="only the first state"):
+        env.reset_to({"states": states[1]})
 
 
 def test_nothing_is_written_over(dataset: Dataset, tmp_path: Path) -> None:

@@ -164,7 +164,11 @@ LID = '<body name="pot" pos="2 0 1"><freejoint/><geom size="0.1"/><body><joint/>
         ),
         (GHOST, ("ghost",), "'ghost' has no geom that can touch.*static obstacle"),
         (LID, ("pot",), "'pot' has joints"),
-        ("", ("table",), "no free body 'table'; free bodies: can, box_a, box_b"),
+        (
+            "",
+            ("table",),
+            "no free body 'table'; free bodies: can, box_a, box_b; what can be moved has one <freejoint/>",
+        ),
         ("", "can", r"use \['can'\]"),
         ("", ("base_link",), "no free body"),
     ],

@@ -1,0 +1,184 @@
+"""robosuite's tasks for one arm, solved through their own `step` and its default controller.
+
+with Remote("venv-robosuite/bin/python", "robosuite_worker.py") as robosuite:
+    task = RobosuiteTask(robosuite, "PickPlace", seed=0)
+    expert = TampExpert(task.world, grasps=GRASPS)
+    expert.reset()
+    while not (expert.done or task.world.is_over):
+        task.world.step(expert.act())
+    print(expert.report, task.is_solved)
+
+The action of the default controller moves the gripper: how the arm follows is the controller's to say. So the poses of
+the TCP are played, and a plan may begin wherever the arm is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+import assets
+from clutter_env.bridges.remote import BridgeError, Remote
+from planners import ControlledWorld, GraspFamily, Region, RobotState, Scene, goals, insert_robot, tcp_pose
+
+Array = NDArray[np.float64]
+
+_OPENING = 0.08
+"""[m] of the Panda's gripper."""
+_STILL = 0.004
+"""[m] by which the gripper's opening may differ from the one wanted, before it is moved."""
+_STEPS = 10
+"""Of the environment in which its gripper opens or closes all the way."""
+GRASPS = tuple(
+    GraspFamily(f"{pitch}°, {1000 * depth:.0f} mm deep", np.radians(pitch), depth=depth)
+    for pitch, depth in ((90, 0.02), (90, 0.01), (75, 0.02), (70, 0.01), (60, 0.01), (50, 0.01))
+)
+"""Down, where that is possible. The can's compartment of PickPlace is out of reach, but for a tilted gripper that holds
+the can at its top, above the walls."""
+_ARM = (0.17, 0.5)
+"""[m] x, z of our Panda's arm on its base, with the lift down."""
+_COMPARTMENTS = {
+    "Milk_main": (-0.1, -0.125, 0.09, 0.115),
+    "Bread_main": (0.1, -0.125, 0.09, 0.115),
+    "Cereal_main": (-0.1, 0.125, 0.09, 0.115),
+    "Can_main": (0.055, 0.075, 0.045, 0.065),  # the part within reach
+}
+"""[m] x, y from the middle of PickPlace's second bin, and half extents, between walls: where each object is to be."""
+_SETTLE = 10
+"""Steps in which objects come to rest: they begin above the table, and some in each other."""
+_TASKS = {
+    "Lift": (("table",), goals.holding("cube_main")),
+    "Stack": (("table",), goals.on("cubeA_main", "cubeB_main")),
+    "PickPlace": (("bin1", "bin2"), goals.and_(*(goals.inside(name, f"for {name}") for name in _COMPARTMENTS))),
+}
+"""By task: on what objects may be put, the first is where they stand, and what is wanted."""
+
+
+class RobosuiteTask:
+    """One episode of Lift, Stack or PickPlace (all four objects): a `Controller`, and the world to plan in.
+
+    Attributes:
+        world: for `TampExpert`; its goal is that of the task.
+        dt: [s] of one step.
+        done: the time is up.
+        is_solved: what the environment's own check said after the last step.
+        steps: taken so far, of `horizon`.
+    """
+
+    dt = 0.05
+
+    def __init__(self, robosuite: Remote, id: str, seed: int, robot: str = "Panda") -> None:
+        """Reset the environment.
+
+        Raises:
+            BridgeError: the task is none of those above, or robosuite does not have the robot.
+        """
+        if id not in _TASKS:
+            raise BridgeError(f"no goal is known for {id!r}; there are {', '.join(_TASKS)}")
+        self._robosuite, self.steps = robosuite, 0
+        start = robosuite("reset", id=id, robot=robot, seed=seed)
+        x, y, z = start["base"]
+        home = (z - _ARM[1], *start["home"])
+        self.robot = replace(assets.robot("panda_mobile").fixed(), home=home, plans_torso=False)
+        self._base, self._lift = np.array([x - _ARM[0], y, 0.0]), home[:1]
+        model = insert_robot(_simple(start["xml"]), self.robot, self._base, without=[start["root"]])
+        joints = start["joints"]
+        free = [model.joint(int(k)) for k in np.flatnonzero(model.jnt_type == 0)]
+        self._objects = [(joints[joint.name], int(joint.qposadr[0])) for joint in free]
+        self._arm = [joints[name] for name in start["arm"]]
+        self._columns = [model.joint(name).qposadr[0] for name in self.robot.arm_joints]
+        self._theirs = [joints[name] for name in start["fingers"]]
+        self._fingers = [model.joint(name).qposadr[0] for name in self.robot.finger_joints]
+        self._most, self._lag, self.horizon = np.array(start["most"]), start["lag"], start["horizon"]
+        self._qpos = model.qpos0.copy()
+        self._qpos[model.joint(self.robot.torso_joint).qposadr[0]] = home[0]
+        self._read(start)
+        for _ in range(_SETTLE):
+            self._step(np.zeros(6), 0.0)
+        self._commanded, self._wanted = _OPENING / 2, self._tcp()
+        supports, goal = _TASKS[id]
+        movable = [model.body(int(joint.bodyid[0])).name for joint in free]
+        self.world = ControlledWorld(
+            self, model, self.robot, movable=movable, support=supports[0], more_supports=supports[1:], goal=goal
+        )
+        if id == "PickPlace":
+            self.world.regions = _compartments(self.world)
+
+    def _read(self, answer: dict[str, Any]) -> None:
+        self._state = np.array(answer["qpos"])
+        self._opening = float(np.ptp(self._state[self._theirs]))
+        self.is_solved, self.done = answer["is_success"], answer["done"]
+
+    def _tcp(self) -> Array:
+        q = np.append(self._lift, self._state[self._arm])
+        return tcp_pose(self.robot, RobotState(self._base, q, 0.0))
+
+    def observe(self) -> Array:
+        """(nq,) joint positions in our model."""
+        for theirs, ours in self._objects:
+            self._qpos[ours : ours + 7] = self._state[theirs : theirs + 7]
+        self._qpos[self._columns] = self._state[self._arm]
+        self._qpos[self._fingers] = self.robot.finger_position(self._opening)
+        return self._qpos
+
+    def act(self, configuration: Array, opening: float) -> None:
+        """One step of the environment: towards a pose of the gripper, and ahead of it by as much as it stays behind."""
+        wanted = tcp_pose(self.robot, RobotState(configuration[:3], configuration[3:], 0.0))
+        action = (_change(self._tcp(), wanted) + self._lag / self.dt * _change(self._wanted, wanted)) / self._most
+        for part in (action[:3], action[3:]):  # slower, but in the same direction
+            part /= max(1.0, float(np.abs(part).max()))
+        self._wanted = wanted
+        self._step(action, self._grip(opening))
+
+    def _step(self, action: Array, grip: float) -> None:
+        self._read(self._robosuite("step", action=[*action, grip]))
+        self.steps += 1
+
+    def _grip(self, opening: float) -> float:
+        """-1 opens the gripper by a tenth, 1 closes it, 0 leaves it; what is held is pressed."""
+        holds = self._commanded == 0 and opening < self._opening + _STILL
+        if opening < _STILL or holds:
+            way = 1.0
+        else:
+            way = float(np.sign(self._commanded - opening)) if abs(self._commanded - opening) > _STILL else 0.0
+        self._commanded = float(np.clip(self._commanded - way * _OPENING / _STEPS, 0.0, _OPENING))
+        return way
+
+
+def _change(start: Array, end: Array) -> Array:
+    """(6,) from one pose to another, in the world: [m], and a rotation vector [rad]."""
+    turn = Rotation.from_matrix(end[:3, :3] @ start[:3, :3].T).as_rotvec()
+    return np.concatenate((end[:3, 3] - start[:3, 3], turn))
+
+
+def _simple(xml: str) -> mujoco.MjSpec:
+    """A scene in which a movable mesh is the box around it, a can a cylinder: how deep grasps are can then be said."""
+    spec = mujoco.MjSpec.from_string(xml)
+    spec.compiler.fitaabb = True
+    for body in spec.bodies:
+        if any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in body.joints):
+            for geom in (one for one in body.geoms if one.type == mujoco.mjtGeom.mjGEOM_MESH):
+                is_round = body.name.startswith("Can")
+                geom.type = mujoco.mjtGeom.mjGEOM_CYLINDER if is_round else mujoco.mjtGeom.mjGEOM_BOX
+    return spec
+
+
+def _compartments(world: ControlledWorld) -> tuple[Region, ...]:
+    x, y = world.model.body("bin2").pos[:2]
+    scene = Scene.from_mujoco(
+        world.model,
+        world.data,
+        world.robot,
+        movable=world.object_names,
+        support=world.support_name,
+        more_supports=world.more_supports,
+    )
+    return tuple(
+        Region(f"for {name}", scene.supports[1], (x + away[0], y + away[1]), away[2:])
+        for name, away in _COMPARTMENTS.items()
+    )

@@ -1,0 +1,154 @@
+"""Our environments for robomimic, whose own wrapper is for the older `gym`.
+
+from clutter_env.data.robomimic_env import register
+
+register()
+metadata = FileUtils.get_env_metadata_from_dataset("demo.hdf5")  # of `clutter-env export --to robomimic`
+env = EnvUtils.create_env_from_metadata(metadata)
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Mapping
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clutter_env.data.episode import physics_state
+from clutter_env.errors import LearningError
+from clutter_env.task import Task
+from clutter_env.version import version
+
+GYM_TYPE = 2
+"""robomimic's number of Gymnasium environments (`EnvType.GYM_TYPE`)."""
+_WRAPPER = "robomimic.envs.env_gym"
+
+
+class RobomimicEnv:
+    """An environment with the methods of robomimic's `EnvBase`: `rollout` and the scripts for datasets can use it.
+
+    Observations keep their names. An episode is done when time is up; `rollout` ends it at success.
+    """
+
+    rollout_exceptions = ()
+    type = GYM_TYPE
+
+    def __init__(
+        self,
+        env_name: str,
+        render: bool = False,
+        render_offscreen: bool = False,
+        use_image_obs: bool = False,
+        postprocess_visual_obs: bool = True,  # noqa: ARG002  robomimic gives it
+        **keywords: Any,
+    ) -> None:
+        """Make the environment of that id.
+
+        Raises:
+            UnknownTask: no environment of that id, or not with these keyword arguments.
+            LearningError: images are asked for: they are part of our observations, `env_kwargs` says so.
+        """
+        if use_image_obs and keywords.get("obs_mode") != "rgbd":
+            raise LearningError(f'{env_name} was recorded without images; collect with obs_mode="rgbd"')
+        self.name, self._keywords = env_name, keywords
+        drawn = {"render_mode": "rgb_array"} if render or render_offscreen else {}
+        self.env = Task(env_name, {**keywords, **drawn}).make()
+        assert self.env.action_space.shape is not None
+        self.action_dimension = self.env.action_space.shape[0]
+
+    @property
+    def version(self) -> str:
+        """Of this package; robomimic compares it with that of the metadata."""
+        return version()
+
+    def reset(self, seed: int | None = None) -> dict[str, NDArray[Any]]:
+        """The first observation of an episode, a new one or that of a seed."""
+        self._seed = int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed
+        observation, self._info = self.env.reset(seed=self._seed)
+        return self._seen(observation, 0.0, False)
+
+    def step(self, action: NDArray[Any]) -> tuple[dict[str, NDArray[Any]], float, bool, dict[str, Any]]:
+        """Observation, reward, whether the episode is over, info."""
+        observation, reward, terminated, truncated, self._info = self.env.step(action)
+        return self._seen(observation, float(reward), terminated or truncated), self._reward, self._done, self._info
+
+    def _seen(self, observation: Mapping[str, Any], reward: float, done: bool) -> dict[str, NDArray[Any]]:
+        self._observation = {name: np.asarray(value) for name, value in observation.items()}
+        self._reward, self._done = reward, done
+        return dict(self._observation)
+
+    def reset_to(self, state: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+        """Begin at the first row of a demonstration's `states`: a seed and MuJoCo's state.
+
+        Raises:
+            LearningError: a later row, which lacks what else an episode consists of (play the actions), or the first
+                one of an episode that did not begin in the scene of a seed.
+        """
+        row = np.asarray(state["states"], dtype=float)
+        observation = self.reset(seed=max(int(row[0]), 0))
+        if not np.array_equal(row, self.get_state()["states"]):
+            raise LearningError("only the first state of an episode that began from a seed can be returned to")
+        return observation
+
+    def get_state(self) -> dict[str, NDArray[np.float64]]:
+        """Seed and MuJoCo's state, which `reset_to` takes at the beginning of an episode."""
+        return {"states": np.append(float(self._seed), physics_state(self.env))}
+
+    def render(self, *_: Any, **__: Any) -> Any:
+        """The picture of the environment's own camera, (height, width, 3) uint8."""
+        return self.env.render()
+
+    def get_observation(self) -> dict[str, NDArray[Any]]:
+        """The last observation."""
+        return dict(self._observation)
+
+    def get_reward(self) -> float:
+        """Of the last step."""
+        return self._reward
+
+    def get_goal(self) -> dict[str, NDArray[Any]]:
+        """The goal is a part of the observation."""
+        return dict(self._observation)
+
+    def set_goal(self, **_: Any) -> None:
+        """Raises `LearningError`: goals are those of the seed."""
+        raise LearningError("the goal of an episode is that of its seed")
+
+    def is_done(self) -> bool:
+        """Whether the episode is over."""
+        return self._done
+
+    def is_success(self) -> dict[str, bool]:
+        """Under "task" what the environment says."""
+        return {"task": bool(self._info["is_success"])}
+
+    def serialize(self) -> dict[str, Any]:
+        """The metadata of which `create_env_from_metadata` makes this environment again."""
+        return {"env_name": self.name, "type": GYM_TYPE, "env_version": self.version, "env_kwargs": self._keywords}
+
+    @classmethod
+    def create_for_data_processing(cls, env_name: str, *_: Any, **keywords: Any) -> RobomimicEnv:
+        """An environment for robomimic's scripts; sizes of cameras and the kind of reward are the dataset's own."""
+        for name in ("camera_names", "camera_height", "camera_width", "reward_shaping"):
+            keywords.pop(name, None)
+        return cls(env_name, **keywords)
+
+
+def register() -> None:
+    """Let robomimic make our environments of a dataset's metadata, in this process, in place of those of the older gym.
+
+    Raises:
+        LearningError: robomimic is not installed.
+    """
+    try:
+        base: Any = importlib.import_module("robomimic.envs.env_base")
+    except ImportError as error:
+        raise LearningError("robomimic is not installed") from error
+    base.EnvBase.register(RobomimicEnv)
+    module: Any = ModuleType(_WRAPPER)
+    module.EnvGym = RobomimicEnv
+    sys.modules[_WRAPPER] = module
