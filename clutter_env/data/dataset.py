@@ -11,9 +11,9 @@ that have an episode: the same set for every number of processes and of interrup
 
 from __future__ import annotations
 
-import fcntl
 import json
 import logging
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -97,8 +97,15 @@ class Dataset:
         """
         with (self.directory / ".lock").open("w") as file:
             try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
+                if sys.platform == "win32":
+                    import msvcrt
+
+                    msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+                else:
+                    import fcntl
+
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except (BlockingIOError, PermissionError):  # the second on Windows
                 raise DatasetError(f"another process is collecting into {self.directory}") from None
             yield
 
