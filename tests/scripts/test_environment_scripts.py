@@ -56,4 +56,4 @@ def test_layouts_are_rendered_side_by_side(tmp_path: Path) -> None:
     ]
     assert not np.array_equal(*images)
     save_images([*images, *images, images[1]], tmp_path / "new" / "layouts.png")
-    assert Image.open(tmp_path / "new" / "layouts.png").size == (4 * 48 + 3 * 8, 2 * 72 + 8)
+    assert Image.open(tmp_path / "new" / "layouts.png").size == (4 * 48 + 3 * 8, 2 * 60 + 8)
