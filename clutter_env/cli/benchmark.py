@@ -36,6 +36,10 @@ class Arguments:
     """Table and surroundings."""
     control_mode: str = "joint"
     """Meaning of the actions: "joint" or "ee"."""
+    object_set: str = "standard"
+    """Sizes, masses and shapes of the objects."""
+    reality: float = 0.0
+    """Value of the reality dial."""
     seed: int = 0
     """Random seed of scenes and actions."""
     json: Path | None = None
@@ -47,6 +51,9 @@ class Arguments:
         if not self.objects:
             raise ValueError("--objects needs at least one value")
 
+
+_ENVIRONMENT = ("layout", "control_mode", "object_set", "reality")
+"""The arguments that the environment has too."""
 
 Measurement = dict[str, float | None]
 """One row of the table. Times are of the CPU but for `frames_per_s`, in wall-clock time; it is None without OpenGL.
@@ -71,7 +78,7 @@ def run(arguments: Arguments) -> None:
     print(speed_table(rows), end="")
     if arguments.json is not None:
         about = {"python": platform.python_version(), "mujoco": mujoco.__version__, "machine": platform.machine()}
-        settings = {name: getattr(arguments, name) for name in ("steps", "layout", "control_mode", "seed")}
+        settings = {name: getattr(arguments, name) for name in (*_ENVIRONMENT, "steps", "seed")}
         write_json(arguments.json, {"about": about, "settings": settings, "rows": rows})
 
 
@@ -81,9 +88,8 @@ def measure(objects: int, arguments: Arguments) -> Measurement:
     from statistics import median
 
     from clutter_env.config import PHYSICS_STEPS
-    from clutter_env.envs.retrieve import RetrieveEnv
 
-    env = RetrieveEnv(num_objects=objects, layout=arguments.layout, control_mode=arguments.control_mode)
+    env = _environment(objects, arguments)
     step_s, physics_s = time_steps(env, arguments.steps, arguments.seed)
     resets_s = []
     for seed in range(RESETS):
@@ -100,6 +106,13 @@ def measure(objects: int, arguments: Arguments) -> Measurement:
         "memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         "frames_per_s": frames_per_second(objects, arguments),
     }
+
+
+def _environment(objects: int, arguments: Arguments, render_mode: str | None = None) -> RetrieveEnv:
+    from clutter_env.envs.retrieve import RetrieveEnv
+
+    keywords = {name: getattr(arguments, name) for name in _ENVIRONMENT}
+    return RetrieveEnv(num_objects=objects, render_mode=render_mode, **keywords)
 
 
 def time_steps(env: RetrieveEnv, steps: int, seed: int) -> tuple[float, float]:
@@ -140,10 +153,9 @@ def timed_physics(clock: Callable[[], float]) -> Iterator[SimpleNamespace]:
 
 def frames_per_second(objects: int, arguments: Arguments) -> float | None:
     """Images of 480 × 480 per second of wall-clock time, None without OpenGL."""
-    from clutter_env.envs.retrieve import RetrieveEnv
     from clutter_env.errors import RenderingUnavailable
 
-    env = RetrieveEnv(num_objects=objects, layout=arguments.layout, render_mode="rgb_array")
+    env = _environment(objects, arguments, "rgb_array")
     env.reset(seed=arguments.seed)
     try:
         env.render()
