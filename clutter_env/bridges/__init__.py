@@ -1,1 +1,1 @@
-"""Other people's environments, solved by the planner through their own `step` and scored by their own check."""
+"""Other people's environments, solved by the planner and scored by their own check; ours, as LeRobot sees them."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import tempfile
 from pathlib import Path
@@ -17,6 +18,11 @@ _LINES = 40
 
 class BridgeError(ClutterEnvError):
     """Somebody's environment cannot be used: it cannot be started, has raised something, or asks for the impossible."""
+
+
+def _without_our_packages() -> dict[str, str]:
+    """The environment variables, without those that would make another interpreter import this one's packages."""
+    return {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
 
 
 class Remote:
@@ -38,6 +44,7 @@ class Remote:
                 stdout=subprocess.PIPE,
                 stderr=self._errors,
                 text=True,
+                env=_without_our_packages(),
             )
         except OSError as problem:
             raise BridgeError(f"{self._name} cannot be started: {problem}") from problem

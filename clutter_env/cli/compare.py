@@ -51,6 +51,8 @@ class Arguments:
     """Address of Ray ("auto", "local", …): play there instead of in processes of this machine."""
     trust: bool = False
     """Load models of Stable-Baselines3 (ALGORITHM:FILE.zip), which executes code that is in the file."""
+    python: str = ""
+    """For lerobot:DIRECTORY: the interpreter of an environment in which LeRobot is installed."""
     seed: int = 0
     """Random seed of the random policies and of the bootstrap."""
     out: Path = Path("outputs/compare")
@@ -94,7 +96,8 @@ def play(arguments: Arguments) -> list[Row]:
     count = 50 if arguments.scenes is None else arguments.scenes
     sets = [SceneSet(name, arguments.split, count=arguments.scenes) for name in arguments.suites]
     sets += [SceneSet(env_id=name, obstructed=obstructed, count=count) for name in arguments.envs]
-    comparison = Comparison(sets, arguments.policies, arguments.seed, arguments.feasibility, arguments.trust)
+    options = {name: getattr(arguments, name) for name in ("seed", "feasibility", "trust", "python")}
+    comparison = Comparison(sets, arguments.policies, **options)
     records, total = ResultRecords(arguments.out / "results.jsonl"), comparison.num_episodes
     chosen = {name: getattr(arguments, name) for name in ("workers", "ray", "count_crashes")}
     with progress_bar(total=total, unit="episode", seconds=EPISODE_S * total / arguments.workers) as bar:

@@ -24,7 +24,8 @@ class Arguments:
     """lookahead, ngr, dogar, srivastava, canonical: the expert with side grasps, or, as lookahead-all, …, with all
     grasps; keyframes, keyframes-all, keyframes-shelf (learned decisions and motions); greedy, random-skills,
     direct-approach, scripted, random; for other scenes reach, pick, armreach and armpick; the directory of a training
-    run; module:Class; or, with --trust, a model of Stable-Baselines3 as ALGORITHM:FILE.zip."""
+    run; module:Class; lerobot:DIRECTORY, a checkpoint of LeRobot; or, with --trust, a model of Stable-Baselines3 as
+    ALGORITHM:FILE.zip."""
     split: str = "test"
     """"test" for results to report, "validation" to tune a policy."""
     scenes: int | None = None
@@ -41,6 +42,8 @@ class Arguments:
     """For policies that act by skills: whether skills without a free grasp are refused, or tried all the same."""
     trust: bool = False
     """Load models of Stable-Baselines3 (ALGORITHM:FILE.zip), which executes code that is in the file."""
+    python: str = ""
+    """For lerobot:DIRECTORY: the interpreter of an environment in which LeRobot is installed."""
     json: Path | None = None
     """The results file; outputs/evaluate/SUITE_POLICY.json if not given."""
 
@@ -55,7 +58,7 @@ def run(arguments: Arguments) -> None:
 
     scenes = SceneSet(arguments.suite, arguments.split, count=arguments.scenes)
     count = len(scenes.scenes)
-    names = ("seed", "feasibility", "trust", "workers", "ray", "count_crashes")
+    names = ("seed", "feasibility", "trust", "python", "workers", "ray", "count_crashes")
     chosen = {name: getattr(arguments, name) for name in names}
     with progress_bar(total=count, unit="episode", seconds=EPISODE_S * count / arguments.workers) as bar:
         evaluation = evaluate(arguments.policy, scenes, tick=bar.update, **chosen)

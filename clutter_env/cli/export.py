@@ -25,6 +25,10 @@ class Arguments:
     """Directory that `clutter-env collect` made."""
     out: Path | None = None
     """Where to write; without it outputs/exports/FORMAT, and ….hdf5 for a file. It must not exist."""
+    observations: Literal["images", "state", "environment_state", ""] = ""
+    """What policies see that learn from it, for LeRobot: "images", with the robot's own state, without exact poses;
+    "state", one vector of everything; "environment_state", the robot's state, and apart from it all poses. Empty for
+    "images" where there are any, else "environment_state"."""
     image_size: int = 0
     """Pixels along each side of camera images, for LeRobot, rendered from the episodes' states; 0: those collected."""
     workers: int = 2
@@ -43,9 +47,10 @@ def run(arguments: Arguments) -> None:
     from clutter_env.reporting.files import write_json
     from clutter_env.reporting.progress import progress_bar
 
-    if arguments.image_size and arguments.to != "lerobot":
+    if (arguments.image_size or arguments.observations) and arguments.to != "lerobot":
         raise LearningError(
-            f"--image-size is for --to lerobot; for {arguments.to} collect images: clutter-env collect --obs-mode rgbd"
+            f"--image-size and --observations are for --to lerobot; for {arguments.to} collect images: clutter-env "
+            "collect --obs-mode rgbd"
         )
     dataset = Dataset(arguments.demos)
     episodes = len(dataset)
@@ -55,7 +60,9 @@ def run(arguments: Arguments) -> None:
     if arguments.to == "lerobot":
         seconds = _EPISODE_S[arguments.image_size > 0] * episodes / arguments.workers
         with progress_bar(total=episodes, unit="episode", seconds=seconds) as bar:
-            path = export_lerobot(dataset, out, arguments.image_size, arguments.workers, bar.update)
+            path = export_lerobot(
+                dataset, out, arguments.image_size, arguments.workers, bar.update, arguments.observations
+            )
     elif arguments.to == "minari":
         path = export_minari(dataset, out)
     else:

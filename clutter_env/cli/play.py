@@ -28,6 +28,8 @@ class Arguments:
     """Only targets that no side grasp reaches without moving something."""
     trust: bool = False
     """Load models of Stable-Baselines3 (ALGORITHM:FILE.zip), which executes code that is in the file."""
+    python: str = ""
+    """For lerobot:DIRECTORY: the interpreter of an environment in which LeRobot is installed."""
     film: Path | None = None
     """Write a film to this file, its ending is added; without it, a window, or on a machine without a display a film in
     outputs/play."""
@@ -55,7 +57,7 @@ def run(arguments: Arguments) -> None:
         path = Path("outputs/play") / f"{policy_name}-{arguments.objects}-{arguments.seed}"
     keywords = {"layout": arguments.layout, "obstructed": arguments.obstructed}
     scene: Any = SeededScene(env_id, {name: value for name, value in keywords.items() if value}, arguments.seed)
-    policy = load_policy(arguments.policy, seed=0, trust=arguments.trust)
+    policy = load_policy(arguments.policy, seed=0, trust=arguments.trust, python=arguments.python)
     traits = PolicyTraits.of(policy)
     scene = scene_for(scene, traits.acts_by_skills, "oracle")
     env = scene.make(render_mode="human" if path is None else "rgb_array", **traits.env_keywords)

@@ -11,21 +11,23 @@ from __future__ import annotations
 
 import importlib
 import json
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 from numpy.typing import NDArray
 
+from clutter_env.bridges.hub import OBSERVATIONS, TASKS, image_entries, joined, number_groups
 from clutter_env.data.dataset import Dataset
 from clutter_env.data.episode import Episode
 from clutter_env.data.episode_file import read_episode
-from clutter_env.data.hub import TASKS, agent_entries, environment_entries, image_entries
 from clutter_env.data.replay import with_images
-from clutter_env.errors import DatasetError, LearningError, missing_extra
+from clutter_env.errors import DatasetError, LearningError, check_choice, missing_extra
 from clutter_env.parallel import Crash, Killed, run_jobs
 from clutter_env.rendering.film import CODEC, PIXELS, Video
 from clutter_env.reporting.files import write_json, written_atomically
@@ -37,13 +39,21 @@ _FILE = "chunk-000/file-000"
 _FIRST = {"chunk_index": 0, "file_index": 0}
 _INDEX = "__index_level_0__"
 """pandas' name of a column that is the index of a table and has no name."""
+_FEATURES = {"agent_pos": "observation.state", "environment_state": "observation.environment_state"}
 _QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
+_VECTORS = 2
+"""Dimensions of the vectors of all steps; images have four, and depth has three."""
 _FRAMES = 50
 """Images of an episode that count at most in statistics, spread evenly."""
 
 
 def export_lerobot(
-    dataset: Dataset, directory: Path, image_size: int = 0, workers: int = 1, tick: Callable[[], object] = lambda: None
+    dataset: Dataset,
+    directory: Path,
+    image_size: int = 0,
+    workers: int = 1,
+    tick: Callable[[], object] = lambda: None,
+    observations: str = "",
 ) -> Path:
     """Write the dataset; the directory.
 
@@ -53,18 +63,45 @@ def export_lerobot(
         image_size: [pixels] of camera images that are rendered for episodes without any; 0 for none.
         workers: how many processes render at a time; with one it is this process.
         tick: called after each episode.
+        observations: one of `OBSERVATIONS`, what policies that learn from it see; "" for "images" where there are any,
+            else "environment_state".
 
     Raises:
-        DatasetError: the directory exists, or the dataset is not complete.
+        DatasetError: the directory exists, or the dataset is not complete; or images are wanted, and there are none.
         LearningError: pyarrow, or for images PyAV, is not installed; an odd image size; a renderer failed.
         RenderingUnavailable: images are to be rendered by this process, and this machine cannot render.
     """
     if directory.exists():
         raise DatasetError(f"{directory} exists; choose another directory or remove it")
+    has_images = bool(image_size or dataset.identity.get("image_size"))
+    observations = observations or ("images" if has_images else "environment_state")
+    check_choice("observations", observations, OBSERVATIONS)
+    if observations == "images" and not has_images:
+        raise DatasetError(f"{dataset.directory} was collected without images; render them with --image-size")
+    found = _with_images(dataset, image_size if observations == "images" else 0, workers)
     with written_atomically(directory) as part:
         part.mkdir(parents=True)
-        _write(dataset, part, _with_images(dataset, image_size, workers), tick)
+        _write(dataset, part, _shown(dataset, found, observations), observations, tick)
     return directory
+
+
+def _shown(dataset: Dataset, found: Iterator[Episode], observations: str) -> Iterator[Episode]:
+    """The episodes as policies see them: with images, only the numbers that the environment shows with them."""
+    if observations != "images":
+        for episode in found:
+            entries = episode.observations.items()
+            yield replace(episode, observations={name: values for name, values in entries if values.ndim == _VECTORS})
+        return
+    with closing(dataset.task.make(obs_mode="rgbd")) as env:
+        assert isinstance(env.observation_space, spaces.Dict)
+        shown = env.observation_space.spaces
+    for episode in found:
+        own = {name: values for name, values in episode.observations.items() if name in shown}
+        # The entry "observation" of goal environments ends with the objects, where they are not left to the images.
+        cut = {
+            name: values[:, : (shown[name].shape or (0,))[0]] for name, values in own.items() if values.ndim == _VECTORS
+        }
+        yield replace(episode, observations={**own, **cut})
 
 
 def _with_images(dataset: Dataset, image_size: int, workers: int) -> Iterator[Episode]:
@@ -89,7 +126,9 @@ def _seen(path: Path, image_size: int) -> Episode:
     return with_images(episode, image_size) if image_size and not image_entries(episode.observations) else episode
 
 
-def _write(dataset: Dataset, directory: Path, found: Iterator[Episode], tick: Callable[[], object]) -> None:
+def _write(
+    dataset: Dataset, directory: Path, found: Iterator[Episode], observations: str, tick: Callable[[], object]
+) -> None:
     try:
         arrow, parquet = (importlib.import_module(name) for name in ("pyarrow", "pyarrow.parquet"))
     except ModuleNotFoundError as problem:
@@ -105,8 +144,8 @@ def _write(dataset: Dataset, directory: Path, found: Iterator[Episode], tick: Ca
     videos: dict[str, Video] = {}
     with ExitStack() as stack:
         for index, episode in enumerate(found):
-            features = features or _features(episode, fps)
-            columns = _columns(episode, index, first, fps)
+            features = features or _features(episode, observations, fps)
+            columns = _columns(episode, observations, index, first, fps)
             line: dict[str, Any] = {
                 "episode_index": index,
                 "tasks": [task],
@@ -167,19 +206,18 @@ def _write(dataset: Dataset, directory: Path, found: Iterator[Episode], tick: Ca
         "features": features,
     }
     write_json(directory / "meta/info.json", info)
-    write_json(directory / "meta/clutter_env.json", dataset.identity)  # LeRobot has no place for it
+    identity = {**dataset.identity, "observations": observations}
+    write_json(directory / "meta/clutter_env.json", identity)  # LeRobot has no place for it
     write_json(directory / "meta/stats.json", {name: _all_statistics(parts) for name, parts in statistics.items()})
 
 
-def _columns(episode: Episode, index: int, first: int, fps: int) -> dict[str, NDArray[Any]]:
+def _columns(episode: Episode, observations: str, index: int, first: int, fps: int) -> dict[str, NDArray[Any]]:
     """The numbers of an episode, T rows each, by the name of the feature."""
     steps = len(episode)
     frame = np.arange(steps, dtype=np.int64)
     parts = {name: values[:-1] for name, values in episode.observations.items()}
-    found = {"observation.state": _joined(parts, agent_entries(parts))}
-    if environment := environment_entries(parts):
-        found["observation.environment_state"] = _joined(parts, environment)
-    return found | {
+    groups = number_groups(parts, observations).items()
+    return {_FEATURES[key]: joined(parts, names) for key, names in groups if names} | {
         "action": episode.actions.astype(np.float32),
         "next.reward": episode.rewards.astype(np.float32),
         "next.done": frame == steps - 1,
@@ -192,24 +230,20 @@ def _columns(episode: Episode, index: int, first: int, fps: int) -> dict[str, ND
     }
 
 
-def _joined(parts: Mapping[str, NDArray[Any]], names: list[str]) -> NDArray[np.float32]:
-    return np.concatenate([parts[name].reshape(len(parts[name]), -1) for name in names], axis=1).astype(np.float32)
-
-
-def _features(episode: Episode, fps: int) -> dict[str, dict[str, Any]]:
+def _features(episode: Episode, observations: str, fps: int) -> dict[str, dict[str, Any]]:
     """LeRobot's features: type, shape and names of every column and every video."""
 
     def column_names(entries: list[str]) -> list[str]:
-        return [f"{entry}.{name}" for entry in entries for name in episode.columns[f"observations/{entry}"].names]
+        sizes = {entry: episode.observations[entry].shape[1] for entry in entries}
+        columns = {entry: episode.columns[f"observations/{entry}"].names[:size] for entry, size in sizes.items()}
+        return [f"{entry}.{name}" for entry, names in columns.items() for name in names]
 
-    names: dict[str, list[str]] = {
-        "observation.state": column_names(agent_entries(episode.observations)),
-        "observation.environment_state": column_names(environment_entries(episode.observations)),
-        "action": list(episode.columns["actions"].names),
-    }
+    groups = number_groups(episode.observations, observations).items()
+    names = {_FEATURES[key]: column_names(entries) for key, entries in groups}
+    names["action"] = list(episode.columns["actions"].names)
     found: dict[str, dict[str, Any]] = {
         name: {"dtype": str(values.dtype), "shape": list(values.shape[1:]) or [1], "names": names.get(name)}
-        for name, values in _columns(episode, 0, 0, fps).items()
+        for name, values in _columns(episode, observations, 0, 0, fps).items()
     }
     for camera, entry in image_entries(episode.observations).items():
         height, width = episode.observations[entry].shape[1:3]

@@ -39,7 +39,7 @@ class Comparison:
             `CONTROLS` play in any case.
         seed: of the built-in random policies and of the bootstrap.
         feasibility: of the Skill environment, for policies that act by skills.
-        trust: whether files of Stable-Baselines3 are loaded, see `load_policy`.
+        trust, python: for policies of Stable-Baselines3 and of LeRobot, see `load_policy`.
 
     Raises:
         PolicyError: an unknown policy, with the known ones.
@@ -53,11 +53,12 @@ class Comparison:
     seed: int = 0
     feasibility: str = "oracle"
     trust: bool = False
+    python: str = ""
 
     def __post_init__(self) -> None:
         for name in self.policies:
             if ":" in name:  # code of others, which stays out of the process that scores
-                PolicyProcess(name, self.seed, self.feasibility, self.trust).close()
+                PolicyProcess(name, self.seed, self.feasibility, self.trust, self.python).close()
             else:
                 load_policy(name, self.seed)
         playing = {name for scenes in self.scene_sets for name in self.contenders(scenes)}
@@ -102,6 +103,7 @@ def compare(
                 seed=comparison.seed,
                 feasibility=comparison.feasibility,
                 trust=comparison.trust,
+                python=comparison.python,
                 workers=workers,
                 ray=ray,
                 records=records,

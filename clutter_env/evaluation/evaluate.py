@@ -86,6 +86,7 @@ class _Job:
     seed: int = 0
     feasibility: str = ""
     trust: bool = False
+    python: str = ""
 
     def place(self, index: int) -> str:
         return f"{self.policy} on scene {index} of {self.scenes.name} (seed {self.scenes.scenes[index].seed})"
@@ -98,6 +99,7 @@ def evaluate(
     seed: int = 0,
     feasibility: str = "oracle",
     trust: bool = False,
+    python: str = "",
     workers: int = 1,
     ray: str = "",
     count_crashes: bool = False,
@@ -117,7 +119,7 @@ def evaluate(
         scenes: to be played.
         seed: of the built-in random policies.
         feasibility: of the Skill environment, for policies that act by skills: "oracle" or "none".
-        trust: whether a file of Stable-Baselines3 is loaded, see `load_policy`.
+        trust, python: for policies of Stable-Baselines3 and of LeRobot, see `load_policy`.
         workers: number of processes that score, each with one for the policy.
         ray: address of Ray; "" for processes of this machine.
         count_crashes: an exception of the policy is a failed episode; otherwise it ends the evaluation.
@@ -131,7 +133,7 @@ def evaluate(
             exception in this process is not caught.
         OSError: the scores cannot be written; those written before stay.
     """
-    job = _Job(policy if isinstance(policy, str) else type(policy).__name__, scenes, seed, feasibility, trust)
+    job = _Job(policy if isinstance(policy, str) else type(policy).__name__, scenes, seed, feasibility, trust, python)
     todo: list[tuple[int, PolicyTraits]] = []
     stream = run_jobs(partial(_play_in_worker, job), _traits_first(todo), workers, ray=ray)
     env: gym.Env[Any, Any] | None = None
@@ -287,7 +289,7 @@ def _play_in_worker(
 @lru_cache(maxsize=1)
 def _process(job: _Job) -> PolicyProcess:
     """The policy of a worker, made once for all scenes of a set."""
-    return PolicyProcess(job.policy, job.seed, job.feasibility, job.trust)
+    return PolicyProcess(job.policy, job.seed, job.feasibility, job.trust, job.python)
 
 
 @lru_cache(maxsize=1)

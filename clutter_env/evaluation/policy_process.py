@@ -58,7 +58,7 @@ class PolicyProcess:
         PolicyCrashed: its code raised an exception.
     """
 
-    def __init__(self, policy: str, seed: int, feasibility: str, trust: bool = False) -> None:
+    def __init__(self, policy: str, seed: int, feasibility: str, trust: bool = False, python: str = "") -> None:
         # Not one of multiprocessing's own processes: those of a worker of loky's cannot start any. In a session of its
         # own, it does not get the terminal's Ctrl-C, and ends together with the processes that it has started.
         self._process = subprocess.Popen(
@@ -70,7 +70,7 @@ class PolicyProcess:
         )
         self.done, self.failure, self.has_ended, self._deadline = False, "", False, math.inf
         threading.Thread(target=self._watch, daemon=True).start()
-        values = self._ask("load", (os.getpid(), policy, seed, feasibility, trust))
+        values = self._ask("load", (os.getpid(), policy, seed, feasibility, trust, python))
         try:
             self.traits = PolicyTraits.read(values)
         except PolicyError:
@@ -230,8 +230,8 @@ def _end_with(parent: int) -> None:
 class _Host:
     """The policy inside its process."""
 
-    def __init__(self, name: str, seed: int, feasibility: str, trust: bool) -> None:
-        self._policy, self._feasibility = load_policy(name, seed, trust), feasibility
+    def __init__(self, name: str, seed: int, feasibility: str, trust: bool, python: str) -> None:
+        self._policy, self._feasibility = load_policy(name, seed, trust, python), feasibility
         self._traits = PolicyTraits.of(self._policy)
         self._env: gym.Env[Any, Any] | None = None
         self._env_of: Any = None

@@ -39,6 +39,7 @@ import gymnasium as gym
 from assets import RobotSpec
 from clutter_env.errors import ClutterEnvError
 from clutter_env.scene.layout import Layout
+from clutter_env.task import family
 
 SKILLS = 20
 """The budget of an episode: skills of a policy that acts by skills, each a pick with its place; a policy of two levels
@@ -63,6 +64,7 @@ class PublicInfo:
         control_mode: "joint" or "ee".
         action_space, observation_space: of the environment.
         acts_by_skills: whether it is the Skill environment.
+        family: of the environment, such as "retrieve".
     """
 
     robot: RobotSpec
@@ -72,6 +74,7 @@ class PublicInfo:
     action_space: gym.Space[Any]
     observation_space: gym.Space[Any]
     acts_by_skills: bool
+    family: str
 
     @classmethod
     def of(cls, env: gym.Env[Any, Any]) -> PublicInfo:
@@ -86,6 +89,7 @@ class PublicInfo:
             action_space=env.action_space,
             observation_space=env.observation_space,
             acts_by_skills=inner is not outer,
+            family=family(env.spec.id) if env.spec else "",
         )
 
 

@@ -17,6 +17,7 @@ from typing import Any
 from clutter_env import GOAL_FAMILIES
 from clutter_env.errors import ClutterEnvError, missing_extra
 from clutter_env.policies.experts import EXPERTS, PLANNERS, GreedyPolicy, RandomPolicy, ScriptedExpert, make_expert
+from clutter_env.policies.lerobot import LeRobotPolicy
 from clutter_env.policies.protocol import FREE_KEYWORDS, AnyPolicy, PolicyError
 from clutter_env.policies.runs import is_run, run_task
 from clutter_env.policies.scripted import direct_approach
@@ -33,20 +34,23 @@ _BASELINES: Mapping[str, Callable[[int], AnyPolicy]] = {
 }
 _SHIPPED = MappingProxyType({"keyframes": "side", "keyframes-all": "all", "keyframes-shelf": "shelf"})
 """Policies of two levels with the weights of the package, see `weights.PROBLEMS`."""
+LEROBOT = "lerobot"
+"""What the name of a checkpoint of LeRobot begins with, before the colon."""
 BUILT_IN = (*EXPERTS, *_SHIPPED, *_BASELINES)
 """Names of the built-in policies."""
 
 
-def load_policy(name: str, seed: int, trust: bool = False) -> AnyPolicy:
+def load_policy(name: str, seed: int, trust: bool = False, python: str = "") -> AnyPolicy:
     """A policy by its name.
 
     Args:
         name: one of `BUILT_IN`; the directory of a training run; "module:Class" of a class without arguments; modules
-            are also looked for in the current directory; or "ALGORITHM:FILE.zip" of a model that Stable-Baselines3
-            saved.
-        seed: of the built-in random policies.
+            are also looked for in the current directory; "ALGORITHM:FILE.zip" of a model that Stable-Baselines3
+            saved; or "lerobot:DIRECTORY" of a checkpoint of LeRobot.
+        seed: of the built-in random policies, and of those of LeRobot that draw random numbers.
         trust: whether a file of Stable-Baselines3 is loaded, which executes code that is in it. Nothing else that is
             loaded executes code, but for a module that is named.
+        python: interpreter of an environment with LeRobot, for "lerobot:DIRECTORY"; "" for this one.
 
     Raises:
         PolicyError: there is no such policy, it lacks the methods of the protocol, or it needs `trust`.
@@ -55,7 +59,9 @@ def load_policy(name: str, seed: int, trust: bool = False) -> AnyPolicy:
         return make_expert(name)
     if name in _BASELINES:
         return _BASELINES[name](seed)
-    attribute = name.partition(":")[2]
+    kind, _, attribute = name.partition(":")
+    if kind == LEROBOT:
+        return LeRobotPolicy(Path(attribute), python, seed)
     if name in _SHIPPED or is_run(name) or attribute.endswith(".zip"):
         try:
             return _learned_policy(name, trust)
@@ -63,8 +69,8 @@ def load_policy(name: str, seed: int, trust: bool = False) -> AnyPolicy:
             raise PolicyError(missing_extra(problem) or str(problem)) from problem
     if not attribute:
         raise PolicyError(
-            f"no policy {name!r}; give module:Class, the directory of a training run, ALGORITHM:FILE.zip, or one of "
-            f"{', '.join(BUILT_IN)}"
+            f"no policy {name!r}; give module:Class, the directory of a training run, ALGORITHM:FILE.zip, "
+            f"lerobot:DIRECTORY, or one of {', '.join(BUILT_IN)}"
         )
     make_own = imported(name, PolicyError(f"policy {name!r} cannot be imported"))
     try:
@@ -196,7 +202,9 @@ def policy_files(name: str, module_file: str = "") -> dict[str, str]:
     if is_run(name):
         files = sorted(path for path in Path(name).iterdir() if path.is_file() and path.suffix not in _LOGS)
     module, _, attribute = name.partition(":")
-    if attribute.endswith(".zip") and Path(attribute).is_file():
+    if module == LEROBOT:
+        files = sorted(path for path in Path(attribute).iterdir() if path.is_file())
+    elif attribute.endswith(".zip") and Path(attribute).is_file():
         files.append(Path(attribute))
     elif attribute and (source := Path(module_file or f"{module.replace('.', '/')}.py")).is_file():
         files.append(source)

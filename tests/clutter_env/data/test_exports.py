@@ -15,6 +15,7 @@ import h5py
 import numpy as np
 import pytest
 
+from clutter_env.bridges.hub import OBSERVATIONS, make_one
 from clutter_env.cli.main import main
 from clutter_env.data.dataset import Dataset, Job
 from clutter_env.data.episode import Episode
@@ -99,6 +100,39 @@ def test_lerobot_tables_hold_the_episodes(dataset: Dataset, episodes: list[Episo
 
 
 @pytest.mark.usefixtures("needs_gl")
+@pytest.mark.parametrize("observations", OBSERVATIONS)
+@pytest.mark.parametrize("env_id", ["clutter_env/ArmPick-v0", "clutter_env/Retrieve-o1-v0"])
+def test_an_export_holds_what_the_environment_of_a_hub_shows(
+    env_id: str, observations: str, episodes: list[Episode], tmp_path: Path
+) -> None:
+    """Row by row, so that a policy is shown in an evaluation what it has learned from: with images no exact poses."""
+    for needed in ("pyarrow", "av"):
+        pytest.importorskip(needed)
+    from pyarrow import parquet
+
+    task, expert = (TASK, "scripted") if env_id == TASK.env_id else (Task(env_id), "armpick")
+    episode = episodes[0] if task is TASK else recorded(task, expert, SEEDS[0])
+    dataset = stored([episode], Job(task, expert, 1), tmp_path)
+    size = SIZE if observations == "images" else 0
+    root = export_lerobot(dataset, tmp_path / "lerobot", size, observations=observations)
+    table = parquet.read_table(root / "data/chunk-000/file-000.parquet")
+    info = json.loads((root / "meta/info.json").read_text())
+    env = make_one(env_id, observations, **task.keywords, **({"image_size": SIZE} if size else {}))
+    shown, _ = env.reset(seed=episode.seed)
+    for row, action in enumerate(episode.actions[:12]):
+        for key, name in (("agent_pos", "observation.state"), ("environment_state", "observation.environment_state")):
+            assert (key in shown) == (name in info["features"])
+            if key in shown:
+                np.testing.assert_array_equal(np.float32(table[name][row].as_py()), shown[key], f"{name}, row {row}")
+                assert len(info["features"][name]["names"]) == len(shown[key])
+        shown, *_ = env.step(action)
+    env.close()
+    images = {name for name in info["features"] if name.startswith("observation.images.")}
+    assert images == ({f"observation.images.{name}" for name in ("head", "gripper")} if size else set())
+    assert (len(list(root.rglob("*.mp4"))) == 2) is bool(size)
+
+
+@pytest.mark.usefixtures("needs_gl")
 @pytest.mark.slow
 @pytest.mark.skipif(not LEROBOT, reason="LEROBOT_PYTHON names no interpreter that has LeRobot")
 def test_lerobot_loads_what_was_exported(seen_dataset: Dataset, seen: list[Episode], tmp_path: Path) -> None:
@@ -107,6 +141,7 @@ def test_lerobot_loads_what_was_exported(seen_dataset: Dataset, seen: list[Episo
     pytest.importorskip("av")
     root = export_lerobot(seen_dataset, tmp_path / "lerobot")
     rows = expected(seen)
+    del rows["observation.environment_state"]  # which policies with cameras must not find
     chosen = np.arange(0, len(rows["action"]), 25)
     rows["video/rows"] = chosen
     for camera in ("head", "gripper"):
@@ -129,6 +164,7 @@ def test_lerobot_loads_what_was_exported(seen_dataset: Dataset, seen: list[Episo
     assert found["episodes"] == len(seen)
     assert found["task"] == "take the target out of the clutter"
     assert set(found["errors"]) == {"video/observation.images.head", "video/observation.images.gripper"}
+    assert "observation.environment_state" not in found["keys"]
     assert max(found["errors"].values()) < 4.0, "shades of 255: what the video's compression changes"
 
 
@@ -265,6 +301,8 @@ def test_the_command_exports(dataset: Dataset, tmp_path: Path, capsys: pytest.Ca
     out = tmp_path / "new" / "demo.hdf5"
     main(["export", "--to", "robomimic", "--demos", str(dataset.directory), "--out", str(out)])
     assert f"2 episodes in {out}" in capsys.readouterr().out
+    with pytest.raises(SystemExit, match="collected without images"):
+        main(["export", "--to", "lerobot", "--observations", "images", "--demos", str(dataset.directory)])
     with pytest.raises(SystemExit, match="collect --obs-mode rgbd"):
         main(["export", "--to", "hdf5", "--image-size", "64", "--demos", str(dataset.directory)])
     with pytest.raises(SystemExit, match="holds no dataset"):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode
 
 import clutter_env
-from clutter_env.data.hub import make_env
+from clutter_env.bridges.hub import OBSERVATIONS, make_env, make_one
 from clutter_env.errors import ConfigError, UnknownTask
 
 assert clutter_env  # registers the environments
@@ -34,7 +36,7 @@ def test_observations_have_the_hub_s_keys_and_episodes_end_with_their_result() -
 
 def test_cameras_take_the_place_of_exact_poses() -> None:
     pytest.importorskip("OpenGL")
-    vector = make_env(cfg={"obs_mode": "rgbd", "image_size": 32})["clutter_env/Retrieve-o15-v0"][0]
+    vector = make_env(cfg={"observations": "images", "image_size": 32})["clutter_env/Retrieve-o15-v0"][0]
     space = vector.single_observation_space
     assert set(space) == {"agent_pos", "pixels"}
     assert space["pixels"]["head"].shape == (32, 32, 3)
@@ -50,7 +52,42 @@ def test_each_environment_can_have_a_process() -> None:
     vector.close()
 
 
+@pytest.mark.usefixtures("needs_gl")
+@pytest.mark.parametrize("name", ["Retrieve-o1", "ArmPick", "Pick"])
+def test_beside_images_no_number_tells_where_the_object_is(name: str) -> None:
+    """Everything but the images is the same for two scenes that differ in the object's place alone."""
+    env = make_one(f"clutter_env/{name}-v0", "images", image_size=16)
+    seen = []
+    for shift in (0.0, 0.05):
+        env.reset(seed=0)
+        inner = env.unwrapped
+        inner.measurements = replace(inner.measurements, poses=inner.measurements.poses + shift)
+        seen.append(env.observation(inner._observe()))
+    env.close()
+    np.testing.assert_array_equal(seen[0]["agent_pos"], seen[1]["agent_pos"])
+    assert set(seen[0]) == {"agent_pos", "pixels"}
+
+
+@pytest.mark.parametrize("name", ["Retrieve-o1", "ArmPick", "Rearrange-o4"])
+def test_one_vector_and_two_hold_the_same_numbers(name: str) -> None:
+    found = {}
+    for observations in OBSERVATIONS[1:]:
+        env = make_one(f"clutter_env/{name}-v0", observations)
+        found[observations], _ = env.reset(seed=0)
+        assert env.observation_space.contains(found[observations])
+        assert sum(map(np.size, found[observations].values())) == sum(
+            part.shape[0] for part in env.unwrapped.observation_space.values()
+        )
+        env.close()
+    apart = found["environment_state"]
+    np.testing.assert_array_equal(found["state"]["agent_pos"], np.concatenate(list(apart.values())))
+
+
 def test_misuse_is_named() -> None:
+    with pytest.raises(ConfigError, match="'images', 'state', 'environment_state'"):
+        make_env(cfg={"observations": "exact"})
+    with pytest.raises(ConfigError, match="Skill-o5-v0 is not for LeRobot"):
+        make_env(cfg={"env_id": "clutter_env/Skill-o5-v0"})
     with pytest.raises(UnknownTask, match=r"known ones: .*Retrieve-o15"):
         make_env(cfg={"env_id": "clutter_env/Sort-v0"})
     with pytest.raises(ConfigError, match="at least 1"):
