@@ -25,6 +25,7 @@ from clutter_env.data.episode_file import read_episode
 from clutter_env.errors import DatasetError
 from clutter_env.provenance import differences
 from clutter_env.reporting.files import changes, json_text, write_atomically, write_json
+from clutter_env.seeds import training_seeds
 from clutter_env.task import Task
 
 _JOB, _INDEX, _EPISODES, _REJECTED = "dataset.json", "index.json", "episodes", "rejected"
@@ -154,6 +155,7 @@ class Dataset:
 
         Raises:
             DatasetError: the directory holds no dataset, an incomplete or a damaged one.
+            LearningError: it holds scenes that are for evaluation, from which nothing is learned.
         """
         index = self.directory / _INDEX
         if not index.exists():
@@ -164,6 +166,8 @@ class Dataset:
         seeds = _read_json(index, "seeds")["seeds"]
         if not isinstance(seeds, list) or not all(isinstance(seed, int) for seed in seeds):
             raise DatasetError(f"{index} is damaged: {seeds!r} are no seeds")
+        for seed in seeds:
+            training_seeds(seed)
         return seeds
 
     @property

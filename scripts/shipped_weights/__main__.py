@@ -130,8 +130,6 @@ def train(
         shown: Iterable[Motion] = planned_motions(env, recipe.grasps, seeds)
     else:
         dataset = Dataset(demos)
-        for episode_seed in dataset.seeds:
-            training_seeds(episode_seed)
         dataset.warn_if_outdated()
         shown = motions_of(dataset)
     decisions, motions = directory / "decisions.npz", directory / "motions.npz"

@@ -61,5 +61,5 @@ class ClutterEnv(EnvConfig):
 
     @property
     def gym_kwargs(self) -> dict[str, Any]:
-        """The arguments of `make_one`."""
-        return {"env_id": self.env_id, "observations": self.observations, **self.keywords}
+        """The arguments of `make_one`; LeRobot films its first episodes."""
+        return {"env_id": self.env_id, "observations": self.observations, "render_mode": "rgb_array", **self.keywords}

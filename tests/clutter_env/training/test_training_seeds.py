@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import clutter_env
 from clutter_env.cli.main import main
 from clutter_env.data.collect import make_job
+from clutter_env.envs.base import BaseEnv
 from clutter_env.errors import LearningError
 from clutter_env.seeds import HELD_OUT, training_seeds
 from clutter_env.task import Task
 from clutter_env.training.run import Run
+from clutter_env.training.settings import Settings
+from clutter_env.training.train import train
 from scripts.shipped_weights.__main__ import RECIPES, train as train_shipped
 
 REACH = Task("clutter_env/Reach-v0")
@@ -53,3 +57,24 @@ def test_demonstrations_of_held_out_scenes_are_neither_collected_nor_learned_fro
     (tmp_path / "index.json").write_text(json.dumps({"seeds": [3, HELD_OUT + 3]}))
     with pytest.raises(LearningError, match="for evaluation"):
         train_shipped(RECIPES["side"], tmp_path / "weights", demos=tmp_path)
+    for kind in ("lerobot", "hdf5"):
+        with pytest.raises(SystemExit, match="for evaluation"):
+            main(["export", "--to", kind, "--demos", str(tmp_path), "--out", str(tmp_path / "export")])
+
+
+def test_a_training_learns_on_its_own_seeds_and_is_measured_on_held_out_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every seed with which an environment is reset; a reset without one goes on with the environment's generator."""
+    given: dict[int, list[int]] = {}
+    reset = BaseEnv.reset
+
+    def watched(self: BaseEnv, *, seed: int | None = None, options: Any = None) -> Any:
+        if seed is not None:
+            given.setdefault(id(self), []).append(seed)
+        return reset(self, seed=seed, options=options)
+
+    monkeypatch.setattr(BaseEnv, "reset", watched)
+    settings = Settings(steps=4, num_envs=2, checkpoint_every=4, evaluation_episodes=2, evaluation_steps=2)
+    train(Run(REACH, "tqc", tmp_path / "run", 7, settings))
+    assert sorted(given.values()) == [[7], [8], [HELD_OUT, HELD_OUT + 1]]
