@@ -131,7 +131,7 @@ def train(
     else:
         dataset = Dataset(demos)
         dataset.warn_if_outdated()
-        shown = motions_of(dataset)
+        shown = list(motions_of(dataset))  # refused before anything is trained
     decisions, motions = directory / "decisions.npz", directory / "motions.npz"
     if not decisions.exists():
         rule = CandidateRule(robot, layout, recipe.grasps)
