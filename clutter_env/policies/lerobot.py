@@ -85,10 +85,7 @@ class LeRobotPolicy:
         """The next action."""
         seen = self._seen(observation)
         numbers = {name: seen[name].tolist() for name in self._numbers}
-        images = {
-            name: (seen[name].shape, base64.b64encode(np.ascontiguousarray(seen[name])).decode())
-            for name in self._images
-        }
+        images = {name: (seen[name].shape, base64.b64encode(seen[name].tobytes()).decode()) for name in self._images}
         answer = self._remote("act", numbers=numbers, images=images, task=self._task)
         return np.array(answer["action"], np.float32)
 
