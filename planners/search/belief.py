@@ -7,7 +7,7 @@ only when some part of the target would have been seen through: what hides behin
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -45,10 +45,14 @@ def beside(
 
 @dataclass(eq=False)
 class _Level:
-    """One support: its grid, and whether each of its cells (nx, ny, nz) is unseen."""
+    """One support: its grid, which of its cells (nx, ny, nz) are unseen, and where (nx, ny) the target can still be.
+
+    What is put down makes cells unseen again, but the target does not move: where it was not, it is not.
+    """
 
     grid: SupportGrid
     is_unseen: NDArray[np.bool_]
+    is_possible: NDArray[np.bool_]
 
 
 @dataclass(eq=False)
@@ -69,7 +73,7 @@ class Belief:
         levels = {}
         for name in scene.supports:
             grid = SupportGrid.over(scene.support_named(name), CELL)
-            levels[name] = _Level(grid, np.ones((*grid.shape, layers), np.bool_))
+            levels[name] = _Level(grid, np.ones((*grid.shape, layers), np.bool_), np.ones(grid.shape, np.bool_))
         return cls(target, levels)
 
     def update(self, view: View, noise: float = 0.0) -> None:
@@ -78,6 +82,7 @@ class Belief:
         for level in self._levels.values():
             origin = np.array((level.grid.x0, level.grid.y0, level.grid.height))
             carve(level.is_unseen, origin, cell, view.depth, view.K, T_camera_world, _MARGIN + 3 * noise)
+            level.is_possible &= level.is_unseen.all(axis=2)
 
     def emptied(self, body: Body) -> float:
         """Share of the cells inside an object that have been seen to be empty: near 1 if it is no longer there."""
@@ -87,11 +92,21 @@ class Belief:
                 return float(1 - level.is_unseen[inside].mean())
         return 0.0
 
-    def forget(self, body: Body) -> None:
-        """Take the cells in and around an object, which has been put there or has gone, for unseen."""
+    def move(self, before: Body, after: Body, sigma: float = 0.0) -> None:
+        """Take in that an object has been moved: the target was not in it, and around it nothing is seen any more.
+
+        `sigma` [m] is the standard deviation of where it was.
+        """
         for level in self._levels.values():
-            if abs(level.grid.height - body.bottom) < 2 * LAYER:
-                level.is_unseen[footprint_mask(level.grid, [body], CELL)] = True
+            if abs(level.grid.height - before.bottom) < 2 * LAYER:
+                level.is_possible &= ~footprint_mask(level.grid, [before], -_FIT_ERROR - sigma)
+            if abs(level.grid.height - after.bottom) < 2 * LAYER:
+                level.is_unseen[footprint_mask(level.grid, [after], CELL)] = True
+
+    def restart(self) -> None:
+        """Take the target for wherever nothing is seen at present: it has been seen, and is lost."""
+        for level in self._levels.values():
+            level.is_possible = level.is_unseen.all(axis=2)
 
     def places(self, known: Sequence[Body], furniture: Sequence[StaticObstacle] = ()) -> dict[str, NDArray[np.bool_]]:
         """The places (nx, ny) of each support at which the target's centre can be, among known objects and furniture.
@@ -102,18 +117,19 @@ class Belief:
         for name, level in self._levels.items():
             top, bottom = level.grid.height + self.target.height, level.grid.height + LAYER
             objects = [one for one in known if one.bottom < top and one.top > bottom]
-            free = level.is_unseen.all(axis=2) & ~footprint_mask(level.grid, objects, -_FIT_ERROR)
+            free = level.is_possible & ~footprint_mask(level.grid, objects, -_FIT_ERROR)
             boxes = [one for one in furniture if one.shape == "box"]
             free &= ~beside(level.grid, boxes, bottom, top - LAYER)
             away = distance_transform_edt(np.pad(free, 1))[1:-1, 1:-1] * CELL
             found[name] = free & (away >= self.target.radius - CELL / 2**0.5)
         return found
 
-    def points(self, places: dict[str, NDArray[np.bool_]]) -> Array:
+    def points(self, places: Mapping[str, NDArray[np.bool_]]) -> Array:
         """(m, n, 3) [m] points of the target at each of its m places, at `_SHARES` of its height."""
         found = [
             np.column_stack((level.grid.centres()[places[name]], np.full(places[name].sum(), level.grid.height)))
             for name, level in self._levels.items()
+            if name in places
         ]
         up = np.outer(_SHARES, (0.0, 0.0, self.target.height))
         return np.asarray(np.concatenate(found)[:, None] + up)

@@ -30,7 +30,8 @@ from planners.scene import Body, HeldObject, RobotState, Scene, SceneError
 from planners.scene.masks import MAX_OBJECTS
 from planners.search.belief import Belief
 from planners.search.options import Prospect, Viewpoint, spots, viewpoints
-from planners.search.perception import ROBOT, Description, Seen, View, perceive
+from planners.search.own_shadow import OwnShadow, arms_near
+from planners.search.perception import Description, Seen, View, perceive
 from planners.search.sensing import BelievedSensor, RobotReading
 from planners.search.sight import load_kernels
 from planners.tamp.solution import BoundAction, Infeasible, Solution
@@ -43,8 +44,15 @@ ORDERS = ("expected", "random", "front", "shadow")
 """Ways to choose what is moved: by probability revealed per second, beside views; and three baselines without views."""
 _MOVE_SECONDS = 35.0
 """[s] that moving an object takes, about."""
+_LOOK_SECONDS = 2.5
+"""[s] that looking takes, about."""
 _LEAST_GAIN = 0.02
 """Probability that a view must reveal."""
+_NEW_EYE = 0.06
+"""[m] from where the camera was on which a view counts as another one."""
+_MISSES = 2
+"""Times that a place in line of sight is not seen, for example because it is narrower than a pixel, until views do not
+count it any more."""
 _TRIED = 5
 """Objects for which a plan is tried before another view, or the end, is considered."""
 _MOST_STEPS = 40
@@ -55,9 +63,7 @@ _SETTLE = 10
 """Control steps at rest before an image counts: those of a slow camera, too, show the present by then."""
 _AIMED, _AIM_STEPS = 0.04, 40
 """[rad] to which the camera is aimed at a point; control steps after which it is looked anyway."""
-_ASIDE = 0.6
-"""[rad] by which the first joint of the arm is turned where the arm hides the view."""
-_HIDES = 0.12
+_HIDES = 0.05
 """Share of an image that the robot itself may hide."""
 _SPEED = 0.6
 """Share of the largest joint velocities and accelerations between viewpoints."""
@@ -202,13 +208,17 @@ class SearchExpert:
         self._known: tuple[Seen, ...] = ()
         self._held: HeldObject | None = None
         self._attempted: list[str] = []
+        self._refusals: dict[str, str] = {}  # why an object cannot be put aside
         self._ticks, self._done = 0, False
         self._executor: Executor | None = None
         self._observation = observation
         self._reading = RobotReading.of(observation)
+        camera, K = self._cameras[0], observation[f"{self._cameras[0]}_K"]
+        self._shadow = OwnShadow(model, self._env.robot, camera, K, observation[f"{camera}_depth"].shape[:2])
         self._last, self._width = self._reading.drive.copy(), self._reading.width  # as last commanded
         self._home = np.array(self._env.robot.home)
         self._aside = self._home.copy()
+        self._start_over()
         self.report = SearchReport()
         self._run = self._search()
 
@@ -243,9 +253,12 @@ class SearchExpert:
 
     def _search(self) -> Actions:
         yield from self._look(list(self._empty.supports))
-        refused: set[str] = set()
+        is_in_sight = False
         for _ in range(_MOST_STEPS):
             target = self._seen_target()
+            if target is None and is_in_sight:
+                self._belief.restart()
+            is_in_sight = target is not None
             if target is not None:
                 self.report.found = True
                 if (yield from self._take(target.name)):
@@ -254,47 +267,82 @@ class SearchExpert:
                 if not self._is_target(target.name):
                     continue
             started = time.process_time()
-            scene, places = self._scene(), self._places()
+            places = self._places()
             if target is None and not any(cells.any() for cells in places.values()):
                 return self._end("cannot be found")
-            step = self._next(scene, places, refused, target)
-            self.report.decision_s.append(time.process_time() - started)
-            if step is None:
-                left = sum(int(cells.sum()) for cells in places.values())
-                return self._end(f"gave up: {left} places cannot be brought into sight, or the target cannot be taken")
-            if isinstance(step, Viewpoint):
-                self._note("drive", f"another view, which should show {step.gain:.0%} of the places left", places)
-                yield from self._go(step)
-            else:
-                name, actions = step
+            view, names = self._ranked(places, target)
+            seconds = time.process_time() - started
+            move: tuple[str, tuple[BoundAction, ...]] | None = None
+            is_last = view is None
+            for some in (names[:_TRIED], names[_TRIED:] if is_last else []):
+                if some and move is None:
+                    yield from self._go_home()
+                    started = time.process_time()
+                    move = self._move(some, places)
+                    seconds += time.process_time() - started
+            self.report.decision_s.append(seconds)
+            if move is not None:
+                name, actions = move
                 self._note("place", f"put {name} aside", places)
                 self._attempted.append(name)
                 yield from self._put_aside(name, actions)
+            elif view is not None:
+                self._note("drive", f"another view, which should show {view.gain:.0%} of the places left", places)
+                yield from self._go(view)
+            elif target is not None:
+                why = self.report.deviations[-1] if self.report.deviations else "it does not stay between the fingers"
+                return self._end(f"the target cannot be taken: {why}")
+            else:
+                left = [f"{cells.sum()} on {name}" for name, cells in places.items() if cells.any()]
+                fixed = [f"{name} ({self._refusals[name]})" for name in names] or ["furniture, or gaps between pixels"]
+                return self._end(
+                    f"not found where it can be seen; {', '.join(left)} places stay hidden by {', '.join(fixed)}"
+                )
             yield from self._look([name for name, cells in places.items() if cells.any()])
         self._end("gave up: too many steps")
 
-    def _next(
-        self, scene: Scene, places: Mapping[str, NDArray[np.bool_]], refused: set[str], target: Seen | None
-    ) -> Viewpoint | tuple[str, tuple[BoundAction, ...]] | None:
-        """The view or the move that reveals most per second; None if there is none."""
-        prospect = Prospect(self._belief, dict(places), scene)
-        views = [one for one in self._viewpoints(scene, prospect) if _key(one) not in refused]
-        eyes = [one.eye for one in views[:: max(len(views) // 6, 1)]]
-        names, worth = self._ranked(prospect, views, target)
-        useful = [one for one in views if one.gain >= _LEAST_GAIN] if self._order == "expected" and not target else []
-        best = max(useful, key=lambda one: one.rate, default=None)
-        if best is None or best.rate < worth / _MOVE_SECONDS:
-            for name in names[:_TRIED]:
-                for region in spots(scene, scene.body(name), self._belief, prospect, eyes, self._rng):
-                    outcome = self._solved(replace(scene, regions=(region,)), inside(name, region.name))
-                    if isinstance(outcome, Solution) and outcome.actions:
-                        refused.clear()
-                        return name, outcome.actions
-        if best is not None:
-            refused.add(_key(best))
-        return best
+    def _ranked(
+        self, places: Mapping[str, NDArray[np.bool_]], target: Seen | None
+    ) -> tuple[Viewpoint | None, list[str]]:
+        """The view that reveals most per second, and what should rather be moved, the first to be tried first."""
+        scene = self._scene()
+        prospect, world = Prospect(self._belief, places, scene), CollisionWorld.from_scene(scene)
+        names, worth = self._ranked_objects(prospect, self._viewpoints(scene, prospect), target)
+        useful: list[Viewpoint] = []
+        if self._order == "expected" and target is None:
+            # Places that should have been seen, and were not, are not looked at again before something has moved.
+            fresh = {name: cells & (self._missed[name] < _MISSES) for name, cells in places.items()}
+            share = sum(cells.sum() for cells in fresh.values()) / sum(cells.sum() for cells in places.values())
+            views = self._viewpoints(scene, Prospect(self._belief, fresh, scene), float(share))
+            is_new = [all(math.dist(one.eye, eye) > _NEW_EYE for eye in self._looked_from) for one in views]
+            useful = [one for one, new in zip(views, is_new, strict=True) if new and one.gain >= _LEAST_GAIN]
+        by_rate = sorted(useful, key=lambda one: -one.rate)
+        best = next((one for one in by_rate if self._is_free(world, self._drive_to(one))), None)
+        return best, names if best is None or best.rate < worth / _MOVE_SECONDS else []
 
-    def _ranked(self, prospect: Prospect, views: Sequence[Viewpoint], target: Seen | None) -> tuple[list[str], float]:
+    def _move(
+        self, names: Sequence[str], places: Mapping[str, NDArray[np.bool_]]
+    ) -> tuple[str, tuple[BoundAction, ...]] | None:
+        """The first of some objects that can be put aside, and a plan for that; None if there is none."""
+        scene = self._scene()
+        prospect = Prospect(self._belief, places, scene)
+        views = self._viewpoints(scene, prospect)
+        eyes = [one.eye for one in views[:: max(len(views) // 6, 1)]]
+        for name in names:
+            self._refusals[name] = "no free spot for it has been seen"
+            for region in spots(scene, scene.body(name), self._belief, prospect, eyes, self._rng):
+                outcome = self._solved(replace(scene, regions=(region,)), inside(name, region.name))
+                if isinstance(outcome, Solution) and outcome.actions:
+                    return name, outcome.actions
+                if isinstance(outcome, Infeasible):
+                    self._refusals[name] = outcome.cause
+                    if outcome.cause.lies_in_grasps:
+                        break  # whatever the spot is
+        return None
+
+    def _ranked_objects(
+        self, prospect: Prospect, views: Sequence[Viewpoint], target: Seen | None
+    ) -> tuple[list[str], float]:
         """Names of objects, the first to be moved first, and what moving that one is worth."""
         names = [body.name for body in prospect.bodies if target is None or body.name != target.name]
         fresh = [name for name in names if name not in self._attempted]
@@ -320,6 +368,7 @@ class SearchExpert:
         """Take the target; whether it is held in the end."""
         looks = 0
         for _ in range(2 * _RETRIES):
+            yield from self._go_home()
             started = time.process_time()
             outcome = self._solved(self._scene(), Goal.of(name))
             self.report.decision_s.append(time.process_time() - started)
@@ -383,12 +432,17 @@ class SearchExpert:
         best = max(self._viewpoints(scene, prospect), key=lambda one: one.rate)
         return best if best.gain >= 0.5 else None
 
-    def _viewpoints(self, scene: Scene, prospect: Prospect) -> list[Viewpoint]:
-        """Viewpoints before the support, with what they are worth."""
+    def _viewpoints(self, scene: Scene, prospect: Prospect, share: float = 1.0) -> list[Viewpoint]:
+        """Viewpoints before the support, with what they are worth; the places of a prospect are a share of all."""
         T = np.linalg.inv(self._reading.T_world_base) @ np.append(self._eye(), 1.0)
         limits = self._env.robot.chain[0]
         found = viewpoints(scene, prospect.points, T[:3], (limits.lower + 0.01, limits.upper - 0.01))
-        return [replace(one, gain=prospect.gain(one.eye)) for one in found]
+        return [
+            replace(
+                one, gain=share * prospect.gain(one.eye), seconds=_LOOK_SECONDS + self._seconds(self._drive_to(one))
+            )
+            for one in found
+        ]
 
     def _solved(self, scene: Scene, goal: Goal) -> Solution | Infeasible:
         return self._planner.solve(scene, goal.target or goal, "lookahead", self._rng)
@@ -417,9 +471,15 @@ class SearchExpert:
         sensor.update(self._reading)
         self._held = sensor.held
         self._settle_belief({new.name: new for old, new in zip(bodies, sensor.bodies, strict=True) if new is not old})
+        self._start_over()
         if executor.deviation is not None:
             self.report.deviations.append(str(executor.deviation))
         return executor.deviation is None
+
+    def _start_over(self) -> None:
+        """Something has moved: views may show what they did not before."""
+        self._looked_from: list[Array] = []
+        self._missed = {name: np.zeros(cells.shape, np.int64) for name, cells in self._places().items()}
 
     def _settle_belief(self, moved: Mapping[str, Body]) -> None:
         """Objects moved by the robot: what it holds is in its hand, the rest where it let go of it, upright; around
@@ -434,7 +494,7 @@ class SearchExpert:
                     height, turn = max(under, default=0.0) + one.body.half_extents[2], body.yaw / 2
                     upright = math.cos(turn), 0.0, 0.0, math.sin(turn)
                     body = one.body.at((*body.position[:2], height), upright)
-                    self._belief.forget(body)
+                self._belief.move(one.body, body, one.sigma)
                 T = body.pose @ np.linalg.inv(one.body.pose)
                 one = replace(one, body=body, points=one.points @ T[:3, :3].T + T[:3, 3])
             kept.append(one)
@@ -456,32 +516,48 @@ class SearchExpert:
             outcome = self._solved(self._scene(), inside(name, self._empty.support.name))
             if isinstance(outcome, Solution):
                 yield from self._follow(outcome.actions)
-        drive = self._reading.drive.copy()
-        drive[3:] = self._home
-        yield from self._interpolate(drive)
+        yield from self._go_home()
+
+    def _go_home(self) -> Actions:
+        """Bring torso and arm to where plans begin."""
+        if not np.allclose(self._reading.drive[3:], self._home, atol=0.02):
+            yield from self._interpolate(np.concatenate((self._reading.drive[:3], self._home)))
 
     def _go(self, view: Viewpoint) -> Actions:
         """Drive to a viewpoint in a straight line, the arm aside, if that is free."""
+        self.report.views += 1
+        yield from self._interpolate(self._drive_to(view))
+
+    def _drive_to(self, view: Viewpoint) -> Array:
+        """The whole-body configuration at a viewpoint, the arm aside."""
         drive = np.concatenate((view.base, [view.torso], self._aside[1:]))
         drive[2] = unwrap_yaw(drive[2], self._reading.drive[2])
-        self.report.views += 1
-        yield from self._interpolate(drive)
+        return drive
+
+    def _is_free(self, world: CollisionWorld, goal: Array) -> bool:
+        """Whether all joints can move together from where they are to a whole-body configuration."""
+        motion = np.stack((self._reading.drive, goal))
+        return not world.path_hits(motion, self._env.robot.max_opening, self._held, first_only=True)
 
     def _interpolate(self, goal: Array) -> Actions:
         """Move all joints together to a whole-body configuration, if nothing known is in the way."""
         start, robot = self._reading.drive.copy(), self._env.robot
-        world = CollisionWorld.from_scene(self._scene())
-        if world.path_hits(np.stack((start, goal)), robot.max_opening, self._held, first_only=True):
+        if not self._is_free(CollisionWorld.from_scene(self._scene()), goal):
             return
-        away = np.abs(goal - start) / _SPEED  # a cubic is 1.5 times as fast as on average, and starts 6 times as hard
-        by_speed, by_force = 1.5 * away / robot.max_velocity, np.sqrt(6 * away / np.array(robot.max_acceleration))
-        seconds = float(np.maximum(by_speed, by_force).max())
+        seconds = self._seconds(goal)
         steps = max(math.ceil(seconds / CONTROL_STEP), 1)
         for step in range(1, steps + 1):
             share = step / steps
             self._last = start + (goal - start) * share * share * (3 - 2 * share)
             yield self._env.joint_action(self._last, self._width)
         yield from self._wait(_SETTLE)
+
+    def _seconds(self, goal: Array) -> float:
+        """[s] that the motion to a whole-body configuration takes."""
+        away, robot = np.abs(goal - self._reading.drive) / _SPEED, self._env.robot
+        # A cubic is 1.5 times as fast as on average, and starts 6 times as hard.
+        by_speed, by_force = 1.5 * away / robot.max_velocity, np.sqrt(6 * away / np.array(robot.max_acceleration))
+        return float(np.maximum(by_speed, by_force).max())
 
     def _wait(self, steps: int) -> Actions:
         for _ in range(steps):
@@ -490,25 +566,37 @@ class SearchExpert:
     # Looking.
 
     def _look(self, names: Sequence[str]) -> Actions:
-        """Look at supports, all if none is named, the arm out of sight for it, and home again."""
-        base, home = self._reading.drive[:4].copy(), self._home[1:]
-        first = np.eye(len(home))[0]
+        """Look at supports, all if none is named, the arm out of sight for it."""
+        places, points = self._places(), []
         supports = [one for one in self._supports if one.name in names] or self._supports
-        for number, support in enumerate(sorted(supports, key=lambda one: float(one.position[1]))):
-            point = np.append(support.position[:2], support.top + self._target.height / 2)
-            if number:
-                yield from self._aim(point)
-            else:
-                for arm in (self._aside[1:], home + _ASIDE * first, home - _ASIDE * first):
-                    if not np.allclose(np.append(base, arm), self._reading.drive, atol=0.02):
-                        yield from self._interpolate(np.append(base, arm))
-                    yield from self._aim(point)
-                    if (self._view(self._cameras[0]).masks == ROBOT).mean() <= _HIDES:
-                        self._aside[1:] = arm
-                        break
+        for support in sorted(supports, key=lambda one: float(one.position[1])):
+            left = self._belief.grid(support.name).centres()[places[support.name]]
+            middle = left.mean(axis=0) if len(left) else support.position[:2]
+            points.append(np.append(middle, support.top + self._target.height / 2))
+        yield from self._turn_arm_aside(points)
+        for point in points:
+            yield from self._aim(point)
             self._take_in()
-        if not np.allclose(self._reading.drive[4:], home, atol=0.02):
-            yield from self._interpolate(np.concatenate((base[:3], self._home)))
+        self._looked_from.append(self._eye())
+        for name, cells in self._places().items():
+            in_line = Prospect(self._belief, {name: cells}, self._scene(), len(cells.ravel())).masks(self._eye()) == 0
+            self._missed[name][cells] += in_line.any(axis=1)
+
+    def _turn_arm_aside(self, points: Sequence[Array]) -> Actions:
+        """Bring the arm, if it hides much of a view of some points (3,) [m], to where it hides little soonest."""
+        drive, world, robot = self._reading.drive, CollisionWorld.from_scene(self._scene()), self._env.robot
+        limits = np.array([(joint.lower, joint.upper) for joint in robot.chain[1:]])
+        arms = [arm for arm in arms_near(self._home[1:]) if (limits[:, 0] < arm).all() and (arm < limits[:, 1]).all()]
+        goals = [drive, *sorted((np.append(drive[:4], arm) for arm in arms), key=self._seconds)]
+        hides: list[float] = []
+        for goal in goals:
+            hides.append(self._shadow.share(goal, points) if self._is_free(world, goal) else 1.0)
+            if hides[-1] <= _HIDES:
+                break
+        best = goals[int(np.argmin(hides))]
+        self._aside[1:] = best[4:]
+        if best is not drive:
+            yield from self._interpolate(best)
 
     def _aim(self, point: Array) -> Actions:
         """Turn the head until the first camera looks at a point (3,) [m], and wait until the image is still."""
@@ -593,7 +681,3 @@ class SearchExpert:
     def _end(self, failure: str) -> None:
         self.report.failure = failure
         self._note("end", failure, self._places())
-
-
-def _key(view: Viewpoint) -> str:
-    return f"{np.round(view.base, 2).tolist()} {view.torso:.2f}"

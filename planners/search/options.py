@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,12 +18,10 @@ from planners.search.sight import FIXED, Screens, between
 
 Array = NDArray[np.float64]
 
-_SIDEWAYS = (-0.5, -0.3, -0.15, 0.0, 0.15, 0.3, 0.5)
+_SIDEWAYS = (-1.2, -0.8, -0.5, -0.3, -0.15, 0.0, 0.15, 0.3, 0.5, 0.8, 1.2)
 """[m] along the support's front, from where the target can be, at which views are taken."""
 _STAND_OFF = (0.95, 1.25)
 """[m] from the support's front edge to the base centre."""
-_DRIVE, _TURN, _LIFT, _LOOK = 0.5, 0.8, 0.08, 2.5
-"""[m/s], [rad/s], [m/s], [s] by which the time of a view is estimated."""
 _SPOTS, _SPOT_SPACING = 4, 0.06
 """Spots proposed at most, and [m] between those looked at."""
 _SPOT_GAP = 0.03
@@ -34,16 +32,16 @@ _MOST_POINTS = 1200
 
 @dataclass(frozen=True, eq=False)
 class Viewpoint:
-    """A base pose (3,), a torso height [m], where the camera is then (3,) [m], and the time [s] to get there and look.
+    """A base pose (3,), a torso height [m], and where the camera is then (3,) [m].
 
-    `gain` is the probability that the target is in sight from there.
+    `gain` is the probability that the target is in sight from there, `seconds` the time to get there and look.
     """
 
     base: Array
     torso: float
     eye: Array
-    seconds: float
     gain: float = 0.0
+    seconds: float = 1.0
 
     @property
     def rate(self) -> float:
@@ -59,9 +57,12 @@ class Prospect:
         bodies: the objects that are known.
     """
 
-    def __init__(self, belief: Belief, places: dict[str, NDArray[np.bool_]], scene: Scene) -> None:
+    def __init__(
+        self, belief: Belief, places: Mapping[str, NDArray[np.bool_]], scene: Scene, most: int = _MOST_POINTS
+    ) -> None:
+        """Take in places (nx, ny) by support, not more than some of them."""
         points = belief.points(places)
-        stride = math.ceil(len(points) / _MOST_POINTS) or 1
+        stride = math.ceil(len(points) / most) or 1
         self.points, self.bodies = points[::stride], scene.objects
         self._screens = Screens.of(scene.objects, scene.static_obstacles)
 
@@ -111,12 +112,10 @@ def viewpoints(scene: Scene, points: Array, eye: Array, torso: tuple[float, floa
             bases.append(np.array((x, y, math.atan2(middle - y, support.position[0] - x))))
     found = []
     for base, height in itertools.product(bases, (torso[0], float(state.q[0]), torso[1])):
-        away, turn = math.dist(base[:2], state.base[:2]), math.remainder(base[2] - state.base[2], 2 * math.pi)
         rise = height - state.q[0]
-        seconds = _LOOK + max(away / _DRIVE, abs(turn) / _TURN, abs(rise) / _LIFT)
         c, s = math.cos(base[2]), math.sin(base[2])
         there = np.array((base[0] + c * eye[0] - s * eye[1], base[1] + s * eye[0] + c * eye[1], eye[2] + rise))
-        found.append(Viewpoint(base, height, there, seconds))
+        found.append(Viewpoint(base, height, there))
     return found
 
 

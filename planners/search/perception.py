@@ -17,8 +17,8 @@ from planners.scene.bodies import Shape
 
 Array = NDArray[np.float64]
 
-FIRST_MASK, ROBOT = 3, 1
-"""The lowest label of an object in an image's masks, and that of the robot."""
+FIRST_MASK = 3
+"""The lowest label of an object in an image's masks."""
 _LEAST_PIXELS = 10
 """Pixels of a mask that is looked at."""
 _MOST_POINTS = 4000
