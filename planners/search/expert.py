@@ -541,7 +541,7 @@ class SearchExpert:
 
     def _interpolate(self, goal: Array) -> Actions:
         """Move all joints together to a whole-body configuration, if nothing known is in the way."""
-        start, robot = self._reading.drive.copy(), self._env.robot
+        start = self._reading.drive.copy()
         if not self._is_free(CollisionWorld.from_scene(self._scene()), goal):
             return
         seconds = self._seconds(goal)

@@ -12,9 +12,11 @@ import pytest
 
 import clutter_env
 from planners import ExpertError, SearchExpert
+from planners.cause import Cause
 from planners.scene import HeldObject
 from planners.search.options import Prospect, spots
 from planners.search.perception import Description, Seen
+from planners.tamp.solution import Infeasible
 from tests.planners.scenes import cylinder, table_scene
 
 _SEEN = ("robot", "tcp", "gripper", "head", "target") + tuple(
@@ -81,6 +83,16 @@ def test_it_says_that_an_absent_target_cannot_be_found() -> None:
     assert (info["num_fallen"], info["num_disturbed"]) == (0, 0)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("index", [0, 4])
+def test_among_ten_objects_too_it_says_so_before_the_time_is_up(index: int) -> None:
+    """In the first scene the time was up before that, in the other one the last places were seen from too few sides."""
+    scene = clutter_env.suite("hidden-shelf-10-v1").test[index]
+    expert, info = _search(scene.make(frame_every=10), scene.seed, (0.5, 0.5, 0.5))
+    assert expert.report.failure == "cannot be found"
+    assert (info["num_fallen"], info["num_disturbed"]) == (0, 0)
+
+
 def test_misuse_is_named() -> None:
     env = gym.make("clutter_env/Search-o5-v0", image_size=16)
     with pytest.raises(ExpertError, match="valid values: expected, random, front, shadow"):
@@ -113,6 +125,60 @@ def test_it_looks_at_all_supports_where_no_place_is_left() -> None:
     while not expert.done:
         given, *_ = env.step(expert.act(given))
     assert len(expert.report.belief_s) == len(expert._supports)
+
+
+def test_the_robot_hides_little_of_any_support_that_it_looks_at() -> None:
+    """For the second and the third support the arm stayed where it was, and hid half of the image."""
+    env = gym.make("clutter_env/Search-o5-v0", image_size=64, frame_every=10)
+    expert = SearchExpert(env)
+    given, _ = env.reset(seed=1)
+    expert.reset(given)
+    expert._run, hidden = expert._look([]), []
+    while not expert.done:
+        updates = len(expert.report.belief_s)
+        action = expert.act(given)
+        if len(expert.report.belief_s) > updates:
+            hidden.append((given["head_segmentation"] == 1).mean())
+        given, *_ = env.step(action)
+    assert len(hidden) == len(expert._supports)
+    assert max(hidden) < 0.1
+
+
+def test_for_what_no_grasp_reaches_one_spot_is_planned_with() -> None:
+    env = gym.make("clutter_env/Search-o5-v0", image_size=32)
+    expert = SearchExpert(env)
+    expert.reset(env.reset(seed=1)[0])
+    body = cylinder("seen_00", -0.1, 0.0, radius=0.03).at((-0.1, 0.0, expert._empty.support.top + 0.075))
+    expert._known = (Seen(body, body.position[None], np.zeros(3), 0.0),)
+    for level in expert._belief._levels.values():
+        level.is_unseen[:] = False
+    tried: list[str] = []
+
+    def refuse(scene: Any, goal: Any) -> Infeasible:
+        tried.append(scene.regions[0].name)
+        return Infeasible(causes[len(tried) > 1], "")
+
+    expert._solved = refuse  # type: ignore[method-assign]
+    causes = (Cause.MOTION, Cause.UNREACHABLE)
+    assert expert._move(["seen_00"], expert._places()) is None
+    assert len(tried) == 2
+    assert expert._refusals == {"seen_00": "unreachable"}
+
+
+def test_motions_to_views_are_planned_from_where_the_arm_is() -> None:
+    """It went home after each view, for 4 s and up to 20 s where the torso had risen."""
+    env = gym.make("clutter_env/Search-o5-v0", image_size=32, frame_every=10)
+    expert = SearchExpert(env)
+    given, _ = env.reset(seed=1)
+    expert.reset(given)
+    expert._run = expert._look([])
+    while not expert.done:
+        given, *_ = env.step(expert.act(given))
+    assert not np.allclose(expert._reading.drive[3:], expert._home, atol=0.1)
+    expert._run, expert._done = expert._go_home(), False
+    while not expert.done:
+        given, *_ = env.step(expert.act(given))
+    np.testing.assert_allclose(expert._reading.drive[3:], expert._home, atol=0.02)
 
 
 def test_of_a_target_seen_as_two_things_the_surer_one_is_planned_with_among_all_others() -> None:
