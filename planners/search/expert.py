@@ -34,6 +34,7 @@ from planners.search.own_shadow import OwnShadow, arms_near
 from planners.search.perception import Description, Seen, View, perceive
 from planners.search.sensing import BelievedSensor, RobotReading
 from planners.search.sight import load_kernels
+from planners.strategies import STRATEGIES
 from planners.tamp.solution import BoundAction, Infeasible, Solution
 
 Array = NDArray[np.float64]
@@ -53,6 +54,8 @@ _NEW_EYE = 0.06
 _MISSES = 2
 """Times that a place in line of sight is not seen, for example because it is narrower than a pixel, until views do not
 count it any more."""
+_ASIDE = replace(STRATEGIES["lookahead"], sets=4, slack=1, variations=2, non_monotone=0, attempts=1)
+"""How what is put aside is planned: quickly, since another spot or another object will do."""
 _TRIED = 5
 """Objects for which a plan is tried before another view, or the end, is considered."""
 _MOST_STEPS = 40
@@ -314,8 +317,7 @@ class SearchExpert:
             fresh = {name: cells & (self._missed[name] < _MISSES) for name, cells in places.items()}
             share = sum(cells.sum() for cells in fresh.values()) / sum(cells.sum() for cells in places.values())
             views = self._viewpoints(scene, Prospect(self._belief, fresh, scene), float(share))
-            is_new = [all(math.dist(one.eye, eye) > _NEW_EYE for eye in self._looked_from) for one in views]
-            useful = [one for one, new in zip(views, is_new, strict=True) if new and one.gain >= _LEAST_GAIN]
+            useful = [one for one in views if one.gain >= _LEAST_GAIN and self._is_new(one)]
         by_rate = sorted(useful, key=lambda one: -one.rate)
         best = next((one for one in by_rate if self._is_free(world, self._drive_to(one))), None)
         return best, names if best is None or best.rate < worth / _MOVE_SECONDS else []
@@ -429,8 +431,8 @@ class SearchExpert:
         if not rows:
             return None
         prospect.points = prospect.points[rows]
-        best = max(self._viewpoints(scene, prospect), key=lambda one: one.rate)
-        return best if best.gain >= 0.5 else None
+        views = [one for one in self._viewpoints(scene, prospect) if one.gain >= 0.5 and self._is_new(one)]
+        return max(views, key=lambda one: one.rate, default=None)
 
     def _viewpoints(self, scene: Scene, prospect: Prospect, share: float = 1.0) -> list[Viewpoint]:
         """Viewpoints before the support, with what they are worth; the places of a prospect are a share of all."""
@@ -444,8 +446,12 @@ class SearchExpert:
             for one in found
         ]
 
+    def _is_new(self, view: Viewpoint) -> bool:
+        """Whether nothing has been looked at from there since something moved."""
+        return all(math.dist(view.eye, eye) > _NEW_EYE for eye in self._looked_from)
+
     def _solved(self, scene: Scene, goal: Goal) -> Solution | Infeasible:
-        return self._planner.solve(scene, goal.target or goal, "lookahead", self._rng)
+        return self._planner.solve(scene, goal.target or goal, "lookahead" if goal.target else _ASIDE, self._rng)
 
     # Motions.
 

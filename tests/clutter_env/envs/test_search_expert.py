@@ -154,7 +154,7 @@ def test_for_what_no_grasp_reaches_one_spot_is_planned_with() -> None:
         level.is_unseen[:] = False
     tried: list[str] = []
 
-    def refuse(scene: Any, goal: Any) -> Infeasible:
+    def refuse(scene: Any, _goal: Any) -> Infeasible:
         tried.append(scene.regions[0].name)
         return Infeasible(causes[len(tried) > 1], "")
 
