@@ -162,9 +162,12 @@ class SearchEnv(RetrieveEnv):
         return len(self._actions) % self.config.frame_every == 0
 
     def _seen(self, name: str, observation: dict[str, Any]) -> NDArray[Any]:
-        """An image with the errors of depth and masks, which follow from the state; masks numbered as they come."""
+        """An image with the errors of depth and masks; masks numbered as they come.
+
+        The errors follow from the image and the time, not from the state: nothing that is hidden has a part in them.
+        """
         image: NDArray[Any] = observation[name]
-        rng = np.random.default_rng(zlib.crc32(name.encode() + self.data.qpos.tobytes()))
+        rng = np.random.default_rng(zlib.crc32(name.encode() + np.float64(self.data.time).tobytes() + image.tobytes()))
         if name.endswith("_depth") and self.config.depth_noise:
             noisy = image + self.config.depth_noise * rng.standard_normal(image.shape)
             return np.clip(noisy, 0.0, MAX_DEPTH).astype(np.float32)

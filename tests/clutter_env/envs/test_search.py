@@ -48,7 +48,25 @@ def test_an_observation_has_no_poses_and_masks_without_names(env: SearchEnv) -> 
     assert not env.workplace.nq > len(env.world.index.drive_qpos) + 8
 
 
-def test_the_same_seed_gives_the_same_scene_and_images(env: SearchEnv) -> None:
+@pytest.mark.parametrize("errors", [{}, {"depth_noise": 0.005, "mask_errors": 0.1}])
+def test_nothing_that_a_policy_gets_depends_on_where_the_hidden_target_is(errors: dict[str, float]) -> None:
+    """The errors of images followed from the whole state, hidden objects included."""
+    env = SearchEnv(num_objects=6, image_size=48, **errors)
+    size = {"shape": "box", "depth": 0.06, "width": 0.09, "height": 0.25}
+    screen = [{**size, "position": (-0.2, 0.1 * i - 0.2)} for i in range(5)]
+    given = []
+    for x in (0.0, 0.1):
+        target = {"shape": "cylinder", "radius": 0.025, "height": 0.10, "position": (x, 0.0)}
+        observation, info = env.reset(seed=0, options={"objects": [*screen, target], "target": "object_05"})
+        given.append([observation, info, *env.step(np.append(REST[:-2], (0.5, 0.5)))])
+        assert env.measurements.poses[5, 0] == pytest.approx(x, abs=1e-3)
+    for before, after in zip(*given, strict=True):
+        np.testing.assert_equal(before, after)
+
+
+@pytest.mark.parametrize("errors", [{}, {"depth_noise": 0.005, "mask_errors": 0.1}])
+def test_the_same_seed_gives_the_same_scene_and_images(errors: dict[str, float]) -> None:
+    env = SearchEnv(num_objects=5, image_size=64, **errors)
     first, _ = env.reset(seed=5)
     env.reset(seed=6)
     again, _ = env.reset(seed=5)
