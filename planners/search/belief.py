@@ -106,7 +106,7 @@ class Belief:
     def restart(self) -> None:
         """Take the target for wherever nothing is seen at present: it has been seen, and is lost."""
         for level in self._levels.values():
-            level.is_possible = level.is_unseen.all(axis=2)
+            level.is_possible = np.asarray(level.is_unseen.all(axis=2))
 
     def places(self, known: Sequence[Body], furniture: Sequence[StaticObstacle] = ()) -> dict[str, NDArray[np.bool_]]:
         """The places (nx, ny) of each support at which the target's centre can be, among known objects and furniture.

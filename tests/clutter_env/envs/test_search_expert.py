@@ -44,7 +44,7 @@ def _search(env: Any, seed: int, colour: tuple[float, ...] = ()) -> tuple[Search
             expert.reset(given)
         is_first = False
         observation, _, terminated, truncated, info = env.step(expert.act(given))
-        is_over = terminated or truncated
+        is_over = truncated or (terminated and not colour)  # what is put aside may be the target of the scene
     return expert, info
 
 
