@@ -9,6 +9,7 @@ import gymnasium as gym
 
 import clutter_env
 from clutter_env.cli.expert_episodes import film_of, saved_film
+from clutter_env.rendering.film import LOOKING
 from clutter_env.reporting.progress import progress_bar, shown_compilation
 from planners import SearchExpert, warmup
 from planners.drawing.page.page import write_page
@@ -42,7 +43,7 @@ def show_search(arguments: Arguments) -> dict[str, Any]:
         bar = stack.enter_context(progress_bar(bar_format="{n:.0f} s simulated{postfix}"))
         while not (is_over or expert.done):
             action = expert.act(observation)
-            text = expert.phase or "looks around"
+            text = expert.phase or LOOKING
             recorder.add_frame(len(expert.report.steps) - 1, text)
             observation, _, terminated, truncated, info = env.step(action)
             is_over = terminated or truncated
@@ -62,7 +63,7 @@ def show_search(arguments: Arguments) -> dict[str, Any]:
         write_page(files[0], recorder.recording(), rows, "success" if is_success else "failure")
         draw_search(report.steps).savefig(files[1], dpi=110)
         if film is not None:
-            film.finish(f"{info['target']} taken" if is_success else f"ended: {rows['success']}")
+            film.finish("target taken" if is_success else f"ended: {rows['success']}")
             files += saved_film(film, arguments.out)
     env.close()
     decisions = [f"{step.time:.0f} s: {step.text}" for step in report.steps]

@@ -29,8 +29,10 @@ FRAMES_PER_SECOND = 20
 _SPEED = STEPS_PER_FRAME * FRAMES_PER_SECOND / CONTROL_HZ
 _GIF_SHARE = 2
 """A GIF, made on machines without PyAV, has half as many frames, at half the size."""
-_KEY_PHASES = (": close", ": lift", ": open")
-"""The last state of these phases goes on the page: the grasp, the object in the air, the object put down."""
+LOOKING = "looks around"
+"""Caption of a robot that follows no plan, to see more."""
+_KEY_PHASES = (": close", ": lift", ": open", LOOKING)
+"""The last state of these phases goes on the page: the grasp, the object in the air, the object put down, the look."""
 _STRIP_COLUMNS = 4
 _MOST_MOMENTS = 24
 _STRIP_SIZE = 480, 360

@@ -151,7 +151,10 @@ def draw_plan(solution: Solution, path: Path) -> None:
 
 
 def draw_search(steps: Sequence[SearchStep]) -> Figure:
-    """Draw the decisions of a search: where the target can be, the known objects, from where the camera looks."""
+    """Draw the decisions of a search: where the target can be, the known objects, from where the camera looks.
+
+    Once the target is seen, what has not been seen is paler.
+    """
     columns = min(len(steps), _COLUMNS_WIDE) or 1
     rows = math.ceil(len(steps) / columns) or 1
     extents = np.array([grid.extent for step in steps for grid in step.grids.values()] or [(0.0, 1.0, 0.0, 1.0)])
@@ -167,7 +170,8 @@ def draw_search(steps: Sequence[SearchStep]) -> Figure:
             face, edge = COLOURS["table"], COLOURS["ink"]
             axes.add_patch(Rectangle((y0, x0), y1 - y0, x1 - x0, facecolor=face, edgecolor=edge))
             shown = np.ma.masked_where(~cells, cells)
-            axes.imshow(shown, extent=(y0, y1, x0, x1), origin="lower", cmap=possible, zorder=2)
+            strength = 0.35 if any(seen.is_target for seen in step.known) else 1.0
+            axes.imshow(shown, extent=(y0, y1, x0, x1), origin="lower", cmap=possible, alpha=strength, zorder=2)
         for seen in step.known:
             colour = COLOURS["target" if seen.is_target else "object"]
             _draw_body(axes, seen.body, colour, seen.name.removeprefix("seen_"))
@@ -179,11 +183,12 @@ def draw_search(steps: Sequence[SearchStep]) -> Figure:
         axes.axis("off")
     entries = {
         "the target can be here": Patch(color=COLOURS["NGR2"]),
+        "not seen, the target is elsewhere": Patch(color=COLOURS["NGR2"], alpha=0.35),
         "seen": _dot(COLOURS["object"], markeredgecolor=COLOURS["ink"]),
         "target, seen": _dot(COLOURS["target"], markeredgecolor=COLOURS["ink"]),
         "the camera is in front of here": _dot(COLOURS["ink"], marker="^"),
     }
-    figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=4, frameon=False, fontsize=9)
+    figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=5, frameon=False, fontsize=9)
     return figure
 
 
