@@ -131,7 +131,8 @@ class SearchReport:
     Attributes:
         found: the target has been seen.
         taken: it has been taken and is still between the fingers.
-        failure: why the search ended without, "" for success; "cannot be found" if every place has been seen.
+        failure: why the search ended without, "" for success; "cannot be found" if every place has been seen and the
+            target in none of them. Otherwise it says how many places stay hidden, and by what.
         moves: names of the objects moved, in order, as the expert calls them.
         views: viewpoints looked from.
         deviations: that stopped motions, as text.
@@ -272,12 +273,11 @@ class SearchExpert:
             started = time.process_time()
             places = self._places()
             if target is None and not any(cells.any() for cells in places.values()):
-                return self._end("cannot be found")
+                return self._end("lost after it was seen" if self.report.found else "cannot be found")
             view, names = self._ranked(places, target)
             seconds = time.process_time() - started
             move: tuple[str, tuple[BoundAction, ...]] | None = None
-            is_last = view is None
-            for some in (names[:_TRIED], names[_TRIED:] if is_last else []):
+            for some in (names[:_TRIED], names[_TRIED:] if view is None else []):
                 if some and move is None:
                     yield from self._go_home()
                     started = time.process_time()

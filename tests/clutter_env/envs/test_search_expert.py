@@ -165,6 +165,30 @@ def test_for_what_no_grasp_reaches_one_spot_is_planned_with() -> None:
     assert expert._refusals == {"seen_00": "unreachable"}
 
 
+def test_the_end_of_a_search_says_no_more_than_was_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cannot be found: only if no place is left, and the target has not been seen before."""
+    env = gym.make("clutter_env/Search-o5-v0", image_size=32)
+    expert = SearchExpert(env)
+    expert.reset(env.reset(seed=1)[0])
+    for name in ("_look", "_go_home"):
+        monkeypatch.setattr(expert, name, lambda *_: iter(()))
+    monkeypatch.setattr(expert, "_ranked", lambda *_: (None, ["seen_00"]))
+    monkeypatch.setattr(expert, "_move", lambda *_: expert._refusals.update(seen_00=Cause.UNREACHABLE))
+    levels = expert._belief._levels
+    left = sum(int(cells.sum()) for cells in expert._places().values())
+    list(expert._search())
+    assert expert.report.failure.startswith("not found where it can be seen;")
+    assert sum(int(word) for word in expert.report.failure.split() if word.isdigit()) == left
+    assert expert.report.failure.endswith("places stay hidden by seen_00 (unreachable)")
+    for level in levels.values():
+        level.is_possible[:] = False
+    list(expert._search())
+    assert expert.report.failure == "cannot be found"
+    expert.report.found = True
+    list(expert._search())
+    assert expert.report.failure == "lost after it was seen"
+
+
 def test_motions_to_views_are_planned_from_where_the_arm_is() -> None:
     """It went home after each view, for 4 s and up to 20 s where the torso had risen."""
     env = gym.make("clutter_env/Search-o5-v0", image_size=32, frame_every=10)
