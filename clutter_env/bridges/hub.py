@@ -94,7 +94,8 @@ class HubObservation(gym.ObservationWrapper):
         self.task = self.task_description = TASKS[family(env.spec.id)]
         self._observations = observations
         ends = [
-            hub_observation({name: getattr(box, end) for name, box in parts.items()}, observations) for end in _ENDS
+            hub_observation({name: getattr(box, end) for name, box in parts.items()}, observations)
+            for end in ("low", "high")
         ]
         images = {camera: parts[name] for camera, name in image_entries(parts).items()}
         found = {key: spaces.Box(low, ends[1][key]) for key, low in ends[0].items() if key != "pixels"}
@@ -103,9 +104,6 @@ class HubObservation(gym.ObservationWrapper):
     def observation(self, observation: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
         """The observation with its entries grouped."""
         return hub_observation(observation, self._observations)
-
-
-_ENDS = ("low", "high")
 
 
 def make_one(env_id: str = ENV_ID, observations: str = "environment_state", **keywords: Any) -> gym.Env:
