@@ -26,8 +26,10 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 from llvmlite import ir
+from numba import typeof
 from numba.core import cgutils, types
 from numba.core.datamodel import models, register_default
+from numba.core.errors import TypingError
 from numba.core.imputils import impl_ret_borrowed
 from numba.core.registry import cpu_target
 from numba.core.types.containers import BaseNamedTuple, BaseTuple
@@ -238,6 +240,42 @@ def _type_of(layout: _Layout) -> tuple[BaseNamedTuple, int]:
         fields.append(found)
         total += words
     return BaseTuple.from_types(fields, named), total
+
+
+def kernel_address(kernel: Any, *arguments: Any) -> int:
+    """The address of a kernel compiled for arguments of these types, for `call_at`; valid in this process alone."""
+    signature = tuple(typeof(argument) for argument in arguments)
+    kernel.compile(signature)
+    compiled = kernel.overloads[signature]
+    return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
+
+
+@intrinsic
+def call_at(_typing_context: Any, address: types.Type, arguments: types.BaseTuple) -> tuple[Signature, Any]:
+    """The integer that the kernel at an address returns: `call_at(address, (query, X))`.
+
+    What calls a kernel by its name contains it, compiled once more, with all that it calls; this call does not. The
+    types of the arguments must be those that `kernel_address` was given; a named tuple is passed by its address.
+    """
+    for field in arguments:
+        if isinstance(field, types.Array) and field.layout != "C":
+            raise TypingError(f"an array that a kernel is called with by its address is not in C order: {field}")
+    passed = [StructPointer(field) if isinstance(field, BaseNamedTuple) else field for field in arguments]
+
+    def call(context: Any, builder: Any, _signature: Signature, values: Any) -> Any:
+        """Emit the call, as numba emits that of a compiled function, and pass on its exception."""
+        given = cgutils.unpack_tuple(builder, values[1], len(passed))
+        for index, field in enumerate(arguments):
+            if isinstance(field, BaseNamedTuple):
+                given[index] = builder.bitcast(cgutils.alloca_once_value(builder, given[index]), _BYTE.as_pointer())
+        function = context.call_conv.get_function_type(types.int64, passed)
+        pointer = builder.inttoptr(values[0], function.as_pointer())
+        status, result = context.call_conv.call_function(builder, pointer, types.int64, passed, given)
+        with cgutils.if_unlikely(builder, status.is_error):
+            context.call_conv.return_status_propagate(builder, status)
+        return result
+
+    return types.int64(types.int64, arguments), call
 
 
 @unbox(StructPointer)

@@ -27,7 +27,7 @@ from irm.ik.numerical import random_seeds, refine
 from irm.ik.outer_reach import are_out_of_reach
 from irm.ik.structure import ParallelArm, SphericalArm, find_structure
 from irm.ik.structured import parallel_excess, parallel_solutions, scan_free_joint, spherical_solutions
-from irm.kernel_arguments import leaf_kernel, packed
+from irm.kernel_arguments import call_at, kernel_address, leaf_kernel, packed
 from irm.kinematics import arm_jacobian, condition, fk_frames
 from irm.shapes import CLEARANCE, Placed, Shapes, any_near, is_free, make_placed, place_shapes
 
@@ -219,7 +219,8 @@ class SolverArrays(NamedTuple):
 
     `kind`: CLOSED_FORM, SPHERICAL, PARALLEL or ITERATIVE. `spherical`, `parallel`: structure of the arm; zeros where it
     has another one. `seeds` (m, 1 + n) configurations; m = 0 for arms with a closed form. `free`, `elbow`: joint of the
-    chain whose angle is a parameter, -1 for none, and joint at the elbow.
+    chain whose angle is a parameter, -1 for none, and joint at the elbow. `other_solutions`: address of the kernel for
+    arms that are not CLOSED_FORM, so that a planner for Fetch need not compile it; 0 for those that are.
     """
 
     kind: int
@@ -229,6 +230,7 @@ class SolverArrays(NamedTuple):
     seeds: Floats
     free: int
     elbow: int
+    other_solutions: int = 0
 
 
 _NO_SPHERE = SphericalArm(
@@ -259,7 +261,14 @@ def free_angles(chain: ArmChain, count: int) -> Floats:
 
 @lru_cache(maxsize=64)
 def _solver_of(key: ChainKey) -> SolverArrays:
-    chain = key.chain
+    solver = _solver_without_address(key.chain)
+    if solver.kind == CLOSED_FORM:
+        return solver
+    memory = packed(solver), np.empty((3, 3)), np.empty(3), 0.0, 0.0, np.empty((8, key.chain.size))
+    return solver._replace(other_solutions=kernel_address(_other_solutions, *memory))
+
+
+def _solver_without_address(chain: ArmChain) -> SolverArrays:
     arrays, none = chain_arrays(chain), np.zeros((0, chain.size))
     if chain.has_closed_form:
         return SolverArrays(CLOSED_FORM, arrays, _NO_SPHERE, _NO_PARALLELS, none, _UPPER_ARM_ROLL, _ELBOW_FLEX)
@@ -289,6 +298,12 @@ def arm_solutions(arm: SolverArrays, R: Floats, p: Floats, torso: float, free: f
     """
     if arm.kind == CLOSED_FORM:
         return ik_arm(arm.chain, R, p, torso, free, found)
+    return call_at(arm.other_solutions, (arm, R, p, torso, free, found))
+
+
+@njit(cache=True)
+def _other_solutions(arm: SolverArrays, R: Floats, p: Floats, torso: float, free: float, found: Floats) -> int:
+    """`arm_solutions` of arms without the closed form of `irm.ik.closed_form`."""
     count, slack = 0, 1.0
     if arm.kind == ITERATIVE:
         found[0] = arm.seeds[int(free)]
