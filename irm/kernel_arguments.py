@@ -243,8 +243,12 @@ def _type_of(layout: _Layout) -> tuple[BaseNamedTuple, int]:
 
 
 def kernel_address(kernel: Any, *arguments: Any) -> int:
-    """The address of a kernel compiled for arguments of these types, for `call_at`; valid in this process alone."""
-    signature = tuple(typeof(argument) for argument in arguments)
+    """The address of a kernel compiled for arguments like these, for `call_at`; valid in this process alone."""
+    return _address(kernel, tuple(typeof(argument) for argument in arguments))
+
+
+@cache
+def _address(kernel: Any, signature: tuple[types.Type, ...]) -> int:
     kernel.compile(signature)
     compiled = kernel.overloads[signature]
     return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))

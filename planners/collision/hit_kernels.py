@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from irm.chain import BASE
 from irm.compilation import njit
 from irm.gjk import CYLINDER, Solids, are_any_within, are_within, core_distance, height
-from irm.kernel_arguments import copy_row, copy_rows, inlined_kernel, leaf_kernel
+from irm.kernel_arguments import call_at, copy_row, copy_rows, inlined_kernel, kernel_address, leaf_kernel, packed
 from irm.kinematics import fk_frames
 from planners.collision.scene_arrays import Obstacles, RobotArrays
 from planners.scene import SELF_BIT, STATIC_BIT
@@ -82,6 +82,7 @@ class CollisionQuery(NamedTuple):
         active: mask of the bits to look for; all others stay 0.
         padding: [m] Nearer counts as a hit.
         first_only: stop at the first hit: the mask is then 0 only if nothing is hit, but may lack other hits.
+        check_configuration, check_edge: addresses of the two kernels that most others call, so that each is compiled once.
     """
 
     robot: RobotArrays
@@ -92,6 +93,17 @@ class CollisionQuery(NamedTuple):
     active: np.uint64
     padding: float
     first_only: bool
+    check_configuration: int = 0
+    check_edge: int = 0
+
+
+def packed_query(query: CollisionQuery) -> CollisionQuery:
+    """The query as kernels read it, with the addresses of what they call."""
+    like, d = packed(query), query.scratch.x.shape[0]
+    ends = np.empty(d), np.empty(d)
+    configuration = kernel_address(_configuration_hits, like, query.active, np.empty(3), np.empty(d - 3))
+    edge = kernel_address(_edge_hits, like, *ends, 0.0)
+    return packed(query._replace(check_configuration=configuration, check_edge=edge))
 
 
 def make_scratch(robot: RobotArrays, attached: Attached) -> Scratch:
@@ -341,12 +353,17 @@ def _hits_itself(
     return False
 
 
-@leaf_kernel
+@inlined_kernel
 def configuration_hits(query: CollisionQuery, active: np.uint64, base: Array, q: Array) -> np.uint64:
     """What the robot and the held object come nearer to than the query's padding, as a mask.
 
     `active` is the mask of the bits to look for: the query's, or some of them.
     """
+    return np.uint64(call_at(query.check_configuration, (query, active, base, q)))
+
+
+@leaf_kernel
+def _configuration_hits(query: CollisionQuery, active: np.uint64, base: Array, q: Array) -> np.uint64:
     robot, obstacles, padding = query.robot, query.obstacles, query.padding
     scratch = query.scratch
     place_robot(robot, query.attached, scratch, base, q, query.opening)
@@ -448,7 +465,7 @@ def _hits_on_edge(query: CollisionQuery, start: Array, end: Array, share: int, p
     return np.uint64(configuration_hits(query, query.active, x[:3], x[3:]))
 
 
-@leaf_kernel
+@inlined_kernel
 def edge_hits(query: CollisionQuery, start: Array, end: Array, step: float) -> np.uint64:
     """What a straight motion between two whole-body configurations (3 + n,) hits; `start` itself is not checked.
 
@@ -456,6 +473,11 @@ def edge_hits(query: CollisionQuery, start: Array, end: Array, step: float) -> n
     than `step / 2 - padding` is missed. The end comes first, then ever finer subdivisions: a blocked edge is refused
     early. The finest are left out where nothing is so near that they could hit it.
     """
+    return np.uint64(call_at(query.check_edge, (query, start, end, step)))
+
+
+@leaf_kernel
+def _edge_hits(query: CollisionQuery, start: Array, end: Array, step: float) -> np.uint64:
     reach, x, slack = query.attached.reach, query.scratch.x, query.scratch.slack
     parts, stride = edge_samples(reach, start, end, step), 1
     copy_row(end, x)

@@ -19,7 +19,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from irm.gjk import CYLINDER, Solids, are_any_within, are_within
 from irm.kernel_arguments import packed
-from planners.collision.hit_kernels import Attached, CollisionQuery, Scratch, make_scratch, many_hits, path_hits
+from planners.collision.hit_kernels import (
+    Attached,
+    CollisionQuery,
+    Scratch,
+    make_scratch,
+    many_hits,
+    packed_query,
+    path_hits,
+)
 from planners.collision.scene_arrays import (
     Obstacles,
     RobotArrays,
@@ -204,7 +212,7 @@ class CollisionWorld:
         if key not in carried.queries:
             scratch, attached = carried.scratch, carried.attached
             query = CollisionQuery(carried.robot, self.obstacles, attached, scratch, apart, active, padding, first_only)
-            carried.queries[key] = packed(query)
+            carried.queries[key] = packed_query(query)
         return carried.queries[key]
 
     def hits(

@@ -228,7 +228,7 @@ def _scan(
     # Those whose gripper hits fewest objects come first: what they find rules out most of the others.
     by_hits = np.argsort(np.bitwise_count(by_gripper & ~np.uint64(FIXED_BITS)), kind="stable")
     order = np.arange(len(bases)) if first_free else by_hits
-    memory, (torsos, rolls, nearest_home) = make_memory(len(home), known), grid
+    memory, (torsos, rolls, nearest_home) = make_memory(query, known), grid
     scan(query, on_drive, shift, memory, home, bases, gripper_poses, by_gripper, order, torsos, rolls, nearest_home)
     kept, rows = memory.kept, np.flatnonzero(memory.kept.pair[: memory.kept.size[0]] >= 0)
     return ArmConfigurations(kept.q[rows], kept.pair[rows], kept.hits[rows], kept.quality[rows])

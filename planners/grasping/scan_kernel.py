@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from irm.compilation import njit
 from irm.ik.closed_form import MAX_SOLUTIONS
 from irm.ik.solvers import CLOSED_FORM, arm_solutions
-from irm.kernel_arguments import copy_row, leaf_kernel, pointer_to
+from irm.kernel_arguments import call_at, copy_row, kernel_address, leaf_kernel, pointer_to
 from irm.kinematics import arm_jacobian, condition, fk_frames
 from planners.collision.hit_kernels import CollisionQuery, arm_hits_static, configuration_hits
 from planners.collision.scene_arrays import RobotArrays
@@ -72,6 +72,7 @@ class Memory(NamedTuple):
         found: (MAX_SOLUTIONS, n) inverse kinematics; `nearest` (n,) the configuration nearest to home.
         R, p: (n + 1, 3, 3) and (n + 1, 3) frames of the links; `J` (6, n - 1) the Jacobian, and memory of
             `condition`: `A` (6, 6), `d` and `e` (6,).
+        can_rise: address of `can_rise`; 0 for a robot with a lift, for which it is not compiled.
     """
 
     kept: Kept
@@ -83,14 +84,16 @@ class Memory(NamedTuple):
     A: Array
     d: Array
     e: Array
+    can_rise: int
 
 
-def make_memory(joints: int, known: Collection[int] = ()) -> Memory:
-    """Memory for one scan of configurations of so many joints, with nothing found yet but some `known` masks.
+def make_memory(query: CollisionQuery, known: Collection[int] = ()) -> Memory:
+    """Memory for one scan with a packed query, with nothing found yet but some `known` masks.
 
     These are rows without a pair, -1, of a quality that any other exceeds.
     """
-    n, rows = joints, int(CAPACITY)
+    robot, rows = query.robot, int(CAPACITY)
+    n, has_lift = len(robot.axes), robot.upper[0] > robot.lower[0]
     masks = sorted(set(known), key=int.bit_count)[:rows]
     kept = Kept(
         np.empty((rows, n)),
@@ -100,20 +103,22 @@ def make_memory(joints: int, known: Collection[int] = ()) -> Memory:
         np.array([len(masks)], np.int64),
     )
     R, p, J = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n - 1))
-    return Memory(kept, np.empty((MAX_SOLUTIONS, n)), np.empty(n), R, p, J, np.empty((6, 6)), np.empty(6), np.empty(6))
+    rise = 0 if has_lift else kernel_address(can_rise, query, np.empty(3), np.empty(n))
+    found, A, d, e = np.empty((MAX_SOLUTIONS, n)), np.empty((6, 6)), np.empty(6), np.empty(6)
+    return Memory(kept, found, np.empty(n), R, p, J, A, d, e, rise)
 
 
 @njit(cache=True)
-def can_rise(query: CollisionQuery, base: Array, q: Array) -> bool:
-    """Whether the arm lifts the gripper straight up by `_RISE` without touching the robot."""
+def can_rise(query: CollisionQuery, base: Array, q: Array) -> int:
+    """Whether the arm lifts the gripper straight up by `_RISE` without touching the robot, 1 or 0."""
     robot, up = query.robot, np.array((0.0, 0.0, 1.0))
     path = follow_line(robot, q, up, _RISE, _RISE_STEP, _RISE_JUMP, np.ones(q.shape[0]))
     if path.shape[0] < math.ceil(_RISE / _RISE_STEP - 1e-9) + 1:
-        return False
+        return 0
     for k in range(path.shape[0] - 1, 0, -3):
         if configuration_hits(query, query.active & _SELF, base, path[k]) != _NONE:
-            return False
-    return True
+            return 0
+    return 1
 
 
 @njit(cache=True)
@@ -267,7 +272,7 @@ def _consider(
         return
     if configuration_hits(query, query.active & _SELF, base, q) != _NONE:
         return
-    if query.robot.upper[0] > query.robot.lower[0] or can_rise(query, base, q):
+    if memory.can_rise == 0 or call_at(memory.can_rise, (query, base, q)) == 1:
         _insert(memory.kept, q, pair, hits, _quality(query.robot, memory, q, home))
 
 

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from irm.compilation import njit
-from irm.kernel_arguments import leaf_kernel, packed, pointer_to
+from irm.kernel_arguments import call_at, kernel_address, leaf_kernel, packed, pointer_to
 
 
 class Inner(NamedTuple):
@@ -101,3 +101,43 @@ def test_arrays_are_shared() -> None:
 def test_another_attribute_is_refused_when_a_kernel_is_compiled() -> None:
     with pytest.raises(numba.core.errors.TypingError, match="another"):
         read_another(OUTER)
+
+
+@njit
+def entry_of(outer: Outer, rows: NDArray[np.float64], row: int) -> int:
+    """An integer that depends on all arguments; IndexError for a row that is not there."""
+    if row >= rows.shape[0]:
+        raise IndexError("no such row")
+    return int(rows[row, 1]) + 10 * outer.inner.count + 100 * outer.numbers[2]
+
+
+@njit
+def entry_at(address: int, outer: Outer, rows: NDArray[np.float64], row: int) -> int:
+    return call_at(address, (outer, rows, row))
+
+
+ROWS = np.arange(6.0).reshape(3, 2)
+
+
+def test_a_kernel_called_by_its_address_gets_what_one_called_by_its_name_gets() -> None:
+    address = kernel_address(entry_of, packed(OUTER), ROWS, 0)
+    for row in range(3):
+        expected = entry_of(packed(OUTER), ROWS, row)
+        assert entry_at(address, packed(OUTER), ROWS, row) == expected == 2 * row + 1 + 70 + 200
+        assert entry_at(address, OUTER, ROWS, row) == expected  # a tuple itself is passed by its address
+
+
+def test_the_error_of_a_kernel_called_by_its_address_arrives() -> None:
+    with pytest.raises(IndexError, match="no such row"):
+        entry_at(kernel_address(entry_of, packed(OUTER), ROWS, 0), packed(OUTER), ROWS, 3)
+
+
+def test_an_array_that_is_not_in_c_order_is_refused_by_a_call_by_address() -> None:
+    with pytest.raises(numba.TypingError, match="not in C order"):
+        entry_at(0, packed(OUTER), np.asfortranarray(ROWS), 0)
+
+
+def test_what_calls_a_kernel_by_its_address_does_not_contain_it() -> None:
+    entry_at(kernel_address(entry_of, packed(OUTER), ROWS, 0), packed(OUTER), ROWS, 0)
+    for compiled in entry_at.overloads.values():
+        assert "entry_of" not in compiled.library.get_llvm_str()
