@@ -255,7 +255,7 @@ def _address(kernel: Any, signature: tuple[types.Type, ...]) -> int:
 
 
 @intrinsic
-def call_at(_typing_context: Any, address: types.Type, arguments: types.BaseTuple) -> tuple[Signature, Any]:
+def call_at(_typing_context: Any, _at: types.Type, arguments: types.BaseTuple) -> tuple[Signature, Any]:
     """The integer that the kernel at an address returns: `call_at(address, (query, X))`.
 
     What calls a kernel by its name contains it, compiled once more, with all that it calls; this call does not. The

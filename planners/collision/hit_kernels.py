@@ -82,7 +82,7 @@ class CollisionQuery(NamedTuple):
         active: mask of the bits to look for; all others stay 0.
         padding: [m] Nearer counts as a hit.
         first_only: stop at the first hit: the mask is then 0 only if nothing is hit, but may lack other hits.
-        check_configuration, check_edge: addresses of the two kernels that most others call, so that each is compiled once.
+        check_configuration, check_edge: addresses of two kernels that most others call, so that each is compiled once.
     """
 
     robot: RobotArrays
