@@ -152,7 +152,7 @@ _WORD = 8
 _SCALARS = {bool: types.boolean, int: types.int64, float: types.float64}
 _SCALARS |= {np.uint64: types.uint64, np.int64: types.int64, np.float64: types.float64}
 """Types that numbers in a packed tuple may have."""
-_Layout = tuple[type, tuple[Any, ...]]
+Layout = tuple[type, tuple[Any, ...]]
 TupleT = TypeVar("TupleT", bound=tuple[Any, ...])
 
 
@@ -188,7 +188,7 @@ class _Packed:
         return self.value[index]
 
 
-def _words_of(value: tuple[Any, ...]) -> tuple[list[NDArray[np.uint64]], _Layout]:
+def _words_of(value: tuple[Any, ...]) -> tuple[list[NDArray[np.uint64]], Layout]:
     """The memory of a tuple in pieces, and its layout: its class, and for each field its own layout or type."""
     parts: list[NDArray[np.uint64]] = []
     words: list[int] = []
@@ -216,7 +216,7 @@ def _words_of(value: tuple[Any, ...]) -> tuple[list[NDArray[np.uint64]], _Layout
 
 
 @cache
-def _pointer_type(layout: _Layout) -> StructPointer:
+def _pointer_type(layout: Layout) -> StructPointer:
     """Numba's type of a packed tuple."""
     target, words = _type_of(layout)
     context = cpu_target.target_context
@@ -225,7 +225,7 @@ def _pointer_type(layout: _Layout) -> StructPointer:
     return StructPointer(target)
 
 
-def _type_of(layout: _Layout) -> tuple[BaseNamedTuple, int]:
+def _type_of(layout: Layout) -> tuple[BaseNamedTuple, int]:
     """Numba's type of a tuple, and how many words it takes."""
     named, total = layout[0], 0
     fields: list[types.Type] = []
@@ -242,20 +242,24 @@ def _type_of(layout: _Layout) -> tuple[BaseNamedTuple, int]:
     return BaseTuple.from_types(fields, named), total
 
 
-def kernel_address(kernel: Any, *arguments: Any) -> int:
-    """The address of a kernel compiled for arguments like these, for `call_at`; valid in this process alone."""
-    return _address(kernel, tuple(typeof(argument) for argument in arguments))
+def layout_of(value: tuple[Any, ...]) -> Layout:
+    """What decides a named tuple's type for kernels, packed or not; hashed in microseconds, as the type is not."""
+    return value.layout if isinstance(value, _Packed) else _words_of(value)[1]
 
 
-@cache
-def _address(kernel: Any, signature: tuple[types.Type, ...]) -> int:
+def kernel_address(kernel: Any, layout: Layout, *others: Any) -> int:
+    """The address of a kernel for `call_at`, compiled for a packed tuple of that layout and arguments like the others.
+
+    It is valid in this process alone.
+    """
+    signature = (_pointer_type(layout), *(typeof(argument) for argument in others))
     kernel.compile(signature)
     compiled = kernel.overloads[signature]
     return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
 
 
 @intrinsic
-def call_at(_typing_context: Any, _at: types.Type, arguments: types.BaseTuple) -> tuple[Signature, Any]:
+def call_at(_typing_context: Any, _at: types.Type, arguments: BaseTuple) -> tuple[Signature, Any]:
     """The integer that the kernel at an address returns: `call_at(address, (query, X))`.
 
     What calls a kernel by its name contains it, compiled once more, with all that it calls; this call does not. The

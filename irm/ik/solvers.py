@@ -27,7 +27,7 @@ from irm.ik.numerical import random_seeds, refine
 from irm.ik.outer_reach import are_out_of_reach
 from irm.ik.structure import ParallelArm, SphericalArm, find_structure
 from irm.ik.structured import parallel_excess, parallel_solutions, scan_free_joint, spherical_solutions
-from irm.kernel_arguments import call_at, kernel_address, leaf_kernel, packed
+from irm.kernel_arguments import call_at, kernel_address, layout_of, leaf_kernel, packed
 from irm.kinematics import arm_jacobian, condition, fk_frames
 from irm.shapes import CLEARANCE, Placed, Shapes, any_near, is_free, make_placed, place_shapes
 
@@ -264,8 +264,8 @@ def _solver_of(key: ChainKey) -> SolverArrays:
     solver = _solver_without_address(key.chain)
     if solver.kind == CLOSED_FORM:
         return solver
-    memory = packed(solver), np.empty((3, 3)), np.empty(3), 0.0, 0.0, np.empty((8, key.chain.size))
-    return solver._replace(other_solutions=kernel_address(_other_solutions, *memory))
+    others = np.empty((3, 3)), np.empty(3), 0.0, 0.0, np.empty((8, key.chain.size))
+    return solver._replace(other_solutions=kernel_address(_other_solutions, layout_of(solver), *others))
 
 
 def _solver_without_address(chain: ArmChain) -> SolverArrays:

@@ -10,6 +10,7 @@ from each other. A result is a 64-bit mask: bit i for object i,
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,17 @@ from numpy.typing import NDArray
 from irm.chain import BASE
 from irm.compilation import njit
 from irm.gjk import CYLINDER, Solids, are_any_within, are_within, core_distance, height
-from irm.kernel_arguments import call_at, copy_row, copy_rows, inlined_kernel, kernel_address, leaf_kernel, packed
+from irm.kernel_arguments import (
+    Layout,
+    call_at,
+    copy_row,
+    copy_rows,
+    inlined_kernel,
+    kernel_address,
+    layout_of,
+    leaf_kernel,
+    packed,
+)
 from irm.kinematics import fk_frames
 from planners.collision.scene_arrays import Obstacles, RobotArrays
 from planners.scene import SELF_BIT, STATIC_BIT
@@ -99,11 +110,15 @@ class CollisionQuery(NamedTuple):
 
 def packed_query(query: CollisionQuery) -> CollisionQuery:
     """The query as kernels read it, with the addresses of what they call."""
-    like, d = packed(query), query.scratch.x.shape[0]
-    ends = np.empty(d), np.empty(d)
-    configuration = kernel_address(_configuration_hits, like, query.active, np.empty(3), np.empty(d - 3))
-    edge = kernel_address(_edge_hits, like, *ends, 0.0)
+    configuration, edge = _addresses(layout_of(query))
     return packed(query._replace(check_configuration=configuration, check_edge=edge))
+
+
+@cache
+def _addresses(query: Layout) -> tuple[int, int]:
+    mask, values = np.uint64(0), np.empty(1)
+    configuration = kernel_address(_configuration_hits, query, mask, values, values)
+    return configuration, kernel_address(_edge_hits, query, values, values, 0.0)
 
 
 def make_scratch(robot: RobotArrays, attached: Attached) -> Scratch:

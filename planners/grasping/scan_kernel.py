@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from irm.compilation import njit
 from irm.ik.closed_form import MAX_SOLUTIONS
 from irm.ik.solvers import CLOSED_FORM, arm_solutions
-from irm.kernel_arguments import call_at, copy_row, kernel_address, leaf_kernel, pointer_to
+from irm.kernel_arguments import Layout, call_at, copy_row, kernel_address, layout_of, leaf_kernel, pointer_to
 from irm.kinematics import arm_jacobian, condition, fk_frames
 from planners.collision.hit_kernels import CollisionQuery, arm_hits_static, configuration_hits
 from planners.collision.scene_arrays import RobotArrays
@@ -103,9 +104,14 @@ def make_memory(query: CollisionQuery, known: Collection[int] = ()) -> Memory:
         np.array([len(masks)], np.int64),
     )
     R, p, J = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n - 1))
-    rise = 0 if has_lift else kernel_address(can_rise, query, np.empty(3), np.empty(n))
+    rise = 0 if has_lift else _address_of_can_rise(layout_of(query))
     found, A, d, e = np.empty((MAX_SOLUTIONS, n)), np.empty((6, 6)), np.empty(6), np.empty(6)
     return Memory(kept, found, np.empty(n), R, p, J, A, d, e, rise)
+
+
+@cache
+def _address_of_can_rise(query: Layout) -> int:
+    return kernel_address(can_rise, query, np.empty(1), np.empty(1))
 
 
 @njit(cache=True)

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from irm.compilation import njit
-from irm.kernel_arguments import call_at, kernel_address, leaf_kernel, packed, pointer_to
+from irm.kernel_arguments import call_at, kernel_address, layout_of, leaf_kernel, packed, pointer_to
 
 
 class Inner(NamedTuple):
@@ -120,7 +120,7 @@ ROWS = np.arange(6.0).reshape(3, 2)
 
 
 def test_a_kernel_called_by_its_address_gets_what_one_called_by_its_name_gets() -> None:
-    address = kernel_address(entry_of, packed(OUTER), ROWS, 0)
+    address = kernel_address(entry_of, layout_of(OUTER), ROWS, 0)
     for row in range(3):
         expected = entry_of(packed(OUTER), ROWS, row)
         assert entry_at(address, packed(OUTER), ROWS, row) == expected == 2 * row + 1 + 70 + 200
@@ -129,7 +129,7 @@ def test_a_kernel_called_by_its_address_gets_what_one_called_by_its_name_gets() 
 
 def test_the_error_of_a_kernel_called_by_its_address_arrives() -> None:
     with pytest.raises(IndexError, match="no such row"):
-        entry_at(kernel_address(entry_of, packed(OUTER), ROWS, 0), packed(OUTER), ROWS, 3)
+        entry_at(kernel_address(entry_of, layout_of(OUTER), ROWS, 0), packed(OUTER), ROWS, 3)
 
 
 def test_an_array_that_is_not_in_c_order_is_refused_by_a_call_by_address() -> None:
@@ -138,6 +138,6 @@ def test_an_array_that_is_not_in_c_order_is_refused_by_a_call_by_address() -> No
 
 
 def test_what_calls_a_kernel_by_its_address_does_not_contain_it() -> None:
-    entry_at(kernel_address(entry_of, packed(OUTER), ROWS, 0), packed(OUTER), ROWS, 0)
+    entry_at(kernel_address(entry_of, layout_of(OUTER), ROWS, 0), packed(OUTER), ROWS, 0)
     for compiled in entry_at.overloads.values():
         assert "entry_of" not in compiled.library.get_llvm_str()
