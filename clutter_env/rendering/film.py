@@ -58,7 +58,9 @@ class Film:
 
     def __post_init__(self) -> None:
         model, layout, start = self.env.model, self.env.layout, self.env.world.scene.base
-        self._renderer, self._small = Renderer(model, *_SIZE), Renderer(model, *_SMALL_SIZE)
+        sizes = [tuple(side // self._share for side in size) for size in (_SIZE, _SMALL_SIZE)]
+        self._large, self._small = (Renderer(model, *size) for size in sizes)
+        self._of_moments = Renderer(model, *_STRIP_SIZE)
         self._small.has_shadows = False  # from near they are coarse
         direction, aspect = across(layout), _SIZE[0] / _SIZE[1]
         self._across = whole_scene(model, layout, start, direction, aspect)
@@ -101,23 +103,23 @@ class Film:
                 video.write(self.frames)
             return path
         path = stem.with_suffix(".gif")
-        first, *others = [Image.fromarray(frame).reduce(_GIF_SHARE) for frame in self.frames]
+        first, *others = map(Image.fromarray, self.frames)
         milliseconds = 1000 * _GIF_SHARE // FRAMES_PER_SECOND
         first.save(path, save_all=True, append_images=others, duration=milliseconds, loop=0)
         return path
 
     def close(self) -> None:
         """Free the graphics."""
-        self._renderer.close()
-        self._small.close()
+        for renderer in (self._large, self._small, self._of_moments):
+            renderer.close()
 
     def _keep_moment(self) -> None:
-        self.moments.append((self._caption, self._renderer.colour(self.env.data, self._near)))
+        self.moments.append((self._caption, self._of_moments.colour(self.env.data, self._near)))
 
     def _keep_frame(self) -> None:
         self._of_gripper.lookat[:] = self.env.data.site_xpos[self.env.world.index.tcp_site]
         small = [self._small.colour(self.env.data, view) for view in (self._above, self._of_gripper)]
-        picture = np.hstack([self._renderer.colour(self.env.data, self._across), np.vstack(small)])
+        picture = np.hstack([self._large.colour(self.env.data, self._across), np.vstack(small)])
         said = f"{self._about}   {_SPEED:.0f}x speed".strip()
         self.frames.append(_captioned(picture, self._caption, said))
 
@@ -127,9 +129,9 @@ def _captioned(picture: Frame, caption: str, said: str) -> Frame:
     height, width = picture.shape[:2]
     page = Image.new("RGB", (width, height + _BAR), _PAPER)
     page.paste(Image.fromarray(picture), (0, 0))
-    draw = ImageDraw.Draw(page)
-    draw.text((12, height + 8), caption, fill=_INK, font=ImageFont.load_default(16))
-    draw.text((width - 12, height + 8), said, fill=_INK, font=ImageFont.load_default(16), anchor="ra")
+    draw, font = ImageDraw.Draw(page), ImageFont.load_default(max(12, width // 64))
+    draw.text((12, height + 8), caption, fill=_INK, font=font)
+    draw.text((width - 12, height + 8), said, fill=_INK, font=font, anchor="ra")
     return np.asarray(page)
 
 
@@ -137,7 +139,7 @@ def _tile(caption: str, picture: Frame) -> Frame:
     """A moment for the strip: smaller, with its caption and a white frame."""
     width, height = _STRIP_SIZE
     page = Image.new("RGB", (width + 8, height + 8 + _BAR), _PAPER)
-    page.paste(Image.fromarray(picture).resize(_STRIP_SIZE, Image.Resampling.LANCZOS), (4, 4))
+    page.paste(Image.fromarray(picture), (4, 4))
     ImageDraw.Draw(page).text((8, height + 10), caption, fill=_INK, font=ImageFont.load_default(14))
     return np.asarray(page)
 
