@@ -158,7 +158,7 @@ def test_for_what_no_grasp_reaches_one_spot_is_planned_with() -> None:
         tried.append(scene.regions[0].name)
         return Infeasible(causes[len(tried) > 1], "")
 
-    expert._solved = refuse  # type: ignore[method-assign]
+    expert._solved = refuse  # type: ignore[method-assign]  # a planner that refuses
     causes = (Cause.MOTION, Cause.UNREACHABLE)
     assert expert._move(["seen_00"], expert._places()) is None
     assert len(tried) == 2
