@@ -30,6 +30,7 @@ from planners.expert.expert import TampExpert as TampExpert
 from planners.expert.interfaces import ControlledEnv as ControlledEnv, controlled_env as controlled_env
 from planners.expert.monitor import Sensor as Sensor, held_object as held_object
 from planners.expert.report import EpisodeReport as EpisodeReport
+from planners.following import FollowingPlanner as FollowingPlanner
 from planners.goals import Goal as Goal, GoalError as GoalError, Region as Region
 from planners.grasping.arm_configurations import (
     ConfigurationGrid as ConfigurationGrid,

@@ -24,7 +24,7 @@ import tyro
 from clutter_env.bridges.fetch_tasks import DOWN, FetchTask
 from clutter_env.bridges.kinder_tasks import KinderTask
 from clutter_env.bridges.remote import Remote
-from clutter_env.bridges.robosuite_tasks import GRASPS, RobosuiteTask
+from clutter_env.bridges.robosuite_tasks import RobosuiteTask
 from planners import ExpertConfig, SceneError, Solution, TampExpert
 
 KINDER = (
@@ -95,9 +95,9 @@ def episode(remote: Remote | None, id: str, seed: int, most: int) -> dict[str, A
         "failure": "",
     }
     try:
-        task, grasps = begin(remote, id, seed)
+        task, choices = begin(remote, id, seed)
         config = ExpertConfig(planning_s=3600.0, with_floor=False)  # of wall time, on a busy machine
-        expert = TampExpert(task.world, grasps=grasps, config=config)
+        expert = TampExpert(task.world, **choices, config=config)
         before = time.process_time()
         expert.reset()
     except SceneError as problem:
@@ -122,14 +122,15 @@ def episode(remote: Remote | None, id: str, seed: int, most: int) -> dict[str, A
     }
 
 
-def begin(remote: Remote | None, id: str, seed: int) -> tuple[Any, Any]:
-    """An episode of the package that the id names, and the grasps for its robot."""
+def begin(remote: Remote | None, id: str, seed: int) -> tuple[Any, dict[str, Any]]:
+    """An episode of the package that the id names, and what the expert plans with."""
     if remote is None:
-        return FetchTask(seed, id), DOWN
+        return FetchTask(seed, id), {"grasps": DOWN}
     package, _, name = id.partition("/")
     if package == "robosuite":
-        return RobosuiteTask(remote, name, seed), GRASPS
-    return KinderTask(remote, id, seed), None
+        task = RobosuiteTask(remote, name, seed)
+        return task, {"planner": task.planner}
+    return KinderTask(remote, id, seed), {}
 
 
 def table(rows: list[dict[str, Any]]) -> Iterator[str]:

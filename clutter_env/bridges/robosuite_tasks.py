@@ -2,7 +2,7 @@
 
 with Remote("venv-robosuite/bin/python", "robosuite_worker.py") as robosuite:
     task = RobosuiteTask(robosuite, "PickPlace", seed=0)
-    expert = TampExpert(task.world, grasps=GRASPS)
+    expert = TampExpert(task.world, planner=task.planner)
     expert.reset()
     while not (expert.done or task.world.is_over):
         task.world.step(expert.act())
@@ -20,11 +20,21 @@ from typing import Any
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 import assets
+from clutter_env.bridges.osc import OscFollower, action_towards
 from clutter_env.bridges.remote import BridgeError, Remote
-from planners import ControlledWorld, GraspFamily, Region, RobotState, Scene, goals, insert_robot, tcp_pose
+from planners import (
+    ControlledWorld,
+    FollowingPlanner,
+    GraspFamily,
+    Region,
+    RobotState,
+    Scene,
+    goals,
+    insert_robot,
+    tcp_pose,
+)
 
 Array = NDArray[np.float64]
 
@@ -35,11 +45,17 @@ _STILL = 0.004
 _STEPS = 10
 """Of the environment in which its gripper opens or closes all the way."""
 GRASPS = tuple(
-    GraspFamily(f"{pitch}°, {1000 * depth:.0f} mm deep", np.radians(pitch), depth=depth)
-    for pitch, depth in ((90, 0.02), (90, 0.01), (75, 0.02), (70, 0.01), (60, 0.01), (50, 0.01))
+    GraspFamily(f"{pitch}°, {1000 * depth:.0f} mm deep", np.radians(pitch), depth=depth, shape=shape)
+    for depth, shape, pitches in (
+        (0.03, None, (90, 75)),
+        (0.02, None, (90, 75, 70, 60)),
+        (0.01, "cylinder", (90, 70, 60, 50)),
+    )
+    for pitch in pitches
 )
-"""Down, where that is possible. The can's compartment of PickPlace is out of reach, but for a tilted gripper that holds
-the can at its top, above the walls."""
+"""Down and deep, where that is possible: the bread, round at its top, slips out of fingers that hold it there. The
+can's compartment of PickPlace is out of reach, but for a tilted gripper that holds the can at its top, above the walls.
+"""
 _ARM = (0.17, 0.5)
 """[m] x, z of our Panda's arm on its base, with the lift down."""
 _COMPARTMENTS = {
@@ -64,6 +80,7 @@ class RobosuiteTask:
 
     Attributes:
         world: for `TampExpert`; its goal is that of the task.
+        planner: for `TampExpert`: its plans are such that the arm can follow them.
         dt: [s] of one step.
         done: the time is up.
         is_solved: what the environment's own check said after the last step.
@@ -94,13 +111,14 @@ class RobosuiteTask:
         self._columns = [model.joint(name).qposadr[0] for name in self.robot.arm_joints]
         self._theirs = [joints[name] for name in start["fingers"]]
         self._fingers = [model.joint(name).qposadr[0] for name in self.robot.finger_joints]
-        self._most, self._lag, self.horizon = np.array(start["most"]), start["lag"], start["horizon"]
+        self._most, self._lag, self.horizon = np.array(start["most"]), start["lag"] / self.dt, start["horizon"]
         self._qpos = model.qpos0.copy()
         self._qpos[model.joint(self.robot.torso_joint).qposadr[0]] = home[0]
         self._read(start)
         for _ in range(_SETTLE):
             self._step(np.zeros(6), 0.0)
         self._commanded, self._wanted = _OPENING / 2, self._tcp()
+        self.planner = FollowingPlanner(self.robot, grasps=GRASPS, controller=self._follower(start))
         supports, goal = _TASKS[id]
         movable = [model.body(int(joint.bodyid[0])).name for joint in free]
         self.world = ControlledWorld(
@@ -108,6 +126,33 @@ class RobosuiteTask:
         )
         if id == "PickPlace":
             self.world.regions = _compartments(self.world)
+
+    def _follower(self, start: dict[str, Any]) -> OscFollower:
+        """A model of the controller, with robosuite's own arm."""
+        spec = mujoco.MjSpec.from_string(start["xml"])
+        for body in spec.worldbody.bodies:
+            if body.name != start["root"]:
+                spec.delete(body)
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        for name, value in zip(start["arm"], self._state[self._arm], strict=True):
+            data.joint(name).qpos = value
+        mujoco.mj_kinematics(model, data)
+        site, T_world_site = data.site(start["site"]), np.eye(4)
+        T_world_site[:3, :3], T_world_site[:3, 3] = site.xmat.reshape(3, 3), site.xpos
+        return OscFollower(
+            model,
+            start["arm"],
+            start["site"],
+            np.array(start["elbow"]),
+            self._base,
+            np.linalg.inv(T_world_site) @ self._tcp(),
+            lift=float(self._lift[0]),
+            dt=self.dt,
+            stiffness=start["stiffness"],
+            lag=self._lag,
+            most=self._most,
+        )
 
     def _read(self, answer: dict[str, Any]) -> None:
         self._state = np.array(answer["qpos"])
@@ -129,9 +174,7 @@ class RobosuiteTask:
     def act(self, configuration: Array, opening: float) -> None:
         """One step of the environment: towards a pose of the gripper, and ahead of it by as much as it stays behind."""
         wanted = tcp_pose(self.robot, RobotState(configuration[:3], configuration[3:], 0.0))
-        action = (_change(self._tcp(), wanted) + self._lag / self.dt * _change(self._wanted, wanted)) / self._most
-        for part in (action[:3], action[3:]):  # slower, but in the same direction
-            part /= max(1.0, float(np.abs(part).max()))
+        action = action_towards(wanted, self._wanted, self._tcp(), self._lag, self._most)
         self._wanted = wanted
         self._step(action, self._grip(opening))
 
@@ -148,12 +191,6 @@ class RobosuiteTask:
             way = float(np.sign(self._commanded - opening)) if abs(self._commanded - opening) > _STILL else 0.0
         self._commanded = float(np.clip(self._commanded - way * _OPENING / _STEPS, 0.0, _OPENING))
         return way
-
-
-def _change(start: Array, end: Array) -> Array:
-    """(6,) from one pose to another, in the world: [m], and a rotation vector [rad]."""
-    turn = Rotation.from_matrix(end[:3, :3] @ start[:3, :3].T).as_rotvec()
-    return np.concatenate((end[:3, 3] - start[:3, 3], turn))
 
 
 def _simple(xml: str) -> mujoco.MjSpec:

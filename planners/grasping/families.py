@@ -48,6 +48,7 @@ class GraspFamily:
         max_width: [m] between the fingers of what is grasped so, by default what the gripper spans.
         yaws: [rad] least and greatest yaw of the gripper in the world, from -π to π, for grippers that do not turn
             freely; any by default.
+        shape: "cylinder" or "box", of the objects that are grasped so; both by default.
 
     Raises:
         InvalidGraspFamily: a value out of range, or both `depth` and `height`.
@@ -61,6 +62,7 @@ class GraspFamily:
     axis_offset: float | None = None
     max_width: float | None = None
     yaws: tuple[float, float] | None = None
+    shape: str | None = None
 
     def __post_init__(self) -> None:
         lengths = {name: getattr(self, name) for name in ("depth", "height", "max_width")}
@@ -73,10 +75,12 @@ class GraspFamily:
             wrong.append(f"axis_offset={self.axis_offset!r}")
         if None not in (self.depth, self.height):
             wrong.append("depth together with height")
+        if self.shape not in (None, "cylinder", "box"):
+            wrong.append(f"shape={self.shape!r}")
         if wrong:
             raise InvalidGraspFamily(
                 f"grasp family {self.name!r} has {', '.join(wrong)}; valid: pitch from 0 (level) to π/2 (down) rad, "
-                "directions from 1, lengths from 0 m, depth or height"
+                "directions from 1, lengths from 0 m, depth or height, shape 'cylinder' or 'box'"
             )
 
 
@@ -205,4 +209,6 @@ def families_for(body: Body, families: Sequence[Family]) -> tuple[Family, ...]:
     """
     antipodal = tuple(family for family in families if isinstance(family, AntipodalFamily))
     centred = tuple(family for family in families if isinstance(family, GraspFamily))
-    return antipodal if body.shape == "pieces" or not centred else centred
+    if body.shape == "pieces" or not centred:
+        return antipodal
+    return tuple(family for family in centred if family.shape in (None, body.shape))

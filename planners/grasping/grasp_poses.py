@@ -128,6 +128,8 @@ def too_wide(body: Body, robot: RobotSpec, families: Sequence[Family]) -> str:
     """Why no grasp of some families fits around an object, "" if one does."""
     chosen = families_for(body, families)
     if not chosen:
+        if body.shape != "pieces":
+            return f"no family of grasps is for {body.name}, a {body.shape}"
         return f"{body.name} consists of several pieces, and no family of grasps is an AntipodalFamily"
     widest = max(_widest(robot, family) for family in chosen)
     span = f"{1000 * widest:.0f} mm"

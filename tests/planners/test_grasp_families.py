@@ -58,6 +58,7 @@ def test_the_values_of_a_family_are_those_of_its_grasps() -> None:
         {"axis_offset": math.inf},
         {"max_width": -1.0},
         {"depth": 0.02, "height": 0.03},
+        {"shape": "pieces"},
     ],
     ids=str,
 )
@@ -70,6 +71,15 @@ def test_a_family_with_a_value_out_of_range_is_refused(values: dict[str, float])
 def test_what_is_no_grasp_set_is_refused_with_the_valid_names(grasps: object) -> None:
     with pytest.raises(UnknownGraspSet, match="side, tilted, top, all"):
         Planner(FETCH, grasps=grasps)  # type: ignore[arg-type]  # on purpose
+
+
+def test_a_family_for_one_shape_takes_no_other() -> None:
+    round_one, square = cylinder("round", 0.0, 0.0), replace(cylinder("square", 0.0, 0.0), shape="box")
+    family = GraspFamily("own", 0.0, shape="cylinder")
+    assert generate_grasps(round_one, FETCH, (family,))
+    assert not generate_grasps(square, FETCH, (family,))
+    assert generate_grasps(square, FETCH, (family, SIDE))
+    assert too_wide(square, FETCH, (family,)) == "no family of grasps is for square, a box"
 
 
 def test_a_plan_is_made_of_the_grasps_of_the_families_given() -> None:

@@ -43,7 +43,10 @@ class Task:
             "arm": env.robots[0].robot_arm_joints,
             "fingers": env.robots[0].gripper_joints["right"],
             "most": controller.output_max.tolist(),
+            "stiffness": float(controller.kp[0]),
             "lag": float(controller.kd[0] / controller.kp[0]),
+            "site": controller.ref_name,
+            "elbow": controller.initial_joint.tolist(),
             "horizon": env.horizon,
             **self.state(),
         }

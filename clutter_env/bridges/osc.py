@@ -1,0 +1,139 @@
+"""robosuite's operational-space controller without the rest of the physics: how the arm follows its gripper."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+
+_SUBSTEPS = 5
+"""Of one step of the environment."""
+_ELBOW_STIFFNESS = 10.0
+"""[1/s²] with which the controller draws the joints to their start, as far as the gripper's pose leaves them free."""
+
+
+def change(start: Array, end: Array) -> Array:
+    """(6,) from one pose (4, 4) to another, in the world: [m], and a rotation vector [rad]."""
+    turn = Rotation.from_matrix(end[:3, :3] @ start[:3, :3].T).as_rotvec()
+    return np.concatenate((end[:3, 3] - start[:3, 3], turn))
+
+
+def action_towards(wanted: Array, before: Array, now: Array, lag: float, most: Array) -> Array:
+    """(6,) in [-1, 1]: towards a pose (4, 4) of the gripper, and ahead of it by as much as the gripper stays behind.
+
+    Args:
+        wanted: pose to be reached in this step.
+        before: what was wanted in the step before.
+        now: pose that the gripper has.
+        lag: steps by which the controller stays behind.
+        most: (6,) [m], [rad] that an action of 1 means.
+    """
+    action = (change(now, wanted) + lag * change(before, wanted)) / most
+    for part in (action[:3], action[3:]):  # slower, but in the same direction
+        part /= max(1.0, float(np.abs(part).max()))
+    return action
+
+
+class OscFollower:
+    """Predicts in which configurations the arm follows poses of the gripper: a `planners` `TcpFollower`.
+
+    The gripper is drawn to its goal as by a spring with damping, the elbow to where it started, and a joint at its
+    limit stays there.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        joints: list[str],
+        site: str,
+        start: Array,
+        base: Array,
+        T_site_tcp: Array,
+        *,
+        lift: float,
+        dt: float,
+        stiffness: float,
+        lag: float,
+        most: Array,
+    ) -> None:
+        """Make a model of the controller.
+
+        Args:
+            model: in which the arm is; everything else in it stays at its start.
+            joints: of the arm.
+            site: of which the controller moves the pose.
+            start: (n,) [rad] configuration to which the controller draws the elbow.
+            base: (3,) x, y, z [m] of the frame in which poses of the TCP are given.
+            T_site_tcp: (4, 4) of the TCP in the frame of the site.
+            lift: [m] first joint of the configurations, which stays.
+            dt: [s] of one step.
+            stiffness: [1/s²] of the gripper's spring; the damping is critical.
+            lag: steps by which the gripper stays behind.
+            most: (6,) [m], [rad] that an action of 1 means.
+        """
+        self._model, self._data = model, mujoco.MjData(model)
+        own = [model.joint(name) for name in joints]
+        self._columns = np.array([int(joint.qposadr[0]) for joint in own])
+        self._dofs = np.array([int(joint.dofadr[0]) for joint in own])
+        self._lower, self._upper = np.array([joint.range for joint in own]).T
+        self._site, self._start, self._base, self._T_site_tcp = model.site(site).id, start, base, T_site_tcp
+        self._lift, self._dt, self._stiffness, self._lag, self._most = lift, dt, stiffness, lag, most
+        self.reset(np.append(lift, start))
+
+    def reset(self, q: Array) -> None:
+        """Start at rest in a configuration (1 + n,)."""
+        self._q, self._qd = np.array(q[1:], dtype=float), np.zeros(len(q) - 1)
+        self._update()
+        self._wanted = self._pose() @ self._T_site_tcp
+
+    def step(self, T_base_tcp: Array) -> Array:
+        """The configuration (1 + n,) one step later, on the way to a pose (4, 4)."""
+        wanted = T_base_tcp.copy()
+        wanted[:3, 3] += self._base
+        now = self._pose()
+        action = action_towards(wanted, self._wanted, now @ self._T_site_tcp, self._lag, self._most) * self._most
+        self._wanted = wanted
+        J, inverse, M = self._dynamics()
+        pull, free = _projections(J, inverse)
+        time, start = self._dt / _SUBSTEPS, self._q
+        for _ in range(_SUBSTEPS):
+            left = action - J @ (self._q - start)
+            force = self._stiffness * left - 2 * np.sqrt(self._stiffness) * (J @ self._qd)
+            elbow = _ELBOW_STIFFNESS * (self._start - self._q) - 2 * np.sqrt(_ELBOW_STIFFNESS) * self._qd
+            self._qd = self._qd + inverse @ (pull @ force + free @ (M @ elbow)) * time
+            q = self._q + self._qd * time
+            self._q = np.clip(q, self._lower, self._upper)
+            self._qd[self._q != q] = 0.0
+        self._update()
+        return np.append(self._lift, self._q)
+
+    def _update(self) -> None:
+        self._data.qpos[self._columns] = self._q
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
+
+    def _pose(self) -> Array:
+        """(4, 4) of the controller's site in the world."""
+        pose = np.eye(4)
+        pose[:3, :3] = self._data.site_xmat[self._site].reshape(3, 3)
+        pose[:3, 3] = self._data.site_xpos[self._site]
+        return pose
+
+    def _dynamics(self) -> tuple[Array, Array, Array]:
+        """Jacobian (6, n) of the site, inverse and mass matrix (n, n)."""
+        J, M = np.empty((6, self._model.nv)), np.empty((self._model.nv, self._model.nv))
+        mujoco.mj_crb(self._model, self._data)
+        mujoco.mj_jacSite(self._model, self._data, J[:3], J[3:], self._site)
+        mujoco.mj_fullM(self._model, self._data, M)
+        M = M[np.ix_(self._dofs, self._dofs)]
+        return J[:, self._dofs], np.linalg.inv(M), M
+
+
+def _projections(J: Array, inverse: Array) -> tuple[Array, Array]:
+    """Torques (n, 6) of unit accelerations of the site, position and rotation apart; and what moves it not (n, n)."""
+    inertia = J @ inverse @ J.T
+    pull = np.hstack([J[rows].T @ np.linalg.pinv(inertia[rows, rows]) for rows in (slice(0, 3), slice(3, 6))])
+    return pull, np.eye(len(inverse)) - J.T @ np.linalg.pinv(inertia) @ J @ inverse

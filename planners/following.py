@@ -1,0 +1,115 @@
+"""Plans for an arm whose controller moves the gripper and chooses the joints itself.
+
+Such an arm bends its elbow elsewhere than the plan does. It may run into a limit of a joint and stay there, or touch
+what the plan passes. Which of several plans it can follow is found out with a model of the controller.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from planners.clock import Deadline
+from planners.collision.world import CompiledScenes
+from planners.context import PlanningContext
+from planners.goals import Before, Goal, GoalError
+from planners.motion.tcp_following import TcpFollower, follow
+from planners.planner import Planner
+from planners.scene import Scene
+from planners.strategies import Strategy
+from planners.tamp.solution import Infeasible, Solution
+
+_Cost: TypeAlias = tuple[bool, int, int, int]
+"""Of a plan: whether the controller cannot follow it to its end; how many objects it touches; how many picks it has
+more than the lower bound; its steps."""
+_FOLLOWED = False, 0, 0
+
+
+@dataclass(frozen=True)
+class FollowingPlanner(Planner):
+    """A planner that returns, of several plans, one that the controller can follow.
+
+    The first plans are for the goal as it is, with arm configurations near home, where such controllers keep the
+    joints, and with all. The others move one of the objects before, or after, all others of the goal. The first plan is
+    taken that a model of the controller follows to its end, that touches no object on the way and takes none without
+    need; if there is none, the one that comes nearest to this.
+
+    Attributes:
+        controller: the model. Other than with `follower`, motions are planned as for joint control.
+        near_home: whether only arm configurations near home count.
+    """
+
+    controller: TcpFollower | None = None
+    near_home: bool = False
+
+    def context(self, scene: Scene) -> PlanningContext:
+        """That of `Planner`, near home if so chosen."""
+        context = super().context(scene)
+        return context.only_near_home() if self.near_home else context
+
+    def solve(
+        self,
+        scene: Scene,
+        goal: str | Goal,
+        strategy: str | Strategy = "lookahead",
+        rng: np.random.Generator | None = None,
+        time_limit: float | None = None,
+        start: Scene | None = None,
+    ) -> Solution | Infeasible:
+        """Plan for a goal; see the function `solve`."""
+        deadline = Deadline.after(time_limit)
+        wanted, rng = Goal.of(goal), rng or np.random.default_rng(0)
+        plans: list[tuple[_Cost, Solution]] = []
+        refusals: list[Infeasible] = []
+        for ordered in _orders(wanted, scene, start or scene):
+            for near_home in (True, False):
+                left = None if time_limit is None else deadline.remaining
+                planner = replace(self, near_home=near_home)
+                found = Planner.solve(planner, scene, ordered, strategy, rng, left, start)
+                if isinstance(found, Infeasible):
+                    refusals.append(found)
+                else:
+                    plans.append((self._cost(found, scene), found))
+                is_good = bool(plans) and plans[-1][0][:3] == _FOLLOWED
+                if is_good or deadline.is_over:
+                    return _best(plans, refusals, wanted)
+        return _best(plans, refusals, wanted)
+
+    def _cost(self, solution: Solution, scene: Scene) -> _Cost:
+        needless = 0 if solution.bound is None else max(solution.picks - solution.bound.least, 0)
+        if self.controller is None:
+            return False, 0, needless, 0
+        compiled, touched, steps, q = CompiledScenes(), 0, 0, np.array(scene.state.q)
+        for action in solution.actions:
+            followed = follow(self.controller, scene.robot, q, action.trajectory)
+            if followed is None:
+                return True, touched, needless, steps
+            world, own = compiled.world(action.scene), (action.target,) if action.target else ()
+            hits = followed.hits(world.with_padding(0.0), action.scene.mask(own))
+            touched += len(action.scene.names_of(hits))
+            steps, q = steps + len(followed.configurations), followed.configurations[-1, 3:]
+        return False, touched, needless, steps
+
+
+def _best(plans: Sequence[tuple[_Cost, Solution]], refusals: Sequence[Infeasible], goal: Goal) -> Solution | Infeasible:
+    """The plan of the least cost, else the first refusal: that of the goal as it is."""
+    found = min(plans, key=lambda plan: plan[0])[1] if plans else refusals[0]
+    return replace(found, goal=goal)
+
+
+def _orders(goal: Goal, scene: Scene, start: Scene) -> Iterator[Goal]:
+    """The goal as it is; then with each object that it places moved before, or after, all others."""
+    yield goal
+    names = [fact.object for fact in goal.placed if not fact.holds(scene, start)]
+    for name in names if len(names) > 1 else ():
+        others = [other for other in names if other != name]
+        for facts in ([Before(name, other) for other in others], [Before(other, name) for other in others]):
+            ordered = Goal(tuple(dict.fromkeys((*goal.facts, *facts))))
+            try:
+                ordered.check(scene)
+            except GoalError:  # against the goal's own order, or what stands on what
+                continue
+            yield ordered

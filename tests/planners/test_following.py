@@ -1,0 +1,98 @@
+"""Plans for an arm whose controller chooses the joints: which of several is taken, and for which goal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import planners.following
+from assets.robots import FETCH
+from planners import FollowingPlanner, Infeasible, Planner, Region, Scene, Solution, goals
+from planners.goals import Before, Goal
+from planners.motion.tcp_following import Followed
+from planners.motion.trajectory import Trajectory
+from tests.planners.scenes import cylinder, table_scene
+
+SCENE = replace(
+    table_scene(*(cylinder(name, -0.2, y, 0.035, 0.08) for name, y in zip("abc", (-0.3, 0, 0.3), strict=True))),
+    regions=(Region("left", "table_top", (0.0, 0.15), (0.1, 0.06)),),
+)
+GOAL = goals.inside("a", "left") & goals.inside("b", "left")
+
+
+@dataclass
+class Controller:
+    """Gets stuck with one object in the gripper if that is the first of a plan, and takes the arm through another."""
+
+    first: str = ""
+    touched: str = ""
+
+    def reset(self, q: NDArray[np.float64]) -> None:
+        raise AssertionError(f"`follow` is replaced: {q}")
+
+    def step(self, T_base_tcp: NDArray[np.float64]) -> NDArray[np.float64]:
+        raise AssertionError(f"`follow` is replaced: {T_base_tcp}")
+
+    def follow(self, controller: Any, robot: Any, q: NDArray[np.float64], trajectory: Trajectory) -> Followed | None:
+        assert (controller, robot) == (self, FETCH)
+        held = [phase.held and phase.touched for phase in trajectory.phases]
+        if np.array_equal(q, SCENE.state.q):
+            self.before = ""
+        names = [one.name for one in held if one]
+        is_first, self.before = not self.before, self.before or next(iter(names), "")
+        if names and is_first and self.first == names[0]:
+            return None
+        X = np.array([np.concatenate((x, q)) for x, q in zip(trajectory.base, trajectory.q, strict=True)])
+        if names and is_first and self.touched == names[0]:
+            other = SCENE.body("c").position
+            X = np.vstack((X, np.concatenate((other[:2], X[-1, 2:]))))
+        return Followed(X, np.full(len(X), 0.05), (None,) * len(X))
+
+
+def order_of(found: Solution | Infeasible) -> list[str]:
+    assert isinstance(found, Solution), found
+    return [action.target for action in found.actions if action.name == "PickUp"]
+
+
+@pytest.fixture
+def planned() -> list[str]:
+    """The order in which a `Planner` takes the objects."""
+    return order_of(Planner(FETCH).solve(SCENE, GOAL))
+
+
+@pytest.mark.parametrize("kind", ["first", "touched"])
+def test_a_plan_that_is_not_followed_is_replaced_by_one_in_another_order(
+    planned: list[str], kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    controller = Controller(**{kind: planned[0]})
+    monkeypatch.setattr(planners.following, "follow", controller.follow)
+    found = FollowingPlanner(FETCH, controller=controller).solve(SCENE, GOAL)
+    assert order_of(found) == planned[::-1]
+    assert isinstance(found, Solution)
+    assert found.goal == GOAL
+
+
+def test_of_plans_that_are_not_followed_the_nearest_is_taken(
+    planned: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The goal leaves one order, and that gets stuck."""
+    controller = Controller(first=planned[0])
+    monkeypatch.setattr(planners.following, "follow", controller.follow)
+    goal = GOAL & goals.before(*planned)
+    found = FollowingPlanner(FETCH, controller=controller).solve(SCENE, goal)
+    assert order_of(found) == planned
+    assert isinstance(found, Solution)
+    assert found.goal == goal
+
+
+def test_a_refusal_is_that_of_the_goal_as_it_is() -> None:
+    scene: Scene = replace(SCENE, regions=(Region("left", "table_top", (0.0, 0.15), (0.03, 0.03)),))
+    found = FollowingPlanner(FETCH).solve(scene, GOAL)
+    assert isinstance(found, Infeasible)
+    assert found.goal == GOAL
+    assert not any(isinstance(fact, Before) for fact in Goal.of(found.goal).facts)
+    assert found.cause == getattr(Planner(FETCH).solve(scene, GOAL), "cause", None)
