@@ -25,7 +25,8 @@ from planners.tamp.solution import Infeasible, Solution
 _Cost: TypeAlias = tuple[bool, int, int, int]
 """Of a plan: whether the controller cannot follow it to its end; how many objects it touches; how many picks it has
 more than the lower bound; its steps."""
-_FOLLOWED = False, 0, 0
+_GOOD, _ENOUGH = (False, 0, 0), 3
+"""How the cost of good plans begins, and how many of them are compared."""
 
 
 @dataclass(frozen=True)
@@ -33,9 +34,10 @@ class FollowingPlanner(Planner):
     """A planner that returns, of several plans, one that the controller can follow.
 
     The first plans are for the goal as it is, with arm configurations near home, where such controllers keep the
-    joints, and with all. The others move one of the objects before, or after, all others of the goal. The first plan is
-    taken that a model of the controller follows to its end, that touches no object on the way and takes none without
-    need; if there is none, the one that comes nearest to this.
+    joints, and with all. The others move one of the objects before, or after, all others of the goal. Good plans are
+    those that a model of the controller follows to their end, that touch no object on the way and take none without
+    need. Of the first three, the one that takes the fewest steps is returned; if there are none, the one that comes
+    nearest to this.
 
     Attributes:
         controller: the model. Other than with `follower`, motions are planned as for joint control.
@@ -73,8 +75,7 @@ class FollowingPlanner(Planner):
                     refusals.append(found)
                 else:
                     plans.append((self._cost(found, scene), found))
-                is_good = bool(plans) and plans[-1][0][:3] == _FOLLOWED
-                if is_good or deadline.is_over:
+                if sum(cost[:3] == _GOOD for cost, _ in plans) == _ENOUGH or deadline.is_over:
                     return _best(plans, refusals, wanted)
         return _best(plans, refusals, wanted)
 

@@ -11,6 +11,8 @@ Array = NDArray[np.float64]
 
 _SUBSTEPS = 5
 """Of one step of the environment."""
+_FADING = 0.8
+"""Of the lead that is left a step later."""
 _ELBOW_STIFFNESS = 10.0
 """[1/s²] with which the controller draws the joints to their start, as far as the gripper's pose leaves them free."""
 
@@ -21,20 +23,32 @@ def change(start: Array, end: Array) -> Array:
     return np.concatenate((end[:3, 3] - start[:3, 3], turn))
 
 
-def action_towards(wanted: Array, before: Array, now: Array, lag: float, most: Array) -> Array:
-    """(6,) in [-1, 1]: towards a pose (4, 4) of the gripper, and ahead of it by as much as the gripper stays behind.
+class Lead:
+    """Actions that keep the gripper where it is wanted, although the controller stays behind.
 
-    Args:
-        wanted: pose to be reached in this step.
-        before: what was wanted in the step before.
-        now: pose that the gripper has.
-        lag: steps by which the controller stays behind.
-        most: (6,) [m], [rad] that an action of 1 means.
+    The goal of an action is ahead of what is wanted by as much as spring and damper stay behind at that speed. Where
+    the plan waits for the gripper, the lead fades: taken away at once it would halve the speed, step by step.
     """
-    action = (change(now, wanted) + lag * change(before, wanted)) / most
-    for part in (action[:3], action[3:]):  # slower, but in the same direction
-        part /= max(1.0, float(np.abs(part).max()))
-    return action
+
+    def __init__(self, pose: Array, lag: float, most: Array) -> None:
+        """Begin at rest at a pose (4, 4).
+
+        Args:
+            pose: of the gripper.
+            lag: steps by which the controller stays behind.
+            most: (6,) [m], [rad] that an action of 1 means.
+        """
+        self._before, self._speed, self._lag, self._most = pose, np.zeros(6), lag, most
+
+    def action(self, wanted: Array, now: Array) -> Array:
+        """(6,) in [-1, 1]: from the pose (4, 4) that the gripper has now towards the one wanted after this step."""
+        is_waiting = np.array_equal(wanted, self._before)
+        self._speed = _FADING * self._speed if is_waiting else change(self._before, wanted)
+        self._before = wanted
+        action = (change(now, wanted) + self._lag * self._speed) / self._most
+        for part in (action[:3], action[3:]):  # slower, but in the same direction
+            part /= max(1.0, float(np.abs(part).max()))
+        return action
 
 
 class OscFollower:
@@ -87,15 +101,14 @@ class OscFollower:
         """Start at rest in a configuration (1 + n,)."""
         self._q, self._qd = np.array(q[1:], dtype=float), np.zeros(len(q) - 1)
         self._update()
-        self._wanted = self._pose() @ self._T_site_tcp
+        self._lead = Lead(self._pose() @ self._T_site_tcp, self._lag, self._most)
 
     def step(self, T_base_tcp: Array) -> Array:
         """The configuration (1 + n,) one step later, on the way to a pose (4, 4)."""
         wanted = T_base_tcp.copy()
         wanted[:3, 3] += self._base
         now = self._pose()
-        action = action_towards(wanted, self._wanted, now @ self._T_site_tcp, self._lag, self._most) * self._most
-        self._wanted = wanted
+        action = self._lead.action(wanted, now @ self._T_site_tcp) * self._most
         J, inverse, M = self._dynamics()
         pull, free = _projections(J, inverse)
         time, start = self._dt / _SUBSTEPS, self._q

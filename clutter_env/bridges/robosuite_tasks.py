@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import assets
-from clutter_env.bridges.osc import OscFollower, action_towards
+from clutter_env.bridges.osc import Lead, OscFollower
 from clutter_env.bridges.remote import BridgeError, Remote
 from planners import (
     ControlledWorld,
@@ -117,7 +117,7 @@ class RobosuiteTask:
         self._read(start)
         for _ in range(_SETTLE):
             self._step(np.zeros(6), 0.0)
-        self._commanded, self._wanted = _OPENING / 2, self._tcp()
+        self._commanded, self._lead = _OPENING / 2, Lead(self._tcp(), self._lag, self._most)
         self.planner = FollowingPlanner(self.robot, grasps=GRASPS, controller=self._follower(start))
         supports, goal = _TASKS[id]
         movable = [model.body(int(joint.bodyid[0])).name for joint in free]
@@ -174,9 +174,7 @@ class RobosuiteTask:
     def act(self, configuration: Array, opening: float) -> None:
         """One step of the environment: towards a pose of the gripper, and ahead of it by as much as it stays behind."""
         wanted = tcp_pose(self.robot, RobotState(configuration[:3], configuration[3:], 0.0))
-        action = action_towards(wanted, self._wanted, self._tcp(), self._lag, self._most)
-        self._wanted = wanted
-        self._step(action, self._grip(opening))
+        self._step(self._lead.action(wanted, self._tcp()), self._grip(opening))
 
     def _step(self, action: Array, grip: float) -> None:
         self._read(self._robosuite("step", action=[*action, grip]))

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import mujoco
@@ -48,7 +49,7 @@ def insert_robot(
             spec.delete(key)
         x, y, yaw = np.asarray(base, dtype=float)
         frame = spec.worldbody.add_frame(pos=[x, y, 0.0], quat=[math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)])
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), _no_warnings_of_mujoco():
             warnings.simplefilter("ignore")  # the robot keeps its names: the planner looks for them
             spec.attach(mujoco.MjSpec.from_file(str(robot.mjcf_path)), frame=frame, prefix="")
             return spec.compile()
@@ -56,6 +57,17 @@ def insert_robot(
         if isinstance(problem, SceneError):
             raise
         raise SceneError(f"robot {robot.name!r} cannot be put into this scene: {problem}") from problem
+
+
+@contextmanager
+def _no_warnings_of_mujoco() -> Iterator[None]:
+    """Without a handler, MuJoCo writes its own to standard error and to a file in the working directory."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda text: None)  # noqa: ARG005  what it gets
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
 
 
 def _read(scene: str | Path | mujoco.MjSpec) -> mujoco.MjSpec:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
@@ -37,6 +39,15 @@ def test_the_robot_takes_the_place_of_another_one_under_its_own_names() -> None:
     scene = Scene.from_mujoco(model, data, FETCH, movable=["cup"], support="table")
     np.testing.assert_allclose(scene.state.base, (0.2, 1.0, 0.5), atol=1e-12)
     assert scene.names == ("cup",)
+
+
+def test_mujoco_writes_no_warning_and_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    insert_robot(CELL, FETCH)
+    assert capfd.readouterr() == ("", "")
+    assert not list(tmp_path.iterdir())
 
 
 def test_what_stands_in_the_way_is_told() -> None:
