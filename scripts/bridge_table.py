@@ -2,7 +2,7 @@
 
     python scripts/bridge_table.py --python venv-kinder/bin/python --seeds 50 --out outputs/bridges.jsonl
     python scripts/bridge_table.py --tasks FetchPickAndPlace-v4 --seeds 50 --out outputs/bridges.jsonl
-    python scripts/bridge_table.py --tasks robosuite/Lift --python venv-robosuite/bin/python --out outputs/bridges.jsonl
+    python scripts/bridge_table.py --tasks robosuite/Lift/PandaOmron --python venv-robosuite/bin/python --out robosuite.jsonl
     python scripts/bridge_table.py --out outputs/bridges.jsonl --show
 
 One line of the file is one episode; episodes that the file has are not run again.
@@ -126,9 +126,9 @@ def begin(remote: Remote | None, id: str, seed: int) -> tuple[Any, dict[str, Any
     """An episode of the package that the id names, and what the expert plans with."""
     if remote is None:
         return FetchTask(seed, id), {"grasps": DOWN}
-    package, _, name = id.partition("/")
+    package, name, *robot = id.split("/")
     if package == "robosuite":
-        task = RobosuiteTask(remote, name, seed)
+        task = RobosuiteTask(remote, name, seed, *robot)
         return task, {"planner": task.planner}
     return KinderTask(remote, id, seed), {}
 

@@ -60,7 +60,7 @@ class OscFollower:
 
     def __init__(
         self,
-        model: mujoco.MjModel,
+        data: mujoco.MjData,
         joints: list[str],
         site: str,
         start: Array,
@@ -76,7 +76,7 @@ class OscFollower:
         """Make a model of the controller.
 
         Args:
-            model: in which the arm is; everything else in it stays at its start.
+            data: of a model that has the arm; everything else in it stays as it is.
             joints: of the arm.
             site: of which the controller moves the pose.
             start: (n,) [rad] configuration to which the controller draws the elbow.
@@ -88,7 +88,8 @@ class OscFollower:
             lag: steps by which the gripper stays behind.
             most: (6,) [m], [rad] that an action of 1 means.
         """
-        self._model, self._data = model, mujoco.MjData(model)
+        model = data.model
+        self._model, self._data = model, data
         own = [model.joint(name) for name in joints]
         self._columns = np.array([int(joint.qposadr[0]) for joint in own])
         self._dofs = np.array([int(joint.dofadr[0]) for joint in own])

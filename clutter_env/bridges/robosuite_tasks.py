@@ -65,6 +65,8 @@ _COMPARTMENTS = {
     "Can_main": (0.055, 0.075, 0.045, 0.065),  # the part within reach
 }
 """[m] x, y from the middle of PickPlace's second bin, and half extents, between walls: where each object is to be."""
+_SAME = 0.02
+"""[m] at most from the point that robosuite's controller moves to the TCP of our Panda."""
 _SETTLE = 10
 """Steps in which objects come to rest: they begin above the table, and some in each other."""
 _TASKS = {
@@ -93,7 +95,8 @@ class RobosuiteTask:
         """Reset the environment.
 
         Raises:
-            BridgeError: the task is none of those above, or robosuite does not have the robot.
+            BridgeError: the task is none of those above, or robosuite does not have the robot, or it has another arm
+                than a Panda's.
         """
         if id not in _TASKS:
             raise BridgeError(f"no goal is known for {id!r}; there are {', '.join(_TASKS)}")
@@ -118,7 +121,7 @@ class RobosuiteTask:
         for _ in range(_SETTLE):
             self._step(np.zeros(6), 0.0)
         self._commanded, self._lead = _OPENING / 2, Lead(self._tcp(), self._lag, self._most)
-        self.planner = FollowingPlanner(self.robot, grasps=GRASPS, controller=self._follower(start))
+        self.planner = FollowingPlanner(self.robot, grasps=GRASPS, controller=self._follower(start, robot))
         supports, goal = _TASKS[id]
         movable = [model.body(int(joint.bodyid[0])).name for joint in free]
         self.world = ControlledWorld(
@@ -127,26 +130,29 @@ class RobosuiteTask:
         if id == "PickPlace":
             self.world.regions = _compartments(self.world)
 
-    def _follower(self, start: dict[str, Any]) -> OscFollower:
-        """A model of the controller, with robosuite's own arm."""
+    def _follower(self, start: dict[str, Any], robot: str) -> OscFollower:
+        """A model of the controller, with robosuite's own arm; raises `BridgeError` if that is no Panda's."""
         spec = mujoco.MjSpec.from_string(start["xml"])
         for body in spec.worldbody.bodies:
             if body.name != start["root"]:
                 spec.delete(body)
         model = spec.compile()
         data = mujoco.MjData(model)
-        for name, value in zip(start["arm"], self._state[self._arm], strict=True):
-            data.joint(name).qpos = value
+        for joint in (model.joint(number) for number in range(model.njnt)):
+            data.qpos[joint.qposadr[0]] = self._state[start["joints"][joint.name]]
         mujoco.mj_kinematics(model, data)
         site, T_world_site = data.site(start["site"]), np.eye(4)
         T_world_site[:3, :3], T_world_site[:3, 3] = site.xmat.reshape(3, 3), site.xpos
+        T_site_tcp = np.linalg.inv(T_world_site) @ self._tcp()
+        if np.linalg.norm(T_site_tcp[:3, 3]) > _SAME:
+            raise BridgeError(f"the arm of robosuite's {robot!r} is not that of a Panda")
         return OscFollower(
-            model,
+            data,
             start["arm"],
             start["site"],
             np.array(start["elbow"]),
             self._base,
-            np.linalg.inv(T_world_site) @ self._tcp(),
+            T_site_tcp,
             lift=float(self._lift[0]),
             dt=self.dt,
             stiffness=start["stiffness"],

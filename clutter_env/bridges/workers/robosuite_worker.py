@@ -38,7 +38,7 @@ class Task:
             "xml": sim.model.get_xml(),
             "root": model.root_body,
             "home": env.robots[0].init_qpos.tolist(),
-            "base": sim.data.get_body_xpos(model.root_body).tolist(),
+            "base": controller.origin_pos.tolist(),
             "joints": {name: int(np.ravel(sim.model.get_joint_qpos_addr(name))[0]) for name in joints},
             "arm": env.robots[0].robot_arm_joints,
             "fingers": env.robots[0].gripper_joints["right"],
@@ -52,8 +52,9 @@ class Task:
         }
 
     def step(self, action: list[float]) -> dict[str, Any]:
-        """One step of the environment."""
-        self.env.step(np.array(action))
+        """One step of the environment: of the arm and, last, its gripper; a mobile base stands still."""
+        parts = {"right": np.array(action[:-1]), "right_gripper": np.array(action[-1:])}
+        self.env.step(self.env.robots[0].create_action_vector(parts))
         return self.state()
 
     def state(self) -> dict[str, Any]:

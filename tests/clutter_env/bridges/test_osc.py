@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets import robot
-from clutter_env.bridges.osc import OscFollower
+from clutter_env.bridges.osc import Lead, OscFollower
 from planners import FollowingPlanner, Region, RobotState, Solution, goals, tcp_pose
 from planners.collision.world import CompiledScenes
 from planners.motion.tcp_following import follow, is_behind
@@ -21,14 +21,14 @@ MOST = np.array([0.05] * 3 + [0.5] * 3)
 
 
 def controller(start: NDArray[np.float64] = HOME) -> OscFollower:
-    model = mujoco.MjModel.from_xml_path(str(PANDA.mjcf_path))
-    lift = np.array([0.0, 0.0, HOME[0] - float(model.joint(PANDA.torso_joint).qpos0[0])])
+    data = mujoco.MjData(mujoco.MjModel.from_xml_path(str(PANDA.mjcf_path)))
+    data.joint(PANDA.torso_joint).qpos = HOME[0]
     return OscFollower(
-        model,
+        data,
         list(PANDA.arm_joints),
         PANDA.tcp_site,
         start[1:],
-        -lift,
+        np.zeros(3),
         np.eye(4),
         lift=HOME[0],
         dt=0.05,
@@ -69,6 +69,18 @@ def test_the_elbow_goes_back_to_where_it_started_and_the_gripper_stays() -> None
         q = osc.step(wanted)
         assert not is_behind(wanted, pose(q), 0.02)
     np.testing.assert_allclose(q, HOME, atol=0.02)
+
+
+def test_while_a_plan_waits_the_lead_fades_but_is_not_lost_at_once() -> None:
+    start, wanted = pose(HOME), pose(HOME)
+    lead = Lead(start, 3.0, MOST)
+    wanted[0, 3] += 0.01
+    first = lead.action(wanted, start)
+    np.testing.assert_allclose(first, [(0.01 + 3 * 0.01) / 0.05, 0, 0, 0, 0, 0], atol=1e-9)
+    later = [lead.action(wanted, wanted)[0] for _ in range(20)]
+    assert 0.5 * 3 * 0.01 / 0.05 < later[0] < first[0]
+    assert np.all(np.diff(later) < 0)
+    assert later[-1] < 0.01
 
 
 def test_a_joint_at_its_limit_stays_there() -> None:
