@@ -2,7 +2,7 @@
 
     python scripts/bridge_table.py --python venv-kinder/bin/python --seeds 50 --out outputs/bridges.jsonl
     python scripts/bridge_table.py --tasks FetchPickAndPlace-v4 --seeds 50 --out outputs/bridges.jsonl
-    python scripts/bridge_table.py --tasks robosuite/Lift/PandaOmron --python venv-robosuite/bin/python --out robosuite.jsonl
+    python scripts/bridge_table.py --tasks robosuite/Lift --python venv-robosuite/bin/python --out outputs/bridges.jsonl
     python scripts/bridge_table.py --out outputs/bridges.jsonl --show
 
 One line of the file is one episode; episodes that the file has are not run again.
@@ -25,6 +25,7 @@ from clutter_env.bridges.fetch_tasks import DOWN, FetchTask
 from clutter_env.bridges.kinder_tasks import KinderTask
 from clutter_env.bridges.remote import Remote
 from clutter_env.bridges.robosuite_tasks import RobosuiteTask
+from clutter_env.reporting.intervals import wilson
 from planners import ExpertConfig, SceneError, Solution, TampExpert
 
 KINDER = (
@@ -135,14 +136,16 @@ def begin(remote: Remote | None, id: str, seed: int) -> tuple[Any, dict[str, Any
 
 def table(rows: list[dict[str, Any]]) -> Iterator[str]:
     """Lines of Markdown, one for each task."""
-    yield "| task | seeds | planned | executed | scored | first plan, CPU s (median) | steps (median) | replans |"
-    yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
+    yield "| task | seeds | planned | executed | scored | 95% | first plan, CPU s (median) | steps (median) | replans |"
+    yield "| --- | --- | --- | --- | --- | --- | --- | --- | --- |"
     for task in dict.fromkeys(row["task"] for row in rows):
         own = [row for row in rows if row["task"] == task]
         counts = " | ".join(str(sum(row[key] for row in own)) for key in ("planned", "executed", "scored"))
+        rate = wilson(sum(row["scored"] for row in own), len(own))
         played = [row for row in own if "steps" in row]
         numbers = " | ".join(f"{median(row[key] for row in played):.3g}" if played else "" for key in ("cpu", "steps"))
-        yield f"| {task} | {len(own)} | {counts} | {numbers} | {sum(row['replans'] for row in played)} |"
+        replans = sum(row["replans"] for row in played)
+        yield f"| {task} | {len(own)} | {counts} | {rate.low:.2f} to {rate.high:.2f} | {numbers} | {replans} |"
 
 
 if __name__ == "__main__":
