@@ -99,6 +99,8 @@ class RobotSpec:
     """Corners x, y [m] of the base's convex footprint, of a base that is not round."""
     plans_torso: bool = True
     """Whether plans move the torso; a slow one stays at the height of `home`."""
+    finger_gap: float = 0.012
+    """[m] between each finger of the open gripper and the object that it is about to take, or has let go."""
     acts_with_all_arms: bool = False
     """Whether actions and plans move all arms, one after another; if not, only the active one. See `with_all_arms`."""
 
@@ -394,6 +396,7 @@ _POSITIVE = (
     "max_finger_velocity",
     "max_finger_position",
     "finger_thickness",
+    "finger_gap",
     "grasp_height",
     "base_radius",
     "base_height",

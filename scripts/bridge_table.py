@@ -22,6 +22,7 @@ from typing import Any
 import tyro
 
 from clutter_env.bridges.fetch_tasks import DOWN, FetchTask
+from clutter_env.bridges.kinder_tasks import GRASPS as KINDER_GRASPS
 from clutter_env.bridges.kinder_tasks import KinderTask
 from clutter_env.bridges.remote import Remote
 from clutter_env.bridges.robosuite_tasks import GRASPS, RobosuiteTask
@@ -129,7 +130,7 @@ def begin(remote: Remote | None, id: str, seed: int) -> tuple[Any, Any]:
     package, _, name = id.partition("/")
     if package == "robosuite":
         return RobosuiteTask(remote, name, seed), GRASPS
-    return KinderTask(remote, id, seed), None
+    return KinderTask(remote, id, seed), KINDER_GRASPS
 
 
 def table(rows: list[dict[str, Any]]) -> Iterator[str]:

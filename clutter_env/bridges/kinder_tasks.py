@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -23,9 +23,10 @@ import platformdirs
 from numpy.typing import NDArray
 
 from assets import RobotSpec
-from assets.robot_making import Mounting, make_robot
+from assets.robot_making import FINGERS, Mounting, make_robot
 from clutter_env.bridges.remote import BridgeError, Remote
-from planners import ControlledWorld, Goal, Region, Scene, insert_robot
+from planners import SIDE, ControlledWorld, Goal, GraspFamily, Region, Scene, insert_robot
+from planners.grasping.families import GRASP_SETS
 
 Array = NDArray[np.float64]
 
@@ -35,8 +36,32 @@ _OPENING, _CLOSED = 0.085, 0.79
 """[m] of the gripper, and [rad] of its driver joints when it is closed."""
 _STEP = 0.1
 """[m], [rad] The largest change of a joint in one step."""
+_BESIDE = 0.01
+"""[m] that the gripper may be behind beside an object: between the walls of a bin it has 4 mm to each side."""
 _MARGIN = 0.01
 """[m] by which an object may be beside where it was to be put down, and still be in its region."""
+_DROP = 0.05
+"""[m] that an object may fall into another one, as a bin, whose walls keep the linkage of the hand out."""
+_PAD = (0.007, 0.011)
+"""[m] Half of the thickness and of the width of a finger of the Robotiq 2F-85, at its tip."""
+_KNUCKLE, _OUTSIDE = (-0.08, 0.0025, 0.0, 0.033), (-0.08, -0.0125, 0.042, 0.075)
+"""[m] Boxes of its linkage on either side, along the approach from the pinch site and outwards. The first moves with
+the finger, from its inner face on; the second does not. Together they contain all links, whatever the opening."""
+_KNUCKLE_WIDTH = 0.0195
+"""[m] Half of the width of the linkage."""
+_FINGER_GAP = 0.005
+"""[m] The arm comes to rest within 1 mm to the side of where it was told to be."""
+GRASPS = (
+    SIDE,
+    GraspFamily("tilted 50°", np.radians(50), depth=0.02),
+    *GRASP_SETS["all"][1:],
+    *(
+        GraspFamily(f"top, {1000 * offset:.0f} mm off the axis", np.pi / 2, depth=0.02, axis_offset=offset)
+        for offset in (0.004, 0.008)
+    ),
+)
+"""TidyBot takes nothing off the floor at less than 50°, and at 60° it does not reach far into a shelf. The last are for
+cubes that are narrower than the pads, and stand closer to each other than that."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +161,10 @@ class KinderTask:
         data.qpos[:] = self.observe()
         mujoco.mj_forward(model, data)
         scene = Scene.from_mujoco(model, data, robot, movable=movable, support="floor")
-        regions = [_region(scene, name, np.array(boxes), facts) for name, boxes in start["boxes"].items()]
+        regions = [
+            _region(scene, name, start["anchors"][name], np.array(boxes), facts)
+            for name, boxes in start["boxes"].items()
+        ]
         below = {scene.support_under(body).name for body in scene.objects} | {region.support for region in regions}
         first, *more = sorted(below)
         self.world = ControlledWorld(
@@ -148,6 +176,7 @@ class KinderTask:
             more_supports=more,
             regions=regions,
             goal=Goal.of(facts),
+            line_tolerance=_BESIDE,
         )
 
     def observe(self) -> Array:
@@ -187,19 +216,53 @@ def made_robot(kind: str, text: str) -> RobotSpec:
         file.write(text)
         file.flush()
         made, page, _ = make_robot(Path(file.name), _ROBOTS[kind].mounting)
+    made = _with_linkage(made, _ROBOTS[kind].mounting.tool)
     kept = folder / f"{name}-{hashlib.sha256(made.encode()).hexdigest()[:16]}.xml"
     kept.write_text(made, encoding="utf-8")
-    return RobotSpec.from_mjcf(kept, **page, name=name, home=_ROBOTS[kind].home, grasp_height=0.03)
+    page |= {"name": name, "home": _ROBOTS[kind].home, "grasp_height": 0.03, "finger_geoms": FINGERS}
+    robot = RobotSpec.from_mjcf(kept, **page)
+    return replace(robot, finger_gap=_FINGER_GAP)
 
 
-def _region(scene: Scene, name: str, boxes: Array, facts: list[list[str]]) -> Region:
+def _with_linkage(mjcf: str, tool: float) -> str:
+    """The same robot with the fingers and the linkage of KinDER's hand, whose pinch site is `tool` [m] behind the TCP."""
+    spec = mujoco.MjSpec.from_string(mjcf)
+    gripper, site = spec.body("gripper"), spec.site("grip")
+    rotation = np.empty(9)
+    mujoco.mju_quat2Mat(rotation, site.quat)
+    for name, side in zip(FINGERS, (1.0, -1.0), strict=True):
+        pad, finger = spec.geom(name), spec.body(name)
+        pad.size[1:] = _PAD
+        pad.pos[1] = side * _PAD[0]
+        to_finger = float((site.pos - finger.pos) @ rotation.reshape(3, 3)[:, 0]) - tool
+        for body, (back, front, inner, outer), at, quat in (
+            (finger, _KNUCKLE, np.array([to_finger, 0.0, 0.0]), (1.0, 0.0, 0.0, 0.0)),
+            (gripper, _OUTSIDE, np.array([-tool, 0.0, 0.0]), site.quat),
+        ):
+            middle = at + [(back + front) / 2, side * (inner + outer) / 2, 0.0]
+            body.add_geom(
+                type=mujoco.mjtGeom.mjGEOM_BOX,
+                size=[(front - back) / 2, (outer - inner) / 2, _KNUCKLE_WIDTH],
+                pos=middle if body is finger else site.pos + rotation.reshape(3, 3) @ middle,
+                quat=quat,
+                contype=2,
+                conaffinity=0,
+                mass=0,
+            )
+    spec.compile()
+    return str(spec.to_xml())
+
+
+def _region(scene: Scene, name: str, anchor: str, boxes: Array, facts: list[list[str]]) -> Region:
     """A region for our goals: KinDER's first box, grown as far as an object's centre stays within the box.
 
-    KinDER compares the centre of an object with the box, our goals its whole footprint.
+    KinDER compares the centre of an object with the box, our goals its whole footprint. What lies in the region's owner,
+    its anchor, may fall there.
     """
     low, high = boxes[0, :3], boxes[0, 3:]
     centre = (low[:2] + high[:2]) / 2
     level = [one for one in scene.static_obstacles if one.has_level_top and one.is_under(centre) and one.top < high[2]]
     support = max(level, key=lambda one: one.top).name if level else "floor"
     half = min(float(scene.body(fact[1]).half_extents.min()) for fact in facts if fact[2] == name) - _MARGIN
-    return Region(name, support, tuple(centre), tuple((high[:2] - low[:2]) / 2 + half))
+    drop = _DROP if support.startswith(f"{anchor}/") else 0.0
+    return Region(name, support, tuple(centre), tuple((high[:2] - low[:2]) / 2 + half), drop=drop)
