@@ -22,8 +22,7 @@ from typing import Any
 import tyro
 
 from clutter_env.bridges.fetch_tasks import DOWN, FetchTask
-from clutter_env.bridges.kinder_tasks import GRASPS as KINDER_GRASPS
-from clutter_env.bridges.kinder_tasks import KinderTask
+from clutter_env.bridges.kinder_tasks import GRASPS as KINDER_GRASPS, KinderTask
 from clutter_env.bridges.remote import Remote
 from clutter_env.bridges.robosuite_tasks import GRASPS, RobosuiteTask
 from planners import ExpertConfig, SceneError, Solution, TampExpert

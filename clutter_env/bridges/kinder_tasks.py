@@ -225,7 +225,7 @@ def made_robot(kind: str, text: str) -> RobotSpec:
 
 
 def _with_linkage(mjcf: str, tool: float) -> str:
-    """The same robot with the fingers and the linkage of KinDER's hand, whose pinch site is `tool` [m] behind the TCP."""
+    """The same robot with fingers and linkage of KinDER's hand, whose pinch site is `tool` [m] behind the TCP."""
     spec = mujoco.MjSpec.from_string(mjcf)
     gripper, site = spec.body("gripper"), spec.site("grip")
     rotation = np.empty(9)
@@ -256,8 +256,8 @@ def _with_linkage(mjcf: str, tool: float) -> str:
 def _region(scene: Scene, name: str, anchor: str, boxes: Array, facts: list[list[str]]) -> Region:
     """A region for our goals: KinDER's first box, grown as far as an object's centre stays within the box.
 
-    KinDER compares the centre of an object with the box, our goals its whole footprint. What lies in the region's owner,
-    its anchor, may fall there.
+    KinDER compares the centre of an object with the box, our goals its whole footprint. An object may fall where the
+    region's owner, its anchor, is below it.
     """
     low, high = boxes[0, :3], boxes[0, 3:]
     centre = (low[:2] + high[:2]) / 2

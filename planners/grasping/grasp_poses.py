@@ -55,7 +55,7 @@ class GripperClearances:
 
 @cache
 def gripper_clearances(robot: RobotSpec) -> GripperClearances:
-    """The lengths of a robot's gripper: of its finger tips, and of the palm, the solid between them that is foremost."""
+    """The lengths of a robot's gripper: of its finger tips, and of the palm, the foremost solid between them."""
     arrays = gripper_arrays(robot)  # in the TCP frame
     centre, extent = arrays.position, np.einsum("kij,kj->ki", np.abs(arrays.rotation), arrays.half)
     extent += arrays.radius[:, None]
@@ -168,8 +168,8 @@ def opening_around(robot: RobotSpec, body: Body, held: HeldObject) -> float:
 def _yaws(body: Body, family: GraspFamily) -> tuple[Array, Array]:
     """Yaws [rad] from which the object can be grasped, and its half width [m] between the fingers at each: (n,), (n,).
 
-    The fingers close along the horizontal normal of the approach. Straight down, half a turn makes no difference but for
-    what is grasped beside its axis.
+    The fingers close along the horizontal normal of the approach. Straight down, half a turn makes no difference
+    unless the object is grasped beside its axis.
     """
     if body.shape == "cylinder" and body.is_upright:
         yaws = even_yaws(family.directions)
