@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import tempfile
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -49,6 +49,8 @@ _KNUCKLE, _OUTSIDE = (-0.08, 0.0025, 0.0, 0.033), (-0.08, -0.0125, 0.042, 0.075)
 the finger, from its inner face on; the second does not. Together they contain all links, whatever the opening."""
 _KNUCKLE_WIDTH = 0.0195
 """[m] Half of the width of the linkage."""
+_APART, _BACK, _MOST_BACK = 0.005, 0.02, 5
+"""[m] that the base is from everything at first, [m] by which it drives back otherwise at once, and how often."""
 _FINGER_GAP = 0.005
 """[m] The arm comes to rest within 1 mm to the side of where it was told to be."""
 GRASPS = (
@@ -158,8 +160,7 @@ class KinderTask:
         free = [model.body(model.jnt_bodyid[joint]).name for joint in np.flatnonzero(model.jnt_type == 0)]
         movable = [name for name in free if name not in anchors]
         data = mujoco.MjData(model)
-        data.qpos[:] = self.observe()
-        mujoco.mj_forward(model, data)
+        self._back_off(model, data)
         scene = Scene.from_mujoco(model, data, robot, movable=movable, support="floor")
         regions = [
             _region(scene, name, start["anchors"][name], np.array(boxes), facts)
@@ -187,6 +188,23 @@ class KinderTask:
         opening = _OPENING * (1 - self._state[self._driver] / _CLOSED)
         self._qpos[self._fingers] = np.clip(self._robot.finger_position(opening), 0, _OPENING / 2)
         return self._qpos
+
+    def _back_off(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Drive backwards from what the base touches: KinDER draws where it starts, up to 5 mm inside its furniture."""
+        base = model.body("mobile_base").id
+        own = np.flatnonzero(model.geom_bodyid == base)
+        others = np.flatnonzero(
+            (model.geom_contype | model.geom_conaffinity).astype(bool) & (model.body_rootid[model.geom_bodyid] != base)
+        )
+        while True:
+            data.qpos[:] = self.observe()
+            mujoco.mj_forward(model, data)
+            away = (mujoco.mj_geomDistance(model, data, a, b, _APART, None) for a in own for b in others)
+            if not self._kind.base_joints or self.steps == _MOST_BACK or min(away) >= _APART:
+                return
+            wanted = self._state[self._theirs]
+            wanted[:2] -= _BACK * np.array([np.cos(wanted[2]), np.sin(wanted[2])])
+            self.act(np.insert(wanted, 3, 0.0), _OPENING)
 
     def act(self, configuration: Array, opening: float) -> None:
         """One step of the environment, by changes of joint positions."""
@@ -219,9 +237,8 @@ def made_robot(kind: str, text: str) -> RobotSpec:
     made = _with_linkage(made, _ROBOTS[kind].mounting.tool)
     kept = folder / f"{name}-{hashlib.sha256(made.encode()).hexdigest()[:16]}.xml"
     kept.write_text(made, encoding="utf-8")
-    page |= {"name": name, "home": _ROBOTS[kind].home, "grasp_height": 0.03, "finger_geoms": FINGERS}
-    robot = RobotSpec.from_mjcf(kept, **page)
-    return replace(robot, finger_gap=_FINGER_GAP)
+    page |= {"name": name, "home": _ROBOTS[kind].home, "finger_geoms": FINGERS}
+    return RobotSpec.from_mjcf(kept, **page, grasp_height=0.03, finger_gap=_FINGER_GAP)
 
 
 def _with_linkage(mjcf: str, tool: float) -> str:
