@@ -280,6 +280,7 @@ def _region(scene: Scene, name: str, anchor: str, boxes: Array, facts: list[list
     centre = (low[:2] + high[:2]) / 2
     level = [one for one in scene.static_obstacles if one.has_level_top and one.is_under(centre) and one.top < high[2]]
     support = max(level, key=lambda one: one.top).name if level else "floor"
-    half = min(float(scene.body(fact[1]).half_extents.min()) for fact in facts if fact[2] == name) - _MARGIN
-    drop = _DROP if support.startswith(f"{anchor}/") else 0.0
-    return Region(name, support, tuple(centre), tuple((high[:2] - low[:2]) / 2 + half), drop=drop)
+    is_inside = support.startswith(f"{anchor}/")  # let go in the middle, it comes to rest wherever the walls let it
+    half = min(float(scene.body(fact[1]).half_extents.min()) for fact in facts if fact[2] == name)
+    half_extents = (high[:2] - low[:2]) / 2 + half - (0.0 if is_inside else _MARGIN)
+    return Region(name, support, tuple(centre), tuple(half_extents), drop=_DROP if is_inside else 0.0)
