@@ -26,6 +26,7 @@ from clutter_env.bridges.fetch_tasks import DOWN, FetchTask
 from clutter_env.bridges.kinder_tasks import GRASPS as KINDER_GRASPS, KinderTask
 from clutter_env.bridges.remote import Remote
 from clutter_env.bridges.robosuite_tasks import GRASPS, RobosuiteTask
+from clutter_env.reporting.intervals import wilson
 from planners import ExpertConfig, MonitorConfig, SceneError, Solution, TampExpert
 
 KINDER = (
@@ -136,14 +137,16 @@ def begin(remote: Remote | None, id: str, seed: int) -> tuple[Any, Any]:
 
 def table(rows: list[dict[str, Any]]) -> Iterator[str]:
     """Lines of Markdown, one for each task."""
-    yield "| task | seeds | planned | executed | scored | first plan, CPU s (median) | steps (median) | replans |"
-    yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
+    yield "| task | seeds | planned | executed | scored | 95% | first plan, CPU s (median) | steps (median) | replans |"
+    yield "| --- | --- | --- | --- | --- | --- | --- | --- | --- |"
     for task in dict.fromkeys(row["task"] for row in rows):
         own = [row for row in rows if row["task"] == task]
         counts = " | ".join(str(sum(row[key] for row in own)) for key in ("planned", "executed", "scored"))
         played = [row for row in own if "steps" in row]
         numbers = " | ".join(f"{median(row[key] for row in played):.3g}" if played else "" for key in ("cpu", "steps"))
-        yield f"| {task} | {len(own)} | {counts} | {numbers} | {sum(row['replans'] for row in played)} |"
+        _, low, high = wilson(sum(row["scored"] for row in own), len(own))
+        share = f"{low:.0%} to {high:.0%}"
+        yield f"| {task} | {len(own)} | {counts} | {share} | {numbers} | {sum(row['replans'] for row in played)} |"
 
 
 if __name__ == "__main__":
