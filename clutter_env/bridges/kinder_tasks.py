@@ -2,7 +2,7 @@
 
 with Remote("venv-kinder/bin/python", "kinder_worker.py") as kinder:
     task = KinderTask(kinder, "kinder/PickPlace3D-o1-v0", seed=0)
-    expert = TampExpert(task.world)
+    expert = TampExpert(task.world, grasps=GRASPS)
     expert.reset()
     while not (expert.done or task.world.is_over):
         task.world.step(expert.act())
