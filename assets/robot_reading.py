@@ -48,6 +48,7 @@ _DEFAULTS: Mapping[str, Any] = {
     "max_finger_velocity": 0.05,
     "grasp_height": 0.065,
     "grasp_axis_offset": 0.0,
+    "finger_gap": 0.012,
 }
 """What may be said about a robot beside its MJCF file; empty values are read from it, or stand for slow limits."""
 

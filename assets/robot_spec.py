@@ -99,6 +99,8 @@ class RobotSpec:
     """Corners x, y [m] of the base's convex footprint, of a base that is not round."""
     plans_torso: bool = True
     """Whether plans move the torso; a slow one stays at the height of `home`."""
+    finger_gap: float = 0.012
+    """[m] between each finger of the open gripper and the object that it is about to take, or has let go."""
     acts_with_all_arms: bool = False
     """Whether actions and plans move all arms, one after another; if not, only the active one. See `with_all_arms`."""
 
@@ -165,10 +167,10 @@ class RobotSpec:
             **page: what the file does not say. Needed are `base_joints`, names of the joints that move the base along
                 x, along y and about z; `tip`, name of the TCP's site; `finger_joints`; `home`. More fields may be said:
                 `name`, `finger_geoms`, `head_joints`, `head_configuration`, `grasp_height`, `grasp_axis_offset`,
-                and the limits, which are slow ones otherwise: a model has none. `base` is "holonomic" if not said,
-                "differential" or "fixed": how the base moves. Of a robot with several arms, `arms` holds for each, by
-                its name, what differs: `tip`, `finger_joints`, `home` (the same lift) and what else may be said; the
-                first one is active, see `using` and `with_all_arms`.
+                `finger_gap`, and the limits, which are slow ones otherwise: a model has none. `base` is "holonomic" if
+                not said, "differential" or "fixed": how the base moves. Of a robot with several arms, `arms` holds for
+                each, by its name, what differs: `tip`, `finger_joints`, `home` (the same lift) and what else may be
+                said; the first one is active, see `using` and `with_all_arms`.
 
         Raises:
             FileNotFoundError: there is no such file.
@@ -394,6 +396,7 @@ _POSITIVE = (
     "max_finger_velocity",
     "max_finger_position",
     "finger_thickness",
+    "finger_gap",
     "grasp_height",
     "base_radius",
     "base_height",

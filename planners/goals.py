@@ -55,9 +55,11 @@ class Region:
         centre: x, y [m] in the world.
         half_extents: [m] along its own axes.
         yaw: [rad] of its x axis.
+        drop: [m] from how high above it an object may be let go where the gripper finds no room to put it down, as
+            between the walls of a bin.
 
     Raises:
-        GoalError: half extents that are not positive, numbers that are not finite, or no name.
+        GoalError: half extents that are not positive, a negative drop, numbers that are not finite, or no name.
     """
 
     name: str
@@ -65,20 +67,23 @@ class Region:
     centre: tuple[float, float]
     half_extents: tuple[float, float]
     yaw: float = 0.0
+    drop: float = 0.0
 
     def __post_init__(self) -> None:
         try:
             for name in ("centre", "half_extents"):
                 x, y = getattr(self, name)
                 object.__setattr__(self, name, (float(x), float(y)))
-            object.__setattr__(self, "yaw", float(self.yaw))
-            is_valid = np.isfinite((*self.centre, *self.half_extents, self.yaw)).all() and min(self.half_extents) > 0
+            for name in ("yaw", "drop"):
+                object.__setattr__(self, name, float(getattr(self, name)))
+            numbers = (*self.centre, *self.half_extents, self.yaw, self.drop)
+            is_valid = np.isfinite(numbers).all() and min(self.half_extents) > 0 and self.drop >= 0
         except (TypeError, ValueError):
             is_valid = False
         if not is_valid or not _is_name(self.name):
             raise GoalError(
                 f"a region needs a name, the name of its support, two finite numbers for its centre, two positive half "
-                f"extents and a yaw, not {self!r:.200}"
+                f"extents, a yaw and a drop of at least 0, not {self!r:.200}"
             )
 
     @property

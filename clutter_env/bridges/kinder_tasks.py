@@ -2,7 +2,7 @@
 
 with Remote("venv-kinder/bin/python", "kinder_worker.py") as kinder:
     task = KinderTask(kinder, "kinder/PickPlace3D-o1-v0", seed=0)
-    expert = TampExpert(task.world)
+    expert = TampExpert(task.world, grasps=GRASPS)
     expert.reset()
     while not (expert.done or task.world.is_over):
         task.world.step(expert.act())
@@ -23,9 +23,10 @@ import platformdirs
 from numpy.typing import NDArray
 
 from assets import RobotSpec
-from assets.robot_making import Mounting, make_robot
+from assets.robot_making import FINGERS, Mounting, make_robot
 from clutter_env.bridges.remote import BridgeError, Remote
-from planners import ControlledWorld, Goal, Region, Scene, insert_robot
+from planners import SIDE, ControlledWorld, Goal, GraspFamily, Region, Scene, insert_robot
+from planners.grasping.families import GRASP_SETS
 
 Array = NDArray[np.float64]
 
@@ -35,8 +36,34 @@ _OPENING, _CLOSED = 0.085, 0.79
 """[m] of the gripper, and [rad] of its driver joints when it is closed."""
 _STEP = 0.1
 """[m], [rad] The largest change of a joint in one step."""
+_BESIDE = 0.01
+"""[m] that the gripper may be behind beside an object: between the walls of a bin it has 4 mm to each side."""
 _MARGIN = 0.01
 """[m] by which an object may be beside where it was to be put down, and still be in its region."""
+_DROP = 0.05
+"""[m] that an object may fall into another one, as a bin, whose walls keep the linkage of the hand out."""
+_PAD = (0.007, 0.011)
+"""[m] Half of the thickness and of the width of a finger of the Robotiq 2F-85, at its tip."""
+_KNUCKLE, _OUTSIDE = (-0.08, 0.0025, 0.0, 0.033), (-0.08, -0.0125, 0.042, 0.075)
+"""[m] Boxes of its linkage on either side, along the approach from the pinch site and outwards. The first moves with
+the finger, from its inner face on; the second does not. Together they contain all links, whatever the opening."""
+_KNUCKLE_WIDTH = 0.0195
+"""[m] Half of the width of the linkage."""
+_APART, _BACK, _MOST_BACK = 0.005, 0.02, 5
+"""[m] that the base is from everything at first, [m] by which it drives back otherwise at once, and how often."""
+_FINGER_GAP = 0.005
+"""[m] The arm comes to rest within 1 mm to the side of where it was told to be."""
+GRASPS = (
+    SIDE,
+    GraspFamily("tilted 50°", np.radians(50), depth=0.02),
+    *GRASP_SETS["all"][1:],
+    *(
+        GraspFamily(f"top, {1000 * offset:.0f} mm off the axis", np.pi / 2, depth=0.02, axis_offset=offset)
+        for offset in (0.004, 0.008)
+    ),
+)
+"""TidyBot takes nothing off the floor at less than 50°, and at 60° it does not reach far into a shelf. The last are for
+cubes that are narrower than the pads, and stand closer to each other than that."""
 
 
 @dataclass(frozen=True)
@@ -133,10 +160,12 @@ class KinderTask:
         free = [model.body(model.jnt_bodyid[joint]).name for joint in np.flatnonzero(model.jnt_type == 0)]
         movable = [name for name in free if name not in anchors]
         data = mujoco.MjData(model)
-        data.qpos[:] = self.observe()
-        mujoco.mj_forward(model, data)
+        self._back_off(model, data)
         scene = Scene.from_mujoco(model, data, robot, movable=movable, support="floor")
-        regions = [_region(scene, name, np.array(boxes), facts) for name, boxes in start["boxes"].items()]
+        regions = [
+            _region(scene, name, start["anchors"][name], np.array(boxes), facts)
+            for name, boxes in start["boxes"].items()
+        ]
         below = {scene.support_under(body).name for body in scene.objects} | {region.support for region in regions}
         first, *more = sorted(below)
         self.world = ControlledWorld(
@@ -148,6 +177,7 @@ class KinderTask:
             more_supports=more,
             regions=regions,
             goal=Goal.of(facts),
+            line_tolerance=_BESIDE,
         )
 
     def observe(self) -> Array:
@@ -158,6 +188,23 @@ class KinderTask:
         opening = _OPENING * (1 - self._state[self._driver] / _CLOSED)
         self._qpos[self._fingers] = np.clip(self._robot.finger_position(opening), 0, _OPENING / 2)
         return self._qpos
+
+    def _back_off(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Drive backwards from what the base touches: KinDER draws where it starts, up to 5 mm inside its furniture."""
+        base = model.body("mobile_base").id
+        own = np.flatnonzero(model.geom_bodyid == base)
+        others = np.flatnonzero(
+            (model.geom_contype | model.geom_conaffinity).astype(bool) & (model.body_rootid[model.geom_bodyid] != base)
+        )
+        while True:
+            data.qpos[:] = self.observe()
+            mujoco.mj_forward(model, data)
+            away = (mujoco.mj_geomDistance(model, data, a, b, _APART, None) for a in own for b in others)
+            if not self._kind.base_joints or self.steps == _MOST_BACK or min(away) >= _APART:
+                return
+            wanted = self._state[self._theirs]
+            wanted[:2] -= _BACK * np.array([np.cos(wanted[2]), np.sin(wanted[2])])
+            self.act(np.insert(wanted, 3, 0.0), _OPENING)
 
     def act(self, configuration: Array, opening: float) -> None:
         """One step of the environment, by changes of joint positions."""
@@ -187,19 +234,53 @@ def made_robot(kind: str, text: str) -> RobotSpec:
         file.write(text)
         file.flush()
         made, page, _ = make_robot(Path(file.name), _ROBOTS[kind].mounting)
+    made = _with_linkage(made, _ROBOTS[kind].mounting.tool)
     kept = folder / f"{name}-{hashlib.sha256(made.encode()).hexdigest()[:16]}.xml"
     kept.write_text(made, encoding="utf-8")
-    return RobotSpec.from_mjcf(kept, **page, name=name, home=_ROBOTS[kind].home, grasp_height=0.03)
+    page |= {"name": name, "home": _ROBOTS[kind].home, "finger_geoms": FINGERS}
+    return RobotSpec.from_mjcf(kept, **page, grasp_height=0.03, finger_gap=_FINGER_GAP)
 
 
-def _region(scene: Scene, name: str, boxes: Array, facts: list[list[str]]) -> Region:
+def _with_linkage(mjcf: str, tool: float) -> str:
+    """The same robot with fingers and linkage of KinDER's hand, whose pinch site is `tool` [m] behind the TCP."""
+    spec = mujoco.MjSpec.from_string(mjcf)
+    gripper, site = spec.body("gripper"), spec.site("grip")
+    rotation = np.empty(9)
+    mujoco.mju_quat2Mat(rotation, site.quat)
+    for name, side in zip(FINGERS, (1.0, -1.0), strict=True):
+        pad, finger = spec.geom(name), spec.body(name)
+        pad.size[1:] = _PAD
+        pad.pos[1] = side * _PAD[0]
+        to_finger = float((site.pos - finger.pos) @ rotation.reshape(3, 3)[:, 0]) - tool
+        for body, (back, front, inner, outer), at, quat in (
+            (finger, _KNUCKLE, np.array([to_finger, 0.0, 0.0]), (1.0, 0.0, 0.0, 0.0)),
+            (gripper, _OUTSIDE, np.array([-tool, 0.0, 0.0]), site.quat),
+        ):
+            middle = at + [(back + front) / 2, side * (inner + outer) / 2, 0.0]
+            body.add_geom(
+                type=mujoco.mjtGeom.mjGEOM_BOX,
+                size=[(front - back) / 2, (outer - inner) / 2, _KNUCKLE_WIDTH],
+                pos=middle if body is finger else site.pos + rotation.reshape(3, 3) @ middle,
+                quat=quat,
+                contype=2,
+                conaffinity=0,
+                mass=0,
+            )
+    spec.compile()
+    return str(spec.to_xml())
+
+
+def _region(scene: Scene, name: str, anchor: str, boxes: Array, facts: list[list[str]]) -> Region:
     """A region for our goals: KinDER's first box, grown as far as an object's centre stays within the box.
 
-    KinDER compares the centre of an object with the box, our goals its whole footprint.
+    KinDER compares the centre of an object with the box, our goals its whole footprint. An object may fall where the
+    region's owner, its anchor, is below it.
     """
     low, high = boxes[0, :3], boxes[0, 3:]
     centre = (low[:2] + high[:2]) / 2
     level = [one for one in scene.static_obstacles if one.has_level_top and one.is_under(centre) and one.top < high[2]]
     support = max(level, key=lambda one: one.top).name if level else "floor"
-    half = min(float(scene.body(fact[1]).half_extents.min()) for fact in facts if fact[2] == name) - _MARGIN
-    return Region(name, support, tuple(centre), tuple((high[:2] - low[:2]) / 2 + half))
+    is_inside = support.startswith(f"{anchor}/")  # let go in the middle, it comes to rest wherever the walls let it
+    half = min(float(scene.body(fact[1]).half_extents.min()) for fact in facts if fact[2] == name)
+    half_extents = (high[:2] - low[:2]) / 2 + half - (0.0 if is_inside else _MARGIN)
+    return Region(name, support, tuple(centre), tuple(half_extents), drop=_DROP if is_inside else 0.0)

@@ -49,8 +49,6 @@ STEP = 0.006
 """[m] that a point of the robot may move between two checks: what slips between them is at most 1 mm deep."""
 SUPPORT_SLACK = 0.0005
 """[m] The bottom of a held object may press into a static obstacle: an object that rests on the table can be lifted."""
-FINGER_GAP = 0.012
-"""[m] between each finger of the open gripper and the object that it is about to take, or has let go."""
 _ALL = (1 << 64) - 1
 _KEPT = 32
 """Arrangements kept, one for each arm; a look-ahead goes through one for each object to clear."""

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from assets.robots import RobotSpec
 from planners.expert.config import ExpertError
 from planners.goals import LIFTED, Goal, Region
+from planners.motion.tcp_following import ON_THE_WAY
 from planners.scene import SUPPORT
 from planners.scene.mujoco_reading import Movable, MovableBodies, is_object_name
 
@@ -65,6 +66,7 @@ class ControlledWorld:
         more_supports: other geoms or bodies on which objects may be put; None: those that the model declares.
         regions: named rectangles on supports, for goals.
         goal: that the environment sets; None: `TampExpert.reset` is told.
+        line_tolerance: [m] that the TCP may be behind on straight lines to and from an object.
     """
 
     goal: Goal | None = None
@@ -83,6 +85,7 @@ class ControlledWorld:
         more_supports: Collection[str] | None = None,
         regions: Iterable[Region] = (),
         goal: Goal | None = None,
+        line_tolerance: float = ON_THE_WAY,
     ) -> None:
         """Observe the world.
 
@@ -90,6 +93,7 @@ class ControlledWorld:
             controller: of the robot.
             model: that contains the robot with the names of `robot`; nothing is simulated in it.
             movable, support, more_supports, regions: as for `Scene.from_mujoco`.
+            goal, line_tolerance: as the attributes.
 
         Raises:
             ExpertError: a step that is no positive time, or positions that do not fit the model.
@@ -101,7 +105,7 @@ class ControlledWorld:
         self.model, self.data, self.robot = model, mujoco.MjData(model), robot
         self.object_names = MovableBodies.of(model, robot, movable).names
         self.support_name, self.more_supports, self.regions, self.goal = support, more_supports, tuple(regions), goal
-        self.dt, self._controller = float(controller.dt), controller
+        self.dt, self._controller, self.line_tolerance = float(controller.dt), controller, line_tolerance
         self._observe()
 
     @property

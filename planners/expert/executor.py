@@ -68,6 +68,7 @@ class Executor:
         dt: float = CONTROL_STEP,
         latency: int = 0,
         unsure: Collection[str] = (),
+        line_tolerance: float = ON_THE_WAY,
     ) -> None:
         """Begin to execute a plan.
 
@@ -80,9 +81,10 @@ class Executor:
             dt: [s] from one call of `advance` to the next; samples are `CONTROL_STEP` apart.
             latency: calls of `advance` until a snapshot shows what was commanded, beyond the first.
             unsure: names of objects before whose approach the plan is stopped.
+            line_tolerance: [m] that the TCP may be behind on straight lines to and from an object, with `by_tcp`.
         """
         self._actions, self._robot, self._names, self._config = tuple(actions), robot, sensor.names, config
-        self._unsure = frozenset(unsure)
+        self._unsure, self._line_tolerance = frozenset(unsure), line_tolerance
         self._by_tcp, self._stride = by_tcp, dt / CONTROL_STEP
         self._tick, self._rate, self._waited = -float(at_start), 1.0, 0.0
         self._expected = sensor.read()
@@ -184,7 +186,8 @@ class Executor:
         changes = [phase.start for phase in self._trajectory.phases if is_contact(phase)]
         near = CONTROL_STEP * max(self._stride, 1.0)
         is_near_contact = any(start - near <= self._time <= start + near for start in changes)
-        behind = is_behind(wanted, now.T_world_tcp, PRECISE if is_near_contact else ON_THE_WAY)
+        tolerance = self._line_tolerance if self._retreat_direction() else ON_THE_WAY
+        behind = is_behind(wanted, now.T_world_tcp, PRECISE if is_near_contact else tolerance)
         self._waited = self._waited + self._stride if behind else 0.0
         return behind
 

@@ -26,6 +26,7 @@ from planners.expert.report import EpisodeReport, Recorder, Recording
 from planners.goals import Goal, height_below, holding
 from planners.grasping.families import Grasps
 from planners.motion.arm import tcp_pose, unwrap_joints
+from planners.motion.tcp_following import ON_THE_WAY
 from planners.motion.trajectory import CONTROL_STEP
 from planners.placing.surfaces import Supports
 from planners.planner import Planner
@@ -346,6 +347,7 @@ class TampExpert:
                 at_start=_AT_START if self._report.replans else 0,
                 dt=self._dt,
                 latency=getattr(self._env, "latency", 0),
+                line_tolerance=getattr(self._env, "line_tolerance", ON_THE_WAY),
             )
 
     def _with_all_grasps(self, scene: Scene) -> Planner | None:

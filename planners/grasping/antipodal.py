@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from planners.collision.world import FINGER_GAP, CollisionWorld
+from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configurations import gripper_hits, gripper_rotation
 from planners.grasping.families import AntipodalFamily
 from planners.scene import Body, RobotState, Scene, Solid
@@ -120,7 +120,7 @@ def _lines(
                 # All that is between the pads, not on the line alone: nothing may be touched long before.
                 width = body.width_in_gripper(np.linalg.inv(pose_matrix(span.tcp, rotation)) @ body.pose)
                 if width < min(span.width + _OFF_PADS, widest) and _are_faces(
-                    body, span, rotation, pad, family.friction
+                    body, span, rotation, pad, robot.finger_gap, family.friction
                 ):
                     exact = span._replace(width=width)
                     if _free(alone, [exact], robot, yaw, family.pitch, rounded=False)[0]:
@@ -196,11 +196,11 @@ def _joined(enter: Array, leave: Array) -> list[tuple[float, float, int, int]]:
     return joined
 
 
-def _are_faces(body: Body, span: _Span, rotation: Array, pad: float, friction: float) -> bool:
+def _are_faces(body: Body, span: _Span, rotation: Array, pad: float, gap: float, friction: float) -> bool:
     """Whether what the closing fingers touch first, at any height, is as little aslant as what is on the line."""
     ahead, high = np.meshgrid(np.linspace(-TIP, TIP, 5), np.linspace(-pad, pad, 9))
     points = span.tcp + np.stack((ahead, 0.0 * ahead, high), axis=-1).reshape(-1, 3) @ rotation.T
-    along, half = rotation[:, 1], span.width / 2 + FINGER_GAP
+    along, half = rotation[:, 1], span.width / 2 + gap
     cuts = [piece.cut(points, np.tile(along, (len(points), 1))) for piece in body.placed]
     enter, leave, before, after = (np.array(column) for column in zip(*cuts, strict=True))
     for out, ends, normals in ((-along, -enter, before), (along, leave, after)):
@@ -215,7 +215,7 @@ def _free(
     alone: CollisionWorld, spans: list[_Span], robot: RobotSpec, yaw: float, pitch: float, rounded: bool = True
 ) -> NDArray[np.bool_]:
     """At which of these the open gripper touches no piece: (n,)."""
-    openings = np.array([min(span.width + 2 * FINGER_GAP, robot.max_opening) for span in spans])
+    openings = np.array([min(span.width + 2 * robot.finger_gap, robot.max_opening) for span in spans])
     if rounded:
         openings = np.minimum(np.ceil(openings / _OPENINGS) * _OPENINGS, robot.max_opening)
     poses = np.array([(*span.tcp, yaw, pitch) for span in spans])

@@ -45,6 +45,8 @@ class GraspFamily:
         depth: [m] of the TCP below the object's highest point, in place of δ.
         height: δ [m], by default the robot's `grasp_height`.
         axis_offset: ε [m], by default the robot's `grasp_axis_offset`; more where the palm would touch the object.
+            Straight down it is along the width of the pads, to either side, by default none: pads that are wider than
+            the object then fit beside its neighbours.
         max_width: [m] between the fingers of what is grasped so, by default what the gripper spans.
         yaws: [rad] least and greatest yaw of the gripper in the world, from -π to π, for grippers that do not turn
             freely; any by default.

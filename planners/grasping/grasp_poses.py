@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from planners.collision.world import FINGER_GAP
 from planners.grasping.antipodal import antipodal_lines
 from planners.grasping.arm_configurations import gripper_arrays, gripper_rotation
 from planners.grasping.families import GRASP_SETS, AntipodalFamily, Family, GraspFamily, families_for
@@ -21,6 +20,8 @@ from planners.scene.bodies import pose_matrix
 
 _PALM_CLEARANCE, _PALM_SIDE, _TIP_CLEARANCE, _PAD_CLEARANCE = 0.003, 0.002, 0.0045, 0.0045
 """[m] that are kept before the palm, below the palm, beyond the fingertips and at the upper edge of the pads."""
+_SAME = 1e-6
+"""[m] by which the fronts of finger tips may differ."""
 _DECIMALS = 6
 Array: TypeAlias = NDArray[np.float64]
 _STRAIGHT_DOWN = 1e-6
@@ -54,12 +55,13 @@ class GripperClearances:
 
 @cache
 def gripper_clearances(robot: RobotSpec) -> GripperClearances:
-    """The lengths of a robot's gripper: of its fingers, and of the palm, the solid behind them that is foremost."""
+    """The lengths of a robot's gripper: of its finger tips, and of the palm, the foremost solid between them."""
     arrays = gripper_arrays(robot)  # in the TCP frame
     centre, extent = arrays.position, np.einsum("kij,kj->ki", np.abs(arrays.rotation), arrays.half)
     extent += arrays.radius[:, None]
     front = centre[:, 0] + extent[:, 0]
-    fingers, others = np.flatnonzero(arrays.slides), np.flatnonzero(~arrays.slides)
+    fingers = np.flatnonzero(arrays.slides & (front >= front[arrays.slides].max() - _SAME))
+    others = np.flatnonzero(~arrays.slides & (np.abs(centre[:, 1]) <= extent[:, 1]))  # not beside the fingers
     palm = others[front[others].argmax()]
     pad = float(extent[fingers, 2].max())
     lengths = (
@@ -156,7 +158,7 @@ def even_yaws(count: int) -> Array:
 
 def gripper_opening(robot: RobotSpec, half_span: float) -> float:
     """Opening [m] with which to approach an object that is 2 `half_span` wide between the fingers."""
-    return min(2 * (float(half_span) + FINGER_GAP), robot.max_opening)
+    return min(2 * (float(half_span) + robot.finger_gap), robot.max_opening)
 
 
 def opening_around(robot: RobotSpec, body: Body, held: HeldObject) -> float:
@@ -168,7 +170,8 @@ def opening_around(robot: RobotSpec, body: Body, held: HeldObject) -> float:
 def _yaws(body: Body, family: GraspFamily) -> tuple[Array, Array]:
     """Yaws [rad] from which the object can be grasped, and its half width [m] between the fingers at each: (n,), (n,).
 
-    The fingers close along the horizontal normal of the approach. Straight down, half a turn makes no difference.
+    The fingers close along the horizontal normal of the approach. Straight down, half a turn makes no difference
+    unless the object is grasped beside its axis.
     """
     if body.shape == "cylinder" and body.is_upright:
         yaws = even_yaws(family.directions)
@@ -186,7 +189,8 @@ def _yaws(body: Body, family: GraspFamily) -> tuple[Array, Array]:
         low, high = family.yaws
         kept = (yaws >= low) & (yaws <= high)
         return yaws[kept], half_spans[kept]
-    count = len(yaws) // 2 if math.cos(family.pitch) < _STRAIGHT_DOWN else len(yaws)
+    is_symmetric = math.cos(family.pitch) < _STRAIGHT_DOWN and not family.axis_offset
+    count = len(yaws) // 2 if is_symmetric else len(yaws)
     return yaws[:count], half_spans[:count]
 
 
@@ -206,9 +210,11 @@ def _pose(body: Body, robot: RobotSpec, family: GraspFamily, yaw: float) -> Arra
         delta = min(robot.grasp_height if family.height is None else family.height, height - gripper.pad_half_height)
         delta = delta if body.is_upright else min(delta, height / 2)
     delta = max(delta, gripper.above_support(family.pitch))
-    epsilon = robot.grasp_axis_offset if family.axis_offset is None else family.axis_offset
-    # Straight down no heading leads away from the axis.
-    epsilon = max(epsilon, (behind - (delta - height / 2) * down) / level) if level > _STRAIGHT_DOWN else 0.0
+    if level > _STRAIGHT_DOWN:
+        epsilon = robot.grasp_axis_offset if family.axis_offset is None else family.axis_offset
+        epsilon = max(epsilon, (behind - (delta - height / 2) * down) / level)
+    else:
+        epsilon = family.axis_offset or 0.0  # no palm is kept off the object by it
     T = np.eye(4)
     T[:3, :3] = gripper_rotation(yaw, family.pitch)
     T[:3, 3] = body.position - epsilon * heading

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from irm.chain import pose_of
 from planners.collision.scene_arrays import robot_arrays
-from planners.collision.world import FINGER_GAP, PADDING, CollisionWorld
+from planners.collision.world import PADDING, CollisionWorld
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, scan_configurations
 from planners.grasping.base_placement import MapPlacer
 from planners.grasping.families import SIDE
@@ -55,7 +55,7 @@ class SideGripper:
     def of(cls, robot: RobotSpec) -> SideGripper:
         """That of a robot's active arm."""
         gripper = gripper_clearances(robot)
-        margins = {"yaws": SIDE.directions, "padding": PADDING, "finger_gap": FINGER_GAP}
+        margins = {"yaws": SIDE.directions, "padding": PADDING, "finger_gap": robot.finger_gap}
         return cls(
             {**margins, "back": BACK, "held_gap": HELD_GAP},
             round(gripper.palm_reach + PALM_SLACK, 6),

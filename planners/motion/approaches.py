@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planners.collision.straight_lines import trace_by_torso, trace_straight
-from planners.collision.world import FINGER_GAP, CollisionWorld, with_clearance_around
+from planners.collision.world import CollisionWorld, with_clearance_around
 from planners.motion.arm import ArmQuery, tcp_pose
 from planners.motion.path import on_base
 from planners.scene import Body, HeldObject, RobotState, Scene
@@ -115,7 +115,7 @@ class ContactQuery:
         scene, there, body = empty.scene, np.asarray(base, float), empty.scene.body(held.name)
         T_world_tcp = _tcp_pose(scene, base, q)
         grip = body.width_in_gripper(np.linalg.inv(T_world_tcp) @ body.pose)
-        opening = min(grip + 2 * FINGER_GAP, scene.robot.max_opening)
+        opening = min(grip + 2 * scene.robot.finger_gap, scene.robot.max_opening)
         holding = ArmQuery(loaded, there, grip, held, ignore)
         return cls(
             ArmQuery(empty, there, opening, None, ignore), holding, np.asarray(q, float), body, held, T_world_tcp

@@ -15,7 +15,7 @@ from irm.compilation import njit
 from irm.kinematics import fk_frames, forward
 from planners.collision.scene_arrays import RobotArrays
 from planners.collision.straight_lines import trace_by_torso, trace_straight
-from planners.collision.world import FINGER_GAP, OVERLAP, STEP, CollisionWorld
+from planners.collision.world import OVERLAP, STEP, CollisionWorld
 from planners.motion.path import CLEARANCE, BlockedBy, NoPath, WholeBodyPath, on_base
 from planners.motion.rrt import blend_corners, rrt_connect, shortcut
 from planners.scene import SELF_BIT, HeldObject, RobotState
@@ -245,7 +245,7 @@ def plan_home(world: CollisionWorld, state: RobotState, rng: np.random.Generator
     held, robot = world.scene.held, world.scene.robot
     gap = robot.opening(state.finger_position)
     touched, is_among = world.hits(state.base, state.q, gap, held), is_among_objects(world, state)
-    opening = min(gap + 2 * FINGER_GAP, robot.max_opening) if touched and held is None else gap
+    opening = min(gap + 2 * robot.finger_gap, robot.max_opening) if touched and held is None else gap
     for padded in (world, world.with_padding(0.0), world.with_padding(-OVERLAP)):
         query = ArmQuery(padded, state.base, opening, held)
         ignore = query.hits(state.q[None])[0] & ~FIXED_BITS

@@ -440,6 +440,8 @@ def _has_room(
 
     If it stands along the sides, the others may too.
     """
+    if not others:
+        return True
     placed = [*staying, _standing(*first)]
     for other in sorted(others, key=lambda one: -one.radius):
         for yaw, *_ in _ways(area, other)[slice(1) if first[2] is None else slice(None, None, -1)]:

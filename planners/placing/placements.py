@@ -32,7 +32,7 @@ from planners.placing.surfaces import KeepClear, Surface
 from planners.placing.swept_volume import grasp_volume
 from planners.scene import Body, Scene, StaticObstacle
 from planners.scene.bodies import release_pitch
-from planners.scene.cover import is_covered
+from planners.scene.cover import direction_out, driven_out_of, is_covered
 from planners.strategies import Strategy
 
 Array = NDArray[np.float64]
@@ -42,6 +42,8 @@ _YAWS, _TORSOS, _ROLLS = 24, 4, 12
 _FAILURES, _NEAR_FAILURE = 12, 0.03
 """Locations in a place at which an object cannot be put before no more are tried, and how near [m] to one of these no
 location is tried either."""
+_ROW = 0.01
+"""[m] between rows of which is asked whether an object can be put so deep under a shelf."""
 _GAP = 0.001
 """[m] between the object and the table when the fingers open."""
 _TIPS = 0.01
@@ -68,6 +70,7 @@ class Placement:
         opening: of the gripper [m] after the release.
         surfaces: the supports that were looked at, with the regions that the object keeps out of.
         below: name of the object that it will stand on, "" for none.
+        drop: [m] that it will fall when the fingers open.
     """
 
     body: Body
@@ -78,6 +81,7 @@ class Placement:
     opening: float
     surfaces: tuple[Surface, ...] = field(default=(), repr=False)
     below: str = ""
+    drop: float = 0.0
 
     @property
     def location(self) -> Array:
@@ -101,6 +105,7 @@ class PlacementSearch:
     canonical: bool = False
     near_home: bool = False
     _volumes: dict[tuple[str, bytes, bytes], SweptVolume] = field(default_factory=dict, repr=False, compare=False)
+    _depths: dict[tuple[object, ...], tuple[Array, float]] = field(default_factory=dict, repr=False, compare=False)
     _approaches: dict[tuple[object, ...], tuple[ContactQuery, Approach] | None] = field(
         default_factory=dict, repr=False, compare=False
     )
@@ -186,37 +191,86 @@ class PlacementSearch:
                     free &= ~region.touches_disc(points, radius)
             return np.asarray(free)
 
+        drops = (0.0,) if place.area is None or not place.area.drop else (0.0, place.area.drop)
         failed = [] if failed is None else failed
-        # The farthest row comes first. Where half of the tries have failed under a shelf, what is nearest to the robot
-        # comes next, and the tries are spread over all.
-        area = (
-            place.area if place.area is not None and is_covered(scene, (*place.area.centre, place.face.top)) else None
-        )
-        spread = 0.0 if area is None else max(math.sqrt(4 * math.prod(area.half_extents) / _FAILURES), _NEAR_FAILURE)
+        # The farthest row comes first. Where half of the tries have failed under a shelf, it is found out how deep an
+        # object can be put there, and the deepest row of these comes next: nothing is put in the way of the others.
+        is_under_shelf = place.area is not None and is_covered(scene, (*place.area.centre, place.face.top))
 
-        def locations() -> Iterator[tuple[Array, Yaws, float]]:
-            """Locations, yaws, and how far from a location that has failed they are [m]."""
-            for point, yaws in locations_in(scene, body, place, leaving, others, allowed):
-                if area is not None and len(failed) >= _FAILURES // 2:
+        def locations() -> Iterator[tuple[Array, Yaws]]:
+            found = locations_in(scene, body, place, leaving, others, allowed)
+            if place.area is not None and place.area.drop:  # the walls are farthest from the middle
+                middle = place.area.centre
+                found = iter(sorted(found, key=lambda one: math.dist(one[0], middle)))
+            for point, yaws in found:
+                if is_under_shelf and len(failed) >= _FAILURES // 2:
                     break
-                yield point, yaws, _NEAR_FAILURE
+                yield point, yaws
             else:
                 return
-            rest = list(locations_in(scene, body, place, leaving, others, allowed))
-            for point, yaws in sorted(rest, key=lambda one: math.dist(one[0], scene.state.base[:2])):
-                yield point, yaws, spread
+            inwards, depth = self._depth(world, place)
+            rest = locations_in(scene, body, place, leaving, others, allowed)
+            fitting = [one for one in rest if inwards @ one[0] < depth + _ROW / 2]
+            yield from sorted(fitting, key=lambda one: -round(float(inwards @ one[0]) / _ROW))
 
-        for point, yaws, near in locations():
-            if any(np.hypot(*(point - other)) < near for other in failed):
+        for point, yaws in locations():
+            if any(np.hypot(*(point - other)) < _NEAR_FAILURE for other in failed):
                 continue
             if deadline.is_over or len(failed) >= _FAILURES:
                 return
             location, has_any = np.array([*point, place.face.top]), False
-            for found in self.about(world, location, yaws):
-                has_any = True
-                yield replace(found, surfaces=surfaces, below=place.below)
+            for drop in drops:
+                for found in self.about(world, location + [0.0, 0.0, drop], yaws):
+                    has_any = True
+                    body = found.body.lowered(drop)
+                    yield replace(found, body=body, surfaces=surfaces, below=place.below, drop=drop)
+                if has_any:
+                    break
             if not has_any:
                 failed.append(point)
+
+    def _depth(self, world: CollisionWorld, place: Place) -> tuple[Array, float]:
+        """The direction (2,) into a place under a shelf, and how far along it [m] the held object can be put there.
+
+        Other objects do not count, so the answer is remembered for all of that size that are held at that pitch. The
+        depth is -inf if the object cannot be put anywhere that is tried.
+        """
+        scene, (held, body), area = world.scene, in_hand(world.scene), place.area
+        assert area is not None
+        size, pitch = tuple(body.half_extents.round(_DECIMALS)), round(release_pitch(body, held), 2)
+        key = replace(area, name=area.support), size, pitch, scene.robot.arm_name
+        if key in self._depths:
+            return self._depths[key]
+        in_hands = tuple(one for one in scene.objects if one.name in scene.held_names)
+        alone = CollisionWorld.from_scene(replace(scene, objects=in_hands))
+        everywhere = locations_in(alone.scene, body, place, (), (), lambda points: np.ones(len(points), np.bool_))
+        points = np.unique([point for point, _ in everywhere], axis=0).reshape(-1, 2)
+
+        def put_at(point: Array) -> Placement | None:
+            return next(self.about(alone, np.array([*point, place.face.top])), None)
+
+        tried: list[Array] = []
+        spread = math.sqrt(4 * math.prod(area.half_extents) / _FAILURES)
+        found = None
+        for point in sorted(points, key=lambda one: math.dist(one, scene.state.base[:2])):
+            if found is None and all(math.dist(point, other) > spread for other in tried):
+                found = put_at(point)
+                tried.append(point)
+        inwards, depth = np.zeros(2), -math.inf
+        if found is not None:
+            inwards = -direction_out(driven_out_of(scene, found.body), found.base)
+            rows = np.round(points @ inwards / _ROW).astype(int)
+            low, high = round(float(inwards @ found.location) / _ROW), int(rows.max()) + 1
+            while high - low > 1:  # what fits in one row fits in those before it
+                middle = (low + high) // 2
+                row = points[rows == middle]
+                if any(put_at(row[round(share * (len(row) - 1))]) is not None for share in (0.5, 0.2, 0.8) if len(row)):
+                    low = middle
+                else:
+                    high = middle
+            depth = low * _ROW
+        self._depths[key] = inwards, depth
+        return inwards, depth
 
     def about(
         self, world: CollisionWorld, location: Array, yaws: Sequence[float | None] = (None,)
@@ -352,8 +406,7 @@ def _radius(scene: Scene) -> float:
 
 def with_lowered(world: CollisionWorld, name: str) -> CollisionWorld:
     """The same world with an object lowered by the padding, so that another one can be put down on it."""
-    body = world.scene.body(name)
-    return world.with_body(body.at(body.position - [0.0, 0.0, world.padding + SUPPORT_SLACK]))
+    return world.with_body(world.scene.body(name).lowered(world.padding + SUPPORT_SLACK))
 
 
 def gripper_poses_at(scene: Scene, locations: Array, yaw: float | None = None) -> Array:

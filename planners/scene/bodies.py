@@ -244,6 +244,10 @@ class Body:
         mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(T_world_body[:3, :3]).ravel())
         return self.at(T_world_body[:3, 3], quaternion)
 
+    def lowered(self, distance: float) -> Body:
+        """The same object, `distance` [m] lower."""
+        return self.at(self.position - [0.0, 0.0, distance]) if distance else self
+
 
 @dataclass(frozen=True, eq=False)
 class RobotState:

@@ -24,6 +24,8 @@ HELD_GAP = 0.002
 """[m] that an object keeps from others while it is moved out."""
 _HEADROOM = 0.8
 """[m] A static obstacle higher above the support does not matter: the arm unfolds below it."""
+_FOOTROOM = 0.015
+"""[m] Nothing stands below a static obstacle that is lower above the support: it is a wall, as that of a bin."""
 _REACH = 0.10
 """[m] around a location within which a shelf is in the way of a gripper that comes from above."""
 
@@ -39,7 +41,7 @@ def needs_drive(scene: Scene, point: ArrayLike) -> bool:
 
 
 def _hangs_over(obstacle: StaticObstacle, point: Array) -> bool:
-    is_above = point[2] < obstacle.lower[2] < point[2] + _HEADROOM
+    is_above = point[2] + _FOOTROOM < obstacle.lower[2] < point[2] + _HEADROOM
     return bool(is_above and (np.abs(obstacle.position[:2] - point[:2]) < obstacle.extent[:2] + _REACH).all())
 
 

@@ -338,7 +338,7 @@ class MotionLayer:
             )
             if not isinstance(motion, PickPlaceMotion):
                 return motion
-            released = scene.with_held(None).with_body(motion.body)
+            released = scene.with_held(None).with_body(motion.body.lowered(placement.drop))
             are_accepted = self.checks_at_end or (
                 self.is_accepted(scene, motion.paths[:2]) and self.is_accepted(released, motion.paths[2:])
             )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from assets.robots import FETCH
 from irm.chain import ArmChain
-from planners.collision.world import FINGER_GAP, CollisionWorld
+from planners.collision.world import CollisionWorld
 from planners.motion.path import WholeBodyPath, on_base
 from planners.scene import Body, HeldObject, Scene, StaticObstacle
 from tests.irm.arms import inverse
@@ -67,7 +67,7 @@ def grasp_configurations(
         configurations = inverse(CHAIN, T, np.linspace(0.05, 0.38, 6), np.linspace(-np.pi, np.pi, 24, endpoint=False))
         if not len(configurations):
             continue
-        free = configurations[world.hits_many(base, configurations, 2 * (body.half_width + FINGER_GAP)) == 0]
+        free = configurations[world.hits_many(base, configurations, 2 * (body.half_width + FETCH.finger_gap)) == 0]
         if len(free):
             found.append((base, free[rng.integers(len(free))]))
         if len(found) == count:

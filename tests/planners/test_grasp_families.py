@@ -8,11 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from assets import FETCH, PR2, RobotSpec
+from assets import FETCH, PR2, InvalidRobot, RobotSpec
 from planners import SIDE, Cause, GraspFamily, Infeasible, Planner, Scene, Solution, clearance_floor, solve
+from planners.collision.world import CollisionWorld
+from planners.grasping.arm_configurations import gripper_hits
+from planners.grasping.candidates import gripper_poses
 from planners.grasping.families import GRASP_SETS, InvalidGraspFamily, UnknownGraspSet, grasp_set_name
-from planners.grasping.grasp_poses import generate_grasps, gripper_clearances, too_wide
-from tests.planners.scenes import cylinder, random_scene, shelf_scene, table_scene
+from planners.grasping.grasp_poses import GraspPose, generate_grasps, gripper_clearances, too_wide
+from planners.scene import Body
+from tests.planners.scenes import HEIGHT, cylinder, random_scene, shelf_scene, table_scene
 
 STEEP = GraspFamily("steep", math.radians(70), directions=8, depth=0.03)
 
@@ -44,6 +48,35 @@ def test_the_values_of_a_family_are_those_of_its_grasps() -> None:
     for one, other in zip(generate_grasps(body, FETCH, (level,)), generate_grasps(body, FETCH, (SIDE,)), strict=True):
         assert np.array_equal(one.T_world_tcp, other.T_world_tcp)
     assert not generate_grasps(body, FETCH, (replace(family, max_width=0.05),))
+
+
+def test_straight_down_pads_wider_than_the_object_fit_beside_its_neighbour() -> None:
+    """Cubes of 2 cm stand 5 mm apart, one a little behind the other: only at its far half is there room for a pad."""
+    half = np.full(3, 0.01)
+    cube = Body("cube", "box", half, np.array([-0.1, 0.0, HEIGHT + 0.01]), np.eye(4)[0])
+    other = Body("other", "box", half, np.array([-0.075, 0.022, HEIGHT + 0.01]), np.eye(4)[0])
+    world = CollisionWorld.from_scene(table_scene(cube, other))
+
+    def free(offset: float | None) -> list[GraspPose]:
+        down = GraspFamily("down", math.pi / 2, depth=0.02, axis_offset=offset)
+        grasps = [one for one in generate_grasps(cube, FETCH, (down,)) if abs(math.sin(one.yaw)) < 0.5]
+        hits = gripper_hits(world, gripper_poses(grasps), grasps[0].opening, ignore=world.scene.mask(["cube"]))
+        return [grasp for grasp, hit in zip(grasps, hits, strict=True) if not hit]
+
+    assert not free(None)
+    beside = free(0.008)
+    assert len(beside) == 1, "on the far side of the other cube"
+    T = beside[0].T_world_tcp
+    np.testing.assert_allclose(T[:2, 3] - cube.position[:2], -0.008 * T[:2, 2], atol=1e-9)
+
+
+def test_the_gripper_opens_as_far_as_its_robot_says() -> None:
+    body = cylinder("a", 0.0, 0.0)
+    wide, narrow = (generate_grasps(body, replace(FETCH, finger_gap=gap))[0].opening for gap in (0.012, 0.005))
+    assert wide - narrow == pytest.approx(2 * 0.007)
+    assert wide == generate_grasps(body, FETCH)[0].opening
+    with pytest.raises(InvalidRobot, match="finger_gap"):
+        replace(FETCH, finger_gap=0.0)
 
 
 @pytest.mark.parametrize(

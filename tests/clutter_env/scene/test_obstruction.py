@@ -24,7 +24,7 @@ from clutter_env.scene.obstruction import (
     side_approaches,
 )
 from clutter_env.scene.table_scene import TableScene
-from planners.collision.world import FINGER_GAP, PADDING
+from planners.collision.world import PADDING
 from planners.grasping.families import SIDE
 from planners.scene.cover import BACK, HELD_GAP
 from scripts.obstruction import compare
@@ -62,7 +62,7 @@ def blockers(scene: TableScene, layout: Layout = LAYOUTS["paper"]) -> np.ndarray
 
 @pytest.mark.parametrize("name", robots_with_approaches())
 def test_the_tables_were_made_with_the_planners_present_margins(name: str) -> None:
-    assert side_approaches(name).margins == PlannerMargins(SIDE.directions, PADDING, FINGER_GAP, BACK, HELD_GAP)
+    assert side_approaches(name).margins == PlannerMargins(SIDE.directions, PADDING, FETCH.finger_gap, BACK, HELD_GAP)
 
 
 def test_an_object_within_a_ring_is_obstructed_more_than_most_of_the_ring() -> None:

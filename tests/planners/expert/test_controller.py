@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from assets.robots import FETCH
 from planners import ControlledWorld, ExpertError, TampExpert, prepare
+from planners.motion.arm import tcp_pose
+from planners.scene import RobotState
 from tests.planners.own_scenes import MOVABLE, SUPPORT, kitchen
 
 Array = NDArray[np.float64]
@@ -43,14 +45,34 @@ class Deltas:
         self.acts += 1
 
 
-def controlled(dt: float, most: float) -> tuple[Deltas, ControlledWorld]:
+def controlled(dt: float, most: float, **options: float) -> tuple[Deltas, ControlledWorld]:
     raw, start = kitchen()
     model = prepare(raw, FETCH).model
     data = mujoco.MjData(model)
     data.qpos[:] = start.qpos
     data.ctrl[[model.actuator(name).id for name in FETCH.drive_joints[3:]]] = FETCH.home
     controller = Deltas(model, data, dt, most)
-    return controller, ControlledWorld(controller, model, FETCH, movable=MOVABLE, support=SUPPORT)
+    return controller, ControlledWorld(controller, model, FETCH, movable=MOVABLE, support=SUPPORT, **options)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tolerance", [None, 0.01])
+def test_beside_an_object_the_gripper_is_not_farther_behind_than_its_world_allows(tolerance: float | None) -> None:
+    options = {} if tolerance is None else {"line_tolerance": tolerance}
+    _, world = controlled(0.1, 0.02, **options)
+    expert = TampExpert(world, grasps="side")
+    expert.reset("can")
+    behind, sent, phase = [0.0], None, ""
+    while not expert.phase.endswith(": retreat"):
+        tcp = world.data.site(FETCH.tcp_site).xpos.copy()
+        action = expert.act()
+        if sent is not None and phase.endswith(("approach", "lift")):
+            wanted = tcp_pose(FETCH, RobotState(sent[:3], sent[3:-1], 0.0))[:3, 3]
+            if np.abs(action - sent).max() > 1e-6:  # the plan goes on
+                behind.append(float(np.linalg.norm(wanted - tcp)))
+        world.step(action)
+        sent, phase = action, expert.phase
+    assert (max(behind) <= 0.01) == (tolerance is not None)
 
 
 @pytest.mark.slow

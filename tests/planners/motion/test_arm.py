@@ -13,7 +13,7 @@ from assets.robots import FETCH
 from irm.chain import ArmChain
 from irm.kinematics import forward
 from planners.collision.straight_lines import trace_straight
-from planners.collision.world import FINGER_GAP, STEP, CollisionWorld
+from planners.collision.world import STEP, CollisionWorld
 from planners.motion.arm import ArmQuery, plan_arm, tcp_pose, tcp_poses, unwrap_joints
 from planners.motion.mujoco_check import TOLERANCE, MujocoCollisionChecker
 from planners.motion.path import CLEARANCE, BlockedBy, NoPath, WholeBodyPath, on_base
@@ -34,7 +34,7 @@ def hovers(world: CollisionWorld, rng: np.random.Generator, most: int) -> list[t
     """Base poses, configurations above grasps of standing objects, and gripper openings [m]."""
     found = []
     for body in world.scene.objects:
-        opening = 2 * (body.half_width + FINGER_GAP)
+        opening = 2 * (body.half_width + FETCH.finger_gap)
         for base, q in grasp_configurations(world, body.name, rng) if body.is_upright else []:
             line = trace_straight(world, base, q, UP, 0.19)
             if line is not None and not world.path_hits(on_base(base, line), opening):

@@ -15,18 +15,19 @@ from assets.robots import FETCH
 from planners.clearing.commitments import grasped
 from planners.collision.world import CollisionWorld
 from planners.context import PlanningContext
-from planners.goals import Region, inside
+from planners.goals import Goal, Region, inside
 from planners.motion.approaches import stand_off
 from planners.placing import placements
 from planners.placing.goal_places import place_of
 from planners.placing.locations import placement_levels, stand_at
 from planners.placing.placements import Placement, PlacementSearch
 from planners.placing.surfaces import KeepClear, UnknownSupport, find_supports
-from planners.planner import Planner
+from planners.planner import Planner, solve
 from planners.scene import Scene, StaticObstacle
 from planners.scene.masks import FIXED_BITS
 from planners.strategies import STRATEGIES, Strategy, StrategyError
-from tests.planners.scenes import cylinder, shelf_scene, table_scene
+from planners.tamp.solution import Infeasible, Solution
+from tests.planners.scenes import HEIGHT, cylinder, shelf_scene, table_scene
 
 CHOICES = ("name", "grasps", "region", "locations")
 PLANNING_AHEAD = ("plans_ahead", "sets", "slack", "variations", "non_monotone")
@@ -197,8 +198,13 @@ def test_under_a_shelf_the_drive_in_begins_where_what_is_carried_fits() -> None:
     assert not any(world.hits(base, home, 0.0, held) & FIXED_BITS for base in outside)
 
 
-def test_under_a_shelf_the_front_of_a_region_is_tried_where_its_back_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Low boards leave a tilted gripper room at the front alone; the tries were all spent on the row at the back."""
+def test_under_a_shelf_the_deepest_row_that_the_gripper_reaches_is_filled_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Low boards leave a tilted gripper room at the front alone; the tries were all spent on the row at the back.
+
+    What was then put at the very front stood in the way of the others.
+    """
     scene = shelf_scene(cylinder("object_00", -0.29, -0.15, 0.027, 0.175))
     region = Region("back to front", scene.support.name, (0.0, 0.0), (0.27, 0.3))
     scene, front = replace(scene, regions=(region,)), -0.2
@@ -206,14 +212,47 @@ def test_under_a_shelf_the_front_of_a_region_is_tried_where_its_back_fails(monke
     carrying = grasped(scene, context.grasps().for_object(scene, "object_00")[0])
 
     def at_the_front(
-        _search: PlacementSearch, world: CollisionWorld, location: NDArray[np.float64], _yaws: object
+        _search: PlacementSearch, world: CollisionWorld, location: NDArray[np.float64], _yaws: object = ()
     ) -> Iterator[Placement]:
         if location[0] < front:
             body = stand_at(world.scene.body("object_00"), location)
-            yield Placement(body, np.zeros(3), np.zeros(8), 0.0, 0.0, 0.1)
+            yield Placement(body, np.array([-1.0, 0.0, 0.0]), np.zeros(8), 0.0, 0.0, 0.1)
 
     monkeypatch.setattr(PlacementSearch, "about", at_the_front)
     place = place_of(scene, inside("object_00", region.name).placed[0])
     found = next(context.placements().find_at(CollisionWorld.from_scene(carrying), place, KeepClear()), None)
     assert found is not None
-    assert found.body.position[0] < front
+    assert front - 0.02 < found.body.position[0] < front
+
+
+def bin_of(height: float) -> tuple[StaticObstacle, ...]:
+    """A bin on the table, 11 cm wide inside, whose walls begin 1 cm above it."""
+    walls = (
+        StaticObstacle(
+            f"bin_{number}",
+            np.array([-0.2 + 0.06 * x, 0.2 + 0.06 * y, HEIGHT + 0.01 + height / 2]),
+            np.array([0.005 if x else 0.065, 0.005 if y else 0.065, height / 2]),
+        )
+        for number, (x, y) in enumerate(((1, 0), (-1, 0), (0, 1), (0, -1)))
+    )
+    return StaticObstacle("bin", np.array([-0.2, 0.2, HEIGHT + 0.005]), np.array([0.065, 0.065, 0.005])), *walls
+
+
+@pytest.mark.parametrize("drop", [0.0, 0.1])
+def test_an_object_falls_into_a_bin_whose_walls_keep_the_hand_out(drop: float) -> None:
+    things = cylinder("object_00", -0.2, -0.2, 0.02, 0.04), cylinder("object_01", -0.2, 0.0, 0.02, 0.04)
+    walls = bin_of(0.12)
+    pit = Region("pit", "bin", (-0.2, 0.2), (0.05, 0.05), drop=drop)
+    spot = Region("spot", "table_top", (0.0, -0.4), (0.1, 0.1))
+    scene = table_scene(*things)
+    static = (*scene.static_obstacles, *walls)
+    scene = replace(scene, static_obstacles=static, regions=(pit, spot), supports=("table_top", "bin"))
+    goal = Goal.of((("on", "object_00", "pit"), ("on", "object_01", "spot"), ("before", "object_00", "object_01")))
+    solution = solve(scene, goal, grasps="top", rng=np.random.default_rng(0))
+    if not drop:
+        assert isinstance(solution, Infeasible)
+        return
+    assert isinstance(solution, Solution)
+    body = solution.actions[-1].scene.body("object_00")
+    assert body.bottom == pytest.approx(walls[0].top, abs=0.003), "it lies on the floor of the bin"
+    assert np.abs(body.position[:2] - pit.centre).max() < 0.02, "it was let go in the middle"

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from planners.scene.cover import BACK, DRIVE_CLEARANCE, direction_out, drive_out, heading, is_covered, objects_before
+from planners.scene.solid import StaticObstacle
 from tests.planners.scenes import DEPTH, HEIGHT, cylinder, shelf_scene, table_scene
 
 
@@ -22,6 +25,14 @@ def test_only_what_stands_under_the_board_is_covered() -> None:
     assert is_covered(shelf_scene(), (0.0, 0.0, HEIGHT))
     assert not is_covered(shelf_scene(), (0.0, 0.9, HEIGHT))
     assert not is_covered(table_scene(), (0.0, 0.0, HEIGHT))
+
+
+def test_the_wall_of_a_bin_is_no_shelf() -> None:
+    """It begins above the bin's floor, 1 cm above the table: nothing stands under it."""
+    scene = table_scene()
+    wall = StaticObstacle("wall of a bin", np.array([0.05, 0.0, HEIGHT + 0.06]), np.array([0.005, 0.05, 0.05]))
+    scene = replace(scene, static_obstacles=(*scene.static_obstacles, wall))
+    assert not is_covered(scene, (0.0, 0.0, HEIGHT))
 
 
 @pytest.mark.parametrize(
