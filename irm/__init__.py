@@ -31,7 +31,7 @@ if TYPE_CHECKING:
         SPHERICAL,
         ExactSolver,
         SelfCollision,
-        arm_solutions,
+        all_solutions,
         free_angles,
         solver_arrays,
     )
@@ -62,7 +62,7 @@ __all__ = [
     "Status",
     "TolerantPlacement",
     "Verified",
-    "arm_solutions",
+    "all_solutions",
     "cache_folder",
     "cached_map",
     "classify",

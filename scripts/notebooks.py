@@ -35,6 +35,7 @@ def notebook(tutorial: str) -> dict[str, Any]:
     """The notebook of a page of docs/tutorials, in Jupyter's format 4.5."""
     text = (ROOT / "docs/tutorials" / f"{tutorial}.md").read_text(encoding="utf-8")
     text = re.sub(r"^## Install\n.*?(?=^## )", "", text, flags=re.DOTALL | re.MULTILINE)
+    text = re.sub(r"^pip install -c constraints\.txt .*\n", "", text, flags=re.MULTILINE)
     cells, at = [("code", _INSTALL)], 0
     for block in _BLOCK.finditer(text):
         cells.append(("markdown", _with_addresses(text[at : block.start()])))

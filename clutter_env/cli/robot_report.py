@@ -26,7 +26,7 @@ from irm import (
     PARALLEL,
     SPHERICAL,
     ArmChain,
-    arm_solutions,
+    all_solutions,
     fk_frames,
     forward,
     free_angles,
@@ -205,18 +205,12 @@ class _Arm:
         state = RobotState(np.zeros(3), np.array(robot.home), robot.max_finger_position)
         self.world = CollisionWorld.from_scene(Scene(robot, state, (), ()))
         self.opening = robot.max_opening
-        self._found = np.empty((8, self.chain.size))
 
     def configurations(self, x: float, y: float, z: float, pitch: float = 0.0, yaw: float = 0.0) -> Array:
         """(k, 1 + n) for a TCP at a place [m] with a pitch and a yaw [rad]."""
         c, s, d, level = np.cos(yaw), np.sin(yaw), np.sin(pitch), np.cos(pitch)
-        R = np.array([[c * level, -s, c * d], [s * level, c, s * d], [-d, 0.0, level]])
-        p, rows = np.array([x, y, z]), [np.empty((0, self.chain.size))]
-        for torso in self.torsos:
-            for angle in self.angles:
-                count = arm_solutions(self.solver, R, p, float(torso), float(angle), self._found)
-                rows.append(self._found[:count].copy())
-        return np.concatenate(rows)
+        T = [[c * level, -s, c * d, x], [s * level, c, s * d, y], [-d, 0.0, level, z], [0.0, 0.0, 0.0, 1.0]]
+        return all_solutions(self.chain, np.array(T), self.torsos, self.angles)
 
     def free(self, Q: Array) -> NDArray[np.bool_]:
         """(k,) whether the robot does not touch itself or the floor in configurations (k, 1 + n)."""
