@@ -49,6 +49,8 @@ _KNUCKLE, _OUTSIDE = (-0.08, 0.0025, 0.0, 0.033), (-0.08, -0.0125, 0.042, 0.075)
 the finger, from its inner face on; the second does not. Together they contain all links, whatever the opening."""
 _KNUCKLE_WIDTH = 0.0195
 """[m] Half of the width of the linkage."""
+_SAME = 1e-6
+"""[m] by which the sides of a cube may differ."""
 _APART, _BACK, _MOST_BACK = 0.005, 0.02, 5
 """[m] that the base is from everything at first, [m] by which it drives back otherwise at once, and how often."""
 _FINGER_GAP = 0.005
@@ -152,6 +154,8 @@ class KinderTask:
         shared = [name for name in theirs if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) >= 0]
         joints = [(theirs[name], model.joint(name)) for name in shared]
         self._others = [(start, int(joint.qposadr[0]), 7 if int(joint.type[0]) == 0 else 1) for start, joint in joints]
+        cubes = [model.joint(name) for name in shared if _is_cube(model, int(model.joint(name).bodyid[0]))]
+        self._cubes = [int(joint.qposadr[0]) + 3 for joint in cubes]
         self._robot = robot
         self._wanted = np.array(start["qpos"])[self._theirs]
         self._qpos, self._state = model.qpos0.copy(), np.array(start["qpos"])
@@ -184,6 +188,8 @@ class KinderTask:
         """(nq,) joint positions in our model."""
         for theirs, ours, count in self._others:
             self._qpos[ours : ours + count] = self._state[theirs : theirs + count]
+        for start in self._cubes:
+            self._qpos[start : start + 4] = standing(self._qpos[start : start + 4])
         self._qpos[self._ours] = self._state[self._theirs]
         opening = _OPENING * (1 - self._state[self._driver] / _CLOSED)
         self._qpos[self._fingers] = np.clip(self._robot.finger_position(opening), 0, _OPENING / 2)
@@ -268,6 +274,28 @@ def _with_linkage(mjcf: str, tool: float) -> str:
             )
     spec.compile()
     return str(spec.to_xml())
+
+
+def _is_cube(model: mujoco.MjModel, body: int) -> bool:
+    """Whether a body is one box with equal sides on a free joint: it looks the same whichever side is up."""
+    geoms = np.flatnonzero(model.geom_bodyid == body)
+    is_free = model.jnt_type[model.body_jntadr[body]] == int(mujoco.mjtJoint.mjJNT_FREE)
+    is_box = len(geoms) == 1 and model.geom_type[geoms[0]] == int(mujoco.mjtGeom.mjGEOM_BOX)
+    return bool(is_free and is_box and np.ptp(model.geom_size[geoms[0]]) < _SAME)
+
+
+def standing(quaternion: Array) -> Array:
+    """The orientation (4,) of a cube, wxyz, with the side named upwards that is: it may have rolled when it fell."""
+    flat = np.empty(9)
+    mujoco.mju_quat2Mat(flat, quaternion)
+    R = flat.reshape(3, 3)
+    up = int(np.abs(R[2]).argmax())
+    columns = R[:, [(up + 1) % 3, (up + 2) % 3, up]]  # still right-handed
+    if columns[2, 2] < 0:
+        columns = columns * [1.0, -1.0, -1.0]
+    turned = np.empty(4)
+    mujoco.mju_mat2Quat(turned, np.ascontiguousarray(columns).ravel())
+    return turned
 
 
 def _region(scene: Scene, name: str, anchor: str, boxes: Array, facts: list[list[str]]) -> Region:

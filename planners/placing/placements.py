@@ -211,7 +211,14 @@ class PlacementSearch:
             inwards, depth = self._depth(world, place)
             rest = locations_in(scene, body, place, leaving, others, allowed)
             fitting = [one for one in rest if inwards @ one[0] < depth + _ROW / 2]
-            yield from sorted(fitting, key=lambda one: -round(float(inwards @ one[0]) / _ROW))
+            across = np.array([-inwards[1], inwards[0]])
+            middle = np.zeros(2) if place.area is None else np.array(place.area.centre)
+
+            def deepest_first(one: tuple[Array, Yaws]) -> tuple[int, float]:
+                """A row from its middle on: at the sides walls are in the way."""
+                return -round(float(inwards @ one[0]) / _ROW), round(abs(float(across @ (one[0] - middle))), _DECIMALS)
+
+            yield from sorted(fitting, key=deepest_first)
 
         for point, yaws in locations():
             if any(np.hypot(*(point - other)) < _NEAR_FAILURE for other in failed):

@@ -1,0 +1,48 @@
+"""What the bridge to KinDER does to its scenes, without KinDER."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from assets.robot_making import FINGERS, Mounting, make_robot
+from clutter_env.bridges.kinder_tasks import _with_linkage, standing
+from tests.assets.test_robot_making import ARMS
+
+
+def matrix(quaternion: np.ndarray) -> np.ndarray:
+    flat = np.empty(9)
+    mujoco.mju_quat2Mat(flat, quaternion)
+    return flat.reshape(3, 3)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_cube_that_has_rolled_stands_on_another_side(seed: int) -> None:
+    quaternion = np.random.default_rng(seed).normal(size=4)
+    quaternion /= np.linalg.norm(quaternion)
+    R, found = matrix(quaternion), matrix(standing(quaternion))
+    sides = R.T @ found
+    np.testing.assert_allclose(np.sort(np.abs(sides), axis=1), [[0, 0, 1]] * 3, atol=1e-6)  # the same cube
+    assert np.linalg.det(found) == pytest.approx(1.0)
+    assert found[2, 2] == pytest.approx(np.abs(R[2]).max())
+
+
+def test_the_hand_has_a_linkage_that_moves_with_the_fingers() -> None:
+    tool = 0.16
+    made, *_ = make_robot(ARMS / "ur5e.xml", Mounting("base", "wrist_3", on=(0.15, 0.7), lift=(0.0, 0.4), tool=tool))
+    model = mujoco.MjModel.from_xml_string(_with_linkage(made, tool))
+    data = mujoco.MjData(model)
+
+    def widths(opening: float) -> list[float]:
+        """[m] how far the shapes of each finger reach to its side."""
+        for name in FINGERS:
+            data.joint(name).qpos[0] = opening / 2
+        mujoco.mj_forward(model, data)
+        site = data.site("grip")
+        geoms = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] == model.body(FINGERS[0]).id]
+        across = site.xmat.reshape(3, 3)[:, 1]
+        return [float((data.geom_xpos[geom] - site.xpos) @ across + model.geom_size[geom][1]) for geom in geoms]
+
+    np.testing.assert_allclose(sorted(widths(0.04)), [0.02 + 0.014, 0.02 + 0.033], atol=1e-6)
+    np.testing.assert_allclose(sorted(widths(0.0)), [0.014, 0.033], atol=1e-6)
