@@ -43,6 +43,8 @@ _MOST = 30
 """Locations to a side."""
 _GAPS = (0.03, 0.012, 0.004)
 """[m] between neighbours in a region: wide gaps let the fingers in; narrow ones are taken where room is scarce."""
+_SAME = 1e-9
+"""[m] by which the sides of a region may differ: rounding."""
 _TRIED = 12
 """Locations for which is looked whether the others still find room, for each gap, if they do not beside the first."""
 _TOUCHING = 0.01
@@ -126,8 +128,13 @@ def reserved_regions(scene: Scene, goal: Goal, besides: str = "") -> tuple[Regio
             half = scene.body(fact.object).radius
             name = f"place of {fact.object}"
             found[name] = Region(name, place.face.name, tuple(place.location), (half, half))
-    around = [] if mine is None else [one for one in found.values() if one.contains_points(mine.corners).all()]
+    around = [] if mine is None else [one for one in found.values() if _contains(one, mine)]
     return tuple(region for name, region in found.items() if name != scene.support.name and region not in around)
+
+
+def _contains(region: Region, other: Region) -> bool:
+    """Whether a region contains another one, which may be the same under another name."""
+    return bool((np.abs(region.local(other.corners)) <= np.array(region.half_extents) + _SAME).all())
 
 
 def _region_or_face(scene: Scene, name: str) -> Region:

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from planners.goals import Region, inside, overlap
-from planners.placing.goal_places import footprint, in_the_way, locations_in, place_of
+from planners.placing.goal_places import footprint, in_the_way, locations_in, place_of, reserved_regions
 from planners.placing.locations import stand_at
 from planners.scene import Body, Scene
 from tests.planners.scenes import cylinder, table_scene
@@ -68,3 +68,14 @@ def test_a_stranger_between_boxes_is_in_the_way_only_where_no_turn_helps() -> No
     for stranger, found in ((beside, ()), (within, ("object_01",))):
         scene = replace(table_scene(body, stranger), regions=(region,))
         assert in_the_way(scene, body, place_of(scene, tray), ()) == found
+
+
+def test_a_region_that_is_there_twice_is_not_kept_from_its_own_object() -> None:
+    """Rounding left the corners of each outside the other, so that neither object had a place."""
+    half = (0.13, 0.31)
+    wider = tuple(float(np.nextafter(np.nextafter(side, 1.0), 1.0)) for side in half)
+    one, two = Region("one", "table_top", (0.05, 0.07), half), Region("two", "table_top", (0.05, 0.07), wider)
+    scene = replace(table_scene(cylinder("a", -0.2, 0.0), cylinder("b", -0.2, 0.2)), regions=(one, two))
+    goal = inside("a", "one") & inside("b", "two")
+    assert reserved_regions(scene, goal, "a") == ()
+    assert reserved_regions(scene, goal, "b") == ()
