@@ -166,8 +166,8 @@ class Dataset:
         seeds = _read_json(index, "seeds")["seeds"]
         if not isinstance(seeds, list) or not all(isinstance(seed, int) for seed in seeds):
             raise DatasetError(f"{index} is damaged: {seeds!r} are no seeds")
-        for seed in seeds:
-            training_seeds(seed)
+        if seeds:
+            training_seeds(min(seeds), max(seeds) - min(seeds) + 1)
         return seeds
 
     @property

@@ -196,11 +196,11 @@ class PlacementSearch:
         # The farthest row comes first. Where half of the tries have failed under a shelf, it is found out how deep an
         # object can be put there, and the deepest row of these comes next: nothing is put in the way of the others.
         is_under_shelf = place.area is not None and is_covered(scene, (*place.area.centre, place.face.top))
+        middle = np.array((0.0, 0.0) if place.area is None else place.area.centre)
 
         def locations() -> Iterator[tuple[Array, Yaws]]:
             found = locations_in(scene, body, place, leaving, others, allowed)
-            if place.area is not None and place.area.drop:  # the walls are farthest from the middle
-                middle = np.array(place.area.centre)
+            if len(drops) > 1:  # the walls are farthest from the middle
                 found = iter(sorted(found, key=lambda one: math.dist(one[0], middle)))
             for point, yaws in found:
                 if is_under_shelf and len(failed) >= _FAILURES // 2:
@@ -212,7 +212,6 @@ class PlacementSearch:
             rest = locations_in(scene, body, place, leaving, others, allowed)
             fitting = [one for one in rest if inwards @ one[0] < depth + _ROW / 2]
             across = np.array([-inwards[1], inwards[0]])
-            middle = np.array((0.0, 0.0) if place.area is None else place.area.centre)
 
             def deepest_first(one: tuple[Array, Yaws]) -> tuple[int, float]:
                 """A row from its middle on: at the sides walls are in the way."""

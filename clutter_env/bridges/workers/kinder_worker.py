@@ -1,6 +1,6 @@
 """KinDER's environments for another process: one JSON object a line comes in, one goes out.
 
-It runs where `kindergarden[dynamic3d]` is installed and imports nothing of this project. What the environments print
+It runs where `kindergarden` is installed and imports nothing of this project. What the environments print
 goes to standard error.
 """
 

@@ -115,8 +115,8 @@ def test_a_second_episode_begins_where_the_robot_is() -> None:
     np.testing.assert_array_equal(used.act(given), fresh.act(given))
 
 
-def test_it_looks_at_all_supports_where_no_place_is_left() -> None:
-    """After a move that made way for the target, in sight by then, nothing was looked at."""
+def _after_a_look() -> tuple[Any, SearchExpert, dict[str, Any]]:
+    """An environment, the expert that has looked at all its supports, and the observation after that."""
     env = gym.make("clutter_env/Search-o5-v0", image_size=32, frame_every=10)
     expert = SearchExpert(env)
     given, _ = env.reset(seed=1)
@@ -124,6 +124,12 @@ def test_it_looks_at_all_supports_where_no_place_is_left() -> None:
     expert._run = expert._look([])
     while not expert.done:
         given, *_ = env.step(expert.act(given))
+    return env, expert, given
+
+
+def test_it_looks_at_all_supports_where_no_place_is_left() -> None:
+    """After a move that made way for the target, in sight by then, nothing was looked at."""
+    _, expert, _ = _after_a_look()
     assert len(expert.report.belief_s) == len(expert._supports)
 
 
@@ -191,13 +197,7 @@ def test_the_end_of_a_search_says_no_more_than_was_seen(monkeypatch: pytest.Monk
 
 def test_motions_to_views_are_planned_from_where_the_arm_is() -> None:
     """It went home after each view, for 4 s and up to 20 s where the torso had risen."""
-    env = gym.make("clutter_env/Search-o5-v0", image_size=32, frame_every=10)
-    expert = SearchExpert(env)
-    given, _ = env.reset(seed=1)
-    expert.reset(given)
-    expert._run = expert._look([])
-    while not expert.done:
-        given, *_ = env.step(expert.act(given))
+    env, expert, given = _after_a_look()
     assert not np.allclose(expert._reading.drive[3:], expert._home, atol=0.1)
     expert._run, expert._done = expert._go_home(), False
     while not expert.done:
