@@ -43,6 +43,10 @@ _FEATURES = {"agent_pos": "observation.state", "environment_state": "observation
 _QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 _VECTORS = 2
 """Dimensions of the vectors of all steps; images have four, and depth has three."""
+_LEAST_SPREAD = 0.01
+"""[m, rad, m/s] Least standard deviation of numbers of observations in the statistics, and least distance from their
+mean to their extremes. A level gripper's quaternion varies less in demonstrations; a policy, which divides by these,
+would see a tilt that no demonstration has as hundreds of standard deviations."""
 _FRAMES = 50
 """Images of an episode that count at most in statistics, spread evenly."""
 
@@ -208,7 +212,13 @@ def _write(
     write_json(directory / "meta/info.json", info)
     identity = {**dataset.identity, "observations": observations}
     write_json(directory / "meta/clutter_env.json", identity)  # LeRobot has no place for it
-    write_json(directory / "meta/stats.json", {name: _all_statistics(parts) for name, parts in statistics.items()})
+    of_all = {name: _all_statistics(parts) for name, parts in statistics.items()}
+    for name, entry in of_all.items():
+        if name in _FEATURES.values():
+            entry["std"] = np.maximum(entry["std"], _LEAST_SPREAD)
+            entry["min"] = np.minimum(entry["min"], entry["mean"] - _LEAST_SPREAD)
+            entry["max"] = np.maximum(entry["max"], entry["mean"] + _LEAST_SPREAD)
+    write_json(directory / "meta/stats.json", of_all)
 
 
 def _columns(episode: Episode, observations: str, index: int, first: int, fps: int) -> dict[str, NDArray[Any]]:

@@ -94,9 +94,17 @@ def test_lerobot_tables_hold_the_episodes(dataset: Dataset, episodes: list[Episo
     lines = parquet.read_table(root / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
     assert [line["length"] for line in lines] == [len(episode) for episode in episodes]
     assert [line["dataset_to_index"] for line in lines] == np.cumsum([len(e) for e in episodes]).tolist()
-    statistics = json.loads((root / "meta/stats.json").read_text())["action"]
-    np.testing.assert_allclose(statistics["mean"], expected(episodes)["action"].mean(axis=0, dtype=float), atol=1e-9)
-    assert statistics["count"] == [len(table)]
+    statistics = json.loads((root / "meta/stats.json").read_text())
+    for name in ("action", "observation.state", "observation.environment_state"):
+        rows, found = expected(episodes)[name].astype(float), statistics[name]
+        # What hardly varies in demonstrations is not blown up by policies that divide by its spread.
+        least = 0.0 if name == "action" else 0.01
+        mean, spread = rows.mean(axis=0), np.maximum(rows.std(axis=0), least)
+        np.testing.assert_allclose(found["mean"], mean, atol=1e-9)
+        np.testing.assert_allclose(found["std"], spread, atol=1e-7)
+        np.testing.assert_allclose(found["min"], np.minimum(rows.min(axis=0), mean - least), atol=1e-9)
+        np.testing.assert_allclose(found["max"], np.maximum(rows.max(axis=0), mean + least), atol=1e-9)
+        assert found["count"] == [len(table)]
 
 
 @pytest.mark.usefixtures("needs_gl")
