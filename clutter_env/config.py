@@ -112,10 +112,14 @@ class EnvConfig:
             raise ConfigError(f"cameras={self.cameras!r} is not valid; it must be different names, such as ('head',)")
         for camera in self.cameras:
             check_choice("cameras", camera, ("top", *robot.cameras))
+        check_choice("segmentation", self.segmentation, (False, True))
+        for name in ("cameras", "segmentation"):
+            if self.obs_mode == "state" and (value := getattr(self, name)):
+                with_images = ", ".join(repr(mode) for mode in OBS_MODES if mode != "state")
+                raise ConfigError(f"{name}={value!r} needs obs_mode {with_images}: 'state' has no images")
         self.find_reality()
         if not isinstance(self.reality, Mapping):
             object.__setattr__(self, "reality", float(self.reality))
-        check_choice("segmentation", self.segmentation, (False, True))
         check_choice("head", self.head, HEAD_MODES)
         if self.head == "commanded" and not robot.head_joints:
             raise ConfigError(f"head='commanded' needs a robot whose head moves; that of robot {robot.name!r} does not")
@@ -126,8 +130,9 @@ class EnvConfig:
         object.__setattr__(self, "num_objects", check_integer("num_objects", self.num_objects, 0))
         fit = capacity(layout, self.shapes, self.find_object_set())
         if self.num_objects > fit:
+            shapes = "" if self.find_object_set().kinds else f"shapes={self.shapes!r} and "
             raise ConfigError(
-                f"num_objects={self.num_objects} does not fit layout {layout.name!r} with shapes={self.shapes!r} and "
+                f"num_objects={self.num_objects} does not fit layout {layout.name!r} with {shapes}"
                 f"object_set={self.object_set!r}: at most {fit} fit"
             )
         if self.obstructed and (problem := self.obstruction_problem(int(self.obstructed))):

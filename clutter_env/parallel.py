@@ -155,7 +155,7 @@ class _LocalProcesses:
                 context, own = get_context("loky_init_main"), os.getpid()
                 executor = ProcessPoolExecutor(1, context=context, initializer=_end_with_parent, initargs=(own,))
             future: Future[Any] = executor.submit(_call, function, job)
-        self._busy[future] = executor
+            self._busy[future] = executor
         return future
 
     def result(self, future: Future[Any]) -> Any:
@@ -181,7 +181,8 @@ class _LocalProcesses:
 def _ctrl_c_left_to_this_process() -> Iterator[None]:
     """Hold Ctrl-C back for a moment; processes that are started in it never get it, this one gets it afterwards.
 
-    Ignored in place of held back, a Ctrl-C in that moment would be lost, and the command would go on.
+    Processes inherit the blocked signal. In this process any other thread takes it, such as that of a progress bar, and
+    Python would raise KeyboardInterrupt here all the same: it is kept for later.
     """
     if not hasattr(signal, "pthread_sigmask") or threading.current_thread() is not threading.main_thread():
         yield
@@ -192,11 +193,16 @@ def _ctrl_c_left_to_this_process() -> Iterator[None]:
 
     for tracker in (resource_tracker, loky_tracker):  # their own start lets Ctrl-C through again
         tracker.ensure_running()
+    held: list[int] = []
+    handler = signal.signal(signal.SIGINT, lambda number, _: held.append(number))
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.signal(signal.SIGINT, handler)
+    if held:
+        signal.raise_signal(signal.SIGINT)
 
 
 def _end_with_parent(parent: int) -> None:

@@ -6,7 +6,7 @@ python scripts/gallery.py
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -15,12 +15,14 @@ import gymnasium as gym
 import numpy as np
 import tyro
 from numpy.typing import NDArray
-from PIL import Image
 
 import clutter_env  # noqa: F401  registers the environments
 from clutter_env.policies.experts import make_expert
 from clutter_env.policies.protocol import begin_episode
 from clutter_env.policies.registry import PolicyTraits, load_policy
+from clutter_env.rendering.film import save_gif
+from clutter_env.rendering.framing import across, near_view, work_place
+from clutter_env.rendering.renderer import Renderer
 from clutter_env.reporting.progress import progress_bar
 
 Frame = NDArray[np.uint8]
@@ -28,12 +30,16 @@ Frame = NDArray[np.uint8]
 FRAMES_PER_SECOND = 10
 _LAST_S = 1.5
 """How long the last frame stays."""
-_COLOURS = 256
-"""Colours of a film's palette."""
+_FRONT_PAGE, _NEAR = (640, 400), (224, 168)
+"""Width and height [pixels] of the front page's film, and of its view of the gripper, with a white edge."""
+_EDGE = 3
 
 
 class Entry(NamedTuple):
-    """A film: name of the file, environment, its keyword arguments, expert or "greedy" for skills, seed."""
+    """A film: name of the file, environment, its keyword arguments, expert or "greedy" for skills, seed.
+
+    That of the front page is larger, and shows the gripper from near too.
+    """
 
     name: str
     env_id: str
@@ -42,10 +48,11 @@ class Entry(NamedTuple):
     seed: int = 1
     steps_per_frame: int = 5
     """Control steps of 0.05 s from frame to frame."""
+    is_front_page: bool = False
 
 
 ENTRIES = (
-    Entry("retrieve", "clutter_env/Retrieve-o15-v0", {"obstructed": True}),
+    Entry("retrieve", "clutter_env/Retrieve-o15-v0", {"obstructed": True}, is_front_page=True),
     Entry("shelf", "clutter_env/Retrieve-o10-v0", {"layout": "shelf"}, "lookahead-all"),
     Entry("dense", "clutter_env/Retrieve-o25-v0", {"layout": "dense", "obstructed": True}, "lookahead-all"),
     Entry("sort", "clutter_env/Rearrange-o4-v0", {"task": "sort"}, "lookahead-all", steps_per_frame=10),
@@ -67,7 +74,7 @@ def main(
 
     Args:
         names: Films to make.
-        size: Pixels of a film's width; it is three quarters as high.
+        size: Pixels of a film's width, but for the front page's; it is three quarters as high.
         out: Directory of the films.
     """
     known = {entry.name: entry for entry in ENTRIES}
@@ -76,7 +83,8 @@ def main(
     out.mkdir(parents=True, exist_ok=True)
     for name in progress_bar(names, desc="films", unit="film"):
         path = out / f"{name}.gif"
-        save_gif(list(frames(known[name], size)), path)
+        images = list(frames(known[name], size))
+        save_gif(images + images[-1:] * round(_LAST_S * FRAMES_PER_SECOND), path, 1000 // FRAMES_PER_SECOND)
         print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")
 
 
@@ -90,31 +98,40 @@ def frames(entry: Entry, size: int) -> Iterator[Frame]:
     env = gym.make(entry.env_id, **keywords)
     observation, info = env.reset(seed=entry.seed)
     begin_episode(policy, info, env)
+    picture = _front_page(env.unwrapped) if entry.is_front_page else lambda: _image(env, observation)
     # A skill is one step, whose frame is shown for a second.
     repeats, every = (FRAMES_PER_SECOND, 1) if acts_by_skills else (1, entry.steps_per_frame)
     step, is_over = 0, False
     while not (is_over or getattr(policy, "done", False)):
         if step % every == 0:
-            yield from [_image(env, observation)] * repeats
+            yield from [picture()] * repeats
         observation, _, terminated, truncated, _ = env.step(policy.act(observation))
         step, is_over = step + 1, terminated or truncated
-    yield _image(env, observation)
+    yield picture()
     env.close()
+
+
+def _front_page(env: Any) -> Callable[[], Frame]:
+    """Pictures of the table and the robot at work, the gripper from near in the corner before the robot."""
+    views = [Renderer(env.model, *size) for size in (_FRONT_PAGE, _NEAR)]
+    views[1].has_shadows = False  # from near they are coarse
+    direction, (width, height) = across(env.layout), _FRONT_PAGE
+    whole, near = work_place(env.model, env.layout, direction, width / height), near_view(direction)
+
+    def picture() -> Frame:
+        near.lookat[:] = env.data.site_xpos[env.world.index.tcp_site]
+        image = views[0].colour(env.data, whole).copy()
+        inset = np.pad(views[1].colour(env.data, near), ((_EDGE, _EDGE), (_EDGE, _EDGE), (0, 0)), constant_values=255)
+        image[-len(inset) :, : inset.shape[1]] = inset
+        return image
+
+    return picture
 
 
 def _image(env: gym.Env, observation: Any) -> Frame:
     if env.unwrapped.render_mode is not None:
         return np.asarray(env.render())
     return np.hstack([observation[name] for name in sorted(observation) if name.endswith("rgb")])
-
-
-def save_gif(images: Sequence[Frame], path: Path) -> None:
-    """Write a film with one palette for all frames; the last one stays."""
-    chosen = [Image.fromarray(image) for image in [*images, *[images[-1]] * round(_LAST_S * FRAMES_PER_SECOND)]]
-    # Of three frames side by side: a target that is hidden in one of them keeps its colour.
-    palette = Image.fromarray(np.hstack([images[0], images[len(images) // 2], images[-1]])).quantize(_COLOURS)
-    first, *others = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in chosen]
-    first.save(path, save_all=True, append_images=others, duration=1000 // FRAMES_PER_SECOND, loop=0, optimize=True)
 
 
 if __name__ == "__main__":

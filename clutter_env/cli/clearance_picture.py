@@ -23,7 +23,7 @@ _FLOOR = 0.36
 
 def draw(summary: Summary) -> Figure:
     """Success and planning time of all scenes; clearances and lower bound of those that every strategy solves."""
-    figure = Figure(figsize=(11, 7.6), layout="constrained")
+    figure = Figure(figsize=(12, 8), layout="constrained")
     success, clearances, duplicated, seconds = panels = figure.subplots(2, 2).ravel()
     objects = sorted({entry["objects"] for entry in summary["rows"]})
     strategies = list(dict.fromkeys(entry["strategy"] for entry in summary["rows"]))
@@ -56,10 +56,11 @@ def draw(summary: Summary) -> Figure:
             known = [(objects.index(n), value) for n, value in printed if n in objects]
             if known:
                 axes.plot(*zip(*known, strict=True), color=COLOURS[name], zorder=0, **dashed)
-    success.set(title="Share of scenes solved\nand its 95% interval", ylim=(-0.02, 1.04))
-    clearances.set(title="Objects cleared\nscenes that every strategy solves", ylim=(0, None))
-    duplicated.set(title="Objects cleared twice or more\nscenes that every strategy solves")
-    seconds.set(title="CPU time of a solve [s]\nmedian, and line to the 95th percentile", yscale="log")
+    interval, which = "mean and its 95% interval", "scenes that every strategy solves"
+    success.set(title="Scenes solved\nshare and its 95% interval", ylabel="share of scenes", ylim=(-0.02, 1.04))
+    clearances.set(title=f"Objects cleared, {interval}\n{which}", ylabel="objects in a scene", ylim=(0, None))
+    duplicated.set(title=f"Objects cleared twice or more, {interval}\n{which}", ylabel="objects in a scene")
+    seconds.set(title="Time of a solve\nmedian, and line to the 95th percentile", ylabel="CPU time [s]", yscale="log")
     seconds.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     seconds.yaxis.set_major_formatter("{x:g}")
     seconds.yaxis.set_minor_formatter("")

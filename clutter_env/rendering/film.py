@@ -103,9 +103,7 @@ class Film:
                 video.write(self.frames)
             return path
         path = stem.with_suffix(".gif")
-        first, *others = map(Image.fromarray, self.frames)
-        milliseconds = 1000 * _GIF_SHARE // FRAMES_PER_SECOND
-        first.save(path, save_all=True, append_images=others, duration=milliseconds, loop=0)
+        save_gif(self.frames, path, 1000 * _GIF_SHARE // FRAMES_PER_SECOND)
         return path
 
     def close(self) -> None:
@@ -142,6 +140,14 @@ def _tile(caption: str, picture: Frame) -> Frame:
     page.paste(Image.fromarray(picture), (4, 4))
     ImageDraw.Draw(page).text((8, height + 10), caption, fill=_INK, font=ImageFont.load_default(14))
     return np.asarray(page)
+
+
+def save_gif(images: Sequence[Frame], path: Path, milliseconds: int) -> None:
+    """Write a film with one palette for all frames; to find one for each would take most of the time."""
+    # Of three frames side by side: a target that is hidden in one of them keeps its colour.
+    palette = Image.fromarray(np.hstack([images[0], images[len(images) // 2], images[-1]])).quantize()
+    frames = [Image.fromarray(image).quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=milliseconds, loop=0, optimize=True)
 
 
 CODEC, PIXELS = "h264", "yuv420p"

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,7 +113,8 @@ class ClearancePicture:
         return "obstacle" if body.name in self.obstacles else "object"
 
 
-def choices_of(solution: Solution) -> list[ClearancePicture]:
+@lru_cache(maxsize=1)  # the page and the pictures of an episode show the same plan
+def choices_of(solution: Solution) -> tuple[ClearancePicture, ...]:
     """The choices of clearance locations in a plan, in order; where a goal says the place, there is no choice."""
     pictures: list[ClearancePicture] = []
     for index, action in enumerate(solution.actions):
@@ -120,7 +122,7 @@ def choices_of(solution: Solution) -> list[ClearancePicture]:
             picked = next((step for step in reversed(solution.actions[:index]) if step.name == "PickUp"), None)
             later = [step.target for step in solution.actions[index:] if step.name == "PickUp"]
             pictures.append(_choice(solution.target, action, picked, later, [picture.moved for picture in pictures]))
-    return pictures
+    return tuple(pictures)
 
 
 def last_picture(solution: Solution) -> ClearancePicture:

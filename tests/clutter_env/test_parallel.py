@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from functools import partial
@@ -46,7 +47,7 @@ def add(first: int, second: int) -> int:
 
 def test_jobs_that_crash_or_hang_do_not_stop_the_others(ray: str) -> None:
     jobs = ["one", "raise", "full", "die", "hang", "two"]
-    results = dict(run_jobs(behave, jobs, workers=2, limit_s=4.0, ray=ray))
+    results = dict(run_jobs(behave, jobs, workers=2, limit_s=8.0, ray=ray))
     assert (results["one"], results["two"]) == ("one", "two")
     assert isinstance(results["raise"], Crash)
     assert "RuntimeError: as told" in results["raise"].detail
@@ -56,7 +57,7 @@ def test_jobs_that_crash_or_hang_do_not_stop_the_others(ray: str) -> None:
     assert "No space left on device" in results["full"].summary
     assert isinstance(results["die"], Crash)
     assert not results["die"].is_final
-    assert results["hang"] == Killed(4.0)
+    assert results["hang"] == Killed(8.0)
 
 
 def test_how_a_process_ended_is_said_and_one_worker_is_replaced() -> None:
@@ -110,6 +111,32 @@ def test_workers_end_with_the_iterator() -> None:
     while multiprocessing.active_children() and time.monotonic() < deadline:
         time.sleep(0.05)
     assert not multiprocessing.active_children()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no signals to hold back")
+def test_a_worker_that_is_being_started_is_started_and_ended_when_ctrl_c_comes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Any other thread, such as the one of a progress bar, takes a Ctrl-C that the main thread holds back."""
+    from loky.backend import fork_exec as loky_start
+
+    start, started, is_over = loky_start.fork_exec, [], threading.Event()
+
+    def start_and_press_ctrl_c(*arguments: object, **keywords: object) -> int:
+        pid = start(*arguments, **keywords)
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.1)
+        started.append(pid)
+        return pid
+
+    monkeypatch.setattr(loky_start, "fork_exec", start_and_press_ctrl_c)
+    threading.Thread(target=is_over.wait).start()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            list(run_jobs(behave, ["hang"], workers=1))
+    finally:
+        is_over.set()
+    (worker,) = started
+    assert _when(lambda: not _runs(worker))
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 PARENT = """

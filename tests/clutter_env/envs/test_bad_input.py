@@ -51,6 +51,19 @@ def test_too_many_objects_say_how_many_fit(shapes: str) -> None:
             EnvConfig(num_objects=61, layout=layout, shapes=shapes)
 
 
+def test_too_many_household_objects_are_refused_without_a_word_on_shapes() -> None:
+    with pytest.raises(ClutterEnvError, match=r"layout 'paper' with object_set='household': at most \d+ fit"):
+        EnvConfig(num_objects=60, object_set="household")
+
+
+@pytest.mark.parametrize("of_images", [{"cameras": ("head",)}, {"segmentation": True}])
+def test_what_is_said_of_images_needs_images(of_images: dict[str, object]) -> None:
+    (name,) = of_images
+    with pytest.raises(ClutterEnvError, match=f"{name}=.*'rgbd', 'pointcloud'.*'state'"):
+        EnvConfig(**of_images)
+    assert EnvConfig(obs_mode="pointcloud", **of_images).observed_cameras[0] == "head"
+
+
 CYLINDER = {"shape": "cylinder", "radius": 0.03, "height": 0.15, "position": (0.0, 0.0)}
 BOX = {"shape": "box", "depth": 0.05, "width": 0.05, "height": 0.15, "position": (0.0, 0.0)}
 WRONG_CYLINDERS = [
