@@ -76,6 +76,21 @@ def test_on_a_telephone_nothing_covers_the_phase_and_nothing_is_wider_than_the_s
         page.resize(900, 600)
 
 
+def test_on_a_telephone_the_scene_stays_in_view_as_the_episode_goes_on(page: Browser) -> None:
+    page.resize(390, 500)
+    try:
+        x, y = page.value(
+            "(() => { const b = document.querySelector('[data-part=bar]').getBoundingClientRect(); "
+            "return [b.x + 0.97 * b.width, b.y + b.height / 2]; })()"
+        )
+        page.mouse("mousePressed", x, y)
+        page.mouse("mouseReleased", x, y)
+        page.wait("[...document.querySelectorAll('ol.actions > li')].at(-1).matches('.now, :has(.now)')")
+        assert page.value("window.scrollY") == 0
+    finally:
+        page.resize(900, 600)
+
+
 def test_play_moves_time_and_the_robot(page: Browser, recording: Recording) -> None:
     before = picture(page)
     page.click("[data-part=play]")

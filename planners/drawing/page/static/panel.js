@@ -108,7 +108,10 @@ class Panel {
     for (const { row, solve, number } of this.rows) {
       const isNow = solve === span.solve && number === span.action;
       row.classList.toggle("now", isNow);
-      if (isNow) row.scrollIntoView({ block: "nearest" });
+      if (!isNow) continue;
+      const top = window.scrollY;
+      row.scrollIntoView({ block: "nearest" });
+      window.scrollTo(0, top); // where the list is below the scene, that stays in view
     }
   }
 }
