@@ -108,7 +108,8 @@ class EnvConfig:
         check_choice("camera", self.camera, (*SCENE_CAMERAS, *robot.cameras))
         if self.obs_mode != "state" and not robot.cameras:
             raise ConfigError(f"obs_mode={self.obs_mode!r} needs a robot with cameras; robot {robot.name!r} has none")
-        if isinstance(self.cameras, str) or len(set(self.cameras)) < len(self.cameras):
+        is_list = isinstance(self.cameras, Sequence) and not isinstance(self.cameras, str)
+        if not is_list or len(set(map(str, self.cameras))) < len(self.cameras):
             raise ConfigError(f"cameras={self.cameras!r} is not valid; it must be different names, such as ('head',)")
         for camera in self.cameras:
             check_choice("cameras", camera, ("top", *robot.cameras))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -50,8 +51,8 @@ class SearchConfig(EnvConfig):
     head: str = ""
     """As in `EnvConfig`; "commanded" if not given and the robot's head moves."""
     visible_fraction: float = 0.0
-    """Largest share of the target's silhouette that the observed cameras may see at the start, whichever way they are
-    turned, the robot's own body left out."""
+    """Largest share of the target's silhouette that the observed cameras may see from where they are at the start, the
+    robot's own body left out."""
     mask_errors: float = 0.0
     """Probability that an object's mask is missed, the same that it is merged with a neighbour's, the same that its
     edge is jagged; drawn anew for every image."""
@@ -61,13 +62,16 @@ class SearchConfig(EnvConfig):
     """Control steps from one image to the next; in between the last one is shown again."""
 
     def __post_init__(self) -> None:
-        if not self.head:
+        if self.head == "":
             moves = bool(self.find_robot().head_joints)
             object.__setattr__(self, "head", "commanded" if moves else "fixed")
         check_choice("obs_mode", self.obs_mode, ("rgbd",))
         check_choice("segmentation", self.segmentation, (True,))
         super().__post_init__()
         check_choice("obstructed", self.obstructed, (False,))
+        check_choice("reality", self.reality, (0.0,))
+        # One that stands is put where its arm reaches the target, from where its camera may see it.
+        check_choice("base", self.base, ("holonomic", "differential"))
         if self.find_object_set().kinds or self.find_object_set().are_cylinders_lying:
             raise ConfigError(f"object_set={self.object_set!r}: only upright cylinders and boxes can be searched for")
         check_number("visible_fraction", self.visible_fraction, (0.0, 1.0), "")
@@ -97,19 +101,27 @@ class SearchEnv(RetrieveEnv):
     config: SearchConfig
     config_type: ClassVar[type[EnvConfig]] = SearchConfig
 
+    def __init__(self, **keywords: Any) -> None:
+        super().__init__(**keywords)
+        self._shown: dict[str, NDArray[Any]] = {}
+
     @cached_property
     def workplace(self) -> mujoco.MjModel:
         """The robot and the furniture, without any object: what is known before the first image."""
         return self._make_world(shapes=()).model
 
-    def visible_shares(self, scene: TableScene) -> NDArray[np.float64]:
+    def visible_shares(self, scene: TableScene, head: Sequence[float] | None = None) -> NDArray[np.float64]:
         """Share of each object's silhouette that some observed camera sees, (n,); the largest of the cameras' counts.
 
         The robot stands where the scene puts it, in its home configuration; its own body hides nothing, and a camera
-        may be turned any way.
+        sees all around it. Turning the head moves its camera: `head` is where it is turned to, if not straight ahead.
         """
         world = self._world_for(scene)
         world.reset(scene)
+        if head is not None:
+            world.data.qpos[[world.model.joint(name).qposadr[0] for name in self.robot.head_joints]] = head
+            mujoco.mj_kinematics(world.model, world.data)
+            mujoco.mj_camlight(world.model, world.data)
         eyes = [world.data.cam_xpos[world.model.camera(name).id].copy() for name in self.config.observed_cameras]
         return np.array([max(_visible_share(world, slot, eye) for eye in eyes) for slot in range(scene.num_objects)])
 
@@ -118,6 +130,19 @@ class SearchEnv(RetrieveEnv):
         if self.config.frame_every > 1:
             raise StateError("states are saved with frame_every=1: the image shown is no part of them")
         return super().save_state()
+
+    def restore_state(self, state: bytes) -> None:
+        """As of `BaseEnv`; the next observation shows a new image."""
+        super().restore_state(state)
+        self._shown = {}
+
+    def _check_options(self, options: object) -> ResetOptions:
+        checked = super()._check_options(options)
+        if checked.obstructed:
+            raise OptionError("option 'obstructed' is of Retrieve; targets of Search are hidden, see visible_fraction")
+        if any(entry.get("lying") for entry in checked.objects or ()):
+            raise OptionError("option 'objects': only upright cylinders and boxes can be searched for")
+        return checked
 
     def _draw_scene(self, options: ResetOptions) -> TableScene:
         most = float(self.config.visible_fraction)
@@ -144,29 +169,20 @@ class SearchEnv(RetrieveEnv):
 
     def observe_world(self, target: int, hold_progress: float, lift_left: float) -> dict[str, Any]:
         """The observation, with the last image between two frames; see `Observer.observe`."""
-        if self._shows_new_frame:
-            observation = super().observe_world(target, hold_progress, lift_left)
-            images = [name for name in observation if name.endswith(("_rgb", "_depth", "_segmentation"))]
-            self._shown = {name: self._seen(name, observation) for name in images}
-            for kind, of_camera in self._rendering.calibration(self.perceived).items():
+        vectors = self._observer.observe(self.world, self.measurements, target, hold_progress, lift_left)
+        if len(self._actions) % self.config.frame_every == 0 or not self._shown:
+            images = self._rendering.images(self.world)
+            self._shown = {name: self._seen(name, image) for name, image in images.items()}
+            for kind, of_camera in self._rendering.calibration(self.world).items():
                 self._shown |= {f"{name}_{kind}": value for name, value in of_camera.items()}
-        else:
-            measured = self._senses.measurements if self._senses else self.measurements
-            vectors = self._observer.observe(self.perceived, measured, target, hold_progress, lift_left)
-            observation = dict(vectors)
         shown = {name: value.copy() for name, value in self._shown.items()}
-        return {**observation, **shown, "target": self._description()}
+        return {**vectors, **shown, "target": self._description()}
 
-    @property
-    def _shows_new_frame(self) -> bool:
-        return len(self._actions) % self.config.frame_every == 0
-
-    def _seen(self, name: str, observation: dict[str, Any]) -> NDArray[Any]:
+    def _seen(self, name: str, image: NDArray[Any]) -> NDArray[Any]:
         """An image with the errors of depth and masks; masks numbered as they come.
 
         The errors follow from the image and the time, not from the state: nothing that is hidden has a part in them.
         """
-        image: NDArray[Any] = observation[name]
         rng = np.random.default_rng(zlib.crc32(name.encode() + np.float64(self.data.time).tobytes() + image.tobytes()))
         if name.endswith("_depth") and self.config.depth_noise:
             noisy = image + self.config.depth_noise * rng.standard_normal(image.shape)

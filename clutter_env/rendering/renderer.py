@@ -175,13 +175,14 @@ class Renderer:
         Args:
             data: the state.
             camera: name of a camera of the model.
-            labels: (ngeom,) of the model's geoms; where nothing is, the label is 0. None: no third image.
+            labels: (ngeom,) of the model's geoms; where nothing is, the label is 0. None: no third image. With labels
+                the colours, too, show nothing behind boards that are transparent for people.
         """
         width, height = self._size
         picture, buffer = np.empty((height, width, 3), np.uint8), np.empty((height, width), np.float32)
         flags = self._scene.flags
         flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = 0  # which takes a fifth of the time, and is seldom in view
-        self._draw(data, camera, picture, buffer)
+        self._draw(data, camera, picture, buffer, is_opaque=labels is not None)
         flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = 1
         picture.view("V3")[..., 0][buffer == 0] = _SKY
         colour = np.ascontiguousarray(picture[::-1])
@@ -214,6 +215,7 @@ class Renderer:
         picture: NDArray[np.uint8] | None,
         depth: NDArray[np.float32] | None,
         for_people: bool = False,
+        is_opaque: bool = False,
     ) -> None:
         self._check_owner()
         self._context.make_current()
@@ -227,6 +229,9 @@ class Renderer:
             self._leave_out_of_sight(data, view.fixedcamid)
         if for_people:
             self._light_for_people()
+        if is_opaque:
+            for geom in self._scene.geoms[: self._scene.ngeom]:
+                geom.rgba[3] = 1.0
         add_marks(self._scene, self.marks)
         self._read(picture, depth)
 

@@ -25,6 +25,9 @@ CELL, LAYER = 0.01, 0.02
 """[m] sides of a cell along the support, and its height."""
 _MARGIN = 0.01
 """[m] by which a cell must be in front of what is seen there; more with noise."""
+_FINE = 0.015
+"""[m] width of a pixel from which on a cell must be seen to be empty by all pixels around it: by half of it the target
+is taken to be narrower than it is."""
 _SHARES = (0.5, 0.9)
 """Of the target's height: it is in sight where a point there is."""
 _FIT_ERROR = 0.008
@@ -79,9 +82,11 @@ class Belief:
     def update(self, view: View, noise: float = 0.0) -> None:
         """Clear what a view shows to be empty. `noise` [m] is that of its depth."""
         T_camera_world, cell = np.linalg.inv(view.T_world_camera), np.array((CELL, CELL, LAYER))
+        coarse = min(2 * self.target.radius, self.target.height)  # the target may lie between wider pixels
         for level in self._levels.values():
             origin = np.array((level.grid.x0, level.grid.y0, level.grid.height))
-            carve(level.is_unseen, origin, cell, view.depth, view.K, T_camera_world, _MARGIN + 3 * noise)
+            margin = _MARGIN + 3 * noise
+            carve(level.is_unseen, origin, cell, view.depth, view.K, T_camera_world, margin, _FINE, coarse)
             level.is_possible &= level.is_unseen.all(axis=2)
 
     def emptied(self, body: Body) -> float:

@@ -52,7 +52,17 @@ def between(eye: Array, points: Array, screens: Screens) -> NDArray[np.int64]:
 def load_kernels() -> None:
     """Load or compile what is compiled here, before any clock is started."""
     between(np.zeros(3), np.ones((1, 3)), Screens.of((), ()))
-    carve(np.ones((1, 1, 1), np.bool_), np.zeros(3), np.ones(3), np.ones((1, 1), np.float32), np.eye(3), np.eye(4), 0.0)
+    carve(
+        np.ones((1, 1, 1), np.bool_),
+        np.zeros(3),
+        np.ones(3),
+        np.ones((1, 1), np.float32),
+        np.eye(3),
+        np.eye(4),
+        0.0,
+        1.0,
+        1.0,
+    )
 
 
 @njit(cache=True)
@@ -120,10 +130,13 @@ def carve(
     K: Array,
     T_camera_world: Array,
     margin: float,
+    fine: float,
+    coarse: float,
 ) -> int:
     """Clear the cells (nx, ny, nz) whose centres lie between the camera and what it sees; their number.
 
     A cell is empty if its centre is nearer than the depth of the pixel that it falls on by more than `margin` [m].
+    Where a pixel is wider than `fine` [m], the four pixels around it must show that; than `coarse`, none does.
     """
     nx, ny, nz = is_unseen.shape
     height, width = depth.shape
@@ -137,13 +150,19 @@ def carve(
                 x, y = origin[0] + (i + 0.5) * cell[0], origin[1] + (j + 0.5) * cell[1]
                 z = origin[2] + (k + 0.5) * cell[2]
                 ahead = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z + t[2]
-                if ahead < 0.05:
+                wide = ahead / K[0, 0]
+                if ahead < 0.05 or wide > coarse:
                     continue
                 right = R[0, 0] * x + R[0, 1] * y + R[0, 2] * z + t[0]
                 down = R[1, 0] * x + R[1, 1] * y + R[1, 2] * z + t[1]
-                u = math.floor(K[0, 0] * right / ahead + K[0, 2] + 0.5)
-                v = math.floor(K[1, 1] * down / ahead + K[1, 2] + 0.5)
-                if 0 <= u < width and 0 <= v < height and ahead < depth[v, u] - margin:
+                u, v = K[0, 0] * right / ahead + K[0, 2] + 0.5, K[1, 1] * down / ahead + K[1, 2] + 0.5
+                away = 0.5 if wide > fine else 0.0
+                left, up = math.floor(u - away), math.floor(v - away)
+                last, low = math.floor(u + away), math.floor(v + away)
+                if left < 0 or last >= width or up < 0 or low >= height:
+                    continue
+                nearest = min(min(depth[up, left], depth[up, last]), min(depth[low, left], depth[low, last]))
+                if ahead < nearest - margin:
                     is_unseen[i, j, k] = False
                     cleared += 1
     return cleared

@@ -131,7 +131,7 @@ def test_a_frame_that_is_seen_twice_is_handed_out_twice() -> None:
 
 
 def test_misuse_is_refused_with_the_valid_choices() -> None:
-    for cameras in ("head", ("head", "head")):
+    for cameras in ("head", ("head", "head"), None, [["head"], ["head"]]):
         with pytest.raises(ConfigError, match="different names"):
             gym.make(ID, obs_mode="rgbd", cameras=cameras)
     with pytest.raises(ConfigError, match="from 0 to 1"):

@@ -101,6 +101,19 @@ def test_misuse_is_named() -> None:
         SearchExpert(gym.make("clutter_env/Retrieve-o5-v0"))
     with pytest.raises(ExpertError, match="call SearchExpert"):
         SearchExpert(env).act({})
+    with pytest.raises(ExpertError, match="noise=-1"):
+        SearchExpert(env, noise=-1)
+    above = gym.make("clutter_env/Search-o5-v0", image_size=16, cameras=("top",), visible_fraction=1.0)
+    with pytest.raises(ExpertError, match=r"\('top',\) do not move with the robot; it has head, gripper"):
+        SearchExpert(above).reset(above.reset(seed=1)[0])
+
+
+def test_of_several_cameras_the_one_in_the_head_is_aimed() -> None:
+    """By the alphabet it was the gripper's, which the head does not move."""
+    env = gym.make("clutter_env/Search-o5-v0", image_size=16, cameras=("gripper", "head", "top"), visible_fraction=1.0)
+    expert = SearchExpert(env)
+    expert.reset(env.reset(seed=1)[0])
+    assert expert._cameras == ["head", "gripper", "top"]
 
 
 def test_a_second_episode_begins_where_the_robot_is() -> None:

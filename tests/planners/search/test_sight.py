@@ -70,5 +70,19 @@ def test_cells_before_what_is_seen_are_cleared() -> None:
     unseen, origin, cell = rng.random((20, 30, 10)) < 0.9, np.array([-0.6, -0.5, -0.5]), np.array([0.05, 0.04, 0.15])
     wanted = _carve_twin(unseen, origin, cell, depth, K, T)
     before = int(unseen.sum())
-    assert carve(unseen, origin, cell, depth, K, T, 0.01) == before - int(wanted.sum()) > 0
+    assert carve(unseen, origin, cell, depth, K, T, 0.01, 1.0, 1.0) == before - int(wanted.sum()) > 0
     assert (unseen == wanted).all()
+
+
+def test_coarse_pixels_clear_no_cell_that_something_between_them_may_hide() -> None:
+    """With images of 32 pixels two of four hidden targets "could not be found": the pixels showed what is beside them."""
+    K, cell = np.array(((50.0, 0, 1.5), (0, 50.0, 1.5), (0, 0, 1))), np.full(3, 0.001)
+    depth = np.full((4, 4), 3.0, np.float32)
+    depth[2, 2] = 1.0
+    for u, nearest, around in ((2.0, 0, 0), (2.6, 1, 0), (0.4, 1, 1)):
+        origin = np.array(((u - 1.5) * 2.0 / 50, 0.5 * 2.0 / 50, 2.0)) - cell / 2  # 2 m away a pixel is 0.04 m wide
+        cleared = [
+            carve(np.ones((1, 1, 1), np.bool_), origin, cell, depth, K, np.eye(4), 0.01, *widths)
+            for widths in ((0.05, 0.05), (0.03, 0.05), (0.03, 0.035))
+        ]
+        assert cleared == [nearest, around, 0]
