@@ -75,7 +75,7 @@ def test_cells_before_what_is_seen_are_cleared() -> None:
 
 
 def test_coarse_pixels_clear_no_cell_that_something_between_them_may_hide() -> None:
-    """With images of 32 pixels two of four hidden targets "could not be found": the pixels showed what is beside them."""
+    """With images of 64 pixels two of four hidden targets "could not be found": pixels showed what is beside them."""
     K, cell = np.array(((50.0, 0, 1.5), (0, 50.0, 1.5), (0, 0, 1))), np.full(3, 0.001)
     depth = np.full((4, 4), 3.0, np.float32)
     depth[2, 2] = 1.0
