@@ -25,9 +25,9 @@ CELL, LAYER = 0.01, 0.02
 """[m] sides of a cell along the support, and its height."""
 _MARGIN = 0.01
 """[m] by which a cell must be in front of what is seen there; more with noise."""
-_FINE = 0.015
-"""[m] width of a pixel from which on a cell must be seen to be empty by all pixels around it: by half of it the target
-is taken to be narrower than it is."""
+_FINE = 0.02
+"""[m] width of a pixel from which on all pixels around a cell must show it to be empty: 2.5 m away in 192 pixels a
+side of Fetch's head camera."""
 _SHARES = (0.5, 0.9)
 """Of the target's height: it is in sight where a point there is."""
 _FIT_ERROR = 0.008
