@@ -45,6 +45,8 @@ class PlanningContext:
         canonical: whether grasps and placements are canonical, so that plans can be learned.
         near_home: whether only arm configurations near home count, for robots that follow TCP poses.
         follower: model of how the joints follow, for an end-effector-controlled robot.
+        controller: model of one that must be able to follow each motion without touching an object; motions are those
+            of joint control.
         saves_time: whether strategies that plan ahead choose grasps that take less time.
     """
 
@@ -55,6 +57,7 @@ class PlanningContext:
     canonical: bool = False
     near_home: bool = False
     follower: TcpFollower | None = None
+    controller: TcpFollower | None = None
     saves_time: bool = False
 
     @classmethod

@@ -36,20 +36,25 @@ class FollowingPlanner(Planner):
     The first plans are for the goal as it is, with arm configurations near home, where such controllers keep the
     joints, and with all. The others move one of the objects before, or after, all others of the goal. Good plans are
     those that a model of the controller follows to their end, that touch no object on the way and take none without
-    need. Of the first three, the one that takes the fewest steps is returned; if there are none, the one that comes
-    nearest to this.
+    need. Of the first three, the one that takes the fewest steps is returned.
+
+    If there are none, motions are looked at one by one, near home: those that the controller cannot follow, or that
+    touch an object, are replaced, as by one with another grasp. If there is no good plan then either, the one is
+    returned that comes nearest to this.
 
     Attributes:
         controller: the model. Other than with `follower`, motions are planned as for joint control.
         near_home: whether only arm configurations near home count.
+        by_motion: whether motions are refused that the controller cannot follow.
     """
 
     controller: TcpFollower | None = None
     near_home: bool = False
+    by_motion: bool = False
 
     def context(self, scene: Scene) -> PlanningContext:
         """That of `Planner`, near home if so chosen."""
-        context = super().context(scene)
+        context = replace(super().context(scene), controller=self.controller if self.by_motion else None)
         return context.only_near_home() if self.near_home else context
 
     def solve(
@@ -66,17 +71,21 @@ class FollowingPlanner(Planner):
         wanted, rng = Goal.of(goal), rng or np.random.default_rng(0)
         plans: list[tuple[_Cost, Solution]] = []
         refusals: list[Infeasible] = []
-        for ordered in _orders(wanted, scene, start or scene):
-            for near_home in (True, False):
-                left = None if time_limit is None else deadline.remaining
-                planner = replace(self, near_home=near_home)
-                found = Planner.solve(planner, scene, ordered, strategy, rng, left, start)
-                if isinstance(found, Infeasible):
-                    refusals.append(found)
-                else:
-                    plans.append((self._cost(found, scene), found))
-                if sum(cost[:3] == _GOOD for cost, _ in plans) == _ENOUGH or deadline.is_over:
-                    return _best(plans, refusals, wanted)
+        orders = tuple(_orders(wanted, scene, start or scene))
+        ways = [(ordered, near_home, False) for ordered in orders for near_home in (True, False)]
+        ways += [(ordered, True, True) for ordered in orders if self.controller is not None]
+        for ordered, near_home, by_motion in ways:
+            if by_motion and any(cost[:3] == _GOOD for cost, _ in plans):
+                break
+            left = None if time_limit is None else deadline.remaining
+            planner = replace(self, near_home=near_home, by_motion=by_motion)
+            found = Planner.solve(planner, scene, ordered, strategy, rng, left, start)
+            if isinstance(found, Infeasible):
+                refusals.append(found)
+            else:
+                plans.append((self._cost(found, scene), found))
+            if sum(cost[:3] == _GOOD for cost, _ in plans) == _ENOUGH or deadline.is_over:
+                break
         return _best(plans, refusals, wanted)
 
     def _cost(self, solution: Solution, scene: Scene) -> _Cost:

@@ -11,7 +11,6 @@ with Remote("venv-kinder/bin/python", "kinder_worker.py") as kinder:
 
 from __future__ import annotations
 
-import hashlib
 import tempfile
 from dataclasses import dataclass
 from functools import cache
@@ -19,11 +18,11 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-import platformdirs
 from numpy.typing import NDArray
 
 from assets import RobotSpec
 from assets.robot_making import FINGERS, Mounting, make_robot
+from clutter_env.bridges.kept import kept_mjcf
 from clutter_env.bridges.remote import BridgeError, Remote
 from planners import SIDE, ControlledWorld, Goal, GraspFamily, Region, Scene, insert_robot
 from planners.grasping.families import GRASP_SETS
@@ -234,17 +233,14 @@ def made_robot(kind: str, text: str) -> RobotSpec:
     Raises:
         InvalidRobot: the file is not that of this robot.
     """
-    folder, name = Path(platformdirs.user_cache_dir("clutter-env")), "franka" if kind == "fr3" else kind
-    folder.mkdir(parents=True, exist_ok=True)
+    name = "franka" if kind == "fr3" else kind
     with tempfile.NamedTemporaryFile("w", suffix=".xml", encoding="utf-8") as file:
         file.write(text)
         file.flush()
         made, page, _ = make_robot(Path(file.name), _ROBOTS[kind].mounting)
     made = _with_linkage(made, _ROBOTS[kind].mounting.tool)
-    kept = folder / f"{name}-{hashlib.sha256(made.encode()).hexdigest()[:16]}.xml"
-    kept.write_text(made, encoding="utf-8")
     page |= {"name": name, "home": _ROBOTS[kind].home, "finger_geoms": FINGERS}
-    return RobotSpec.from_mjcf(kept, **page, grasp_height=0.03, finger_gap=_FINGER_GAP)
+    return RobotSpec.from_mjcf(kept_mjcf(name, made), **page, grasp_height=0.03, finger_gap=_FINGER_GAP)
 
 
 def _with_linkage(mjcf: str, tool: float) -> str:

@@ -15,6 +15,7 @@ the TCP are played, and a plan may begin wherever the arm is.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import mujoco
@@ -22,11 +23,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 import assets
+from assets import RobotSpec
+from clutter_env.bridges.kept import kept_mjcf
 from clutter_env.bridges.osc import Lead, OscFollower
 from clutter_env.bridges.remote import BridgeError, Remote
 from planners import (
+    AntipodalFamily,
     ControlledWorld,
     FollowingPlanner,
+    Goal,
     GraspFamily,
     Region,
     RobotState,
@@ -56,6 +61,10 @@ GRASPS = tuple(
 """Down and deep, where that is possible: the bread, round at its top, slips out of fingers that hold it there. The
 can's compartment of PickPlace is out of reach, but for a tilted gripper that holds the can at its top, above the walls.
 """
+_HANDLES = tuple(
+    AntipodalFamily(f"handle, {pitch}°", np.radians(pitch), lever=(0.03, 0.1), max_width=0.04) for pitch in (90, 75, 60)
+)
+"""Of the nuts, which have handles of 32 mm."""
 _ARM = (0.17, 0.5)
 """[m] x, z of our Panda's arm on its base, with the lift down."""
 _COMPARTMENTS = {
@@ -65,16 +74,24 @@ _COMPARTMENTS = {
     "Can_main": (0.055, 0.075, 0.045, 0.065),  # the part within reach
 }
 """[m] x, y from the middle of PickPlace's second bin, and half extents, between walls: where each object is to be."""
+_SHORTER = 0.0067
+"""[m] by which the fingers of robosuite's hand reach less far than ours: to 2.3 mm beyond the TCP."""
 _SAME = 0.02
 """[m] at most from the point that robosuite's controller moves to the TCP of our Panda."""
 _SETTLE = 10
 """Steps in which objects come to rest: they begin above the table, and some in each other."""
-_TASKS = {
+_TASKS: dict[str, tuple[tuple[str, ...], Goal | None]] = {
     "Lift": (("table",), goals.holding("cube_main")),
     "Stack": (("table",), goals.on("cubeA_main", "cubeB_main")),
     "PickPlace": (("bin1", "bin2"), goals.and_(*(goals.inside(name, f"for {name}") for name in _COMPARTMENTS))),
+    **{f"NutAssembly{kind}": (("table",), None) for kind in ("", "Single", "Square", "Round")},
 }
-"""By task: on what objects may be put, the first is where they stand, and what is wanted."""
+"""By task: on what objects may be put, the first is where they stand, and what is wanted; None: nuts on their pegs."""
+_PEGS = {"SquareNut_main": "peg1", "RoundNut_main": "peg2"}
+_AWAY = 2.0
+"""[m] from the arm: a nut there has been cleared away."""
+_ON_PEG = 0.03
+"""[m] of the middle of a nut from the axis of its peg, along x and y."""
 
 
 class RobosuiteTask:
@@ -101,10 +118,11 @@ class RobosuiteTask:
         if id not in _TASKS:
             raise BridgeError(f"no goal is known for {id!r}; there are {', '.join(_TASKS)}")
         self._robosuite, self.steps = robosuite, 0
+        supports, goal = _TASKS[id]
         start = robosuite("reset", id=id, robot=robot, seed=seed)
         x, y, z = start["base"]
         home = (z - _ARM[1], *start["home"])
-        self.robot = replace(assets.robot("panda_mobile").fixed(), home=home, plans_torso=False)
+        self.robot = replace(_panda(takes_thin=goal is None), home=home, plans_torso=False)
         self._base, self._lift = np.array([x - _ARM[0], y, 0.0]), home[:1]
         model = insert_robot(_simple(start["xml"]), self.robot, self._base, without=[start["root"]])
         joints = start["joints"]
@@ -121,12 +139,16 @@ class RobosuiteTask:
         for _ in range(_SETTLE):
             self._step(np.zeros(6), 0.0)
         self._commanded, self._lead = _OPENING / 2, Lead(self._tcp(), self._lag, self._most)
-        self.planner = FollowingPlanner(self.robot, grasps=GRASPS, controller=self._follower(start, robot))
-        supports, goal = _TASKS[id]
-        movable = [model.body(int(joint.bodyid[0])).name for joint in free]
+        self.planner = FollowingPlanner(
+            self.robot, grasps=GRASPS if goal else _HANDLES, controller=self._follower(start, robot)
+        )
+        near = [joint for joint in free if np.hypot(*(self.observe()[joint.qposadr[0] :][:2] - self._base[:2])) < _AWAY]
+        movable = [model.body(int(joint.bodyid[0])).name for joint in near]
         self.world = ControlledWorld(
             self, model, self.robot, movable=movable, support=supports[0], more_supports=supports[1:], goal=goal
         )
+        if goal is None:
+            self.world.goal = _on_pegs(self.world)
         if id == "PickPlace":
             self.world.regions = _compartments(self.world)
 
@@ -197,6 +219,19 @@ class RobosuiteTask:
         return way
 
 
+@cache
+def _panda(takes_thin: bool) -> RobotSpec:
+    """Our Panda on a base that stands; for thin objects with the fingers of robosuite's hand, which are shorter."""
+    robot = assets.robot("panda_mobile").fixed()
+    if not takes_thin:
+        return robot
+    spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
+    for name in robot.finger_joints:
+        spec.joint(name).parent.pos[2] -= _SHORTER
+    spec.compile()
+    return replace(robot, mjcf=str(kept_mjcf("panda-robosuite", spec.to_xml())))
+
+
 def _simple(xml: str) -> mujoco.MjSpec:
     """A scene in which a movable mesh is the box around it, a can a cylinder: how deep grasps are can then be said."""
     spec = mujoco.MjSpec.from_string(xml)
@@ -209,9 +244,8 @@ def _simple(xml: str) -> mujoco.MjSpec:
     return spec
 
 
-def _compartments(world: ControlledWorld) -> tuple[Region, ...]:
-    x, y = world.model.body("bin2").pos[:2]
-    scene = Scene.from_mujoco(
+def _scene(world: ControlledWorld) -> Scene:
+    return Scene.from_mujoco(
         world.model,
         world.data,
         world.robot,
@@ -219,6 +253,22 @@ def _compartments(world: ControlledWorld) -> tuple[Region, ...]:
         support=world.support_name,
         more_supports=world.more_supports,
     )
+
+
+def _on_pegs(world: ControlledWorld) -> Goal:
+    """Each nut with its hole around its peg and its handle towards the arm, where the hand is away from the peg."""
+    places = []
+    for body in _scene(world).objects:
+        turned = world.data.body(body.name)  # the hole is about the origin of a nut
+        middle = turned.xmat.reshape(3, 3).T @ (body.position - turned.xpos)
+        x, y = world.data.body(_PEGS[body.name]).xpos[:2] - middle[:2]
+        places.append(goals.at(body.name, (x, y, np.pi), tolerance=_ON_PEG))
+    return goals.and_(*places)
+
+
+def _compartments(world: ControlledWorld) -> tuple[Region, ...]:
+    x, y = world.model.body("bin2").pos[:2]
+    scene = _scene(world)
     return tuple(
         Region(f"for {name}", scene.supports[1], (x + away[0], y + away[1]), away[2:])
         for name, away in _COMPARTMENTS.items()

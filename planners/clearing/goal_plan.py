@@ -25,6 +25,7 @@ from planners.clearing.saving_time import with_blockers
 from planners.goals import TOLERANCE, At, Goal, Holding, Inside, On
 from planners.grasping.candidates import GraspCandidate
 from planners.motion.approaches import can_take, fewest_blockers
+from planners.motion.arm import tcp_pose
 from planners.placing.blockers import fewest_in_the_way
 from planners.placing.goal_places import in_the_way, of_same_area, place_of, placed_fact, reserved_regions
 from planners.placing.locations import in_hand
@@ -34,6 +35,10 @@ from planners.scene import RobotState, Scene
 
 _TRIED = 24
 """Grasps of an object for which is looked whether the gripper can come and leave, of one family and of all."""
+
+
+_SAME_HOLD = 2
+"""Decimals to which two poses of the gripper are the same."""
 
 
 @dataclass(frozen=True)
@@ -221,7 +226,8 @@ def _taken_and_put(sim: _Simulation, name: str, is_general: bool, tiers: Sequenc
     reserved = reserved_regions(scene, goal, name if is_general else "")
     is_held = name in scene.held_names
     refused = sim.not_placed.pitches.get(name, ()) if is_general else ()
-    for grasp in (None,) if is_held else _free_grasps(sim, name):
+    is_exact = isinstance(fact, At) and fact.yaw is not None
+    for grasp in (None,) if is_held else _free_grasps(sim, name, is_exact):
         if grasp is not None and grasp.pitch in refused:
             continue
         with_it = scene.holding(name) if grasp is None else grasped(scene, grasp)
@@ -285,22 +291,25 @@ def _tiers(sim: _Simulation, name: str) -> Iterator[KeepClear]:
     yield KeepClear()
 
 
-def _free_grasps(sim: _Simulation, name: str) -> Iterator[GraspCandidate]:
+def _free_grasps(sim: _Simulation, name: str, is_exact: bool = False) -> Iterator[GraspCandidate]:
     """Grasps with nothing in their way, to which the gripper can come and from which it can leave, of several pitches.
 
+    Then, if the object is to come to rest at an exact yaw, several of each pitch: one from another side may fit there.
     What is found in the way of others is remembered for the scene.
     """
-    seen: set[float] = set()
+    seen: set[object] = set()
     candidates, scene = sim.candidates, sim.scene
-    for find in (candidates.for_object, candidates.of_all_families):
+    finds = [(candidates.for_object, False), (candidates.of_all_families, False), (candidates.of_all_families, True)]
+    for find, by_hold in finds[: 3 if is_exact else 2]:
         for _ in range(_TRIED):
-            free = (one for one in find(scene, name) if not one.blockers and one.pitch not in seen)
+            unblocked = (one for one in find(scene, name) if not one.blockers)
+            free = (one for one in unblocked if (_hold(scene, one) if by_hold else one.pitch) not in seen)
             grasp = next(free, None)
             if grasp is None:
                 break
             world = candidates.compiled.world(scene.using(grasp.arm))
             if can_take(world, grasp.base, grasp.q, name):
-                seen.add(grasp.pitch)
+                seen |= {grasp.pitch, _hold(scene, grasp)}
                 yield grasp
                 continue
             blockers = fewest_blockers(world, grasp.base, grasp.q, name)
@@ -308,6 +317,12 @@ def _free_grasps(sim: _Simulation, name: str) -> Iterator[GraspCandidate]:
                 candidates.obstruct(scene, grasp, blockers)
             else:
                 candidates.ban(scene, grasp)
+
+
+def _hold(scene: Scene, grasp: GraspCandidate) -> bytes:
+    """Where the gripper is when the fingers close, wherever the base stands and however the arm is bent."""
+    T = tcp_pose(scene.using(grasp.arm).robot, RobotState(grasp.base, grasp.q, 0.0))
+    return bytes(np.round(T, _SAME_HOLD).tobytes())
 
 
 def _advance(sim: _Simulation, move: Move, scene: Scene) -> None:

@@ -351,13 +351,17 @@ class MotionLayer:
     def _followed(self, scene: Scene, bound: BoundMotion, touched: tuple[str, ...]) -> BoundMotion | BlockedBy | NoPath:
         """The same motion; under end-effector control with the joint path that follows it, or why there is none."""
         bound = replace(bound, before=scene)
-        if self.context.follower is None:
+        follower = self.context.follower or self.context.controller
+        if follower is None:
             return bound
-        followed = follow(self.context.follower, scene.robot, np.array(scene.state.q), bound.trajectory)
+        followed = follow(follower, scene.robot, np.array(scene.state.q), bound.trajectory)
         if followed is None:
             return NoPath("the TCP cannot follow the trajectory")
         world: CollisionWorld = self.compiled.world(scene).with_padding(0.0)
         hits = followed.hits(world, scene.mask(touched))
+        if self.context.follower is None:
+            touches = world.names_of(hits & ~FIXED_BITS)
+            return NoPath(f"following the TCP, the arm touches {', '.join(touches)}") if touches else bound
         if hits & FIXED_BITS:
             return NoPath(f"following the TCP, the arm touches {', '.join(world.names_of(hits))}")
         if hits:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,8 +11,21 @@ import pytest
 from numpy.typing import NDArray
 
 import planners.following
+import planners.tamp.motion_layer
 from assets.robots import FETCH
-from planners import FollowingPlanner, Infeasible, Planner, Region, Scene, Solution, goals
+from planners import (
+    TOP,
+    FollowingPlanner,
+    GraspFamily,
+    Infeasible,
+    Planner,
+    Region,
+    RobotState,
+    Scene,
+    Solution,
+    goals,
+    tcp_pose,
+)
 from planners.goals import Before, Goal
 from planners.motion.tcp_following import Followed
 from planners.motion.trajectory import Trajectory
@@ -46,11 +60,26 @@ class Controller:
         is_first, self.before = not self.before, self.before or next(iter(names), "")
         if names and is_first and self.first == names[0]:
             return None
-        X = np.array([np.concatenate((x, q)) for x, q in zip(trajectory.base, trajectory.q, strict=True)])
+        followed = as_planned(trajectory)
         if names and is_first and self.touched == names[0]:
-            other = SCENE.body("c").position
+            X, other = followed.configurations, SCENE.body("c").position
             X = np.vstack((X, np.concatenate((other[:2], X[-1, 2:]))))
-        return Followed(X, np.full(len(X), 0.05), (None,) * len(X))
+            return Followed(X, np.full(len(X), 0.05), (None,) * len(X))
+        return followed
+
+
+def as_planned(trajectory: Trajectory) -> Followed:
+    X = np.array([np.concatenate((x, q)) for x, q in zip(trajectory.base, trajectory.q, strict=True)])
+    return Followed(X, np.full(len(X), 0.05), (None,) * len(X))
+
+
+def replace_follow(
+    monkeypatch: pytest.MonkeyPatch,
+    of_plans: Callable[..., Followed | None],
+    of_motions: Callable[..., Followed | None] = lambda *arguments: as_planned(arguments[-1]),
+) -> None:
+    monkeypatch.setattr(planners.following, "follow", of_plans)
+    monkeypatch.setattr(planners.tamp.motion_layer, "follow", of_motions)
 
 
 def order_of(found: Solution | Infeasible) -> list[str]:
@@ -69,11 +98,31 @@ def test_a_plan_that_is_not_followed_is_replaced_by_one_in_another_order(
     planned: list[str], kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     controller = Controller(**{kind: planned[0]})
-    monkeypatch.setattr(planners.following, "follow", controller.follow)
+    replace_follow(monkeypatch, controller.follow)
     found = FollowingPlanner(FETCH, controller=controller).solve(SCENE, GOAL)
     assert order_of(found) == planned[::-1]
     assert isinstance(found, Solution)
     assert found.goal == GOAL
+
+
+def points_down(trajectory: Trajectory) -> bool:
+    closing = [trajectory.sample(phase.start) for phase in trajectory.phases if phase.name == "close"]
+    poses = [tcp_pose(FETCH, RobotState(sample.base, sample.q, 0.0)) for sample in closing]
+    return any(T[2, 0] < -0.9 for T in poses)
+
+
+def test_a_motion_that_is_not_followed_is_replaced_by_one_with_another_grasp(monkeypatch: pytest.MonkeyPatch) -> None:
+    def follow(*arguments: Any) -> Followed | None:
+        return None if points_down(arguments[-1]) else as_planned(arguments[-1])
+
+    replace_follow(monkeypatch, follow, follow)
+    grasps, goal = (TOP, GraspFamily("tilted", np.radians(50), depth=0.02)), goals.inside("a", "left")
+    found = Planner(FETCH, grasps=grasps).solve(SCENE, goal)
+    assert isinstance(found, Solution)
+    assert any(points_down(action.trajectory) for action in found.actions)
+    found = FollowingPlanner(FETCH, grasps=grasps, controller=Controller()).solve(SCENE, goal)
+    assert isinstance(found, Solution)
+    assert not any(points_down(action.trajectory) for action in found.actions)
 
 
 def test_of_plans_that_are_not_followed_the_nearest_is_taken(
@@ -81,7 +130,7 @@ def test_of_plans_that_are_not_followed_the_nearest_is_taken(
 ) -> None:
     """The goal leaves one order, and that gets stuck."""
     controller = Controller(first=planned[0])
-    monkeypatch.setattr(planners.following, "follow", controller.follow)
+    replace_follow(monkeypatch, controller.follow)
     goal = GOAL & goals.before(*planned)
     found = FollowingPlanner(FETCH, controller=controller).solve(SCENE, goal)
     assert order_of(found) == planned

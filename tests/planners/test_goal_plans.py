@@ -12,12 +12,15 @@ import numpy as np
 import pytest
 
 import clutter_env  # noqa: F401  registers the environments
+from assets import robot
 from assets.robots import FETCH
 from planners import (
+    AntipodalFamily,
     Cause,
     Infeasible,
     Planner,
     Region,
+    RobotState,
     Scene,
     Solution,
     StaticObstacle,
@@ -30,7 +33,7 @@ from planners.goals import Goal
 from planners.grasping.candidates import GraspCandidate
 from planners.motion.path import BlockedBy, NoPath
 from planners.placing.placements import Placement
-from planners.scene import Body
+from planners.scene import Body, Solid
 from planners.tamp.motion_layer import MotionLayer
 from tests.planners.pieces import cut_in_two
 from tests.planners.plans import assert_free
@@ -372,6 +375,36 @@ def test_an_object_of_pieces_is_put_along_the_sides_of_a_place_that_is_narrower_
     plan = solve(scene, goals.inside("long", "place"))
     assert isinstance(plan, Solution), plan
     assert plan.picks == 1
+
+
+def nut(position: tuple[float, float, float], turn: float) -> Body:
+    """Four walls around a square hole of 45 mm, and a handle of 32 mm; its middle is 18 mm from that of the hole."""
+    walls = [(-0.03325, 0.0, 0.0105, 0.04375), (0.03325, 0.0, 0.0105, 0.04375)]
+    walls += [(0.0, -0.03325, 0.03125, 0.0105), (0.0, 0.03325, 0.03125, 0.0105), (0.054, 0.0, 0.02525, 0.016)]
+    pieces = [
+        Solid(f"piece {k}", np.array((x, y, 0.0)), np.array((half_x, half_y, 0.02)))
+        for k, (x, y, half_x, half_y) in enumerate(walls)
+    ]
+    return Body.of_pieces("nut", pieces, position, (np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2)))
+
+
+@pytest.mark.parametrize("turn", [0.0, 2.2])
+def test_a_nut_goes_around_its_peg_through_a_grasp_that_fits_there(turn: float) -> None:
+    """With a finger in its hole it does not, nor with the hand over the peg."""
+    home = (0.412, 0.0, 0.196, 0.0, -2.618, 0.0, 2.942, 0.785)
+    arm = replace(robot("panda_mobile").fixed(), home=home)
+    table = StaticObstacle("table", np.array((0.0, 0.0, 0.795)), np.array((0.4, 0.4, 0.025)))
+    peg = StaticObstacle("peg", np.array((0.23, 0.1, 0.885)), np.array((0.016, 0.016, 0.065)))
+    state = RobotState(np.array((-0.73, 0.0, 0.0)), np.array(home), 0.04)
+    scene = Scene(arm, state, (nut((-0.1, -0.15, 0.84), turn),), (table, peg), supports=("table",))
+    to_hole = float(np.linalg.norm(scene.body("nut").position[:2] - (-0.1, -0.15)))
+    wanted = goals.at("nut", (0.23 - to_hole, 0.1, np.pi))
+    found = solve(scene, wanted, grasps=(AntipodalFamily("down", np.pi / 2, max_width=0.04),))
+    assert isinstance(found, Solution), found
+    assert found.end is not None
+    assert wanted.holds(found.end, scene)
+    assert found.picks == 1
+    assert_free(found)
 
 
 def high_and_low(seed: int) -> Scene:
