@@ -12,6 +12,7 @@ with Remote("venv-kinder/bin/python", "kinder_worker.py") as kinder:
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -26,6 +27,7 @@ from clutter_env.bridges.kept import kept_mjcf
 from clutter_env.bridges.remote import BridgeError, Remote
 from planners import SIDE, ControlledWorld, Goal, GraspFamily, Region, Scene, insert_robot
 from planners.grasping.families import GRASP_SETS
+from planners.scene.bodies import leans
 
 Array = NDArray[np.float64]
 
@@ -52,6 +54,8 @@ _SAME = 1e-6
 """[m] by which the sides of a cube may differ."""
 _APART, _BACK, _MOST_BACK = 0.005, 0.02, 5
 """[m] that the base is from everything at first, [m] by which it drives back otherwise at once, and how often."""
+_LOOKS, _STILL = 10, 10
+"""Times at most that is looked whether what leans has come to rest, and steps in between."""
 _FINGER_GAP = 0.005
 """[m] The arm comes to rest within 1 mm to the side of where it was told to be."""
 GRASPS = (
@@ -164,7 +168,7 @@ class KinderTask:
         movable = [name for name in free if name not in anchors]
         data = mujoco.MjData(model)
         self._back_off(model, data)
-        scene = Scene.from_mujoco(model, data, robot, movable=movable, support="floor")
+        scene = self._at_rest(lambda: self._look(model, data, movable))
         regions = [
             _region(scene, name, start["anchors"][name], np.array(boxes), facts)
             for name, boxes in start["boxes"].items()
@@ -210,6 +214,24 @@ class KinderTask:
             wanted = self._state[self._theirs]
             wanted[:2] -= _BACK * np.array([np.cos(wanted[2]), np.sin(wanted[2])])
             self.act(np.insert(wanted, 3, 0.0), _OPENING)
+
+    def _look(self, model: mujoco.MjModel, data: mujoco.MjData, movable: Collection[str]) -> Scene:
+        data.qpos[:] = self.observe()
+        mujoco.mj_forward(model, data)
+        return Scene.from_mujoco(model, data, self._robot, movable=movable, support="floor")
+
+    def _at_rest(self, look: Callable[[], Scene]) -> Scene:
+        """What is seen once nothing leans: after some resets a cube leans on another, and is still falling."""
+        scene, arm = look(), len(self._kind.base_joints)
+        still = self._state[self._theirs]
+        still = np.concatenate((still[:arm], np.zeros(4 - arm), still[arm:]))
+        for _ in range(_LOOKS):
+            if not any(leans(body) for body in scene.objects):
+                break
+            for _ in range(_STILL):
+                self.act(still, _OPENING)
+            scene = look()
+        return scene
 
     def act(self, configuration: Array, opening: float) -> None:
         """One step of the environment, by changes of joint positions."""

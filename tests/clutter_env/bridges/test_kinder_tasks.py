@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from assets.robot_making import FINGERS, Mounting, make_robot
-from clutter_env.bridges.kinder_tasks import _with_linkage, standing
+from assets.robots import FETCH
+from clutter_env.bridges.kinder_tasks import _ROBOTS, KinderTask, _with_linkage, standing
+from planners.scene import Body, RobotState, Scene
 from tests.assets.test_robot_making import ARMS
 
 
@@ -26,6 +28,30 @@ def test_a_cube_that_has_rolled_stands_on_another_side(seed: int) -> None:
     np.testing.assert_allclose(np.sort(np.abs(sides), axis=1), [[0, 0, 1]] * 3, atol=1e-6)  # the same cube
     assert np.linalg.det(found) == pytest.approx(1.0)
     assert found[2, 2] == pytest.approx(np.abs(R[2]).max())
+
+
+@pytest.mark.parametrize(("falls_for", "steps"), [(0, 0), (25, 30), (1000, 100)])
+def test_the_robot_stands_still_while_a_cube_leans(falls_for: int, steps: int) -> None:
+    class Task(KinderTask):
+        _kind = _ROBOTS["tidybot"]
+
+        def __init__(self) -> None:
+            self.steps, self._theirs, self._state = 0, np.arange(10), np.arange(10.0)
+
+        def act(self, configuration: np.ndarray, opening: float) -> None:
+            np.testing.assert_array_equal(configuration, [0, 1, 2, 0, *range(3, 10)])
+            assert opening == 0.085
+            self.steps += 1
+
+        def look(self) -> Scene:
+            tilt = 0.3 if self.steps < falls_for else 0.02
+            turned = (np.cos(tilt / 2), np.sin(tilt / 2), 0.0, 0.0)
+            body = Body("cube", "box", np.full(3, 0.01), np.array((0.0, 0.0, 0.01)), np.array(turned))
+            return Scene(FETCH, RobotState(np.zeros(3), np.array(FETCH.home), 0.0), (body,), (), supports=())
+
+    task = Task()
+    task._at_rest(task.look)
+    assert task.steps == steps
 
 
 def test_the_hand_has_a_linkage_that_moves_with_the_fingers() -> None:
