@@ -188,8 +188,8 @@ class SearchExpert:
         """
         inner = getattr(env, "unwrapped", env)
         missing = [name for name in (*SearchedEnv.__annotations__, "joint_action") if not hasattr(inner, name)]
-        if missing or inner.control_mode != "joint":
-            what = f"it lacks {', '.join(missing)}" if missing else "control_mode must be 'joint'"
+        if missing or inner.control_mode != "joint" or inner.robot.base_drive == "differential":
+            what = f"it lacks {', '.join(missing)}" if missing else "control_mode must be 'joint', and base 'holonomic'"
             raise ExpertError(f"{type(inner).__name__} cannot be searched, {what}; use clutter_env/Search-o{{N}}-v0")
         if order not in ORDERS:
             raise ExpertError(f"order={order!r} is not valid; valid values: {', '.join(ORDERS)}")

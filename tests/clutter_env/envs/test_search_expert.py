@@ -99,6 +99,8 @@ def test_misuse_is_named() -> None:
         SearchExpert(env, order="luck")
     with pytest.raises(ExpertError, match=r"lacks workplace; use clutter_env/Search-o\{N\}-v0"):
         SearchExpert(gym.make("clutter_env/Retrieve-o5-v0"))
+    with pytest.raises(ExpertError, match="control_mode must be 'joint', and base 'holonomic'"):
+        SearchExpert(gym.make("clutter_env/Search-o5-v0", image_size=16, base="differential"))
     with pytest.raises(ExpertError, match="call SearchExpert"):
         SearchExpert(env).act({})
     with pytest.raises(ExpertError, match="noise=-1"):
