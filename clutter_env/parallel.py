@@ -200,7 +200,7 @@ def _ctrl_c_left_to_this_process() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        signal.signal(signal.SIGINT, handler)
+        signal.signal(signal.SIGINT, handler or signal.SIG_DFL)
     if held:
         signal.raise_signal(signal.SIGINT)
 

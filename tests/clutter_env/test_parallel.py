@@ -129,14 +129,16 @@ def test_a_worker_that_is_being_started_is_started_and_ended_when_ctrl_c_comes(m
 
     monkeypatch.setattr(loky_start, "fork_exec", start_and_press_ctrl_c)
     threading.Thread(target=is_over.wait).start()
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
     try:
         with pytest.raises(KeyboardInterrupt):
             list(run_jobs(behave, ["hang"], workers=1))
     finally:
         is_over.set()
+        after = signal.signal(signal.SIGINT, before)
     (worker,) = started
     assert _when(lambda: not _runs(worker))
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert after is signal.default_int_handler
 
 
 PARENT = """
