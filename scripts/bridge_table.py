@@ -62,7 +62,7 @@ class Arguments:
     """First seed."""
     seeds: int = 5
     """How many seeds for each task."""
-    steps: int = 4000
+    steps: int = 8000
     """Episodes end after so many; KinDER's have no limit of their own."""
     show: bool = False
     """Only print the table."""
