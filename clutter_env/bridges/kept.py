@@ -5,12 +5,12 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
-import platformdirs
+from irm import cache_folder
 
 
 def kept_mjcf(name: str, mjcf: str) -> Path:
-    """A file in the user's cache with this text; its name begins as said and depends on the text."""
-    folder = Path(platformdirs.user_cache_dir("clutter-env"))
+    """A file in `irm.cache_folder` with this text; its name begins as said and depends on the text."""
+    folder = cache_folder()
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / f"{name}-{hashlib.sha256(mjcf.encode()).hexdigest()[:16]}.xml"
     file.write_text(mjcf, encoding="utf-8")

@@ -27,9 +27,14 @@ def test_the_target_is_hidden_from_where_the_camera_starts(env: SearchEnv) -> No
     for seed in range(3):
         env.reset(seed=seed)
         scene = env.world.scene
+        assert scene is not None
         shares = env.visible_shares(scene)
         assert shares[scene.target] == 0
         assert (shares > 0.3).sum() >= 3
+        for _ in range(4):  # down by as much as the head goes, in these scenes: no pixel has the target's colour
+            observation, *_ = env.step(np.append(REST[:-2], (0.0, 1.0)))
+            colours = observation["head_rgb"][observation["head_segmentation"][..., 0] >= 3].astype(float)
+            assert not ((colours[:, 0] > 2 * colours[:, 1]) & (colours[:, 0] > 2 * colours[:, 2])).any()
 
 
 @pytest.mark.parametrize("layout", ["shelf", "two_boards"])
