@@ -174,7 +174,7 @@ class _LocalProcesses:
 
     def close(self) -> None:
         for executor in (*self._idle, *self._busy.values()):
-            executor.shutdown(wait=False, kill_workers=True)
+            executor.shutdown(wait=True, kill_workers=True)  # or loky may still be tidying up when Python ends
 
 
 @contextmanager

@@ -32,7 +32,7 @@ def progress_bar(*arguments: Any, seconds: float = 0.0, **options: Any) -> tqdm:
 class _Lines(tqdm):  # type: ignore[misc]  # tqdm has no type hints
     """A progress bar whose every state is a line of its own."""
 
-    disable: bool
+    disable: bool = True  # until it has begun: Ctrl-C may come before
 
     @staticmethod
     def status_printer(file: TextIO) -> Any:

@@ -222,9 +222,9 @@ def test_ctrl_c_ends_with_code_130_and_says_how_to_go_on(tmp_path: Path) -> None
     time.sleep(0.5)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: the command and its workers
     _, said = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert said.splitlines()[-1] == "clutter-env table: interrupted; run the same command again to go on"
+    assert process.returncode == 130, said
     assert "Traceback" not in said
+    assert said.splitlines()[-1] == "clutter-env table: interrupted; run the same command again to go on"
 
 
 def test_another_package_of_the_same_name_is_named(tmp_path: Path) -> None:

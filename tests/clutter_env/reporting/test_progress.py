@@ -38,6 +38,14 @@ def test_every_so_often_there_is_a_line(capsys: pytest.CaptureFixture[str]) -> N
     assert len(capsys.readouterr().err.splitlines()) > 5
 
 
+def test_a_bar_that_ctrl_c_kept_from_beginning_is_closed_without_a_word(capsys: pytest.CaptureFixture[str]) -> None:
+    with progress_bar(total=1) as bar:
+        pass
+    capsys.readouterr()
+    type(bar).__new__(type(bar)).close()
+    assert not capsys.readouterr().err
+
+
 def test_compilation_is_shown_by_the_name_of_the_kernel(capsys: pytest.CaptureFixture[str]) -> None:
     logger = logging.getLogger("planners.warming")
     with shown_compilation():
