@@ -16,18 +16,24 @@ import time
 from collections.abc import Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from statistics import median
 from typing import Any
 
+import numpy as np
 import tyro
+from numpy.typing import NDArray
 
 from clutter_env.bridges.fetch_tasks import DOWN, FetchTask
 from clutter_env.bridges.kinder_tasks import GRASPS as KINDER_GRASPS, KinderTask
 from clutter_env.bridges.remote import Remote
 from clutter_env.bridges.robosuite_tasks import RobosuiteTask
+from clutter_env.rendering.film import save_gif
+from clutter_env.rendering.framing import view_of
+from clutter_env.rendering.renderer import Renderer
 from clutter_env.reporting.intervals import wilson
-from planners import ExpertConfig, MonitorConfig, SceneError, Solution, TampExpert
+from planners import ControlledWorld, ExpertConfig, MonitorConfig, SceneError, Solution, TampExpert
 
 KINDER = (
     "kinder/PickPlace3D-o1-v0",
@@ -47,6 +53,9 @@ KINDER = (
     "kinder/Rearrange3D-o2-put_the_can_on_the_left_and_the_boxed_drink_on_the_right_side_of_the_bowl-v0",
 )
 
+SIZE, FRAME_MS, AROUND, ABOVE = (320, 240), 80, 0.25, (0.0, 0.0, 0.8)
+"""Pixels of a film, [ms] for which an image is shown, [m] around the objects that are in it, and up the robot."""
+
 
 @dataclass(frozen=True)
 class Arguments:
@@ -64,6 +73,12 @@ class Arguments:
     """How many seeds for each task."""
     steps: int = 8000
     """Episodes end after so many; KinDER's have no limit of their own."""
+    film: Path | None = None
+    """Folder for a film of each episode, of the world as the planner sees it."""
+    speed: float = 10.0
+    """Of the film, in that of the robot."""
+    turn: float = 140.0
+    """[°] from where the objects are seen by the robot to where the camera looks: 180 is towards the robot."""
     show: bool = False
     """Only print the table."""
 
@@ -76,17 +91,19 @@ def main(arguments: Arguments) -> None:
         packages = {task.partition("/")[0] for task in arguments.tasks if "/" in task}
         if len(packages) > 1:
             raise SystemExit(f"tasks of {' and '.join(sorted(packages))} need runs of their own: --python is one")
+        if arguments.film:
+            arguments.film.mkdir(parents=True, exist_ok=True)
         worker = Remote(arguments.python, f"{packages.pop()}_worker.py") if packages else nullcontext()
         with worker as remote, arguments.out.open("a") as file:
             for seed in range(arguments.first, arguments.first + arguments.seeds):
                 for task in arguments.tasks:
                     if (task, seed) not in done:
-                        rows.append(episode(remote, task, seed, arguments.steps))
+                        rows.append(episode(remote, task, seed, arguments))
                         print(json.dumps(rows[-1]), file=file, flush=True)
     print("\n".join(table(rows)))
 
 
-def episode(remote: Remote | None, id: str, seed: int, most: int) -> dict[str, Any]:
+def episode(remote: Remote | None, id: str, seed: int, arguments: Arguments) -> dict[str, Any]:
     """One episode: what became of it, the CPU time [s] to the first plan, steps taken."""
     row: dict[str, Any] = {
         "task": id,
@@ -106,12 +123,17 @@ def episode(remote: Remote | None, id: str, seed: int, most: int) -> dict[str, A
     except SceneError as problem:
         return {**row, "failure": f"scene: {problem}"}
     row |= {"cpu": time.process_time() - before, "planned": isinstance(expert.solution, Solution)}
-    while not (expert.done or task.world.is_over) and task.steps < most:
+    look = Camera(task.world, arguments.speed, arguments.turn) if arguments.film else None
+    while not (expert.done or task.world.is_over) and task.steps < arguments.steps:
         task.world.step(expert.act())
+        if look:
+            look()
         if (
             remote is not None and task.is_solved and not expert.phase
         ):  # at rest, and the environment's own check counts
             break
+    if arguments.film and look:
+        save_gif(look.images, arguments.film / f"{id.rpartition('/')[2]}-{seed}.gif", FRAME_MS)
     report = expert.report
     if remote is None:
         task.finish()
@@ -123,6 +145,27 @@ def episode(remote: Remote | None, id: str, seed: int, most: int) -> dict[str, A
         "deviations": list(report.deviations),
         "steps": task.steps,
     }
+
+
+class Camera:
+    """Films a controlled world: robot and objects where they are at first, and regions of the goal."""
+
+    def __init__(self, world: ControlledWorld, speed: float, turn: float) -> None:
+        self._world, self._interval, self.images = world, speed * FRAME_MS / 1000, list[NDArray[np.uint8]]()
+        self._renderer = Renderer(world.model, *SIZE)
+        objects = np.array([world.data.body(name).xpos for name in world.object_names])
+        robot = world.data.body(world.robot.base_body).xpos
+        ahead = objects.mean(axis=0) - robot
+        around = AROUND * np.array(list(product((-1, 1), repeat=3)))
+        goals = [(*region.centre, robot[2]) for region in world.regions]
+        points = (np.vstack((objects, robot + ABOVE, *goals))[:, None] + around).reshape(-1, 3)
+        direction = float(np.degrees(np.arctan2(ahead[1], ahead[0]))) + turn, -30
+        self._view = view_of(world.model, points, direction, SIZE[0] / SIZE[1])
+
+    def __call__(self) -> None:
+        """Take an image, if it is time for one."""
+        if self._world.data.time > len(self.images) * self._interval:
+            self.images.append(self._renderer.colour(self._world.data, self._view))
 
 
 def begin(remote: Remote | None, id: str, seed: int) -> tuple[Any, dict[str, Any]]:
