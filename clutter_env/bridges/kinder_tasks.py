@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -37,6 +37,8 @@ _OPENING, _CLOSED = 0.085, 0.79
 """[m] of the gripper, and [rad] of its driver joints when it is closed."""
 _STEP = 0.1
 """[m], [rad] The largest change of a joint in one step."""
+_FOLLOWED = 0.95
+"""Share of the greatest speed of a joint that such changes lead to; plans have no more, the rest is for corrections."""
 _BESIDE = 0.01
 """[m] that the gripper may be behind beside an object: between the walls of a bin it has 4 mm to each side."""
 _MARGIN = 0.01
@@ -64,7 +66,7 @@ GRASPS = (
     *GRASP_SETS["all"][1:],
     *(
         GraspFamily(f"top, {1000 * offset:.0f} mm off the axis", np.pi / 2, depth=0.02, axis_offset=offset)
-        for offset in (0.004, 0.008)
+        for offset in (0.004, 0.008, 0.012)
     ),
 )
 """TidyBot takes nothing off the floor at less than 50°, and at 60° it does not reach far into a shelf. The last are for
@@ -81,15 +83,14 @@ class _Robot:
         mounting: how its file becomes a robot of ours: `tool` leads from its pinch site to the middle of the finger
             pads where they hold an object of 4 cm.
         home: [m, rad] the configuration in which it starts, with the lift that ours has.
-        damping: [s] over stiffness of the arm's controller: the arm stays behind by its speed times this, unless told
-            farther.
+        response: (a, b): told to change by u, a joint of the arm moves by a times its last step's move and b u.
     """
 
     body: str
     base_joints: tuple[str, ...]
     mounting: Mounting
     home: tuple[float, ...]
-    damping: float
+    response: tuple[float, float]
 
 
 _ROBOTS = {
@@ -98,7 +99,7 @@ _ROBOTS = {
         ("joint_x", "joint_y", "joint_th"),
         Mounting("base_link", "pinch_site", turn=np.pi / 2, tool=0.025, opening=_OPENING),
         (0.0005, 0.0, -0.3491, 3.1416, -2.5482, 0.0, -0.8727, 1.5708),
-        0.15,
+        (-0.6, 0.4),  # a torque of 200 u - 30 v Nm, v at the start of the step, against 50 Nm s/rad
     ),
     "fr3": _Robot(
         "base",
@@ -115,7 +116,7 @@ _ROBOTS = {
             drive="fixed",
         ),
         (0.0005, 0.0, 0.0, 0.0, -1.57079, 0.0, 1.57079, -0.7853),
-        0.1,
+        (0.0, 0.63),  # a position servo with a damping of 0.1 s over its stiffness
     ),
 }
 
@@ -160,8 +161,8 @@ class KinderTask:
         cubes = [model.joint(name) for name in shared if _is_cube(model, int(model.joint(name).bodyid[0]))]
         self._cubes = [int(joint.qposadr[0]) + 3 for joint in cubes]
         self._robot = robot
-        self._wanted = np.array(start["qpos"])[self._theirs]
         self._qpos, self._state = model.qpos0.copy(), np.array(start["qpos"])
+        self._before = self._state
         self._qpos[model.joint(robot.drive_joints[3]).qposadr[0]] = self._kind.home[0]
         anchors = set(start["anchors"].values())
         free = [model.body(model.jnt_bodyid[joint]).name for joint in np.flatnonzero(model.jnt_type == 0)]
@@ -236,15 +237,15 @@ class KinderTask:
     def act(self, configuration: Array, opening: float) -> None:
         """One step of the environment, by changes of joint positions."""
         arm = len(self._kind.base_joints)
-        wanted = np.append(configuration[:arm], configuration[4:])
-        change = wanted - self._state[self._theirs]
-        change[arm:] += self._kind.damping * (wanted - self._wanted)[arm:] / self.dt
+        kept, followed = self._kind.response
+        moved = (self._state - self._before)[self._theirs]
+        change = np.append(configuration[:arm], configuration[4:]) - self._state[self._theirs]
         turns = slice(max(arm - 1, 0), None)  # the base's yaw and the arm
         change[turns] = (change[turns] + np.pi) % (2 * np.pi) - np.pi
-        self._wanted = wanted
+        change[arm:] = (change - kept * moved)[arm:] / followed
         grip = np.clip(1 - opening / _OPENING, 0, 1)
         answer = self._kinder("step", action=[*np.clip(change, -_STEP, _STEP), grip])
-        self._state, self.steps = np.array(answer["qpos"]), self.steps + 1
+        self._before, self._state, self.steps = self._state, np.array(answer["qpos"]), self.steps + 1
         self.is_solved, self.done = answer["terminated"], answer["truncated"]
 
 
@@ -262,7 +263,11 @@ def made_robot(kind: str, text: str) -> RobotSpec:
         made, page, _ = make_robot(Path(file.name), _ROBOTS[kind].mounting)
     made = _with_linkage(made, _ROBOTS[kind].mounting.tool)
     page |= {"name": name, "home": _ROBOTS[kind].home, "finger_geoms": FINGERS}
-    return RobotSpec.from_mjcf(kept_mjcf(name, made), **page, grasp_height=0.03, finger_gap=_FINGER_GAP)
+    spec = RobotSpec.from_mjcf(kept_mjcf(name, made), **page, grasp_height=0.03, finger_gap=_FINGER_GAP)
+    fastest = _FOLLOWED * _STEP / KinderTask.dt
+    kept, followed = _ROBOTS[kind].response
+    limits = [fastest] * 3 + [np.inf] + [fastest * followed / (1 - kept)] * (len(spec.chain) - 1)
+    return replace(spec, max_velocity=tuple(np.minimum(spec.max_velocity, limits).tolist()))
 
 
 def _with_linkage(mjcf: str, tool: float) -> str:

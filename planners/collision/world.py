@@ -300,26 +300,26 @@ def objects_on(world: CollisionWorld, name: str) -> int:
 def with_clearance_around(world: CollisionWorld, name: str) -> CollisionWorld:
     """The same world in which that object can be lifted although others are nearer to it than the padding already.
 
-    Objects under it are lowered by the padding. Beside others it counts, once held, as smaller by what lacks, so that
-    the lift may come nearer to them by `SUPPORT_SLACK` at most. What the robot keeps from them stays the padding.
+    Objects under it are lowered by the padding. Beside others, and where it leans on one or presses into it, it counts,
+    once held, as smaller by what lacks, so that the lift may come nearer to them by `SUPPORT_SLACK` at most. What the
+    robot keeps from those beside it stays the padding.
     """
     body, scene, gap = world.scene.body(name), world.scene, world.padding + SUPPORT_SLACK
     index, obstacles, yields, far = scene.index(name), world.obstacles, 0.0, max(gap, _CONTACT)
     away = np.hypot(*(obstacles.centre - obstacles.centre[index])[:, :2].T) - obstacles.radius - obstacles.radius[index]
     above = np.maximum(obstacles.bottom - obstacles.top[index], obstacles.bottom[index] - obstacles.top)
+    # Even overlaps of `OVERLAP` are mended; what overlaps more stays in the way.
+    sizes = np.linspace(0.0, gap + OVERLAP, _SIZES)
     for row in np.flatnonzero((away < far) & (above < far)).tolist():
-        other = scene.objects[row]
+        other, lacks = scene.objects[row], gap
         if row == index or other.name in scene.held_names:
             continue
         if _stands_on(world, body, other):
-            world = world.with_body(other.at(other.position - [0.0, 0.0, gap]))
-        else:
-            # Even overlaps of `OVERLAP` are mended; what overlaps more stays in the way.
-            sizes = np.linspace(0.0, gap + OVERLAP, _SIZES)
-            smaller = ((size, shrunk_solids(obstacles.pieces, size)) for size in sizes)
-            rows, others = obstacles.rows(index), (obstacles.pieces, obstacles.rows(row))
-            apart = (float(size) for size, shrunk in smaller if not _are_near((shrunk, rows), others, gap))
-            yields = max(yields, next(apart, 0.0))
+            world, lacks = world.with_body(other.at(other.position - [0.0, 0.0, gap])), world.padding
+        smaller = ((size, shrunk_solids(obstacles.pieces, size)) for size in sizes)
+        rows, others = obstacles.rows(index), (world.obstacles.pieces, obstacles.rows(row))
+        apart = (float(size) for size, shrunk in smaller if not _are_near((shrunk, rows), others, lacks))
+        yields = max(yields, next(apart, 0.0))
     return replace(world, yields=yields) if yields else world
 
 
