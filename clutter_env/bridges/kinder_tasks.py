@@ -35,10 +35,10 @@ _PREFIX = "robot_"
 """Of the names of KinDER's robot in the models of its tasks."""
 _OPENING, _CLOSED = 0.085, 0.79
 """[m] of the gripper, and [rad] of its driver joints when it is closed."""
-_STEP = 0.1
-"""[m], [rad] The largest change of a joint in one step."""
-_FOLLOWED = 0.95
-"""Share of the greatest speed of a joint that such changes lead to; plans have no more, the rest is for corrections."""
+_STEP, _DT = 0.1, 0.1
+"""[m], [rad] The largest change of a joint in one step, and [s] how long that lasts."""
+_SPEED = 0.95 * _STEP / _DT
+"""[m/s], [rad/s] of commands in plans at most; the rest is for corrections."""
 _BESIDE = 0.01
 """[m] that the gripper may be behind beside an object: between the walls of a bin it has 4 mm to each side."""
 _MARGIN = 0.01
@@ -92,6 +92,12 @@ class _Robot:
     home: tuple[float, ...]
     response: tuple[float, float]
 
+    @property
+    def arm_speed(self) -> float:
+        """[rad/s] of the arm's joints in plans, which it keeps up with."""
+        kept, followed = self.response
+        return _SPEED * followed / (1 - kept)
+
 
 _ROBOTS = {
     "tidybot": _Robot(
@@ -132,7 +138,7 @@ class KinderTask:
         steps: taken so far.
     """
 
-    dt = 0.1
+    dt = _DT
 
     def __init__(self, kinder: Remote, id: str, seed: int) -> None:
         """Reset the environment.
@@ -264,9 +270,7 @@ def made_robot(kind: str, text: str) -> RobotSpec:
     made = _with_linkage(made, _ROBOTS[kind].mounting.tool)
     page |= {"name": name, "home": _ROBOTS[kind].home, "finger_geoms": FINGERS}
     spec = RobotSpec.from_mjcf(kept_mjcf(name, made), **page, grasp_height=0.03, finger_gap=_FINGER_GAP)
-    fastest = _FOLLOWED * _STEP / KinderTask.dt
-    kept, followed = _ROBOTS[kind].response
-    limits = [fastest] * 3 + [np.inf] + [fastest * followed / (1 - kept)] * (len(spec.chain) - 1)
+    limits = [_SPEED] * 3 + [np.inf] + [_ROBOTS[kind].arm_speed] * (len(spec.chain) - 1)
     return replace(spec, max_velocity=tuple(np.minimum(spec.max_velocity, limits).tolist()))
 
 

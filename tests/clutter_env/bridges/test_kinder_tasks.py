@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
@@ -52,6 +54,49 @@ def test_the_robot_stands_still_while_a_cube_leans(falls_for: int, steps: int) -
     task = Task()
     task._at_rest(task.look)
     assert task.steps == steps
+
+
+class _Plant:
+    """KinDER's `step` of one robot: how its joints move, integrated."""
+
+    def __init__(self, kind: str, joints: int) -> None:
+        self.kind, self.q, self.speed = kind, np.zeros(joints), np.zeros(joints)
+
+    def __call__(self, call: str, action: list[float]) -> dict[str, Any]:
+        assert call == "step"
+        change, start, base = np.array(action[:-1]), self.q.copy(), len(_ROBOTS[self.kind].base_joints)
+        torque = 200 * change - 30 * self.speed
+        for _ in range(100):
+            if self.kind == "tidybot":  # its controller computes a torque [Nm] once a step; the joints are damped
+                force = torque - 50 * self.speed
+            else:  # a position servo
+                force = 4500 * (start + change - self.q) - 450 * self.speed
+            self.speed = self.speed + 0.001 * force / 0.8  # kg m²
+            self.q = self.q + 0.001 * self.speed
+        self.q[:base] = start[:base] + change[:base]
+        return {"qpos": self.q.tolist(), "terminated": False, "truncated": False}
+
+
+@pytest.mark.parametrize("kind", _ROBOTS)
+def test_the_arm_keeps_up_with_the_fastest_plan(kind: str) -> None:
+    """It was told as if it stayed behind by less than it does, and planned for six times faster than it is."""
+    base = len(_ROBOTS[kind].base_joints)
+    plant = _Plant(kind, base + 7)
+
+    class Task(KinderTask):
+        def __init__(self) -> None:
+            self._kinder, self._kind, self._theirs = plant, _ROBOTS[kind], np.arange(len(plant.q))  # type: ignore[assignment]
+            self._before = self._state = plant.q
+            self.steps = 0
+
+    task, wanted, speed, worst = Task(), np.zeros(11), 0.0, 0.0
+    for step in range(120):
+        aim = _ROBOTS[kind].arm_speed * (1 if step < 60 else -1)
+        speed += float(np.clip(aim - speed, -0.2, 0.2))  # 2 rad/s²
+        wanted[4:] += 0.1 * speed
+        task.act(wanted, 0.085)
+        worst = max(worst, float(np.abs(plant.q[base:] - wanted[4:]).max()))
+    assert worst < 0.01
 
 
 def test_the_hand_has_a_linkage_that_moves_with_the_fingers() -> None:

@@ -55,3 +55,29 @@ def test_an_object_that_touches_its_neighbour_is_lifted_beside_it(gap: float) ->
     for action in found.actions:
         checker = MujocoCollisionChecker(action.scene)
         assert checker.deepest_penetration(action.trajectory).penetration < 0.001
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.02, 0.05])
+def test_an_object_that_leans_on_one_and_presses_into_another_is_lifted(tilt: float) -> None:
+    """A cube that has come to rest on two others: it is deeper in one than a contact, and beside the edge of the other.
+
+    Both count as under it, and lowered by the padding they were still in the way.
+    """
+    half, cosine, sine = np.full(3, 0.01), np.cos(tilt / 2), np.sin(-tilt / 2)
+    turned = (cosine, 0.0, sine, 0.0)
+    low, leaning = np.array([-0.004, 0.0, HEIGHT + 0.01]), np.array([-0.03, 0.0, HEIGHT + 0.0106])
+    # Its lowest corner, which is over nothing, is as deep as the tilt makes it.
+    top = np.array([-0.0112, 0.0, HEIGHT + 0.0294 - 0.004 * tilt])
+    bodies = [
+        Body("low", "box", half, low, UPRIGHT),
+        Body("leaning", "box", half, leaning, (np.cos(tilt), 0.0, np.sin(-tilt), 0.0)),  # type: ignore[arg-type]
+        Body("top", "box", half, top, turned),  # type: ignore[arg-type]
+    ]
+    scene = table_scene(*bodies)
+    around, row, reach = with_clearance_around(CollisionWorld.from_scene(scene), "top"), scene.index("top"), np.eye(4)
+    reach[:3, 3] = (0.0, 0.0, 0.4)
+    counted = around.obstacles.pieces.half.copy()
+    counted[row] = around.query(0.1, HeldObject("top", reach)).attached.solids.half[0]
+    pieces = around.obstacles.pieces._replace(half=counted)
+    hit = [other for other in range(2) if are_within(pieces, row, pieces, other, around.padding, np.empty((4, 3)))]
+    assert not hit
