@@ -43,7 +43,7 @@ _BESIDE = 0.01
 """[m] that the gripper may be behind beside an object: between the walls of a bin it has 4 mm to each side."""
 _MARGIN = 0.01
 """[m] by which an object may be beside where it was to be put down, and still be in its region."""
-_DROP = 0.05
+_DROP = 0.06
 """[m] that an object may fall into another one, as a bin, whose walls keep the linkage of the hand out."""
 _PAD = (0.007, 0.011)
 """[m] Half of the thickness and of the width of a finger of the Robotiq 2F-85, at its tip."""
