@@ -17,7 +17,8 @@ PYTHON = "venv-lerobot/bin/python"
 FEWER = {
     "--episodes 100": "--episodes 2",
     "--steps=3000": "--steps=2",
-    "--steps=6000": "--steps=2",
+    "--episodes 200": "--episodes 2",
+    "--steps=3600": "--steps=2",
     "--scenes 50": "--scenes 1",
     "--eval.n_episodes=10 --eval.batch_size=10": "--eval.n_episodes=1 --eval.batch_size=1",
 }
