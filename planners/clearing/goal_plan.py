@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -27,9 +27,9 @@ from planners.grasping.candidates import GraspCandidate
 from planners.motion.approaches import can_take, fewest_blockers
 from planners.motion.arm import tcp_pose
 from planners.placing.blockers import fewest_in_the_way
-from planners.placing.goal_places import in_the_way, of_same_area, place_of, placed_fact, reserved_regions
+from planners.placing.goal_places import Place, in_the_way, of_same_area, place_of, placed_fact, reserved_regions
 from planners.placing.locations import in_hand
-from planners.placing.placements import Placement
+from planners.placing.placements import Placement, is_under_shelf
 from planners.placing.surfaces import KeepClear
 from planners.scene import RobotState, Scene
 
@@ -227,7 +227,11 @@ def _taken_and_put(sim: _Simulation, name: str, is_general: bool, tiers: Sequenc
     is_held = name in scene.held_names
     refused = sim.not_placed.pitches.get(name, ()) if is_general else ()
     is_exact = isinstance(fact, At) and fact.yaw is not None
-    for grasp in (None,) if is_held else _free_grasps(sim, name, is_exact):
+    grasps = iter((None,)) if is_held else _free_grasps(sim, name, is_exact)
+    others = of_same_area(scene, goal, name, sim.waiting) if fact is not None and not is_held else []
+    if fact is not None and others and is_under_shelf(scene, place := place_of(scene, fact)):
+        grasps = iter(_deepest_first(sim, grasps, place))
+    for grasp in grasps:
         if grasp is not None and grasp.pitch in refused:
             continue
         with_it = scene.holding(name) if grasp is None else grasped(scene, grasp)
@@ -244,6 +248,12 @@ def _taken_and_put(sim: _Simulation, name: str, is_general: bool, tiers: Sequenc
                 return True
     sim.failures[name] += 1
     return False
+
+
+def _deepest_first(sim: _Simulation, grasps: Iterable[GraspCandidate | None], place: Place) -> list[GraspCandidate]:
+    """Grasps with which an object gets farther into a place under a shelf first: there it is out of the others' way."""
+    worlds = [(grasp, sim.candidates.compiled.world(grasped(sim.scene, grasp))) for grasp in grasps if grasp]
+    return [one for one, world in sorted(worlds, key=lambda pair: -sim.problem.placements.depth(pair[1], place)[1])]
 
 
 def placements_of(

@@ -137,6 +137,10 @@ def _contains(region: Region, other: Region) -> bool:
     return bool((np.abs(region.local(other.corners)) <= np.array(region.half_extents) + _SAME).all())
 
 
+def _is_same(one: Region, other: Region) -> bool:
+    return one.support == other.support and _contains(one, other) and _contains(other, one)
+
+
 def _region_or_face(scene: Scene, name: str) -> Region:
     return region_named(scene, name) if name in region_names(scene) else whole_face(scene.support_named(name))
 
@@ -472,11 +476,11 @@ def placed_fact(goal: Goal, name: str) -> On | Inside | At | None:
 
 
 def of_same_area(scene: Scene, goal: Goal, name: str, waiting: Collection[str]) -> list[Body]:
-    """The objects that wait to come to the same area as one of the goal."""
+    """The objects that wait to come to the same area as one of the goal, by whichever name."""
     own = placed_fact(goal, name)
     area = None if own is None else place_of(scene, own).area
     others: list[Fact] = [fact for fact in goal.placed if fact.object in waiting and fact.object != name]
     if area is None:
         return []
-    those = (f.object for f in others if isinstance(f, On | Inside) and place_of(scene, f).area == area)
-    return [least_room(scene.body(one)) for one in those]
+    areas = ((fact.object, place_of(scene, fact).area) for fact in others if isinstance(fact, On | Inside))
+    return [least_room(scene.body(one)) for one, theirs in areas if theirs is not None and _is_same(theirs, area)]

@@ -195,7 +195,7 @@ class PlacementSearch:
         failed = [] if failed is None else failed
         # The farthest row comes first. Where half of the tries have failed under a shelf, it is found out how deep an
         # object can be put there, and the deepest row of these comes next: nothing is put in the way of the others.
-        is_under_shelf = place.area is not None and is_covered(scene, (*place.area.centre, place.face.top))
+        is_covered_place = is_under_shelf(scene, place)
         middle = np.array((0.0, 0.0) if place.area is None else place.area.centre)
 
         def locations() -> Iterator[tuple[Array, Yaws]]:
@@ -203,13 +203,13 @@ class PlacementSearch:
             if len(drops) > 1:  # the walls are farthest from the middle
                 found = iter(sorted(found, key=lambda one: math.dist(one[0], middle)))
             for point, yaws in found:
-                if is_under_shelf and len(failed) >= _FAILURES // 2:
+                if is_covered_place and len(failed) >= _FAILURES // 2:
                     break
                 yield point, yaws
             else:
                 return
-            inwards, depth = self._depth(world, place)
-            rest = locations_in(scene, body, place, leaving, others, allowed)
+            inwards, depth = self.depth(world, place)
+            rest = locations_in(scene, body, place, leaving, (), allowed)  # depth decides: room is kept by rows
             fitting = [one for one in rest if inwards @ one[0] < depth + _ROW / 2]
             across = np.array([-inwards[1], inwards[0]])
 
@@ -235,7 +235,7 @@ class PlacementSearch:
             if not has_any:
                 failed.append(point)
 
-    def _depth(self, world: CollisionWorld, place: Place) -> tuple[Array, float]:
+    def depth(self, world: CollisionWorld, place: Place) -> tuple[Array, float]:
         """The direction (2,) into a place under a shelf, and how far along it [m] the held object can be put there.
 
         Other objects do not count, so the answer is remembered for all of that size that are held at that pitch. The
@@ -451,6 +451,11 @@ def _margins(surface: Surface, locations: Array, radius: float) -> Array:
     cell = ((locations[:, :2] - (grid.x0, grid.y0)) / grid.resolution).astype(int)
     cell = np.clip(cell, 0, np.array(grid.shape) - 1)
     return np.asarray(distance[cell[:, 0], cell[:, 1]] - radius)
+
+
+def is_under_shelf(scene: Scene, place: Place) -> bool:
+    """Whether a place is an area with something above it, so that objects come to it from a side."""
+    return place.area is not None and is_covered(scene, (*place.area.centre, place.face.top))
 
 
 def _free_levels(surfaces: Sequence[Surface], radius: float, base: Array, rng: np.random.Generator) -> Iterator[Array]:

@@ -9,7 +9,14 @@ import pytest
 from numpy.typing import NDArray
 
 from planners.goals import Region, inside, overlap
-from planners.placing.goal_places import footprint, in_the_way, locations_in, place_of, reserved_regions
+from planners.placing.goal_places import (
+    footprint,
+    in_the_way,
+    locations_in,
+    of_same_area,
+    place_of,
+    reserved_regions,
+)
 from planners.placing.locations import stand_at
 from planners.scene import Body, Scene
 from tests.planners.scenes import cylinder, table_scene
@@ -79,3 +86,4 @@ def test_a_region_that_is_there_twice_is_not_kept_from_its_own_object() -> None:
     goal = inside("a", "one") & inside("b", "two")
     assert reserved_regions(scene, goal, "a") == ()
     assert reserved_regions(scene, goal, "b") == ()
+    assert [one.name for one in of_same_area(scene, goal, "a", ("a", "b"))] == ["b"]  # room is left for it
