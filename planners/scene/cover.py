@@ -26,6 +26,9 @@ _HEADROOM = 0.8
 """[m] A static obstacle higher above the support does not matter: the arm unfolds below it."""
 _FOOTROOM = 0.015
 """[m] Nothing stands below a static obstacle that is lower above the support: it is a wall, as that of a bin."""
+_BOARD = 0.05
+"""[m] A static obstacle that measures less each way from its middle is no shelf: a gripper comes down beside it, as beside
+a piece of the rim of a bowl."""
 _REACH = 0.10
 """[m] around a location within which a shelf is in the way of a gripper that comes from above."""
 
@@ -42,7 +45,8 @@ def needs_drive(scene: Scene, point: ArrayLike) -> bool:
 
 def _hangs_over(obstacle: StaticObstacle, point: Array) -> bool:
     is_above = point[2] + _FOOTROOM < obstacle.lower[2] < point[2] + _HEADROOM
-    return bool(is_above and (np.abs(obstacle.position[:2] - point[:2]) < obstacle.extent[:2] + _REACH).all())
+    is_shelf = is_above and obstacle.extent[:2].max() >= _BOARD
+    return bool(is_shelf and (np.abs(obstacle.position[:2] - point[:2]) < obstacle.extent[:2] + _REACH).all())
 
 
 def driven_out_of(scene: Scene, body: Body) -> StaticObstacle:

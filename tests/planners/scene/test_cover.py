@@ -35,6 +35,13 @@ def test_the_wall_of_a_bin_is_no_shelf() -> None:
     assert not is_covered(scene, (0.0, 0.0, HEIGHT))
 
 
+def test_a_piece_of_the_rim_of_a_bowl_is_no_shelf() -> None:
+    scene = table_scene()
+    rim = StaticObstacle("bowl/rim", np.array([0.1, 0.0, HEIGHT + 0.04]), np.array([0.01, 0.02, 0.01]))
+    scene = replace(scene, static_obstacles=(*scene.static_obstacles, rim))
+    assert not is_covered(scene, (0.0, 0.0, HEIGHT))
+
+
 @pytest.mark.parametrize(
     ("base", "direction"), [((-1.0, 0.3), (-1, 0)), ((0.1, 1.2), (0, 1)), ((0.9, 0.0), (1, 0)), ((0.0, -2.0), (0, -1))]
 )
