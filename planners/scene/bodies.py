@@ -302,12 +302,19 @@ class ParkedArm:
 
 
 def up_axis(body: Body) -> Array:
-    """The direction (3,) in the world, fixed to the object, that points up once it rests as it lies or stands now."""
+    """The direction (3,) in the world, fixed to the object, that points up once it rests as it lies or stands now.
+
+    Of pieces that stand on something round, as a ball or an egg, or have no face to rest on: straight up.
+    """
     z_axis = body.rotation[:, 2]
     if body.shape == "cylinder" and abs(z_axis[2]) < math.sqrt(0.5):
         level = np.array((0.0, 0.0, 1.0)) - z_axis[2] * z_axis
         return np.asarray(level / np.linalg.norm(level))
     ups = body.resting_directions @ body.rotation.T
+    if body.shape == "pieces":
+        lowest = min(body.placed, key=lambda piece: float(piece.lower[2]))
+        if not len(ups) or lowest.shape in ("sphere", "ellipsoid", "capsule"):
+            return np.array((0.0, 0.0, 1.0))
     return np.asarray(ups[ups[:, 2].argmax()])
 
 

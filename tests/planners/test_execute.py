@@ -8,7 +8,7 @@ import pytest
 
 from assets import robot as find_robot
 from assets.robots import FETCH
-from planners import ExpertError, Solution, execute, prepare, solve
+from planners import ExpertError, Solution, execute, insert_robot, prepare, solve
 from planners.scene import Scene
 from tests.planners.own_scenes import MOVABLE, SUPPORT, kitchen, read
 
@@ -56,3 +56,30 @@ def test_a_prepared_model_needs_no_changes() -> None:
     assert fit.model.opt.timestep == pytest.approx(0.01 / 3)
     assert prepare(fit.model, FETCH).changes == ()
     assert str(prepare(fit.model, FETCH)) == "no changes"
+
+
+@pytest.mark.parametrize(
+    ("shape", "height"),
+    [
+        ('type="sphere" size="0.035"', 0.035),
+        ('type="sphere" size="0.025"', 0.025),
+        ('type="capsule" size="0.03 0.03"', 0.06),
+        ('type="ellipsoid" size="0.06 0.04 0.03"', 0.03),
+    ],
+    ids=["ball", "small ball", "standing capsule", "egg"],
+)
+def test_what_rests_on_no_flat_face_is_lifted(shape: str, height: float) -> None:
+    scene_text = f"""<mujoco><worldbody>
+      <geom name="plate" type="box" size="0.35 0.5 0.02" pos="1.1 0 0.72"/>
+      <body name="can" pos="0.95 0 {0.74 + height}"><freejoint/><geom {shape} mass="0.3"/></body>
+    </worldbody></mujoco>"""
+    model = prepare(insert_robot(scene_text, FETCH), FETCH).model
+    data = mujoco.MjData(model)
+    for joint, value in zip(FETCH.drive_joints[3:], FETCH.home, strict=True):
+        data.joint(joint).qpos = value
+    mujoco.mj_forward(model, data)
+    scene = Scene.from_mujoco(model, data, FETCH, movable=["can"], support="plate")
+    solution = solve(scene, "can", rng=np.random.default_rng(0))
+    assert isinstance(solution, Solution), solution
+    assert execute(solution, model, data).finished
+    assert data.body("can").xpos[2] > 0.74 + height + 0.1
