@@ -27,8 +27,8 @@ _HEADROOM = 0.8
 _FOOTROOM = 0.015
 """[m] Nothing stands below a static obstacle that is lower above the support: it is a wall, as that of a bin."""
 _BOARD = 0.05
-"""[m] A static obstacle that measures less each way from its middle is no shelf: a gripper comes down beside it, as beside
-a piece of the rim of a bowl."""
+"""[m] A static obstacle that measures less each way from its middle is no shelf: a gripper comes down beside it, as
+beside a piece of the rim of a bowl."""
 _REACH = 0.10
 """[m] around a location within which a shelf is in the way of a gripper that comes from above."""
 
