@@ -85,7 +85,7 @@ def test_the_arm_keeps_up_with_the_fastest_plan(kind: str) -> None:
 
     class Task(KinderTask):
         def __init__(self) -> None:
-            self._kinder, self._kind, self._theirs = plant, _ROBOTS[kind], np.arange(len(plant.q))  # type: ignore[assignment]
+            self._kinder, self._kind, self._theirs = plant, _ROBOTS[kind], np.arange(len(plant.q))  # type: ignore[assignment]  # a stand-in
             self._before = self._state = plant.q
             self.steps = 0
 

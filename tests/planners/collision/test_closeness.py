@@ -70,8 +70,8 @@ def test_an_object_that_leans_on_one_and_presses_into_another_is_lifted(tilt: fl
     top = np.array([-0.0112, 0.0, HEIGHT + 0.0294 - 0.004 * tilt])
     bodies = [
         Body("low", "box", half, low, UPRIGHT),
-        Body("leaning", "box", half, leaning, (np.cos(tilt), 0.0, np.sin(-tilt), 0.0)),  # type: ignore[arg-type]
-        Body("top", "box", half, top, turned),  # type: ignore[arg-type]
+        Body("leaning", "box", half, leaning, (np.cos(tilt), 0.0, np.sin(-tilt), 0.0)),  # type: ignore[arg-type]  # tuples serve
+        Body("top", "box", half, top, turned),  # type: ignore[arg-type]  # tuples serve
     ]
     scene = table_scene(*bodies)
     around, row, reach = with_clearance_around(CollisionWorld.from_scene(scene), "top"), scene.index("top"), np.eye(4)
