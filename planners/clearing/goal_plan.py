@@ -227,11 +227,11 @@ def _taken_and_put(sim: _Simulation, name: str, is_general: bool, tiers: Sequenc
     is_held = name in scene.held_names
     refused = sim.not_placed.pitches.get(name, ()) if is_general else ()
     is_exact = isinstance(fact, At) and fact.yaw is not None
-    grasps = iter((None,)) if is_held else _free_grasps(sim, name, is_exact)
-    others = of_same_area(scene, goal, name, sim.waiting) if fact is not None and not is_held else []
-    if fact is not None and others and is_under_shelf(scene, place := place_of(scene, fact)):
-        grasps = iter(_deepest_first(sim, grasps, place))
-    for grasp in grasps:
+    grasps: Iterable[GraspCandidate] = _free_grasps(sim, name, is_exact)  # looked for when they are asked for
+    shares_area = fact is not None and not is_held and of_same_area(scene, goal, name, sim.waiting)
+    if fact is not None and shares_area and is_under_shelf(scene, place := place_of(scene, fact)):
+        grasps = _deepest_first(sim, grasps, place)
+    for grasp in (None,) if is_held else grasps:
         if grasp is not None and grasp.pitch in refused:
             continue
         with_it = scene.holding(name) if grasp is None else grasped(scene, grasp)
@@ -250,10 +250,13 @@ def _taken_and_put(sim: _Simulation, name: str, is_general: bool, tiers: Sequenc
     return False
 
 
-def _deepest_first(sim: _Simulation, grasps: Iterable[GraspCandidate | None], place: Place) -> list[GraspCandidate]:
+def _deepest_first(sim: _Simulation, grasps: Iterable[GraspCandidate], place: Place) -> list[GraspCandidate]:
     """Grasps with which an object gets farther into a place under a shelf first: there it is out of the others' way."""
-    worlds = [(grasp, sim.candidates.compiled.world(grasped(sim.scene, grasp))) for grasp in grasps if grasp]
-    return [one for one, world in sorted(worlds, key=lambda pair: -sim.problem.placements.depth(pair[1], place)[1])]
+
+    def depth(grasp: GraspCandidate) -> float:
+        return sim.problem.placements.depth(sim.candidates.compiled.world(grasped(sim.scene, grasp)), place)[1]
+
+    return sorted(grasps, key=depth, reverse=True)
 
 
 def placements_of(
