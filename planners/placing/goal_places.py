@@ -210,7 +210,7 @@ def must_go_first(scene: Scene, body: Body, fact: On | Inside | At) -> tuple[str
     A location on a grid stands for all within half a cell, and an object counts as no larger than the circle in it.
     Nothing is proved of objects of several pieces, beside or under which others may stand.
     """
-    place, radius = place_of(scene, fact), _inner_radius(body)
+    place, radius = place_of(scene, fact), inner_radius(body)
     body = min(resting_ways(body), key=lambda way: way.top - way.bottom)
     if place.below:
         return _on_top(scene, body, place)
@@ -250,7 +250,7 @@ def _crowd(scene: Scene, facts: Sequence[On | Inside | At]) -> tuple[str, ...]:
     """
     found: list[tuple[str, float, Region, Region]] = []  # the last: where the centre may be
     for fact in facts:
-        area, radius = place_of(scene, fact).area, _inner_radius(scene.body(fact.object))
+        area, radius = place_of(scene, fact).area, inner_radius(scene.body(fact.object))
         inset = 0.0 if isinstance(fact, On) and fact.place in scene.supports else radius - EDGE
         if area is not None and min(area.half_extents) > inset:
             x, y = area.half_extents
@@ -308,12 +308,12 @@ def _least_footprint(scene: Scene, fact: At) -> Array:
     body, location = scene.body(fact.object), np.array([fact.x, fact.y])
     if body.is_upright and fact.yaw is not None:
         return footprint(_standing(body, location, fact.yaw))
-    radius = _inner_radius(body)
+    radius = inner_radius(body)
     angles = np.linspace(0.0, 2 * np.pi, 24, endpoint=False)
     return np.asarray(location + radius * np.column_stack((np.cos(angles), np.sin(angles))))
 
 
-def _inner_radius(body: Body) -> float:
+def inner_radius(body: Body) -> float:
     """[m] of a circle inside an object seen from above, however it is turned and put down: upright if it is now."""
     return float(min(body.half_extents[:2] if body.is_upright else body.half_extents))
 

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,7 @@ from planners.grasping.base_placement import Placer, facing_bases, farthest_reac
 from planners.grasping.candidates import GraspCandidate
 from planners.grasping.grasp_poses import opening_around
 from planners.motion.approaches import Approach, ContactQuery, can_put_down, planned_approach
-from planners.placing.goal_places import Place, Yaws, locations_in
+from planners.placing.goal_places import Place, Yaws, inner_radius, locations_in
 from planners.placing.locations import in_hand, placement_cells, placement_levels, put_down, rotated
 from planners.placing.negative_goal_region import SweptVolume, is_free
 from planners.placing.surfaces import KeepClear, Surface
@@ -139,13 +140,13 @@ class PlacementSearch:
         if self.canonical:
             cells = self._cells_best_first(scene, surfaces)[: strategy.locations_per_level]
             yield from (replace(found, surfaces=surfaces) for found in self._straight(world, cells, deadline))
-        levels = _free_levels(surfaces, _radius(scene), scene.state.base, rng)
+        levels, free_of = _free_levels(surfaces, _radius(scene), scene.state.base, rng), _free_of(world)
         for locations, from_here, after_a_drive in self._locations(scene, levels, strategy, rng):
             poses, free = gripper_poses_at(scene, locations), dict[int, Array]()
             for look, rows in ((self._from_here, from_here), (self._after_a_drive, after_a_drive)):
                 for row in itertools.takewhile(lambda _: not deadline.is_over, rows.tolist()):
                     if row not in free:
-                        free[row] = _free(world, poses[row])
+                        free[row] = free_of(poses[row])
                     if len(free[row]):
                         found = look(world, locations[row], free[row])
                         yield from (replace(placement, surfaces=surfaces) for placement in found)
@@ -169,21 +170,26 @@ class PlacementSearch:
             leaving: names of objects that will be gone once the others come.
             others: that are to come there later, for which room is left.
             failed: locations (2,) [m] at which none was found, to which more are added; others near them are passed
-                over, and after `_FAILURES` of them the search ends.
+                over, and after `_FAILURES` of them the search ends. Those where the gripper has no room do not count,
+                but under a shelf.
             deadline: when to stop.
         """
         scene, (_, body), radius = world.scene, in_hand(world.scene), _radius(world.scene)
         surfaces: tuple[Surface, ...] = ()
         # Of an object that lies or has corners the circle within; at a pose, what keeps it from tipping over the edge.
-        foot = _RIM * (min(body.half_extents) - EDGE if place.area is not None else _TIPS)
+        feet = [_TIPS]
+        if place.area is not None:
+            feet = [inner_radius(body) - EDGE]
+            if place.area.name != place.face.name and not place.face.is_under(place.area.corners).all():
+                feet.append(max(_TIPS, inner_radius(body) / 2))  # the region reaches over the edge: so may the object
         if place.below:
             world = with_lowered(world, place.below)
         else:
             surfaces = self.surfaces(world, keep_clear, (place.face,))
 
-        def allowed(points: Array) -> NDArray[np.bool_]:
+        def allowed(points: Array, foot: float = feet[-1]) -> NDArray[np.bool_]:
             """Whether an object at points (n, 2) stands on the face, in nobody's way and in nobody's region: (n,)."""
-            free = place.face.is_under(points[:, None] + foot).all(axis=1)
+            free = place.face.is_under(points[:, None] + foot * _RIM).all(axis=1)
             for surface in surfaces if keep_clear.grasps else ():
                 free &= is_free(surface.grid, surface.region.mask, points, radius)
             for region in keep_clear.reserved:
@@ -191,6 +197,7 @@ class PlacementSearch:
                     free &= ~region.touches_disc(points, radius)
             return np.asarray(free)
 
+        free_at = _free_poses(world)
         drops = (0.0,) if place.area is None or not place.area.drop else (0.0, place.area.drop)
         failed = [] if failed is None else failed
         # The farthest row comes first. Where half of the tries have failed under a shelf, it is found out how deep an
@@ -199,7 +206,8 @@ class PlacementSearch:
         middle = np.array((0.0, 0.0) if place.area is None else place.area.centre)
 
         def locations() -> Iterator[tuple[Array, Yaws]]:
-            found = locations_in(scene, body, place, leaving, others, allowed)
+            each = (locations_in(scene, body, place, leaving, others, partial(allowed, foot=foot)) for foot in feet)
+            found: Iterator[tuple[Array, Yaws]] = itertools.chain.from_iterable(each)
             if len(drops) > 1:  # the walls are farthest from the middle
                 found = iter(sorted(found, key=lambda one: math.dist(one[0], middle)))
             for point, yaws in found:
@@ -224,15 +232,17 @@ class PlacementSearch:
                 continue
             if deadline.is_over or len(failed) >= _FAILURES:
                 return
-            location, has_any = np.array([*point, place.face.top]), False
+            location, has_any, has_room = np.array([*point, place.face.top]), False, is_covered_place
             for drop in drops:
-                for found in self.about(world, location + [0.0, 0.0, drop], yaws):
+                free = free_at(location + [0.0, 0.0, drop], yaws)
+                has_room |= len(free) > 0
+                for found in self._held_at(world, location + [0.0, 0.0, drop], free):
                     has_any = True
                     body = found.body.lowered(drop)
                     yield replace(found, body=body, surfaces=surfaces, below=place.below, drop=drop)
                 if has_any:
                     break
-            if not has_any:
+            if not has_any and has_room:
                 failed.append(point)
 
     def depth(self, world: CollisionWorld, place: Place) -> tuple[Array, float]:
@@ -285,10 +295,13 @@ class PlacementSearch:
 
         From where the base stands, then from wherever it may stand; `yaws` [rad] are the object's, None for any.
         """
-        poses = [gripper_poses_at(world.scene, location[None], yaw)[0] for yaw in yaws]
-        free = _free(world, np.concatenate(poses))
-        yield from self._from_here(world, location, free)
-        yield from self._after_a_drive(world, location, free)
+        yield from self._held_at(world, location, _free_poses(world)(location, yaws))
+
+    def _held_at(self, world: CollisionWorld, location: Array, free: Array) -> Iterator[Placement]:
+        """Placements at a location from gripper poses (k, 5) that hit nothing."""
+        if len(free):
+            yield from self._from_here(world, location, free)
+            yield from self._after_a_drive(world, location, free)
 
     def holding_at(self, world: CollisionWorld, point: Array) -> Iterator[Placement]:
         """Ways to hold the held object with its centre at a point (3,) [m], upright as where it was taken."""
@@ -329,12 +342,12 @@ class PlacementSearch:
         grid = ConfigurationGrid.about_home(placer.chain, scene.robot.home)
         wanted = gripper_poses_at(scene, locations)
         yaws = wanted[0, :, 3] if len(wanted) else np.zeros(0)  # the same at all locations
-        turns = np.round(np.abs(np.remainder(yaws + np.pi, 2 * np.pi) - np.pi), _DECIMALS)
+        turns, free_of = np.round(np.abs(np.remainder(yaws + np.pi, 2 * np.pi) - np.pi), _DECIMALS), _free_of(world)
         for turn in np.unique(turns):
             for location, poses in zip(locations, wanted, strict=True):
                 if deadline.is_over:
                     return
-                free = _free(world, poses[turns == turn])
+                free = free_of(poses[turns == turn])
                 bases, index = facing_bases(placer, free)
                 for base, pose in zip(bases, free[index], strict=True):
                     yield from self._configurations(world, GripperPoses(base[None], pose[None]), location[2], grid)
@@ -437,11 +450,23 @@ def gripper_poses_at(scene: Scene, locations: Array, yaw: float | None = None) -
     return poses
 
 
-def _free(world: CollisionWorld, gripper_poses: Array) -> Array:
-    """The gripper poses, of (k, 5), that hit nothing, with the object and with the fingers opened."""
+def _free_poses(world: CollisionWorld) -> Callable[[Array, Sequence[float | None]], Array]:
+    """The gripper poses (k, 5) that hold the object just above a location (3,) [m], at these yaws, and hit nothing."""
+    free, poses = _free_of(world), dict[tuple[float | None, ...], Array]()
+
+    def at(location: Array, yaws: Sequence[float | None]) -> Array:
+        if (key := tuple(yaws)) not in poses:
+            poses[key] = np.concatenate([gripper_poses_at(world.scene, np.zeros((1, 3)), yaw)[0] for yaw in yaws])
+        return free(poses[key] + np.append(location, (0.0, 0.0)))
+
+    return at
+
+
+def _free_of(world: CollisionWorld) -> Callable[[Array], Array]:
+    """Those of gripper poses (k, 5) that hit nothing, with the object and with the fingers opened."""
     held, body = in_hand(world.scene)
     opening = opening_around(world.scene.robot, body, held)
-    return gripper_poses[gripper_hits(world, gripper_poses, opening, held=held) == 0]
+    return lambda poses: poses[gripper_hits(world, poses, opening, held=held) == 0]
 
 
 def _margins(surface: Surface, locations: Array, radius: float) -> Array:

@@ -479,6 +479,31 @@ def test_objects_are_put_on_the_face_of_a_round_support_not_beside_it() -> None:
             assert np.hypot(*(plan.end.body(name).position - ROUND.position)[:2]) < 0.252 - plan.end.body(name).radius
 
 
+@pytest.mark.parametrize(("depth", "over_the_edge"), [(0.12, True), (0.2, False)])
+def test_an_object_reaches_over_an_edge_only_if_its_region_does_and_has_no_other_room(
+    depth: float, over_the_edge: bool
+) -> None:
+    region = Region("front", "table_top", (-0.41 + depth / 2, 0.15), (depth / 2, 0.05))
+    scene = replace(scene_of("three"), regions=(region,))
+    plan = solve(scene, goals.inside("a", "front"))
+    assert isinstance(plan, Solution), plan
+    assert plan.end is not None
+    body = plan.end.body("a")
+    inside = body.position[0] - scene.support.outline[:, 0].min()
+    assert (inside < body.radius - 0.002) == over_the_edge
+    assert inside >= body.radius / 2, "it does not tip"
+
+
+def test_room_beside_a_static_block_is_found_however_much_of_the_region_that_takes() -> None:
+    region = Region("side", "counter_left", (-0.1, 0.75), (0.15, 0.15))
+    block = StaticObstacle("block", np.array([-0.1, 0.79, HEIGHT + 0.05]), np.array([0.15, 0.11, 0.05]))
+    scene = scene_of("three")
+    scene = replace(scene, regions=(region,), static_obstacles=(*scene.static_obstacles, block))
+    plan = solve(scene, goals.inside("a", "side"))
+    assert isinstance(plan, Solution), plan
+    assert plan.picks == 1
+
+
 @pytest.mark.slow
 def test_what_would_tip_over_the_edge_is_not_put_down_and_the_refusal_says_what_is_lacking() -> None:
     scene = scene_of("three")

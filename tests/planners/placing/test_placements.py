@@ -123,7 +123,7 @@ def test_no_location_that_the_arm_can_serve_counts_as_out_of_reach(
     assert not placements._is_within_reach(in_hand, locations).all()
     with monkeypatch.context() as patch:
         patch.setattr(placements, "can_reach", lambda _scene, poses: np.ones(len(poses), dtype=bool))
-        poses = [placements._free(world, some) for some in placements.gripper_poses_at(in_hand, locations)]
+        poses = [placements._free_of(world)(some) for some in placements.gripper_poses_at(in_hand, locations)]
         found = (finder._from_here(world, *place) for place in zip(locations, poses, strict=True))
         placements_there = list(itertools.chain(*found))
     served = np.array([placement.location for placement in placements_there])
@@ -212,13 +212,13 @@ def test_under_a_shelf_the_deepest_row_that_the_gripper_reaches_is_filled_first(
     carrying = grasped(scene, context.grasps().for_object(scene, "object_00")[0])
 
     def at_the_front(
-        _search: PlacementSearch, world: CollisionWorld, location: NDArray[np.float64], _yaws: object = ()
+        _search: PlacementSearch, world: CollisionWorld, location: NDArray[np.float64], _free: object
     ) -> Iterator[Placement]:
         if location[0] < front:
             body = stand_at(world.scene.body("object_00"), location)
             yield Placement(body, np.array([-1.0, 0.0, 0.0]), np.zeros(8), 0.0, 0.0, 0.1)
 
-    monkeypatch.setattr(PlacementSearch, "about", at_the_front)
+    monkeypatch.setattr(PlacementSearch, "_held_at", at_the_front)
     place = place_of(scene, inside("object_00", region.name).placed[0])
     found = next(context.placements().find_at(CollisionWorld.from_scene(carrying), place, KeepClear()), None)
     assert found is not None
