@@ -248,25 +248,32 @@ def _crowd(scene: Scene, facts: Sequence[On | Inside | At]) -> tuple[str, ...]:
     Each takes at least the largest circle within. Two need their sum of radii between their centres. Of more, no
     convex area holds more centres at distances of d than Oler's inequality says (Acta Mathematica 105, 1961).
     """
-    found: list[tuple[str, float, Region, Region]] = []  # the last: where the centre may be
+    found: list[tuple[str, float, Region, float]] = []  # the last: [m] of its centre from the area's sides at least
     for fact in facts:
         area, radius = place_of(scene, fact).area, inner_radius(scene.body(fact.object))
         inset = 0.0 if isinstance(fact, On) and fact.place in scene.supports else radius - EDGE
         if area is not None and min(area.half_extents) > inset:
-            x, y = area.half_extents
-            found.append((fact.object, radius, area, replace(area, half_extents=(x - inset, y - inset))))
-    for (one, r, area, centres), (other, s, area_2, centres_2) in itertools.combinations(found, 2):
-        away = np.linalg.norm(centres.corners[:, None] - centres_2.corners, axis=2).max()
-        if area.support == area_2.support and away < r + s:
-            return one, other
+            found.append((fact.object, radius, area, inset))
+    for one, other in itertools.combinations(found, 2):
+        corners, corners_2 = (_shrunk(area, inset).corners for _, _, area, inset in (one, other))
+        away = np.linalg.norm(corners[:, None] - corners_2, axis=2).max()
+        if one[2].support == other[2].support and away < one[1] + other[1]:
+            return one[0], other[0]
     for area in dict.fromkeys(area for _, _, area, _ in found):
-        inside = sorted((one for one in found if one[2] == area), key=lambda one: -one[1])
-        for count, (_, radius, _, _) in enumerate(inside, start=1):
-            x, y = np.max([centres.half_extents for _, _, _, centres in inside[:count]], axis=0)
+        # One area may have several names, or lie in another one.
+        within = [one for one in found if one[2].support == area.support and _contains(area, one[2])]
+        within.sort(key=lambda one: -one[1])
+        for count, (_, radius, _, _) in enumerate(within, start=1):
+            x, y = np.array(area.half_extents) - min(inset for *_, inset in within[:count])
             most = 8 / math.sqrt(3) * x * y / (2 * radius) ** 2 + (x + y) / radius + 1
             if count > most + 1e-9:
-                return tuple(name for name, *_ in inside[:count])
+                return tuple(name for name, *_ in within[:count])
     return ()
+
+
+def _shrunk(area: Region, inset: float) -> Region:
+    x, y = area.half_extents
+    return replace(area, half_extents=(x - inset, y - inset))
 
 
 def _is_too_large(scene: Scene, fact: On | Inside | At) -> bool:

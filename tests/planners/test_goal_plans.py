@@ -343,6 +343,26 @@ def test_what_has_no_room_together_is_refused_by_the_bound(half: float, apart: f
         assert "do not all fit where they are to stand: proved, for all grasps" in found.detail
 
 
+@pytest.mark.parametrize(("sides", "is_refused"), [((0.058, 0.036), True), ((0.12, 0.1), False)])
+@pytest.mark.parametrize("mats", ["the same", "turned by 90 degrees", "one contains the others"])
+def test_what_has_no_room_together_is_refused_under_several_names_of_its_place(
+    sides: tuple[float, float], is_refused: bool, mats: str
+) -> None:
+    """Any two of the three would fit, but not all."""
+    (x, y), grown = sides, 0.001 * (mats == "one contains the others")
+    turn = np.pi / 2 if mats == "turned by 90 degrees" else 0.0
+    regions = (
+        Region("mat_0", "table_top", (0.05, 0.1), (x + grown, y + grown)),
+        Region("mat_1", "table_top", (0.05, 0.1), (y, x) if turn else (x, y), turn),
+        Region("mat_2", "table_top", (0.05, 0.1), (x, y)),
+    )
+    objects = [cylinder(name, -0.25, 0.15 * k - 0.2, 0.03) for k, name in enumerate("abc")]
+    scene = replace(table_scene(*objects), regions=regions)
+    bound = lower_bound(scene, goals.and_(*(goals.inside(name, f"mat_{k}") for k, name in enumerate("abc"))))
+    assert bound.picks == (None if is_refused else 3)
+    assert set(bound.objects) == set("abc")
+
+
 def test_an_object_within_the_tolerance_of_its_pose_may_stay_beside_another() -> None:
     """At its very pose it would overlap."""
     place = np.array([0.0, 0.15])
