@@ -23,7 +23,7 @@ from planners.expert.executor import Command, Executor
 from planners.expert.interfaces import ScenePlanner, controlled_env, planner_for
 from planners.expert.monitor import Sensor, held_object
 from planners.expert.report import EpisodeReport, Recorder, Recording
-from planners.goals import Goal, height_below, holding
+from planners.goals import Goal, GoalError, height_below, holding
 from planners.grasping.families import Grasps
 from planners.motion.arm import tcp_pose, unwrap_joints
 from planners.motion.tcp_following import ON_THE_WAY
@@ -222,11 +222,12 @@ class TampExpert:
         if not self._done:
             report = report.with_clearances([] if executor is None else executor.cleared)
             report = replace(report, sim_s=float(self._env.data.time) - self._started)
-            if self._is_retrieved():
+            is_retrieved, unknown = self._result()
+            if is_retrieved:
                 is_executed = report.executed or (executor is not None and executor.deviation is None)
                 report = replace(report, executed=is_executed, scored=True, failure="")
             else:
-                report = replace(report, failure=report.failure or "unfinished")
+                report = replace(report, failure=report.failure or unknown or "unfinished")
         counts = getattr(self._env, "info", None) or {}
         if not {"num_fallen", "num_disturbed"} <= counts.keys():
             return report
@@ -318,7 +319,7 @@ class TampExpert:
             if isinstance(solution, Infeasible) and (wider := self._with_all_grasps(scene)) is not None:
                 self._note(f"{solution.cause}: {solution.detail}; planned with all grasps")
                 solution = wider.solve(*given, self._start_scene)
-        except SceneError as error:
+        except (SceneError, GoalError) as error:
             self._end(f"the scene is not valid for planning: {error}")
             return
         if not isinstance(solution, Solution | Infeasible):
@@ -364,9 +365,10 @@ class TampExpert:
 
     def _check_result(self) -> None:
         """After waiting: the episode is over if the target is held up; otherwise plan again from how things are now."""
-        if self._is_retrieved():
-            self._report = replace(self._report, scored=True)
-            self._end("")
+        is_retrieved, unknown = self._result()
+        if is_retrieved or unknown:
+            self._report = replace(self._report, scored=is_retrieved)
+            self._end(unknown)
             return
         if self._report.executed:
             self._report = replace(self._report, executed=False)
@@ -450,6 +452,13 @@ class TampExpert:
     def _perceived(self) -> Any:
         """`model` and `data` as the robot knows them: of an environment that says so, not the true ones."""
         return getattr(self._env, "perceived", self._env)
+
+    def _result(self) -> tuple[bool, str]:
+        """Whether the goal is reached, and why nobody can tell, such as a bin that has been knocked over; "" if so."""
+        try:
+            return self._is_retrieved(), ""
+        except (SceneError, GoalError) as error:
+            return False, f"whether the goal is reached cannot be measured: {error}"
 
     def _is_retrieved(self) -> bool:
         """Whether the goal is reached: the target held, high enough above the support that it stood on for success."""

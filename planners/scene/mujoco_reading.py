@@ -384,6 +384,16 @@ def find_supports(found: Sequence[FoundObstacle], wanted: Iterable[str]) -> tupl
         elif name != FLOOR:
             both = (known for one in level for known in (one.obstacle.name, one.body) if known != "world")
             known = ", ".join(dict.fromkeys(both)) or "none"
-            raise SceneError(f"no support {name!r}; geoms and bodies with a level top face: {known}")
+            there = [one.obstacle for one in found if name in (one.obstacle.name, one.body)]
+            raise SceneError(f"no support {name!r}{_why_none(there)}; geoms and bodies with a level top face: {known}")
         names.append(name)
     return tuple(dict.fromkeys(names))
+
+
+def _why_none(there: Sequence[StaticObstacle]) -> str:
+    """Why these obstacles, which have the name of a support, are none."""
+    axes = [np.abs(one.rotation[2]).max() for one in there if one.shape == "box"]
+    axes += [abs(one.rotation[2, 2]) for one in there if one.shape == "cylinder"]
+    if axes:
+        return f", which is tilted by {np.degrees(np.arccos(min(max(axes), 1.0))):.2g} degrees"
+    return ", which has no flat top: boxes and upright cylinders have one" if there else ""

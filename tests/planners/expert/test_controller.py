@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -10,7 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from assets.robots import FETCH
-from planners import ControlledWorld, ExpertError, TampExpert, prepare
+from planners import ControlledWorld, ExpertError, TampExpert, goals, prepare
+from planners.goals import Goal, Region
 from planners.motion.arm import tcp_pose
 from planners.scene import RobotState
 from tests.planners.own_scenes import MOVABLE, SUPPORT, kitchen
@@ -45,8 +47,8 @@ class Deltas:
         self.acts += 1
 
 
-def controlled(dt: float, most: float, **options: float) -> tuple[Deltas, ControlledWorld]:
-    raw, start = kitchen()
+def controlled(dt: float, most: float, extra: str = "", **options: Any) -> tuple[Deltas, ControlledWorld]:
+    raw, start = kitchen(extra)
     model = prepare(raw, FETCH).model
     data = mujoco.MjData(model)
     data.qpos[:] = start.qpos
@@ -58,7 +60,7 @@ def controlled(dt: float, most: float, **options: float) -> tuple[Deltas, Contro
 @pytest.mark.slow
 @pytest.mark.parametrize("tolerance", [None, 0.01])
 def test_beside_an_object_the_gripper_is_not_farther_behind_than_its_world_allows(tolerance: float | None) -> None:
-    options = {} if tolerance is None else {"line_tolerance": tolerance}
+    options: dict[str, float] = {} if tolerance is None else {"line_tolerance": tolerance}
     _, world = controlled(0.1, 0.02, **options)
     expert = TampExpert(world, grasps="side")
     expert.reset("can")
@@ -89,6 +91,31 @@ def test_an_object_is_fetched_through_limited_changes(dt: float, most: float) ->
     assert report.replans == 0
     assert report.sim_s == pytest.approx(controller.acts * dt, abs=1.01 * dt)
     assert controller.data.body("can").xpos[2] > 0.74 + 0.1
+
+
+TRAY = """<body name="tray" pos="1 0.3 0.8" gravcomp="1"><freejoint name="tray"/>
+    <geom name="tray" type="box" size="0.1 0.1 0.02" mass="1"/></body>"""
+MAT = Region("mat", "tray", (1.0, 0.3), (0.08, 0.08))
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "words"),
+    [(4, 0.1, "no support 'tray', which is tilted by 11 degrees"), (1, 0.6, "'mat' lies beside its support 'tray'")],
+)
+@pytest.mark.parametrize("goal", [goals.inside("can", "mat"), goals.on("can", "plate") & goals.clear("mat")])
+def test_a_support_that_has_been_knocked_over_or_away_is_the_failure_of_a_report(
+    column: int, value: float, words: str, goal: Goal
+) -> None:
+    """It raised instead, in the report, and at the end of the plan: there is nothing to do for the second goal."""
+    controller, world = controlled(0.1, 0.1, TRAY, more_supports=["tray"], regions=[MAT])
+    expert = TampExpert(world, grasps="side")
+    expert.reset(goal)
+    controller.data.qpos[controller.model.joint("tray").qposadr + column] = value
+    for _ in range(60 if "clear" in str(goal) else 1):
+        world.step(expert.act())
+    assert words in expert.report.failure
+    assert not expert.report.scored
+    assert expert.done == ("clear" in str(goal))
 
 
 def test_misuse_of_a_controller_is_told() -> None:
