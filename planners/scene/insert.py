@@ -38,13 +38,9 @@ def insert_robot(
         SceneError: a scene that MuJoCo cannot read, that lacks such a body, or that has names of the robot; the message
             says which.
     """
+    left_out = tuple(without)
     try:
-        spec = _read(scene)
-        for name in without:
-            if (body := spec.body(name)) is None:
-                names = ", ".join(body.name for body in spec.bodies[1:] if body.name)
-                raise SceneError(f"no body {name!r} to leave out; bodies: {names or 'none'}")
-            spec.delete(body)
+        spec = _read(scene, left_out)
         for key in list(spec.keys):
             spec.delete(key)
         x, y, yaw = np.asarray(base, dtype=float)
@@ -56,7 +52,14 @@ def insert_robot(
     except (ValueError, OSError) as problem:
         if isinstance(problem, SceneError):
             raise
-        raise SceneError(f"robot {robot.name!r} cannot be put into this scene: {problem}") from problem
+        what = f"robot {robot.name!r} cannot be put into this scene: {problem}"
+        try:  # the scene alone, to blame the robot for nothing that is wrong there
+            with _no_warnings_of_mujoco():
+                _read(scene, left_out).compile()
+        except (ValueError, OSError) as fault:
+            rest = f" without {', '.join(left_out)}" if left_out else ""
+            what = f"MuJoCo cannot read this scene{rest}, even with no robot put in: {fault}"
+        raise SceneError(what) from problem
 
 
 @contextmanager
@@ -70,7 +73,15 @@ def _no_warnings_of_mujoco() -> Iterator[None]:
         mujoco.set_mju_user_warning(before)
 
 
-def _read(scene: str | Path | mujoco.MjSpec) -> mujoco.MjSpec:
+def _read(scene: str | Path | mujoco.MjSpec, without: Iterable[str]) -> mujoco.MjSpec:
+    """A copy of the scene without these bodies; raises `SceneError` for a body that it lacks."""
     if isinstance(scene, mujoco.MjSpec):
-        return scene.copy()
-    return mujoco.MjSpec.from_string(scene) if "<" in str(scene) else mujoco.MjSpec.from_file(str(scene))
+        spec = scene.copy()
+    else:
+        spec = mujoco.MjSpec.from_string(scene) if "<" in str(scene) else mujoco.MjSpec.from_file(str(scene))
+    for name in without:
+        if (body := spec.body(name)) is None:
+            names = ", ".join(body.name for body in spec.bodies[1:] if body.name)
+            raise SceneError(f"no body {name!r} to leave out; bodies: {names or 'none'}")
+        spec.delete(body)
+    return spec

@@ -55,3 +55,21 @@ def test_what_stands_in_the_way_is_told() -> None:
         insert_robot(CELL, FETCH, without=["robot"])
     with pytest.raises(SceneError, match=f"'fetch' cannot be put into this scene.*{FETCH.base_body}"):
         insert_robot(CELL.replace("crane", FETCH.base_body), FETCH)
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ('<geom type="mesh" mesh="cup"/>', "mesh 'cup' not found"),
+        ('<geom colour="red"/>', "unrecognized attribute: 'colour'"),
+        ('<body name="bead"><freejoint/><geom size="0.01" mass="0"/></body>', "mass and inertia.*'bead'"),
+    ],
+)
+@pytest.mark.parametrize("without", [(), ("crane",)])
+def test_a_scene_that_mujoco_cannot_read_is_not_blamed_on_the_robot(
+    fault: str, words: str, without: tuple[str, ...]
+) -> None:
+    scene = CELL.replace("<worldbody>", f"<worldbody>{fault}")
+    which = " without crane" if without else ""
+    with pytest.raises(SceneError, match=rf"(?s)^MuJoCo cannot read this scene{which}, even with no robot.*{words}"):
+        insert_robot(scene, FETCH, without=without)
