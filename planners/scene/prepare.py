@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import itertools
 import math
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ COMMAND_STEP = 0.01
 _IMPRATIO = 10.0
 """Stiffness of friction over that of normal forces, as in the environments of this project."""
 _PLANE = int(mujoco.mjtGeom.mjGEOM_PLANE)
+_JOINED = {int(mujoco.mjtEq.mjEQ_WELD): "is welded to", int(mujoco.mjtEq.mjEQ_CONNECT): "is joined (<connect>) to"}
 
 
 class Change(NamedTuple):
@@ -34,24 +36,25 @@ class Change(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A model fit for `execute`, and what was changed in it; `str()` is a table of the changes.
+    """A model fit for `execute`, and what was changed in it; `str()` is a table of the changes and what is left.
 
     Attributes:
         model: a copy; states of the original are states of the copy.
         changes: in the order of the model; none if it was fit as it is.
+        not_mended: what plans will deviate by, since the planner knows nothing of it, in words: welds, tendons and
+            contact exclusions of free bodies.
     """
 
     model: mujoco.MjModel
     changes: tuple[Change, ...]
+    not_mended: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        if not self.changes:
-            return "no changes"
         rows = [Change._fields, *self.changes]
         widths = [max(len(row[column]) for row in rows) for column in range(len(Change._fields))]
-        return "\n".join(
-            "  ".join(f"{value:<{width}}" for value, width in zip(row, widths, strict=True)).rstrip() for row in rows
-        )
+        lines = ["  ".join(f"{value:<{width}}" for value, width in zip(row, widths, strict=True)) for row in rows]
+        table = [line.rstrip() for line in lines] if self.changes else ["no changes"]
+        return "\n".join((*table, *(f"not mended: {what}" for what in self.not_mended)))
 
 
 def prepare(model: mujoco.MjModel, robot: RobotSpec) -> Prepared:
@@ -61,7 +64,8 @@ def prepare(model: mujoco.MjModel, robot: RobotSpec) -> Prepared:
     of the robot; planes do not, since the base stands in the ground. Time step: one that does not divide `COMMAND_STEP`
     becomes the next shorter one that does. Contacts: the elliptic friction cone and `_IMPRATIO`, without which what is
     held creeps out of the fingers. Fingers: the range of their position actuators becomes such that a command
-    to close presses with all their force on objects of any width.
+    to close presses with all their force on objects of any width. Welds, tendons and contact exclusions of free bodies
+    are named and left as they are.
 
     Args:
         model: that contains the robot; it is not written.
@@ -105,7 +109,53 @@ def prepare(model: mujoco.MjModel, robot: RobotSpec) -> Prepared:
         mended.actuator_ctrlrange[actuator, 0] = low
         what = f"least command of {model.actuator(actuator).name} [m]"
         changes.append(Change(what, before, f"{low:g}", "thin objects were held with little force"))
-    return Prepared(mended, tuple(changes))
+    return Prepared(mended, tuple(changes), tuple(dict.fromkeys(_not_mended(model, robot))))
+
+
+def _not_mended(model: mujoco.MjModel, robot: RobotSpec) -> Iterator[str]:
+    """What ties free bodies to others or lets them pass through, in words: the planner knows nothing of it."""
+    of_free_joints = model.jnt_bodyid[model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE)]
+    free = set(of_free_joints.tolist()) - robot_bodies(model, robot)
+    for bodies, what, taken in _ties(model):
+        for one, other in itertools.permutations(bodies, 2):
+            root, name = int(model.body_rootid[one]), model.body(other).name or f"body {other}"
+            if root in free and root != model.body_rootid[other]:
+                yield f"object {model.body(root).name!r} {what} {name!r}: the planner takes it as {taken}"
+
+
+def _ties(model: mujoco.MjModel) -> Iterator[tuple[list[int], str, str]]:
+    """Ids of bodies with something between them; what one of them does with another one; as what a planner takes it."""
+    is_on = not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
+    for tie in np.flatnonzero(model.eq_active0) if is_on else ():
+        ends = [int(model.eq_obj1id[tie]), int(model.eq_obj2id[tie])]
+        if int(model.eq_objtype[tie]) == int(mujoco.mjtObj.mjOBJ_SITE):
+            ends = model.site_bodyid[ends].tolist()
+        if (kind := int(model.eq_type[tie])) in _JOINED:
+            yield ends, _JOINED[kind], "free"
+    wraps = {int(mujoco.mjtWrap.mjWRAP_SITE): model.site_bodyid}
+    wraps |= {int(kind): model.geom_bodyid for kind in (mujoco.mjtWrap.mjWRAP_SPHERE, mujoco.mjtWrap.mjWRAP_CYLINDER)}
+    for tendon in np.flatnonzero(_pulling_tendons(model)):
+        first = int(model.tendon_adr[tendon])
+        parts = range(first, first + int(model.tendon_num[tendon]))
+        found = [(wraps.get(int(model.wrap_type[part])), int(model.wrap_objid[part])) for part in parts]
+        bodies = dict.fromkeys(int(of[index]) for of, index in found if of is not None)
+        yield list(bodies), f"hangs by tendon {model.tendon(tendon).name or tendon!r} on", "free"
+    touching = set(model.geom_bodyid[can_touch(model)].tolist())
+    for signature in model.exclude_signature.tolist():
+        ends = [signature >> 16, signature & 0xFFFF]
+        if touching.issuperset(ends):
+            yield ends, "passes through (<exclude>)", "solid"
+
+
+def _pulling_tendons(model: mujoco.MjModel) -> NDArray[np.bool_]:
+    """Which tendons do something, rather than only to be seen or measured: (ntendon,)."""
+    pulls = (model.tendon_stiffness > 0) | (model.tendon_damping > 0) | (model.tendon_frictionloss > 0)
+    pulls |= model.tendon_limited.astype(bool)
+    pulls[model.actuator_trnid[model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_TENDON), 0]] = True
+    ties = model.eq_type == int(mujoco.mjtEq.mjEQ_TENDON)
+    pulls[model.eq_obj1id[ties]] = True
+    pulls[model.eq_obj2id[ties & (model.eq_obj2id >= 0)]] = True
+    return np.asarray(pulls)
 
 
 def _full_grips(model: mujoco.MjModel, robot: RobotSpec) -> Iterator[tuple[int, float]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import mujoco
 import numpy as np
 import pytest
@@ -56,6 +58,35 @@ def test_a_prepared_model_needs_no_changes() -> None:
     assert fit.model.opt.timestep == pytest.approx(0.01 / 3)
     assert prepare(fit.model, FETCH).changes == ()
     assert str(prepare(fit.model, FETCH)) == "no changes"
+
+
+@pytest.mark.parametrize(
+    ("section", "words"),
+    [
+        ('<equality><weld body1="box_a" body2="table"/></equality>', "'box_a' is welded to 'table'.* as free"),
+        ('<equality><weld body1="can"/></equality>', "'can' is welded to 'world'.* as free"),
+        ('<equality><connect site1="lid" site2="hook"/></equality>', r"'can' is joined \(<connect>\) to 'table'"),
+        ('<equality><weld body1="box_a" body2="table" active="false"/></equality>', ""),
+        ('<contact><exclude body1="can" body2="table"/></contact>', "'can' passes through .*'table'.* as solid"),
+        ('<contact><exclude body1="lamp" body2="table"/></contact>', ""),
+        (
+            '<tendon><spatial name="rope" stiffness="5"><site site="hook"/><site site="lid"/></spatial></tendon>',
+            "'can' hangs by tendon 'rope' on 'table'.* as free",
+        ),
+        ('<tendon><spatial><site site="hook"/><site site="lid"/></spatial></tendon>', ""),
+        ('<tendon><spatial stiffness="5"><site site="hook"/><site site="tip"/></spatial></tendon>', ""),
+    ],
+)
+def test_what_holds_an_object_or_lets_it_through_is_named(section: str, words: str) -> None:
+    """It showed only as deviations during execution."""
+    scene = f"""<mujoco><worldbody><body name="table"><geom size="0.3 0.3 0.3" type="box"/><site name="hook"/></body>
+      <body name="can" pos="0 0 0.5"><freejoint/><geom size="0.1"/><site name="lid"/></body>
+      <body name="box_a" pos="0 0 0.8"><freejoint/><geom size="0.1"/></body>
+      <body name="lamp" pos="1 0 2"><geom size="0.1"/><site name="tip"/></body></worldbody>{section}</mujoco>"""
+    model = insert_robot(scene, FETCH, (2.0, 0.0, 0.0))
+    fit = prepare(model, FETCH)
+    assert len(fit.not_mended) == bool(words)
+    assert re.search(words, str(fit))
 
 
 @pytest.mark.parametrize(
