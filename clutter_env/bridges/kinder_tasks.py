@@ -25,7 +25,7 @@ from assets import RobotSpec
 from assets.robot_making import FINGERS, Mounting, make_robot
 from clutter_env.bridges.kept import kept_mjcf
 from clutter_env.bridges.remote import BridgeError, Remote
-from planners import SIDE, ControlledWorld, Goal, GraspFamily, Region, Scene, insert_robot
+from planners import SIDE, AntipodalFamily, ControlledWorld, Goal, GraspFamily, Region, Scene, insert_robot
 from planners.grasping.families import GRASP_SETS
 from planners.scene.bodies import leans
 
@@ -58,19 +58,24 @@ _APART, _BACK, _MOST_BACK = 0.005, 0.02, 5
 """[m] that the base is from everything at first, [m] by which it drives back otherwise at once, and how often."""
 _LOOKS, _STILL = 10, 10
 """Times at most that is looked whether what leans has come to rest, and steps in between."""
-_FINGER_GAP = 0.005
-"""[m] The arm comes to rest within 1 mm to the side of where it was told to be."""
+_FINGER_GAP, _WIDE_GAP = 0.005, 0.012
+"""[m] The arm comes to rest within 1 mm to the side of where it was told to be. But a mesh, as the carton, turns on the
+spot by 1° a second, without being touched: the fingers need more room around it."""
+_ANTIPODAL = tuple(family for family in GRASP_SETS["all"] if isinstance(family, AntipodalFamily))
 GRASPS = (
     SIDE,
     GraspFamily("tilted 50°", np.radians(50), depth=0.02),
-    *GRASP_SETS["all"][1:],
+    *(family for family in GRASP_SETS["all"][1:] if isinstance(family, GraspFamily)),
+    *(replace(family, name=f"{family.name}, straight", directions=4) for family in _ANTIPODAL),
+    *_ANTIPODAL,
     *(
         GraspFamily(f"top, {1000 * offset:.0f} mm off the axis", np.pi / 2, depth=0.02, axis_offset=offset)
         for offset in (0.004, 0.008, 0.012)
     ),
 )
-"""TidyBot takes nothing off the floor at less than 50°, and at 60° it does not reach far into a shelf. The last are for
-cubes that are narrower than the pads, and stand closer to each other than that."""
+"""TidyBot takes nothing off the floor at less than 50°, and at 60° it does not reach far into a shelf. What has faces
+is held straight if it can be: the pads are 38 mm long, and a carton held aslant turns between them, and slips. The
+last are for cubes that are narrower than the pads, and stand closer to each other than that."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +156,9 @@ class KinderTask:
         facts = start["goal"]
         if not all(fact[0] == "on" and fact[2] in start["boxes"] for fact in facts):
             raise BridgeError(f"{id} asks for {facts}; only places of objects can be planned for")
-        self._kind, robot = _ROBOTS[start["kind"]], made_robot(start["kind"], start["robot"])
+        anchors = set(start["anchors"].values())
+        self._kind = _ROBOTS[start["kind"]]
+        robot = made_robot(start["kind"], start["robot"], _finger_gap(start["xml"], anchors))
         base = (0.0, 0.0, 0.0) if self._kind.base_joints else start["base"]
         model = insert_robot(start["xml"], robot, base, without=[_PREFIX + self._kind.body])
         theirs = start["joints"]
@@ -170,7 +177,6 @@ class KinderTask:
         self._qpos, self._state = model.qpos0.copy(), np.array(start["qpos"])
         self._before = self._state
         self._qpos[model.joint(robot.drive_joints[3]).qposadr[0]] = self._kind.home[0]
-        anchors = set(start["anchors"].values())
         free = [model.body(model.jnt_bodyid[joint]).name for joint in np.flatnonzero(model.jnt_type == 0)]
         movable = [name for name in free if name not in anchors]
         data = mujoco.MjData(model)
@@ -256,8 +262,8 @@ class KinderTask:
 
 
 @cache
-def made_robot(kind: str, text: str) -> RobotSpec:
-    """KinDER's robot as ours, made of the text of its own MJCF file and kept in the user's cache.
+def made_robot(kind: str, text: str, gap: float) -> RobotSpec:
+    """KinDER's robot as ours, made of the text of its own MJCF file and kept in the user's cache; `gap` in [m].
 
     Raises:
         InvalidRobot: the file is not that of this robot.
@@ -269,7 +275,7 @@ def made_robot(kind: str, text: str) -> RobotSpec:
         made, page, _ = make_robot(Path(file.name), _ROBOTS[kind].mounting)
     made = _with_linkage(made, _ROBOTS[kind].mounting.tool)
     page |= {"name": name, "home": _ROBOTS[kind].home, "finger_geoms": FINGERS}
-    spec = RobotSpec.from_mjcf(kept_mjcf(name, made), **page, grasp_height=0.03, finger_gap=_FINGER_GAP)
+    spec = RobotSpec.from_mjcf(kept_mjcf(name, made), **page, grasp_height=0.03, finger_gap=gap)
     limits = [_SPEED] * 3 + [np.inf] + [_ROBOTS[kind].arm_speed] * (len(spec.chain) - 1)
     return replace(spec, max_velocity=tuple(np.minimum(spec.max_velocity, limits).tolist()))
 
@@ -301,6 +307,16 @@ def _with_linkage(mjcf: str, tool: float) -> str:
             )
     spec.compile()
     return str(spec.to_xml())
+
+
+def _finger_gap(xml: str, anchors: Collection[str]) -> float:
+    """[m] between an object and each finger that is about to close on it, by what the objects of a task are."""
+    for body in mujoco.MjSpec.from_string(xml).bodies:
+        is_loose = any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in body.joints)
+        has_mesh = any(geom.type == mujoco.mjtGeom.mjGEOM_MESH for geom in body.geoms)
+        if is_loose and has_mesh and body.name not in anchors:
+            return _WIDE_GAP
+    return _FINGER_GAP
 
 
 def _is_cube(model: mujoco.MjModel, body: int) -> bool:

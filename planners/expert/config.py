@@ -23,6 +23,8 @@ class MonitorConfig:
         arm: [m] and [rad] tracking error of torso or arm joint.
         aim: [m] from where the plan has an object, or one beside it, to where it is seen just before the gripper
             approaches it.
+        turn: [rad] that an object to be grasped may have turned about the vertical until then: more, and the open
+            fingers come down on it.
 
     Raises:
         ExpertError: a value that is not a number of at least 0.
@@ -34,6 +36,7 @@ class MonitorConfig:
     base: float = 0.08
     arm: float = 0.12
     aim: float = math.inf
+    turn: float = 0.3
 
     def __post_init__(self) -> None:
         for entry in fields(self):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Collection, Sequence
 from dataclasses import replace
@@ -14,6 +15,7 @@ from assets.robots import RobotSpec
 from planners.contact import StepLabel, contact_of, label_of
 from planners.expert.config import MonitorConfig
 from planners.expert.monitor import Deviation, DeviationKind, Sensor, Snapshot, object_moved, tracking_error
+from planners.goals import has_yaw
 from planners.motion.arm import tcp_pose
 from planners.motion.tcp_following import ON_THE_WAY, PATIENCE, PRECISE, is_behind
 from planners.motion.trajectory import CONTROL_STEP, Trajectory, is_contact
@@ -250,10 +252,12 @@ class Executor:
         return deviation
 
     def _is_off_aim(self, now: Snapshot) -> bool:
-        """Whether from here the object to be grasped, or one beside it, is seen elsewhere than when it was planned."""
+        """Whether since the plan the object to be grasped has turned, or it or one beside it is seen elsewhere."""
         planned = {body.name: body.position for body in self._present.scene.objects}
-        target = planned[self._present.target]
-        return any(
+        body = self._present.scene.body(self._present.target)
+        turned = math.remainder(now.yaws[self._names.index(body.name)] - body.yaw, 2 * math.pi)
+        target = body.position
+        return (has_yaw(body) and abs(turned) > self._config.turn) or any(
             np.linalg.norm(seen - planned[name]) > self._config.aim
             for name, seen in zip(self._names, now.positions, strict=True)
             if name in planned and np.hypot(*(planned[name] - target)[:2]) < _BESIDE

@@ -55,12 +55,13 @@ class Deviation:
 class Snapshot(NamedTuple):
     """Measurements of one control step.
 
-    `positions` (n, 3) [m] of the object centres, `uprightness` (n,) cosines of their tilts, `T_world_tcp` (4, 4),
-    `drive` (11,) whole-body configuration [m, rad].
+    `positions` (n, 3) [m] of the object centres, `uprightness` (n,) cosines of their tilts, `yaws` (n,) [rad],
+    `T_world_tcp` (4, 4), `drive` (11,) whole-body configuration [m, rad].
     """
 
     positions: Array
     uprightness: Array
+    yaws: Array
     T_world_tcp: Array
     drive: Array
 
@@ -84,8 +85,9 @@ class Sensor:
         """The present state."""
         positions, quaternions = self._objects.poses(self._data)
         T = pose_matrix(self._data.site_xpos[self._site], self._data.site_xmat[self._site])
-        uprightness = 1 - 2 * (quaternions[:, 1] ** 2 + quaternions[:, 2] ** 2)
-        return Snapshot(positions, uprightness, T, self._joints.read(self._data))
+        w, x, y, z = quaternions.T
+        yaws = np.arctan2(2 * (x * y + w * z), 1 - 2 * (y**2 + z**2))
+        return Snapshot(positions, 1 - 2 * (x**2 + y**2), yaws, T, self._joints.read(self._data))
 
 
 def object_moved(

@@ -24,7 +24,7 @@ class _Follows:
         self.drive = np.concatenate((_SCENE.state.base, _SCENE.state.q))
 
     def read(self) -> Snapshot:
-        return Snapshot(np.zeros((0, 3)), np.zeros(0), np.eye(4), self.drive)
+        return Snapshot(np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.eye(4), self.drive)
 
 
 @pytest.mark.parametrize("share", [1.0, 0.8, 0.5, 1.5])

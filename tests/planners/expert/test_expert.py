@@ -91,6 +91,23 @@ def test_a_step_after_a_deviation_belongs_to_no_contact_until_the_next_plan() ->
     assert "lift" in phases[stopped:]
 
 
+def test_a_box_that_turns_on_the_spot_is_taken_as_it_stands_then() -> None:
+    env = gymnasium.make("clutter_env/Retrieve-o1-v0", shapes="box", max_episode_steps=MAX_STEPS)
+    env.reset(seed=3)
+    expert = TampExpert(env, grasps="side")
+    expert.reset()
+    has_turned = False
+    while not expert.done:
+        *_, info = env.step(expert.act())
+        if not has_turned and expert.phase.endswith("transit"):
+            has_turned, turn = True, env.unwrapped.data.joint(f"{expert.target}_joint").qpos
+            w, z = np.cos(0.25), np.sin(0.25)
+            turn[3:] = w * turn[3] - z * turn[6], 0.0, 0.0, w * turn[6] + z * turn[3]
+            move(env, expert.target, (0.0, 0.0, 0.0))
+    assert info["is_success"]
+    assert expert.report.deviations == (f"{expert.target}: moved",)
+
+
 def move(env: gymnasium.Env, name: str, shift: tuple[float, float, float], tilt: float = 0.0) -> None:
     """Teleport an object by a shift [m] and lean it by `tilt` [rad]; it keeps no speed."""
     data = env.unwrapped.data
