@@ -52,7 +52,7 @@ class WeightsInfo:
             raise PolicyError(f"these are {self}; the environment needs {other}")
         rows = getattr(public.observation_space, "spaces", {}).get("objects")
         if rows is not None and rows.high[-1] > 1:  # the column of kinds
-            raise PolicyError(f"these are {self}, for cylinders and boxes; the environment has household objects")
+            raise PolicyError(f"these are {self}, for cylinders; the environment has household objects")
 
     def __str__(self) -> str:
         names = (one if isinstance(one, str) else f"{one['name']} (of your own)" for one in (self.robot, self.layout))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -26,11 +27,17 @@ from clutter_env.policies.parsed_observation import Observation
 from clutter_env.policies.protocol import PublicInfo
 from clutter_env.policies.weights import WeightsInfo, load_weights
 from clutter_env.scene.layout import find_layout
-from planners import Contact
+from clutter_env.scene.object_sets import OBJECT_SETS
+from planners import Body, Contact
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.float32]
 
+_LOG = logging.getLogger(__name__)
+_TRAINED_WITH = OBJECT_SETS["standard"]
+"""Cylinders of this set are what the weights of both levels are trained with."""
+_SIZE_TOLERANCE = 0.005
+"""[m] by which sizes may lie outside."""
 _MIN_REACH = 0.2
 """Candidates that are reached with a smaller probability are not considered."""
 _TURN_COST = 0.03 / math.radians(20)
@@ -96,6 +103,7 @@ class LearnedHighLevelPolicy:
         )
         self._network = network.eval()
         self._points = rule.points()
+        self._has_warned = False
         self.reset()
 
     @classmethod
@@ -122,6 +130,10 @@ class LearnedHighLevelPolicy:
 
     def choose(self, scene: ObservedScene) -> Contact | None:
         """The next pick or place in a scene that has been read already; see `decide`."""
+        others = [body.name for body in scene.bodies if not _is_trained_with(body)]
+        if others and not self._has_warned:
+            self._has_warned = True
+            _LOG.warning("%s, trained with standard cylinders alone: here are also %s", self.info, ", ".join(others))
         before, self._positions = self._positions, {body.name: body.position for body in scene.bodies}
         now = self._positions
         moved = {name for name in now if np.linalg.norm(now[name] - before.get(name, now[name])) > _MOVED}
@@ -231,6 +243,14 @@ class LearnedHighLevelPolicy:
             return weighed
         keys = (_key(weighed.candidates, row, skill, names[i]) for row, i in enumerate(weighed.candidates.index))
         return weighed.take(np.array([key not in self._tried for key in keys], np.bool_))
+
+
+def _is_trained_with(body: Body) -> bool:
+    """Whether an object is a cylinder of a size that the weights are trained with."""
+    sizes = ((body.half_extents[0], _TRAINED_WITH.radius), (2 * body.half_extents[2], _TRAINED_WITH.height))
+    return body.shape == "cylinder" and all(
+        low - _SIZE_TOLERANCE < size < high + _SIZE_TOLERANCE for size, (low, high) in sizes
+    )
 
 
 def _first_of_chain(candidates: Candidates, costs: Costs, target: int) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import replace
 from typing import Any
 
@@ -117,3 +118,17 @@ def test_it_gives_up_when_nothing_is_left(env: Env, policy: LearnedHighLevelPoli
     policy.rule = replace(RULE, layout=replace(find_layout("paper"), depth=3.0))
     assert policy.decide(observation) is None
     assert policy.failure
+
+
+@pytest.mark.parametrize(("keywords", "others"), [({}, 0), ({"object_set": "tall"}, 3), ({"shapes": "mixed"}, 2)])
+def test_objects_that_it_was_not_trained_with_are_named_once(
+    keywords: dict[str, str], others: int, policy: LearnedHighLevelPolicy, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Of the tall ones two are 20 cm high, as standard ones may be."""
+    with closing(gym.make("clutter_env/Retrieve-o5-v0", **keywords)) as env:  # type: ignore[arg-type]  # keywords of ours
+        for seed in range(2):
+            observation, info = env.reset(seed=seed)
+            policy.reset(info)
+            policy.decide(observation)
+    assert caplog.text.count("object_") == others
+    assert len(caplog.records) == bool(others)
