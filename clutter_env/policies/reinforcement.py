@@ -100,8 +100,13 @@ class RunPolicy(ModelPolicy):
             content = read_model(path)
             with damage_refused(path):
                 kind = ALGORITHMS[self._algorithm].policy_aliases[network_name(spaces[0])]
-                self._model = kind(*spaces, lambda _: 0.0, **content["network"])
-                self._model.load_state_dict(content["parameters"]["policy"])
+                model, parameters = kind(*spaces, lambda _: 0.0, **content["network"]), content["parameters"]["policy"]
+                fits = all(parameters[name].shape == part.shape for name, part in model.state_dict().items())
+                if fits:
+                    model.load_state_dict(parameters)
+            if not fits:
+                raise PolicyError(f"{self._directory} was trained with other observations or actions than those here")
+            self._model = model
 
 
 class ZipPolicy(ModelPolicy):

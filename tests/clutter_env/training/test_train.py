@@ -158,6 +158,11 @@ def test_a_damaged_model_is_a_plain_error(begun: Run, tmp_path: Path) -> None:
             play(tmp_path, REACH)
 
 
+def test_a_run_for_other_observations_is_not_called_damaged(begun: Run) -> None:
+    with pytest.raises(PolicyError, match="trained with other observations"):
+        play(begun.directory, Task("clutter_env/ArmPick-v0"))
+
+
 @pytest.mark.slow
 def test_several_seeds_are_trained_in_parallel_and_resumed(tmp_path: Path) -> None:
     words = ["train", "sac", "--env", "clutter_env/ArmReach-v0", "--steps", "30", "--evaluation-episodes", "1"]
