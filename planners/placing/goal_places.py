@@ -37,8 +37,8 @@ from planners.scene.bodies import resting_ways
 Array: TypeAlias = NDArray[np.float64]
 Yaws: TypeAlias = tuple[float | None, ...]
 
-_PITCH = 0.01
-"""[m] between locations tried in a region, if it has not more than `_MOST` of them to a side."""
+PITCH, NARROW = 0.01, 0.005
+"""[m] between locations tried in a region, if it has not more than `_MOST` of them to a side; where room is scarce."""
 _MOST = 30
 """Locations to a side."""
 _GAPS = (0.03, 0.012, 0.004)
@@ -152,6 +152,7 @@ def locations_in(
     leaving: Collection[str],
     others: Sequence[Body],
     allowed: Callable[[Array], NDArray[np.bool_]],
+    pitch: float = PITCH,
 ) -> Iterator[tuple[Array, Yaws]]:
     """Locations (2,) [m] of a place at which an object fits, and its yaws there [rad], None for any; best first.
 
@@ -164,6 +165,7 @@ def locations_in(
         leaving: names of objects that will be gone once the others come.
         others: that are to come there later, for which room is left, if there is room for all.
         allowed: which points (n, 2) may be taken at all.
+        pitch: [m] between locations.
     """
     if place.area is None:
         assert place.location is not None
@@ -172,7 +174,7 @@ def locations_in(
         return
     standing = [one for one in beside(scene, place.face, body) if one.name != body.name]
     staying = [one for one in standing if one.name not in leaving]
-    points = _grid(place.area, scene.state.base[:2])
+    points = _grid(place.area, scene.state.base[:2], pitch)
     may_stand = allowed(points)
     for yaws, gap in itertools.product(_ways(place.area, body), _GAPS):
         free = points[may_stand & _fits(points, place.area, body, standing, gap, yaws[0])]
@@ -369,15 +371,16 @@ def _on_top(scene: Scene, body: Body, place: Place) -> tuple[str, ...]:
     return tuple(one.name for one in over if place.face.is_under(one.position[:2]))
 
 
-def _steps(area: Region) -> NDArray[np.intp]:
+def _steps(area: Region, pitch: float = PITCH) -> NDArray[np.intp]:
     """Locations to each side of an area."""
     size = 2 * np.array(area.half_extents)
-    return np.clip(np.ceil(size / _PITCH).astype(int) + 1, 2, _MOST)
+    return np.clip(np.ceil(size / pitch).astype(int) + 1, 2, _MOST)
 
 
-def _grid(area: Region, base: Array) -> Array:
+def _grid(area: Region, base: Array, pitch: float = PITCH) -> Array:
     """Points (n, 2) [m] of an area, row by row, the row that is farthest from the base first."""
-    along = [np.linspace(-half, half, count) for half, count in zip(area.half_extents, _steps(area), strict=True)]
+    counts = _steps(area, pitch)
+    along = [np.linspace(-half, half, count) for half, count in zip(area.half_extents, counts, strict=True)]
     towards = area.local(base)
     depth = int(np.abs(towards).argmax())  # the axis along which the robot looks at it
     rows, columns = -np.sign(towards[depth] or 1.0) * along[depth][::-1], along[1 - depth]

@@ -26,7 +26,7 @@ from planners.grasping.base_placement import Placer, facing_bases, farthest_reac
 from planners.grasping.candidates import GraspCandidate
 from planners.grasping.grasp_poses import opening_around
 from planners.motion.approaches import Approach, ContactQuery, can_put_down, planned_approach
-from planners.placing.goal_places import Place, Yaws, inner_radius, locations_in
+from planners.placing.goal_places import NARROW, PITCH, Place, Yaws, inner_radius, locations_in
 from planners.placing.locations import in_hand, placement_cells, placement_levels, put_down, rotated
 from planners.placing.negative_goal_region import SweptVolume, is_free
 from planners.placing.surfaces import KeepClear, Surface
@@ -181,7 +181,7 @@ class PlacementSearch:
         if place.area is not None:
             feet = [inner_radius(body) - EDGE]
             if place.area.name != place.face.name and not place.face.is_under(place.area.corners).all():
-                feet.append(max(_TIPS, inner_radius(body) / 2))  # the region reaches over the edge: so may the object
+                feet += [max(_TIPS, inner_radius(body) / 2), _TIPS]  # it reaches over the edge: so may the object
         if place.below:
             world = with_lowered(world, place.below)
         else:
@@ -206,8 +206,10 @@ class PlacementSearch:
         middle = np.array((0.0, 0.0) if place.area is None else place.area.centre)
 
         def locations() -> Iterator[tuple[Array, Yaws]]:
-            each = (locations_in(scene, body, place, leaving, others, partial(allowed, foot=foot)) for foot in feet)
-            found: Iterator[tuple[Array, Yaws]] = itertools.chain.from_iterable(each)
+            found: Iterator[tuple[Array, Yaws]] = iter(())
+            for foot, pitch in zip(feet, (PITCH, PITCH, NARROW), strict=False):
+                may_be = partial(allowed, foot=foot)
+                found = itertools.chain(found, locations_in(scene, body, place, leaving, others, may_be, pitch))
             if len(drops) > 1:  # the walls are farthest from the middle
                 found = iter(sorted(found, key=lambda one: math.dist(one[0], middle)))
             for point, yaws in found:
