@@ -141,6 +141,10 @@ class RobotSpec:
         has_arms = bool(self.idle_arms) or not self.acts_with_all_arms
         require(has_arms, "acts_with_all_arms", f"is for robots with several arms; {self.name} has one")
 
+    def __hash__(self) -> int:
+        # Of a few fields: robots are the keys of many caches, some of which are asked in every control step.
+        return hash((self.name, self.mjcf, self.arm_name, self.home))
+
     @classmethod
     def from_fields(cls, values: Mapping[str, Any]) -> RobotSpec:
         """The robot that `dataclasses.asdict` took apart, also after it was written to JSON and read again.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -46,12 +47,12 @@ class ParsedObservation:
     widths: Array
     objects: Array
 
-    @property
+    @cached_property
     def tcp(self) -> Array:
         """(..., 4, 4) TCP pose in the world."""
         return planar_pose(self.base) @ self.base_tcp
 
-    @property
+    @cached_property
     def whole_body(self) -> Array:
         """(..., 11) base, torso and arm."""
         return np.concatenate((self.base, self.q), axis=-1)
@@ -87,9 +88,10 @@ def parse_observation(observation: Observation) -> ParsedObservation:
     robot, tcp, gripper, rows = (
         np.asarray(observation[name], float) for name in ("robot", "tcp", "gripper", "objects")
     )
-    sine, cosine = np.moveaxis(robot[..., _ROBOT["base_heading"]], -1, 0)
+    heading = robot[..., _ROBOT["base_heading"]]
+    yaw = np.arctan2(heading[..., 0], heading[..., 1])
     return ParsedObservation(
-        base=np.concatenate((robot[..., _ROBOT["base_position"]], np.arctan2(sine, cosine)[..., None]), axis=-1),
+        base=np.concatenate((robot[..., _ROBOT["base_position"]], yaw[..., None]), axis=-1),
         q=robot[..., _Q],
         velocity=robot[..., _VELOCITY],
         base_tcp=pose_of_quaternion(tcp[..., _TCP["position"]], tcp[..., _TCP["quaternion"]]),
@@ -179,14 +181,12 @@ def base_from(origin: Array, base: Array) -> Array:
 
 def pose_of_quaternion(position: Array, quaternion: Array) -> Array:
     """(..., 4, 4) of positions (..., 3) and unit quaternions (..., 4), wxyz."""
-    w, x, y, z = np.moveaxis(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True), -1, 0)
-    rotation = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    )
+    unit = quaternion / np.sqrt((quaternion * quaternion).sum(axis=-1, keepdims=True))
+    w, x, y, z = (unit[..., i] for i in range(4))
     T = np.zeros((*position.shape[:-1], 4, 4))
-    T[..., :3, :3] = np.stack([np.stack(row, axis=-1) for row in rotation], axis=-2)
+    T[..., 0, 0], T[..., 0, 1], T[..., 0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+    T[..., 1, 0], T[..., 1, 1], T[..., 1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+    T[..., 2, 0], T[..., 2, 1], T[..., 2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
     T[..., :3, 3], T[..., 3, 3] = position, 1.0
     return T
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,22 +57,28 @@ def action_towards(
         is_loaded: whether an object is held: the base then turns slowly.
     """
     error = error_to(seen, goal)
-    limit = np.array(robot.max_velocity)
-    if is_loaded:
-        limit[2] = min(limit[2], robot.max_loaded_yaw_rate)
+    velocity, acceleration = _limits(robot)
     size = np.abs(error)
-    braking = np.sqrt(2 * _BRAKING_SHARE * np.array(robot.max_acceleration) * size)
-    speed = np.minimum(np.minimum(size / _RESPONSE, braking), limit)
-    speed = np.minimum(speed, np.abs(seen.velocity) + np.array(robot.max_acceleration) / CONTROL_HZ)
+    braking = np.sqrt(2 * _BRAKING_SHARE * acceleration * size)
+    speed = np.minimum(np.minimum(size / _RESPONSE, braking), velocity)
+    if is_loaded:
+        speed[2] = min(speed[2], robot.max_loaded_yaw_rate)
+    speed = np.minimum(speed, np.abs(seen.velocity) + acceleration / CONTROL_HZ)
     matters = size > _NOTHING
     time = max(float((size[matters] / speed[matters]).max(initial=0.0)), 1 / CONTROL_HZ)
-    action = np.clip(error / time / np.array(robot.max_velocity), -1.0, 1.0)
-    return np.append(action, grip_action(robot, finger_position))
+    action = np.minimum(np.maximum(error / time / velocity, -1.0), 1.0)  # faster than clip
+    return np.concatenate((action, (grip_action(robot, finger_position),)))
+
+
+@cache
+def _limits(robot: RobotSpec) -> tuple[Array, Array]:
+    """(11,) The robot's greatest velocities and accelerations."""
+    return np.array(robot.max_velocity), np.array(robot.max_acceleration)
 
 
 def grip_action(robot: RobotSpec, finger_position: float) -> float:
     """The last number of an action, for a position [m] of one finger."""
-    return float(np.clip(2 * finger_position / robot.max_finger_position - 1, -1.0, 1.0))
+    return min(max(2 * finger_position / robot.max_finger_position - 1, -1.0), 1.0)
 
 
 def stay(robot: RobotSpec, seen: ParsedObservation) -> Array:
@@ -86,29 +93,39 @@ class GripperError:
 
     Attributes:
         shift: (3,) [m] in the world.
-        turn: (3,) rotation vector [rad] in the world.
+        rotation: (3, 3) in the world.
     """
 
     shift: Array
-    turn: Array
+    rotation: Array
 
     @classmethod
     def between(cls, measured: Array, expected: Array) -> GripperError:
         """The error of two TCP poses (4, 4) in the world."""
-        turn = Rotation.from_matrix(expected[:3, :3] @ measured[:3, :3].T).as_rotvec()
-        return cls(expected[:3, 3] - measured[:3, 3], turn)
+        return cls(expected[:3, 3] - measured[:3, 3], expected[:3, :3] @ measured[:3, :3].T)
+
+    @property
+    def turn(self) -> Array:
+        """(3,) Rotation vector [rad] in the world."""
+        return np.asarray(Rotation.from_matrix(self.rotation).as_rotvec())
+
+    @property
+    def angle(self) -> float:
+        """[rad] Length of that vector."""
+        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = self.rotation.tolist()
+        return math.atan2(math.hypot(zy - yz, xz - zx, yx - xy), xx + yy + zz - 1.0)
 
     def across(self, line: Array) -> GripperError:
         """The error without its part along a line (3,) [m] from the contact; all of it where that is short."""
-        length = float(np.linalg.norm(line))
+        length = math.hypot(*line)
         if length < _SHORT:
             return self
         along = line / length
-        return GripperError(self.shift - (self.shift @ along) * along, self.turn)
+        return GripperError(self.shift - (self.shift @ along) * along, self.rotation)
 
     def is_small(self, share: float = 1.0) -> bool:
         """Whether the gripper may go on along its line, or the error is at most a share of the greatest such error."""
-        return bool(np.linalg.norm(self.shift) < share * CLOSE and np.linalg.norm(self.turn) < share * _ALIGNED)
+        return math.hypot(*self.shift) < share * CLOSE and self.angle < share * _ALIGNED
 
 
 class IntegralOffset:
@@ -116,17 +133,24 @@ class IntegralOffset:
 
     def __init__(self) -> None:
         self._shift, self._turn = np.zeros(3), np.zeros(3)
+        self._rotation = np.eye(3)
+
+    @property
+    def is_any(self) -> bool:
+        """Whether the contact is shifted at all."""
+        return bool(self._shift.any() or self._turn.any())
 
     def correct(self, error: GripperError) -> None:
         """Change the offset by a share of an error."""
         self._shift = limited(self._shift + _GAIN * error.shift, MAX_SHIFT)
         turn = Rotation.from_rotvec(_GAIN * error.turn) * Rotation.from_rotvec(self._turn)
         self._turn = limited(turn.as_rotvec(), MAX_TURN)
+        self._rotation = Rotation.from_rotvec(self._turn).as_matrix()
 
     def applied_to(self, contact: Array) -> Array:
         """The shifted TCP pose (4, 4) of a contact (4, 4), both in the world."""
         shifted = np.array(contact)
-        shifted[:3, :3] = Rotation.from_rotvec(self._turn).as_matrix() @ contact[:3, :3]
+        shifted[:3, :3] = self._rotation @ contact[:3, :3]
         shifted[:3, 3] += self._shift
         return shifted
 

@@ -100,7 +100,7 @@ class OpenKeyframePlanner:
         self._sizes = seen.sizes(index)
         self._free = self.free_joints(contact, index, seen)
         opens = "ready" if contact.skill == "pick" else "open"
-        finger = float(self._predict(opens, contact, contact.tcp, np.array(contact.base), 0.0)[14])
+        finger = float(self._predict(opens, contact, contact_in_base(contact.tcp, contact.base), 0.0)[14])
         gripper = gripper_points(self._robot, finger) - _DISTANCES[:, None, None] * (1.0, 0.0, 0.0)
         gripper = gripper @ contact.tcp[:3, :3].T + contact.tcp[:3, 3]
         if distance_to_boxes(gripper, *self._walls.swapaxes(0, 1)).min() < _WALL_GAP:
@@ -145,18 +145,20 @@ class OpenKeyframePlanner:
 
     def keyframe(self, phase: str, contact: Contact, offset: IntegralOffset, seen: ParsedObservation) -> Keyframe:
         """The goal of a phase; the contact may have moved since."""
-        frame = np.array(contact.base) if phase == "drive" else seen.base
+        T_base_world = np.linalg.inv(planar_pose(np.asarray(contact.base) if phase == "drive" else seen.base))
         here = float(line_distance(seen, contact)) if phase in LINES else 0.0
-        ahead, shifted, length = here, offset.applied_to(contact.tcp), 0.0
-        planned = self._predict(phase, contact, contact.tcp, frame, here)
+        ahead, length, base_contact = here, 0.0, T_base_world @ contact.tcp
+        shifted = T_base_world @ offset.applied_to(contact.tcp) if offset.is_any else base_contact
+        predicted = planned = self._predict(phase, contact, base_contact, here)
         expected = np.array(contact.tcp)
         expected[:3, 3] += contact.tcp[:3, :3] @ planned[11:14]
         if phase in AWAY:
-            length = float(self._predict(phase, contact, shifted, frame, here)[15])
+            length = float((self._predict(phase, contact, shifted, here) if offset.is_any else planned)[15])
             ahead = min(here + AHEAD, length)
         elif phase in TOWARDS and gripper_error(phase, seen, expected, contact).is_small():
             ahead = max(here - AHEAD, 0.0)
-        predicted = self._predict(phase, contact, shifted, frame, ahead)
+        if offset.is_any or ahead != here:
+            predicted = self._predict(phase, contact, shifted, ahead)
         base = base_from(contact.base, predicted[:3])
         finger, q = float(predicted[14]), shorter_turns(self._robot, seen.q, predicted[3:11])
         stops = 1
@@ -164,11 +166,9 @@ class OpenKeyframePlanner:
             base, stops = drive_goal(seen, list(self._keep_out.path(seen.base, base)), q)
         return Keyframe(np.concatenate((base, q)), finger, expected, stops, length)
 
-    def _predict(self, phase: str, contact: Contact, tcp: Array, base: Array, distance: float) -> Array:
-        """The network's output as one vector (16,), for a contact that is said to be at `tcp` (4, 4)."""
-        pose = contact_in_base(tcp, base)[None]
-        predicted = self._network.predict(contact.skill, phase, pose, self._sizes, distance, self._free)
-        return np.concatenate([part.numpy().reshape(-1) for part in predicted]).astype(float)
+    def _predict(self, phase: str, contact: Contact, base_contact: Array, distance: float) -> Array:
+        """The network's output as one vector (16,), for a contact that is said to be at a pose (4, 4) in its base."""
+        return self._network.predict_one(contact.skill, phase, base_contact, self._sizes, distance, self._free)
 
 
 def gripper_error(phase: str, seen: ParsedObservation, expected: Array, contact: Contact) -> GripperError:

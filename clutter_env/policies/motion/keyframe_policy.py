@@ -193,6 +193,8 @@ class KeyframePolicy:
         In between the arm lags behind, which is no error of the offset.
         """
         phase = self._phases[0]
+        if phase not in ("reach", "transit", *TOWARDS):
+            return
         error = gripper_error(phase, seen, keyframe.expected, self._contact)
         if phase == "reach":
             is_due = bool(np.abs(error_to(seen, keyframe.goal)).max() < _SETTLED)
@@ -200,7 +202,7 @@ class KeyframePolicy:
             is_due = bool(np.abs(error_to(seen, keyframe.goal)[3:]).max() < _NEAR)
         else:
             is_near = bool(line_distance(seen, self._contact) < AHEAD)
-            is_due = phase in TOWARDS and (is_near or not error.is_small())
+            is_due = is_near or not error.is_small()
         if is_due:
             self._offset.correct(error)
 
