@@ -143,11 +143,13 @@ class Surroundings:
 
     def distance(self, points: Array) -> Array:
         """(...) [m] from points (..., 3) to the nearest surface, 0 inside; infinite if there is nothing."""
-        away = points[..., None, :] - self.position
-        across = np.maximum(np.linalg.norm(away[..., :2], axis=-1) - self.radius, 0.0)
-        above = np.maximum(np.abs(away[..., 2]) - self.height, 0.0)
-        of_objects = np.hypot(across, above).min(axis=-1, initial=np.inf)
-        return np.minimum(distance_to_boxes(points, self.centre, self.half), of_objects)
+        x, y, z = (np.ascontiguousarray(points[..., i]) for i in range(3))
+        nearest = np.full(x.shape, np.inf)  # squared; one object after the other is faster than all at once
+        for position, radius, height in zip(self.position, self.radius, self.height, strict=True):
+            across = np.maximum(np.sqrt((x - position[0]) ** 2 + (y - position[1]) ** 2) - radius, 0.0)
+            above = np.maximum(np.abs(z - position[2]) - height, 0.0)
+            np.minimum(nearest, across * across + above * above, out=nearest)
+        return np.minimum(distance_to_boxes(points, self.centre, self.half), np.sqrt(nearest))
 
     def contain(self, points: Array) -> bool:
         """Whether any of the points (..., 3) is inside a box or an object for certain."""
@@ -159,8 +161,12 @@ class Surroundings:
 
 def distance_to_boxes(points: Array, centre: Array, half: Array) -> Array:
     """(...) [m] from points (..., 3) to the nearest of boxes (m, 3), 0 inside; infinite if there is none."""
-    outside = np.maximum(np.abs(points[..., None, :] - centre) - half, 0.0)
-    return np.asarray(np.linalg.norm(outside, axis=-1).min(axis=-1, initial=np.inf))
+    axes = [np.ascontiguousarray(points[..., i]) for i in range(3)]
+    nearest = np.full(points.shape[:-1], np.inf)  # squared
+    for of_box, extent in zip(centre, half, strict=True):
+        x, y, z = (np.maximum(np.abs(axes[i] - of_box[i]) - extent[i], 0.0) for i in range(3))
+        np.minimum(nearest, x * x + y * y + z * z, out=nearest)
+    return np.sqrt(nearest)
 
 
 def planar_pose(base: Array) -> Array:

@@ -18,6 +18,11 @@ Array = NDArray[np.float64]
 
 _POINT_SPACING = 0.02
 """[m] between points on the gripper's surface, at most."""
+_AXES = torch.eye(3)
+_ABOUT = tuple(
+    (torch.outer(axis, axis), torch.diag(1 - axis), torch.linalg.cross(axis.expand(3, 3), _AXES).T) for axis in _AXES
+)
+"""The entries (3, 3) of a rotation about each axis that are fixed, and that its angle's cosine and sine multiply."""
 
 
 class ArmKinematics:
@@ -62,13 +67,8 @@ def _place(place: NDArray[np.float64]) -> tuple[torch.Tensor, torch.Tensor | Non
 
 def rotations_about(axis: int, angle: torch.Tensor) -> torch.Tensor:
     """Rotations (k, 3, 3) by angles (k,) about a coordinate axis."""
-    cosine, sine = torch.cos(angle), torch.sin(angle)
-    zero, one = torch.zeros_like(angle), torch.ones_like(angle)
-    u, v = (axis + 1) % 3, (axis + 2) % 3
-    entries = [[zero] * 3 for _ in range(3)]
-    entries[axis][axis] = one
-    entries[u][u], entries[u][v], entries[v][u], entries[v][v] = cosine, -sine, sine, cosine
-    return torch.stack([torch.stack(row, dim=-1) for row in entries], dim=-2)
+    fixed, of_cosine, of_sine = _ABOUT[axis]
+    return fixed + torch.cos(angle)[:, None, None] * of_cosine + torch.sin(angle)[:, None, None] * of_sine
 
 
 def with_wrist_flipped(robot: RobotSpec, q: Array) -> Array:

@@ -8,7 +8,6 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from assets import RobotSpec
 from clutter_env.config import CONTROL_HZ
@@ -29,6 +28,8 @@ MAX_SHIFT, MAX_TURN = 0.06, 0.3
 """[m], [rad] of the offset at most: the network was fitted to such."""
 CLOSE, _ALIGNED = 0.008, 0.08
 """[m], [rad] that a gripper may be off a straight line while it goes on along the line; it leaves 12 mm a side."""
+_TINY = 1e-12
+"""[rad] of a turn that is none."""
 _SHORT = 0.02
 """[m] from the contact up to which the error along the line counts too."""
 
@@ -107,7 +108,7 @@ class GripperError:
     @property
     def turn(self) -> Array:
         """(3,) Rotation vector [rad] in the world."""
-        return np.asarray(Rotation.from_matrix(self.rotation).as_rotvec())
+        return rotation_vectors(self.rotation)
 
     @property
     def angle(self) -> float:
@@ -132,20 +133,18 @@ class IntegralOffset:
     """Integral offset correction: the contact in the network input is shifted by the integral of the error."""
 
     def __init__(self) -> None:
-        self._shift, self._turn = np.zeros(3), np.zeros(3)
-        self._rotation = np.eye(3)
+        self._shift, self._rotation = np.zeros(3), np.eye(3)
 
     @property
     def is_any(self) -> bool:
         """Whether the contact is shifted at all."""
-        return bool(self._shift.any() or self._turn.any())
+        return bool(self._shift.any() or (self._rotation != np.eye(3)).any())
 
     def correct(self, error: GripperError) -> None:
         """Change the offset by a share of an error."""
         self._shift = limited(self._shift + _GAIN * error.shift, MAX_SHIFT)
-        turn = Rotation.from_rotvec(_GAIN * error.turn) * Rotation.from_rotvec(self._turn)
-        self._turn = limited(turn.as_rotvec(), MAX_TURN)
-        self._rotation = Rotation.from_rotvec(self._turn).as_matrix()
+        turned = rotation_matrices(_GAIN * error.turn) @ self._rotation
+        self._rotation = rotation_matrices(limited(rotation_vectors(turned), MAX_TURN))
 
     def applied_to(self, contact: Array) -> Array:
         """The shifted TCP pose (4, 4) of a contact (4, 4), both in the world."""
@@ -153,6 +152,34 @@ class IntegralOffset:
         shifted[:3, :3] = self._rotation @ contact[:3, :3]
         shifted[:3, 3] += self._shift
         return shifted
+
+
+def rotation_matrices(vectors: Array) -> Array:
+    """(..., 3, 3) of rotation vectors (..., 3) [rad]."""
+    x, y, z = (vectors[..., i] for i in range(3))
+    angle = np.sqrt(x * x + y * y + z * z)
+    size = np.maximum(angle, _TINY)
+    of_vector, half = np.sin(size) / size, np.sin(size / 2) / size
+    of_square = 2 * half * half
+    R = np.empty((*vectors.shape, 3))
+    R[..., 0, 0], R[..., 1, 1], R[..., 2, 2] = (
+        1 - of_square * (one * one + other * other) for one, other in ((y, z), (z, x), (x, y))
+    )
+    for u, v, (one, other, third) in ((0, 1, (x, y, z)), (1, 2, (y, z, x)), (2, 0, (z, x, y))):
+        product, turned = of_square * one * other, of_vector * third
+        R[..., u, v], R[..., v, u] = product - turned, product + turned
+    return R
+
+
+def rotation_vectors(R: Array) -> Array:
+    """(..., 3) [rad] of rotations (..., 3, 3); 0 of half turns, whose axis has no sign."""
+    twice = np.empty(R.shape[:-1])
+    twice[..., 0] = R[..., 2, 1] - R[..., 1, 2]
+    twice[..., 1] = R[..., 0, 2] - R[..., 2, 0]
+    twice[..., 2] = R[..., 1, 0] - R[..., 0, 1]
+    sine = np.sqrt((twice * twice).sum(axis=-1))
+    angle = np.arctan2(sine, R[..., 0, 0] + R[..., 1, 1] + R[..., 2, 2] - 1.0)
+    return np.asarray(twice * (angle / np.maximum(sine, _TINY))[..., None])
 
 
 def limited(vectors: Array, most: float) -> Array:

@@ -137,7 +137,6 @@ class KeyframeNetwork(nn.Module):
             nn.Linear(width, sum(_SIZES)),
         )
         self._linear = tuple(layer for layer in self.layers if isinstance(layer, nn.Linear))
-        self._limits = tuple(buffer.numpy() for buffer in (self.home, self.lower, self.upper))
 
     def forward(self, features: torch.Tensor) -> Prediction:
         """Keyframes of network inputs (k, f)."""
@@ -169,7 +168,7 @@ class KeyframeNetwork(nn.Module):
             for layer in self._linear[:-1]:
                 hidden = functional.silu(functional.linear(hidden, layer.weight, layer.bias))
             output = functional.linear(hidden, self._linear[-1].weight, self._linear[-1].bias).numpy()[0]
-        home, lower, upper = self._limits
+        home, lower, upper = self.home.numpy(), self.lower.numpy(), self.upper.numpy()
         output *= _UNITS
         output[3:11] = np.minimum(np.maximum(output[3:11] + home, lower), upper)
         return output.astype(float)

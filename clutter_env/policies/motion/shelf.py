@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from assets import RobotSpec
 from clutter_env.policies.motion.arm import (
@@ -24,14 +23,20 @@ from clutter_env.policies.motion.arm import (
     shorter_turns,
     with_wrist_flipped,
 )
-from clutter_env.policies.motion.control import MAX_SHIFT, MAX_TURN, IntegralOffset, limited
+from clutter_env.policies.motion.control import (
+    MAX_SHIFT,
+    MAX_TURN,
+    IntegralOffset,
+    limited,
+    rotation_matrices,
+    rotation_vectors,
+)
 from clutter_env.policies.motion.keyframe_planner import AHEAD, Keyframe, drive_goal, gripper_error
 from clutter_env.policies.motion.network import (
     FREE_JOINTS,
     SHELF_PHASES,
     SKILLS,
     KeyframeNetwork,
-    Prediction,
     contact_in_base,
     line_distance,
 )
@@ -125,23 +130,27 @@ class ShelfKeyframePlanner:
         """
         self._sizes = seen.sizes(index)
         opens = "ready" if contact.skill == "pick" else "open"
-        self._arm = self._arms.choose(contact, index, seen, float(self._predict(opens, contact, np.zeros(2)).finger))
+        self._arm = self._arms.choose(contact, index, seen, float(self._predict(opens, contact, np.zeros(2))[14]))
         if self._arm.is_blocked and sum(_is_same(contact, other) for other in self._refused) < _MAX_REFUSALS:
             self._refused.append(contact)
             return []
-        self._last = np.zeros((4, 4)), 0.0, seen.q
+        self._last, self._driven = (np.zeros((4, 4)), 0.0, seen.q), None
         return list(SHELF_PHASES[contact.skill])
 
     def keyframe(self, phase: str, contact: Contact, offset: IntegralOffset, seen: ParsedObservation) -> Keyframe:
         """The goal of a phase; the contact may have moved since."""
-        base, stops = base_waypoint(self._table, contact, phase), 1
+        if self._driven is None or self._driven[0] is not contact:
+            self._driven = contact, drive_out(self._table, contact.base, contact.tcp)
+        base, stops = self._driven[1][_waypoint(phase)], 1
         here = self._height(phase, contact, seen)
         expected = np.array(contact.tcp)
         expected[2, 3] += here
         if phase in ("transit", "enter"):
             expected = planar_pose(seen.base) @ contact_in_base(expected, contact.base)
+        like = _FINGERS_AS[contact.skill].get(phase, phase)
+        predicted = self._predict(like, contact, np.zeros(2) if like in _TUCKED else self._arm.low)
         if phase in _TUCKED:
-            q = self._flipped(self._predict(phase, contact, np.zeros(2)).q[0].numpy().astype(float))
+            q = self._flipped(predicted[3:11])
         else:
             ahead = here
             if phase == "lift":
@@ -152,9 +161,8 @@ class ShelfKeyframePlanner:
         q = shorter_turns(self._robot, seen.q, q)
         if phase == "drive":
             base, stops = drive_goal(seen, list(self._keep_out.path(seen.base, base)), q)
-        like = _FINGERS_AS[contact.skill].get(phase, phase)
-        finger = float(self._predict(like, contact, np.zeros(2) if like in _TUCKED else self._arm.low).finger)
-        return Keyframe(np.concatenate((base, q)), finger, expected, stops, self._arm.height, _SLACK)
+        goal = np.concatenate((base, q))
+        return Keyframe(goal, float(predicted[14]), expected, stops, self._arm.height, _SLACK)
 
     def _height(self, phase: str, contact: Contact, seen: ParsedObservation) -> float:
         """[m] of the gripper above the contact, as it is or is to be."""
@@ -168,16 +176,16 @@ class ShelfKeyframePlanner:
         last_tcp, last_height, _ = self._last
         if height != last_height or np.abs(base_tcp - last_tcp).max() > _SAME:
             free, heights = self._arm.at(height)[None], np.array([height])
-            q = self._arms.on_line(contact.skill, base_tcp, self._sizes, heights, free, _ROUNDS)[0][0]
+            q = self._arms.on_line(contact.skill, base_tcp, self._sizes, heights, free, _ROUNDS)[0]
             self._last = base_tcp, height, self._flipped(q)
         return self._last[2]
 
     def _flipped(self, q: Array) -> Array:
         return with_wrist_flipped(self._robot, q) if self._arm.is_flipped else q
 
-    def _predict(self, phase: str, contact: Contact, free: Array) -> Prediction:
-        base_tcp = contact_in_base(contact.tcp, contact.base)[None]
-        return self._network.predict(contact.skill, phase, base_tcp, self._sizes, 0.0, free)
+    def _predict(self, phase: str, contact: Contact, free: Array) -> Array:
+        base_tcp = contact_in_base(contact.tcp, contact.base)
+        return self._network.predict_one(contact.skill, phase, base_tcp, self._sizes, 0.0, free)
 
 
 def table_of(layout: Layout) -> StaticObstacle:
@@ -188,10 +196,12 @@ def table_of(layout: Layout) -> StaticObstacle:
 
 def base_waypoint(table: StaticObstacle, contact: Contact, phase: str) -> Array:
     """(3,) The base at the end of a phase: where the gripper reaches the object, backed off along it, or outside."""
-    inside, back, outside = drive_out(table, contact.base, contact.tcp)
-    if phase in ("enter", "back"):
-        return np.asarray(back)
-    return np.asarray(inside if phase in ("reach", "close", "lift", "lower", "open") else outside)
+    return np.asarray(drive_out(table, contact.base, contact.tcp)[_waypoint(phase)])
+
+
+def _waypoint(phase: str) -> int:
+    """Number of that pose in `drive_out`."""
+    return 1 if phase in ("enter", "back") else 0 if phase in ("reach", "close", "lift", "lower", "open") else 2
 
 
 def drive_points(table: StaticObstacle, contact: Contact) -> Array:
@@ -270,7 +280,9 @@ class ShelfArm:
         def risks(heights: Array, free: Array, flipped: NDArray[np.bool_]) -> tuple[Array, Array]:
             """Risk on the drive, and the gripper's error [m], of arms (k,) at heights [m] above the contact."""
             base_tcp = contact_in_base(contact.tcp, contact.base)
-            q, miss = self.on_line(contact.skill, base_tcp, sizes, heights, free, _CHOOSING_ROUNDS)
+            q = self.on_line(contact.skill, base_tcp, sizes, heights, free, _CHOOSING_ROUNDS)
+            position = self._kinematics.tcp(torch.from_numpy(q.astype(np.float32)))[0].numpy()
+            miss = np.linalg.norm(_raised(base_tcp, heights)[:, :3, 3] - position, axis=1)
             q[flipped] = with_wrist_flipped(self._robot, q[flipped])
             T = planar_pose(np.array(contact.base))
             centres = self.ball_centres(q) @ T[:3, :3].T + T[:3, 3]
@@ -301,10 +313,8 @@ class ShelfArm:
         is_blocked = risk[found] > _MAX_RISK or around.contain(gripper + drive[:, None])
         return ArmChoice(float(height[found]), low[of], high[found], bool(flipped[of]), bool(is_blocked))
 
-    def on_line(
-        self, skill: str, base_tcp: Array, sizes: Array, heights: Array, free: Array, rounds: int
-    ) -> tuple[Array, Array]:
-        """Torso and arm (k, 8) with the gripper at heights (k,) [m] above a contact, and its error there (k,) [m].
+    def on_line(self, skill: str, base_tcp: Array, sizes: Array, heights: Array, free: Array, rounds: int) -> Array:
+        """Torso and arm (k, 8) with the gripper at heights (k,) [m] above a contact.
 
         They are predicted, and corrected by forward kinematics before the robot moves: where that predicts the gripper
         beside its line, the contact in the network input is moved to the other side, as feedback of the measured error
@@ -319,30 +329,37 @@ class ShelfArm:
             rounds: of correction.
         """
         count, phase = len(heights), "lift" if skill == "pick" else "lower"
-        wanted = np.tile(base_tcp, (count, 1, 1))
-        wanted[:, 2, 3] += heights
+        wanted = _raised(base_tcp, heights)
         shift, turn, bend = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 2))
         for left in range(rounds, -1, -1):
             shifted = np.tile(base_tcp, (count, 1, 1))
             shifted[:, :3, 3] += shift
-            shifted[:, :3, :3] = Rotation.from_rotvec(turn).as_matrix() @ shifted[:, :3, :3]
+            shifted[:, :3, :3] = rotation_matrices(turn) @ shifted[:, :3, :3]
             q = self._network.predict(skill, phase, shifted, sizes, heights, free + bend).q.numpy().astype(float)
-            position, rotation = self._kinematics.tcp(torch.from_numpy(q.astype(np.float32)))
-            error = wanted[:, :3, 3] - position.numpy()
             if left:
-                off = Rotation.from_matrix(wanted[:, :3, :3] @ rotation.numpy().transpose(0, 2, 1))
-                step = Rotation.from_rotvec(_GAIN * off.as_rotvec())
-                shift = limited(shift + _GAIN * error, MAX_SHIFT)
+                position, rotation = self._kinematics.tcp(torch.from_numpy(q.astype(np.float32)))
+                off = wanted[:, :3, :3] @ rotation.numpy().transpose(0, 2, 1)
+                # Rotations in single precision are orthogonal to 1e-7; a step of Newton's method for the nearest one.
+                off = rotation_vectors(off @ (1.5 * np.eye(3) - 0.5 * off.transpose(0, 2, 1) @ off))
+                shift = limited(shift + _GAIN * (wanted[:, :3, 3] - position.numpy()), MAX_SHIFT)
                 bend += _GAIN * (free + self._home - q[:, list(FREE_JOINTS)])
                 bend = np.clip(bend, -_MAX_BEND, _MAX_BEND)
-                turn = limited((step * Rotation.from_rotvec(turn)).as_rotvec(), MAX_TURN)
-        return q, np.linalg.norm(error, axis=1)
+                turned = rotation_matrices(_GAIN * off) @ rotation_matrices(turn)
+                turn = limited(rotation_vectors(turned), MAX_TURN)
+        return q
 
     def ball_centres(self, q: Array) -> Array:
         """(k, b, 3) [m] Centres of the balls in the base's frame, at configurations (k, 8)."""
         origins, rotations = self._kinematics.links(torch.from_numpy(q.astype(np.float32)))
         R, p = rotations.numpy().astype(float)[:, self._links], origins.numpy().astype(float)[:, self._links]
         return np.asarray(p + (R @ self._centres[:, :, None])[..., 0])
+
+
+def _raised(base_tcp: Array, heights: Array) -> Array:
+    """(k, 4, 4) A gripper pose (4, 4), at heights (k,) [m] above it."""
+    raised = np.tile(base_tcp, (len(heights), 1, 1))
+    raised[:, 2, 3] += heights
+    return raised
 
 
 def demonstrated_row(contact: Contact, free: Array) -> Array:
