@@ -63,6 +63,8 @@ MAX_COST = 12.0
 """[clearances] Cost of an object that cannot be taken."""
 RISK = 10.0
 """[clearances] Cost of a candidate that certainly fails."""
+_AT_ONCE = 32
+"""Candidate places that are judged together, those first that may be the best."""
 _ROUNDS = 12
 """Rounds at most: a chain of clearances is hardly ever longer."""
 
@@ -167,51 +169,64 @@ class LearnedHighLevelPolicy:
         return weighed.candidates, row, scene.bodies[index[row]].name
 
     def _place(self, scene: ObservedScene) -> tuple[Candidates, int, str] | None:
-        """Put the held object where the least is left to do, itself in the way of nothing, with clearance around it."""
+        """Put the held object where the least is left to do, itself in the way of nothing, with clearance around it.
+
+        What stands in the way at a place, and what it would be in the way of, is worked out in the order of the costs
+        without that, until no other place can be better.
+        """
         assert scene.held is not None
-        name, held = scene.held.name, scene.held_index
-        points = self._points
-        candidates = self.rule.places(scene.bodies[held], scene.held, points)
-        candidates = candidates.take(np.abs(candidates.turn) < _MAX_PLACING_TURN)
-        rows = object_rows(scene.bodies)
+        name, held, points, rows = scene.held.name, scene.held_index, self._points, object_rows(scene.bodies)
         placed = np.repeat(rows[held][None], len(points), axis=0)
         placed[:, :2], placed[:, 2] = points[:, :2], points[:, 2]
-        weighed = self._weigh(scene, candidates, placed[candidates.index], np.full(len(candidates), held))
-        weighed = self._without_tried(weighed, "place", [name] * len(points))
-        if not len(weighed.candidates):
-            return None
-        index = weighed.candidates.index
-        cost = weighed.fixed + RISK * (1.0 - np.prod(1.0 - weighed.blocks, axis=1))
-        cost += _CROWDING_COST * crowding(points, rows[held, 3], rows[scene.is_standing])[index]
-        used = np.unique(index)
-        cost += self._costs_after(scene, placed[used])[np.searchsorted(used, index)]
-        return weighed.candidates, int(cost.argmin()), name
+        candidates = self.rule.places(scene.bodies[held], scene.held, points)
+        candidates = candidates.take(np.abs(candidates.turn) < _MAX_PLACING_TURN)
+        reached = self._reached(scene, candidates, placed[candidates.index])
+        candidates, fixed, _ = self._without_tried(reached, "place", [name] * len(points))
+        index, picks = candidates.index, _best_of_each(self._weigh_picks(scene))
+        crowded = _CROWDING_COST * crowding(points, rows[held, 3], rows[scene.is_standing])[index]
+        least = fixed + crowded + self._costs_after(scene, picks, np.zeros((1, len(picks.candidates))))
+        order, after, best, found = np.argsort(least, kind="stable"), np.full(len(points), np.nan), np.inf, -1
+        for start in range(0, len(order), _AT_ONCE):
+            some = order[start : start + _AT_ONCE]
+            if least[some[0]] >= best:
+                break
+            used = np.unique(index[some])
+            used = used[np.isnan(after[used])]
+            others = np.repeat(placed[used][None], len(picks.candidates), axis=0)
+            is_present = np.ones(others.shape[:2], np.bool_)
+            in_way = self._in_the_way(picks.candidates, rows[picks.candidates.index], others, is_present).T
+            after[used] = self._costs_after(scene, picks, in_way)
+            blocks = self._blocks(scene, candidates.take(some), placed[index[some]], np.full(len(some), held))
+            cost = fixed[some] + RISK * (1.0 - np.prod(1.0 - blocks, axis=1)) + crowded[some] + after[index[some]]
+            if cost.min() < best:
+                best, found = float(cost.min()), int(some[cost.argmin()])
+        return (candidates, found, name) if found >= 0 else None
 
-    def _costs_after(self, scene: ObservedScene, placed: Rows) -> Array:
-        """(k,) Costs of taking the target once the held object stands at each of k places."""
-        weighed = _best_of_each(self._weigh_picks(scene))
-        candidates, held = weighed.candidates, scene.held_index
-        if not len(candidates):
-            return np.zeros(len(placed))
-        rows = object_rows(scene.bodies)
-        others = np.repeat(placed[None], len(candidates), axis=0)
-        in_way = self._in_the_way(candidates, rows[candidates.index], others, np.ones(others.shape[:2], np.bool_)).T
-        blocks = np.repeat(weighed.blocks[None], len(placed), axis=0)
-        blocks[:, :, held] = in_way
-        known = np.full(len(rows), np.nan)
-        known[held] = _PLACED_COST
-        return clearing_costs(candidates.index, weighed.fixed, blocks, known).objects[:, scene.target]
+    def _costs_after(self, scene: ObservedScene, picks: _Weighed, in_way: Array) -> Array:
+        """(k,) Costs of taking the target once the held object is in the way of the picks (m,) as (k, m) says."""
+        if not len(picks.candidates):
+            return np.zeros(len(in_way))
+        blocks = np.repeat(picks.blocks[None], len(in_way), axis=0)
+        blocks[:, :, scene.held_index] = in_way
+        known = np.full(len(scene.bodies), np.nan)
+        known[scene.held_index] = _PLACED_COST
+        return clearing_costs(picks.candidates.index, picks.fixed, blocks, known).objects[:, scene.target]
 
     def _weigh_picks(self, scene: ObservedScene) -> _Weighed:
         """Candidate picks of the objects that stand, and are not held."""
         candidates = self.rule.picks(scene.bodies)
         candidates = candidates.take(scene.is_standing[candidates.index])
         own = object_rows(scene.bodies)[candidates.index]
-        weighed = self._weigh(scene, candidates, own, candidates.index)
+        candidates, fixed, _ = self._reached(scene, candidates, own)
+        own = object_rows(scene.bodies)[candidates.index]
+        weighed = _Weighed(candidates, fixed, self._blocks(scene, candidates, own, candidates.index))
         return self._without_tried(weighed, "pick", [body.name for body in scene.bodies])
 
-    def _weigh(self, scene: ObservedScene, candidates: Candidates, own: Rows, own_index: NDArray[np.int64]) -> _Weighed:
-        """Candidates with their own objects (m, 5), as these stand there, and these objects' indices (m,)."""
+    def _reached(self, scene: ObservedScene, candidates: Candidates, own: Rows) -> _Weighed:
+        """Those of the candidates that may be reached, with their own objects (m, 5) as these stand there.
+
+        What may be in their way is not known yet.
+        """
         rows = object_rows(scene.bodies)
         alone = _batch(
             candidates, own, rows[None, :0].repeat(len(candidates), 0), np.ones((len(candidates), 0), np.bool_)
@@ -220,12 +235,15 @@ class LearnedHighLevelPolicy:
             reach = torch.sigmoid(self._network.reach_logits(alone)).numpy().astype(float)
         likely = np.flatnonzero(reach > _MIN_REACH)
         candidates, reach = candidates.take(likely), reach[likely]
-        is_present = np.tile(scene.is_standing, (len(likely), 1))
-        is_present[np.arange(len(likely)), own_index[likely]] = False
-        blocks = self._in_the_way(candidates, own[likely], rows[None].repeat(len(likely), 0), is_present)
         distance = np.linalg.norm(candidates.base[:, :2] - scene.base[:2], axis=1)
         fixed = RISK * (1.0 - reach) + _TURN_COST * np.abs(candidates.turn) + _DRIVE_COST * distance
-        return _Weighed(candidates, fixed, blocks)
+        return _Weighed(candidates, fixed, np.empty((len(likely), 0)))
+
+    def _blocks(self, scene: ObservedScene, candidates: Candidates, own: Rows, own_index: NDArray[np.int64]) -> Array:
+        """(m, n) What may be in the way of candidates, with their own objects (m, 5) and these objects' indices."""
+        is_present = np.tile(scene.is_standing, (len(candidates), 1))
+        is_present[np.arange(len(candidates)), own_index] = False
+        return self._in_the_way(candidates, own, object_rows(scene.bodies)[None].repeat(len(own), 0), is_present)
 
     def _in_the_way(self, candidates: Candidates, own: Rows, others: Rows, is_present: NDArray[np.bool_]) -> Array:
         """(m, k) Probabilities that others (m, k, 5) are in the way, with a margin for motions that are not exact."""
@@ -239,10 +257,11 @@ class LearnedHighLevelPolicy:
 
     def _without_tried(self, weighed: _Weighed, skill: str, names: list[str]) -> _Weighed:
         """The candidates that were not tried since their object moved; `names` of their objects by `index`."""
-        if not self._tried:
-            return weighed
-        keys = (_key(weighed.candidates, row, skill, names[i]) for row, i in enumerate(weighed.candidates.index))
-        return weighed.take(np.array([key not in self._tried for key in keys], np.bool_))
+        tried, is_left = {key[:2] for key in self._tried}, np.ones(len(weighed.candidates), np.bool_)
+        for row, i in enumerate(weighed.candidates.index):
+            if (skill, names[i]) in tried:
+                is_left[row] = _key(weighed.candidates, row, skill, names[i]) not in self._tried
+        return weighed if is_left.all() else weighed.take(is_left)
 
 
 def _is_trained_with(body: Body) -> bool:
