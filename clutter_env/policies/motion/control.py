@@ -130,18 +130,18 @@ class GripperError:
 
 
 class IntegralOffset:
-    """Integral offset correction: the contact in the network input is shifted by the integral of the error."""
+    """Integral offset correction: the contact in the network input is shifted by the integral of the error.
+
+    Attributes:
+        is_any: whether it has been shifted at all.
+    """
 
     def __init__(self) -> None:
-        self._shift, self._rotation = np.zeros(3), np.eye(3)
-
-    @property
-    def is_any(self) -> bool:
-        """Whether the contact is shifted at all."""
-        return bool(self._shift.any() or (self._rotation != np.eye(3)).any())
+        self._shift, self._rotation, self.is_any = np.zeros(3), np.eye(3), False
 
     def correct(self, error: GripperError) -> None:
         """Change the offset by a share of an error."""
+        self.is_any = True
         self._shift = limited(self._shift + _GAIN * error.shift, MAX_SHIFT)
         turned = rotation_matrices(_GAIN * error.turn) @ self._rotation
         self._rotation = rotation_matrices(limited(rotation_vectors(turned), MAX_TURN))

@@ -19,6 +19,7 @@ from clutter_env.policies.motion.network import (
     PHASES,
     TOWARDS,
     KeyframeNetwork,
+    SingleKeyframes,
     contact_in_base,
     line_distance,
 )
@@ -68,7 +69,7 @@ class Keyframe(NamedTuple):
     Attributes:
         goal: (11,) whole-body configuration.
         finger: position of one finger [m].
-        expected: (4, 4) where the TCP should be now, in the world.
+        expected: (4, 4) where the TCP should be now, in the world; the contact itself where it is compared with nothing.
         stops: how many base poses are left on a drive, the present one too where the arm is tucked in first.
         length: [m] of the straight line that the gripper is on.
         slack: share of the greatest small error that the gripper may have at the end of a transit.
@@ -87,7 +88,7 @@ class OpenKeyframePlanner:
 
     def __init__(self, network: KeyframeNetwork, robot: RobotSpec, layout: Layout) -> None:
         self._network, self._robot, self._keep_out = network, robot, network.keep_out
-        self._kinematics = ArmKinematics(robot)
+        self._keyframes, self._kinematics = SingleKeyframes(network), ArmKinematics(robot)
         self._furniture = np.array([(box.position, box.half_extents) for box in furniture(layout)])
         self._walls = self._furniture[self._furniture[:, :, 2].sum(axis=1) > TABLE_HEIGHT]
 
@@ -147,20 +148,20 @@ class OpenKeyframePlanner:
         """The goal of a phase; the contact may have moved since."""
         T_base_world = np.linalg.inv(planar_pose(np.asarray(contact.base) if phase == "drive" else seen.base))
         here = float(line_distance(seen, contact)) if phase in LINES else 0.0
-        ahead, length, base_contact = here, 0.0, T_base_world @ contact.tcp
-        shifted = T_base_world @ offset.applied_to(contact.tcp) if offset.is_any else base_contact
-        predicted = planned = self._predict(phase, contact, base_contact, here)
-        expected = np.array(contact.tcp)
-        expected[:3, 3] += contact.tcp[:3, :3] @ planned[11:14]
-        if phase in AWAY:
-            length = float((self._predict(phase, contact, shifted, here) if offset.is_any else planned)[15])
+        ahead, length, planned, expected = here, 0.0, None, np.array(contact.tcp)
+        shifted = T_base_world @ offset.applied_to(contact.tcp)
+        if phase == "transit" or phase in TOWARDS:
+            planned = self._predict(phase, contact, T_base_world @ contact.tcp, here)
+            expected[:3, 3] += contact.tcp[:3, :3] @ planned[11:14]
+            if phase in TOWARDS and gripper_error(phase, seen, expected, contact).is_small():
+                ahead = max(here - AHEAD, 0.0)
+        elif phase in AWAY:
+            length = float(self._predict(phase, contact, shifted, here)[15])
             ahead = min(here + AHEAD, length)
-        elif phase in TOWARDS and gripper_error(phase, seen, expected, contact).is_small():
-            ahead = max(here - AHEAD, 0.0)
-        if offset.is_any or ahead != here:
-            predicted = self._predict(phase, contact, shifted, ahead)
-        base = base_from(contact.base, predicted[:3])
-        finger, q = float(predicted[14]), shorter_turns(self._robot, seen.q, predicted[3:11])
+        if planned is None or offset.is_any or ahead != here:
+            planned = self._predict(phase, contact, shifted, ahead)
+        base = base_from(contact.base, planned[:3])
+        finger, q = float(planned[14]), shorter_turns(self._robot, seen.q, planned[3:11])
         stops = 1
         if phase == "drive":
             base, stops = drive_goal(seen, list(self._keep_out.path(seen.base, base)), q)
@@ -168,7 +169,7 @@ class OpenKeyframePlanner:
 
     def _predict(self, phase: str, contact: Contact, base_contact: Array, distance: float) -> Array:
         """The network's output as one vector (16,), for a contact that is said to be at a pose (4, 4) in its base."""
-        return self._network.predict_one(contact.skill, phase, base_contact, self._sizes, distance, self._free)
+        return self._keyframes.predict(contact.skill, phase, base_contact, self._sizes, distance, self._free)
 
 
 def gripper_error(phase: str, seen: ParsedObservation, expected: Array, contact: Contact) -> GripperError:

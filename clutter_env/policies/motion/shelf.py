@@ -37,6 +37,7 @@ from clutter_env.policies.motion.network import (
     SHELF_PHASES,
     SKILLS,
     KeyframeNetwork,
+    SingleKeyframes,
     contact_in_base,
     line_distance,
 )
@@ -117,7 +118,7 @@ class ShelfKeyframePlanner:
     def __init__(self, network: KeyframeNetwork, robot: RobotSpec, layout: Layout) -> None:
         self._robot, self._keep_out, self._table = robot, network.keep_out, table_of(layout)
         self._refused: list[Contact] = []
-        self._network, self._arms = network, ShelfArm(network, robot, layout)
+        self._keyframes, self._arms = SingleKeyframes(network), ShelfArm(network, robot, layout)
 
     def raise_pick(self, *_: object) -> float:
         """0 m: there is a board above."""
@@ -185,7 +186,7 @@ class ShelfKeyframePlanner:
 
     def _predict(self, phase: str, contact: Contact, free: Array) -> Array:
         base_tcp = contact_in_base(contact.tcp, contact.base)
-        return self._network.predict_one(contact.skill, phase, base_tcp, self._sizes, 0.0, free)
+        return self._keyframes.predict(contact.skill, phase, base_tcp, self._sizes, 0.0, free)
 
 
 def table_of(layout: Layout) -> StaticObstacle:
