@@ -17,6 +17,11 @@ _POLE = 1e-6
 _NOT_RIGID = 1e-5
 """How far RᵀR may be from the identity: poses in single precision count as poses."""
 
+_CROSS = np.array([(0, 0, 0, 0, 0, -1, 0, 1, 0), (0, 0, 1, 0, 0, 0, -1, 0, 0), (0, -1, 0, 1, 0, 0, 0, 0, 0)], float)
+"""For each axis the matrix of the cross product with it, row by row."""
+_TINY = 1e-12
+"""[rad] of a turn that is none."""
+
 
 def as_poses(T_base_tcp: ArrayLike) -> Floats:
     """(n, 4, 4) poses.
@@ -57,6 +62,22 @@ def _rows(cy: Any, sy: Any, cp: Any, sp: Any, cr: Any, sr: Any) -> list[list[Any
         [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
         [-sp, cp * sr, cp * cr],
     ]
+
+
+def rotations_by(vectors: Floats) -> Floats:
+    """(..., 3, 3) of rotation vectors (..., 3) [rad]."""
+    angle = np.maximum(np.linalg.norm(vectors, axis=-1), _TINY)[..., None, None]
+    K = (vectors @ _CROSS).reshape(*vectors.shape, 3)
+    half = np.sin(angle / 2) / angle
+    return np.asarray(np.eye(3) + np.sin(angle) / angle * K + 2 * half * half * (K @ K))
+
+
+def rotation_vectors(R: Floats) -> Floats:
+    """(..., 3) [rad] of rotations (..., 3, 3); 0 of half turns, whose axis has no sign."""
+    twice = R.reshape(*R.shape[:-2], 9) @ _CROSS.T
+    sine = np.linalg.norm(twice, axis=-1)
+    angle = np.arctan2(sine, np.trace(R, axis1=-2, axis2=-1) - 1.0)
+    return np.asarray(twice * (angle / np.maximum(sine, _TINY))[..., None])
 
 
 def world_to_base(base: Floats) -> Floats:

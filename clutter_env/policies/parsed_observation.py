@@ -89,9 +89,9 @@ def parse_observation(observation: Observation) -> ParsedObservation:
         np.asarray(observation[name], float) for name in ("robot", "tcp", "gripper", "objects")
     )
     heading = robot[..., _ROBOT["base_heading"]]
-    yaw = np.arctan2(heading[..., 0], heading[..., 1])
+    yaw = np.arctan2(heading[..., :1], heading[..., 1:])
     return ParsedObservation(
-        base=np.concatenate((robot[..., _ROBOT["base_position"]], yaw[..., None]), axis=-1),
+        base=np.concatenate((robot[..., _ROBOT["base_position"]], yaw), axis=-1),
         q=robot[..., _Q],
         velocity=robot[..., _VELOCITY],
         base_tcp=pose_of_quaternion(tcp[..., _TCP["position"]], tcp[..., _TCP["quaternion"]]),

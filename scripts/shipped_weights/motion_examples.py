@@ -360,6 +360,6 @@ def nearest_home(robot: RobotSpec, q: Array) -> Array:
         turned[..., first + 1] = np.where(is_flipped, -bend, bend)
         for roll in (first, first + 2):
             turned[..., roll] += np.where(is_flipped, np.pi, 0.0)
-    endless = list(endless_joints(robot))
+    endless = endless_joints(robot)[0]
     turned[..., endless] = home[endless] + wrapped(turned[..., endless] - home[endless])
     return turned

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 import assets
 from clutter_env.envs.base import layout_identity, robot_identity
@@ -169,11 +169,7 @@ class LearnedHighLevelPolicy:
         return weighed.candidates, row, scene.bodies[index[row]].name
 
     def _place(self, scene: ObservedScene) -> tuple[Candidates, int, str] | None:
-        """Put the held object where the least is left to do, itself in the way of nothing, with clearance around it.
-
-        What stands in the way at a place, and what it would be in the way of, is worked out in the order of the costs
-        without that, until no other place can be better.
-        """
+        """Put the held object where the least is left to do, itself in the way of nothing, with clearance around it."""
         assert scene.held is not None
         name, held, points, rows = scene.held.name, scene.held_index, self._points, object_rows(scene.bodies)
         placed = np.repeat(rows[held][None], len(points), axis=0)
@@ -186,17 +182,15 @@ class LearnedHighLevelPolicy:
         crowded = _CROWDING_COST * crowding(points, rows[held, 3], rows[scene.is_standing])[index]
         least = fixed + crowded + self._costs_after(scene, picks, np.zeros((1, len(picks.candidates))))
         order, after, best, found = np.argsort(least, kind="stable"), np.full(len(points), np.nan), np.inf, -1
-        for start in range(0, len(order), _AT_ONCE):
+        for start in range(0, len(order), _AT_ONCE):  # until no other place can be better
             some = order[start : start + _AT_ONCE]
             if least[some[0]] >= best:
                 break
             used = np.unique(index[some])
             used = used[np.isnan(after[used])]
-            others = np.repeat(placed[used][None], len(picks.candidates), axis=0)
-            is_present = np.ones(others.shape[:2], np.bool_)
-            in_way = self._in_the_way(picks.candidates, rows[picks.candidates.index], others, is_present).T
-            after[used] = self._costs_after(scene, picks, in_way)
-            blocks = self._blocks(scene, candidates.take(some), placed[index[some]], np.full(len(some), held))
+            in_way = self._in_the_way(picks.candidates, rows[picks.candidates.index], placed[used])
+            after[used] = self._costs_after(scene, picks, in_way.T)
+            blocks = self._in_the_way(candidates.take(some), placed[index[some]], rows, scene.is_standing)
             cost = fixed[some] + RISK * (1.0 - np.prod(1.0 - blocks, axis=1)) + crowded[some] + after[index[some]]
             if cost.min() < best:
                 best, found = float(cost.min()), int(some[cost.argmin()])
@@ -216,21 +210,16 @@ class LearnedHighLevelPolicy:
         """Candidate picks of the objects that stand, and are not held."""
         candidates = self.rule.picks(scene.bodies)
         candidates = candidates.take(scene.is_standing[candidates.index])
-        own = object_rows(scene.bodies)[candidates.index]
-        candidates, fixed, _ = self._reached(scene, candidates, own)
-        own = object_rows(scene.bodies)[candidates.index]
-        weighed = _Weighed(candidates, fixed, self._blocks(scene, candidates, own, candidates.index))
-        return self._without_tried(weighed, "pick", [body.name for body in scene.bodies])
+        rows = object_rows(scene.bodies)
+        candidates, fixed, _ = self._reached(scene, candidates, rows[candidates.index])
+        is_present = np.tile(scene.is_standing, (len(candidates), 1))
+        is_present[np.arange(len(candidates)), candidates.index] = False
+        blocks = self._in_the_way(candidates, rows[candidates.index], rows, is_present)
+        return self._without_tried(_Weighed(candidates, fixed, blocks), "pick", [body.name for body in scene.bodies])
 
     def _reached(self, scene: ObservedScene, candidates: Candidates, own: Rows) -> _Weighed:
-        """Those of the candidates that may be reached, with their own objects (m, 5) as these stand there.
-
-        What may be in their way is not known yet.
-        """
-        rows = object_rows(scene.bodies)
-        alone = _batch(
-            candidates, own, rows[None, :0].repeat(len(candidates), 0), np.ones((len(candidates), 0), np.bool_)
-        )
+        """Those that may be reached, of candidates with their own objects (m, 5) there, before what is in their way."""
+        alone = _batch(candidates, own, own[:0], np.ones((len(candidates), 0), np.bool_))
         with torch.no_grad():
             reach = torch.sigmoid(self._network.reach_logits(alone)).numpy().astype(float)
         likely = np.flatnonzero(reach > _MIN_REACH)
@@ -239,18 +228,13 @@ class LearnedHighLevelPolicy:
         fixed = RISK * (1.0 - reach) + _TURN_COST * np.abs(candidates.turn) + _DRIVE_COST * distance
         return _Weighed(candidates, fixed, np.empty((len(likely), 0)))
 
-    def _blocks(self, scene: ObservedScene, candidates: Candidates, own: Rows, own_index: NDArray[np.int64]) -> Array:
-        """(m, n) What may be in the way of candidates, with their own objects (m, 5) and these objects' indices."""
-        is_present = np.tile(scene.is_standing, (len(candidates), 1))
-        is_present[np.arange(len(candidates)), own_index] = False
-        return self._in_the_way(candidates, own, object_rows(scene.bodies)[None].repeat(len(own), 0), is_present)
-
-    def _in_the_way(self, candidates: Candidates, own: Rows, others: Rows, is_present: NDArray[np.bool_]) -> Array:
-        """(m, k) Probabilities that others (m, k, 5) are in the way, with a margin for motions that are not exact."""
+    def _in_the_way(self, candidates: Candidates, own: Rows, others: Rows, is_present: ArrayLike = True) -> Array:
+        """(m, n) Probabilities that others (n, 5) are in the way, with a margin for motions that are not exact."""
         thicker = others + np.array((0, 0, 0, _MARGIN, 0), np.float32)
+        shown = np.broadcast_to(is_present, (len(candidates), len(others)))
         with torch.no_grad():
             exact, padded = (
-                torch.sigmoid(self._network(_batch(candidates, own, rows, is_present))).numpy().astype(float)
+                torch.sigmoid(self._network(_batch(candidates, own, rows, shown))).numpy().astype(float)
                 for rows in (others, thicker)
             )
         return np.asarray(exact + _MARGIN_WORTH * np.maximum(padded - exact, 0.0))
@@ -302,6 +286,8 @@ def _key(candidates: Candidates, row: int, skill: str, name: str) -> tuple[objec
 
 
 def _batch(candidates: Candidates, own: Rows, others: Rows, is_present: NDArray[np.bool_]) -> CandidateBatch:
+    """A batch with the same others (n, 5) for all candidates."""
+    others = others[None].repeat(len(candidates), axis=0)
     arrays = (own, candidates.tcp.astype(np.float32), candidates.base.astype(np.float32), others, is_present)
     return CandidateBatch(*(torch.from_numpy(np.ascontiguousarray(array)) for array in arrays))
 

@@ -93,7 +93,7 @@ def shorter_turns(robot: RobotSpec, q: Array, goals: Array) -> Array:
 
     Where that path leads beyond a limit of the joint it is the longer one.
     """
-    endless, lower, upper = _endless_limits(robot)
+    endless, lower, upper = endless_joints(robot)
     turned = np.array(goals)
     near = q[endless] + wrapped(turned[..., endless] - q[endless])
     turned[..., endless] = near - 2 * np.pi * (near > upper) + 2 * np.pi * (near < lower)
@@ -116,17 +116,11 @@ def rolls_and_bends(robot: RobotSpec) -> tuple[int, ...]:
 
 
 @cache
-def endless_joints(robot: RobotSpec) -> tuple[int, ...]:
-    """Numbers of the joints that turn by more than one turn."""
-    return tuple(i for i, link in enumerate(robot.chain) if link.upper - link.lower > 2 * np.pi)
-
-
-@cache
-def _endless_limits(robot: RobotSpec) -> tuple[list[int], Array, Array]:
-    """The same numbers, and the lower and upper limits [rad] of these joints."""
-    endless = list(endless_joints(robot))
-    lower, upper = np.array([(robot.chain[i].lower, robot.chain[i].upper) for i in endless]).reshape(-1, 2).T
-    return endless, lower, upper
+def endless_joints(robot: RobotSpec) -> tuple[list[int], Array, Array]:
+    """Numbers of the joints that turn by more than one turn, and their lower and upper limits [rad]."""
+    numbers = [i for i, link in enumerate(robot.chain) if link.upper - link.lower > 2 * np.pi]
+    lower, upper = np.array([(robot.chain[i].lower, robot.chain[i].upper) for i in numbers]).reshape(-1, 2).T
+    return numbers, lower, upper
 
 
 def gripper_points(robot: RobotSpec, finger: float) -> Array:

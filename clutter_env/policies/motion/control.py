@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from assets import RobotSpec
 from clutter_env.config import CONTROL_HZ
 from clutter_env.policies.parsed_observation import ParsedObservation, wrapped
+from irm.rotations import rotation_vectors, rotations_by
 
 Array = NDArray[np.float64]
 
@@ -28,8 +28,6 @@ MAX_SHIFT, MAX_TURN = 0.06, 0.3
 """[m], [rad] of the offset at most: the network was fitted to such."""
 CLOSE, _ALIGNED = 0.008, 0.08
 """[m], [rad] that a gripper may be off a straight line while it goes on along the line; it leaves 12 mm a side."""
-_TINY = 1e-12
-"""[rad] of a turn that is none."""
 _SHORT = 0.02
 """[m] from the contact up to which the error along the line counts too."""
 
@@ -58,7 +56,7 @@ def action_towards(
         is_loaded: whether an object is held: the base then turns slowly.
     """
     error = error_to(seen, goal)
-    velocity, acceleration = _limits(robot)
+    velocity, acceleration = np.array(robot.max_velocity), np.array(robot.max_acceleration)
     size = np.abs(error)
     braking = np.sqrt(2 * _BRAKING_SHARE * acceleration * size)
     speed = np.minimum(np.minimum(size / _RESPONSE, braking), velocity)
@@ -69,12 +67,6 @@ def action_towards(
     time = max(float((size[matters] / speed[matters]).max(initial=0.0)), 1 / CONTROL_HZ)
     action = np.minimum(np.maximum(error / time / velocity, -1.0), 1.0)  # faster than clip
     return np.concatenate((action, (grip_action(robot, finger_position),)))
-
-
-@cache
-def _limits(robot: RobotSpec) -> tuple[Array, Array]:
-    """(11,) The robot's greatest velocities and accelerations."""
-    return np.array(robot.max_velocity), np.array(robot.max_acceleration)
 
 
 def grip_action(robot: RobotSpec, finger_position: float) -> float:
@@ -105,17 +97,6 @@ class GripperError:
         """The error of two TCP poses (4, 4) in the world."""
         return cls(expected[:3, 3] - measured[:3, 3], expected[:3, :3] @ measured[:3, :3].T)
 
-    @property
-    def turn(self) -> Array:
-        """(3,) Rotation vector [rad] in the world."""
-        return rotation_vectors(self.rotation)
-
-    @property
-    def angle(self) -> float:
-        """[rad] Length of that vector."""
-        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = self.rotation.tolist()
-        return math.atan2(math.hypot(zy - yz, xz - zx, yx - xy), xx + yy + zz - 1.0)
-
     def across(self, line: Array) -> GripperError:
         """The error without its part along a line (3,) [m] from the contact; all of it where that is short."""
         length = math.hypot(*line)
@@ -126,25 +107,24 @@ class GripperError:
 
     def is_small(self, share: float = 1.0) -> bool:
         """Whether the gripper may go on along its line, or the error is at most a share of the greatest such error."""
-        return math.hypot(*self.shift) < share * CLOSE and self.angle < share * _ALIGNED
+        is_aligned = self.rotation.trace() > 1.0 + 2.0 * math.cos(share * _ALIGNED)
+        return bool(is_aligned and math.hypot(*self.shift) < share * CLOSE)
 
 
 class IntegralOffset:
-    """Integral offset correction: the contact in the network input is shifted by the integral of the error.
+    """Integral offset correction: the contact in the network input is shifted by the integral of the error."""
 
-    Attributes:
-        is_any: whether it has been shifted at all.
-    """
+    is_any = False  # whether it has been shifted at all
 
     def __init__(self) -> None:
-        self._shift, self._rotation, self.is_any = np.zeros(3), np.eye(3), False
+        self._shift, self._rotation = np.zeros(3), np.eye(3)
 
     def correct(self, error: GripperError) -> None:
         """Change the offset by a share of an error."""
         self.is_any = True
         self._shift = limited(self._shift + _GAIN * error.shift, MAX_SHIFT)
-        turned = rotation_matrices(_GAIN * error.turn) @ self._rotation
-        self._rotation = rotation_matrices(limited(rotation_vectors(turned), MAX_TURN))
+        turned = rotations_by(_GAIN * rotation_vectors(error.rotation)) @ self._rotation
+        self._rotation = rotations_by(limited(rotation_vectors(turned), MAX_TURN))
 
     def applied_to(self, contact: Array) -> Array:
         """The shifted TCP pose (4, 4) of a contact (4, 4), both in the world."""
@@ -152,34 +132,6 @@ class IntegralOffset:
         shifted[:3, :3] = self._rotation @ contact[:3, :3]
         shifted[:3, 3] += self._shift
         return shifted
-
-
-def rotation_matrices(vectors: Array) -> Array:
-    """(..., 3, 3) of rotation vectors (..., 3) [rad]."""
-    x, y, z = (vectors[..., i] for i in range(3))
-    angle = np.sqrt(x * x + y * y + z * z)
-    size = np.maximum(angle, _TINY)
-    of_vector, half = np.sin(size) / size, np.sin(size / 2) / size
-    of_square = 2 * half * half
-    R = np.empty((*vectors.shape, 3))
-    R[..., 0, 0], R[..., 1, 1], R[..., 2, 2] = (
-        1 - of_square * (one * one + other * other) for one, other in ((y, z), (z, x), (x, y))
-    )
-    for u, v, (one, other, third) in ((0, 1, (x, y, z)), (1, 2, (y, z, x)), (2, 0, (z, x, y))):
-        product, turned = of_square * one * other, of_vector * third
-        R[..., u, v], R[..., v, u] = product - turned, product + turned
-    return R
-
-
-def rotation_vectors(R: Array) -> Array:
-    """(..., 3) [rad] of rotations (..., 3, 3); 0 of half turns, whose axis has no sign."""
-    twice = np.empty(R.shape[:-1])
-    twice[..., 0] = R[..., 2, 1] - R[..., 1, 2]
-    twice[..., 1] = R[..., 0, 2] - R[..., 2, 0]
-    twice[..., 2] = R[..., 1, 0] - R[..., 0, 1]
-    sine = np.sqrt((twice * twice).sum(axis=-1))
-    angle = np.arctan2(sine, R[..., 0, 0] + R[..., 1, 1] + R[..., 2, 2] - 1.0)
-    return np.asarray(twice * (angle / np.maximum(sine, _TINY))[..., None])
 
 
 def limited(vectors: Array, most: float) -> Array:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from assets import RobotSpec
@@ -19,7 +20,8 @@ from clutter_env.policies.motion.network import (
     PHASES,
     TOWARDS,
     KeyframeNetwork,
-    SingleKeyframes,
+    KeyframePredictor,
+    Q,
     contact_in_base,
     line_distance,
 )
@@ -69,7 +71,7 @@ class Keyframe(NamedTuple):
     Attributes:
         goal: (11,) whole-body configuration.
         finger: position of one finger [m].
-        expected: (4, 4) where the TCP should be now, in the world; the contact itself where it is compared with nothing.
+        expected: (4, 4) where the TCP should be now, in the world; the contact where it does not matter.
         stops: how many base poses are left on a drive, the present one too where the arm is tucked in first.
         length: [m] of the straight line that the gripper is on.
         slack: share of the greatest small error that the gripper may have at the end of a transit.
@@ -88,7 +90,7 @@ class OpenKeyframePlanner:
 
     def __init__(self, network: KeyframeNetwork, robot: RobotSpec, layout: Layout) -> None:
         self._network, self._robot, self._keep_out = network, robot, network.keep_out
-        self._keyframes, self._kinematics = SingleKeyframes(network), ArmKinematics(robot)
+        self._keyframes, self._kinematics = KeyframePredictor(network), ArmKinematics(robot)
         self._furniture = np.array([(box.position, box.half_extents) for box in furniture(layout)])
         self._walls = self._furniture[self._furniture[:, :, 2].sum(axis=1) > TABLE_HEIGHT]
 
@@ -129,8 +131,8 @@ class OpenKeyframePlanner:
         pose = contact_in_base(contact.tcp, contact.base)
         poses = np.broadcast_to(pose, (len(_GRID) * len(_DISTANCES), 4, 4))
         distances, free = np.tile(_DISTANCES, len(_GRID)), np.repeat(_GRID, len(_DISTANCES), axis=0)
-        predicted = self._network.predict(contact.skill, phase, poses, seen.sizes(index), distances, free)
-        origins = self._kinematics.links(predicted.q)[0].numpy().astype(float)
+        q = self._keyframes.predict(contact.skill, phase, poses, seen.sizes(index), distances, free)[:, Q]
+        origins = self._kinematics.links(torch.from_numpy(q.astype(np.float32)))[0].numpy().astype(float)
         joints = origins.reshape(len(_GRID), len(_DISTANCES), -1, 3)
         starts, ends = joints[:, :, _ELBOW:_WRIST], joints[:, :, _ELBOW + 1 : _WRIST + 1]
         points = np.concatenate([starts + share * (ends - starts) for share in _SHARES], axis=2)
@@ -161,7 +163,7 @@ class OpenKeyframePlanner:
         if planned is None or offset.is_any or ahead != here:
             planned = self._predict(phase, contact, shifted, ahead)
         base = base_from(contact.base, planned[:3])
-        finger, q = float(planned[14]), shorter_turns(self._robot, seen.q, planned[3:11])
+        finger, q = float(planned[14]), shorter_turns(self._robot, seen.q, planned[Q])
         stops = 1
         if phase == "drive":
             base, stops = drive_goal(seen, list(self._keep_out.path(seen.base, base)), q)
@@ -169,7 +171,7 @@ class OpenKeyframePlanner:
 
     def _predict(self, phase: str, contact: Contact, base_contact: Array, distance: float) -> Array:
         """The network's output as one vector (16,), for a contact that is said to be at a pose (4, 4) in its base."""
-        return self._keyframes.predict(contact.skill, phase, base_contact, self._sizes, distance, self._free)
+        return self._keyframes.predict(contact.skill, phase, base_contact[None], self._sizes, distance, self._free)[0]
 
 
 def gripper_error(phase: str, seen: ParsedObservation, expected: Array, contact: Contact) -> GripperError:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -21,6 +21,8 @@ from planners import Contact
 
 _SIZES = (3, 8, 3, 1, 1)
 """Numbers in each part of a `Prediction`."""
+Q = slice(3, 11)
+"""Numbers of torso and arm among them."""
 _FINGER, _LENGTH = 0.01, 0.05
 """[m] of finger position, and of offset and line length, that are one unit of an output."""
 _UNITS = np.repeat((1.0, 1.0, _LENGTH, _FINGER, _LENGTH), _SIZES).astype(np.float32)
@@ -61,15 +63,14 @@ _NEAR = (10.0, 50.0)
 """[1/m] of the squashed copies of the distance on a line."""
 POSE = slice(NUM_PHASES, NUM_PHASES + 9)
 """Columns of the pose of the contact: position, and the gripper's x and y axes."""
-_SIZE = slice(POSE.stop, POSE.stop + 4)
-NUM_FEATURES = _SIZE.stop + 1 + len(_NEAR) + 2
+_SIZE_UNITS, _SIZE_SHIFT = np.array((20.0, 20.0, 20.0, 1.0)), np.array((1.0, 1.0, 1.0, 0.0))
+NUM_FEATURES = POSE.stop + 4 + 1 + len(_NEAR) + 2
 FREE = slice(NUM_FEATURES - 2, NUM_FEATURES)
 """Columns of the free joints at the contact."""
 FREE_JOINTS = (0, 3)
 """Numbers of the joints, torso lift and upper-arm roll, that are free where the gripper is given."""
 FREE_UNITS = (0.1, 0.5)
 """[m], [rad] of the free joints that are one unit of a feature."""
-_FREE_UNITS = np.array(FREE_UNITS)
 
 
 class Prediction(NamedTuple):
@@ -127,15 +128,9 @@ class KeyframeNetwork(nn.Module):
         if is_under_shelf:
             self.register_buffer("shown", torch.zeros((0, 7)))
         self.register_buffer("closed", torch.zeros((2, 2), dtype=torch.float64))
-        self.layers = nn.Sequential(
-            nn.Linear(NUM_FEATURES, width),
-            nn.SiLU(),
-            nn.Linear(width, width),
-            nn.SiLU(),
-            nn.Linear(width, width),
-            nn.SiLU(),
-            nn.Linear(width, sum(_SIZES)),
-        )
+        widths = pairwise((NUM_FEATURES, width, width, width, sum(_SIZES)))
+        layers = [layer for ends in widths for layer in (nn.Linear(*ends), nn.SiLU())]
+        self.layers = nn.Sequential(*layers[:-1])
 
     def forward(self, features: torch.Tensor) -> Prediction:
         """Keyframes of network inputs (k, f)."""
@@ -144,15 +139,6 @@ class KeyframeNetwork(nn.Module):
         q = torch.clamp(wanted, self.lower, self.upper)
         excess = torch.abs(wanted - q).sum(1)
         return Prediction(base, q, _LENGTH * offset, _FINGER * finger[:, 0], _LENGTH * length[:, 0], excess)
-
-    def predict(
-        self, skill: str, phase: str, base_contact: Array, sizes: Array, distance: Array | float, free: Array
-    ) -> Prediction:
-        """Keyframes of situations in a phase of a skill, without gradients; see `network_input`."""
-        features = network_input(phase_index(skill, phase), base_contact, sizes, distance, free)
-        with torch.no_grad():
-            prediction: Prediction = self(torch.from_numpy(features.astype(np.float32)))
-        return prediction
 
     def has_seen(self, skill: str, phase: str) -> bool:
         """Whether the demonstrations show a phase of a skill."""
@@ -176,25 +162,22 @@ class KeyframeNetwork(nn.Module):
         return network, info
 
 
-class SingleKeyframes:
-    """A network's keyframes of one situation after another, as control steps ask for them.
-
-    They are those of `KeyframeNetwork.predict`, in a tenth of its time: without modules, gradients and batches.
-    """
+class KeyframePredictor:
+    """A network's keyframes without modules and gradients, which take most of the time of a single one."""
 
     def __init__(self, network: KeyframeNetwork) -> None:
         layers = [layer for layer in network.layers if isinstance(layer, nn.Linear)]
-        self._layers = tuple((layer.weight.detach(), layer.bias.detach()) for layer in layers)
+        self._layers = [(layer.weight.detach(), layer.bias.detach()) for layer in layers]
         self._home, self._lower, self._upper = network.home.numpy(), network.lower.numpy(), network.upper.numpy()
 
-    def predict(self, skill: str, phase: str, base_contact: Array, sizes: Array, distance: float, free: Array) -> Array:
-        """(16,) The keyframe, base to length, of a situation in a phase of a skill; see `network_input`."""
-        features = network_input(phase_index(skill, phase), base_contact[None], sizes, distance, free)
+    def predict(self, skill: str, phase: str, base_contact: Array, sizes: Array, distance: Any, free: Array) -> Array:
+        """Keyframes (k, 16), base to length of `Prediction`, in a phase of a skill; see `network_input`."""
+        features = network_input(phase_index(skill, phase), base_contact, sizes, distance, free)
         hidden = torch.from_numpy(features.astype(np.float32))
         for weight, bias in self._layers[:-1]:
             hidden = functional.silu(functional.linear(hidden, weight, bias))
-        output = functional.linear(hidden, *self._layers[-1]).numpy()[0] * _UNITS
-        output[3:11] = np.minimum(np.maximum(output[3:11] + self._home, self._lower), self._upper)
+        output = functional.linear(hidden, *self._layers[-1]).numpy() * _UNITS
+        output[:, Q] = np.minimum(np.maximum(output[:, Q] + self._home, self._lower), self._upper)
         return np.asarray(output, float)
 
 
@@ -217,18 +200,14 @@ def network_input(
             a shelf those of the keyframe itself.
     """
     assert phase is not None
-    features, start = np.zeros((len(base_contact), NUM_FEATURES)), POSE.start
+    features = np.zeros((len(base_contact), NUM_FEATURES))
     features[:, phase] = 1.0
-    features[:, start : start + 3] = (base_contact[:, :3, 3] - CENTRE) / REACH
-    features[:, start + 3 : start + 6] = base_contact[:, :3, 0]
-    features[:, start + 6 : start + 9] = base_contact[:, :3, 1]
-    features[:, _SIZE] = sizes
-    features[:, _SIZE.start : _SIZE.start + 3] *= 20
-    features[:, _SIZE.start : _SIZE.start + 3] -= 1
-    features[:, _SIZE.stop] = distance / REACH
-    for column, scale in enumerate(_NEAR, _SIZE.stop + 1):
-        features[:, column] = np.tanh(scale * distance)
-    features[:, FREE] = free / _FREE_UNITS
+    position = (base_contact[:, :3, 3] - CENTRE) / REACH
+    features[:, POSE] = np.concatenate((position, base_contact[:, :3, 0], base_contact[:, :3, 1]), axis=1)
+    features[:, POSE.stop : POSE.stop + 4] = sizes * _SIZE_UNITS - _SIZE_SHIFT
+    line = (distance / REACH, *(np.tanh(scale * distance) for scale in _NEAR))
+    features[:, POSE.stop + 4 : FREE.start] = np.transpose(line)
+    features[:, FREE] = free / FREE_UNITS
     return features
 
 

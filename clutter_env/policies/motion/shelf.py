@@ -23,26 +23,21 @@ from clutter_env.policies.motion.arm import (
     shorter_turns,
     with_wrist_flipped,
 )
-from clutter_env.policies.motion.control import (
-    MAX_SHIFT,
-    MAX_TURN,
-    IntegralOffset,
-    limited,
-    rotation_matrices,
-    rotation_vectors,
-)
+from clutter_env.policies.motion.control import MAX_SHIFT, MAX_TURN, IntegralOffset, limited
 from clutter_env.policies.motion.keyframe_planner import AHEAD, Keyframe, drive_goal, gripper_error
 from clutter_env.policies.motion.network import (
     FREE_JOINTS,
     SHELF_PHASES,
     SKILLS,
     KeyframeNetwork,
-    SingleKeyframes,
+    KeyframePredictor,
+    Q,
     contact_in_base,
     line_distance,
 )
 from clutter_env.policies.parsed_observation import ParsedObservation, Surroundings, planar_pose, wrapped
 from clutter_env.scene.layout import TABLE, Layout, furniture
+from irm.rotations import rotation_vectors, rotations_by
 from planners import Contact, StaticObstacle, drive_out, robot_arrays
 
 Array = NDArray[np.float64]
@@ -118,7 +113,7 @@ class ShelfKeyframePlanner:
     def __init__(self, network: KeyframeNetwork, robot: RobotSpec, layout: Layout) -> None:
         self._robot, self._keep_out, self._table = robot, network.keep_out, table_of(layout)
         self._refused: list[Contact] = []
-        self._keyframes, self._arms = SingleKeyframes(network), ShelfArm(network, robot, layout)
+        self._keyframes, self._arms = KeyframePredictor(network), ShelfArm(network, robot, layout)
 
     def raise_pick(self, *_: object) -> float:
         """0 m: there is a board above."""
@@ -142,7 +137,7 @@ class ShelfKeyframePlanner:
         """The goal of a phase; the contact may have moved since."""
         if self._driven is None or self._driven[0] is not contact:
             self._driven = contact, drive_out(self._table, contact.base, contact.tcp)
-        base, stops = self._driven[1][_waypoint(phase)], 1
+        base, stops = base_waypoint(self._driven[1], phase), 1
         here = self._height(phase, contact, seen)
         expected = np.array(contact.tcp)
         expected[2, 3] += here
@@ -151,7 +146,7 @@ class ShelfKeyframePlanner:
         like = _FINGERS_AS[contact.skill].get(phase, phase)
         predicted = self._predict(like, contact, np.zeros(2) if like in _TUCKED else self._arm.low)
         if phase in _TUCKED:
-            q = self._flipped(predicted[3:11])
+            q = self._flipped(predicted[Q])
         else:
             ahead = here
             if phase == "lift":
@@ -177,7 +172,7 @@ class ShelfKeyframePlanner:
         last_tcp, last_height, _ = self._last
         if height != last_height or np.abs(base_tcp - last_tcp).max() > _SAME:
             free, heights = self._arm.at(height)[None], np.array([height])
-            q = self._arms.on_line(contact.skill, base_tcp, self._sizes, heights, free, _ROUNDS)[0]
+            q = self._arms.on_line(contact.skill, base_tcp, self._sizes, heights, free, _ROUNDS)[0][0]
             self._last = base_tcp, height, self._flipped(q)
         return self._last[2]
 
@@ -185,8 +180,8 @@ class ShelfKeyframePlanner:
         return with_wrist_flipped(self._robot, q) if self._arm.is_flipped else q
 
     def _predict(self, phase: str, contact: Contact, free: Array) -> Array:
-        base_tcp = contact_in_base(contact.tcp, contact.base)
-        return self._keyframes.predict(contact.skill, phase, base_tcp, self._sizes, 0.0, free)
+        base_tcp = contact_in_base(contact.tcp, contact.base)[None]
+        return self._keyframes.predict(contact.skill, phase, base_tcp, self._sizes, 0.0, free)[0]
 
 
 def table_of(layout: Layout) -> StaticObstacle:
@@ -195,14 +190,12 @@ def table_of(layout: Layout) -> StaticObstacle:
     return StaticObstacle(box.name, np.array(box.position), np.array(box.half_extents))
 
 
-def base_waypoint(table: StaticObstacle, contact: Contact, phase: str) -> Array:
-    """(3,) The base at the end of a phase: where the gripper reaches the object, backed off along it, or outside."""
-    return np.asarray(drive_out(table, contact.base, contact.tcp)[_waypoint(phase)])
-
-
-def _waypoint(phase: str) -> int:
-    """Number of that pose in `drive_out`."""
-    return 1 if phase in ("enter", "back") else 0 if phase in ("reach", "close", "lift", "lower", "open") else 2
+def base_waypoint(drive: Array, phase: str) -> Array:
+    """(3,) The base at the end of a phase, of the poses of `drive_out`: inside, backed off, or outside."""
+    inside, back, outside = drive
+    if phase in ("enter", "back"):
+        return np.asarray(back)
+    return np.asarray(inside if phase in ("reach", "close", "lift", "lower", "open") else outside)
 
 
 def drive_points(table: StaticObstacle, contact: Contact) -> Array:
@@ -250,7 +243,7 @@ class ShelfArm:
     """
 
     def __init__(self, network: KeyframeNetwork, robot: RobotSpec, layout: Layout) -> None:
-        self._network, self._kinematics, self._robot = network, ArmKinematics(robot), robot
+        self._keyframes, self._kinematics, self._robot = KeyframePredictor(network), ArmKinematics(robot), robot
         self._home, self._demonstrated = np.array(robot.home)[list(FREE_JOINTS)], network.shown.numpy().astype(float)
         self._table, self._boxes = table_of(layout), furniture(layout)
         arrays, centres, radii, links = robot_arrays(robot), [], [], []
@@ -281,9 +274,7 @@ class ShelfArm:
         def risks(heights: Array, free: Array, flipped: NDArray[np.bool_]) -> tuple[Array, Array]:
             """Risk on the drive, and the gripper's error [m], of arms (k,) at heights [m] above the contact."""
             base_tcp = contact_in_base(contact.tcp, contact.base)
-            q = self.on_line(contact.skill, base_tcp, sizes, heights, free, _CHOOSING_ROUNDS)
-            position = self._kinematics.tcp(torch.from_numpy(q.astype(np.float32)))[0].numpy()
-            miss = np.linalg.norm(_raised(base_tcp, heights)[:, :3, 3] - position, axis=1)
+            q, miss = self.on_line(contact.skill, base_tcp, sizes, heights, free, _CHOOSING_ROUNDS)
             q[flipped] = with_wrist_flipped(self._robot, q[flipped])
             T = planar_pose(np.array(contact.base))
             centres = self.ball_centres(q) @ T[:3, :3].T + T[:3, 3]
@@ -314,8 +305,10 @@ class ShelfArm:
         is_blocked = risk[found] > _MAX_RISK or around.contain(gripper + drive[:, None])
         return ArmChoice(float(height[found]), low[of], high[found], bool(flipped[of]), bool(is_blocked))
 
-    def on_line(self, skill: str, base_tcp: Array, sizes: Array, heights: Array, free: Array, rounds: int) -> Array:
-        """Torso and arm (k, 8) with the gripper at heights (k,) [m] above a contact.
+    def on_line(
+        self, skill: str, base_tcp: Array, sizes: Array, heights: Array, free: Array, rounds: int
+    ) -> tuple[Array, Array]:
+        """Torso and arm (k, 8) with the gripper at heights (k,) [m] above a contact, and its error there (k,) [m].
 
         They are predicted, and corrected by forward kinematics before the robot moves: where that predicts the gripper
         beside its line, the contact in the network input is moved to the other side, as feedback of the measured error
@@ -330,37 +323,31 @@ class ShelfArm:
             rounds: of correction.
         """
         count, phase = len(heights), "lift" if skill == "pick" else "lower"
-        wanted = _raised(base_tcp, heights)
+        wanted = np.tile(base_tcp, (count, 1, 1))
+        wanted[:, 2, 3] += heights
         shift, turn, bend = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 2))
         for left in range(rounds, -1, -1):
             shifted = np.tile(base_tcp, (count, 1, 1))
             shifted[:, :3, 3] += shift
-            shifted[:, :3, :3] = rotation_matrices(turn) @ shifted[:, :3, :3]
-            q = self._network.predict(skill, phase, shifted, sizes, heights, free + bend).q.numpy().astype(float)
+            shifted[:, :3, :3] = rotations_by(turn) @ shifted[:, :3, :3]
+            q = self._keyframes.predict(skill, phase, shifted, sizes, heights, free + bend)[:, Q]
+            position, rotation = self._kinematics.tcp(torch.from_numpy(q.astype(np.float32)))
+            error = wanted[:, :3, 3] - position.numpy()
             if left:
-                position, rotation = self._kinematics.tcp(torch.from_numpy(q.astype(np.float32)))
                 off = wanted[:, :3, :3] @ rotation.numpy().transpose(0, 2, 1)
                 # Rotations in single precision are orthogonal to 1e-7; a step of Newton's method for the nearest one.
                 off = rotation_vectors(off @ (1.5 * np.eye(3) - 0.5 * off.transpose(0, 2, 1) @ off))
-                shift = limited(shift + _GAIN * (wanted[:, :3, 3] - position.numpy()), MAX_SHIFT)
+                shift = limited(shift + _GAIN * error, MAX_SHIFT)
                 bend += _GAIN * (free + self._home - q[:, list(FREE_JOINTS)])
                 bend = np.clip(bend, -_MAX_BEND, _MAX_BEND)
-                turned = rotation_matrices(_GAIN * off) @ rotation_matrices(turn)
-                turn = limited(rotation_vectors(turned), MAX_TURN)
-        return q
+                turn = limited(rotation_vectors(rotations_by(_GAIN * off) @ rotations_by(turn)), MAX_TURN)
+        return q, np.linalg.norm(error, axis=1)
 
     def ball_centres(self, q: Array) -> Array:
         """(k, b, 3) [m] Centres of the balls in the base's frame, at configurations (k, 8)."""
         origins, rotations = self._kinematics.links(torch.from_numpy(q.astype(np.float32)))
         R, p = rotations.numpy().astype(float)[:, self._links], origins.numpy().astype(float)[:, self._links]
         return np.asarray(p + (R @ self._centres[:, :, None])[..., 0])
-
-
-def _raised(base_tcp: Array, heights: Array) -> Array:
-    """(k, 4, 4) A gripper pose (4, 4), at heights (k,) [m] above it."""
-    raised = np.tile(base_tcp, (len(heights), 1, 1))
-    raised[:, 2, 3] += heights
-    return raised
 
 
 def demonstrated_row(contact: Contact, free: Array) -> Array:

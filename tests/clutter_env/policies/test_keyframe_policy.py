@@ -17,7 +17,7 @@ from clutter_env.envs.observation import OBSERVATION_LAYOUT
 from clutter_env.policies.motion.arm import ArmKinematics, shorter_turns, with_wrist_flipped
 from clutter_env.policies.motion.keyframe_planner import RAISE, OpenKeyframePlanner
 from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
-from clutter_env.policies.motion.network import KeepOutRegion, KeyframeNetwork
+from clutter_env.policies.motion.network import KeepOutRegion, KeyframeNetwork, KeyframePredictor, Q
 from clutter_env.policies.parsed_observation import parse_observation, planar_pose
 from clutter_env.policies.protocol import begin_episode
 from clutter_env.policies.registry import load_policy
@@ -166,8 +166,8 @@ def test_of_two_arm_configurations_the_one_that_is_clear_of_an_object_is_chosen(
     planner = OpenKeyframePlanner(network, FETCH, find_layout("paper"))
     np.testing.assert_allclose(planner.free_joints(contact, 0, seen), 0.0)
     # A small object in the elbow of that configuration before the descent, higher than the wrist ever is.
-    predicted = network.predict("pick", "approach", ahead[None], seen.sizes(0), 0.18, np.zeros(2))
-    elbow = kinematics.links(predicted.q)[0][0, 4].numpy().astype(float)
+    q = KeyframePredictor(network).predict("pick", "approach", ahead[None], seen.sizes(0), 0.18, np.zeros(2))[:, Q]
+    elbow = kinematics.links(torch.tensor(q, dtype=torch.float32))[0][0, 4].numpy().astype(float)
     T = np.linalg.inv(planar_pose(seen.base)) @ planar_pose(base)
     small = seen.objects[0].copy()
     small[_ROW["position"]] = T[:3, :3] @ elbow + T[:3, 3]
@@ -206,13 +206,15 @@ def test_a_level_gripper_takes_objects_higher_than_planned_but_below_their_top(e
 def test_an_arm_that_would_lie_on_furniture_is_not_chosen(env: gym.Env[Any, Any]) -> None:
     seen = parse_observation(env.reset(seed=0)[0])
     network, _ = KeyframeNetwork.load(shipped_path("motions", "side"))
-    base, ahead = np.array((-0.9, 0.1, 0.0)), np.eye(4)
+    kinematics, base, ahead = ArmKinematics(FETCH), np.array((-0.9, 0.1, 0.0)), np.eye(4)
     ahead[:3, 3] = 0.78, 0.0, 0.85
     contact = Contact("pick", "object_00", base, planar_pose(base) @ ahead)
     planner = OpenKeyframePlanner(network, FETCH, find_layout("paper"))
     np.testing.assert_allclose(planner.free_joints(contact, 0, seen), 0.0)
-    q = network.predict("pick", "approach", ahead[None], seen.sizes(0), 0.0, np.zeros(2)).q
-    elbow = planar_pose(base) @ np.append(ArmKinematics(FETCH).links(q)[0][0, 4].numpy().astype(float), 1.0)
+    q = KeyframePredictor(network).predict("pick", "approach", ahead[None], seen.sizes(0), 0.0, np.zeros(2))[:, Q]
+    elbow = planar_pose(base) @ np.append(
+        kinematics.links(torch.tensor(q, dtype=torch.float32))[0][0, 4].numpy().astype(float), 1.0
+    )
     planner._furniture = np.array([(elbow[:3] - (0.0, 0.0, 0.08), (0.02, 0.02, 0.02))])
     assert np.abs(planner.free_joints(contact, 0, seen)).max() > 0.04
 
