@@ -17,11 +17,12 @@ from clutter_env.envs.observation import OBSERVATION_LAYOUT
 from clutter_env.policies.motion.arm import ArmKinematics, shorter_turns, with_wrist_flipped
 from clutter_env.policies.motion.keyframe_planner import RAISE, OpenKeyframePlanner
 from clutter_env.policies.motion.keyframe_policy import KeyframePolicy
-from clutter_env.policies.motion.network import KeepOutRegion, KeyframeNetwork, KeyframePredictor, Q
+from clutter_env.policies.motion.network import KeyframeNetwork, KeyframePredictor, Q
 from clutter_env.policies.parsed_observation import parse_observation, planar_pose
 from clutter_env.policies.protocol import begin_episode
 from clutter_env.policies.registry import load_policy
 from clutter_env.policies.weights import shipped_path
+from clutter_env.scene.keep_out import KeepOutRegion
 from clutter_env.scene.layout import find_layout
 from planners import Contact, tcp_pose
 from planners.scene import RobotState
