@@ -22,11 +22,11 @@ from clutter_env.policies.motion.network import (
     FREE_UNITS,
     POSE,
     REACH,
-    KeepOutRegion,
     KeyframeNetwork,
     Prediction,
 )
 from clutter_env.policies.motion.shelf import demonstrated_row
+from clutter_env.scene.keep_out import KeepOutRegion
 from scripts.shipped_weights.descent import Report, descend
 from scripts.shipped_weights.motion_examples import (
     KeyframeExamples,

@@ -231,7 +231,7 @@ class LearnedHighLevelPolicy:
     def _in_the_way(self, candidates: Candidates, own: Rows, others: Rows, is_present: ArrayLike = True) -> Array:
         """(m, n) Probabilities that others (n, 5) are in the way, with a margin for motions that are not exact."""
         thicker = others + np.array((0, 0, 0, _MARGIN, 0), np.float32)
-        shown = np.broadcast_to(is_present, (len(candidates), len(others)))
+        shown = np.array(np.broadcast_to(is_present, (len(candidates), len(others))))
         with torch.no_grad():
             exact, padded = (
                 torch.sigmoid(self._network(_batch(candidates, own, rows, shown))).numpy().astype(float)
