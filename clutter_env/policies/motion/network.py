@@ -205,8 +205,8 @@ def network_input(
     position = (base_contact[:, :3, 3] - CENTRE) / REACH
     features[:, POSE] = np.concatenate((position, base_contact[:, :3, 0], base_contact[:, :3, 1]), axis=1)
     features[:, POSE.stop : POSE.stop + 4] = sizes * _SIZE_UNITS - _SIZE_SHIFT
-    line = (distance / REACH, *(np.tanh(scale * distance) for scale in _NEAR))
-    features[:, POSE.stop + 4 : FREE.start] = np.transpose(line)
+    line = np.stack((distance / REACH, *(np.tanh(scale * distance) for scale in _NEAR)), axis=-1)
+    features[:, POSE.stop + 4 : FREE.start] = line
     features[:, FREE] = free / FREE_UNITS
     return features
 

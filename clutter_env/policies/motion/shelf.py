@@ -130,12 +130,13 @@ class ShelfKeyframePlanner:
         if self._arm.is_blocked and sum(_is_same(contact, other) for other in self._refused) < _MAX_REFUSALS:
             self._refused.append(contact)
             return []
-        self._last, self._driven = (np.zeros((4, 4)), 0.0, seen.q), None
+        self._last = np.zeros((4, 4)), 0.0, seen.q
+        self._driven = contact, drive_out(self._table, contact.base, contact.tcp)
         return list(SHELF_PHASES[contact.skill])
 
     def keyframe(self, phase: str, contact: Contact, offset: IntegralOffset, seen: ParsedObservation) -> Keyframe:
         """The goal of a phase; the contact may have moved since."""
-        if self._driven is None or self._driven[0] is not contact:
+        if self._driven[0] is not contact:
             self._driven = contact, drive_out(self._table, contact.base, contact.tcp)
         base, stops = base_waypoint(self._driven[1], phase), 1
         here = self._height(phase, contact, seen)
