@@ -15,6 +15,7 @@ import tempfile
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import product
 from pathlib import Path
 
 import mujoco
@@ -43,6 +44,8 @@ _BESIDE = 0.01
 """[m] that the gripper may be behind beside an object: between the walls of a bin it has 4 mm to each side."""
 _MARGIN = 0.01
 """[m] by which an object may be beside where it was to be put down, and still be in its region."""
+_BELOW = 0.05
+"""[m] that what carries a region may be below where KinDER's box for the centres of its objects begins."""
 _DROP = 0.06
 """[m] that an object may fall into another one, as a bin, whose walls keep the linkage of the hand out."""
 _PAD = (0.007, 0.011)
@@ -349,8 +352,14 @@ def _region(scene: Scene, name: str, anchor: str, boxes: Array, facts: list[list
     """
     low, high = boxes[0, :3], boxes[0, 3:]
     centre = (low[:2] + high[:2]) / 2
-    level = [one for one in scene.static_obstacles if one.has_level_top and one.is_under(centre) and one.top < high[2]]
-    support = max(level, key=lambda one: one.top).name if level else "floor"
+    shares = np.array(list(product((0.0, 0.25, 0.5, 0.75, 1.0), repeat=2)))
+    points = low[:2] + shares * (high[:2] - low[:2])  # its middle may be beside what it belongs to, over the floor
+    level = [
+        one
+        for one in scene.static_obstacles
+        if one.has_level_top and low[2] - _BELOW < one.top < high[2] and one.is_under(points).any()
+    ]
+    support = max(level, key=lambda one: (one.is_under(centre), one.top)).name if level else "floor"
     is_inside = support.startswith(f"{anchor}/")  # let go in the middle, it comes to rest wherever the walls let it
     half = min(float(scene.body(fact[1]).half_extents.min()) for fact in facts if fact[2] == name)
     half_extents = (high[:2] - low[:2]) / 2 + half - (0.0 if is_inside else _MARGIN)

@@ -10,9 +10,10 @@ import pytest
 
 from assets.robot_making import FINGERS, Mounting, make_robot
 from assets.robots import FETCH
-from clutter_env.bridges.kinder_tasks import _ROBOTS, KinderTask, _with_linkage, standing
+from clutter_env.bridges.kinder_tasks import _ROBOTS, KinderTask, _region, _with_linkage, standing
 from planners.scene import Body, RobotState, Scene
 from tests.assets.test_robot_making import ARMS
+from tests.planners.scenes import HEIGHT, cylinder, table_scene
 
 
 def matrix(quaternion: np.ndarray) -> np.ndarray:
@@ -117,3 +118,12 @@ def test_the_hand_has_a_linkage_that_moves_with_the_fingers() -> None:
 
     np.testing.assert_allclose(sorted(widths(0.04)), [0.02 + 0.014, 0.02 + 0.033], atol=1e-6)
     np.testing.assert_allclose(sorted(widths(0.0)), [0.014, 0.033], atol=1e-6)
+
+
+def test_a_region_that_reaches_over_an_edge_is_on_the_table_wherever_its_middle_is() -> None:
+    """The floor under its middle was taken for it, on which KinDER's check never finds the object."""
+    scene = table_scene(cylinder("can", 0.0, 0.0))
+    box = np.array([[-0.45, -0.1, HEIGHT + 0.008, -0.30, 0.1, HEIGHT + 0.07]])
+    assert _region(scene, "front", "bowl", box, [["on", "can", "front"]]).support == "table_top"
+    box = np.array([[-0.8, -0.1, -0.01, -0.7, 0.1, 0.1]])
+    assert _region(scene, "there", "ground", box, [["on", "can", "there"]]).support == "floor"
