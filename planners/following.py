@@ -6,7 +6,7 @@ what the plan passes. Which of several plans it can follow is found out with a m
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -22,10 +22,10 @@ from planners.scene import Scene
 from planners.strategies import Strategy
 from planners.tamp.solution import Infeasible, Solution
 
-_Cost: TypeAlias = tuple[bool, int, int, int]
-"""Of a plan: whether the controller cannot follow it to its end; how many objects it touches; how many picks it has
-more than the lower bound; its steps."""
-_GOOD, _ENOUGH = (False, 0, 0), 3
+_Cost: TypeAlias = tuple[bool, bool, int, int, int]
+"""Of a plan: whether the controller cannot follow it to its end; whether it takes too long; how many objects it
+touches; how many picks it has more than the lower bound; its steps."""
+_GOOD, _ENOUGH = (False, False, 0, 0), 3
 """How the cost of good plans begins, and how many of them are compared."""
 
 
@@ -35,8 +35,8 @@ class FollowingPlanner(Planner):
 
     The first plans are for the goal as it is, with arm configurations near home, where such controllers keep the
     joints, and with all. The others move one of the objects before, or after, all others of the goal. Good plans are
-    those that a model of the controller follows to their end, that touch no object on the way and take none without
-    need. Of the first three, the one that takes the fewest steps is returned.
+    those that a model of the controller follows to their end in time, that touch no object on the way and take none
+    without need. Of the first three, the one that takes the fewest steps is returned.
 
     If there are none, motions are looked at one by one, near home: those that the controller cannot follow, or that
     touch an object, are replaced, as by one with another grasp. If there is no good plan then either, the one is
@@ -46,11 +46,13 @@ class FollowingPlanner(Planner):
         controller: the model. Other than with `follower`, motions are planned as for joint control.
         near_home: whether only arm configurations near home count.
         by_motion: whether motions are refused that the controller cannot follow.
+        steps_left: tells how many steps of the controller are left; None: enough.
     """
 
     controller: TcpFollower | None = None
     near_home: bool = False
     by_motion: bool = False
+    steps_left: Callable[[], float] | None = None
 
     def context(self, scene: Scene) -> PlanningContext:
         """That of `Planner`, near home if so chosen."""
@@ -75,7 +77,7 @@ class FollowingPlanner(Planner):
         ways = [(ordered, near_home, False) for ordered in orders for near_home in (True, False)]
         ways += [(ordered, True, True) for ordered in orders if self.controller is not None]
         for ordered, near_home, by_motion in ways:
-            if by_motion and any(cost[:3] == _GOOD for cost, _ in plans):
+            if by_motion and any(cost[:-1] == _GOOD for cost, _ in plans):
                 break
             left = None if time_limit is None else deadline.remaining
             planner = replace(self, near_home=near_home, by_motion=by_motion)
@@ -84,24 +86,25 @@ class FollowingPlanner(Planner):
                 refusals.append(found)
             else:
                 plans.append((self._cost(found, scene), found))
-            if sum(cost[:3] == _GOOD for cost, _ in plans) == _ENOUGH or deadline.is_over:
+            if sum(cost[:-1] == _GOOD for cost, _ in plans) == _ENOUGH or deadline.is_over:
                 break
         return _best(plans, refusals, wanted)
 
     def _cost(self, solution: Solution, scene: Scene) -> _Cost:
         needless = 0 if solution.bound is None else max(solution.picks - solution.bound.least, 0)
         if self.controller is None:
-            return False, 0, needless, 0
+            return False, False, 0, needless, 0
         compiled, touched, steps, q = CompiledScenes(), 0, 0, np.array(scene.state.q)
         for action in solution.actions:
             followed = follow(self.controller, scene.robot, q, action.trajectory)
             if followed is None:
-                return True, touched, needless, steps
+                return True, False, touched, needless, steps
             world, own = compiled.world(action.scene), (action.target,) if action.target else ()
             hits = followed.hits(world.with_padding(0.0), action.scene.mask(own))
             touched += len(action.scene.names_of(hits))
             steps, q = steps + len(followed.configurations), followed.configurations[-1, 3:]
-        return False, touched, needless, steps
+        is_late = self.steps_left is not None and steps > self.steps_left()
+        return False, is_late, touched, needless, steps
 
 
 def _best(plans: Sequence[tuple[_Cost, Solution]], refusals: Sequence[Infeasible], goal: Goal) -> Solution | Infeasible:

@@ -1,4 +1,4 @@
-"""robosuite's operational-space controller without the rest of the physics: how the arm follows its gripper."""
+"""robosuite's operational-space controller with the physics of its arm alone: how it follows its gripper."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+
+from planners.motion.tcp_following import ON_THE_WAY
 
 Array = NDArray[np.float64]
 
@@ -55,7 +57,8 @@ class OscFollower:
     """Predicts in which configurations the arm follows poses of the gripper: a `planners` `TcpFollower`.
 
     The gripper is drawn to its goal as by a spring with damping, the elbow to where it started, and a joint at its
-    limit stays there.
+    limit stays there. Motors are no stronger than they are, and air and joints of the model brake: robosuite's links
+    have the inertia of far greater bodies, on which its air acts with as much as the motors of the wrist have.
     """
 
     def __init__(
@@ -72,6 +75,8 @@ class OscFollower:
         stiffness: float,
         lag: float,
         most: Array,
+        strength: Array,
+        line_tolerance: float = ON_THE_WAY,
     ) -> None:
         """Make a model of the controller.
 
@@ -87,6 +92,8 @@ class OscFollower:
             stiffness: [1/s²] of the gripper's spring; the damping is critical.
             lag: steps by which the gripper stays behind.
             most: (6,) [m], [rad] that an action of 1 means.
+            strength: (n,) [N m] of the motors at most.
+            line_tolerance: of the world, see `TcpFollower`.
         """
         model = data.model
         self._model, self._data = model, data
@@ -96,6 +103,7 @@ class OscFollower:
         self._lower, self._upper = np.array([joint.range for joint in own]).T
         self._site, self._start, self._base, self._T_site_tcp = model.site(site).id, start, base, T_site_tcp
         self._lift, self._dt, self._stiffness, self._lag, self._most = lift, dt, stiffness, lag, most
+        self._strength, self.line_tolerance = strength, line_tolerance
         self.reset(np.append(lift, start))
 
     def reset(self, q: Array) -> None:
@@ -112,12 +120,14 @@ class OscFollower:
         action = self._lead.action(wanted, now @ self._T_site_tcp) * self._most
         J, inverse, M = self._dynamics()
         pull, free = _projections(J, inverse)
+        weight, brake = self._loads()
         time, start = self._dt / _SUBSTEPS, self._q
         for _ in range(_SUBSTEPS):
             left = action - J @ (self._q - start)
             force = self._stiffness * left - 2 * np.sqrt(self._stiffness) * (J @ self._qd)
             elbow = _ELBOW_STIFFNESS * (self._start - self._q) - 2 * np.sqrt(_ELBOW_STIFFNESS) * self._qd
-            self._qd = self._qd + inverse @ (pull @ force + free @ (M @ elbow)) * time
+            torque = np.clip(pull @ force + free @ (M @ elbow) + weight, -self._strength, self._strength)
+            self._qd = self._qd + inverse @ (torque - weight + brake) * time
             q = self._q + self._qd * time
             self._q = np.clip(q, self._lower, self._upper)
             self._qd[self._q != q] = 0.0
@@ -144,6 +154,15 @@ class OscFollower:
         mujoco.mj_fullM(self._model, self._data, M)
         M = M[np.ix_(self._dofs, self._dofs)]
         return J[:, self._dofs], np.linalg.inv(M), M
+
+    def _loads(self) -> tuple[Array, Array]:
+        """(n,) [N m] that the motors have to carry, and of the air and the joints' damping."""
+        weight = np.empty(self._model.nv)
+        self._data.qvel[self._dofs] = self._qd
+        mujoco.mj_comVel(self._model, self._data)
+        mujoco.mj_passive(self._model, self._data)
+        mujoco.mj_rne(self._model, self._data, 0, weight)
+        return weight[self._dofs], np.asarray(self._data.qfrc_passive[self._dofs])
 
 
 def _projections(J: Array, inverse: Array) -> tuple[Array, Array]:

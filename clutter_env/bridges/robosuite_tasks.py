@@ -49,11 +49,15 @@ _STILL = 0.004
 """[m] by which the gripper's opening may differ from the one wanted, before it is moved."""
 _STEPS = 10
 """Of the environment in which its gripper opens or closes all the way."""
+_FINGERS = _OPENING / 2 / (0.05 * _STEPS)
+"""[m/s] of one finger."""
+_BESIDE = 0.01
+"""[m] that the TCP may be behind on lines to and from an object: fingers 12 mm beside it come down on it else."""
 GRASPS = tuple(
     GraspFamily(f"{pitch}°, {1000 * depth:.0f} mm deep", np.radians(pitch), depth=depth, shape=shape)
     for depth, shape, pitches in (
         (0.03, None, (90, 75)),
-        (0.02, None, (90, 75, 70, 60)),
+        (0.02, None, (90, 75, 70, 60, 50, 40)),
         (0.01, "cylinder", (90, 70, 60, 50)),
     )
     for pitch in pitches
@@ -122,7 +126,9 @@ class RobosuiteTask:
         start = robosuite("reset", id=id, robot=robot, seed=seed)
         x, y, z = start["base"]
         home = (z - _ARM[1], *start["home"])
-        self.robot = replace(_panda(takes_thin=goal is None), home=home, plans_torso=False)
+        self.robot = replace(
+            _panda(takes_thin=goal is None), home=home, plans_torso=False, max_finger_velocity=_FINGERS
+        )
         self._base, self._lift = np.array([x - _ARM[0], y, 0.0]), home[:1]
         model = insert_robot(_simple(start["xml"]), self.robot, self._base, without=[start["root"]])
         joints = start["joints"]
@@ -140,12 +146,22 @@ class RobosuiteTask:
             self._step(np.zeros(6), 0.0)
         self._commanded, self._lead = _OPENING / 2, Lead(self._tcp(), self._lag, self._most)
         self.planner = FollowingPlanner(
-            self.robot, grasps=GRASPS if goal else _HANDLES, controller=self._follower(start, robot)
+            self.robot,
+            grasps=GRASPS if goal else _HANDLES,
+            controller=self._follower(start, robot),
+            steps_left=lambda: self.horizon - self.steps,
         )
         near = [joint for joint in free if np.hypot(*(self.observe()[joint.qposadr[0] :][:2] - self._base[:2])) < _AWAY]
         movable = [model.body(int(joint.bodyid[0])).name for joint in near]
         self.world = ControlledWorld(
-            self, model, self.robot, movable=movable, support=supports[0], more_supports=supports[1:], goal=goal
+            self,
+            model,
+            self.robot,
+            movable=movable,
+            support=supports[0],
+            more_supports=supports[1:],
+            goal=goal,
+            line_tolerance=_BESIDE,
         )
         if goal is None:
             self.world.goal = _on_pegs(self.world)
@@ -180,6 +196,8 @@ class RobosuiteTask:
             stiffness=start["stiffness"],
             lag=self._lag,
             most=self._most,
+            strength=np.array(start["strength"]),
+            line_tolerance=_BESIDE,
         )
 
     def _read(self, answer: dict[str, Any]) -> None:

@@ -17,7 +17,7 @@ from planners.expert.config import MonitorConfig
 from planners.expert.monitor import Deviation, DeviationKind, Sensor, Snapshot, object_moved, tracking_error
 from planners.goals import has_yaw
 from planners.motion.arm import tcp_pose
-from planners.motion.tcp_following import ON_THE_WAY, PATIENCE, PRECISE, is_behind
+from planners.motion.tcp_following import ON_THE_WAY, PATIENCE, allowed, is_behind
 from planners.motion.trajectory import CONTROL_STEP, Trajectory, is_contact
 from planners.scene import HeldObject, RobotState
 from planners.tamp.solution import BoundAction
@@ -185,11 +185,8 @@ class Executor:
             return False
         due = self._sent[0].drive
         wanted = tcp_pose(self._present.scene.robot, RobotState(due[:3], due[3:], 0.0))
-        changes = [phase.start for phase in self._trajectory.phases if is_contact(phase)]
         near = CONTROL_STEP * max(self._stride, 1.0)
-        is_near_contact = any(start - near <= self._time <= start + near for start in changes)
-        tolerance = self._line_tolerance if self._retreat_direction() else ON_THE_WAY
-        behind = is_behind(wanted, now.T_world_tcp, PRECISE if is_near_contact else tolerance)
+        behind = is_behind(wanted, now.T_world_tcp, allowed(self._trajectory, self._time, self._line_tolerance, near))
         self._waited = self._waited + self._stride if behind else 0.0
         return behind
 

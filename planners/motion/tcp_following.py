@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from planners.collision.world import CollisionWorld
 from planners.motion.arm import tcp_pose
-from planners.motion.trajectory import CONTROL_STEP, Trajectory
+from planners.motion.trajectory import CONTROL_STEP, Trajectory, is_contact
 from planners.scene import HeldObject, RobotState
 
 Array = NDArray[np.float64]
@@ -26,7 +26,10 @@ RAD_PER_METRE = 5.0
 
 
 class TcpFollower(Protocol):
-    """A model of a controller that follows TCP poses in the base frame."""
+    """A model of a controller that follows TCP poses in the base frame.
+
+    It may have a `line_tolerance` as `planners.ControlledWorld` does: [m] that the TCP may be behind beside objects.
+    """
 
     def reset(self, q: Array) -> None:
         """Start at rest in a configuration (8,)."""
@@ -73,6 +76,16 @@ def is_behind(wanted: Array, actual: Array, precision: float) -> bool:
     return distance > precision or turn > RAD_PER_METRE * precision
 
 
+def allowed(trajectory: Trajectory, time: float, beside: float, near: float = CONTROL_STEP) -> float:
+    """[m] that the TCP may be behind: `near` [s] where fingers close or open, `beside` on lines there, elsewhere."""
+    phases = trajectory.phases
+    contacts = [number for number, phase in enumerate(phases) if is_contact(phase)]
+    if any(phases[number].start - near <= time <= phases[number].start + near for number in contacts):
+        return PRECISE
+    at = phases.index(trajectory.phase(time))
+    return beside if any(abs(at - number) <= 1 for number in contacts) else ON_THE_WAY
+
+
 def follow(follower: TcpFollower, robot: RobotSpec, q_start: Array, trajectory: Trajectory) -> Followed | None:
     """How the joints follow the TCP poses of a trajectory; None if the TCP stays behind for too long.
 
@@ -82,20 +95,20 @@ def follow(follower: TcpFollower, robot: RobotSpec, q_start: Array, trajectory: 
         q_start: (8,) configuration at the start.
         trajectory: the TCP poses commanded; each sample waits for the TCP as in `planners.expert.executor`.
     """
-    contacts = [phase.start for phase in trajectory.phases if phase.name in ("close", "open")]
+    beside = float(getattr(follower, "line_tolerance", ON_THE_WAY))
     follower.reset(q_start)
     configurations, fingers, held = [], [], []
     for time in trajectory.times:
         sample = trajectory.sample(float(time))
         wanted = tcp_pose(robot, RobotState(np.zeros(3), sample.q, 0.0))
-        is_contact = any(abs(time - start) <= CONTROL_STEP for start in contacts)
+        precision = allowed(trajectory, float(time), beside)
         for waited in range(PATIENCE + 1):
             q = follower.step(wanted)
             configurations.append(np.concatenate((sample.base, q)))
             fingers.append(sample.finger_position)
             held.append(sample.phase.touched if sample.phase.held else None)
             actual = tcp_pose(robot, RobotState(np.zeros(3), q, 0.0))
-            if not is_behind(wanted, actual, PRECISE if is_contact else ON_THE_WAY):
+            if not is_behind(wanted, actual, precision):
                 break
             if waited == PATIENCE:
                 return None

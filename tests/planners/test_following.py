@@ -36,14 +36,17 @@ SCENE = replace(
     regions=(Region("left", "table_top", (0.0, 0.15), (0.1, 0.06)),),
 )
 GOAL = goals.inside("a", "left") & goals.inside("b", "left")
+WAITS = 5000
+"""Steps, longer than any plan here."""
 
 
 @dataclass
 class Controller:
-    """Gets stuck with one object in the gripper if that is the first of a plan, and takes the arm through another."""
+    """Gets stuck with one object in the gripper if that is the first of a plan, touches one more, or waits for long."""
 
     first: str = ""
     touched: str = ""
+    slow: str = ""
 
     def reset(self, q: NDArray[np.float64]) -> None:
         raise AssertionError(f"`follow` is replaced: {q}")
@@ -64,6 +67,9 @@ class Controller:
         if names and is_first and self.touched == names[0]:
             X, other = followed.configurations, SCENE.body("c").position
             X = np.vstack((X, np.concatenate((other[:2], X[-1, 2:]))))
+            return Followed(X, np.full(len(X), 0.05), (None,) * len(X))
+        if names and is_first and self.slow == names[0]:
+            X = np.vstack((followed.configurations, np.tile(followed.configurations[-1], (WAITS, 1))))
             return Followed(X, np.full(len(X), 0.05), (None,) * len(X))
         return followed
 
@@ -123,6 +129,17 @@ def test_a_motion_that_is_not_followed_is_replaced_by_one_with_another_grasp(mon
     found = FollowingPlanner(FETCH, grasps=grasps, controller=Controller()).solve(SCENE, goal)
     assert isinstance(found, Solution)
     assert not any(points_down(action.trajectory) for action in found.actions)
+
+
+def test_a_plan_that_takes_longer_than_there_is_time_for_is_replaced(
+    planned: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    controller = Controller(slow=planned[0])
+    replace_follow(monkeypatch, controller.follow)
+    monkeypatch.setattr(planners.following, "_ENOUGH", 1)
+    planner = FollowingPlanner(FETCH, controller=controller)
+    assert order_of(planner.solve(SCENE, GOAL)) == planned
+    assert order_of(replace(planner, steps_left=lambda: WAITS).solve(SCENE, GOAL)) == planned[::-1]
 
 
 def test_of_plans_that_are_not_followed_the_nearest_is_taken(

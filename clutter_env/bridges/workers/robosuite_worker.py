@@ -45,6 +45,7 @@ class Task:
             "most": controller.output_max.tolist(),
             "stiffness": float(controller.kp[0]),
             "lag": float(controller.kd[0] / controller.kp[0]),
+            "strength": controller.actuator_max.tolist(),
             "site": controller.ref_name,
             "elbow": controller.initial_joint.tolist(),
             "horizon": env.horizon,

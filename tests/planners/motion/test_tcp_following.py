@@ -85,3 +85,15 @@ def test_objects_touched_while_following_are_in_the_way_and_named() -> None:
     found = motion_layer(blocked)._followed(blocked, BoundMotion(TRAJECTORY, blocked), ("wanted",))
     assert isinstance(found, BlockedBy)
     assert found.blockers == {"other"}
+
+
+def test_beside_objects_the_tcp_is_as_near_as_the_world_wants_it() -> None:
+    """Each sample is waited for, on the lines longer, and elsewhere as long as before."""
+    precise = TcpFollower(FETCH)
+    precise.line_tolerance = 0.004
+    ways = [follow(one, FETCH, np.array(SCENE.state.q), TRAJECTORY) for one in (TcpFollower(FETCH), precise)]
+    loose, near = [way.configurations for way in ways if way is not None]
+    assert len(near) > len(loose)
+    starts = {phase.name: phase.start for phase in TRAJECTORY.phases}
+    before = sum(TRAJECTORY.times < starts["approach"])
+    assert (near[:before] == loose[:before]).all()
