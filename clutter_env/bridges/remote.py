@@ -26,7 +26,7 @@ def _without_our_packages() -> dict[str, str]:
 
 
 class Remote:
-    """A worker script of `workers/` in another interpreter; calls and answers are JSON objects, one a line.
+    """The `Worker` of a file of `workers/` in another interpreter; see `workers/answer.py`.
 
     Example:
         with Remote("venv-kinder/bin/python", "kinder_worker.py") as kinder:
@@ -39,7 +39,7 @@ class Remote:
         self._errors = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115  until `close`
         try:
             self._process = subprocess.Popen(
-                [str(python), str(WORKERS / worker)],
+                [str(python), str(WORKERS / "answer.py"), str(WORKERS / worker)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=self._errors,

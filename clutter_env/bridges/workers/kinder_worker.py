@@ -1,32 +1,23 @@
-"""KinDER's environments for another process: one JSON object a line comes in, one goes out.
+"""KinDER's environments for another process, by `answer.py`, where `kindergarden` is installed."""
 
-It runs where `kindergarden` is installed and imports nothing of this project. What the environments print
-goes to standard error.
-"""
-
-import json
 import os
 import re
-import sys
-import traceback
 from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("DISPLAY", ":99")  # without one, KinDER forces a renderer that may not be there
 os.environ.setdefault("MUJOCO_GL", "egl")
 os.environ.setdefault("DISABLE_AUTO_DYNAMIC3D_SCENES_DOWNLOAD", "1")
-ANSWERS = os.fdopen(os.dup(1), "w")
-os.dup2(2, 1)
 
-import kinder  # noqa: E402  the lines above come first
-import mujoco  # noqa: E402
-import numpy as np  # noqa: E402
+import kinder
+import mujoco
+import numpy as np
 
 kinder.register_all_environments()
 _ROBOTS = {"tidybot": "stanford_tidybot/tidybot.xml", "fr3": "franka_fr3/fr3.xml"}
 
 
-class Task:
+class Worker:
     """One environment."""
 
     def __init__(self) -> None:
@@ -85,19 +76,3 @@ class Task:
     def task(self) -> Any:
         """The environment inside its wrappers."""
         return self.env.unwrapped._object_centric_env
-
-
-def main() -> None:
-    """Answer until the input ends."""
-    task = Task()
-    for line in sys.stdin:
-        request = json.loads(line)
-        try:
-            answer = getattr(task, request.pop("call"))(**request)
-        except Exception:
-            answer = {"error": traceback.format_exc()}
-        print(json.dumps(answer), file=ANSWERS, flush=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,29 +1,21 @@
-"""A checkpoint of LeRobot for another process: one JSON object a line comes in, one goes out.
-
-It runs where LeRobot is installed and imports nothing of this project. What LeRobot prints goes to standard error.
-"""
+"""A checkpoint of LeRobot for another process, by `answer.py`, where LeRobot is installed."""
 
 import base64
-import json
 import os
-import sys
-import traceback
 from typing import Any
 
 os.environ.setdefault("HF_HUB_OFFLINE", "1")  # a checkpoint is a directory; nothing is downloaded for it
-ANSWERS = os.fdopen(os.dup(1), "w")
-os.dup2(2, 1)
 
-import numpy as np  # noqa: E402  the lines above come first
-import torch  # noqa: E402
-from lerobot.configs.policies import PreTrainedConfig  # noqa: E402
-from lerobot.envs.utils import preprocess_observation  # noqa: E402
-from lerobot.policies.factory import get_policy_class, make_pre_post_processors  # noqa: E402
+import numpy as np
+import torch
+from lerobot.configs.policies import PreTrainedConfig
+from lerobot.envs.utils import preprocess_observation
+from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 
 torch.set_num_threads(1)  # several policies share a machine
 
 
-class Checkpoint:
+class Worker:
     """A policy with its own processing of observations and actions."""
 
     policy: Any
@@ -62,19 +54,3 @@ class Checkpoint:
             batch = self.before({**preprocess_observation(observation), "task": [task]})
             action = self.after(self.policy.select_action(batch))
         return {"action": action[0].tolist()}
-
-
-def main() -> None:
-    """Answer until the input ends."""
-    checkpoint = Checkpoint()
-    for line in sys.stdin:
-        request = json.loads(line)
-        try:
-            answer = getattr(checkpoint, request.pop("call"))(**request)
-        except Exception:
-            answer = {"error": traceback.format_exc()}
-        print(json.dumps(answer), file=ANSWERS, flush=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,24 +1,15 @@
-"""robosuite's environments for another process: one JSON object a line comes in, one goes out.
+"""robosuite's environments for another process, by `answer.py`, where `robosuite` is installed."""
 
-It runs where `robosuite` is installed and imports nothing of this project. What the environments print goes to standard
-error.
-"""
-
-import json
 import os
-import sys
-import traceback
 from typing import Any
 
-ANSWERS = os.fdopen(os.dup(1), "w")
-os.dup2(2, 1)
 os.environ.setdefault("MUJOCO_GL", "egl")  # nothing is drawn, but it is imported
 
-import numpy as np  # noqa: E402  the lines above come first
-import robosuite  # noqa: E402
+import numpy as np
+import robosuite
 
 
-class Task:
+class Worker:
     """One environment, with the controller and the limits that robosuite gives it."""
 
     def __init__(self) -> None:
@@ -65,19 +56,3 @@ class Task:
             "is_success": bool(self.env._check_success()),
             "done": bool(self.env.done),
         }
-
-
-def main() -> None:
-    """Answer until the input ends."""
-    task = Task()
-    for line in sys.stdin:
-        request = json.loads(line)
-        try:
-            answer = getattr(task, request.pop("call"))(**request)
-        except Exception:
-            answer = {"error": traceback.format_exc()}
-        print(json.dumps(answer), file=ANSWERS, flush=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -11,16 +11,20 @@ import pytest
 from clutter_env.bridges.remote import WORKERS, BridgeError, Remote
 
 WORKER = """
-import json, sys
-for line in sys.stdin:
-    request = json.loads(line)
-    if request["call"] == "leave":
+import sys
+print("what is printed is no answer")
+
+class Worker:
+    def double(self, number):
+        print("nor is this")
+        return {"twice": 2 * number}
+
+    def fail(self):
+        raise ValueError("no")
+
+    def leave(self):
         print("on the way out", file=sys.stderr)
         sys.exit(3)
-    if request["call"] == "crash":
-        raise KeyError("no such region")
-    fails = request["call"] == "fail"
-    print(json.dumps({"error": "ValueError: no"} if fails else {"twice": 2 * request["number"]}), flush=True)
 """
 
 KINDER = """
@@ -45,17 +49,18 @@ def test_calls_are_answered_and_errors_are_told(worker: str) -> None:
         with pytest.raises(BridgeError, match="ValueError: no"):
             remote("fail")
         assert remote("double", number=3) == {"twice": 6}
-        with pytest.raises(BridgeError, match="ended with code 3:\non the way out"):
+        with pytest.raises(BridgeError, match=r"(?s)ended with code 3:.*on the way out"):
             remote("leave")
 
 
 def test_the_traceback_of_a_worker_that_crashes_reaches_the_user(worker: str) -> None:
+    Path(worker).write_text("regions = {}\nregions['near the bowl']\n")
     with (
         Remote(sys.executable, worker) as remote,
-        pytest.raises(BridgeError, match="KeyError: 'no such region'") as told,
+        pytest.raises(BridgeError, match="KeyError: 'near the bowl'") as told,
     ):
-        remote("crash")
-    assert 'worker.py", line' in str(told.value)
+        remote("double", number=1)
+    assert 'worker.py", line 2' in str(told.value)
 
 
 def test_what_an_environment_of_kinder_raises_comes_with_its_traceback(tmp_path: Path) -> None:
@@ -66,7 +71,7 @@ def test_what_an_environment_of_kinder_raises_comes_with_its_traceback(tmp_path:
     starter = tmp_path / "starter.py"
     starter.write_text(
         f"import runpy, sys\nsys.path.insert(0, {str(tmp_path)!r})\n"
-        f"runpy.run_path({str(WORKERS / 'kinder_worker.py')!r}, run_name='__main__')\n"
+        f"Worker = runpy.run_path({str(WORKERS / 'kinder_worker.py')!r})['Worker']\n"
     )
     with (
         Remote(sys.executable, str(starter)) as remote,
