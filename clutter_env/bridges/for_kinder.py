@@ -75,8 +75,8 @@ class _ActionSpace(RobotActionSpace):
         """A table of the numbers."""
         rows = "".join(f"\n| {index} | {name} |" for index, name in enumerate(self._names))
         return (
-            "Shares of the largest velocities, -1 to 1, for 0.05 s; of a gripper -1 is closed and 1 open. A plain base "
-            f"moves along its own axes.\n\n| **Index** | **Meaning** |\n| --- | --- |{rows}\n"
+            "For 0.05 s, shares of the robot's largest velocities, from -1 to 1, those of the base along its own axes; "
+            f"of a gripper, -1 is closed and 1 open.\n\n| **Index** | **Meaning** |\n| --- | --- |{rows}\n"
         )
 
 
@@ -138,6 +138,14 @@ class ObjectCentricClutteredRetrieval3DEnv(ObjectCentricKinDEREnv):
         reward = answer["reward"] if self._own_reward else -1.0
         return self._shown(answer), reward, is_success, truncated, answer["info"]
 
+    def expert_action(self) -> Array | None:
+        """What the planner of clutter-env does next, None where it has given up; it plans when it is first asked.
+
+        It knows all poses exactly. For demonstrations.
+        """
+        action = self._remote("act")["action"]
+        return None if action is None else np.array(action, np.float32)
+
     def render(self) -> NDArray[np.uint8]:
         """The scene from the side, (height, width, 3)."""
         answer = self._remote("render")
@@ -195,7 +203,8 @@ class ClutteredRetrieval3DEnv(ConstantObjectKinDEREnv):
     """`Retrieve` with vectors of a constant set of objects; see `ObjectCentricClutteredRetrieval3DEnv`."""
 
     def _create_object_centric_env(self, *args: Any, **keywords: Any) -> ObjectCentricClutteredRetrieval3DEnv:
-        self._keywords = {name: value for name, value in keywords.items() if name != "python"}
+        own = ("python", "allow_state_access")
+        self._keywords = {name: value for name, value in keywords.items() if name not in own}
         return ObjectCentricClutteredRetrieval3DEnv(*args, **keywords)
 
     def _get_constant_object_names(self, exemplar_state: ObjectCentricState) -> list[str]:
@@ -207,6 +216,11 @@ class ClutteredRetrieval3DEnv(ConstantObjectKinDEREnv):
         if objects is not None and len(objects) != wanted:
             raise BridgeError(f"{len(objects)} objects do not fill an observation of {wanted}")
         return super().reset(seed=seed, options=options)
+
+    def expert_action(self) -> Array | None:
+        """See `ObjectCentricClutteredRetrieval3DEnv.expert_action`."""
+        action: Array | None = self._object_centric_env.expert_action()
+        return action
 
     def close(self) -> None:
         """End the process."""

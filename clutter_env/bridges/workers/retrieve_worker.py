@@ -26,6 +26,7 @@ class Worker:
     """One environment. A state is a dictionary of objects by type and name, each a list of numbers."""
 
     env: RetrieveEnv
+    expert: Any = None
 
     def make(self, keywords: dict[str, Any]) -> dict[str, Any]:
         """Build it: names of the features by type, of the numbers of an action, and the furniture."""
@@ -58,6 +59,7 @@ class Worker:
 
     def reset(self, seed: int | None, options: dict[str, Any] | None) -> dict[str, Any]:
         """Start an episode."""
+        self.expert = None
         self.env.reset(seed=seed, options=options)
         return self._state(saved=True)
 
@@ -68,8 +70,18 @@ class Worker:
 
     def restore(self, saved: str) -> dict[str, Any]:
         """Continue from a saved state, bit for bit."""
+        self.expert = None
         self.env.restore_state(base64.b64decode(saved))
         return self._state(saved=False)
+
+    def act(self) -> dict[str, Any]:
+        """The expert's next action, null where it has given up; it plans when it is first asked."""
+        if self.expert is None:
+            from planners import TampExpert  # which takes longer to import than all else here
+
+            self.expert = TampExpert(self.env)
+            self.expert.reset()
+        return {"action": None if self.expert.done else self.expert.act().tolist()}
 
     def render(self) -> dict[str, Any]:
         """The image of the present state."""

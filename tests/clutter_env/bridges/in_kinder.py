@@ -135,6 +135,23 @@ def test_planners_return_to_states() -> None:
     env.close()
 
 
+def test_a_demonstration_replays() -> None:
+    """As KinDER's own are tested: the same seed, the same actions, the same observations."""
+    env: Any = kinder.make("kinder/ClutteredRetrieval3D-o1-v0")
+    observations, actions, terminated, truncated = [env.reset(seed=4)[0]], [], False, False
+    while not (terminated or truncated):
+        actions.append(env.unwrapped.expert_action())
+        observation, _, terminated, truncated, info = env.step(actions[-1])
+        observations.append(observation)
+    assert terminated
+    assert info["is_success"]
+    np.testing.assert_array_equal(env.reset(seed=4)[0], observations[0])
+    again = [env.step(action) for action in actions]
+    np.testing.assert_array_equal([step[0] for step in again], observations[1:])
+    assert [step[2] for step in again] == [False] * (len(actions) - 1) + [True]
+    env.close()
+
+
 def test_options_and_keywords_are_those_of_retrieve() -> None:
     env: Any = kinder.make(ID, control_mode="ee", reward_mode="dense")
     assert env.action_space.shape == (10,)
