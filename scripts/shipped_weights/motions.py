@@ -98,6 +98,8 @@ def fit_motions(
     network = KeyframeNetwork(robot.home, *limits, is_under_shelf=bool(shelf))
     kinematics = ArmKinematics(robot)
     network.seen[np.unique(examples.phase)] = True
+    # Of inputs that never differ from 0, such as whether it is a box, nothing is learned: they are to change nothing.
+    network.layers[0].weight.data[:, (examples.features == 0).all(axis=0)] = 0.0
     data = _Tensors(examples, kinematics)
 
     def total_loss(_: int) -> torch.Tensor:

@@ -22,6 +22,7 @@ from clutter_env.policies.motion.network import (
     DRIVEN,
     ELSEWHERE,
     PHASES,
+    POSE,
     SHELF_PHASES,
     KeyframeNetwork,
     contact_in_base,
@@ -195,6 +196,7 @@ def test_a_network_knows_what_it_was_fitted_to(in_the_open: list[Motion], under_
         assert network.has_seen("pick", "lift")
         assert network.has_seen("pick", "approach") != is_under_shelf
         assert (network.keep_out.low < network.keep_out.high).all()
+        assert not network.layers[0].weight[:, POSE.stop + 3].any()  # boxes, which no plan shows
         if is_under_shelf:
             assert len(network.shown) == len(motions)
     with pytest.raises(DatasetError, match="canonical"):
