@@ -13,6 +13,7 @@ Here nothing is needed beside KinDER and the files of this package.
 from __future__ import annotations
 
 import base64
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -46,13 +47,14 @@ _saved: dict[bytes, str] = {}
 
 def register(python: str | Path) -> None:
     """Add the environments to Gymnasium's registry and KinDER's list; `python` has this package with all it needs."""
+    python = Path(shutil.which(python) or python).absolute()  # programs that use KinDER change their folder
     ids = {f"kinder/{NAME}-{variant}-v0": keywords for variant, keywords in VARIANTS.items()}
     entry_point = f"{__name__}:{ClutteredRetrieval3DEnv.__name__}"
     for id, keywords in ids.items():
         gym.register(
             id=id,
             entry_point=entry_point,
-            kwargs={"python": str(Path(python).absolute()), **keywords},
+            kwargs={"python": str(python), **keywords},
             max_episode_steps=time_limit(keywords["num_objects"]),
         )
     # Not KinDER's backend "mujoco", for which it would download scenes.

@@ -14,6 +14,7 @@ import numpy as np
 from assets import ActingJoints
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.envs.success import HOLD_STEPS
+from clutter_env.errors import ConfigError
 from clutter_env.scene.layout import furniture
 from clutter_env.simulation.control import STILL
 
@@ -30,6 +31,8 @@ class Worker:
 
     def make(self, keywords: dict[str, Any]) -> dict[str, Any]:
         """Build it: names of the features by type, of the numbers of an action, and the furniture."""
+        if {"obs_mode", "reality"} & keywords.keys():
+            raise ConfigError("obs_mode and reality are about what the robot sees; states are exact and complete")
         self.env = env = RetrieveEnv(render_mode="rgb_array", **keywords)
         acting, controller = ActingJoints.of(env.robot), env.world.controller
         drive = ["base_x", "base_y", "base_rot", "torso"]

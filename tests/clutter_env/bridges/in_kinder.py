@@ -5,8 +5,10 @@ python in_kinder.py INTERPRETER_WITH_CLUTTER_ENV
 
 from __future__ import annotations
 
+import os
 import sys
 import warnings
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -42,6 +44,15 @@ def test_ids_are_in_kinder_s_lists() -> None:
     assert set(ids) <= kinder.get_all_env_ids()
     assert "ClutteredRetrieval3D" in kinder.get_env_categories()["Dynamic3D"]
     assert gym.spec("kinder/ClutteredRetrieval3D-o15-v0").max_episode_steps == 3700
+
+
+def test_the_interpreter_is_found_from_every_folder() -> None:
+    """KinDER's experiments change theirs."""
+    for python in ("sh", os.path.relpath(PYTHON)):
+        for_kinder.register(python)
+        kept = Path(gym.spec(ID).kwargs["python"])
+        assert kept.is_absolute()
+        assert kept.exists()
 
 
 def test_every_variant_passes_gymnasium_s_check() -> None:

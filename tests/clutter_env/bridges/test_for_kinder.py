@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import os
 import subprocess
 import sys
@@ -131,9 +132,21 @@ def test_actions_and_features_have_a_name_each(remote: Remote, keywords: dict[st
 
 @pytest.mark.usefixtures("needs_gl")
 def test_images_come_as_they_are(remote: Remote) -> None:
-    remote("make", keywords={"num_objects": 1, "width": 64, "height": 48})
+    keywords: dict[str, Any] = {"num_objects": 1, "width": 64, "height": 48}
+    env: Any = gym.make("clutter_env/Retrieve-o1-v0", render_mode="rgb_array", **keywords)
+    env.reset(seed=0)
+    remote("make", keywords=keywords)
     remote("reset", seed=0, options=None)
-    assert remote("render")["shape"] == [48, 64, 3]
+    answer = remote("render")
+    assert answer["shape"] == [48, 64, 3]
+    assert base64.b64decode(answer["pixels"]) == env.render().tobytes()
+    env.close()
+
+
+@pytest.mark.parametrize("keywords", [{"obs_mode": "rgbd"}, {"reality": 0.5}])
+def test_what_states_cannot_show_is_refused(remote: Remote, keywords: dict[str, Any]) -> None:
+    with pytest.raises(BridgeError, match="states are exact"):
+        remote("make", keywords={"num_objects": 1, **keywords})
 
 
 def test_the_module_needs_nothing_that_kinder_lacks() -> None:
@@ -161,4 +174,4 @@ def test_kinder_takes_them_for_its_own(python: str) -> None:
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.count(" passed") == 9
+    assert done.stdout.count(" passed") == 10
