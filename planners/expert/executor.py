@@ -28,6 +28,8 @@ _GRIP_DELAY = 4
 """Samples of the plan after the fingers have closed, before the position of the object in the gripper is recorded."""
 _RATE_CHANGE = 0.05
 """Per sample: by how much of its speed the robot slows down after a deviation, or turns back; 1 s to a stop."""
+_HURRIED = 2
+"""Samples that the next one waits for a TCP that has not arrived in `PATIENCE`."""
 _LAG, _CATCHING_UP = 0.25, 0.5
 """Share of the tolerated tracking error from which on the plan is carried out more slowly, and its speed then."""
 _LAST_LOOK = 1.0, 0.5
@@ -89,6 +91,7 @@ class Executor:
         self._unsure, self._line_tolerance = frozenset(unsure), line_tolerance
         self._by_tcp, self._stride = by_tcp, dt / CONTROL_STEP
         self._tick, self._rate, self._waited = -float(at_start), 1.0, 0.0
+        self._given_up = math.inf
         self._expected = sensor.read()
         self._grip: Array | None = None
         self._closed_for = 0.0
@@ -179,16 +182,27 @@ class Executor:
         return tracking_error(self._sent[0].drive, now.drive, part) is not None
 
     def _has_to_wait(self, now: Snapshot) -> bool:
-        """Whether the TCP has not reached the last commanded pose; the wait is limited to `PATIENCE` samples."""
-        if not self._by_tcp or not self._sent or self._waited >= PATIENCE:
-            self._waited = 0.0
+        """Whether the TCP has not reached the last commanded pose.
+
+        The wait is limited to `PATIENCE` samples; until the TCP has arrived, or has to be nearer, to `_HURRIED`. An arm
+        that then is farther away than on free paths is stuck, which is a deviation: no other pose will free it.
+        """
+        if not self._by_tcp or not self._sent:
             return False
         due = self._sent[0].drive
         wanted = tcp_pose(self._present.scene.robot, RobotState(due[:3], due[3:], 0.0))
         near = CONTROL_STEP * max(self._stride, 1.0)
-        behind = is_behind(wanted, now.T_world_tcp, allowed(self._trajectory, self._time, self._line_tolerance, near))
-        self._waited = self._waited + self._stride if behind else 0.0
-        return behind
+        tolerance = allowed(self._trajectory, self._time, self._line_tolerance, near)
+        if not is_behind(wanted, now.T_world_tcp, tolerance):
+            self._waited, self._given_up = 0.0, math.inf
+            return False
+        if self._waited >= (PATIENCE if tolerance < self._given_up else _HURRIED):
+            self._waited, self._given_up = 0.0, tolerance
+            if self.deviation is None and is_behind(wanted, now.T_world_tcp, ON_THE_WAY):
+                self.deviation, self._rate = Deviation(DeviationKind.ARM_TRACKING_ERROR), 0.0
+            return False
+        self._waited += self._stride
+        return True
 
     def _has_stopped(self) -> bool:
         return self._tick <= 0 or (self._retreat_direction() == 0 and abs(self._rate) < _RATE_CHANGE * self._stride / 2)

@@ -8,7 +8,10 @@ import pytest
 from planners.expert.config import MonitorConfig
 from planners.expert.executor import Executor
 from planners.expert.monitor import Snapshot
+from planners.motion.arm import tcp_pose
+from planners.motion.tcp_following import PATIENCE
 from planners.motion.trajectory import CONTROL_STEP, Phase, Trajectory
+from planners.scene import HeldObject, RobotState
 from planners.tamp.solution import BoundAction
 from tests.planners.scenes import table_scene
 
@@ -43,3 +46,44 @@ def test_a_motion_goes_on_evenly_from_one_action_to_the_next(share: float) -> No
     assert commanded[-1] == pytest.approx(states[-1, 0])
     assert steps[steps > 1e-9][:-1] == pytest.approx(0.01 * share)
     assert (steps[:-2] > 0).all()
+
+
+class _StaysBehind(_Follows):
+    """A robot that the TCP of which does not get nearer than so far [m], from a place on."""
+
+    def __init__(self, by: float) -> None:
+        super().__init__()
+        self.by = by
+
+    def read(self) -> Snapshot:
+        x = self.drive.copy()
+        if x[0] > _SCENE.state.base[0] + 0.05:
+            x[1] += self.by
+        T_world_tcp = tcp_pose(_SCENE.robot, RobotState(x[:3], x[3:], 0.0))
+        return Snapshot(np.zeros((0, 3)), np.zeros(0), np.zeros(0), T_world_tcp, x)
+
+
+@pytest.mark.parametrize(("by", "waits", "is_stuck"), [(0.0, 0, False), (0.02, 1, False), (0.05, 1, True)])
+def test_a_gripper_that_does_not_arrive_is_waited_for_once(by: float, waits: int, is_stuck: bool) -> None:
+    """Where fingers close it may be near enough; what is farther away is stuck, and the plan ends there."""
+    states = np.tile(np.concatenate((_SCENE.state.base, _SCENE.state.q, [0.0])), (21, 1))
+    states[:11, 0] += 0.01 * np.arange(11)
+    states[11:, 0] = states[10, 0]
+    phases = Phase("approach", 0.0), Phase("close", 0.5, "", HeldObject("can", np.eye(4)))
+    motion = Trajectory(CONTROL_STEP * np.arange(21), states[:, :3], states[:, 3:-1], states[:, -1], phases)
+    robot, steps = _StaysBehind(by), 0
+    executor = Executor(
+        [BoundAction("MoveBase", ("a", "b", "c"), motion, _SCENE)],
+        _SCENE.robot,
+        robot,
+        MonitorConfig(base=1.0),
+        by_tcp=True,
+        line_tolerance=0.03,
+    )
+    while not executor.is_over:
+        robot.drive = executor.advance(robot.read()).drive
+        steps += 1
+    assert waits * PATIENCE < steps < waits * PATIENCE + 40
+    assert (executor.deviation is not None) == is_stuck
+    if is_stuck:
+        assert robot.drive[0] < _SCENE.state.base[0] + 0.05  # back on its line
