@@ -35,15 +35,23 @@ def insert_robot(
             robot above all.
 
     Raises:
-        SceneError: a scene that MuJoCo cannot read, that lacks such a body, or that has names of the robot; the message
-            says which.
+        SceneError: a scene that MuJoCo cannot read, that lacks such a body, or that has names of the robot; a base that
+            is not three finite numbers. The message says which.
     """
-    left_out = tuple(without)
+    if isinstance(without, str):
+        raise SceneError(f"without is a collection of names of bodies, not one string; use [{without!r}]")
+    left_out = tuple(dict.fromkeys(without))
+    try:
+        x, y, yaw = np.array(base, dtype=float).reshape(3)
+    except (TypeError, ValueError):
+        x = y = yaw = math.nan
+    if not math.isfinite(x + y + yaw):
+        raise SceneError(f"base is x, y [m], yaw [rad], three finite numbers, not {base!r:.100}")
     try:
         spec = _read(scene, left_out)
         for key in list(spec.keys):
             spec.delete(key)
-        x, y, yaw = np.asarray(base, dtype=float)
+        spec.compiler.fusestatic = False  # it would take bodies of the robot away
         frame = spec.worldbody.add_frame(pos=[x, y, 0.0], quat=[math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)])
         with warnings.catch_warnings(), _no_warnings_of_mujoco():
             warnings.simplefilter("ignore")  # the robot keeps its names: the planner looks for them
@@ -75,13 +83,16 @@ def _no_warnings_of_mujoco() -> Iterator[None]:
 
 def _read(scene: str | Path | mujoco.MjSpec, without: Iterable[str]) -> mujoco.MjSpec:
     """A copy of the scene without these bodies; raises `SceneError` for a body that it lacks."""
+    if isinstance(scene, mujoco.MjModel):
+        raise SceneError("scene is an MJCF file, its text or an MjSpec: no robot can be put into a compiled MjModel")
     if isinstance(scene, mujoco.MjSpec):
         spec = scene.copy()
     else:
         spec = mujoco.MjSpec.from_string(scene) if "<" in str(scene) else mujoco.MjSpec.from_file(str(scene))
+    names = [body.name for body in spec.bodies[1:] if body.name]  # all but the world, without which there is no scene
     for name in without:
-        if (body := spec.body(name)) is None:
-            names = ", ".join(body.name for body in spec.bodies[1:] if body.name)
-            raise SceneError(f"no body {name!r} to leave out; bodies: {names or 'none'}")
-        spec.delete(body)
+        if name not in names:
+            raise SceneError(f"no body {name!r} to leave out; bodies: {', '.join(names) or 'none'}")
+        if (body := spec.body(name)) is not None:  # else it went with one that carried it
+            spec.delete(body)
     return spec

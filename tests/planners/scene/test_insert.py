@@ -58,6 +58,42 @@ def test_what_stands_in_the_way_is_told() -> None:
 
 
 @pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        # MuJoCo ended the process where the world was deleted.
+        ({"without": ["world"]}, "no body 'world' to leave out; bodies: table, cup, crane"),
+        ({"without": [3]}, "no body 3 to leave out; bodies: table, cup, crane"),
+        ({"without": "crane"}, r"use \['crane'\]"),
+        ({"base": (0.0, float("nan"), 0.0)}, r"^base is x, y \[m\], yaw \[rad\], three finite numbers"),
+        ({"base": (0.0, 0.0)}, "^base is"),
+        ({"base": None}, "^base is"),
+        ({"scene": mujoco.MjModel.from_xml_string(CELL)}, "compiled MjModel"),
+    ],
+)
+def test_arguments_that_mean_nothing_are_refused(given: dict[str, object], words: str) -> None:
+    with pytest.raises(SceneError, match=words):
+        insert_robot(**({"scene": CELL, "robot": FETCH} | given))  # type: ignore[arg-type]  # misuse
+
+
+def test_a_body_is_left_out_once_however_often_it_is_named() -> None:
+    arm = CELL.replace('<geom size="0.1"/></body>', '<body name="jib"><geom size="0.1"/></body></body>')
+    assert bodies(arm, ["crane", "jib"]) == bodies(arm, ["jib", "crane", "crane"]) == bodies(CELL, ["crane"])
+    assert "jib" in bodies(arm, [])
+
+
+def test_static_bodies_stay_apart_where_the_scene_would_fuse_them() -> None:
+    """The robot lost its wrist, and the table its name."""
+    fused = CELL.replace("<worldbody>", '<compiler fusestatic="true"/><worldbody>')
+    assert bodies(fused, []) == bodies(CELL, [])
+
+
+def bodies(scene: str, without: list[str]) -> list[str]:
+    """Names of the bodies with a robot put in."""
+    model = insert_robot(scene, FETCH, without=without)
+    return [model.body(number).name for number in range(model.nbody)]
+
+
+@pytest.mark.parametrize(
     ("fault", "words"),
     [
         ('<geom type="mesh" mesh="cup"/>', "mesh 'cup' not found"),
