@@ -18,6 +18,7 @@ from scipy.spatial import ConvexHull
 
 from planners.goals import (
     EDGE,
+    RESTING,
     At,
     Fact,
     Goal,
@@ -47,6 +48,13 @@ _SAME = 1e-9
 """[m] by which the sides of a region may differ: rounding."""
 _TRIED = 12
 """Locations for which is looked whether the others still find room, for each gap, if they do not beside the first."""
+_WALL = 0.001
+"""[m] Walls on which objects may stand are thicker."""
+_TURNS = np.arange(36) * (2 * np.pi / 36)
+_AROUND = np.column_stack((np.cos(_TURNS), np.sin(_TURNS)))
+"""Directions all around."""
+_NEAR = 1.5
+"""[m] from the robot, along the sides of a face that reaches farther than that from its middle."""
 _TOUCHING = 0.01
 """[m] of an object's height that may lie below a face: contacts are soft, and objects lean."""
 
@@ -79,7 +87,8 @@ def place_of(scene: Scene, fact: On | Inside | At) -> Place:
     name = fact.place if isinstance(fact, On) else fact.region
     if name in (*region_names(scene), *scene.supports):
         area = _region_or_face(scene, name)
-        return Place(scene.support_named(area.support), area)
+        is_face = area.name == area.support
+        return Place(scene.support_named(area.support), _near(area, scene.state.base[:2]) if is_face else area)
     other = scene.body(name)
     if other.shape != "pieces":
         face = StaticObstacle(name, other.position, other.half_extents, other.shape, other.rotation)
@@ -93,6 +102,16 @@ def whole_face(face: StaticObstacle) -> Region:
     x_axis = face.rotation[:2, 0] if face.shape == "box" else np.array([1.0, 0.0])
     yaw = float(np.arctan2(x_axis[1], x_axis[0]))
     return Region(face.name, face.name, tuple(face.position[:2]), tuple(face.half_extents[:2]), yaw)
+
+
+def _near(face: Region, base: Array) -> Region:
+    """The part of a face about the robot, if it is as wide as a ground: most of it is too far away to be tried."""
+    half, middle, c, s = np.array(face.half_extents), face.local(base), math.cos(face.yaw), math.sin(face.yaw)
+    low, high = np.maximum(-half, middle - _NEAR), np.minimum(half, middle + _NEAR)
+    is_wide = (half > _NEAR) & (low < high)
+    low, high = np.where(is_wide, (low, high), (-half, half))
+    centre = face.centre + np.array([[c, -s], [s, c]]) @ (low + high) / 2
+    return replace(face, centre=tuple(centre), half_extents=tuple((high - low) / 2))
 
 
 def _face_at(scene: Scene, body: Body, fact: At) -> StaticObstacle:
@@ -236,8 +255,14 @@ def without_room(scene: Scene, goal: Goal, to_move: Collection[str]) -> tuple[tu
 
     One of those at poses must move. Of objects of several pieces nothing is claimed.
     """
-    if large := tuple(fact.object for fact in goal.placed if fact.object in to_move and _is_too_large(scene, fact)):
-        return large, f"{', '.join(large)}, however it is put down, is larger than its place"
+    facts = [fact for fact in goal.placed if fact.object in to_move]
+    for is_no_place, why in (
+        (_is_too_large, "is larger than its place"),
+        (_is_beside, "has its middle beside the support of its region"),
+        (_falls, "would fall: what it is to stand on is hollow there"),
+    ):
+        if without := tuple(fact.object for fact in facts if is_no_place(scene, fact)):
+            return without, f"{', '.join(without)}, however it is put down, {why}"
     if poses := _overlapping(scene, goal, to_move):
         return poses, f"{' and '.join(poses)} overlap at their poses"
     crowd = _crowd(scene, [fact for fact in goal.placed if scene.body(fact.object).shape != "pieces"])
@@ -293,6 +318,37 @@ def _is_too_large(scene: Scene, fact: On | Inside | At) -> bool:
         if ((along <= most[0]) & (np.roll(along, len(angles) // 2) <= most[1])).any():
             return False
     return True
+
+
+def _is_beside(scene: Scene, fact: On | Inside | At) -> bool:
+    """Whether an object within its region would not have its middle over the support: proved; not of pieces."""
+    body, place = scene.body(fact.object), place_of(scene, fact)
+    if place.area is None or place.area.name == place.face.name or body.shape == "pieces":
+        return False
+    inset = inner_radius(body) - EDGE
+    is_narrow = min(place.area.half_extents) <= inset
+    return not is_narrow and overlap(_shrunk(place.area, inset).corners, place.face.outline) < 0
+
+
+def _falls(scene: Scene, fact: On | Inside | At) -> bool:
+    """Whether an object put on another one that stands, and is of pieces, has nothing to rest on: proved.
+
+    It would have to stand on what is no lower than the top, on all sides of its middle, in the circle that it covers
+    however it is turned. Between the points that are tried, the wall of a cup cannot hide.
+    """
+    body, place = scene.body(fact.object), place_of(scene, fact)
+    if not place.below or scene.body(place.below).shape != "pieces" or not scene.body(place.below).is_upright:
+        return False
+    reach = max(way.radius for way in resting_ways(body))
+    away = np.linspace(0.0, reach, math.ceil(reach / _WALL) + 1)[:, None, None] * _AROUND
+    points = np.append(away, np.zeros((*away.shape[:2], 1)), axis=2).reshape(-1, 3)
+    points[:, :2] += place.location
+    is_held = np.zeros(len(points), np.bool_)
+    for piece in scene.body(place.below).placed:
+        enter, leave, *_ = piece.cut(points, np.tile((0.0, 0.0, 1.0), (len(points), 1)))
+        is_held |= (enter < leave) & (leave > place.face.top - RESTING)
+    on_sides = away.reshape(-1, 2)[is_held] @ _AROUND.T
+    return bool((on_sides.max(axis=0, initial=-np.inf) < -np.linalg.norm(body.centre_of_mass)).any())
 
 
 def _overlapping(scene: Scene, goal: Goal, to_move: Collection[str]) -> tuple[str, ...]:

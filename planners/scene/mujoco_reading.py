@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
+from planners.goals import RESTING
 from planners.scene.bodies import Body, RobotState, Shape, pose_matrix
 from planners.scene.solid import FLOOR, SceneError, Solid, StaticObstacle
 
@@ -196,17 +197,19 @@ def _movable_ids(model: mujoco.MjModel, robot: RobotSpec, movable: Movable) -> l
     free_joints = np.flatnonzero(model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE))
     bodies, on_robot = model.jnt_bodyid[free_joints], robot_bodies(model, robot)
     free = {str(model.body(body).name): int(body) for body in bodies if int(body) not in on_robot}
+    free.pop("", None)  # no plan could name it
     if callable(movable):
         return [body for name, body in free.items() if movable(name)]
     if isinstance(movable, str):
         raise SceneError(f"movable is a collection of names or a predicate, not one string; use [{movable!r}]")
-    unknown = [name for name in movable if name not in free]
+    wanted = tuple(movable)
+    unknown = [name for name in wanted if name not in free]
     if unknown:
         names = {model.body(body).name for body in range(1, model.nbody)} - {model.body(body).name for body in on_robot}
         hint = "" if names.isdisjoint(unknown) else "; what can be moved has one <freejoint/> and no other joint"
         known = ", ".join(free) or "none"
         raise SceneError(f"no free body {', '.join(map(repr, unknown))}; free bodies: {known}{hint}")
-    return [body for name, body in free.items() if name in movable]
+    return [body for name, body in free.items() if name in wanted]
 
 
 def _object(model: mujoco.MjModel, body: int) -> Body:
@@ -282,16 +285,32 @@ def static_obstacles_of(
             )
     elsewhere = on_robot | _with_attached(model, movable)
     found: list[FoundObstacle] = []
+    ground = _ground_planes(model, data)
     for geom in range(model.ngeom):
         body = int(model.geom_bodyid[geom])
-        is_plane = int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_PLANE)
-        faces_up = data.geom_xmat[geom][8] > 1 - _AXIS_TOLERANCE
-        is_ground = is_plane and faces_up and data.geom_xpos[geom][2] <= _GROUND_TOLERANCE
-        if body in elsewhere or is_ground:
+        if body in elsewhere or geom in ground:
             continue
         if touches[geom] if is_obstacle is None else is_obstacle(model.geom(geom)):
             found.append(FoundObstacle(_obstacle(model, data, geom), str(model.body(body).name)))
     return tuple(found)
+
+
+def _ground_planes(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[int, ...]:
+    """Ids of the horizontal planes that face up, at ground height or below."""
+    is_plane = model.geom_type == int(mujoco.mjtGeom.mjGEOM_PLANE)
+    is_plane &= (data.geom_xmat[:, 8] > 1 - _AXIS_TOLERANCE) & (data.geom_xpos[:, 2] <= _GROUND_TOLERANCE)
+    return tuple(np.flatnonzero(is_plane).tolist())
+
+
+def require_floor(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Raise `SceneError` where all ground is lower than the floor on which a planner would put things."""
+    ground = _ground_planes(model, data)
+    highest = max(ground, key=lambda plane: float(data.geom_xpos[plane, 2]), default=None)
+    if highest is not None and data.geom_xpos[highest, 2] < -RESTING:
+        raise SceneError(
+            f"no support {FLOOR!r}: it is at z = 0, and plane {geom_name(model, highest)!r} at "
+            f"{data.geom_xpos[highest, 2]:.3g} m, onto which things would fall; name another support"
+        )
 
 
 @cache

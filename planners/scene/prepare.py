@@ -21,6 +21,14 @@ COMMAND_STEP = 0.01
 """[s] Motor commands change this often; a time step must divide it."""
 _IMPRATIO = 10.0
 """Stiffness of friction over that of normal forces, as in the environments of this project."""
+_EULER_STEP = 0.005
+"""[s] Longest time step with the explicit integrator: with longer ones Fetch's arm shakes."""
+_DISABLED = {
+    mujoco.mjtDisableBit.mjDSBL_CONTACT: "contacts",
+    mujoco.mjtDisableBit.mjDSBL_CONSTRAINT: "constraints",
+    mujoco.mjtDisableBit.mjDSBL_ACTUATION: "motors",
+}
+"""Without any of these no robot holds anything."""
 _PLANE = int(mujoco.mjtGeom.mjGEOM_PLANE)
 _JOINED = {int(mujoco.mjtEq.mjEQ_WELD): "is welded to", int(mujoco.mjtEq.mjEQ_CONNECT): "is joined (<connect>) to"}
 
@@ -62,7 +70,8 @@ def prepare(model: mujoco.MjModel, robot: RobotSpec) -> Prepared:
 
     Contact bits: a geom that can touch something but no geom of the robot, which is then a ghost to it, gets the bits
     of the robot; planes do not, since the base stands in the ground. Time step: one that does not divide `COMMAND_STEP`
-    becomes the next shorter one that does. Contacts: the elliptic friction cone and `_IMPRATIO`, without which what is
+    becomes the next shorter one that does, one too long for the integrator `_EULER_STEP`. Flags: what is disabled and
+    the robot needs is enabled. Contacts: the elliptic friction cone and `_IMPRATIO`, without which what is
     held creeps out of the fingers. Fingers: the range of their position actuators becomes such that a command
     to close presses with all their force on objects of any width. Welds, tendons and contact exclusions of free bodies
     are named and left as they are.
@@ -92,12 +101,17 @@ def prepare(model: mujoco.MjModel, robot: RobotSpec) -> Prepared:
         changes.append(
             Change(f"contact bits of {geom_name(model, geom)}", before, after, "the robot passed through it")
         )
-    steps = COMMAND_STEP / model.opt.timestep
-    if not np.isclose(steps, round(steps)):
-        mended.opt.timestep = COMMAND_STEP / math.ceil(steps)
-        why = f"commands change every {COMMAND_STEP:g} s"
-        changes.append(Change("time step [s]", f"{model.opt.timestep:g}", f"{mended.opt.timestep:g}", why))
-    creeps, option = "what is held crept out of the fingers", mended.opt
+    creeps, option, steps = "what is held crept out of the fingers", mended.opt, COMMAND_STEP / model.opt.timestep
+    longest = _EULER_STEP if option.integrator == mujoco.mjtIntegrator.mjINT_EULER else COMMAND_STEP
+    least = round(COMMAND_STEP / longest)
+    if steps < least or not np.isclose(steps, round(steps)):
+        option.timestep = COMMAND_STEP / max(math.ceil(steps), least)
+        why = f"commands change every {COMMAND_STEP:g} s" if steps > least else "the arm would shake"
+        changes.append(Change("time step [s]", f"{model.opt.timestep:g}", f"{option.timestep:g}", why))
+    for flag, what in _DISABLED.items():
+        if option.disableflags & int(flag):
+            option.disableflags &= ~int(flag)
+            changes.append(Change(what, "disabled", "enabled", "the robot could hold nothing"))
     if option.cone != mujoco.mjtCone.mjCONE_ELLIPTIC:
         option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         changes.append(Change("friction cone", "pyramidal", "elliptic", creeps))

@@ -31,6 +31,7 @@ from planners.scene.mujoco_reading import (
     declared_supports,
     find_supports,
     is_object_name,
+    require_floor,
     robot_state_of,
     static_obstacles_of,
 )
@@ -87,6 +88,8 @@ class Scene:
                 raise SceneError(f"duplicate names among {', '.join(kind)}")
         taken = {*self.names, *self.supports}
         for region in self.regions:
+            if not isinstance(region, Region):
+                raise SceneError(f"regions are of the class planners.Region, not {region!r:.100}")
             if region.name in taken:
                 raise SceneError(f"region {region.name!r} has the name of another region, a support or an object")
             if region.support not in self.supports:
@@ -244,13 +247,18 @@ class Scene:
             raise SceneError("the simulation has no poses yet; call mujoco.mj_forward(model, data) first")
         bodies = MovableBodies.of(model, robot, movable)
         found = static_obstacles_of(model, data, robot, bodies.bodies, obstacles)
+        if isinstance(more_supports, str):
+            raise SceneError(f"more_supports is a collection of names, not one string; use [{more_supports!r}]")
         others = declared_supports(model) if more_supports is None else more_supports
+        supports = find_supports(found, (support, *others))
+        if FLOOR in supports and all(one.obstacle.name != FLOOR for one in found):
+            require_floor(model, data)
         scene = cls(
             robot,
             robot_state_of(model, data, robot),
             bodies.read(data),
             tuple(one.obstacle for one in found),
-            supports=find_supports(found, (support, *others)),
+            supports=supports,
             regions=tuple(regions),
         )
         if not held:

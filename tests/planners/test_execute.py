@@ -60,6 +60,22 @@ def test_a_prepared_model_needs_no_changes() -> None:
     assert str(prepare(fit.model, FETCH)) == "no changes"
 
 
+def test_a_time_step_too_long_for_the_integrator_and_disabled_physics_are_mended() -> None:
+    """The arm shook at 0.01 s with the explicit integrator, and fell behind the plan."""
+    model, data = kitchen()
+    flags = (mujoco.mjtDisableBit.mjDSBL_CONTACT, mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+    model.opt.timestep, model.opt.disableflags = 0.01, sum(int(flag) for flag in flags)
+    fit = prepare(model, FETCH)
+    assert model.opt.disableflags
+    assert {"time step [s]", "contacts", "motors"} <= {change.what for change in fit.changes}
+    moved = mujoco.MjData(fit.model)
+    moved.qpos[:] = data.qpos
+    mujoco.mj_forward(fit.model, moved)
+    assert execute(planned(model, data), fit.model, moved).finished
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    assert prepare(model, FETCH).model.opt.timestep == 0.01
+
+
 @pytest.mark.parametrize(
     ("section", "words"),
     [

@@ -35,7 +35,7 @@ from planners.motion.path import BlockedBy, NoPath
 from planners.placing.placements import Placement
 from planners.scene import Body, Solid
 from planners.tamp.motion_layer import MotionLayer
-from tests.planners.pieces import cut_in_two
+from tests.planners.pieces import bowl, cut_in_two
 from tests.planners.plans import assert_free
 from tests.planners.scenes import HEIGHT, UPRIGHT, cylinder, random_scene, table_scene
 
@@ -310,6 +310,57 @@ def test_what_is_larger_than_its_region_is_refused_by_the_bound(name: str) -> No
     assert lower_bound(long, goal).picks == 1
 
 
+@pytest.mark.parametrize(("half", "is_refused"), [(0.035, True), (0.09, False)])
+def test_what_would_fall_into_a_bowl_on_which_it_is_to_stand_is_refused_by_the_bound(
+    half: float, is_refused: bool
+) -> None:
+    """It was let go over the hollow, and the plan ended with it in the air."""
+    lid = Body("lid", "box", np.array((half, half, 0.01)), np.array((-0.2, -0.3, HEIGHT + 0.01)), UPRIGHT)
+    scene, goal = table_scene(lid, bowl(position=(-0.2, 0.2, HEIGHT))), goals.on("lid", "bowl")
+    assert (lower_bound(scene, goal).cause is Cause.NO_CLEARANCE_LOCATION) == is_refused
+    if is_refused:
+        found = solve(scene, goal)
+        assert isinstance(found, Infeasible)
+        assert "lid, however it is put down, would fall: what it is to stand on is hollow there" in found.detail
+    beside = scene.with_body(lid.at((-0.2, 0.2, HEIGHT + 0.08)))
+    whole = goals.on("lid", "bowl") & goals.on("bowl", "table_top")
+    assert lower_bound(beside, whole).picks == 0, "what is there is there"
+
+
+@pytest.mark.parametrize(("middle", "is_refused"), [(-0.38, True), (-0.35, False)])
+def test_a_region_in_which_an_object_would_be_beside_the_support_is_refused_by_the_bound(
+    middle: float, is_refused: bool
+) -> None:
+    """It was "given up" without a cause; the front edge of the table is at x = -0.35."""
+    scene = replace(scene_of("three"), regions=(Region("over", "table_top", (middle, 0.0), (0.05, 0.05)),))
+    for goal in (goals.inside("a", "over"), goals.on("a", "over")):
+        assert (lower_bound(scene, goal).cause is Cause.NO_CLEARANCE_LOCATION) == is_refused
+        if is_refused:
+            found = solve(scene, goal)
+            assert isinstance(found, Infeasible)
+            assert "a, however it is put down, has its middle beside the support of its region" in found.detail
+
+
+def test_a_ground_of_any_size_is_a_place() -> None:
+    """Of one 10 m wide only points far from the robot were tried."""
+    ground = StaticObstacle("ground", np.array([1.0, 2.0, -0.1]), np.array([5.0, 5.0, 0.1]), "box", turned(0.4))
+    scene = scene_of("three")
+    scene = replace(
+        scene, static_obstacles=(*scene.static_obstacles, ground), supports=("table_top", "ground"), regions=()
+    )
+    plan = solve(scene, goals.on("a", "ground"))
+    assert isinstance(plan, Solution), plan
+    assert plan.end is not None
+    assert abs(plan.end.body("a").bottom) < 0.005
+    assert np.abs(plan.end.body("a").position[:2]).max() < 3.0
+
+
+def turned(yaw: float) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """R (3, 3) about the vertical."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
 @pytest.mark.parametrize("is_there", [False, True])
 @pytest.mark.parametrize(("apart", "is_refused"), [(0.05, True), (0.068, True), (0.075, False)])
 def test_poses_at_which_two_objects_overlap_are_refused_by_the_bound(
@@ -526,12 +577,10 @@ def test_room_beside_a_static_block_is_found_however_much_of_the_region_that_tak
 
 @pytest.mark.slow
 def test_what_would_tip_over_the_edge_is_not_put_down_and_the_refusal_says_what_is_lacking() -> None:
-    scene = scene_of("three")
-    scene = replace(scene, regions=(Region("over", "table_top", (-0.38, 0.0), (0.04, 0.04)),))
-    for goal in (goals.at("a", (-0.345, 0.0)), goals.inside("a", "over")):
-        refusal = solve(scene, goal)
-        assert isinstance(refusal, Infeasible)
-        assert f"without {goal}" in refusal.detail
+    goal = goals.at("a", (-0.345, 0.0))
+    refusal = solve(scene_of("three"), goal)
+    assert isinstance(refusal, Infeasible)
+    assert f"without {goal}" in refusal.detail
 
 
 @pytest.mark.parametrize(

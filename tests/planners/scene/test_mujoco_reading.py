@@ -171,12 +171,49 @@ LID = '<body name="pot" pos="2 0 1"><freejoint/><geom size="0.1"/><body><joint/>
         ),
         ("", "can", r"use \['can'\]"),
         ("", ("base_link",), "no free body"),
+        ("", (name for name in ("can", "tin")), "no free body 'tin'; free bodies: can, box_a, box_b"),
     ],
 )
 def test_what_cannot_be_represented_is_named(extra: str, movable: object, message: str) -> None:
     model, data = kitchen(extra)
     with pytest.raises(SceneError, match=message):
         Scene.from_mujoco(model, data, FETCH, movable=movable, support=SUPPORT)  # type: ignore[arg-type] # misuse
+
+
+def test_names_may_come_from_a_generator_and_bodies_without_a_name_are_static() -> None:
+    """The generator was empty once its names had been looked up, and no object was movable."""
+    model, data = kitchen(
+        '<body pos="1.2 0.3 0.8"><freejoint/><geom name="nut" type="box" size="0.03 0.03 0.03"/></body>'
+    )
+    given = Scene.from_mujoco(model, data, FETCH, movable=(name for name in MOVABLE), support=SUPPORT)
+    assert given.names == MOVABLE
+    every = Scene.from_mujoco(model, data, FETCH, movable=lambda _: True, support=SUPPORT)
+    assert every.names == MOVABLE
+    assert "nut" in {one.name for one in every.static_obstacles}
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [({"more_supports": "floor"}, r"use \['floor'\]"), ({"regions": ["left"]}, "planners.Region, not 'left'")],
+)
+def test_names_in_place_of_collections_or_regions_are_refused(given: dict[str, object], message: str) -> None:
+    model, data = kitchen()
+    with pytest.raises(SceneError, match=message):
+        Scene.from_mujoco(model, data, FETCH, movable=MOVABLE, support=SUPPORT, **given)  # type: ignore[arg-type] # misuse
+
+
+@pytest.mark.parametrize(("height", "message"), [(-0.2, "plane 'ground' at -0.2 m, onto which"), (-0.002, None)])
+def test_a_lower_floor_is_no_support(height: float, message: str | None) -> None:
+    """What was put on the floor at z = 0 fell onto it."""
+    model, data = kitchen()
+    data.geom("ground").xpos[2] = height
+    assert read(model, data).supports == ("plate",)
+    for given in ({"support": "floor"}, {"support": SUPPORT, "more_supports": ["floor"]}):
+        if message is None:
+            assert "floor" in Scene.from_mujoco(model, data, FETCH, movable=MOVABLE, **given).supports
+        else:
+            with pytest.raises(SceneError, match=message):
+                Scene.from_mujoco(model, data, FETCH, movable=MOVABLE, **given)
 
 
 def test_an_object_may_have_visual_geoms_and_its_geom_may_lie_anywhere_in_its_body() -> None:
