@@ -18,7 +18,7 @@ from planners.scene.solid import FLOOR, SceneError, Solid, StaticObstacle
 
 Array: TypeAlias = NDArray[np.float64]
 SolidT = TypeVar("SolidT", bound=Solid)
-Movable: TypeAlias = Collection[str] | Callable[[str], bool]
+Movable: TypeAlias = Iterable[str] | Callable[[str], bool]
 """The bodies that may be moved: their names, or a predicate that is asked for the name of each free body."""
 _ADVICE = "leave the body out of `movable`, it is a static obstacle then"
 _ON_THE_FLOOR = 0.001
