@@ -31,6 +31,7 @@ CELLS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
         "5 objects": {"num_objects": 5},
         "15 objects": {},
+        "60 objects": {"num_objects": 60},
         "dense, 25 objects": {"layout": "dense", "num_objects": 25},
         "island": {"layout": "island"},
         "boxes": {"shapes": "box"},
