@@ -327,7 +327,8 @@ def _stands_on(world: CollisionWorld, body: Body, supporter: Body) -> bool:
     """Whether one object touches another that is under it; a held object stands on nothing."""
     scene = world.scene
     is_held = any(name in scene.held_names for name in (body.name, supporter.name))
-    if is_held or body.bottom < supporter.top - _LEAN:
+    # Of a sheet that is thinner than `_LEAN` the upper half counts: it stands neither on itself nor on what is beside.
+    if is_held or body.bottom < max(supporter.top - _LEAN, (supporter.top + supporter.bottom) / 2):
         return False
     obstacles = world.obstacles
     upper, lower = (obstacles.rows(scene.index(one.name)) for one in (body, supporter))

@@ -13,7 +13,7 @@ from planners.collision.scene_arrays import robot_arrays
 from planners.collision.world import CollisionWorld, objects_on
 from planners.scene import Body, RobotState, Scene
 from tests.planners.plans import assert_free
-from tests.planners.scenes import cylinder, random_scene, table_scene
+from tests.planners.scenes import HEIGHT, UPRIGHT, cylinder, random_scene, table_scene
 
 
 def stacked(body: Body, under: Body, offset: float = 0.0) -> Body:
@@ -58,6 +58,20 @@ def test_an_object_stands_on_another_if_they_touch(offset: float, gap: float, st
     world = CollisionWorld.from_scene(table_scene(below, above.at(above.position + [0.0, 0.0, gap])))
     assert bool(objects_on(world, "below")) == stands
     assert objects_on(world, "above") == 0
+
+
+def test_a_thin_sheet_stands_neither_on_itself_nor_on_one_beside_it() -> None:
+    """It was in its own way, which ended the search with an exception."""
+    sheets = [
+        Body(name, "box", np.array((0.04, 0.04, 0.002)), np.array((-0.25, y, HEIGHT + 0.002)), UPRIGHT)
+        for name, y in (("one", 0.0), ("other", 0.081))
+    ]
+    scene = table_scene(*sheets)
+    world = CollisionWorld.from_scene(scene)
+    assert objects_on(world, "one") == objects_on(world, "other") == 0
+    on_top = scene.with_body(sheets[1].at((-0.25, 0.02, HEIGHT + 0.006)))
+    assert objects_on(CollisionWorld.from_scene(on_top), "one") == 2
+    assert isinstance(solve(scene, "one"), Solution)
 
 
 def somewhere(scene: Scene, rng: np.random.Generator) -> RobotState:
