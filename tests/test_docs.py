@@ -101,15 +101,20 @@ def test_the_python_of_the_learning_page_runs_after_its_collection(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["clone", "collect", "evaluate", "run_expert", "objects_of_pieces"])
+@pytest.mark.parametrize(
+    "name", ["clone", "collect", "evaluate", "run_expert", "objects_of_pieces", "demonstrations_and_rewards 0 60"]
+)
 def test_the_examples_run(name: str, tmp_path: Path) -> None:
     """`clone.py` imported a name that there was no longer."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, ROOT / "examples" / f"{name}.py"]
+    name, *arguments = name.split()
+    command = [sys.executable, ROOT / "examples" / f"{name}.py", *arguments]
     ended = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert ended.returncode == 0, ended.stderr
     if name == "clone":
         assert float(ended.stdout.split()[-1]) >= 0.5
+    if arguments:
+        assert ended.stdout.splitlines()[-1].startswith("60 steps")
     if name == "objects_of_pieces":
         assert ended.stdout.count("1 planned, 1 lifted") >= 5
 
