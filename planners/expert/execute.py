@@ -33,7 +33,7 @@ class ExecutionResult:
     """End of an execution.
 
     Attributes:
-        finished: every action was carried out.
+        finished: every action was carried out. Whether the goal holds now, tells `Goal.holds` of a scene read anew.
         deviation: the difference between world and plan that stopped it, None without one.
         cleared: names of the objects put aside, in order.
         sim_s: [s] simulated time.
