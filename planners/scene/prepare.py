@@ -23,6 +23,8 @@ _IMPRATIO = 10.0
 """Stiffness of friction over that of normal forces, as in the environments of this project."""
 _EULER_STEP = 0.005
 """[s] Longest time step with the explicit integrator: with longer ones Fetch's arm shakes."""
+_MARGIN = 0.002
+"""[m] Greatest margin of a geom: those of two add up, and what rests 5 mm above a face is not at rest on it."""
 _DISABLED = {
     mujoco.mjtDisableBit.mjDSBL_CONTACT: "contacts",
     mujoco.mjtDisableBit.mjDSBL_CONSTRAINT: "constraints",
@@ -69,12 +71,12 @@ def prepare(model: mujoco.MjModel, robot: RobotSpec) -> Prepared:
     """A copy of a model in which the robot can touch what is not the robot, and can be driven by `execute`.
 
     Contact bits: a geom that can touch something but no geom of the robot, which is then a ghost to it, gets the bits
-    of the robot; planes do not, since the base stands in the ground. Time step: one that does not divide `COMMAND_STEP`
-    becomes the next shorter one that does, one too long for the integrator `_EULER_STEP`. Flags: what is disabled and
-    the robot needs is enabled. Contacts: the elliptic friction cone and `_IMPRATIO`, without which what is
-    held creeps out of the fingers. Fingers: the range of their position actuators becomes such that a command
-    to close presses with all their force on objects of any width. Welds, tendons and contact exclusions of free bodies
-    are named and left as they are.
+    of the robot; planes do not, since the base stands in the ground. Margins: those over `_MARGIN`, by which objects
+    rest above what they stand on, become 0. Time step: one that does not divide `COMMAND_STEP` becomes the next shorter
+    one that does, one too long for the integrator `_EULER_STEP`. Flags: what is disabled and the robot needs is
+    enabled. Contacts: the elliptic friction cone and `_IMPRATIO`, without which what is held creeps out of the fingers.
+    Fingers: the range of their position actuators becomes such that a command to close presses with all their force on
+    objects of any width. Welds, tendons and contact exclusions of free bodies are named and left as they are.
 
     Args:
         model: that contains the robot; it is not written.
@@ -101,6 +103,10 @@ def prepare(model: mujoco.MjModel, robot: RobotSpec) -> Prepared:
         changes.append(
             Change(f"contact bits of {geom_name(model, geom)}", before, after, "the robot passed through it")
         )
+    floats = "objects rest so far above what they stand on"
+    for geom in np.flatnonzero(can_touch(model) & (model.geom_margin > _MARGIN)).tolist():
+        mended.geom_margin[geom] = 0.0
+        changes.append(Change(f"margin of {geom_name(model, geom)} [m]", f"{model.geom_margin[geom]:g}", "0", floats))
     creeps, option, steps = "what is held crept out of the fingers", mended.opt, COMMAND_STEP / model.opt.timestep
     longest = _EULER_STEP if option.integrator == mujoco.mjtIntegrator.mjINT_EULER else COMMAND_STEP
     least = round(COMMAND_STEP / longest)
@@ -112,6 +118,9 @@ def prepare(model: mujoco.MjModel, robot: RobotSpec) -> Prepared:
         if option.disableflags & int(flag):
             option.disableflags &= ~int(flag)
             changes.append(Change(what, "disabled", "enabled", "the robot could hold nothing"))
+    if option.enableflags & int(mujoco.mjtEnableBit.mjENBL_OVERRIDE) and option.o_margin > _MARGIN:
+        changes.append(Change("margin of all contacts [m]", f"{option.o_margin:g}", "0", floats))
+        option.o_margin = 0.0
     if option.cone != mujoco.mjtCone.mjCONE_ELLIPTIC:
         option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         changes.append(Change("friction cone", "pyramidal", "elliptic", creeps))

@@ -60,6 +60,22 @@ def test_a_prepared_model_needs_no_changes() -> None:
     assert str(prepare(fit.model, FETCH)) == "no changes"
 
 
+@pytest.mark.parametrize(
+    ("option", "geom"), [("", 'margin="0.01"'), ('<option o_margin="0.01"><flag override="enable"/></option>', "")]
+)
+def test_margins_at_which_objects_rest_above_their_support_are_mended(option: str, geom: str) -> None:
+    """What had been put down rested a centimetre high, and the goal did not hold."""
+    table = '<geom name="table" type="box" size="0.3 0.4 0.35" pos="0.9 0 0.35"/>'
+    can = f'<body name="can" pos="0.85 0 0.78"><freejoint/><geom type="cylinder" size="0.03 0.06" {geom}/></body>'
+    model = insert_robot(f"<mujoco>{option}<worldbody>{table}{can}</worldbody></mujoco>", FETCH)
+    fit = prepare(model, FETCH)
+    assert [change.before for change in fit.changes if change.what.startswith("margin of")] == ["0.01"]
+    data = mujoco.MjData(fit.model)
+    data.joint(FETCH.base_joints[0]).qpos = -2.0  # away from the table
+    mujoco.mj_step(fit.model, data, 100)
+    assert data.body("can").xpos[2] == pytest.approx(0.76, abs=1e-3)
+
+
 def test_a_time_step_too_long_for_the_integrator_and_disabled_physics_are_mended() -> None:
     """The arm shook at 0.01 s with the explicit integrator, and fell behind the plan."""
     model, data = kitchen()
