@@ -146,6 +146,21 @@ def test_planners_return_to_states() -> None:
     env.close()
 
 
+def test_a_state_that_is_returned_to_is_kept() -> None:
+    """The root of a long search was forgotten: only what a reset or a step showed was kept."""
+    sim = for_kinder.ObjectCentricClutteredRetrieval3DEnv(PYTHON, num_objects=1, allow_state_access=True)
+    kept, for_kinder._KEPT = for_kinder._KEPT, 12
+    try:
+        root, _ = sim.reset(seed=0)
+        for _ in range(4):
+            sim.set_state(root)
+            for _ in range(8):
+                sim.step(sim.action_space.sample())
+    finally:
+        for_kinder._KEPT = kept
+        sim.close()
+
+
 def test_a_demonstration_replays() -> None:
     """As KinDER's own are tested: the same seed, the same actions, the same observations."""
     env: Any = kinder.make("kinder/ClutteredRetrieval3D-o1-v0")
