@@ -165,15 +165,14 @@ class ObjectCentricClutteredRetrieval3DEnv(ObjectCentricKinDEREnv):
         self._restored(state)
 
     def _restored(self, state: ObjectCentricState) -> tuple[ObjectCentricState, dict[str, Any]]:
-        saved = _saved.pop(key := _key(state), None)
+        saved = _saved.get(_key(state))
         if saved is None:
             raise BridgeError(
                 "no environment of this process has shown this state, at a reset or, with allow_state_access=True, at "
                 f"a step, among the last {_KEPT}; poses and velocities alone do not say what the controller, the "
                 "contacts and the rule of success go on from"
             )
-        _saved[key] = saved  # the last to be forgotten now
-        answer = self._remote("restore", saved=saved)
+        answer = self._remote("restore", saved=saved) | {"saved": saved}
         return self._shown(answer), answer["info"]
 
     def _shown(self, answer: dict[str, Any]) -> ObjectCentricState:
