@@ -21,8 +21,8 @@ class Arguments:
 
     to: Literal["lerobot", "minari", "hdf5", "robomimic"]
     """"lerobot" (format v3.0) and "minari" are directories; "hdf5" (one group an episode) and "robomimic" are files."""
-    demos: Path
-    """Directory that `clutter-env collect` made."""
+    demos: tuple[Path, ...]
+    """Directories that `clutter-env collect` made, alike but for their seeds; all of them become one dataset."""
     out: Path | None = None
     """Where to write; without it outputs/exports/FORMAT, and ….hdf5 for a file. It must not exist."""
     observations: Literal["images", "state", "environment_state", ""] = ""
@@ -39,7 +39,7 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Export, and say what was written."""
-    from clutter_env.data.dataset import Dataset
+    from clutter_env.data.dataset import Shards
     from clutter_env.data.hdf5 import export_hdf5
     from clutter_env.data.lerobot import export_lerobot
     from clutter_env.data.minari import export_minari
@@ -52,7 +52,9 @@ def run(arguments: Arguments) -> None:
             f"--image-size and --observations are for --to lerobot; for {arguments.to} collect images: clutter-env "
             "collect --obs-mode rgbd"
         )
-    dataset = Dataset(arguments.demos)
+    if not arguments.demos:
+        raise LearningError("--demos names no directory")
+    dataset = Shards.of(arguments.demos)
     episodes = len(dataset)
     suffix = ".hdf5" if arguments.to in ("hdf5", "robomimic") else ""
     out = arguments.out or Path("outputs/exports") / f"{arguments.to}{suffix}"

@@ -209,6 +209,45 @@ class Dataset:
         return self.directory / _REJECTED / f"seed_{seed:07d}.json"
 
 
+@dataclass(frozen=True)
+class Shards(Dataset):
+    """Complete datasets that differ in their seeds alone, as one; `owners` has the dataset of a seed."""
+
+    owners: Mapping[int, Dataset]
+
+    @classmethod
+    def of(cls, directories: Sequence[Path]) -> Shards:
+        """The datasets in one or more directories, in any order.
+
+        Raises:
+            DatasetError: one is no complete dataset, or of another job or environment; a seed is in two of them.
+        """
+        first, *others = sorted(map(Dataset, directories), key=lambda shard: shard.seeds)
+        own, made, owners = first.identity, first.identity.get("provenance"), dict.fromkeys(first.seeds, first)
+        for shard in others:
+            there = shard.identity
+            wrong = [
+                f"{name}: {there.get(name)} there, {own.get(name)} in {first.directory}."
+                for name in sorted({*there, *own} - {"first_seed", "provenance"})
+                if there.get(name) != own.get(name)
+            ] + differences(made and there.get("provenance"), made or {})
+            if twice := owners.keys() & shard.seeds:
+                wrong += [f"{len(twice)} seeds, the lowest {min(twice)}, are in {owners[min(twice)].directory} too."]
+            if wrong:
+                raise DatasetError(f"{shard.directory} does not go with {first.directory}. {' '.join(wrong)}")
+            owners |= dict.fromkeys(shard.seeds, shard)
+        return cls(first.directory, owners)
+
+    @property
+    def seeds(self) -> list[int]:
+        """The seeds of all of them, in ascending order."""
+        return sorted(self.owners)
+
+    def episode_path(self, seed: int) -> Path:
+        """The file of a seed's episode."""
+        return self.owners[seed].episode_path(seed)
+
+
 def _read_json(path: Path, *names: str) -> dict[str, Any]:
     """The JSON object in a file, with at least these entries.
 

@@ -49,12 +49,7 @@ def export_hdf5(dataset: Dataset, path: Path, robomimic: bool = False) -> Path:
                 total += len(episode)
             data.attrs["total"] = total
             data.attrs["env_args"] = json.dumps(
-                {
-                    "env_name": task.env_id,
-                    "type": GYM_TYPE,
-                    "env_version": version(),
-                    "env_kwargs": dict(task.keywords),
-                }
+                {"env_name": task.env_id, "type": GYM_TYPE, "env_version": version(), "env_kwargs": dict(task.keywords)}
             )
             data.attrs["about"] = _ABOUT
             every, held_out = range(len(seeds)), slice(_VALID - 1, None, _VALID)

@@ -4,6 +4,7 @@
     data/chunk-000/file-000.parquet                  one row a control step
     videos/observation.images.NAME/chunk-000/file-000.mp4
 
+Large files are followed by file-001 and so on, where LeRobot's own writer begins one; an episode is never divided.
 Row t of an episode has the observation before action t. `LeRobotDataset("name", root=DIRECTORY)` reads it.
 """
 
@@ -11,10 +12,11 @@ from __future__ import annotations
 
 import importlib
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
+from itertools import tee
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +28,7 @@ from clutter_env.bridges.hub import OBSERVATIONS, TASKS, image_entries, joined, 
 from clutter_env.data.dataset import Dataset
 from clutter_env.data.episode import Episode
 from clutter_env.data.episode_file import read_episode
-from clutter_env.data.replay import with_images
+from clutter_env.data.replay import VECTOR, with_images
 from clutter_env.errors import DatasetError, LearningError, check_choice, missing_extra
 from clutter_env.parallel import Crash, Killed, run_jobs
 from clutter_env.rendering.film import CODEC, PIXELS, Video
@@ -35,14 +37,13 @@ from clutter_env.reporting.files import write_json, written_atomically
 FORMAT = "v3.0"
 _CHUNK, _DATA_MB, _VIDEO_MB = 1000, 100, 200
 """Values that LeRobot writes in info.json; the sizes are those at which its own writer begins a new file."""
-_FILE = "chunk-000/file-000"
-_FIRST = {"chunk_index": 0, "file_index": 0}
+_FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}"
+_LINES = 100
+"""Episodes whose lines of metadata are written together."""
 _INDEX = "__index_level_0__"
 """pandas' name of a column that is the index of a table and has no name."""
 _FEATURES = {"agent_pos": "observation.state", "environment_state": "observation.environment_state"}
 _QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
-_VECTORS = 2
-"""Dimensions of the vectors of all steps; images have four, and depth has three."""
 _LEAST_SPREAD = 0.01
 """[m, rad, m/s] Least standard deviation of numbers of observations in the statistics, and least distance from their
 mean to their extremes. A level gripper's quaternion varies less in demonstrations; a policy, which divides by these,
@@ -82,52 +83,75 @@ def export_lerobot(
     check_choice("observations", observations, OBSERVATIONS)
     if observations == "images" and not has_images:
         raise DatasetError(f"{dataset.directory} was collected without images; render them with --image-size")
-    found = _with_images(dataset, image_size if observations == "images" else 0, workers)
+    found = _shown(dataset, _with_images(dataset, image_size, workers)) if observations == "images" else iter(dataset)
     with written_atomically(directory) as part:
         part.mkdir(parents=True)
-        _write(dataset, part, _shown(dataset, found, observations), observations, tick)
+        _write(dataset, part, found, observations, tick)
     return directory
 
 
-def _shown(dataset: Dataset, found: Iterator[Episode], observations: str) -> Iterator[Episode]:
-    """The episodes as policies see them: with images, only the numbers that the environment shows with them."""
-    if observations != "images":
-        for episode in found:
-            entries = episode.observations.items()
-            yield replace(episode, observations={name: values for name, values in entries if values.ndim == _VECTORS})
-        return
+def _shown(dataset: Dataset, found: Iterator[Episode]) -> Iterator[Episode]:
+    """The episodes as policies with cameras see them: only the numbers that the environment shows beside images."""
     with closing(dataset.task.make(obs_mode="rgbd")) as env:
         assert isinstance(env.observation_space, spaces.Dict)
-        shown = env.observation_space.spaces
+        shapes = {name: space.shape or () for name, space in env.observation_space.items()}
     for episode in found:
-        own = {name: values for name, values in episode.observations.items() if name in shown}
+        entries = [(name, values) for name, values in episode.observations.items() if name in shapes]
         # The entry "observation" of goal environments ends with the objects, where they are not left to the images.
-        cut = {
-            name: values[:, : (shown[name].shape or (0,))[0]] for name, values in own.items() if values.ndim == _VECTORS
-        }
-        yield replace(episode, observations={**own, **cut})
+        own = {name: values[:, : shapes[name][0]] if values.ndim == VECTOR else values for name, values in entries}
+        yield replace(episode, observations=own)
 
 
 def _with_images(dataset: Dataset, image_size: int, workers: int) -> Iterator[Episode]:
     """The episodes in their order, with images of that size where they have none."""
     function = partial(_seen, image_size=image_size)
-    paths = [dataset.episode_path(seed) for seed in dataset.seeds]
+    paths, waiting = tee(map(dataset.episode_path, dataset.seeds))
     if not image_size or workers == 1:
         yield from map(function, paths)
         return
-    waiting, done = list(paths), dict[Path, Episode]()
-    for path, result in run_jobs(function, paths, workers):
-        if isinstance(result, Crash | Killed):
-            raise LearningError(f"the images of {path} could not be rendered: {result.summary}")
-        done[path] = result
-        while waiting and waiting[0] in done:
-            yield done.pop(waiting.pop(0))
+    results, done = run_jobs(function, paths, workers), dict[Path, Episode | Crash | Killed]()
+    for wanted in waiting:
+        while wanted not in done:
+            done |= [next(results)]
+        if isinstance(result := done.pop(wanted), Crash | Killed):
+            raise LearningError(f"the images of {wanted} could not be rendered: {result.summary}")
+        yield result
 
 
 def _seen(path: Path, image_size: int) -> Episode:
     """The episode of a file, with images of that size [pixels] if it has none; with 0 as it is."""
     episode = read_episode(path)
     return with_images(episode, image_size) if image_size and not image_entries(episode.observations) else episode
+
+
+class _Files:
+    """Files of one kind, chunk-000/file-000 first, of which the last one is open until the end of `stack`.
+
+    The next one begins where LeRobot's own writer begins it: with the rows, or images, that would fill the last one.
+    """
+
+    def __init__(self, stack: ExitStack, folder: Path, ending: str, size_mb: float) -> None:
+        self._open = stack.enter_context(ExitStack())
+        self._folder, self._ending, self._size = folder, ending, size_mb * 2**20
+        self._number = self._rows = 0
+        self._path, self._file = folder, None
+
+    def place(self, rows: int, prefix: str) -> dict[str, int]:
+        """Where so many rows more belong."""
+        if self._rows and self._path.stat().st_size * (1 + rows / self._rows) >= self._size:
+            self._open.close()
+            self._number, self._rows, self._file = self._number + 1, 0, None
+        self._rows += rows
+        chunk, file = divmod(self._number, _CHUNK)
+        self._path = self._folder / (_FILE.format(chunk_index=chunk, file_index=file) + self._ending)
+        return {f"{prefix}/chunk_index": chunk, f"{prefix}/file_index": file}
+
+    def open(self, opened: Callable[[Path], Any]) -> Any:
+        """The file at that place; `opened` makes it, a context."""
+        if self._file is None:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = self._open.enter_context(opened(self._path))
+        return self._file
 
 
 def _write(
@@ -137,18 +161,27 @@ def _write(
         arrow, parquet = (importlib.import_module(name) for name in ("pyarrow", "pyarrow.parquet"))
     except ModuleNotFoundError as problem:
         raise LearningError(missing_extra(problem) or str(problem)) from problem
-    env = dataset.task.make()
-    fps, robot = int(env.metadata["render_fps"]), str(env.get_wrapper_attr("robot").name)
-    env.close()
-    task, first = TASKS[dataset.task.family], 0
-    features: dict[str, dict[str, Any]] = {}
-    rows: dict[str, list[NDArray[Any]]] = {}
+    with closing(dataset.task.make()) as env:
+        fps, robot = int(env.metadata["render_fps"]), str(env.get_wrapper_attr("robot").name)
+    task, count, first = TASKS[dataset.task.family], len(dataset), 0
+    features: dict[str, Any] = {}
     statistics: dict[str, list[dict[str, Any]]] = {}
-    episodes: list[dict[str, Any]] = []
-    videos: dict[str, Video] = {}
+    lines: list[dict[str, Any]] = []
+    videos: dict[str, _Files] = {}
+
+    def column(values: NDArray[Any]) -> Any:
+        """Numbers (n,), or lists of one length (n, k)."""
+        flat = arrow.array(np.ascontiguousarray(values).reshape(-1))
+        return flat if values.ndim == 1 else arrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
+
+    def append(files: _Files, table: Any) -> None:
+        files.open(partial(parquet.ParquetWriter, schema=table.schema)).write_table(table)
+
     with ExitStack() as stack:
+        data, meta = (_Files(stack, directory / name, ".parquet", _DATA_MB) for name in ("data", "meta/episodes"))
         for index, episode in enumerate(found):
-            features = features or _features(episode, observations, fps)
+            cameras = image_entries(episode.observations) if observations == "images" else {}
+            features = features or _features(episode, observations, cameras, fps)
             columns = _columns(episode, observations, index, first, fps)
             line: dict[str, Any] = {
                 "episode_index": index,
@@ -156,69 +189,60 @@ def _write(
                 "length": len(episode),
                 "dataset_from_index": first,
                 "dataset_to_index": first + len(episode),
-                **{f"data/{name}": value for name, value in _FIRST.items()},
-                **{f"meta/episodes/{name}": value for name, value in _FIRST.items()},
+                **data.place(len(episode), "data"),
             }
+            append(data, arrow.table({name: column(values) for name, values in columns.items()}))
             first += len(episode)
             own = {name: _vector_statistics(values) for name, values in columns.items()}
-            for camera, name in image_entries(episode.observations).items():
+            for camera, name in cameras.items():
                 key, images = f"observation.images.{camera}", episode.observations[name][:-1]
                 if key not in videos:
-                    path = directory / f"videos/{key}/{_FILE}.mp4"
-                    videos[key] = stack.enter_context(Video(path, images.shape[1:3], fps))
-                line |= {f"videos/{key}/{name}": value for name, value in _FIRST.items()}
-                line[f"videos/{key}/from_timestamp"] = videos[key].frames / fps
-                videos[key].write(images)
-                line[f"videos/{key}/to_timestamp"] = videos[key].frames / fps
+                    videos[key] = _Files(stack, directory / "videos" / key, ".mp4", _VIDEO_MB)
+                line |= videos[key].place(len(images), f"videos/{key}")
+                video = videos[key].open(partial(Video, size=images.shape[1:3], fps=fps))
+                line[f"videos/{key}/from_timestamp"] = video.frames / fps
+                video.write(images)
+                line[f"videos/{key}/to_timestamp"] = video.frames / fps
                 own[key] = _image_statistics(images)
-            for name, values in columns.items():
-                rows.setdefault(name, []).append(values)
             for name, entry in own.items():
                 statistics.setdefault(name, []).append(entry)
                 line |= {f"stats/{name}/{kind}": value for kind, value in entry.items()}
-            episodes.append(line)
+            lines.append(line)
+            if len(lines) == _LINES or index + 1 == count:
+                place = meta.place(len(lines), "meta/episodes")
+                append(meta, arrow.Table.from_pylist([line | place for line in lines]))
+                statistics = {name: [_all_statistics(entries)] for name, entries in statistics.items()}
+                lines.clear()
             tick()
 
-    def column(values: NDArray[Any]) -> Any:
-        """Numbers (n,), or lists of one length (n, k)."""
-        flat = arrow.array(np.ascontiguousarray(values).reshape(-1))
-        return flat if values.ndim == 1 else arrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
-
-    tasks = arrow.table({"task_index": np.arange(1), _INDEX: [task]})
-    tables = {
-        f"data/{_FILE}": arrow.table({name: column(np.concatenate(parts)) for name, parts in rows.items()}),
-        f"meta/episodes/{_FILE}": arrow.Table.from_pylist(episodes),
-        "meta/tasks": tasks.replace_schema_metadata({"pandas": json.dumps(_pandas_note())}),
-    }
-    for name, table in tables.items():
-        path = directory / f"{name}.parquet"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        parquet.write_table(table, path)
+    texts = {"name": None, "field_name": _INDEX, "pandas_type": "unicode", "numpy_type": "object", "metadata": None}
+    note = {"index_columns": [_INDEX], "column_indexes": [], "columns": [texts]}  # pandas takes the tasks as index
+    tasks = arrow.table({"task_index": np.arange(1), _INDEX: [task]}, metadata={"pandas": json.dumps(note)})
+    parquet.write_table(tasks, directory / "meta/tasks.parquet")
     info = {
         "codebase_version": FORMAT,
         "robot_type": robot,
-        "total_episodes": len(episodes),
+        "total_episodes": count,
         "total_frames": first,
         "total_tasks": 1,
         "chunks_size": _CHUNK,
         "data_files_size_in_mb": _DATA_MB,
         "video_files_size_in_mb": _VIDEO_MB,
         "fps": fps,
-        "splits": {"train": f"0:{len(episodes)}"},
-        "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
-        "video_path": "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4" if videos else None,
+        "splits": {"train": f"0:{count}"},
+        "data_path": f"data/{_FILE}.parquet",
+        "video_path": f"videos/{{video_key}}/{_FILE}.mp4" if videos else None,
         "features": features,
     }
     write_json(directory / "meta/info.json", info)
     identity = {**dataset.identity, "observations": observations}
     write_json(directory / "meta/clutter_env.json", identity)  # LeRobot has no place for it
-    of_all = {name: _all_statistics(parts) for name, parts in statistics.items()}
-    for name, entry in of_all.items():
+    for name, (entry,) in statistics.items():
         if name in _FEATURES.values():
             entry["std"] = np.maximum(entry["std"], _LEAST_SPREAD)
             entry["min"] = np.minimum(entry["min"], entry["mean"] - _LEAST_SPREAD)
             entry["max"] = np.maximum(entry["max"], entry["mean"] + _LEAST_SPREAD)
-    write_json(directory / "meta/stats.json", of_all)
+    write_json(directory / "meta/stats.json", {name: entry for name, (entry,) in statistics.items()})
 
 
 def _columns(episode: Episode, observations: str, index: int, first: int, fps: int) -> dict[str, NDArray[Any]]:
@@ -240,7 +264,7 @@ def _columns(episode: Episode, observations: str, index: int, first: int, fps: i
     }
 
 
-def _features(episode: Episode, observations: str, fps: int) -> dict[str, dict[str, Any]]:
+def _features(episode: Episode, observations: str, cameras: Mapping[str, str], fps: int) -> dict[str, dict[str, Any]]:
     """LeRobot's features: type, shape and names of every column and every video."""
 
     def column_names(entries: list[str]) -> list[str]:
@@ -255,22 +279,15 @@ def _features(episode: Episode, observations: str, fps: int) -> dict[str, dict[s
         name: {"dtype": str(values.dtype), "shape": list(values.shape[1:]) or [1], "names": names.get(name)}
         for name, values in _columns(episode, observations, 0, 0, fps).items()
     }
-    for camera, entry in image_entries(episode.observations).items():
+    for camera, entry in cameras.items():
         height, width = episode.observations[entry].shape[1:3]
+        about = {"height": height, "width": width, "channels": 3, "codec": CODEC, "pix_fmt": PIXELS, "fps": fps}
+        about = {f"video.{name}": value for name, value in about.items()}
         found[f"observation.images.{camera}"] = {
             "dtype": "video",
             "shape": [height, width, 3],
             "names": ["height", "width", "channels"],
-            "info": {
-                "video.height": height,
-                "video.width": width,
-                "video.codec": CODEC,
-                "video.pix_fmt": PIXELS,
-                "video.is_depth_map": False,
-                "video.fps": fps,
-                "video.channels": 3,
-                "has_audio": False,
-            },
+            "info": {**about, "video.is_depth_map": False, "has_audio": False},
         }
     return found
 
@@ -279,12 +296,9 @@ def _vector_statistics(rows: NDArray[Any]) -> dict[str, Any]:
     """Of each number of rows (n, k): min, max, mean, std, quantiles, each a list (k,), and the count [n]."""
     values = np.asarray(rows, dtype=np.float64).reshape(len(rows), -1)
     return {
-        "min": values.min(axis=0).tolist(),
-        "max": values.max(axis=0).tolist(),
-        "mean": values.mean(axis=0).tolist(),
-        "std": values.std(axis=0).tolist(),
+        **{kind: getattr(values, kind)(axis=0).tolist() for kind in ("min", "max", "mean", "std")},
         "count": [len(values)],
-        **{name: np.quantile(values, share, axis=0).tolist() for name, share in _QUANTILES.items()},
+        **dict(zip(_QUANTILES, np.quantile(values, [*_QUANTILES.values()], axis=0).tolist(), strict=True)),
     }
 
 
@@ -297,7 +311,7 @@ def _image_statistics(images: NDArray[np.uint8]) -> dict[str, Any]:
 
 
 def _all_statistics(entries: list[dict[str, Any]]) -> dict[str, Any]:
-    """Statistics of all episodes, from those of each: exact but for the quantiles, which are averaged."""
+    """Statistics of all episodes, from those of each or of groups: exact but for the quantiles, which are averaged."""
     counts = np.array([entry["count"][0] for entry in entries], dtype=float)
     stacked = {name: np.array([entry[name] for entry in entries]) for name in entries[0] if name != "count"}
     found = {name: np.average(values, axis=0, weights=counts) for name, values in stacked.items()}
@@ -305,18 +319,3 @@ def _all_statistics(entries: list[dict[str, Any]]) -> dict[str, Any]:
     found["min"], found["max"] = stacked["min"].min(axis=0), stacked["max"].max(axis=0)
     found["std"] = np.sqrt(np.average(spread, axis=0, weights=counts))
     return {**found, "count": [int(counts.sum())]}
-
-
-def _pandas_note() -> dict[str, Any]:
-    """The note by which pandas takes the texts of the tasks as the table's index."""
-    text = {"name": None, "pandas_type": "unicode", "numpy_type": "object"}
-    number = {"pandas_type": "int64", "numpy_type": "int64", "metadata": None}
-    return {
-        "index_columns": [_INDEX],
-        "column_indexes": [{**text, "field_name": None, "metadata": {"encoding": "UTF-8"}}],
-        "columns": [
-            {"name": "task_index", "field_name": "task_index", **number},
-            {**text, "field_name": _INDEX, "metadata": None},
-        ],
-        "pandas_version": "2.2.0",
-    }

@@ -24,7 +24,7 @@ from clutter_env.data.episode_file import read_episode
 from clutter_env.errors import LearningError
 from clutter_env.rendering.cameras import EnvRenderer
 
-_VECTOR = 2
+VECTOR = 2
 """Dimensions of an observation's entry over all steps, if it is no image."""
 
 
@@ -96,7 +96,7 @@ def with_images(episode: Episode, image_size: int) -> Episode:
 
 def _same(episode: Episode, step: int, observation: Mapping[str, NDArray[Any]]) -> bool:
     """Whether an observation equals that of a step of the episode, bit for bit."""
-    vectors = {name for name, values in episode.observations.items() if values.ndim == _VECTOR}
+    vectors = {name for name, values in episode.observations.items() if values.ndim == VECTOR}
     return observation.keys() == vectors and all(
         np.asarray(value).tobytes() == episode.observations[name][step].tobytes() for name, value in observation.items()
     )

@@ -106,13 +106,11 @@ class RobomimicEnv:
         """The last observation."""
         return dict(self._observation)
 
+    get_goal = get_observation  # of which it is a part
+
     def get_reward(self) -> float:
         """Of the last step."""
         return self._reward
-
-    def get_goal(self) -> dict[str, NDArray[Any]]:
-        """The goal is a part of the observation."""
-        return dict(self._observation)
 
     def set_goal(self, **_: Any) -> None:
         """Raises `LearningError`: goals are those of the seed."""
