@@ -173,7 +173,8 @@ class Video:
         except ModuleNotFoundError as problem:
             raise LearningError(missing_extra(problem) or str(problem)) from problem
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._av, self._file = av, av.open(str(path), "w")
+        # Without a buffer, so that the size of the file is that of the images so far.
+        self._av, self._file = av, av.open(str(path), "w", options={"flush_packets": "1"})
         self._stream = self._file.add_stream("libx264", rate=fps, options=dict(_OPTIONS))
         self._stream.height, self._stream.width = size
         self._stream.pix_fmt = PIXELS

@@ -11,7 +11,7 @@ import sys
 import numpy as np
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
-dataset = LeRobotDataset("clutter_env/export", root=sys.argv[1])
+dataset = LeRobotDataset("clutter_env/export", root=sys.argv[1], video_backend="pyav")
 expected = np.load(sys.argv[2])
 items = [dataset[row] for row in range(len(dataset))]
 names = [name for name in expected if not name.startswith("video/")]
@@ -22,7 +22,7 @@ errors = {}
 for name in expected:
     if name.startswith("video/observation"):
         frames = np.stack([items[row][name.removeprefix("video/")].numpy() for row in expected["video/rows"]])
-        errors[name] = float(np.abs(frames.transpose(0, 2, 3, 1) * 255 - expected[name]).mean())
+        errors[name] = np.abs(frames.transpose(0, 2, 3, 1) * 255 - expected[name]).mean(axis=(1, 2, 3)).tolist()
 counts = {"frames": len(dataset), "episodes": dataset.num_episodes, "fps": dataset.fps, "task": items[0]["task"]}
 print(
     json.dumps(
