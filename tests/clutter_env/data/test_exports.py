@@ -484,3 +484,5 @@ def test_the_command_exports(dataset: Dataset, tmp_path: Path, capsys: pytest.Ca
         main(["export", "--to", "hdf5", "--image-size", "64", "--demos", str(dataset.directory)])
     with pytest.raises(SystemExit, match="holds no dataset"):
         main(["export", "--to", "hdf5", "--demos", str(tmp_path)])
+    with pytest.raises(SystemExit, match="--demos names no directory"):
+        main(["export", "--to", "hdf5", "--demos"])
