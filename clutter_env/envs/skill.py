@@ -42,16 +42,19 @@ SKILL_COST = 0.05
 """Reward lost by every skill; success is worth 1."""
 FINAL_HOLD_STEPS = 20
 """Control steps for which the target is held up in the end, if that is not success yet."""
-BODY_FIELDS = ("present", "is_target", "x", "y", "half_x", "half_y", "height", "is_box")
+BODY_FIELDS = ("present", "x", "y", "half_x", "half_y", "height", "is_box")
 """Columns of an object's row before its `DIRECTIONS` flags of failed attempts."""
+LENGTH_UNIT = 0.1
+"""[m] Unit of the lengths in a row: the numbers that a network sees are of the order of one."""
 
-_POSITION_BOUND = 4.0
+_POSITION_BOUND = 4.0 / LENGTH_UNIT
 
 
 def observed_masks(observation: NDArray[np.float32]) -> NDArray[np.bool_]:
     """`SkillEnv.action_masks(geometric=False)` (n,), from an observation of the environment."""
     rows = observation[:-2].reshape(-1, len(BODY_FIELDS) + DIRECTIONS)
-    can_be_cleared = (rows[:, 0] > 0) & (rows[:, 1] == 0)
+    can_be_cleared = rows[:, 0] > 0
+    can_be_cleared[0] = False  # the target
     mask = np.append((rows[:, len(BODY_FIELDS) :] == 0) & can_be_cleared[:, None], observation[-1] == 0)
     mask[-1] |= not mask.any()
     return mask
@@ -60,9 +63,11 @@ def observed_masks(observation: NDArray[np.float32]) -> NDArray[np.bool_]:
 class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
     """Retrieve the target by skills.
 
-    Action `i * DIRECTIONS + d` clears object i from direction d; the last action takes the target from wherever it
-    can be grasped. The observation is a row per object (`BODY_FIELDS`, then a flag per direction for an attempt that
-    failed since the objects last changed), then the share of the budget left and the flag of a failed attempt to take.
+    The observation is a row per object (`BODY_FIELDS`, then a flag per direction for an attempt that failed since the
+    objects last changed), then the share of the budget left and the flag of a failed attempt to take. Row 0 is the
+    target's; the others follow in the order of their distance from it, their x and y relative to it, the fallen ones,
+    whose rows are zero, at the end. Action `i * DIRECTIONS + d` clears the object of row i from direction d; the last
+    action takes the target from wherever it can be grasped.
 
     Episodes end with the target taken, which is success if nothing has fallen or been disturbed (`success="lifted"`: in
     any case), with the target lost, or when the budget is spent. The reward is 1 for success less `SKILL_COST` for
@@ -106,7 +111,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         self.render_mode, self.metadata = self.physics_env.render_mode, self.physics_env.metadata
         self._size = self._count * DIRECTIONS + 1
         self.action_space = spaces.Discrete(self._size)
-        row = [1.0, 1.0, _POSITION_BOUND, _POSITION_BOUND, 1.0, 1.0, 1.0, 1.0] + [1.0] * DIRECTIONS
+        row = [1.0, _POSITION_BOUND, _POSITION_BOUND, *[1.0 / LENGTH_UNIT] * 3, 1.0] + [1.0] * DIRECTIONS
         bound = np.array(row * self._count + [1.0, 1.0], np.float32)
         self.observation_space = spaces.Box(-bound, bound, dtype=np.float32)
 
@@ -130,7 +135,8 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         self._read_scene()
         if self.physics_env.robot.base_drive == "fixed":  # stands elsewhere in every episode
             self.__dict__.pop("_planner", None)
-        self._failed = np.zeros(self._size, dtype=np.bool_)
+        self._clear_failed = np.zeros((self._count, DIRECTIONS), dtype=np.bool_)
+        self._take_failed = False
         self.actions: list[int] = []
         self._left = self.budget
         self._moved: list[str] = []
@@ -152,10 +158,12 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         self._left -= 1
         self.actions.append(index)
         failure = self._simulate_kinematically(skill) if self._is_kinematic else self._carry_out(skill)
-        if failure:
-            self._failed[index] = True
+        if failure and skill.direction is None:
+            self._take_failed = True
+        elif failure:
+            self._clear_failed[self._scene.names.index(skill.object), skill.direction] = True
         elif skill.direction is not None:
-            self._failed[:] = False
+            self._clear_failed[:] = self._take_failed = False
             self._moved.append(skill.object)
         info = self._info(failure)
         is_lost = not self._is_taken and not self._is_placed(self._scene.body(self._target))
@@ -177,7 +185,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         self.physics_env.check_started("skill()")
         if action == self._count * DIRECTIONS:
             return Skill(self._target)
-        return Skill(self._scene.names[action // DIRECTIONS], action % DIRECTIONS)
+        return Skill(self._scene.names[self._order()[action // DIRECTIONS]], action % DIRECTIONS)
 
     def action_masks(self, geometric: bool | None = None) -> NDArray[np.bool_]:
         """Actions (n,) worth trying: objects that stand on the table, attempts that have not just failed.
@@ -186,15 +194,12 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
             geometric: also leave out skills without a free grasp; by default as the environment was made.
         """
         self.physics_env.check_started("action_masks()")
-        mask = ~self._failed
-        for i, body in enumerate(self._bodies()):
-            clears = slice(i * DIRECTIONS, (i + 1) * DIRECTIONS)
-            mask[clears] &= body is not None and body.name != self._target
+        mask = observed_masks(self._observe())
         is_geometric = self._geometric_mask if geometric is None else geometric
         if is_geometric:
             for index in np.flatnonzero(mask):
                 mask[index] = not isinstance(self._planner.grasps(self._scene, self.skill(int(index))), SkillFailure)
-        mask[-1] |= not mask.any()
+            mask[-1] |= not mask.any()
         return mask
 
     @property
@@ -265,9 +270,15 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         self._is_taken = info["lifted"]
         return self._is_physics_over or self._is_taken
 
-    def _bodies(self) -> list[Body | None]:
-        """The objects that can be cleared or taken; None for those that have fallen."""
-        return [body if self._is_placed(body) else None for body in self._scene.objects]
+    def _order(self) -> list[int]:
+        """The objects of the rows: the target, then from the nearest to it to the farthest, the fallen ones last."""
+        bodies, target = self._scene.objects, self._scene.body(self._target)
+
+        def key(i: int) -> tuple[bool, bool, float]:
+            distance = np.linalg.norm(bodies[i].position[:2] - target.position[:2])
+            return bodies[i].name != self._target, not self._is_placed(bodies[i]), float(distance)
+
+        return sorted(range(self._count), key=key)
 
     def _is_placed(self, body: Body) -> bool:
         """Whether it has neither toppled nor left the table."""
@@ -275,15 +286,18 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
 
     def _observe(self) -> NDArray[np.float32]:
         rows = np.zeros((self._count, len(BODY_FIELDS) + DIRECTIONS), np.float32)
-        for i, body in enumerate(self._bodies()):
-            if body is None:
+        order = self._order()
+        origin = np.zeros(2)  # of the first row, the target's
+        for row, i in zip(rows, order, strict=True):
+            body = self._scene.objects[i]
+            if not self._is_placed(body):
                 continue
-            is_target = body.name == self._target
-            x, y = np.clip(body.position[:2], -_POSITION_BOUND, _POSITION_BOUND)
-            half_x, half_y, half_z = body.half_extents
-            rows[i, : len(BODY_FIELDS)] = 1, is_target, x, y, half_x, half_y, 2 * half_z, body.shape == "box"
-            rows[i, len(BODY_FIELDS) :] = self._failed[i * DIRECTIONS : (i + 1) * DIRECTIONS]
-        return np.append(rows, (self._left / self.budget, self._failed[-1])).astype(np.float32)
+            x, y = np.clip((body.position[:2] - origin) / LENGTH_UNIT, -_POSITION_BOUND, _POSITION_BOUND)
+            half_x, half_y, half_z = body.half_extents / LENGTH_UNIT
+            row[:] = 1, x, y, half_x, half_y, 2 * half_z, body.shape == "box", *self._clear_failed[i]
+            if i == order[0]:
+                origin = body.position[:2]
+        return np.append(rows, (self._left / self.budget, self._take_failed)).astype(np.float32)
 
     def _info(self, failure: str) -> dict[str, Any]:
         info = self.physics_env.info

@@ -239,12 +239,9 @@ class GreedyPolicy:
 
     def act(self, observation: Any) -> int:  # noqa: ARG002  it reads the simulation
         """The first skill in this order that has not just failed."""
-        skills = self._skills
-        masks = skills.action_masks(geometric=False)
+        masks = self._skills.action_masks(geometric=False)
         if masks[-1]:
             return len(masks) - 1
-        bodies, target = skills.scene.objects, skills.scene.body(skills.target)
-        near = np.argsort([np.linalg.norm(body.position[:2] - target.position[:2]) for body in bodies])
-        per_object = (len(masks) - 1) // len(bodies)
-        wanted = (int(i) * per_object + d for i in near for d in _FRONT_FIRST)
+        directions = len(_FRONT_FIRST)
+        wanted = (first + d for first in range(0, len(masks) - 1, directions) for d in _FRONT_FIRST)  # nearest first
         return next(action for action in wanted if masks[action])

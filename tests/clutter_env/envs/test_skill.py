@@ -12,7 +12,7 @@ from gymnasium.utils.env_checker import check_env
 
 import clutter_env
 from assets import PR2
-from clutter_env.envs.skill import BODY_FIELDS, SIMULATIONS, SKILL_COST, SkillEnv
+from clutter_env.envs.skill import BODY_FIELDS, LENGTH_UNIT, SIMULATIONS, SKILL_COST, SkillEnv
 from clutter_env.envs.success import is_as_placed
 from clutter_env.errors import ActionError, ConfigError
 from clutter_env.scene.layout import TABLE_HEIGHT
@@ -54,7 +54,7 @@ def test_the_kinematic_model_agrees_with_physics(kinematic: SkillEnv, physics: S
     action = free_clearance(physics)
     for chosen in (action, 10 * DIRECTIONS):
         one, other = kinematic.step(chosen), physics.step(chosen)
-        assert np.abs(one[0] - other[0]).max() < 0.02
+        assert np.abs(one[0] - other[0]).max() < 0.02 / LENGTH_UNIT
         assert one[1:4] == other[1:4]
         assert {**one[4], "num_fallen": 0} == {**other[4], "num_fallen": 0}
     assert other[4]["is_success"]
@@ -98,19 +98,18 @@ def test_failed_attempts_are_flagged_and_masked_until_something_is_cleared(kinem
 
 
 def test_the_target_is_never_to_be_cleared_and_geometry_only_removes(kinematic: SkillEnv) -> None:
-    _, info = kinematic.reset(seed=7)
-    target = int(info["target"][-2:])
+    kinematic.reset(seed=7)
     plain, geometric = kinematic.action_masks(), kinematic.action_masks(geometric=True)
-    assert not plain[target * DIRECTIONS : (target + 1) * DIRECTIONS].any()
+    assert not plain[:DIRECTIONS].any()
     assert not (geometric & ~plain).any()
     assert plain.sum() == 9 * DIRECTIONS + 1
 
 
 def test_the_budget_ends_the_episode() -> None:
     env = SkillEnv(simulation="kinematic", num_objects=5, budget=2)
-    observation, info = env.reset(seed=0)
+    observation, _ = env.reset(seed=0)
     assert observation[-2] == 1.0
-    clear_the_target = int(info["target"][-2:]) * DIRECTIONS + 3
+    clear_the_target = 3
     assert not env.step(clear_the_target)[2]
     observation, _, is_over, _, info = env.step(clear_the_target)
     assert is_over
@@ -150,12 +149,32 @@ def test_a_fall_ends_the_episode_if_it_shall(ends: bool) -> None:
     assert is_over == ends
 
 
-def test_rows_describe_the_scene(kinematic: SkillEnv) -> None:
+def test_rows_describe_the_scene_from_the_target_outwards(kinematic: SkillEnv) -> None:
     observation, info = kinematic.reset(seed=3)
     rows = observation[:-2].reshape(10, len(BODY_FIELDS) + DIRECTIONS)
     assert rows[:, 0].all()
-    assert list(np.flatnonzero(rows[:, 1])) == [int(info["target"][-2:])]
-    assert np.allclose(rows[4, 2:4], kinematic.scene.objects[4].position[:2], atol=1e-6)
+    target = kinematic.scene.body(info["target"]).position[:2]
+    assert np.allclose(rows[0, 1:3] * LENGTH_UNIT, target, atol=1e-6)
+    distances = np.linalg.norm(rows[1:, 1:3], axis=1)
+    assert (np.diff(distances) >= 0).all()
+    for row in range(1, 10):
+        body = kinematic.scene.body(kinematic.skill(row * DIRECTIONS).object)
+        assert np.allclose(rows[row, 1:3] * LENGTH_UNIT, body.position[:2] - target, atol=1e-6)
+        assert np.allclose(rows[row, 3:6] * LENGTH_UNIT, body.half_extents * (1, 1, 2), atol=1e-6)
+
+
+def test_a_cleared_object_moves_down_the_rows_and_a_failure_stays_with_its_object(kinematic: SkillEnv) -> None:
+    kinematic.reset(seed=7)
+    action = free_clearance(kinematic)
+    cleared = kinematic.skill(action).object
+    kinematic.step(action)
+    rows_of = {kinematic.skill(row * DIRECTIONS).object: row for row in range(10)}
+    assert rows_of[cleared] > action // DIRECTIONS
+    blocked = np.flatnonzero(kinematic.action_masks() & ~kinematic.action_masks(geometric=True))[0]
+    observation, *_, info = kinematic.step(blocked)
+    assert info["failure"]
+    assert observation[:-2].reshape(10, -1)[blocked // DIRECTIONS, len(BODY_FIELDS) + blocked % DIRECTIONS] == 1
+    assert (observation[:-2].reshape(10, -1)[:, len(BODY_FIELDS) :].sum(), observation[-1]) == (1, 0)
 
 
 @pytest.mark.parametrize("action", [-1, 61, 1.5, "take", None])
