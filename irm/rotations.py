@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from math import pi
 from typing import Any, TypeVar
 
@@ -21,6 +22,12 @@ _CROSS = np.array([(0, 0, 0, 0, 0, -1, 0, 1, 0), (0, 0, 1, 0, 0, 0, -1, 0, 0), (
 """For each axis the matrix of the cross product with it, row by row."""
 _TINY = 1e-12
 """[rad] of a turn that is none."""
+_arctan2 = np.frompyfunc(math.atan2, 2, 1)
+
+
+def arctan2(sine: ArrayLike, cosine: ArrayLike) -> Floats:
+    """Angles [rad], to the same bits on all processors; the last ones of NumPy's own depend on AVX-512."""
+    return np.asarray(_arctan2(sine, cosine), dtype=float)
 
 
 def as_poses(T_base_tcp: ArrayLike) -> Floats:
@@ -76,7 +83,7 @@ def rotation_vectors(R: Floats) -> Floats:
     """(..., 3) [rad] of rotations (..., 3, 3); 0 of half turns, whose axis has no sign."""
     twice = R.reshape(*R.shape[:-2], 9) @ _CROSS.T
     sine = np.linalg.norm(twice, axis=-1)
-    angle = np.arctan2(sine, np.trace(R, axis1=-2, axis2=-1) - 1.0)
+    angle = arctan2(sine, np.trace(R, axis1=-2, axis2=-1) - 1.0)
     return np.asarray(twice * (angle / np.maximum(sine, _TINY))[..., None])
 
 

@@ -14,6 +14,7 @@ from clutter_env.envs.observation import OBSERVATION_LAYOUT
 from clutter_env.policies.protocol import PolicyError
 from clutter_env.scene.layout import Box
 from clutter_env.scene.table_scene import object_name
+from irm.rotations import arctan2
 
 Array = NDArray[np.float64]
 
@@ -89,7 +90,7 @@ def parse_observation(observation: Observation) -> ParsedObservation:
         np.asarray(observation[name], float) for name in ("robot", "tcp", "gripper", "objects")
     )
     heading = robot[..., _ROBOT["base_heading"]]
-    yaw = np.arctan2(heading[..., :1], heading[..., 1:])
+    yaw = arctan2(heading[..., :1], heading[..., 1:])
     return ParsedObservation(
         base=np.concatenate((robot[..., _ROBOT["base_position"]], yaw), axis=-1),
         q=robot[..., _Q],

@@ -1,10 +1,12 @@
 """Kinematics of every kind of chain against MuJoCo, and laws of the closed form and of numerical solutions."""
 
 import dataclasses
+import math
 
 import mujoco
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from assets import robot
 from assets.robots import FETCH
@@ -12,6 +14,7 @@ from irm.chain import ArmChain
 from irm.errors import ChainError
 from irm.ik.closed_form import ik_pan
 from irm.kinematics import forward
+from irm.rotations import arctan2, rotation_vectors, rotations_by
 from tests.irm.arms import (
     APPROACH,
     ARM,
@@ -122,3 +125,13 @@ def test_a_chain_that_does_not_fit_is_refused():
         ArmChain.from_robot(dataclasses.replace(FETCH, chain=(slide, *FETCH.chain[1:])))
     with pytest.raises(ChainError, match=r"shape \(8,\)"):
         forward(CHAIN, np.zeros(7))
+
+
+def test_angles_and_rotation_vectors_are_those_of_the_c_library_and_of_scipy() -> None:
+    """`np.arctan2` has other last bits with AVX-512, and with it what is computed from angles."""
+    rng = np.random.default_rng(0)
+    sines, cosines = rng.uniform(-3, 3, (2, 1000))
+    assert arctan2(sines, cosines).tolist() == list(map(math.atan2, sines, cosines))
+    turns = Rotation.random(200, rng=rng)
+    assert np.allclose(rotation_vectors(turns.as_matrix()), turns.as_rotvec(), atol=1e-9)
+    assert np.allclose(rotations_by(turns.as_rotvec()), turns.as_matrix(), atol=1e-12)
