@@ -102,7 +102,7 @@ def test_the_python_of_the_learning_page_runs_after_its_collection(
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", ["clone", "collect", "evaluate", "run_expert", "objects_of_pieces", "demonstrations_and_rewards 0 60"]
+    "name", ["clone", "collect", "evaluate", "run_expert", "objects_of_pieces", "demonstrations_and_rewards 0 64 5"]
 )
 def test_the_examples_run(name: str, tmp_path: Path) -> None:
     """`clone.py` imported a name that there was no longer."""
@@ -114,7 +114,7 @@ def test_the_examples_run(name: str, tmp_path: Path) -> None:
     if name == "clone":
         assert float(ended.stdout.split()[-1]) >= 0.5
     if arguments:
-        assert ended.stdout.splitlines()[-1].startswith("60 steps")
+        assert ended.stdout.splitlines()[-1].startswith("64 steps")
     if name == "objects_of_pieces":
         assert ended.stdout.count("1 planned, 1 lifted") >= 5
 
