@@ -37,10 +37,12 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Play, and say how it ended."""
+    from contextlib import closing
     from typing import Any
 
     import clutter_env
     from clutter_env.errors import UsageError
+    from clutter_env.evaluation.recording import Recording
     from clutter_env.evaluation.scenes import SeededScene, scene_for
     from clutter_env.evaluation.score import play_scene
     from clutter_env.policies.registry import PolicyTraits, load_policy
@@ -59,7 +61,6 @@ def run(arguments: Arguments) -> None:
     scene: Any = SeededScene(env_id, {name: value for name, value in keywords.items() if value}, arguments.seed)
     policy = load_policy(arguments.policy, seed=0, trust=arguments.trust, python=arguments.python)
     traits = PolicyTraits.of(policy)
-    scene = scene_for(scene, traits.acts_by_skills, "oracle")
     env = scene.make(render_mode="human" if path is None else "rgb_array", **traits.env_keywords)
     film: Film | None = None
 
@@ -71,7 +72,13 @@ def run(arguments: Arguments) -> None:
         bar.update(1 / env.metadata["render_fps"])
 
     with progress_bar(bar_format="{n:.0f} s simulated, {elapsed} passed") as bar:
-        score = play_scene(scene, env, policy, watch=watch)
+        if traits.acts_by_skills:  # a step is a whole skill: what is watched are its motions, afterwards
+            played = scene_for(scene, acts_by_skills=True, feasibility="oracle")
+            with closing(played.make()) as skills_env:
+                recording = Recording.of(scene, skills_env, play_scene(played, skills_env, policy))
+            score = recording.replay(scene, env, watch)
+        else:
+            score = play_scene(scene, env, policy, watch=watch)
     if path is None:
         env.get_wrapper_attr("wait_for_window")()
     lifted = "the target was lifted" if score.lifted else f"the target was not lifted ({score.failure})"

@@ -63,10 +63,10 @@ def observed_masks(observation: NDArray[np.float32]) -> NDArray[np.bool_]:
 class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
     """Retrieve the target by skills.
 
-    The observation is a row per object (`BODY_FIELDS`, then a flag per direction for an attempt that failed since the
-    objects last changed), then the share of the budget left and the flag of a failed attempt to take. Row 0 is the
-    target's; the others follow in the order of their distance from it, their x and y relative to it, the fallen ones,
-    whose rows are zero, at the end. Action `i * DIRECTIONS + d` clears the object of row i from direction d; the last
+    The observation is a row per object (`BODY_FIELDS`, then a flag per direction for an attempt that failed since an
+    object was last cleared), then the share of the budget left and the flag of a failed attempt to take. Row 0 is the
+    target's, with x and y in the world; the others follow in the order of their distance from it, their x and y relative
+    to it, the fallen ones, whose rows are zero, at the end. Action `i * DIRECTIONS + d` clears the object of row i from direction d; the last
     action takes the target from wherever it can be grasped.
 
     Episodes end with the target taken, which is success if nothing has fallen or been disturbed (`success="lifted"`: in
@@ -150,13 +150,9 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         Raises:
             ActionError: not an action of the action space, or `reset` has not been called; nothing has changed.
         """
-        value = np.asarray(action)
-        if value.shape != () or value.dtype.kind not in "iu" or not 0 <= int(value) < self._size:
-            raise ActionError(f"the action must be an integer from 0 to {self._size - 1}, not {action!r}")
-        index = int(value)
-        skill = self.skill(index)
+        skill = self.skill(action)
         self._left -= 1
-        self.actions.append(index)
+        self.actions.append(int(action))
         failure = self._simulate_kinematically(skill) if self._is_kinematic else self._carry_out(skill)
         if failure and skill.direction is None:
             self._take_failed = True
@@ -180,12 +176,18 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
 
     # Beyond Gymnasium.
 
-    def skill(self, action: int) -> Skill:
-        """The skill of an action."""
+    def skill(self, action: Any) -> Skill:
+        """The skill that an action means now.
+
+        Raises:
+            ActionError: not an action of the action space, or `reset` has not been called.
+        """
         self.physics_env.check_started("skill()")
-        if action == self._count * DIRECTIONS:
-            return Skill(self._target)
-        return Skill(self._scene.names[self._order()[action // DIRECTIONS]], action % DIRECTIONS)
+        value = np.asarray(action)
+        if value.shape != () or value.dtype.kind not in "iu" or not 0 <= int(value) < self._size:
+            raise ActionError(f"the action must be an integer from 0 to {self._size - 1}, not {action!r}")
+        row, direction = divmod(int(value), DIRECTIONS)
+        return Skill(self._target) if row == self._count else Skill(self._scene.names[self._order()[row]], direction)
 
     def action_masks(self, geometric: bool | None = None) -> NDArray[np.bool_]:
         """Actions (n,) worth trying: objects that stand on the table, attempts that have not just failed.

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from clutter_env.errors import LearningError
 from clutter_env.evaluation.scenes import Scene
-from clutter_env.evaluation.score import Score, play_scene
+from clutter_env.evaluation.score import Score, Watch, play_scene
 from clutter_env.policies.protocol import SKILLS
 
 _MOST_BYTES = 2**24
@@ -59,13 +59,13 @@ class Recording:
         actions = np.array(inner.actions, np.float32).reshape(-1, inner.action_size)
         return cls(inner.control_mode, actions, skills, score.refused, score.failure, score.wall_s)
 
-    def replay(self, scene: Scene, env: gym.Env[Any, Any]) -> Score:
-        """The score of the same actions in an environment of the scene, which no policy has touched.
+    def replay(self, scene: Scene, env: gym.Env[Any, Any], watch: Watch = lambda *_: None) -> Score:
+        """The score of the same actions in an environment of the scene, which no policy has touched; see `play_scene`.
 
         Raises:
             SuiteError: the first state is not the one that the suite was made with.
         """
-        score = replace(play_scene(scene, env, _Playback(self)), wall_s=self.wall_s)
+        score = replace(play_scene(scene, env, _Playback(self), watch=watch), wall_s=self.wall_s)
         return score if self.control_mode == "skill" else replace(score, skills=self.skills, refused=self.refused)
 
     @property

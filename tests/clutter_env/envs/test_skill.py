@@ -178,10 +178,12 @@ def test_a_cleared_object_moves_down_the_rows_and_a_failure_stays_with_its_objec
 
 
 @pytest.mark.parametrize("action", [-1, 61, 1.5, "take", None])
-def test_invalid_actions_are_refused(kinematic: SkillEnv, action: object) -> None:
+def test_invalid_actions_are_refused_and_name_no_skill(kinematic: SkillEnv, action: object) -> None:
     kinematic.reset(seed=0)
-    with pytest.raises(ActionError, match="0 to 60"):
-        kinematic.step(action)
+    for call in (kinematic.step, kinematic.skill):
+        with pytest.raises(ActionError, match="0 to 60"):
+            call(action)
+    assert kinematic.actions == []
 
 
 def test_invalid_keywords_are_refused() -> None:
