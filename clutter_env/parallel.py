@@ -11,6 +11,7 @@ import math
 import os
 import re
 import signal
+import sys
 import threading
 import time
 import traceback
@@ -153,7 +154,7 @@ class _LocalProcesses:
             else:
                 # As with "spawn" of the standard library, the worker imports the main module, where jobs may stand.
                 context, own = get_context("loky_init_main"), os.getpid()
-                executor = ProcessPoolExecutor(1, context=context, initializer=_end_with_parent, initargs=(own,))
+                executor = ProcessPoolExecutor(1, context=context, initializer=_begin_worker, initargs=(own,))
             future: Future[Any] = executor.submit(_call, function, job)
             self._busy[future] = executor
         return future
@@ -205,8 +206,15 @@ def _ctrl_c_left_to_this_process() -> Iterator[None]:
         signal.raise_signal(signal.SIGINT)
 
 
-def _end_with_parent(parent: int) -> None:
-    """Let a worker end with its parent, so that a killed command leaves no workers."""
+def _begin_worker(parent: int) -> None:
+    """Let a worker end with its parent, so that a killed command leaves no workers, and not before.
+
+    loky would start one anew, with a warning, that has grown by 300 MB since its first job: planners and networks, which
+    it is to keep for later jobs, count as a leak.
+    """
+    from loky import process_executor
+
+    process_executor._MAX_MEMORY_LEAK_SIZE = sys.maxsize
 
     def watch() -> None:
         while os.getppid() == parent:

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -18,6 +19,8 @@ import pytest
 from clutter_env.parallel import Crash, Killed, WorkerError, run_jobs
 
 ROOT = Path(__file__).resolve().parents[2]
+KEPT: list[bytes] = []
+"""In a worker: what it has loaded."""
 
 
 @pytest.fixture(params=["", pytest.param("local", marks=pytest.mark.slow)], ids=["processes", "ray"])
@@ -108,6 +111,22 @@ def test_workers_end_with_the_iterator() -> None:
     assert next(results) == ("one", "one")
     results.close()
     assert not multiprocessing.active_children()
+
+
+def load(megabytes: int) -> int:
+    """Keep so much in memory, as a planner or a network that is loaded for later jobs; the process."""
+    KEPT.append(os.urandom(megabytes * 2**20))
+    time.sleep(1.1)  # loky looks once a second
+    return os.getpid()
+
+
+def test_what_a_worker_loads_for_later_jobs_is_no_leak(monkeypatch: pytest.MonkeyPatch) -> None:
+    """loky starts a worker anew, with a warning, that has grown by 300 MB since its first job."""
+    monkeypatch.setenv("LOKY_MAX_MEMORY_LEAK_SIZE", str(10 * 2**20))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        processes = [process for _, process in run_jobs(load, [1, 30, 1], workers=1)]
+    assert len(set(processes)) == 1
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pgrep in any case")
