@@ -309,9 +309,8 @@ class Trials:
             if not 1 <= count <= MAX_OBJECTS:
                 raise UsageError(f"--objects {count} is not valid; it must be from 1 to {MAX_OBJECTS}")
             EnvConfig(num_objects=count, layout=arguments.layout, robot=arguments.robot)
-        for option, value in (("scenes", arguments.scenes), ("workers", arguments.workers)):
-            if value < 1:
-                raise UsageError(f"--{option} {value} is not valid; it must be at least 1")
+        if arguments.scenes < 1:
+            raise UsageError(f"--scenes {arguments.scenes} is not valid; it must be at least 1")
         support_names(arguments)
         self._known: dict[tuple[int, int, str], Record] = {}
         self._file = JsonLines(arguments.out / "trials.jsonl")

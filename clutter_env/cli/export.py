@@ -55,7 +55,8 @@ def run(arguments: Arguments) -> None:
     if not arguments.demos:
         raise LearningError("--demos names no directory")
     dataset = Shards.of(arguments.demos)
-    episodes = len(dataset)
+    if not (episodes := len(dataset)):
+        raise LearningError(f"{', '.join(map(str, arguments.demos))}: no episodes")
     suffix = ".hdf5" if arguments.to in ("hdf5", "robomimic") else ""
     out = arguments.out or Path("outputs/exports") / f"{arguments.to}{suffix}"
     out.parent.mkdir(parents=True, exist_ok=True)

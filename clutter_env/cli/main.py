@@ -82,6 +82,8 @@ def _run(command: str, argv: Sequence[str]) -> None:
         arguments = read(module, f"clutter-env {command}", argv)
         if not 0 <= (seed := getattr(arguments, "seed", 0)) <= MAX_SEED:
             _end(f"clutter-env {command}: --seed {seed} is not valid; it must be from 0 to {MAX_SEED}", 2)
+        if (workers := getattr(arguments, "workers", 1)) < 1:
+            _end(f"clutter-env {command}: --workers {workers} is not valid; it must be at least 1", 2)
         advice = getattr(module, "WHEN_INTERRUPTED", "")
         code = module.run(arguments)
     except KeyboardInterrupt:

@@ -101,6 +101,7 @@ def test_the_version_is_that_of_the_package() -> None:
         ("robot check robot.xml --page pyproject.toml", "is no JSON file"),
         ("train sac --seed=-1", "--seed -1 is not valid; it must be from 0 to 4294967295"),
         ("compare --envs clutter_env/Retrieve-o5-v0 --scenes 0", "scenes=0 is not valid"),
+        ("evaluate --workers 0", "--workers 0 is not valid; it must be at least 1"),
         ("collect --image-size 0 --obs-mode rgbd", "image_size=0 is not valid"),
         ("play --objects 99", "--objects 99 is not valid; valid numbers: 1, 5"),
         ("compare", "name scenes"),

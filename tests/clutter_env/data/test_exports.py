@@ -486,3 +486,12 @@ def test_the_command_exports(dataset: Dataset, tmp_path: Path, capsys: pytest.Ca
         main(["export", "--to", "hdf5", "--demos", str(tmp_path)])
     with pytest.raises(SystemExit, match="--demos names no directory"):
         main(["export", "--to", "hdf5", "--demos"])
+
+
+@pytest.mark.parametrize("to", ["lerobot", "hdf5"])
+def test_a_collection_without_episodes_is_refused(to: str, tmp_path: Path) -> None:
+    """LeRobot's tables could not be written, which named a file; the other exports were empty."""
+    none = stored([], Job(TASK, "scripted", 1), tmp_path)
+    with pytest.raises(SystemExit, match="demos: no episodes"):
+        main(["export", "--to", to, "--demos", str(none.directory), "--out", str(tmp_path / "out")])
+    assert not (tmp_path / "out").exists()
