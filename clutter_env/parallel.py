@@ -209,8 +209,8 @@ def _ctrl_c_left_to_this_process() -> Iterator[None]:
 def _begin_worker(parent: int) -> None:
     """Let a worker end with its parent, so that a killed command leaves no workers, and not before.
 
-    loky would start one anew, with a warning, that has grown by 300 MB since its first job: planners and networks, which
-    it is to keep for later jobs, count as a leak.
+    loky would start one anew, with a warning, that has grown by 300 MB since its first job: what it is to keep for
+    later jobs, planners and networks, counts as a leak.
     """
     from loky import process_executor
 

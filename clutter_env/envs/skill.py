@@ -65,9 +65,9 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
 
     The observation is a row per object (`BODY_FIELDS`, then a flag per direction for an attempt that failed since an
     object was last cleared), then the share of the budget left and the flag of a failed attempt to take. Row 0 is the
-    target's, with x and y in the world; the others follow in the order of their distance from it, their x and y relative
-    to it, the fallen ones, whose rows are zero, at the end. Action `i * DIRECTIONS + d` clears the object of row i from direction d; the last
-    action takes the target from wherever it can be grasped.
+    target's, with x and y in the world; the others follow in the order of their distance from it, x and y relative to
+    it, the fallen ones, whose rows are zero, at the end. Action `i * DIRECTIONS + d` clears the object of row i from
+    direction d; the last action takes the target from wherever it can be grasped.
 
     Episodes end with the target taken, which is success if nothing has fallen or been disturbed (`success="lifted"`: in
     any case), with the target lost, or when the budget is spent. The reward is 1 for success less `SKILL_COST` for
