@@ -2,7 +2,7 @@
 
     python demonstrations_and_rewards.py [SEED [STEPS [DEMONSTRATIONS]]]
 
-A script's demonstrations are in the replay buffer before the first step. 80,000 steps take twenty minutes.
+A script's demonstrations, at least one, fill the replay buffer before the first step. 80,000 steps take 20 minutes.
 """
 
 import sys
