@@ -233,12 +233,14 @@ def check_policy(policy: AnyPolicy, name: str = "") -> None:
 
 def policy_families(name: str) -> tuple[str, ...]:
     """The families of environments whose scenes a policy can play; of other people's policies all."""
-    every = ("retrieve", "rearrange", *GOAL_FAMILIES)
+    every = ("retrieve", "rearrange", "skill", *GOAL_FAMILIES)
     if name in GOAL_FAMILIES:
         return (name,)
     if is_run(name):
         own = run_task(Path(name)).family
-        return ("retrieve" if own == "skill" else own,)
+        return ("retrieve", "skill") if own == "skill" else (own,)
+    if name in ("greedy", "random-skills"):
+        return ("retrieve", "skill")
     if name in PLANNERS:
         return ("retrieve", "rearrange")
     return ("retrieve",) if name in BUILT_IN and name != "random" else every

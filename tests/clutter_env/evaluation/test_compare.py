@@ -93,6 +93,14 @@ def test_controls_play_too_and_runs_that_differ_in_their_seed_form_one_row(
         Comparison((O15,), (str(one),))
 
 
+def test_policies_that_act_by_skills_are_compared_on_skills() -> None:
+    skills = SceneSet(env_id="clutter_env/Skill-o5-v0", count=1)
+    (row,) = compare(Comparison((skills,), ("greedy",)))
+    assert (row.policy, row.clean.mean) == ("greedy", 1.0)
+    with pytest.raises(LearningError, match="lookahead cannot play"):
+        Comparison((skills,), ("lookahead",))
+
+
 def test_an_unknown_policy_is_refused_and_controls_are_known() -> None:
     assert {name for names in CONTROLS.values() for name in names} <= set(BUILT_IN)
     with pytest.raises(PolicyError, match="lookahead"):
