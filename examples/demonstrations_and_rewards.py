@@ -33,7 +33,7 @@ class Learned:
 
 
 def measure(*_):
-    success = success_rate(env, Learned(), held_out_seeds(50))
+    success = success_rate(env, Learned(), held_out_seeds(200))
     print(f"{model.num_timesteps} steps, {time.process_time() - started:.0f} CPU s: success {success:.2f}", flush=True)
     return True
 
@@ -55,6 +55,6 @@ for seed in range(DEMONSTRATIONS):
         told = {"TimeLimit.truncated": last}
         model.replay_buffer.add(rows[t], rows[t + 1], action[None], episode.rewards[[t]], np.array([last]), [told])
 envs.training = False  # observations keep the scale that they have in the demonstrations
-model.learn(STEPS, callback=EveryNTimesteps(STEPS // 8, ConvertCallback(measure)))
+model.learn(STEPS, callback=EveryNTimesteps(STEPS // 4, ConvertCallback(measure)))
 model.save("armpick_sac.zip")
 envs.save("armpick_scale.pkl")
