@@ -36,7 +36,7 @@ __all__ = [
 OBJECT_COUNTS = (1, 5, 10, 15, 20, 25, 30, 35, 40, 50, 60)
 REARRANGE_COUNTS = (4, 8, 12, 20)
 SEARCH_COUNTS = (5, 10, 12, 16)
-SKILL_OBJECT_COUNTS = (5, 10, 15, 20)
+SKILL_OBJECT_COUNTS = (5, 10, 15, 20, 25)
 
 GOAL_FAMILIES = ("reach", "pick", "armreach", "armpick")
 """Families of the goal environments, in which an episode ends with its time alone."""

@@ -26,6 +26,9 @@ _ENVIRONMENTS = {
     "skill": "clutter_env/Skill-o15-v0",
 }
 """Environments to learn on if none is given, by the first family that an algorithm is for."""
+_KEYWORDS = ("control_mode", "reward_mode", "layout", "object_set", "obstructed", "simulation", "feasibility")
+_KEYWORDS += ("geometric_mask",)
+"""The arguments that the environment has too."""
 WHEN_INTERRUPTED = "run the same command again with --resume to go on from the last checkpoint"
 
 
@@ -56,6 +59,8 @@ class Arguments:
     """Reward mode."""
     layout: str = ""
     """Table and surroundings."""
+    object_set: str = ""
+    """Set of objects, such as "household"."""
     obstructed: bool = False
     """Only scenes whose target no side grasp reaches without moving something."""
     simulation: Literal["physics", "kinematic", ""] = ""
@@ -97,8 +102,7 @@ def make_run(arguments: Arguments) -> Run:
     from clutter_env.training.run import Run
 
     algorithm = arguments.algorithm.replace("-", "_")
-    names = ("control_mode", "reward_mode", "layout", "obstructed", "simulation", "geometric_mask", "feasibility")
-    keywords = {name: getattr(arguments, name) for name in names if getattr(arguments, name)}
+    keywords = {name: getattr(arguments, name) for name in _KEYWORDS if getattr(arguments, name)}
     task = Task(arguments.env or _ENVIRONMENTS[ALGORITHMS[algorithm][0]], keywords)
     if task.family == "skill":
         task = Task(task.env_id, {"simulation": "kinematic", **keywords})

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -43,6 +44,13 @@ def test_each_algorithm_has_an_environment_of_its_own() -> None:
     made = {name: make_run(Arguments(name)).task for name in ("tqc", "ppo", "maskable-ppo")}  # type: ignore[arg-type]  # str, not Literal
     assert [task.family for task in made.values()] == ["armreach", "retrieve", "skill"]
     assert made["maskable-ppo"].keywords == {"simulation": "kinematic"}
+
+
+def test_the_objects_to_learn_with_can_be_those_of_a_set() -> None:
+    arguments = Arguments("maskable-ppo", env="clutter_env/Skill-o10-v0", object_set="household")
+    with closing(make_run(arguments).task.make()) as env:
+        config = env.get_wrapper_attr("physics_env").config
+        assert (config.num_objects, config.object_set) == (10, "household")
 
 
 @pytest.mark.slow
