@@ -11,7 +11,11 @@ from pathlib import Path
 import tyro
 from matplotlib.figure import Figure
 
+from clutter_env.policies.reinforcement import ALGORITHMS
 from clutter_env.policies.runs import HISTORY_FILE, load_run
+
+_SHOWN = ("layout", "object_set")
+"""Keyword arguments of the environment that stand in the legend."""
 
 
 def main(runs: tyro.conf.Positional[tuple[Path, ...]], out: Path = Path("outputs/curves.png")) -> None:
@@ -21,7 +25,9 @@ def main(runs: tyro.conf.Positional[tuple[Path, ...]], out: Path = Path("outputs
     for run in sorted(runs):
         about, points = load_run(run), json.loads((run / HISTORY_FILE).read_text())
         environment = about["task"]["env_id"].rpartition("/")[2]
-        label = f"{environment}, {about['algorithm'].upper()}, seed {about['seed']}"
+        learner = ALGORITHMS[about["algorithm"]].__name__
+        chosen = [str(about["task"]["keywords"][key]) for key in _SHOWN if key in about["task"]["keywords"]]
+        label = ", ".join([environment, *chosen, learner, f"seed {about['seed']}"])
         axis.plot([point["steps"] for point in points], [point["success"] for point in points], marker=".", label=label)
         last = points[-1]
         print(f"{label}: {last['success']:.2f} after {last['steps']:,} steps, {last['cpu_s']:.0f} CPU s")
