@@ -26,8 +26,8 @@ _ENVIRONMENTS = {
     "skill": "clutter_env/Skill-o15-v0",
 }
 """Environments to learn on if none is given, by the first family that an algorithm is for."""
-_KEYWORDS = ("control_mode", "reward_mode", "layout", "object_set", "obstructed", "simulation", "feasibility")
-_KEYWORDS += ("geometric_mask",)
+_KEYWORDS: tuple[str, ...] = ("control_mode", "reward_mode", "layout", "object_set", "obstructed")
+_KEYWORDS += ("simulation", "geometric_mask", "feasibility")
 """The arguments that the environment has too."""
 WHEN_INTERRUPTED = "run the same command again with --resume to go on from the last checkpoint"
 
