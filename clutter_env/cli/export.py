@@ -31,6 +31,9 @@ class Arguments:
     "images" where there are any, else "environment_state"."""
     image_size: int = 0
     """Pixels along each side of camera images, for LeRobot, rendered from the episodes' states; 0: those collected."""
+    cameras: tuple[str, ...] = ()
+    """Those whose images are rendered, for example "--cameras top gripper" ("top" looks down at the table); none named:
+    the robot's own."""
     workers: int = 2
     """Number of processes that render images."""
     json: Path | None = None
@@ -47,10 +50,10 @@ def run(arguments: Arguments) -> None:
     from clutter_env.reporting.files import write_json
     from clutter_env.reporting.progress import progress_bar
 
-    if (arguments.image_size or arguments.observations) and arguments.to != "lerobot":
+    if (arguments.image_size or arguments.observations or arguments.cameras) and arguments.to != "lerobot":
         raise LearningError(
-            f"--image-size and --observations are for --to lerobot; for {arguments.to} collect images: clutter-env "
-            "collect --obs-mode rgbd"
+            f"--image-size, --cameras and --observations are for --to lerobot; for {arguments.to} collect images: "
+            "clutter-env collect --obs-mode rgbd"
         )
     if not arguments.demos:
         raise LearningError("--demos names no directory")
@@ -64,7 +67,13 @@ def run(arguments: Arguments) -> None:
         seconds = episodes * (_RENDERED_S / arguments.workers if arguments.image_size else _EPISODE_S)
         with progress_bar(total=episodes, unit="episode", seconds=seconds) as bar:
             path = export_lerobot(
-                dataset, out, arguments.image_size, arguments.workers, bar.update, arguments.observations
+                dataset,
+                out,
+                arguments.image_size,
+                arguments.workers,
+                bar.update,
+                arguments.observations,
+                arguments.cameras,
             )
     elif arguments.to == "minari":
         path = export_minari(dataset, out)

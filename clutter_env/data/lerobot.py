@@ -59,6 +59,7 @@ def export_lerobot(
     workers: int = 1,
     tick: Callable[[], object] = lambda: None,
     observations: str = "",
+    cameras: tuple[str, ...] = (),
 ) -> Path:
     """Write the dataset; the directory.
 
@@ -70,9 +71,12 @@ def export_lerobot(
         tick: called after each episode.
         observations: one of `OBSERVATIONS`, what policies that learn from it see; "" for "images" where there are any,
             else "environment_state".
+        cameras: those that are rendered, as the environment names them; none named: the robot's.
 
     Raises:
-        DatasetError: the directory exists, or the dataset is not complete; or images are wanted, and there are none.
+        DatasetError: the directory exists, or the dataset is not complete; or images are wanted, and there are none;
+            or cameras, and nothing is rendered.
+        UnknownTask: no camera of that name.
         LearningError: pyarrow, or for images PyAV, is not installed; an odd image size; a renderer failed.
         RenderingUnavailable: images are to be rendered by this process, and this machine cannot render.
     """
@@ -83,16 +87,20 @@ def export_lerobot(
     check_choice("observations", observations, OBSERVATIONS)
     if observations == "images" and not has_images:
         raise DatasetError(f"{dataset.directory} was collected without images; render them with --image-size")
-    found = _shown(dataset, _with_images(dataset, image_size, workers)) if observations == "images" else iter(dataset)
+    if cameras and (not image_size or dataset.identity.get("image_size")):
+        raise DatasetError("cameras are chosen where images are rendered: with an image size, of episodes without any")
+    found = iter(dataset)
+    if observations == "images":
+        found = _shown(dataset, _with_images(dataset, image_size, cameras, workers), cameras)
     with written_atomically(directory) as part:
         part.mkdir(parents=True)
         _write(dataset, part, found, observations, tick)
     return directory
 
 
-def _shown(dataset: Dataset, found: Iterator[Episode]) -> Iterator[Episode]:
+def _shown(dataset: Dataset, found: Iterator[Episode], cameras: tuple[str, ...]) -> Iterator[Episode]:
     """The episodes as policies with cameras see them: only the numbers that the environment shows beside images."""
-    with closing(dataset.task.make(obs_mode="rgbd")) as env:
+    with closing(dataset.task.make(obs_mode="rgbd", cameras=cameras)) as env:
         assert isinstance(env.observation_space, spaces.Dict)
         shapes = {name: space.shape or () for name, space in env.observation_space.items()}
     for episode in found:
@@ -102,9 +110,9 @@ def _shown(dataset: Dataset, found: Iterator[Episode]) -> Iterator[Episode]:
         yield replace(episode, observations=own)
 
 
-def _with_images(dataset: Dataset, image_size: int, workers: int) -> Iterator[Episode]:
+def _with_images(dataset: Dataset, image_size: int, cameras: tuple[str, ...], workers: int) -> Iterator[Episode]:
     """The episodes in their order, with images of that size where they have none."""
-    function = partial(_seen, image_size=image_size)
+    function = partial(_seen, image_size=image_size, cameras=cameras)
     paths, waiting = tee(map(dataset.episode_path, dataset.seeds))
     if not image_size or workers == 1:
         yield from map(function, paths)
@@ -118,10 +126,11 @@ def _with_images(dataset: Dataset, image_size: int, workers: int) -> Iterator[Ep
         yield result
 
 
-def _seen(path: Path, image_size: int) -> Episode:
+def _seen(path: Path, image_size: int, cameras: tuple[str, ...]) -> Episode:
     """The episode of a file, with images of that size [pixels] if it has none; with 0 as it is."""
     episode = read_episode(path)
-    return with_images(episode, image_size) if image_size and not image_entries(episode.observations) else episode
+    has_none = not image_entries(episode.observations)
+    return with_images(episode, image_size, cameras) if image_size and has_none else episode
 
 
 class _Files:

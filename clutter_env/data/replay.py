@@ -68,20 +68,18 @@ def replay_in_fresh_process(path: Path) -> ReplayResult:
     return ReplayResult(**json.loads(done.stdout.splitlines()[-1]))
 
 
-def with_images(episode: Episode, image_size: int) -> Episode:
-    """The episode whose observations also have the images of the robot's cameras, as with `obs_mode="rgbd"`.
+def with_images(episode: Episode, image_size: int, cameras: tuple[str, ...] = ()) -> Episode:
+    """The episode whose observations also have the images of these cameras, or the robot's, as with `obs_mode="rgbd"`.
 
     Colour is (T + 1, size, size, 3) uint8, depth (T + 1, size, size) float32 [m]. They are rendered from the physics
     states, so that no image is made while the expert acts.
 
     Raises:
         RenderingUnavailable: this machine cannot render.
-        LearningError: the robot has no camera.
+        UnknownTask: no camera of that name, or a robot without any.
     """
-    with closing(episode.task.make(obs_mode="rgbd", image_size=image_size)) as env:
+    with closing(episode.task.make(obs_mode="rgbd", image_size=image_size, cameras=cameras)) as env:
         inner: Any = env.unwrapped
-        if not inner.robot.cameras:
-            raise LearningError(f"robot {inner.robot.name!r} has no camera")
         env.reset(seed=episode.seed, options=_options(episode))
         with closing(EnvRenderer(inner.config)) as renderer:
             frames = []

@@ -140,6 +140,8 @@ def evaluate(
     try:
         traits = _checked(next(stream)[1], job.policy) if isinstance(policy, str) else PolicyTraits.of(policy)
         assert isinstance(traits, PolicyTraits)
+        if "cameras" in traits.env_keywords and scenes.family == "search":
+            raise PolicyError("in Search the scenes depend on the cameras: a policy may not choose them")
         floors = lower_bounds(scenes, traits.grasps) if scenes.has_floors else ()
         env = scene_for(scenes.scenes[0], traits.acts_by_skills, feasibility).make(**traits.env_keywords)
 

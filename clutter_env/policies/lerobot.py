@@ -14,18 +14,17 @@ from gymnasium import spaces
 
 from clutter_env.bridges.hub import TASKS, hub_observation
 from clutter_env.bridges.remote import BridgeError, Remote
-from clutter_env.policies.protocol import PolicyError, PublicInfo
+from clutter_env.policies.protocol import EE_ACTIONS, PolicyError, PublicInfo
 
 _IMAGE = "observation.images."
 _KEYS = {"observation.state": "agent_pos", "observation.environment_state": "environment_state"}
-_EE_ACTIONS = 10
-"""Numbers in an action of "ee" control: base, twist of the gripper, fingers."""
 
 
 class LeRobotPolicy:
     """The policy of a checkpoint, with its own processing of observations and actions.
 
-    What it sees follows from its inputs: with images the environment has `obs_mode="rgbd"`, so no exact poses.
+    What it sees follows from its inputs: with images the environment has `obs_mode="rgbd"` and the cameras that they
+    name, so no exact poses.
 
     Args:
         path: directory of the checkpoint, "pretrained_model".
@@ -53,9 +52,10 @@ class LeRobotPolicy:
         self._numbers = {_KEYS[name]: shape for name, shape in shapes.items() if name in _KEYS}
         apart = "environment_state" if "environment_state" in self._numbers else "state"
         self._observations = "images" if self._images else apart
-        self.env_keywords: dict[str, Any] = {"control_mode": "ee"} if self._actions == _EE_ACTIONS else {}
+        self.env_keywords: dict[str, Any] = {"control_mode": "ee"} if self._actions == EE_ACTIONS else {}
         if self._images:
-            self.env_keywords |= {"obs_mode": "rgbd", "image_size": next(iter(self._images.values()))[-1]}
+            size = next(iter(self._images.values()))[-1]
+            self.env_keywords |= {"obs_mode": "rgbd", "image_size": size, "cameras": tuple(self._images)}
         self._path, self._task = path, ""
         try:
             self._remote = Remote(python or sys.executable, "lerobot_worker.py")

@@ -15,28 +15,16 @@ from stable_baselines3 import A2C, DDPG, DQN, PPO, SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from clutter_env.envs.skill import observed_masks
-from clutter_env.policies.protocol import FREE_KEYWORDS, PolicyError, PublicInfo
+from clutter_env.policies.protocol import EE_ACTIONS, FREE_KEYWORDS, PolicyError, PublicInfo
 from clutter_env.policies.runs import load_run
 from clutter_env.policies.weights import damage_refused
 from clutter_env.task import family
 
-ALGORITHMS: Mapping[str, type[BaseAlgorithm]] = MappingProxyType(
-    {
-        "sac": SAC,
-        "tqc": TQC,
-        "ppo": PPO,
-        "maskable_ppo": MaskablePPO,
-        "dqn": DQN,
-        "a2c": A2C,
-        "ddpg": DDPG,
-        "td3": TD3,
-    }
-)
-"""By name; `clutter-env train` has settings for the first five."""
+_OF_SB3 = {"sac": SAC, "tqc": TQC, "ppo": PPO, "dqn": DQN, "a2c": A2C, "ddpg": DDPG, "td3": TD3}
+ALGORITHMS: Mapping[str, type[BaseAlgorithm]] = MappingProxyType(_OF_SB3 | {"maskable_ppo": MaskablePPO})
+"""By name; `clutter-env train` has settings for sac, tqc, ppo, dqn and maskable_ppo."""
 MODEL_FILE = "model.pt"
 """Networks, optimisers and number of steps, in the directory of a run."""
-_EE_ACTIONS = 10
-"""Numbers in an action of "ee" control: base, twist of the gripper, fingers."""
 
 
 def network_name(observations: gym.Space[Any]) -> str:
@@ -137,7 +125,7 @@ class ZipPolicy(ModelPolicy):
         self.place = str(path)
         self.acts_by_skills = isinstance(model.action_space, gym.spaces.Discrete)
         self.grasps = "side" if self.acts_by_skills else "all"
-        mode = "ee" if model.action_space.shape == (_EE_ACTIONS,) else "joint"
+        mode = "ee" if model.action_space.shape == (EE_ACTIONS,) else "joint"
         self.env_keywords = {} if self.acts_by_skills else {"control_mode": mode}
 
     def check(self, public: PublicInfo) -> None:

@@ -28,7 +28,7 @@ from clutter_env.data.lerobot import export_lerobot
 from clutter_env.data.minari import export_minari
 from clutter_env.data.replay import replay, with_images
 from clutter_env.data.robomimic_env import register
-from clutter_env.errors import DatasetError, LearningError
+from clutter_env.errors import DatasetError, LearningError, UnknownTask
 from clutter_env.task import Task
 from tests.clutter_env.data.conftest import recorded, stored
 
@@ -277,8 +277,8 @@ def test_an_export_holds_what_the_environment_of_a_hub_shows(
     task, expert = (TASK, "scripted") if env_id == TASK.env_id else (Task(env_id), "armpick")
     episode = episodes[0] if task is TASK else recorded(task, expert, SEEDS[0])
     dataset = stored([episode], Job(task, expert, 1), tmp_path)
-    size = SIZE if observations == "images" else 0
-    root = export_lerobot(dataset, tmp_path / "lerobot", size, observations=observations)
+    size, cameras = (SIZE, ("top", "gripper")) if observations == "images" else (0, ())
+    root = export_lerobot(dataset, tmp_path / "lerobot", size, observations=observations, cameras=cameras)
     table = parquet.read_table(root / "data/chunk-000/file-000.parquet")
     info = json.loads((root / "meta/info.json").read_text())
     env = make_one(env_id, observations, **task.keywords, **({"image_size": SIZE} if size else {}))
@@ -292,7 +292,7 @@ def test_an_export_holds_what_the_environment_of_a_hub_shows(
         shown, *_ = env.step(action)
     env.close()
     images = {name for name in info["features"] if name.startswith("observation.images.")}
-    assert images == ({f"observation.images.{name}" for name in ("head", "gripper")} if size else set())
+    assert images == {f"observation.images.{name}" for name in cameras}
     assert (len(list(root.rglob("*.mp4"))) == 2) is bool(size)
 
 
@@ -360,17 +360,30 @@ def test_two_processes_render_what_one_does_in_the_order_of_the_seeds(dataset: D
     assert len(ticks) == 2 * len(SEEDS)
 
 
+def test_cameras_that_cannot_be_rendered_are_refused(dataset: Dataset, seen_dataset: Dataset, tmp_path: Path) -> None:
+    out = tmp_path / "lerobot"
+    for found, size in ((dataset, 0), (seen_dataset, SIZE)):
+        with pytest.raises(DatasetError, match="cameras are chosen where images are rendered"):
+            export_lerobot(found, out, size, cameras=("top",))
+    with pytest.raises(UnknownTask, match=r"'eye' is not valid.*'top', 'head', 'gripper'"):
+        export_lerobot(dataset, out, SIZE, cameras=("eye",))
+    assert not out.exists()
+
+
 @pytest.mark.usefixtures("needs_gl")
-def test_images_are_those_that_the_environment_shows(seen: list[Episode]) -> None:
-    episode = seen[0]
-    env = TASK.make(obs_mode="rgbd", image_size=SIZE)
+@pytest.mark.parametrize("cameras", [(), ("top",)])
+def test_images_are_those_that_the_environment_shows(
+    cameras: tuple[str, ...], seen: list[Episode], episodes: list[Episode]
+) -> None:
+    episode = with_images(episodes[0], SIZE, cameras) if cameras else seen[0]
+    env = TASK.make(obs_mode="rgbd", image_size=SIZE, cameras=cameras)
     observation, _ = env.reset(seed=episode.seed)
     for step in range(30):
-        for name in ("head_rgb", "gripper_rgb", "head_depth"):
+        for name in ("top_rgb", "top_depth") if cameras else ("head_rgb", "gripper_rgb", "head_depth"):
             np.testing.assert_array_equal(observation[name], episode.observations[name][step], f"{name}, step {step}")
         observation, *_ = env.step(episode.actions[step])
     env.close()
-    assert episode.observations["head_rgb"][0].std() > 10
+    assert episode.observations["top_rgb" if cameras else "head_rgb"][0].std() > 10
 
 
 @pytest.mark.usefixtures("needs_gl")

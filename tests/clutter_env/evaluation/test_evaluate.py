@@ -282,6 +282,14 @@ def test_a_policy_is_refused_before_anything_is_played() -> None:
         evaluate("my_policies:Old", REACH)
 
 
+def test_a_policy_may_not_choose_the_cameras_on_which_scenes_depend() -> None:
+    class Above(Idle):
+        env_keywords = {"cameras": ("top",)}  # noqa: RUF012  as users write it
+
+    with pytest.raises(PolicyError, match="in Search the scenes depend on the cameras"):
+        evaluate(Above(), SceneSet(env_id="clutter_env/Search-o10-v0", count=1))
+
+
 def test_suites_of_rearrange_have_lower_bounds_and_are_confirmed(tmp_path: Path) -> None:
     class GivesUp(Idle):
         done, failure = True, "no idea"

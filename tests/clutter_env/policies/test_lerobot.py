@@ -82,6 +82,7 @@ for name, content in {
 OBSERVED = {"images": (11, 0), "state": (33, 0), "environment_state": (27, 6)}
 """Numbers of ArmPick in "observation.state" and "observation.environment_state"."""
 SCENES = SceneSet(env_id="clutter_env/ArmPick-v0", count=2)
+SEEN = {"image_size": 16, "cameras": ("top", "gripper")}
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +102,7 @@ def checkpoint(folder: Path, observations: str, step: dict[str, Any] | None = No
     state, environment = OBSERVED[observations]
     shapes = {"observation.state": [state], "observation.environment_state": [environment] * bool(environment)}
     if observations == "images":
-        shapes |= {f"observation.images.{camera}": [3, 16, 16] for camera in ("head", "gripper")}
+        shapes |= {f"observation.images.{camera}": [3, 16, 16] for camera in ("top", "gripper")}
     features = {name: {"shape": shape} for name, shape in shapes.items() if shape}
     config = {"input_features": features, "output_features": {"action": {"shape": [4]}}}
     folder.mkdir(exist_ok=True)
@@ -129,7 +130,7 @@ def test_a_checkpoint_plays_in_the_observations_track_and_is_scored_by_replay(py
 @pytest.mark.parametrize("observations", OBSERVED)
 def test_a_policy_is_shown_what_the_environment_of_a_hub_shows(observations: str, python: str, tmp_path: Path) -> None:
     policy: Any = load_policy(checkpoint(tmp_path / "model", observations), 0, python=python)
-    hub = make_one(SCENES.env_id, observations, **({"image_size": 16} if observations == "images" else {}))
+    hub = make_one(SCENES.env_id, observations, **(SEEN if observations == "images" else {}))
     shown, _ = hub.reset(seed=1)
     env = SCENES.scenes[0].make(**policy.env_keywords)
     observation, info = env.reset(seed=1)
