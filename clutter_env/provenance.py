@@ -76,7 +76,8 @@ def environment_digest(env: gym.Env[Any, Any] | str) -> dict[str, Any]:
     """A digest of everything that decides what an environment does, part by part; JSON values.
 
     Two environments with the same digest have the same model, constants of physics, code of success, reward,
-    observation and control, settings and time limit. Comments, docstrings and layout of the code do not count.
+    observation and control, settings and time limit. Comments, docstrings and layout of the code do not count. What
+    Skill adds (`simulation`, `budget`, `feasibility`, `geometric_mask`) is no part of it: records name it beside it.
 
     Args:
         env: an environment, wrapped or not, or the id of a registered one with its default settings.
@@ -107,7 +108,8 @@ def differences(recorded: Mapping[str, Any] | None, present: Mapping[str, Any]) 
             if old.get(name) != new.get(name) and not (name == IMAGES and name not in old):
                 values = f": {old.get(name)}, now {new.get(name)}" if name in ("task", "time limit", IMAGES) else ""
                 said.append(f"The environment's {name} has changed{values}.")
-        before, now = old.get("settings", {}), new.get("settings", {})
+        parts = (old.get("settings"), new.get("settings"))
+        before, now = (part if isinstance(part, Mapping) else {} for part in parts)
         for name in sorted({*before, *now}):
             if before.get(name) != now.get(name):
                 said.append(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import importlib
 import io
+import os
 import re
 import sys
 from collections.abc import Collection, Sequence
@@ -76,6 +77,8 @@ def _run(command: str, argv: Sequence[str]) -> None:
     import logging
 
     logging.basicConfig(format="%(message)s")
+    # The processes that a command starts would import the current directory's files before Python's and packages'.
+    os.environ.setdefault("PYTHONSAFEPATH", "1")
     advice = ""
     try:
         module = importlib.import_module(f"clutter_env.cli.{command}")

@@ -30,6 +30,8 @@ class Arguments:
     """Seed of the first fresh scene; drawn at random if not given, so that no policy can know the scenes."""
     trust: bool = False
     """Load models of Stable-Baselines3 (ALGORITHM:FILE.zip), which executes code that is in the file."""
+    python: str = ""
+    """For lerobot:DIRECTORY: the interpreter of an environment in which LeRobot is installed."""
     workers: int = 2
     """Number of processes."""
     json: Path | None = None
@@ -48,14 +50,16 @@ def run(arguments: Arguments) -> int:
     from clutter_env.reporting.progress import progress_bar
 
     workers, count = arguments.workers, arguments.scenes
-    claims = read_results(arguments.file)["episodes"]
+    content = read_results(arguments.file)
+    claims, chosen = content["episodes"], {name: getattr(arguments, name) for name in ("trust", "python", "workers")}
     with progress_bar(total=len(claims), unit="episode", seconds=replay_seconds(claims) / workers) as bar:
         found = verify(arguments.file, workers, bar.update)
     seed = secrets.choice(FRESH_SEEDS) if arguments.first_seed is None else arguments.first_seed
     if arguments.policy:
         scenes = fresh_scenes(arguments.file, count, seed, workers)
         with progress_bar(total=count, unit="episode", seconds=EPISODE_S * count / workers) as bar:
-            fresh = evaluate(arguments.policy, scenes, trust=arguments.trust, workers=workers, tick=bar.update)
+            feasibility = content["feasibility"]
+            fresh = evaluate(arguments.policy, scenes, feasibility=feasibility, tick=bar.update, **chosen)
         other = () if fresh.traits.track == found.track else (f"the policy is of the {fresh.traits.track} track",)
         success = wilson(sum(score.clean for score in fresh.scores), len(fresh.scores))
         found = replace(found, fresh=success, differences=found.differences + other)

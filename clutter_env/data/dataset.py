@@ -14,7 +14,7 @@ from __future__ import annotations
 import json
 import logging
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -199,8 +199,15 @@ class Dataset:
 
     def __iter__(self) -> Iterator[Episode]:
         """The episodes in the order of their seeds, read one at a time."""
-        for seed in self.seeds:
-            yield read_episode(self.episode_path(seed))
+        return self.checked(map(read_episode, map(self.episode_path, self.seeds)))
+
+    def checked(self, episodes: Iterable[Episode]) -> Iterator[Episode]:
+        """The same episodes; raises `DatasetError` if one is not that of its seed: its scene may be held out."""
+        for seed, episode in zip(self.seeds, episodes, strict=True):
+            if (episode.seed, episode.task) != (seed, task := self.task):
+                there = f"seed {episode.seed} in {episode.task.to_json()}"
+                raise DatasetError(f"{self.episode_path(seed)} is of {there}, not of seed {seed} in {task.to_json()}")
+            yield episode
 
     def __len__(self) -> int:
         return len(self.seeds)

@@ -57,13 +57,13 @@ def export_hdf5(dataset: Dataset, path: Path, robomimic: bool = False) -> Path:
             for name, demos in masks.items():
                 file.create_dataset(f"mask/{name}", data=[f"demo_{index}" for index in demos], dtype=_TEXT)
             return path
-        for index, seed in enumerate(seeds):
-            with h5py.File(dataset.episode_path(seed), "r") as source:
+        for index, episode in enumerate(dataset):
+            with h5py.File(dataset.episode_path(episode.seed), "r") as source:
                 group = file.create_group(f"episode_{index}")
                 for name in source:
                     source.copy(name, group)
                 group.attrs.update({**dict(source.attrs), "id": index})
-                total += int(source.attrs["total_steps"])
+                total += len(episode)
         file.attrs["total_steps"], file.attrs["total_episodes"] = total, len(seeds)
     return path
 

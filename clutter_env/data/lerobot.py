@@ -91,7 +91,7 @@ def export_lerobot(
         raise DatasetError("cameras are chosen where images are rendered: with an image size, of episodes without any")
     found = iter(dataset)
     if observations == "images":
-        found = _shown(dataset, _with_images(dataset, image_size, cameras, workers), cameras)
+        found = _shown(dataset, dataset.checked(_with_images(dataset, image_size, cameras, workers)), cameras)
     with written_atomically(directory) as part:
         part.mkdir(parents=True)
         _write(dataset, part, found, observations, tick)

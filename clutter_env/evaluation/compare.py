@@ -123,11 +123,14 @@ def run_names(policies: Iterable[str]) -> dict[str, str]:
     """The name in a table of each policy that is a training run, by its own name.
 
     It is that of the algorithm. Runs of the same algorithm that differ in more than their seeds also have the names of
-    their directories; other policies are left out.
+    their directories; other policies are left out. Raises `LearningError` for a run and its copy.
     """
     groups: dict[str, list[str]] = {}
+    found: dict[str, str] = {}
     for policy in filter(is_run, policies):
         record = load_run(Path(policy))
+        if (same := found.setdefault(json_text(record), policy)) != policy:
+            raise LearningError(f"{policy} and {same} are one run, not two seeds: their records are equal")
         groups.setdefault(json_text({**record, "seed": None}), []).append(policy)
     plain = [str(load_run(Path(group[0]))["algorithm"]) for group in groups.values()]
     names: dict[str, str] = {}

@@ -24,7 +24,6 @@ from clutter_env.evaluation.score import PolicyCrashed, Score, play_scene
 from clutter_env.parallel import Crash, Killed, run_jobs
 from clutter_env.policies.protocol import AnyPolicy, PolicyError
 from clutter_env.policies.registry import PolicyTraits, policy_files
-from clutter_env.policies.runs import is_run, load_run
 from clutter_env.provenance import IMAGES, differences, environment_digest, provenance
 from clutter_env.reporting.files import JsonLines
 from clutter_env.suites import Floor, suite
@@ -142,6 +141,8 @@ def evaluate(
         assert isinstance(traits, PolicyTraits)
         if "cameras" in traits.env_keywords and scenes.family == "search":
             raise PolicyError("in Search the scenes depend on the cameras: a policy may not choose them")
+        if scenes.family == "skill" and feasibility != "oracle":
+            raise LearningError(f"feasibility={feasibility!r} is for scenes of Retrieve, which skills play too")
         floors = lower_bounds(scenes, traits.grasps) if scenes.has_floors else ()
         env = scene_for(scenes.scenes[0], traits.acts_by_skills, feasibility).make(**traits.env_keywords)
 
@@ -221,7 +222,7 @@ def _complete(
     A result is written as soon as it is made, but for a crash: the policy will have been mended.
     """
     count = len(job.scenes.scenes)
-    keys = [_key(job, index, made_with) for index in range(count)]
+    keys = _keys(job, made_with)
     known = {} if records is None else records.known
     found = {index: known[key] for index, key in enumerate(keys) if key in known}
     for _ in found:
@@ -371,14 +372,10 @@ class ResultRecords:
         self.known[key] = result
 
 
-def _key(job: _Job, index: int, made_with: Mapping[str, Any]) -> str:
-    """Identify a result; a run that was trained further, a changed file, suite or environment is played again."""
-    scenes = job.scenes
-    where = f"{scenes.suite} {suite(scenes.suite).digest} {scenes.split}" if scenes.suite else scenes.env_id
-    if not scenes.suite:
-        where += f" {scenes.layout} {scenes.objects} {scenes.obstructed} from {scenes.first_seed}"
-    steps = f" after {load_run(Path(job.policy))['steps']}" if is_run(job.policy) else ""
-    if ":" in job.policy:  # a module or a model of others
-        steps = "".join(f" of {digest[:16]}" for digest in policy_files(job.policy).values())
-    environment = hashlib.sha256(json.dumps(made_with["environment"], sort_keys=True).encode()).hexdigest()[:16]
-    return f"{where} {index}: {job.policy}{steps}, seed {job.seed}, {job.feasibility}, environment {environment}"
+def _keys(job: _Job, made_with: Mapping[str, Any]) -> list[str]:
+    """Identify the results of the scenes; a policy of changed files, a changed suite or environment plays again."""
+    parts, wanted = (made_with["environment"], policy_files(job.policy)), job.scenes
+    digests = [hashlib.sha256(json.dumps(part, sort_keys=True).encode()).hexdigest()[:16] for part in parts]
+    where = f"{wanted.suite} {suite(wanted.suite).digest} {wanted.split}" if wanted.suite else ""
+    policy = f"{job.policy}, seed {job.seed}, {job.feasibility}, environment {digests[0]}, files {digests[1]}"
+    return [f"{where} {index if where else scene}: {policy}" for index, scene in enumerate(wanted.scenes)]

@@ -43,18 +43,20 @@ class LeRobotPolicy:
             shapes = {name: tuple(entry["shape"]) for name, entry in config["input_features"].items()}
             (self._actions,) = config["output_features"]["action"]["shape"]
             steps = [step for file in path.glob("*processor.json") for step in json.loads(file.read_text())["steps"]]
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as problem:
+            foreign = [step.get("class") for step in steps if not step.get("registry_name")]
+            images = [(name, shape) for name, shape in shapes.items() if name.startswith(_IMAGE)]
+            self._images = {name.removeprefix(_IMAGE): shape for name, shape in images}
+            size = next(iter(self._images.values()), (0,))[-1]
+        except (OSError, ValueError, LookupError, TypeError, AttributeError) as problem:
             raise PolicyError(f"{path} is no checkpoint of LeRobot: {problem!r}") from problem
         # A step with the name of a class may be anything that can be imported and called, such as a shell.
-        if foreign := [step.get("class") for step in steps if "registry_name" not in step]:
+        if foreign:
             raise PolicyError(f"{path} wants LeRobot to import {foreign}; only its own registered steps are loaded")
-        self._images = {name.removeprefix(_IMAGE): shape for name, shape in shapes.items() if name.startswith(_IMAGE)}
         self._numbers = {_KEYS[name]: shape for name, shape in shapes.items() if name in _KEYS}
         apart = "environment_state" if "environment_state" in self._numbers else "state"
         self._observations = "images" if self._images else apart
         self.env_keywords: dict[str, Any] = {"control_mode": "ee"} if self._actions == EE_ACTIONS else {}
         if self._images:
-            size = next(iter(self._images.values()))[-1]
             self.env_keywords |= {"obs_mode": "rgbd", "image_size": size, "cameras": tuple(self._images)}
         self._path, self._task = path, ""
         try:

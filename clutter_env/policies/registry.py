@@ -187,8 +187,8 @@ class PolicyTraits:
 def policy_files(name: str, module_file: str = "") -> dict[str, str]:
     """SHA-256 of the files that a policy is made of, by their names; none of one that has no files.
 
-    They are the weights of the package, the files of a training run, a model of Stable-Baselines3, or the file of
-    the user's own module.
+    They are the weights of the package, the files of a training run or of a checkpoint of LeRobot, a model of
+    Stable-Baselines3, or the file of the user's own module.
 
     Args:
         name: see `load_policy`.
@@ -199,11 +199,10 @@ def policy_files(name: str, module_file: str = "") -> dict[str, str]:
         from clutter_env.policies.weights import shipped_path  # needs torch
 
         files = [shipped_path(kind, _SHIPPED[name]) for kind in ("decisions", "motions")]
-    if is_run(name):
-        files = sorted(path for path in Path(name).iterdir() if path.is_file() and path.suffix not in _LOGS)
     module, _, attribute = name.partition(":")
-    if module == LEROBOT:
-        files = sorted(path for path in Path(attribute).iterdir() if path.is_file())
+    if is_run(name) or module == LEROBOT:
+        folder = Path(attribute if module == LEROBOT else name)  # of a results file, it may not be here
+        files = sorted(path for path in folder.glob("*") if path.is_file() and path.suffix not in _LOGS)
     elif attribute.endswith(".zip") and Path(attribute).is_file():
         files.append(Path(attribute))
     elif attribute and (source := Path(module_file or f"{module.replace('.', '/')}.py")).is_file():

@@ -6,6 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
+
 from clutter_env.errors import LearningError
 from clutter_env.task import Task
 
@@ -36,8 +38,8 @@ def load_run(directory: Path) -> dict[str, Any]:
         raise LearningError(f"{directory} holds no training run ({RUN_FILE} is missing)")
     try:
         record = dict(json.loads(path.read_text()))
-        Task(record["task"]["env_id"], record["task"]["keywords"])
-        str(record["algorithm"]), int(record["steps"])
-    except (OSError, ValueError, KeyError, TypeError) as problem:
+        int(Task(record["task"]["env_id"], dict(record["task"]["keywords"])).num_objects + record["steps"])
+        str(record["algorithm"]), dict(record.get("provenance") or {})
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, gym.error.Error) as problem:
         raise LearningError(f"{path} is no record of a training run, or it is damaged: {problem!r}") from problem
     return record

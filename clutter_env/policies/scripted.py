@@ -218,14 +218,10 @@ def _action(
     R_base_world = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     R_base_tcp = R_base_world @ env.data.site_xmat[env.world.index.tcp_site].reshape(3, 3)
     linear = gain * (R_base_world @ (point - _tcp(env))) / env.robot.max_tcp_velocity[0]
-    angular = TURN_GAIN * _level_error(R_base_tcp) / env.robot.max_tcp_velocity[1]
+    # The rotation vector [rad] that turns the gripper level and straight ahead, for small angles.
+    error = 0.5 * (np.cross(R_base_tcp[:, 0], (1.0, 0.0, 0.0)) + np.cross(R_base_tcp[:, 2], (0.0, 0.0, 1.0)))
+    angular = TURN_GAIN * error / env.robot.max_tcp_velocity[1]
     linear /= max(1.0, float(np.abs(linear).max()))
     base = GAIN * np.asarray(drive) / np.array(env.robot.max_velocity[:3])
     grip = env.world.controller.grip_action(opening)
     return np.clip(np.concatenate((base, linear, angular, (grip,))), -1.0, 1.0)
-
-
-def _level_error(R_base_tcp: Array) -> Array:
-    """Rotation vector (3,) [rad] that turns the gripper level and straight ahead, for small angles."""
-    x_axis, z_axis = R_base_tcp[:, 0], R_base_tcp[:, 2]
-    return 0.5 * (np.cross(x_axis, (1.0, 0.0, 0.0)) + np.cross(z_axis, (0.0, 0.0, 1.0)))

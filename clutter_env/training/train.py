@@ -47,12 +47,9 @@ _HINDSIGHT = {
     "learning_starts": 1000,
 }
 _REACH = {**_HINDSIGHT, "policy_kwargs": {"net_arch": [64, 64]}}
-_PICK = {
-    **_HINDSIGHT,
-    "batch_size": 2048,
-    "tau": 0.05,
-    "policy_kwargs": {"net_arch": [512, 512, 512], "n_critics": 2},
-}
+_PICK = {**_HINDSIGHT, "batch_size": 2048, "tau": 0.05, "policy_kwargs": {"net_arch": [512, 512, 512], "n_critics": 2}}
+_EPISODE = 100
+"""[steps] An episode of the goal environments at most; hindsight learns from whole ones, of all copies."""
 _SKILL_DISCOUNT = 0.97
 _BUFFER = 1_000_000
 """Transitions in a replay buffer at most, the default of Stable-Baselines3; hindsight makes a list of that length."""
@@ -155,7 +152,9 @@ def _learn(run: Run, is_resumed: bool) -> History:
     model = make_model(run.algorithm, settings, run.task.family, copies, run.seed, run.directory)
     if is_resumed:
         load_model(model, path)
-        history = json.loads(history_file.read_text()) if history_file.exists() else history
+        if history_file.exists():
+            with damage_refused(history_file):
+                history = [dict(entry) for entry in json.loads(history_file.read_text())]
     policy, seeds = ModelPolicy(run.algorithm, model), held_out_seeds(settings.evaluation_episodes)
 
     def checkpoint(*_: object) -> bool:
@@ -194,6 +193,8 @@ def make_model(
     if algorithm in _OFF_POLICY:
         options |= {"train_freq": 1, "gradient_steps": settings.gradient_steps}
         options["buffer_size"] = min(_BUFFER, settings.steps)
+    if "replay_buffer_class" in options:
+        options["learning_starts"] = max(options["learning_starts"], _EPISODE * settings.num_envs)
     network, log_directory = network_name(env.observation_space), None if log is None else str(log)
     try:
         return ALGORITHMS[algorithm](

@@ -88,14 +88,7 @@ among the nearest demonstrated ones; of a wrist bent to the other side (one demo
 _KEPT = 12
 """Candidates at the contact for which lifts are compared."""
 _LIFTS = np.array(
-    [
-        (0.12, 0.12, 0.0),
-        (0.12, 0.01, 0.1),
-        (0.03, 0.03, 0.2),
-        (0.07, 0.07, 0.2),
-        (0.07, 0.01, 0.3),
-        (0.03, 0.0, 0.3),
-    ]
+    [(0.12, 0.12, 0.0), (0.12, 0.01, 0.1), (0.03, 0.03, 0.2), (0.07, 0.07, 0.2), (0.07, 0.01, 0.3), (0.03, 0.0, 0.3)]
 )
 """Heights [m] to which the gripper is lifted, how much the torso does of it [m], and the costs; demonstrated first."""
 _CLEARANCE, _TOUCHING = 0.02, 0.004

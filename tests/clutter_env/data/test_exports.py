@@ -29,6 +29,7 @@ from clutter_env.data.minari import export_minari
 from clutter_env.data.replay import replay, with_images
 from clutter_env.data.robomimic_env import register
 from clutter_env.errors import DatasetError, LearningError, UnknownTask
+from clutter_env.seeds import HELD_OUT
 from clutter_env.task import Task
 from tests.clutter_env.data.conftest import recorded, stored
 
@@ -468,6 +469,19 @@ def test_robomimic_plays_a_demonstration_in_our_environment(
     assert env.get_reward() == episodes[0].rewards[-1]
     with pytest.raises(LearningError, match="only the first state"):
         env.reset_to({"states": states[1]})
+
+
+@pytest.mark.parametrize("change", [{"seed": HELD_OUT + 7}, {"task": Task("clutter_env/Retrieve-o1-v0")}])
+@pytest.mark.parametrize("to", ["lerobot", "minari", "hdf5", "robomimic"])
+def test_the_episode_of_another_scene_under_a_seeds_name_is_refused(
+    to: str, change: dict[str, Any], episodes: list[Episode], tmp_path: Path
+) -> None:
+    """Such as one of a suite, from which nothing may be learned."""
+    dataset = stored(episodes, Job(TASK, "scripted", len(SEEDS)), tmp_path)
+    write_episode(dataset.episode_path(1), dataclasses.replace(episodes[1], **change))
+    with pytest.raises(SystemExit, match=r"seed_0000001\.hdf5 is of seed .*, not of seed 1 in"):
+        main(["export", "--to", to, "--demos", str(dataset.directory), "--out", str(tmp_path / "out")])
+    assert not [file for file in tmp_path.glob("out*/**/*") if file.is_file()]
 
 
 def test_nothing_is_written_over(dataset: Dataset, tmp_path: Path) -> None:

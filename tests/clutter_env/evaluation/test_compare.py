@@ -78,6 +78,9 @@ def test_controls_play_too_and_runs_that_differ_in_their_seed_form_one_row(
     one, other, longer = sorted(tmp_path.glob("*/*"))
     assert set(run_names([str(one), str(other)]).values()) == {"sac"}
     assert run_names([str(one), str(longer)])[str(longer)] == "sac, b"
+    (tmp_path / "copy").symlink_to(one)
+    with pytest.raises(LearningError, match="are one run, not two seeds"):
+        run_names([str(one), str(other), str(tmp_path / "copy")])
 
     def evaluated(_: str, scenes: SceneSet, **__: object) -> Evaluation:
         floors = [scene.floor_side for scene in scenes.scenes] if scenes.suite else []

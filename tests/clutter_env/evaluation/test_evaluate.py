@@ -14,7 +14,7 @@ import pytest
 
 from clutter_env.cli.main import main
 from clutter_env.errors import LearningError, SuiteError
-from clutter_env.evaluation.evaluate import ResultRecords, evaluate, lower_bounds
+from clutter_env.evaluation.evaluate import ResultRecords, _Job, _keys, evaluate, lower_bounds
 from clutter_env.evaluation.scenes import SceneSet, SeededScene, find_floor, scene_for
 from clutter_env.evaluation.score import PolicyCrashed, Score, play_scene
 from clutter_env.evaluation.tables import results, summarise
@@ -26,6 +26,7 @@ from clutter_env.reporting.files import write_json
 from clutter_env.seeds import HELD_OUT, held_out_seeds
 from clutter_env.suites import suite
 from clutter_env.task import Task
+from clutter_env.training.run import Run
 from tests.clutter_env.evaluation.evaluations import evaluation, score
 
 POLICY = """
@@ -179,6 +180,16 @@ def test_scores_in_a_file_are_not_made_again(tmp_path: Path) -> None:
     assert path.read_text().count('"Broken') <= path.read_text().count("Broken") < 3, "crashes are not kept"
 
 
+def test_a_run_whose_networks_have_changed_is_played_again(tmp_path: Path) -> None:
+    """Its number of steps is written when it begins: scores of its first checkpoint stood for the last one's."""
+    Run(Task(REACH.env_id), "sac", tmp_path).write_record()
+    keys = []
+    for networks in (b"first", b"last"):
+        (tmp_path / "model.pt").write_bytes(networks)
+        keys.append(_keys(_Job(str(tmp_path), REACH), {"environment": {}}))
+    assert len({*keys[0], *keys[1]}) == 2 * len(REACH.scenes)
+
+
 def test_files_of_something_else_and_of_another_version_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "results.jsonl"
     ResultRecords(path)
@@ -272,6 +283,8 @@ def test_skills_play_the_scenes_of_suites_and_environments() -> None:
         assert np.array_equal(env.unwrapped.physics_env.data.qpos, plain.unwrapped.data.qpos)
     with pytest.raises(LearningError, match="no skills"):
         scene_for(REACH.scenes[0], True, "oracle")
+    with pytest.raises(LearningError, match="feasibility='none' is for scenes of Retrieve"):
+        evaluate("random-skills", SceneSet(env_id="clutter_env/Skill-o5-v0", count=1), feasibility="none")
 
 
 @pytest.mark.usefixtures("folder")

@@ -255,6 +255,27 @@ def test_a_forged_file_is_not_confirmed(file: Path, change: Callable[[dict[str, 
     assert verify(forge(file, change)).differences
 
 
+@pytest.mark.usefixtures("in_process")
+def test_a_file_is_confirmed_where_the_checkpoint_that_played_is_not(file: Path) -> None:
+    name = "lerobot:/not/here"
+    found = verify(forge(file, lambda content: (content.update(policy=name), content["summary"].update(policy=name))))
+    assert (found.differences, found.weights) == ((), "not here")
+
+
+def test_to_verify_executes_nothing_that_lies_beside_the_file(file: Path, tmp_path_factory: Any) -> None:
+    for name in ("loky", "multiprocessing", "numpy", "mujoco"):
+        (file.parent / f"{name}.py").write_text("import os; open('executed', 'w'); os._exit(1)")
+    script = tmp_path_factory.mktemp("bin") / "command.py"  # as the one that is installed: elsewhere
+    script.write_text("from clutter_env.cli.main import main\nif __name__ == '__main__':\n    main()")
+    env = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}
+    command = [sys.executable, str(script), "verify", file.name, "--workers", "1"]
+    ended = subprocess.run(
+        command, cwd=file.parent, env={**env, "PYTHONPATH": str(Path.cwd())}, capture_output=True, text=True
+    )
+    assert not (file.parent / "executed").exists()
+    assert "\nconfirmed: 2 clean successes" in f"\n{ended.stdout}", ended.stderr
+
+
 def test_the_command_says_that_a_forged_file_is_not_confirmed(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["verify", str(forge(file, shorter)), "--workers", "1"])
@@ -276,6 +297,7 @@ def test_a_file_made_with_something_else_is_confirmed_by_the_same_digits_alone(f
     assert len(verify(forge(file, lambda content: content["provenance"].pop("arithmetic"))).other_than) == 1
     changed = verify(forge(file, lambda content: content["judged_in"].update(success="0")))
     assert any("success has changed" in said for said in changed.other_than)
+    assert verify(forge(file, lambda content: content["judged_in"].update(settings=3))).is_confirmed
     claimed = verify(forge(file, lambda content: (forge_version(content), shorter(content))))
     assert not claimed.is_confirmed
 

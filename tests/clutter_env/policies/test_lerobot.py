@@ -18,8 +18,10 @@ from clutter_env.bridges.hub import make_one
 from clutter_env.cli.main import main
 from clutter_env.evaluation.evaluate import evaluate
 from clutter_env.evaluation.scenes import SceneSet
+from clutter_env.evaluation.tables import results
 from clutter_env.policies.protocol import PolicyError, begin_episode
 from clutter_env.policies.registry import load_policy, policy_files
+from clutter_env.reporting.files import write_json
 
 pytest.importorskip("torch")
 
@@ -97,7 +99,7 @@ def python(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(interpreter)
 
 
-def checkpoint(folder: Path, observations: str, step: dict[str, Any] | None = None) -> str:
+def checkpoint(folder: Path, observations: str, step: Any = None) -> str:
     """A checkpoint for ArmPick that sees these observations; the name of its policy."""
     state, environment = OBSERVED[observations]
     shapes = {"observation.state": [state], "observation.environment_state": [environment] * bool(environment)}
@@ -160,6 +162,29 @@ def test_what_cannot_be_played_is_told(python: str, tmp_path: Path) -> None:
         load_policy(f"lerobot:{tmp_path}", 0, python=python)
     with pytest.raises(SystemExit, match=r"(?s)--python PATH.*No module named 'lerobot'"):
         main(["evaluate", "--policy", name, "--scenes", "1"])
+
+
+@pytest.mark.skipif(os.name == "nt", reason="the interpreter that stands in is a shell script")
+def test_a_checkpoint_plays_fresh_scenes_for_verify(python: str, tmp_path: Path) -> None:
+    name, file = checkpoint(tmp_path / "model", "state"), tmp_path / "results.json"
+    write_json(file, results(evaluate(name, SCENES, python=python)))
+    said = ["--policy", name, "--python", python, "--scenes", "1", "--workers", "1", "--json", str(tmp_path / "found")]
+    main(["verify", str(file), *said])
+    found = json.loads((tmp_path / "found").read_text())
+    assert (found["weights"], found["fresh"]["mean"], found["differences"]) == ("the same", 0.0, [])
+
+
+@pytest.mark.parametrize("shape", [[], 3, None])
+def test_a_damaged_checkpoint_is_told(shape: Any, tmp_path: Path) -> None:
+    name = checkpoint(tmp_path / "model", "images")
+    config = json.loads((tmp_path / "model" / "config.json").read_text())
+    config["input_features"] = {"observation.images.top": {"shape": shape}}
+    (tmp_path / "model" / "config.json").write_text(json.dumps(config))
+    with pytest.raises(PolicyError, match="no checkpoint of LeRobot"):
+        load_policy(name, 0)
+    for step in (3, "registry_name"):
+        with pytest.raises(PolicyError, match="no checkpoint of LeRobot"):
+            load_policy(checkpoint(tmp_path / "other", "state", step), 0)
 
 
 def test_a_checkpoint_of_strangers_imports_nothing_of_its_choice(python: str, tmp_path: Path) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -140,11 +142,45 @@ def test_a_run_records_what_it_was_made_with(begun: Run) -> None:
     assert changes(recorded, begun.describe() | {"provenance": recorded["provenance"]}) == []
 
 
-@pytest.mark.parametrize("content", ["", "[1]", "{}", '{"task": 3, "algorithm": "sac", "steps": 1}'])
-def test_a_damaged_record_is_a_plain_error(content: str, tmp_path: Path) -> None:
-    (tmp_path / "run.json").write_text(content)
-    with pytest.raises(LearningError, match=r"run\.json is no record"):
-        load_run(tmp_path)
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda record: record.clear(),
+        lambda record: record.update(task=3),
+        lambda record: record["task"].update(env_id="clutter_env/Nothing-v0"),
+        lambda record: record["task"].update(env_id=3),
+        lambda record: record["task"].update(keywords=3),
+        lambda record: record["task"].update(keywords={"num_objects": "many"}),
+        lambda record: record.update(steps="30"),
+        lambda record: record.update(steps=float("inf")),
+        lambda record: record.update(provenance=3),
+    ],
+)
+def test_a_damaged_record_is_a_plain_error(
+    change: Callable[[dict[str, Any]], object], begun: Run, tmp_path: Path
+) -> None:
+    record = load_run(begun.directory)
+    change(record)
+    for content in (json.dumps(record), json.dumps([record]), ""):
+        (tmp_path / "run.json").write_text(content)
+        with pytest.raises(LearningError, match=r"run\.json is no record"):
+            load_run(tmp_path)
+
+
+@pytest.mark.parametrize("content", ["{", "[3]", "7"])
+def test_a_damaged_history_is_a_plain_error(content: str, begun: Run, tmp_path: Path) -> None:
+    shutil.copytree(begun.directory, tmp_path / "run")
+    (tmp_path / "run" / "history.json").write_text(content)
+    with pytest.raises(PolicyError, match=r"history\.json is damaged"):
+        train(replace(begun, directory=tmp_path / "run"), resume=True)
+
+
+@pytest.mark.slow
+def test_hindsight_learns_with_more_copies_than_its_first_steps_give_whole_episodes(tmp_path: Path) -> None:
+    """After 1,000 steps of 24 copies no episode of 50 steps had ended, from which hindsight could draw."""
+    settings = replace(SHORT, steps=2450, num_envs=24, checkpoint_every=10_000)
+    assert train(Run(REACH, "sac", tmp_path / "run", settings=settings)).history == []
+    assert (tmp_path / "run" / "model.pt").exists()
 
 
 def test_a_damaged_model_is_a_plain_error(begun: Run, tmp_path: Path) -> None:
