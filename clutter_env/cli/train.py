@@ -66,7 +66,7 @@ class Arguments:
     simulation: Literal["physics", "kinematic", ""] = ""
     """Simulation of Skill; empty for the kinematic model."""
     geometric_mask: bool = False
-    """Leave out skills without a free grasp while learning Skill."""
+    """Leave out skills without a free grasp while learning Skill by maskable-ppo."""
     feasibility: Literal["oracle", "none", ""] = ""
     """Whether Skill refuses skills without a free grasp, or tries them all the same."""
     resume: bool = False
@@ -98,9 +98,12 @@ def print_history(run: Run, trained: Trained) -> None:
 
 def make_run(arguments: Arguments) -> Run:
     """The run that the arguments describe; the environment refuses what it does not know."""
+    from clutter_env.errors import LearningError
     from clutter_env.task import Task
     from clutter_env.training.run import Run
 
+    if arguments.geometric_mask and arguments.algorithm != "maskable-ppo":
+        raise LearningError(f"--geometric-mask is about the masks of maskable-ppo; {arguments.algorithm} has none")
     algorithm = arguments.algorithm.replace("-", "_")
     keywords = {name: getattr(arguments, name) for name in _KEYWORDS if getattr(arguments, name)}
     task = Task(arguments.env or _ENVIRONMENTS[ALGORITHMS[algorithm][0]], keywords)

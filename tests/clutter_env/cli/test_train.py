@@ -14,6 +14,7 @@ import pytest
 
 from clutter_env.cli.main import main
 from clutter_env.cli.train import Arguments, make_run
+from clutter_env.errors import LearningError
 
 pytest.importorskip("sb3_contrib")
 ROOT = Path(__file__).resolve().parents[3]
@@ -51,6 +52,14 @@ def test_the_objects_to_learn_with_can_be_those_of_a_set() -> None:
     with closing(make_run(arguments).task.make()) as env:
         config = env.get_wrapper_attr("physics_env").config
         assert (config.num_objects, config.object_set) == (10, "household")
+
+
+def test_masks_are_for_the_algorithm_that_has_them() -> None:
+    """The others learned without, and their records said otherwise."""
+    assert make_run(Arguments("maskable-ppo", geometric_mask=True)).task.keywords["geometric_mask"]
+    for name in ("dqn", "ppo"):
+        with pytest.raises(LearningError, match="masks of maskable-ppo"):
+            make_run(Arguments(name, env="clutter_env/Skill-o5-v0", geometric_mask=True))  # type: ignore[arg-type]  # str, not Literal
 
 
 @pytest.mark.slow
