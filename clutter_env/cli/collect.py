@@ -2,8 +2,8 @@
 
     clutter-env collect --env clutter_env/Retrieve-o15-v0 --episodes 200 --out outputs/demos/o15
 
-An episode takes some five seconds of CPU time. Run the same command again after an interruption: seeds that are decided
-already are not tried again.
+An episode takes two to three seconds of CPU time, most of them its replay in a new Python process. Run the same command
+again after an interruption: seeds that are decided already are not tried again.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-_EPISODE_S = 5.0
+_EPISODE_S = 3.0
 """[s] An episode of the expert with 15 objects, its replay in a new process included."""
 WHEN_INTERRUPTED = "run the same command again to go on"
 

@@ -36,7 +36,7 @@ class Arguments:
     obstructed: Literal[0, 1, 2, 3] = 0
     """Environments: least number of objects in the way of every side grasp of the target."""
     policies: tuple[str, ...] = ("lookahead",)
-    """Names of policies, as for `clutter-env evaluate`: built-in ones, directories of training runs, module:Class."""
+    """Names of policies; the help of `clutter-env evaluate` lists them."""
     files: tuple[Path, ...] = ()
     """Results files of `clutter-env evaluate`, whose scores are tabled too as they stand there; see `verify`."""
     scenes: int | None = None

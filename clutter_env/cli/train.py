@@ -91,8 +91,6 @@ def print_history(run: Run, trained: Trained) -> None:
     """Print success at every checkpoint, and the times."""
     for entry in trained.history:
         print("  ".join(f"{name} {value:g}" for name, value in entry.items()))
-    if not trained.history:
-        print("success was not measured: that is done every --checkpoint-every steps")
     print(f"{run.directory}: {trained.wall_s:.0f} s, {trained.cpu_s:.0f} s of CPU time")
 
 

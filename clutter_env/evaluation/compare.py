@@ -91,24 +91,14 @@ def compare(
         workers, ray, more: as of `evaluate`, whose errors it raises.
     """
     rows = []
+    chosen = {name: getattr(comparison, name) for name in ("seed", "feasibility", "trust", "python")}
     for scenes in comparison.scene_sets:
         contenders = comparison.contenders(scenes)
         names = {policy: policy for policy in contenders} | run_names(contenders)
         groups: dict[str, list[Evaluation]] = {}
         bounds: dict[str, tuple[Floor, ...]] = {}
         for policy in contenders:
-            found = evaluate(
-                policy,
-                scenes,
-                seed=comparison.seed,
-                feasibility=comparison.feasibility,
-                trust=comparison.trust,
-                python=comparison.python,
-                workers=workers,
-                ray=ray,
-                records=records,
-                **more,
-            )
+            found = evaluate(policy, scenes, **chosen, workers=workers, ray=ray, records=records, **more)
             if scenes.family in ("retrieve", "rearrange") and not found.floors:
                 grasps = found.traits.grasps
                 if grasps not in bounds:

@@ -23,7 +23,7 @@ from clutter_env.evaluation.scenes import SceneSet, find_floor, scene_for
 from clutter_env.evaluation.score import PolicyCrashed, Score, play_scene
 from clutter_env.parallel import Crash, Killed, run_jobs
 from clutter_env.policies.protocol import AnyPolicy, PolicyError
-from clutter_env.policies.registry import PolicyTraits, policy_files
+from clutter_env.policies.registry import PolicyTraits, policy_families, policy_files
 from clutter_env.provenance import IMAGES, differences, environment_digest, provenance
 from clutter_env.reporting.files import JsonLines
 from clutter_env.suites import Floor, suite
@@ -133,6 +133,8 @@ def evaluate(
         OSError: the scores cannot be written; those written before stay.
     """
     job = _Job(policy if isinstance(policy, str) else type(policy).__name__, scenes, seed, feasibility, trust, python)
+    if isinstance(policy, str) and scenes.family not in (own := policy_families(policy)):
+        raise PolicyError(f"{policy} cannot play {scenes.name} ({scenes.family}); it plays {', '.join(own)}")
     todo: list[tuple[int, PolicyTraits]] = []
     stream = run_jobs(partial(_play_in_worker, job), _traits_first(todo), workers, ray=ray)
     env: gym.Env[Any, Any] | None = None

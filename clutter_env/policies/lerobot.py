@@ -48,7 +48,8 @@ class LeRobotPolicy:
             self._images = {name.removeprefix(_IMAGE): shape for name, shape in images}
             size = next(iter(self._images.values()), (0,))[-1]
         except (OSError, ValueError, LookupError, TypeError, AttributeError) as problem:
-            raise PolicyError(f"{path} is no checkpoint of LeRobot: {problem!r}") from problem
+            kind = "checkpoint of LeRobot, a directory such as checkpoints/last/pretrained_model"
+            raise PolicyError(f"{path} is no {kind}: {problem!r}") from problem
         # A step with the name of a class may be anything that can be imported and called, such as a shell.
         if foreign:
             raise PolicyError(f"{path} wants LeRobot to import {foreign}; only its own registered steps are loaded")

@@ -232,7 +232,7 @@ def check_policy(policy: AnyPolicy, name: str = "") -> None:
 
 def policy_families(name: str) -> tuple[str, ...]:
     """The families of environments whose scenes a policy can play; of other people's policies all."""
-    every = ("retrieve", "rearrange", "skill", *GOAL_FAMILIES)
+    every = ("retrieve", "rearrange", "search", "skill", *GOAL_FAMILIES)
     if name in GOAL_FAMILIES:
         return (name,)
     if is_run(name):

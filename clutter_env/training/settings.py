@@ -38,7 +38,7 @@ class Settings:
     device: str = "cpu"
     """Device of the networks, as torch names it."""
     checkpoint_every: int = 5000
-    """Steps between checkpoints."""
+    """Steps between checkpoints; the last step is one too."""
     evaluation_episodes: int = 20
     """Number of held-out scenes that are played at every checkpoint."""
     evaluation_steps: int = 600

@@ -175,7 +175,10 @@ def _learn(run: Run, is_resumed: bool) -> History:
         with progress_bar(total=settings.steps, initial=model.num_timesteps, unit="step", seconds=seconds) as bar:
             shown = ConvertCallback(lambda *_: bar.update(model.num_timesteps - bar.n) or True)
             model.learn(left, callback=[checkpoints, shown], reset_num_timesteps=False, tb_log_name="tensorboard")
-        save_model(model, path)
+        if history and history[-1]["steps"] == model.num_timesteps:
+            save_model(model, path)  # PPO has learned from the last steps since
+        else:
+            checkpoint()
     copies.close()
     evaluation_env.close()
     return history

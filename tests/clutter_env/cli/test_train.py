@@ -63,8 +63,11 @@ def test_masks_are_for_the_algorithm_that_has_them() -> None:
 
 
 @pytest.mark.slow
-def test_a_run_without_a_checkpoint_says_why_there_is_no_history(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    main(["train", "sac", "--steps", "20", "--out", str(tmp_path / "run")])
-    assert "every --checkpoint-every steps" in capsys.readouterr().out
+def test_the_weights_of_the_last_step_are_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A run whose steps are no multiple of --checkpoint-every ended with weights that nobody had measured."""
+    words = ["train", "sac", "--checkpoint-every", "12", "--evaluation-episodes", "1", "--evaluation-steps", "3"]
+    main([*words, "--steps", "20", "--out", str(tmp_path / "run")])
+    assert [line.split()[:2] for line in capsys.readouterr().out.splitlines()[:-1]] == [
+        ["steps", "12"],
+        ["steps", "20"],
+    ]

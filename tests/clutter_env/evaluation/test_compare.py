@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import pytest
 
 from clutter_env.cli.main import main
@@ -19,11 +20,11 @@ from clutter_env.evaluation.scenes import SceneSet
 from clutter_env.evaluation.score import PolicyCrashed
 from clutter_env.evaluation.tables import markdown, markdown_by_floor, results, stratum, summarise
 from clutter_env.policies.protocol import PolicyError
-from clutter_env.policies.registry import BUILT_IN
+from clutter_env.policies.registry import BUILT_IN, policy_families
 from clutter_env.reporting.files import json_text, write_json
 from clutter_env.reporting.intervals import wilson
 from clutter_env.suites import Floor
-from clutter_env.task import Task
+from clutter_env.task import Task, family
 from clutter_env.training.run import Run
 from clutter_env.training.settings import Settings
 from tests.clutter_env.evaluation.evaluations import evaluation, score
@@ -102,6 +103,13 @@ def test_policies_that_act_by_skills_are_compared_on_skills() -> None:
     assert (row.policy, row.clean.mean) == ("greedy", 1.0)
     with pytest.raises(LearningError, match="lookahead cannot play"):
         Comparison((skills,), ("lookahead",))
+
+
+@pytest.mark.parametrize("name", ["random", "my_module:MyPolicy"])
+def test_a_policy_that_reads_observations_is_compared_on_every_family(name: str) -> None:
+    """Searches were left out."""
+    ids = [env_id for env_id in gym.registry if env_id.startswith("clutter_env/")]
+    assert {family(env_id) for env_id in ids} == set(policy_families(name))
 
 
 def test_an_unknown_policy_is_refused_and_controls_are_known() -> None:

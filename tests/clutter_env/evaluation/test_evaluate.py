@@ -293,6 +293,8 @@ def test_a_policy_is_refused_before_anything_is_played() -> None:
         evaluate("nobody", REACH)
     with pytest.raises(PolicyError, match=r"reset\(env, info\), as in version 0\.1"):
         evaluate("my_policies:Old", REACH)
+    with pytest.raises(PolicyError, match=r"armpick cannot play side-15-v2 \(retrieve\); it plays armpick"):
+        evaluate("armpick", TWO)
 
 
 def test_a_policy_may_not_choose_the_cameras_on_which_scenes_depend() -> None:

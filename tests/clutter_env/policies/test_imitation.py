@@ -43,6 +43,10 @@ def test_the_tutorial_leads_from_a_collection_to_scores(tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "HF_HOME": str(tmp_path / "hub"), "HF_HUB_OFFLINE": "1"}
     for line in lines:
         words = [word.replace(PYTHON, LEROBOT) for word in shlex.split(line)]
+        if words[0] == "export":
+            name, _, value = words[1].partition("=")
+            environment[name] = value
+            continue
         if words[0] == "clutter-env":
             words[:1] = [sys.executable, "-m", "clutter_env"]
         else:

@@ -158,7 +158,7 @@ def test_what_cannot_be_played_is_told(python: str, tmp_path: Path) -> None:
         with pytest.raises(PolicyError, match=words):
             begin_episode(policy, info, env)
         env.close()
-    with pytest.raises(PolicyError, match="no checkpoint of LeRobot"):
+    with pytest.raises(PolicyError, match=r"no checkpoint of LeRobot, a directory .*pretrained_model"):
         load_policy(f"lerobot:{tmp_path}", 0, python=python)
     with pytest.raises(SystemExit, match=r"(?s)--python PATH.*No module named 'lerobot'"):
         main(["evaluate", "--policy", name, "--scenes", "1"])
