@@ -21,6 +21,7 @@ from clutter_env.data.replay import replay_in_fresh_process, with_images
 from clutter_env.errors import CollectionError, LearningError
 from clutter_env.parallel import Crash, Killed
 from clutter_env.policies.experts import find_expert, make_expert
+from clutter_env.policies.scripted import SCRIPTS
 from clutter_env.seeds import training_seeds
 from clutter_env.task import Task
 
@@ -59,15 +60,18 @@ def make_job(task: Task, expert: str, episodes: int, first_seed: int = 0, image_
         image_size: [pixels] of camera images; 0 for none.
 
     Raises:
-        LearningError: a value out of its range.
+        LearningError: a value out of its range; or a script, and the task has not its control mode.
         UnknownTask: no such environment, or not with these keyword arguments.
         UnknownExpert: no such expert for this environment; the message lists the known ones.
     """
     if episodes < 1:
         raise LearningError(f"episodes={episodes} is not valid; it must be at least 1")
     training_seeds(first_seed, episodes)
-    task.make(**({"obs_mode": "rgbd", "image_size": image_size} if image_size else {})).close()
-    return Job(task, find_expert(task.env_id, expert), episodes, first_seed, image_size=image_size)
+    found = find_expert(task.env_id, expert)
+    with closing(task.make(**({"obs_mode": "rgbd", "image_size": image_size} if image_size else {}))) as env:
+        if found in SCRIPTS and env.get_wrapper_attr("config").control_mode != "ee":
+            raise LearningError(f"the script {found!r} needs control_mode='ee': --control-mode ee")
+    return Job(task, found, episodes, first_seed, image_size=image_size)
 
 
 def demonstrate(job: Job, seed: int) -> SeedResult:

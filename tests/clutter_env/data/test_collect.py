@@ -158,6 +158,8 @@ def test_what_cannot_be_collected_is_refused() -> None:
         make_job(Task("clutter_env/Skill-o5-v0"), "", 1)
     with pytest.raises(LearningError, match="episodes=0"):
         make_job(PICK, "", 0)
+    with pytest.raises(LearningError, match="'scripted' needs control_mode='ee': --control-mode ee"):
+        make_job(Task("clutter_env/Retrieve-o1-v0"), "scripted", 1)
     with pytest.raises(LearningError, match="for evaluation"):
         make_job(PICK, "", 1, first_seed=1_000_000)
 
