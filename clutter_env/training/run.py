@@ -44,9 +44,8 @@ class Run:
         """
         present = self.task.provenance()
         if self.task.family not in ALGORITHMS.get(self.algorithm, ()):
-            fitting = ", ".join(name for name, families in ALGORITHMS.items() if self.task.family in families)
-            said = f"{self.algorithm} does not learn on {self.task.env_id}; for this one: {fitting}"
-            raise LearningError(said.replace("maskable_ppo", "maskable-ppo"))
+            fitting = [name.replace("_", "-") for name, families in ALGORITHMS.items() if self.task.family in families]
+            raise LearningError(f"{self.algorithm} does not learn on {self.task.env_id}; there do {', '.join(fitting)}")
         training_seeds(self.seed, self.settings.num_envs)  # of the first scenes; the environments go on from there
         if not (self.directory / RUN_FILE).exists():
             return
