@@ -66,7 +66,7 @@ class Arguments:
     simulation: Literal["physics", "kinematic", ""] = ""
     """Simulation of Skill; empty for the kinematic model."""
     geometric_mask: bool = False
-    """Leave out skills without a free grasp while learning Skill by maskable-ppo: 0.2 s of CPU time a step with 15 objects.
+    """Leave out skills without a free grasp while learning Skill by maskable-ppo: with 15 objects 0.2 CPU s a step.
     Held-out scenes are played without."""
     feasibility: Literal["oracle", "none", ""] = ""
     """Whether Skill refuses skills without a free grasp, or tries them all the same."""
