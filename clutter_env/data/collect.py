@@ -21,7 +21,6 @@ from clutter_env.data.replay import replay_in_fresh_process, with_images
 from clutter_env.errors import CollectionError, LearningError
 from clutter_env.parallel import Crash, Killed
 from clutter_env.policies.experts import find_expert, make_expert
-from clutter_env.policies.scripted import SCRIPTS
 from clutter_env.seeds import training_seeds
 from clutter_env.task import Task
 
@@ -60,7 +59,7 @@ def make_job(task: Task, expert: str, episodes: int, first_seed: int = 0, image_
         image_size: [pixels] of camera images; 0 for none.
 
     Raises:
-        LearningError: a value out of its range; or a script, and the task has not its control mode.
+        LearningError: a value out of its range; or the task has not what the expert needs.
         UnknownTask: no such environment, or not with these keyword arguments.
         UnknownExpert: no such expert for this environment; the message lists the known ones.
     """
@@ -69,8 +68,9 @@ def make_job(task: Task, expert: str, episodes: int, first_seed: int = 0, image_
     training_seeds(first_seed, episodes)
     found = find_expert(task.env_id, expert)
     with closing(task.make(**({"obs_mode": "rgbd", "image_size": image_size} if image_size else {}))) as env:
-        if found in SCRIPTS and env.get_wrapper_attr("config").control_mode != "ee":
-            raise LearningError(f"the script {found!r} needs control_mode='ee': --control-mode ee")
+        for name, value in make_expert(found).env_keywords.items():
+            if getattr(env.get_wrapper_attr("config"), name) != value:
+                raise LearningError(f"{found!r} needs {name}={value!r}: --{name.replace('_', '-')} {value}")
     return Job(task, found, episodes, first_seed, image_size=image_size)
 
 

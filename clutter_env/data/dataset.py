@@ -203,8 +203,9 @@ class Dataset:
 
     def checked(self, episodes: Iterable[Episode]) -> Iterator[Episode]:
         """The same episodes; raises `DatasetError` if one is not that of its seed: its scene may be held out."""
+        task = self.task
         for seed, episode in zip(self.seeds, episodes, strict=True):
-            if (episode.seed, episode.task) != (seed, task := self.task):
+            if (episode.seed, episode.task) != (seed, task):
                 there = f"seed {episode.seed} in {episode.task.to_json()}"
                 raise DatasetError(f"{self.episode_path(seed)} is of {there}, not of seed {seed} in {task.to_json()}")
             yield episode

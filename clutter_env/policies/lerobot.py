@@ -44,8 +44,7 @@ class LeRobotPolicy:
             (self._actions,) = config["output_features"]["action"]["shape"]
             steps = [step for file in path.glob("*processor.json") for step in json.loads(file.read_text())["steps"]]
             foreign = [step.get("class") for step in steps if not step.get("registry_name")]
-            images = [(name, shape) for name, shape in shapes.items() if name.startswith(_IMAGE)]
-            self._images = {name.removeprefix(_IMAGE): shape for name, shape in images}
+            self._images = {key.removeprefix(_IMAGE): part for key, part in shapes.items() if key.startswith(_IMAGE)}
             size = next(iter(self._images.values()), (0,))[-1]
         except (OSError, ValueError, LookupError, TypeError, AttributeError) as problem:
             kind = "checkpoint of LeRobot, a directory such as checkpoints/last/pretrained_model"
