@@ -22,9 +22,9 @@ from scipy.spatial import ConvexHull
 
 from assets.robot_parts import InvalidRobot, rotation_of
 from irm.errors import ChainError
-from irm.model_reading import arm_joints, hull_corners, is_solid, load_model, load_urdf, tip_frame
+from irm.model_reading import arm_joints, hull_corners, load_model, load_urdf, tip_frame
 from irm.rotations import frame_along, rotation
-from irm.shapes import CLEARANCE
+from irm.self_contact import CLEARANCE, is_solid
 
 Floats = NDArray[np.float64]
 BASE = ("base_x", "base_y", "base_yaw")

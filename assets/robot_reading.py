@@ -15,9 +15,10 @@ from scipy.spatial import ConvexHull
 
 from assets.files import path as asset_path
 from assets.robot_parts import ARM_FIELDS, ArmSpec, ChainLink, InvalidRobot, check_names, require
-from irm.chain import ArmChain, frames_of, link_of_body, pose_of
+from irm.chain import ArmChain, frames_of, pose_of
 from irm.errors import ChainError
-from irm.model_reading import is_solid, shapes_of
+from irm.model_reading import shapes_of
+from irm.self_contact import is_excluded, is_solid, link_of_body
 from irm.shapes import Shapes, with_pairs
 
 if TYPE_CHECKING:
@@ -138,17 +139,13 @@ def read_shapes(robot: RobotSpec) -> Shapes:
         places.append(places[-1] @ pose_of(place))
     joints = [_joint(model, link.joint) for link in robot.chain]
     fingers = {int(model.jnt_bodyid[_joint(model, name)]): robot.max_finger_position for name in robot.finger_joints}
-    geoms, links = collision_geoms(model, robot), link_of_body(model, robot)
+    geoms, links = collision_geoms(model, robot), link_of_body(model, robot.drive_joints[3:])
     try:
         shapes = shapes_of(model, data, geoms, links, places, joints, fingers)
     except ChainError as problem:
         raise InvalidRobot(str(problem)) from problem
-    excluded = {(int(pair) >> 16, int(pair) & 0xFFFF) for pair in model.exclude_signature}
-    if not excluded:
-        return shapes
-    bodies = np.sort(model.geom_bodyid[np.array(geoms)[shapes.pairs]], axis=1)
-    counts = [tuple(pair) not in excluded for pair in bodies.tolist()]
-    return with_pairs(shapes, shapes.pairs[counts], len(places) - 2)
+    counts = ~is_excluded(model, np.array(geoms)[shapes.pairs])
+    return shapes if counts.all() else with_pairs(shapes, shapes.pairs[counts], len(places) - 2)
 
 
 def collision_geoms(model: mujoco.MjModel, robot: RobotSpec) -> list[int]:
@@ -159,7 +156,10 @@ def collision_geoms(model: mujoco.MjModel, robot: RobotSpec) -> list[int]:
             idle.add(body)
     base = model.body(robot.base_body).id
     of_robot = is_solid(model) & (model.body_rootid[model.geom_bodyid] == base)
-    links, last = link_of_body(model, robot), len(robot.chain) - 1  # a body may stand after the arm in the file
+    links, last = (
+        link_of_body(model, robot.drive_joints[3:]),
+        len(robot.chain) - 1,
+    )  # a body may stand after the arm in the file
 
     def group(geom: int) -> tuple[bool, bool]:
         body = int(model.geom_bodyid[geom])

@@ -13,17 +13,12 @@ Example:
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from irm.answers import BasePlacement, PlacementBatch, Status
-from irm.chain import PRISMATIC, ArmChain, JointRow, frames_of, pose_of
-from irm.errors import QueryError, ReachabilityError
-from irm.free_space import FreeSpace
-from irm.grid import MapParameters
-from irm.inverse_map import ClassicalInverseReachabilityMap, InverseReachabilityMap
-from irm.kinematics import fk_frames, forward, link_origins
-from irm.reachability_map import ReachabilityMap, cache_folder, cached_map, is_map_at_hand
-from irm.robot_shape import SolidBoxes, robot_radius
-
 if TYPE_CHECKING:
+    from irm.answers import BasePlacement, PlacementBatch, Status
+    from irm.chain import PRISMATIC, ArmChain, JointRow, frames_of, pose_of
+    from irm.errors import QueryError, ReachabilityError
+    from irm.free_space import FreeSpace
+    from irm.grid import MapParameters
     from irm.ik.solvers import (
         CLOSED_FORM,
         ITERATIVE,
@@ -35,6 +30,10 @@ if TYPE_CHECKING:
         free_angles,
         solver_arrays,
     )
+    from irm.inverse_map import ClassicalInverseReachabilityMap, InverseReachabilityMap
+    from irm.kinematics import fk_frames, forward, link_origins
+    from irm.reachability_map import ReachabilityMap, cache_folder, cached_map, is_map_at_hand
+    from irm.robot_shape import SolidBoxes, robot_radius
     from irm.tolerance import TolerantPlacement, query_tolerant
     from irm.verification import NotVerified, Verified, classify, compare_with_model, decide, tcp_poses, verify
 
@@ -83,11 +82,20 @@ __all__ = [
 ]
 
 
+_MODULES = (
+    *("errors", "answers", "free_space", "chain", "grid", "kinematics", "robot_shape", "reachability_map"),
+    *("inverse_map", "ik.solvers", "verification", "tolerance"),
+)
+"""Modules of the public names, in the order in which they are searched: those that load the least come first."""
+
 if not TYPE_CHECKING:
 
     def __getattr__(name: str) -> Any:
-        """What needs inverse kinematics, whose kernels are imported when first asked for: maps are queried without."""
+        """Import a public name when it is first asked for: the rule of self-contact is read without any kernel."""
         if name not in __all__:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        modules = (import_module(f"irm.{module}") for module in ("ik.solvers", "verification", "tolerance"))
-        return next(getattr(module, name) for module in modules if hasattr(module, name))
+        for module in _MODULES:
+            if (found := getattr(import_module(f"irm.{module}"), name, None)) is not None:
+                globals()[name] = found
+                return found
+        raise AssertionError(f"no module of irm has {name}")

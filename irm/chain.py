@@ -293,18 +293,6 @@ class ArmChain:
         return _with_links(chain, _fetch_links(chain))
 
 
-def link_of_body(model: mujoco.MjModel, robot: Robot) -> list[int]:
-    """The link that each body of a model belongs to: that of the nearest joint of the chain that moves it.
-
-    The head belongs to the torso, the fingers to the last link; BASE for the base and for what is not of the robot.
-    """
-    moved = {int(model.joint(link.joint).bodyid[0]): number for number, link in enumerate(robot.chain)}
-    links: list[int] = []
-    for body in range(model.nbody):  # a parent has a lower number than its children
-        links.append(moved.get(body, links[int(model.body_parentid[body])] if body else BASE))
-    return links
-
-
 def has_free_roll(chain: ArmChain) -> bool:
     """Whether the last joint turns the gripper about its approach axis without limit."""
     axis = np.eye(3)[chain.axes[-1] % PRISMATIC]

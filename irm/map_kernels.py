@@ -32,7 +32,8 @@ from irm.ik.solvers import ITERATIVE, SolverArrays, arm_solutions, free_angles, 
 from irm.kernel_arguments import pointer_to
 from irm.kinematics import arm_jacobian, condition, fk_frames
 from irm.rotations import rotation, wrap_to_pi
-from irm.shapes import CLEARANCE, Placed, Shapes, any_near, for_every_roll, lower_base, make_placed, place_shapes
+from irm.self_contact import CLEARANCE
+from irm.shapes import Placed, Shapes, any_near, for_every_roll, lower_base, make_placed, place_shapes
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]

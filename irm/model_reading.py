@@ -19,9 +19,9 @@ from scipy.spatial import ConvexHull
 
 from irm.errors import ChainError
 from irm.gjk import BOX, CYLINDER, ELLIPSOID, HULL
-from irm.kernel_arguments import packed
 from irm.rotations import frame_along
-from irm.shapes import BASE, NO_SHAPES, Shapes, make_placed, near_pairs, with_pairs
+from irm.self_contact import BASE, counted_pairs, is_solid
+from irm.shapes import NO_SHAPES, Shapes, with_pairs
 
 Floats = NDArray[np.float64]
 CONTINUOUS = 2 * np.pi
@@ -323,15 +323,6 @@ _KINDS = {
     int(mujoco.mjtGeom.mjGEOM_MESH): HULL,
 }
 """The core of each kind of geom; a capsule is a segment and a sphere a point, boxes without width."""
-_SAMPLES, _NEARLY_ALWAYS = 1000, 0.95
-"""Random configurations, and the share of them in which a pair must touch to be left out: it belongs together."""
-
-
-def is_solid(model: mujoco.MjModel) -> NDArray[np.bool_]:
-    """Which geoms are shapes for collisions, not for the eye: those with any collision bit, or named in a pair."""
-    solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
-    solid[model.pair_geom1], solid[model.pair_geom2] = True, True
-    return np.asarray(solid)
 
 
 def _shapes_of_arm(
@@ -374,10 +365,7 @@ def shapes_of(
     joints: Sequence[int],
     fingers: Mapping[int, float] | None = None,
 ) -> Shapes:
-    """The collision shapes of some geoms, and which pairs of them count.
-
-    A pair counts if its links are not neighbours and it does not touch in nearly all of 1,000 random configurations.
-    Masks do not count: many models let a robot pass through itself.
+    """The collision shapes of some geoms, with the pairs that count by `irm.self_contact`.
 
     Args:
         model: of the robot.
@@ -424,32 +412,7 @@ def shapes_of(
         *(core, half, radius, bound, link, position, rotation, opened, np.concatenate([none, *hulls]), first),
         *(NO_SHAPES.pairs, NO_SHAPES.groups),
     )
-    distant = [(i, j) for i, j in itertools.combinations(range(count), 2) if abs(link[i] - link[j]) > 1]
-    pairs = np.array(distant, dtype=np.int64).reshape(-1, 2)
-    kept = _share_of_touching(model, data, geoms, joints, shapes, pairs) < _NEARLY_ALWAYS
-    return with_pairs(shapes, pairs[kept], len(places) - 2)
-
-
-def _share_of_touching(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    geoms: list[int],
-    joints: Sequence[int],
-    shapes: Shapes,
-    pairs: NDArray[np.int64],
-) -> Floats:
-    """(s,) share of random configurations in which each of the pairs (s, 2) touches."""
-    columns = model.jnt_qposadr[list(joints)]
-    limited = model.jnt_limited[list(joints)].astype(bool)
-    low, high = np.where(limited[:, None], model.jnt_range[list(joints)], (-np.pi, np.pi)).T
-    near, rng, solids = np.zeros(len(pairs), np.int64), np.random.default_rng(0), packed(make_placed(shapes).solids)
-    for q in rng.uniform(low, high, (_SAMPLES, len(low))):
-        data.qpos[columns] = q
-        mujoco.mj_kinematics(model, data)
-        solids.position[:] = data.geom_xpos[geoms]
-        solids.rotation[:] = data.geom_xmat[geoms].reshape(-1, 3, 3)
-        near_pairs(solids, pairs, near)
-    return near / _SAMPLES
+    return with_pairs(shapes, counted_pairs(model, data.qpos, geoms, links, joints), len(places) - 2)
 
 
 def hull_corners(model: mujoco.MjModel, geom: int) -> Floats:

@@ -81,7 +81,7 @@ def robot_radius(robot: Robot, low: float = 0.0, high: float = inf) -> float:
 def _trunk(robot: Robot) -> tuple[tuple[Floats, float, float], ...]:
     """The geoms that do not move with the arm: corners (n, 3) in the base frame with the torso at 0, and the range of
     heights by which the torso lifts them [m]."""
-    from irm.model_reading import is_solid  # see `_posed`
+    from irm.self_contact import is_solid  # see `_posed`
 
     model, data = _posed(robot, {robot.chain[0].joint: 0.0})
     base, torso, arm = model.body(robot.base_body).id, *(int(model.joint(j.joint).bodyid[0]) for j in robot.chain[:2])
@@ -296,7 +296,7 @@ def _turned(points: Floats, origin: Floats, axis: Floats, angles: Floats) -> Flo
 @lru_cache(maxsize=8)
 def _parts(robot: Robot) -> tuple[Balls, Balls, Balls, Forearm]:
     """What the arm certainly fills at a TCP pose, what it may fill, and the links that may."""
-    from irm.model_reading import is_solid  # see `_posed`
+    from irm.self_contact import is_solid  # see `_posed`
 
     poses = [_posed(robot, dict.fromkeys(robot.finger_joints, at)) for at in (0.0, robot.max_finger_position)]
     model, closed = poses[0]

@@ -1,8 +1,7 @@
 """The collision shapes of a robot, and whether a configuration of its arm is free of self-collision; compiled.
 
-Which pairs of shapes count is decided once, when a robot is read (`irm.model_reading.shapes_of`): those on links that
-are not neighbours, unless they touch in nearly every configuration, as MoveIt's Setup Assistant does. A configuration
-is free if all of them keep `CLEARANCE` apart.
+Which pairs of shapes count is decided once, when a robot is read, by `irm.self_contact`. A configuration is free if all
+of them keep `CLEARANCE` apart.
 """
 
 from __future__ import annotations
@@ -12,15 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.compilation import njit
 from irm.gjk import CYLINDER, Solids, are_any_within, are_within, core_distance
 from irm.kernel_arguments import leaf_kernel
+from irm.self_contact import BASE, CLEARANCE
 
 Array = NDArray[np.float64]
-CLEARANCE = 0.002
-"""[m] that shapes of a pair keep apart in a configuration that is free; the planner's padding too."""
-BASE = -1
-"""Link number of what is fixed to the base; 0 is the torso with the head, 1 … n are the links of the arm."""
 
 
 class Shapes(NamedTuple):
@@ -187,11 +182,3 @@ def is_free(shapes: Shapes, placed: Placed, R: Array, p: Array) -> bool:
     for group in range(4):
         touches = touches or any_near(shapes, placed, group, CLEARANCE)
     return not touches
-
-
-@njit(cache=True)
-def near_pairs(solids: Solids, pairs: NDArray[np.int64], near: NDArray[np.int64]) -> None:
-    """Add one to `near` (s,) for each of the pairs (s, 2) that touches."""
-    simplex = np.empty((4, 3))
-    for pair in range(pairs.shape[0]):
-        near[pair] += is_pair_near(solids, pairs[pair, 0], pairs[pair, 1], CLEARANCE, simplex)

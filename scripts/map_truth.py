@@ -41,9 +41,9 @@ from irm.chain import chain_arrays
 from irm.grid import nearest_orientation
 from irm.ik.numerical import random_seeds
 from irm.map_kernels import tcp_frames
-from irm.model_reading import is_solid, load_model, tcp_pose_of_model
+from irm.model_reading import load_model, tcp_pose_of_model
 from irm.rotations import world_to_base
-from irm.shapes import CLEARANCE
+from irm.self_contact import CLEARANCE, is_solid
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

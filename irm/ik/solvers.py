@@ -29,7 +29,8 @@ from irm.ik.structure import ParallelArm, SphericalArm, find_structure
 from irm.ik.structured import parallel_excess, parallel_solutions, scan_free_joint, spherical_solutions
 from irm.kernel_arguments import call_at, kernel_address, layout_of, leaf_kernel, packed
 from irm.kinematics import arm_jacobian, condition, fk_frames
-from irm.shapes import CLEARANCE, Placed, Shapes, any_near, is_free, make_placed, place_shapes
+from irm.self_contact import CLEARANCE
+from irm.shapes import Placed, Shapes, any_near, is_free, make_placed, place_shapes
 
 Floats = NDArray[np.float64]
 _ROUNDING = 1e-9

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from assets.robot_reading import collision_geoms
 from assets.robots import RobotSpec
-from irm.chain import BASE, link_of_body
+from irm.self_contact import BASE, link_of_body
 from planners.collision.hit_kernels import unproved_states
 from planners.collision.world import OVERLAP, CollisionWorld
 from planners.motion.path import WholeBodyPath, cut, interpolate
@@ -97,7 +97,7 @@ def _neighbours(robot: RobotSpec) -> tuple[tuple[str, str], ...]:
     Of a base that stands those with the world do not either.
     """
     model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
-    links, pairs = link_of_body(model, robot), itertools.combinations(range(1, model.nbody), 2)
+    links, pairs = link_of_body(model, robot.drive_joints[3:]), itertools.combinations(range(1, model.nbody), 2)
     near = [(a, b) for a, b in pairs if abs(links[a] - links[b]) <= 1]
     near += [(0, b) for b in range(1, model.nbody) if links[b] == BASE and robot.base_drive == "fixed"]
     return tuple((model.body(a).name, model.body(b).name) for a, b in near)
@@ -338,6 +338,6 @@ def _signature(scene: Scene) -> tuple[object, ...]:
 
 def _gripper_geoms(model: mujoco.MjModel, robot: RobotSpec) -> set[int]:
     """The collision geoms of the active arm's last link: wrist, palm and fingers."""
-    links = link_of_body(model, robot)
+    links = link_of_body(model, robot.drive_joints[3:])
     last = len(robot.chain) - 1
     return {geom for geom in collision_geoms(model, robot) if links[int(model.geom_bodyid[geom])] == last}
