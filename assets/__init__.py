@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 from assets.files import folder, names, path
 
 if TYPE_CHECKING:
+    from assets.contacts import RobotContacts, robot_contacts
     from assets.robots import (
         FETCH,
         PR2,
@@ -27,12 +28,14 @@ __all__ = [
     "ChainLink",
     "InvalidRobot",
     "LinkMesh",
+    "RobotContacts",
     "RobotSpec",
     "UnknownRobot",
     "folder",
     "names",
     "path",
     "robot",
+    "robot_contacts",
     "rotation_of",
 ]
 
@@ -43,6 +46,6 @@ if not TYPE_CHECKING:
         """Everything about robots, made when it is first asked for: `import assets` for a file's path stays fast."""
         if name not in __all__:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        from assets import robots
+        from assets import contacts, robots
 
-        return getattr(robots, name)
+        return getattr(contacts if hasattr(contacts, name) else robots, name)

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from irm.errors import ChainError
 from irm.rotations import frame_along
-from irm.shapes import BASE as BASE, NO_SHAPES, Shapes
+from irm.self_contact import BASE as BASE
+from irm.shapes import NO_SHAPES, Shapes
 
 if TYPE_CHECKING:
     import mujoco

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
+import itertools
+from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from assets import ActingJoints, RobotSpec
+from assets import ActingJoints, RobotSpec, robot_contacts
 from clutter_env.config import TIMESTEP
 from clutter_env.errors import ConfigError
 from clutter_env.scene.household import KINDS, Kind
@@ -22,8 +24,30 @@ PARKED_X = -3.0
 """[m] where the base stands in the model's reference configuration: clear of everything, so that objects may start
 asleep."""
 _BITS = {"contype": 1, "conaffinity": 3}
-"""Of furniture and objects; the robot has 2, 0 and thus never meets itself."""
-_OBJECT_CONTACT: dict[str, Any] = {**_BITS, "friction": (0.8, 0.005, 0.0005), "solref": (0.01, 1.0)}
+"""Of furniture and objects."""
+_GROUND_BITS = {"contype": 1, "conaffinity": 3}
+_ROBOT_BITS = {"contype": 2, "conaffinity": 2}
+"""The robot meets itself too; what does not count there is excluded, body by body."""
+_FURNITURE_CONTACT: dict[str, Any] = {**_BITS, "priority": 1, "friction": (0.2, 0.005, 0.0001)}
+_OBJECT_CONTACT: dict[str, Any] = {
+    **_BITS,
+    "priority": 1,
+    "friction": (0.8, 0.005, 0.0005),
+    "solref": (0.01, 1.0),
+}
+"""An object's friction is that of its contacts. Of two geoms with equal priorities MuJoCo takes the larger friction, and
+that of furniture and fingers is less than any object's: 0.2, of a smooth board, and none."""
+_PAD_CONTACT: dict[str, Any] = {
+    "condim": 4,
+    "priority": 1,
+    "friction": (1e-5, 0.02, 0.0005),
+    "solref": (0.004, 1.0),
+    "solimp": (0.95, 0.99, 0.001, 0.5, 2.0),
+    "solmix": 1e3,
+}
+"""Contact of a finger's pad, which has no friction of its own: see above. The number of dimensions is the larger one,
+here the pad's; so is the torsional friction, of a pad that gives way over an area. `solmix` makes the stiffness that of
+the pad, on which a hold without creep rests."""
 _OBJECT_ROLLING_DAMPING = 2e-4
 """[N m s] on the objects' rotation."""
 _OBJECT_ROLLING_FRICTION = 3e-3
@@ -179,10 +203,42 @@ def build_spec(robot: RobotSpec, layout: Layout, shapes: tuple[str, ...]) -> muj
     if robot.base_drive == "fixed":
         for name in robot.base_joints:
             spec.joint(name).armature = _ANCHORED
+    _make_solid(spec, robot)
     _add_surroundings(spec, layout)
     for index, shape in enumerate(shapes):
         _add_object(spec, index, shape)
     return spec
+
+
+def _make_solid(spec: mujoco.MjSpec, robot: RobotSpec) -> None:
+    """Let the robot meet itself where the planner looks for it, and the ground, and give its fingers their pads.
+
+    MuJoCo excludes bodies from contact with each other, not geoms. Where some shapes of two bodies count and others do
+    not, the bodies are excluded, and those that count are paired.
+    """
+    model, contacts = spec.compile(), robot_contacts(robot)
+    geoms = {geom.id: geom for geom in spec.geoms}
+    for geom in (geoms[number] for number in contacts.solid.tolist()):
+        geom.contype, geom.conaffinity = _ROBOT_BITS["contype"], _ROBOT_BITS["conaffinity"]
+    for pad in (pad for pair in ActingJoints.of(robot).finger_geoms for pad in pair):
+        for name, value in _PAD_CONTACT.items():
+            setattr(spec.geom(pad), name, value)
+    counted = set(map(tuple, contacts.pairs.tolist()))
+    of_bodies: dict[tuple[str, str], list[tuple[int, int]]] = defaultdict(list)
+    for pair in itertools.combinations(contacts.solid.tolist(), 2):
+        of_bodies[tuple(geoms[number].parent.name for number in pair)].append(pair)
+    for (one, other), pairs in of_bodies.items():
+        met, (a, b) = counted.intersection(pairs), (int(model.geom_bodyid[number]) for number in pairs[0])
+        is_filtered = a == b or a == model.body_parentid[b] or b == model.body_parentid[a]  # by MuJoCo itself
+        if len(met) < len(pairs) and (met or not is_filtered):
+            spec.add_exclude(bodyname1=one, bodyname2=other)
+            for pair in met:
+                for number in pair:
+                    geoms[number].name = geoms[number].name or f"robot_geom_{number}"
+                spec.add_pair(geomname1=geoms[pair[0]].name, geomname2=geoms[pair[1]].name)
+    standing = set(contacts.solid.tolist()) - set(contacts.above_ground.tolist())
+    for name in {model.body(model.geom_bodyid[number]).name for number in standing}:
+        spec.add_exclude(bodyname1="world", bodyname2=name)
 
 
 def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
@@ -197,8 +253,7 @@ def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         size=[_GROUND_SIZE, _GROUND_SIZE, 0.5],
         rgba=[0.93, 0.94, 0.95, 1],
-        contype=1,
-        conaffinity=1,
+        **_GROUND_BITS,
     )
     boards = [box.name for box in furniture(layout) if box.name.startswith("shelf_board")]
     for box in furniture(layout):
@@ -212,7 +267,7 @@ def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
             pos=box.position,
             size=box.half_extents,
             rgba=colour,
-            **_BITS,
+            **_FURNITURE_CONTACT,
         )
     # Planners look in this custom tuple for the geoms on which objects may be put.
     names = supports_of(layout)
