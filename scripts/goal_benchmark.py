@@ -27,7 +27,6 @@ import numpy as np
 import tyro
 
 import clutter_env
-from clutter_env.envs.success import FURNITURE_FORCE
 from clutter_env.reporting.files import JsonLines
 from clutter_env.reporting.progress import progress_bar
 from planners import ExpertConfig, Scene, Solution, TampExpert, solve, warmup
@@ -147,12 +146,12 @@ def carried_out(env: Any, time_limit: float, fault: str = "") -> dict[str, Any]:
             own = info["num_fallen"], info["num_disturbed"]
     found, force, spoilt = (
         expert.report,
-        env.unwrapped.world.furniture_force,
+        info["furniture_force"],
         (info["num_fallen"], info["num_disturbed"]),
     )
     done = bool(info["is_success"])
     if happened:
-        done = bool(info["lifted"]) and spoilt == own and force <= FURNITURE_FORCE
+        done = bool(info["lifted"]) and spoilt == own and env.unwrapped.is_gentle
     counts = f"unmet {info['unmet']}, fallen {spoilt[0]}, disturbed {spoilt[1]}, {force:.0f} N"
     return {
         "success": done,

@@ -144,7 +144,7 @@ def play(scene: SuiteScene, policy: str, mask_errors: float, depth_noise: float,
         counts = ("" if info["lifted"] and not absent else found.failure, len(found.moves), found.views)
         times = max(found.belief_s, default=0.0), max(found.decision_s, default=0.0)
     env.close()
-    faults = {"fallen": info["num_fallen"], "disturbed": info["num_disturbed"], "force": info["furniture_force"] > 50}
+    faults = {"fallen": info["num_fallen"], "disturbed": info["num_disturbed"], "force": not env.unwrapped.is_gentle}
     return Search(
         scene.suite, scene.index, policy, mask_errors, depth_noise, absent, info["is_success"], info["lifted"],
         *counts, steps / 20, time.process_time() - started, *times, " ".join(name for name in faults if faults[name]),

@@ -234,8 +234,10 @@ class ClutteredRetrieval3DEnv(ConstantObjectKinDEREnv):
             "clutter and hold it. Other objects may be put aside, carried in the gripper, but must neither fall nor be "
             "pushed.\n\nSuccess: the target has been carried with its lowest point 0.10 m above what it stood on for "
             "0.5 s (`hold_progress` is 1), no object has fallen since reset (`is_fallen`) or moved by more than 0.05 m "
-            "while it was not carried (`path`), and the robot has not pressed on furniture with more than 50 N "
-            "(`furniture_force`). clutter-env's Retrieve decides, and runs the physics in MuJoCo.\n"
+            "while it was not carried (`path`), all objects but the target together no more than 0.10 m "
+            "(`total_path`), and neither on furniture nor on itself has the robot pressed with more than 50 N in the "
+            "mean of 0.1 s (`furniture_force`, `self_force`), or with an impulse of more than 1 N s beyond that "
+            "(`furniture_impulse`, `self_impulse`). clutter-env's Retrieve decides, and runs the physics in MuJoCo.\n"
         )
 
     def _create_variant_markdown_description(self) -> str:

@@ -30,6 +30,7 @@ from clutter_env.scene.household import as_household
 from clutter_env.scene.layout import LAYOUTS, TABLE, Layout
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.control import STILL, ControlState, checked_action, checked_vector
+from clutter_env.simulation.pressing import REMEMBERED, Pressing
 from clutter_env.simulation.robot_check import check_robot
 from clutter_env.simulation.saved_state import (
     Fields,
@@ -48,7 +49,7 @@ if TYPE_CHECKING:
 
 _BASE, _TWIST = 3, 6
 """Numbers of an "ee" action before the gripper's: base velocity, TCP velocity."""
-_MEMORY = ("task", "monitor", "grip", "furniture_force", "target", "velocity", "fingers", "end_effector", "rng")
+_MEMORY = ("task", "monitor", "grip", "pressing", "target", "velocity", "fingers", "end_effector", "rng")
 """Entries of a saved state's memory: what task, success monitor, controller and environment remember besides the
 physics."""
 _PICKLED = ("spec", "action_space", "observation_space", "_np_random", "_np_random_seed")
@@ -258,6 +259,12 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         return self._info()
 
     @property
+    def is_gentle(self) -> bool:
+        """Whether the robot has pressed hard on nothing since the reset; raises ActionError before it."""
+        self.check_started("is_gentle")
+        return self._monitor.is_gentle
+
+    @property
     def observation_layout(self) -> Mapping[str, EntryLayout]:
         """Slices and columns of the observation's entries, by name; see `observation_layout`."""
         return self._observer.layout
@@ -358,7 +365,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             "task": self._memory(),
             "monitor": self._monitor.memory(),
             "grip": asdict(self.measurements.grip),
-            "furniture_force": self.world.furniture_force,
+            "pressing": [self.world.on_furniture.memory(), self.world.on_itself.memory()],
             "target": control.target.tolist(),
             "velocity": control.velocity.tolist(),
             "fingers": control.fingers,
@@ -406,12 +413,13 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             is_carried=tuple(gripped.flags("is_carried", grippers).tolist()),
             is_touching=bool(gripped.flags("is_touching")),
         )
-        furniture_force = float(memory.numbers("furniture_force", (), 0.0))
+        pressing = memory.numbers("pressing", (2, REMEMBERED), 0.0).tolist()
         check_generator(self.np_random, memory["rng"])
         watched = checked_memory(memory["monitor"], scene.num_objects, grippers)
         bookkeeping = self._read_memory(memory["task"], scene)
         restore_physics(world, scene, physics)  # the last that may refuse the state
-        self.world, world.furniture_force = world, furniture_force
+        self.world = world
+        world.on_furniture, world.on_itself = map(Pressing.recall, pressing)
         world.controller.state = control
         if arm:
             arm.wanted, arm.failures = wanted_tcp.tolist(), ik_failures
@@ -557,7 +565,11 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             "num_fallen": monitor.num_fallen,
             "num_disturbed": monitor.num_disturbed,
             "num_cleared": monitor.num_cleared,
-            "furniture_force": self.world.furniture_force,
+            "furniture_force": self.world.on_furniture.force,
+            "furniture_impulse": self.world.on_furniture.impulse,
+            "self_force": self.world.on_itself.force,
+            "self_impulse": self.world.on_itself.impulse,
+            "total_path": monitor.total_path,
             "unstable": self.world.is_unstable,
             "ik_failures": self._end_effector.failures if self._end_effector else 0,
             **self._rendering.calibration(self.perceived),

@@ -70,7 +70,10 @@ class RetrieveEnv(ClutterTaskEnv):
     - `is_success`, `lifted` (bool): the task is done; the target is lifted, whatever else has happened.
     - `target`, `held` (str): names of the target and of what is held, "" without it.
     - `num_fallen`, `num_disturbed`, `num_cleared` (int): numbers of objects since reset.
-    - `furniture_force` (float): [N] largest force of the robot on furniture since reset.
+    - `furniture_force`, `self_force` (float): [N] largest mean force over 0.1 s of the robot, or of what it moves, on
+      furniture; of the robot on itself and on the ground.
+    - `furniture_impulse`, `self_impulse` (float): [N s] largest impulse of these forces beyond 50 N.
+    - `total_path` (float): [m] moved by all objects but the target, while not carried.
     - `unstable` (bool): MuJoCo has warned since reset; the episode is truncated.
     - `ik_failures` (int): failures of differential inverse kinematics since reset, 0 in "joint" mode.
 

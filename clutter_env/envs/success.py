@@ -1,23 +1,25 @@
 """Success of the retrieval task: has the target been lifted, and was everything else left alone?
 
-An object may travel only in the air, in the gripper. It is held while both fingers press on it from opposite sides, and
-carried while it is held and has touched nothing else in any part of the control step. What counts, for each object and
-since reset:
+An object may travel only in the air, in the gripper. It is held while both fingers press on it from opposite sides and
+can carry it. It is carried while it is held, nothing else bears it, and nothing lies on it, in any part of the control
+step; it may brush against what stands beside it. What counts, for each object and since reset:
 
 - fallen: it has toppled or left its support, and is not carried. A lying cylinder has toppled when it stands up.
 - disturbed: the path that it has moved while not carried is longer than `DISTURBED_PATH`. The path is measured in
-  chords of `CHORD`: a motion counts when it ends `CHORD` away from where the last chord ended. Jitter of an object at
-  rest stays within one chord and never adds up; slow nudging does. A chord that has begun counts as it is when the
-  object is lifted, and the next one begins where it was last carried.
+  chords: a motion counts when it ends one chord away from where the last chord ended. Jitter of an object at rest
+  stays within one `CHORD` and never adds up, slow nudging does. Chords of what the robot moves are `FINE_CHORD` long. A
+  chord that has begun counts as it is when the object is lifted, and the next one begins where it was last carried.
 - cleared: it has been held, moved by more than `DISTURBED_PATH` and put down, and has neither fallen nor been
   disturbed.
 
-Neither may the robot press on the furniture with more than `FURNITURE_FORCE`.
+The paths of all objects together, those that the goal names apart, have the limit `TOTAL_PATH`. Neither may the robot,
+or what it moves, press hard on the furniture, on the robot or on the ground: see `simulation.pressing`.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -38,14 +40,13 @@ HOLD_STEPS = round(HOLD_TIME * CONTROL_HZ)
 
 DISTURBED_PATH = 0.05
 """[m] An object that has moved farther while not in hand is disturbed."""
-CHORD = 0.005
-"""[m] Length of the chords in which a path is measured; far above the jitter and creep of objects at rest."""
+TOTAL_PATH = 0.10
+"""[m] Sum of the paths of all objects that the goal does not name, at most: a row of them is not shoved aside."""
+CHORD, FINE_CHORD = 0.005, 0.0005
+"""[m] Length of the chords in which a path is measured, far above the jitter and creep of objects at rest; and of an
+object that the robot touches, itself or through others, where a to and fro within one chord would count nothing."""
 RELEASE_STEPS = 2
 """Control steps in which it is not held after which an object is put down; a single one is contact noise."""
-
-FURNITURE_FORCE = 50.0
-"""[N] A robot that presses harder on the furniture is stopped by its protective controller, or moves the table: 50 N
-slide a light table of 10 kg on a smooth floor."""
 
 UPRIGHT = 0.9
 """Cosine of the largest tilt of an object that still is as it was placed."""
@@ -77,12 +78,14 @@ class SuccessMonitor:
         num_disturbed: number of objects that have been disturbed since reset.
         num_cleared: number of objects that have been cleared since reset, the target not counted.
         newly_disturbed: number of objects that were disturbed or fell in the last control step and never before.
+        named: slots of the objects that the goal names; their paths are no part of `total_path`.
     """
 
     def __init__(self, world: World, measurements: Measurements, target: int) -> None:
         """Begin with the first state of an episode; `target` is the target's slot, -1 without one."""
         count = len(measurements.poses)
         self._world, self._target = world, target
+        self.named: Collection[int] = {target} - {-1}
         self._chord_starts: Array = measurements.poses[:, :3].copy()
         self._paths: Array = np.zeros(count)
         self._is_fallen = np.zeros(count, dtype=np.bool_)
@@ -100,8 +103,18 @@ class SuccessMonitor:
 
     @property
     def is_clean(self) -> bool:
-        """No object has fallen or been disturbed since reset, and the robot has not pressed hard on the furniture."""
-        return not self._num_spoilt and self._world.furniture_force <= FURNITURE_FORCE
+        """Nothing has fallen or been disturbed since reset, nor has the robot pressed hard on furniture or itself."""
+        return not self._num_spoilt and self.total_path <= TOTAL_PATH and self.is_gentle
+
+    @property
+    def is_gentle(self) -> bool:
+        """The robot has not pressed hard on furniture, on itself or on the ground."""
+        return self._world.on_furniture.is_gentle and self._world.on_itself.is_gentle
+
+    @property
+    def total_path(self) -> float:
+        """[m] Sum of the paths of the objects that the goal does not name, while they were not carried."""
+        return math.fsum(path for slot, path in enumerate(self._paths.tolist()) if slot not in self.named)
 
     def update(self, measurements: Measurements) -> None:
         """Take into account what was measured after one more control step.
@@ -119,7 +132,12 @@ class SuccessMonitor:
         offsets = positions - self._chord_starts
         offsets *= offsets
         squared = offsets[:, 0] + offsets[:, 1] + offsets[:, 2]
-        is_chord = squared > self._chord_squared
+        longest = self._chord_squared
+        if measurements.moved:
+            longest = longest.copy()
+            moved = list(measurements.moved)
+            longest[moved] = np.where(np.isinf(longest[moved]), np.inf, np.minimum(longest[moved], FINE_CHORD**2))
+        is_chord = squared > longest
         for slot in carried:
             is_chord[slot] = slot not in last.grip.carried and squared[slot] > 0
         if np.count_nonzero(is_chord):

@@ -38,7 +38,10 @@ class Score:
         sim_s: simulated time [s].
         moved: number of objects other than the target that ended elsewhere; see `MOVED`.
         cleared, disturbed, fallen: numbers of objects, see `clutter_env.envs`.
-        furniture_force: the robot's largest force on the furniture [N].
+        furniture_force, self_force: the robot's largest mean force over 0.1 s on the furniture, and on itself and the
+            ground [N].
+        furniture_impulse, self_impulse: its largest impulse beyond 50 N on these [N s].
+        total_path: moved by all objects that the goal does not name, while not carried [m].
         skills, refused: numbers of skills tried, and of those that the motion layer refused; 0 for policies that do not
             act by skills.
         failure: "" for success, else why not.
@@ -55,6 +58,10 @@ class Score:
     disturbed: int
     fallen: int
     furniture_force: float
+    self_force: float
+    furniture_impulse: float
+    self_impulse: float
+    total_path: float
     skills: int
     refused: int
     failure: str
@@ -66,7 +73,8 @@ class Score:
     @classmethod
     def of_crash(cls, seed: int, cause: str) -> Score:
         """The score of a policy that raised an exception: a failed episode."""
-        return cls(seed, False, False, 0, 0.0, 0, 0, 0, 0, 0.0, 0, 0, f"{cls.CRASHED}{one_line(cause)}", 0.0)
+        forces = (0.0, 0.0, 0.0, 0.0)
+        return cls(seed, False, False, 0, 0.0, 0, 0, 0, 0, *forces, 0.0, 0, 0, f"{cls.CRASHED}{one_line(cause)}", 0.0)
 
     @property
     def is_crash(self) -> bool:
@@ -139,7 +147,8 @@ def play_scene(
         cleared=int(info["num_cleared"]),
         disturbed=int(info["num_disturbed"]),
         fallen=int(info["num_fallen"]),
-        furniture_force=float(info["furniture_force"]),
+        **{name: float(info[name]) for name in ("furniture_force", "self_force", "furniture_impulse", "self_impulse")},
+        total_path=float(info["total_path"]),
         skills=steps if physics_env is not env.unwrapped else 0,
         refused=int(info.get("num_refused", 0)),
         failure=failure,

@@ -53,7 +53,9 @@ class Row:
         moved_per_floor: number of objects moved, divided by the lower bound, over the scenes that the policy solved
             and whose lower bound is proved and at least 1; NaN for Rearrange.
         moved, cleared, disturbed, fallen: numbers of objects, over all episodes.
-        furniture_force: the robot's largest force on the furniture in an episode [N], over all episodes.
+        furniture_force, self_force: the robot's largest mean force over 0.1 s in an episode, on the furniture, and on
+            itself and the ground [N], over all episodes.
+        total_path: moved by all objects that the goal does not name, while not carried [m], over all episodes.
         refused: number of skills refused by the motion layer, over all episodes.
         steps: of the environment.
         sim_s: simulated time [s].
@@ -75,6 +77,8 @@ class Row:
     disturbed: Interval
     fallen: Interval
     furniture_force: Interval
+    self_force: Interval
+    total_path: Interval
     refused: Interval
     steps: Interval
     sim_s: Interval
@@ -82,7 +86,19 @@ class Row:
     failures: Mapping[str, int]
 
 
-_MEANS = ("moved", "cleared", "disturbed", "fallen", "furniture_force", "refused", "steps", "sim_s", "wall_s")
+_MEANS = (
+    "moved",
+    "cleared",
+    "disturbed",
+    "fallen",
+    "furniture_force",
+    "self_force",
+    "total_path",
+    "refused",
+    "steps",
+    "sim_s",
+    "wall_s",
+)
 
 
 def summarise(policy: str, evaluations: Sequence[Evaluation], seed: int = 0) -> Row:
@@ -163,9 +179,29 @@ def results(evaluation: Evaluation) -> dict[str, Any]:
 
 def markdown(rows: Sequence[Row]) -> str:
     """The main table. Steps are of the environment: skills where a policy acts by skills."""
-    means = {"disturbed": 2, "fallen": 2, "furniture_force": 0, "refused": 2, "steps": 0, "sim_s": 1, "wall_s": 1}
+    means = {
+        "disturbed": 2,
+        "fallen": 2,
+        "furniture_force": 0,
+        "self_force": 0,
+        "total_path": 3,
+        "refused": 2,
+        "steps": 0,
+    }
+    means |= {"sim_s": 1, "wall_s": 1}
     head = ["scenes", "policy", "track", "runs × scenes", "clean success", "lifted", "moved / lower bound"]
-    head += ["disturbed", "fallen", "furniture N", "refused", "steps", "sim s", "wall s", "failures"]
+    head += [
+        "disturbed",
+        "fallen",
+        "furniture N",
+        "self N",
+        "path m",
+        "refused",
+        "steps",
+        "sim s",
+        "wall s",
+        "failures",
+    ]
     cells = []
     for row in rows:
         played = f"{row.runs} × {row.episodes // max(row.runs, 1)}"

@@ -35,8 +35,8 @@ _OBJECT_CONTACT: dict[str, Any] = {
     "friction": (0.8, 0.005, 0.0005),
     "solref": (0.01, 1.0),
 }
-"""An object's friction is that of its contacts. Of two geoms with equal priorities MuJoCo takes the larger friction, and
-that of furniture and fingers is less than any object's: 0.2, of a smooth board, and none."""
+"""An object's friction is that of its contacts. Of two geoms with equal priorities MuJoCo takes the larger friction.
+That of furniture is 0.2, of a smooth board, and the fingers have none of their own."""
 _PAD_CONTACT: dict[str, Any] = {
     "condim": 4,
     "priority": 1,

@@ -22,20 +22,26 @@ from clutter_env.config import PHYSICS_STEPS
 from clutter_env.scene.household import KINDS, HouseholdScene
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout, lowest_support
 from clutter_env.scene.table_scene import TableScene, object_name
+from clutter_env.simulation.contacts import ContactReader, Contacts
 from clutter_env.simulation.control import SEGMENTS, JointController
 from clutter_env.simulation.model import ModelIndex, compile_model
+from clutter_env.simulation.pressing import Pressing
 
 TOPPLED_ANGLE = math.radians(45.0)
 """[rad] An object has toppled if its axis leans farther from the vertical, a lying cylinder's from the horizontal."""
 _UPRIGHT = 0.0, (1 - math.cos(TOPPLED_ANGLE)) / 2
 _LYING = 0.5, math.sin(TOPPLED_ANGLE) / 2
 """qx² + qy² = (1 - cos tilt) / 2 of an object as it was placed, and its change beyond which the object has toppled."""
-LEAST_GRIP_FORCE = 1.0
-"""[N] with which each finger must press on an object that is held: half the weight of 0.2 kg."""
+LEAST_GRIP = 0.5
+"""Share of its weight that the fingers can carry, at least, of an object that is held. An object in the air whose
+fingers cannot carry all of it slips at once; less than the whole allows for what shakes while it moves."""
 _OPPOSITE = -math.sqrt(0.5)
 """Cosine of the angle between the fingers' forces on an object that is held, at most: 45° from opposite."""
-_ROBOT, _FURNITURE, _OBJECT = 1, 4, 16
-"""Kinds of geoms. Two of them in contact have a sum that no other two have."""
+_LATERAL = math.sqrt(0.5)
+"""Vertical part of the normal of a contact that carries nothing, at most: 45° from the horizontal. What an object
+brushes against neither bears it nor rides on it."""
+_GRAVITY = 9.81
+"""[m/s²]"""
 _AWAKE = -(1 + int(mujoco.mjMINAWAKE))
 """Entry of `tree_asleep` of a body that has just moved."""
 _FALLEN_BELOW = 0.01
@@ -53,8 +59,9 @@ class Grip:
     """What the grippers do, that of the active arm first.
 
     Attributes:
-        held: slot of the object that both fingers press from opposite sides, -1 for none.
-        is_carried: whether it has touched nothing but the gripper, in any part of the control step.
+        held: slot of the object that both fingers press from opposite sides and can carry, -1 for none.
+        is_carried: whether nothing but the gripper has borne it and nothing has lain on it, in any part of the control
+            step.
         is_touching: whether any finger touches anything.
     """
 
@@ -82,12 +89,15 @@ class Measurements:
         is_fallen: (n,) whether each has toppled or is off the table.
         is_off: (n,) whether each is below the lowest support: the table top, unless the layout has a lower one.
         grip: what the grippers hold and touch.
+        moved: slots of the objects that the robot has touched in any part of the control step, itself or through other
+            objects.
     """
 
     poses: NDArray[np.float64]
     is_fallen: NDArray[np.bool_]
     is_off: NDArray[np.bool_]
     grip: Grip
+    moved: frozenset[int] = frozenset()
 
     @property
     def held(self) -> int:
@@ -112,7 +122,12 @@ class Mark(NamedTuple):
 
 
 class World:
-    """Physics of one robot, one table and a fixed number of objects; `reset` applies a scene to it."""
+    """Physics of one robot, one table and a fixed number of objects; `reset` applies a scene to it.
+
+    Attributes:
+        on_furniture: how hard the robot, and what it moves, has pressed on furniture since the reset.
+        on_itself: how hard it has pressed on itself and on the ground.
+    """
 
     scene: TableScene
     """That of the episode; there is none before the first."""
@@ -133,14 +148,12 @@ class World:
         self.index = ModelIndex.of(self.model, robot, len(shapes))
         self.controller = JointController(self.model, self.index, robot)
         self.names = tuple(object_name(slot) for slot in range(len(shapes)))
-        self._slot_of_geom = [-1] * self.model.ngeom  # of what is no object
-        self._slot_of_geom[self.index.object_geoms] = self.index.geom_slots.tolist()
+        self._reader = ContactReader(self.model, self.index)
         self._colours = self.model.geom_rgba[self.index.object_geoms].copy()  # of household objects
         self._grip_command = _full_grip(self.model, self.index) if KINDS.keys() & set(shapes) else 0.0
-        self._kinds = self._kinds_of_geoms()
-        self._grippers = [self._gripper_geoms(pads) for pads in self.index.finger_geoms]
         self._pads = {pad for pads in self.index.finger_geoms for pad in pads}
-        self._empty_grip = Grip((-1,) * len(self._grippers), (False,) * len(self._grippers), False)
+        grippers = len(self.index.finger_geoms)
+        self._empty_grip = Grip((-1,) * grippers, (False,) * grippers, False)
         self._robot_tree = int(self.model.body_treeid[self.index.base_body])
         self._warnings = self.data.warning.number
         self._home = self.model.qpos0.copy()
@@ -148,8 +161,9 @@ class World:
         self._home[self.index.finger_qpos[:2]] = robot.max_finger_position
         self._home[self.index.still_qpos] = robot.still_configuration
         self._home = self._home[: self.index.object_qpos.start]
-        self.furniture_force = 0.0
-        self._contacts: list[list[list[int]]] = []  # pairs of geoms after each part of the last control step
+        self.on_furniture, self.on_itself = Pressing(), Pressing()
+        self._contacts: list[Contacts] = []  # after each part of the last control step
+        self._supports: list[set[tuple[int, int]]] = []  # likewise: see `_supported`
         self.marks: tuple[Mark, ...] = ()
         self._last: tuple[bytes, Measurements] | None = None
 
@@ -161,6 +175,7 @@ class World:
     def apply_scene(self, scene: TableScene) -> None:
         """Give the model's objects the sizes, masses, colours and start poses of `scene`; the data do not change."""
         self.scene, self.marks, self._last = scene, (), None
+        self._reader.forget()
         self._placed_tilt, self._toppled_change = np.where(scene.is_lying, np.array([_LYING]).T, np.array([_UPRIGHT]).T)
         model, index = self.model, self.index
         if not scene.num_objects:
@@ -188,8 +203,8 @@ class World:
         data.qpos[: index.object_qpos.start] = self._home
         data.qpos[index.drive_qpos[:3]] = scene.base
         self.controller.reset(data)
-        self.furniture_force = 0.0
-        self._contacts = []
+        self.on_furniture, self.on_itself = Pressing(), Pressing()
+        self._contacts, self._supports = [], []
         mujoco.mj_forward(model, data)
 
     @property
@@ -218,33 +233,34 @@ class World:
         model, data, grip = self.model, self.data, measurements.grip
         for coupling in self.index.finger_couplings:
             data.eq_active[coupling] = grip.is_touching
-        self._contacts, ctrl = [], data.ctrl
+        self._contacts, self._supports, ctrl = [], [], data.ctrl
         for command in self.controller.advance(data, velocity, grips, grip.is_holding, head):
             ctrl[:] = command
             if self._grip_command:  # thin walls are held with all the force of the fingers
                 for actuator in self.index.finger_actuators:
                     ctrl[actuator] = ctrl[actuator] or self._grip_command
-            mujoco.mj_step(model, data, nstep=PHYSICS_STEPS // SEGMENTS)
+            for _ in range(PHYSICS_STEPS // SEGMENTS):
+                mujoco.mj_step(model, data)
+                contacts = self._reader.read(data)
+                self.on_furniture.add(self._reader.furniture_force(data, contacts))
+                self.on_itself.add(self._reader.self_force(data, contacts))
             if data.ncon:
-                self._watch_contacts()
+                self._note(contacts)
         # A physics step leaves body and site poses at the positions from which it started.
         mujoco.mj_kinematics(model, data)
-        return self.measure_objects(self._measure_grip(self._contacts[-1] if data.ncon else []))
+        moved = frozenset().union(*(contacts.moved for contacts in self._contacts))
+        return self.measure_objects(self._measure_grip(self._reader.read(data)), moved)
 
-    def _watch_contacts(self) -> None:
-        """Note the robot's force on furniture, and keep awake what the robot touches, with all that lies on it.
+    def _note(self, contacts: Contacts) -> None:
+        """Note the contacts of a part of the control step, and keep awake what the robot touches.
 
-        An object at rest in the gripper or on the arm is about to sleep; asleep it would stay in the air when the robot
-        lets go of it.
+        An object at rest in the gripper or on the arm is about to sleep, with all that lies on it; asleep it would stay
+        in the air when the robot lets go of it.
         """
-        data, kind_of, pairs = self.data, self._kinds, self.data.contact.geom.tolist()
-        self._contacts.append(pairs)
-        kinds = [kind_of[one] + kind_of[other] for one, other in pairs]  # faster than arrays of so few contacts
-        if _ROBOT + _FURNITURE in kinds:
-            forces, rows = data.efc_force, data.contact.efc_address.tolist()  # -1 where the solver has none
-            pressing = [row for row, kind in zip(rows, kinds, strict=True) if kind == _ROBOT + _FURNITURE and row >= 0]
-            self.furniture_force = max(self.furniture_force, sum(forces[row].item() for row in pressing))
-        if _ROBOT + _OBJECT in kinds:
+        data = self.data
+        self._contacts.append(contacts)
+        self._supports.append(self._supported(contacts))
+        if contacts.moved:
             islands, asleep = data.tree_island.tolist(), data.tree_asleep
             island = islands[self._robot_tree]
             for tree, (its_island, state) in enumerate(zip(islands, asleep.tolist(), strict=True)):
@@ -254,23 +270,21 @@ class World:
     @property
     def touched(self) -> set[int]:
         """Slots of the objects that the robot has touched in any part of the last control step."""
-        kind_of, slot_of = self._kinds, self._slot_of_geom
-        pairs = (pair for part in self._contacts for pair in part)
-        return {max(slot_of[a], slot_of[b]) for a, b in pairs if kind_of[a] + kind_of[b] == _ROBOT + _OBJECT}
+        return {slot for contacts in self._contacts for slot in contacts.touched}
 
     def measure(self) -> Measurements:
         """The present state of the objects."""
-        return self.measure_objects(self._measure_grip(self.data.contact.geom.tolist()))
+        return self.measure_objects(self._measure_grip(self._reader.read(self.data)))
 
-    def measure_objects(self, grip: Grip) -> Measurements:
-        """The present state of the objects, where it is known what the fingers hold and touch.
+    def measure_objects(self, grip: Grip, moved: frozenset[int] = frozenset()) -> Measurements:
+        """The present state of the objects, where it is known what the fingers hold, and what the robot has touched.
 
         It is the same object as the last time if nothing has changed, as in most steps while all objects sleep.
         """
         content = self.data.qpos[self.index.object_qpos].tobytes()
         if self._last is not None:
             before, last = self._last
-            if content == before and grip == last.grip:
+            if content == before and grip == last.grip and moved == last.moved:
                 return last
         poses = np.frombuffer(content).reshape(-1, 7)
         is_off = poses[:, 2] < self._fallen_below
@@ -278,7 +292,7 @@ class World:
         is_fallen = is_off | (np.abs(tilt[:, 0] + tilt[:, 1] - self._placed_tilt) > self._toppled_change)
         for slot in grip.carried:
             is_fallen[slot] = False
-        measurements = Measurements(poses, is_fallen, is_off, grip)
+        measurements = Measurements(poses, is_fallen, is_off, grip, moved)
         self._last = content, measurements
         return measurements
 
@@ -296,65 +310,67 @@ class World:
             side = half_x * math.sqrt(max(1 - down_z * down_z, 0.0))
         return height - side - half_z * abs(down_z)
 
-    def _measure_grip(self, pairs: list[list[int]]) -> Grip:
-        """What the grippers hold and touch, from the pairs of geoms in contact after the last physics step.
+    def _measure_grip(self, contacts: Contacts) -> Grip:
+        """What the grippers hold and touch, from the contacts of the last physics step.
 
-        Those after the other parts of the control step say whether what is held is carried: an object that vibrates in
-        the grip touches the table in between.
+        Those of the other parts of the control step say whether what is held is carried: an object that vibrates in the
+        grip stands on the table in between.
         """
-        at_pads = [pair for pair in pairs if pair[0] in self._pads or pair[1] in self._pads]
+        pairs, pads = contacts.pairs, self._pads
+        at_pads = [pair for pair in pairs if pair[0] in pads or pair[1] in pads]
         if not at_pads:
             return self._empty_grip
-        slot_of, held, is_carried = self._slot_of_geom, [], []
-        for pads, gripper in zip(self.index.finger_geoms, self._grippers, strict=True):
+        slot_of, held, is_carried = self._reader.slot_of, [], []
+        for number, pads_of in enumerate(self.index.finger_geoms):
             right, left = (
-                {max(slot_of[one], slot_of[other]) for one, other in at_pads if pad in (one, other)} for pad in pads
+                {max(slot_of[one], slot_of[other]) for one, other in at_pads if pad in (one, other)} for pad in pads_of
             )
             slot = next(
-                (slot for slot in sorted(right & left) if slot >= 0 and self._is_pressed(slot, pads, pairs)), -1
+                (slot for slot in sorted(right & left) if slot >= 0 and self._is_gripped(slot, pads_of, pairs)), -1
             )
             held.append(slot)
-            is_carried.append(slot >= 0 and all(self._touches_only(slot, gripper, pairs) for pairs in self._contacts))
+            is_carried.append(slot >= 0 and all((number, slot) not in supported for supported in self._supports))
         return Grip(tuple(held), tuple(is_carried), is_touching=True)
 
-    def _is_pressed(self, slot: int, pads: tuple[int, int], pairs: list[list[int]]) -> bool:
-        """Whether two pads press on an object from opposite sides."""
-        slot_of, contact, sizes = self._slot_of_geom, self.data.contact, self.data.efc_force
-        frames, rows, pressed = contact.frame, contact.efc_address.tolist(), [[0.0] * 3, [0.0] * 3]
+    def _is_gripped(self, slot: int, pads: tuple[int, int], pairs: list[list[int]]) -> bool:
+        """Whether two pads press on an object from opposite sides, and can carry it.
+
+        Each contact carries by the vertical part of its normal force and, across its normal, by friction.
+        """
+        slot_of, contact, sizes = self._reader.slot_of, self.data.contact, self.data.efc_force
+        frames, rows, frictions = contact.frame, contact.efc_address.tolist(), contact.friction
+        pressed, can_carry = [[0.0] * 3, [0.0] * 3], 0.0
         for number, ((one, other), row) in enumerate(zip(pairs, rows, strict=True)):
             is_second = slot_of[other] == slot
             pad = one if is_second else other
             if (is_second or slot_of[one] == slot) and pad in pads and row >= 0:  # -1 where the solver has none
                 force, on = sizes[row].item() * (1.0 if is_second else -1.0), pressed[pads.index(pad)]
-                for axis, share in enumerate(frames[number, :3].tolist()):  # the normal, towards the second geom
+                normal = frames[number, :3].tolist()  # towards the second geom
+                for axis, share in enumerate(normal):
                     on[axis] += share * force
+                level = math.sqrt(max(1.0 - normal[2] ** 2, 0.0))
+                can_carry += normal[2] * force + abs(force) * level * float(frictions[number, 0])
         right, left = (math.hypot(*force) for force in pressed)
         along = sum(one * other for one, other in zip(*pressed, strict=True))
-        return min(right, left) >= LEAST_GRIP_FORCE and along <= _OPPOSITE * right * left
+        weight = float(self.model.body_mass[self.index.object_bodies.start + slot]) * _GRAVITY
+        return right * left > 0.0 and along <= _OPPOSITE * right * left and can_carry >= LEAST_GRIP * weight
 
-    def _touches_only(self, slot: int, geoms: set[int], pairs: list[list[int]]) -> bool:
-        """Whether an object touches none but these geoms."""
-        slot_of = self._slot_of_geom
-        return all(
-            (slot_of[one] != slot or other in geoms) and (slot_of[other] != slot or one in geoms)
-            for one, other in pairs
-        )
+    def _supported(self, contacts: Contacts) -> set[tuple[int, int]]:
+        """Grippers and slots of objects at their pads that something else bears, or on which something lies.
 
-    def _gripper_geoms(self, pads: tuple[int, int]) -> set[int]:
-        """The geoms of both fingers and of the body that carries them."""
-        fingers = self.model.geom_bodyid[list(pads)]
-        bodies = {*fingers.tolist(), *self.model.body_parentid[fingers].tolist()}
-        return set(np.flatnonzero(np.isin(self.model.geom_bodyid, list(bodies))).tolist())
-
-    def _kinds_of_geoms(self) -> list[int]:
-        """The kind of each geom, 0 of the floor."""
-        model, root = self.model, self.model.body_rootid
-        kinds = np.zeros(model.ngeom, np.int8)
-        is_static = model.body_weldid[model.geom_bodyid] == 0
-        kinds[is_static & (model.geom_type != int(mujoco.mjtGeom.mjGEOM_PLANE))] = _FURNITURE
-        kinds[root[model.geom_bodyid] == root[self.index.base_body]] = _ROBOT
-        kinds[self.index.object_geoms] = _OBJECT
-        return kinds.tolist()
+        So does any contact with the rest of the robot, and with a second gripper.
+        """
+        slot_of, found = self._reader.slot_of, set[tuple[int, int]]()
+        normals: list[float] | None = None
+        for number, (gripper, slots) in enumerate(zip(self._reader.grippers, contacts.gripped, strict=True)):
+            for k, (one, other) in enumerate(contacts.pairs):
+                for slot, geom in ((slot_of[one], other), (slot_of[other], one)):
+                    if slot in slots and geom not in gripper:
+                        if normals is None:
+                            normals = np.abs(self.data.contact.frame[:, 2]).tolist()
+                        if normals[k] > _LATERAL or self._reader.is_robot(geom):
+                            found.add((number, slot))
+        return found
 
 
 def _full_grip(model: mujoco.MjModel, index: ModelIndex) -> float:

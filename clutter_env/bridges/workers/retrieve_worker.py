@@ -21,6 +21,7 @@ from clutter_env.simulation.control import STILL
 _POSE = ["x", "y", "z", "qw", "qx", "qy", "qz"]
 _VELOCITY = ["vx", "vy", "vz", "wx", "wy", "wz"]
 _SIZE = ["bb_x", "bb_y", "bb_z"]
+_PRESSING = ["furniture_force", "furniture_impulse", "self_force", "self_impulse"]
 
 
 class Worker:
@@ -48,7 +49,7 @@ class Worker:
                     *(f"vel_{name}" for name in drive),
                     *(f"command_{name}" for name in grippers),
                     *(f"tcp_{name}" for name in _POSE),
-                    *("lift", "hold_progress", "furniture_force"),
+                    *("lift", "hold_progress", *_PRESSING, "total_path"),
                 ],
                 "clutter_object": [*_POSE, *_VELOCITY, *_SIZE, "is_target", "is_box", "is_held", "is_fallen", "path"],
                 "clutter_furniture": [*_POSE, *_SIZE],
@@ -94,7 +95,7 @@ class Worker:
     def _state(self, saved: bool) -> dict[str, Any]:
         env, data, index, robot = self.env, self.env.data, self.env.world.index, self.env.robot
         monitor, measured, scene = env._monitor, env.measurements, env.world.scene
-        past = monitor.memory()
+        past, info = monitor.memory(), env.info
         fingers = data.qpos[index.finger_qpos].reshape(-1, 2).sum(axis=1) / 2
         commanded = np.array(env.world.controller.state.fingers)
         quaternion = np.empty(4)
@@ -117,11 +118,12 @@ class Worker:
             1 - commanded / robot.max_finger_position,
             data.site_xpos[index.tcp_site],
             quaternion,
-            (monitor.lift, min(monitor.steps_held / HOLD_STEPS, 1.0), env.world.furniture_force),
+            (monitor.lift, min(monitor.steps_held / HOLD_STEPS, 1.0)),
+            [info[name] for name in (*_PRESSING, "total_path")],
         )
         objects = dict(zip(env.object_names, np.column_stack(numbers).tolist(), strict=True))
         return {
             "state": {"clutter_robot": {"robot": np.concatenate(own).tolist()}, "clutter_object": objects},
-            "info": env.info,
+            "info": info,
             "saved": base64.b64encode(env.save_state()).decode() if saved else "",
         }

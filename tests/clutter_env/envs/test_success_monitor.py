@@ -1,4 +1,4 @@
-"""What the monitor counts: paths of objects that are not carried, falls, clearances, force on furniture."""
+"""What the monitor counts: paths of objects that are not carried, falls, clearances, pressing."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from clutter_env.envs.success import CHORD, FURNITURE_FORCE, RELEASE_STEPS, SuccessMonitor, checked_memory
+from clutter_env.envs.success import CHORD, RELEASE_STEPS, SuccessMonitor, checked_memory
 from clutter_env.errors import StateError
+from clutter_env.simulation.pressing import SUSTAINED_FORCE, Pressing
 from clutter_env.simulation.world import Grip, Measurements
 
 FREE, DRAGGED, CARRIED = range(3)
@@ -24,7 +25,9 @@ class Table:
         self.poses[:, 1] = 0.2 * np.arange(count)
         self.fallen = np.zeros(count, bool)
         self.held, self.is_carried = -1, False
-        self.world = SimpleNamespace(furniture_force=0.0)  # of a world, the monitor reads no more without a target
+        self.moved = frozenset[int]()
+        # Of a world, the monitor reads no more without a target.
+        self.world = SimpleNamespace(on_furniture=Pressing(), on_itself=Pressing())
         self.monitor = self.another_monitor()
 
     def another_monitor(self) -> SuccessMonitor:
@@ -32,7 +35,7 @@ class Table:
 
     def measurements(self) -> Measurements:
         grip = Grip((self.held,), (self.is_carried,), self.held >= 0)
-        return Measurements(self.poses.copy(), self.fallen.copy(), self.fallen & False, grip)
+        return Measurements(self.poses.copy(), self.fallen.copy(), self.fallen & False, grip, self.moved)
 
     def hand(self, state: int, slot: int = 0) -> None:
         """From now on the object in this slot is free, dragged or carried."""
@@ -78,7 +81,7 @@ def test_every_object_has_a_path_of_its_own() -> None:
     table = Table()
     for slot in range(3):
         table.step(slot, (0.004, 0, 0), 10)
-    assert table.monitor.is_clean
+    assert table.counts() == (0, 0, 0)
     for slot in (0, 2):
         table.step(slot, (0.004, 0, 0), 4)
     assert table.counts() == (0, 2, 0)
@@ -157,12 +160,38 @@ def test_an_object_that_the_gripper_loses_is_disturbed(lost: tuple[float, float,
     assert table.counts() == (0, 1, 0)
 
 
-def test_pressing_hard_on_the_furniture_is_not_clean() -> None:
+@pytest.mark.parametrize("where", ["on_furniture", "on_itself"])
+def test_pressing_hard_is_not_clean(where: str) -> None:
     table = Table()
-    table.world.furniture_force = FURNITURE_FORCE
+    pressing = getattr(table.world, where)
+    for _ in range(200):
+        pressing.add(SUSTAINED_FORCE)
     assert table.monitor.is_clean
-    table.world.furniture_force += 0.1
+    for _ in range(50):
+        pressing.add(SUSTAINED_FORCE + 0.1)
     assert not table.monitor.is_clean
+
+
+def test_a_row_of_objects_shoved_a_little_each_is_not_clean() -> None:
+    table = Table()
+    for slot in range(3):
+        table.step(slot, (0.004, 0, 0), 10)
+    assert table.counts() == (0, 0, 0)
+    assert table.monitor.total_path == pytest.approx(0.12, abs=0.01)
+    assert not table.monitor.is_clean
+    table.monitor.named = {0, 1, 2}
+    assert table.monitor.is_clean, "the goal is about these objects"
+
+
+def test_shaking_in_the_grip_adds_up() -> None:
+    table = Table()
+    for sign in (1, -1) * 30:
+        table.step(0, (sign * 0.002, 0, 0))
+    assert table.monitor.is_clean, "nothing touches it: it quivers"
+    table.moved = frozenset({0})
+    for sign in (1, -1) * 30:
+        table.step(0, (sign * 0.002, 0, 0))
+    assert table.counts() == (0, 1, 0)
 
 
 def test_a_memory_of_other_objects_is_refused() -> None:

@@ -1,0 +1,141 @@
+"""The contacts of a physics step: what the robot touches, and which forces are its own doing."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from clutter_env.simulation.model import ModelIndex
+
+_ROBOT, _FURNITURE, _OBJECT = 1, 4, 16
+"""Kinds of geoms; 0 of the ground. Two of them in contact have a sum that no other two have."""
+_GRAVITY = 9.81
+"""[m/s²]"""
+
+
+class Contacts(NamedTuple):
+    """The contacts of one physics step, sorted; numbers are indices into MuJoCo's list of contacts.
+
+    Attributes:
+        pairs: the two geoms of each contact.
+        of_robot: contacts of the robot with furniture.
+        of_moved: contacts with furniture of the objects that the robot moves: it touches them, or others that do.
+        of_self: contacts of the robot with itself and the ground, and of what it grips with the rest of the robot.
+        weight: [N] of the objects that the robot moves.
+        moved: their slots.
+        touched: slots of those that it touches itself.
+        gripped: slots of those that each gripper touches.
+    """
+
+    pairs: list[list[int]]
+    of_robot: list[int]
+    of_moved: list[int]
+    of_self: list[int]
+    weight: float
+    moved: frozenset[int]
+    touched: frozenset[int]
+    gripped: tuple[frozenset[int], ...]
+
+
+NO_CONTACTS = Contacts([], [], [], [], 0.0, frozenset(), frozenset(), ())
+
+
+class ContactReader:
+    """Sorts the contacts of a model's physics steps; most have those of the step before, which it remembers.
+
+    Attributes:
+        slot_of: slot of the object that each geom belongs to, -1 of what is no object.
+        grippers: the geoms of both fingers, and of the body that carries them, of each gripper.
+    """
+
+    def __init__(self, model: mujoco.MjModel, index: ModelIndex) -> None:
+        self._model, self._bodies = model, index.object_bodies
+        self.slot_of = [-1] * model.ngeom
+        self.slot_of[index.object_geoms] = index.geom_slots.tolist()
+        self.grippers = [_gripper_geoms(model, pads) for pads in index.finger_geoms]
+        self._kinds = _kinds_of_geoms(model, index)
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget the last contacts: the objects have got other masses."""
+        self._key, self._last = b"", NO_CONTACTS
+
+    def read(self, data: mujoco.MjData) -> Contacts:
+        """The contacts that the last physics step had."""
+        if not data.ncon:
+            return NO_CONTACTS
+        geoms = data.contact.geom
+        if (key := geoms.tobytes()) != self._key:
+            self._key, self._last = key, self._sort(geoms.tolist())
+        return self._last
+
+    def is_robot(self, geom: int) -> bool:
+        """Whether a geom is a part of the robot."""
+        return self._kinds[geom] == _ROBOT
+
+    def furniture_force(self, data: mujoco.MjData, contacts: Contacts) -> float:
+        """[N] with which the robot presses on furniture: itself, and beyond their weight the objects that it moves."""
+        force = _normal_force(data, contacts.of_robot)
+        if contacts.of_moved:
+            force += max(_normal_force(data, contacts.of_moved) - contacts.weight, 0.0)
+        return force
+
+    def self_force(self, data: mujoco.MjData, contacts: Contacts) -> float:
+        """[N] with which the robot presses on itself and on the ground."""
+        return _normal_force(data, contacts.of_self)
+
+    def _sort(self, pairs: list[list[int]]) -> Contacts:
+        kind_of, slot_of = self._kinds, self.slot_of
+        kinds = [kind_of[one] + kind_of[other] for one, other in pairs]  # faster than arrays of so few contacts
+        slots = [(slot_of[one], slot_of[other]) for one, other in pairs]
+        by_robot = [k for k, kind in enumerate(kinds) if kind == _ROBOT + _OBJECT]
+        touched = frozenset(max(slots[k]) for k in by_robot)
+        moved = set(touched)
+        neighbours = [slots[k] for k, kind in enumerate(kinds) if kind == 2 * _OBJECT]
+        while grown := {slot for pair in neighbours if not moved.isdisjoint(pair) for slot in pair} - moved:
+            moved |= grown
+        gripped = tuple(
+            frozenset(max(slots[k]) for k in by_robot if not gripper.isdisjoint(pairs[k])) for gripper in self.grippers
+        )
+        hands = list(zip(self.grippers, gripped, strict=True))
+        return Contacts(
+            pairs,
+            of_robot=[k for k, kind in enumerate(kinds) if kind == _ROBOT + _FURNITURE],
+            of_moved=[k for k, kind in enumerate(kinds) if kind == _OBJECT + _FURNITURE and max(slots[k]) in moved],
+            of_self=[
+                *(k for k, kind in enumerate(kinds) if kind in (2 * _ROBOT, _ROBOT)),
+                *(k for k in by_robot if any(max(slots[k]) in at and hand.isdisjoint(pairs[k]) for hand, at in hands)),
+            ],
+            weight=sum(float(self._model.body_mass[self._bodies.start + slot]) for slot in moved) * _GRAVITY,
+            moved=frozenset(moved),
+            touched=touched,
+            gripped=gripped,
+        )
+
+
+def _normal_force(data: mujoco.MjData, numbers: list[int]) -> float:
+    """[N] Sum of the normal forces of some contacts."""
+    if not numbers:
+        return 0.0
+    rows, forces = data.contact.efc_address[numbers].tolist(), data.efc_force
+    return sum(forces[row].item() for row in rows if row >= 0)  # -1 where the solver has none
+
+
+def _gripper_geoms(model: mujoco.MjModel, pads: tuple[int, int]) -> frozenset[int]:
+    """The geoms of both fingers and of the body that carries them."""
+    fingers = model.geom_bodyid[list(pads)]
+    bodies = {*fingers.tolist(), *model.body_parentid[fingers].tolist()}
+    return frozenset(np.flatnonzero(np.isin(model.geom_bodyid, list(bodies))).tolist())
+
+
+def _kinds_of_geoms(model: mujoco.MjModel, index: ModelIndex) -> list[int]:
+    """The kind of each geom."""
+    kinds: NDArray[np.int8] = np.zeros(model.ngeom, np.int8)
+    is_static = model.body_weldid[model.geom_bodyid] == 0
+    kinds[is_static & (model.geom_type != int(mujoco.mjtGeom.mjGEOM_PLANE))] = _FURNITURE
+    kinds[model.body_rootid[model.geom_bodyid] == model.body_rootid[index.base_body]] = _ROBOT
+    kinds[index.object_geoms] = _OBJECT
+    return kinds.tolist()
