@@ -56,7 +56,8 @@ class ContactReader:
         self.slot_of = [-1] * model.ngeom
         self.slot_of[index.object_geoms] = index.geom_slots.tolist()
         self.grippers = [_gripper_geoms(model, pads) for pads in index.finger_geoms]
-        self._kinds = _kinds_of_geoms(model, index)
+        self._kinds, self._force = _kinds_of_geoms(model, index), np.empty(6)
+        self._nothing_gripped = (frozenset[int](),) * len(self.grippers)
         self.forget()
 
     def forget(self) -> None:
@@ -78,50 +79,56 @@ class ContactReader:
 
     def furniture_force(self, data: mujoco.MjData, contacts: Contacts) -> float:
         """[N] with which the robot presses on furniture: itself, and beyond their weight the objects that it moves."""
-        force = _normal_force(data, contacts.of_robot)
+        force = self._normal_force(data, contacts.of_robot) if contacts.of_robot else 0.0
         if contacts.of_moved:
-            force += max(_normal_force(data, contacts.of_moved) - contacts.weight, 0.0)
+            force += max(self._normal_force(data, contacts.of_moved) - contacts.weight, 0.0)
         return force
 
     def self_force(self, data: mujoco.MjData, contacts: Contacts) -> float:
         """[N] with which the robot presses on itself and on the ground."""
-        return _normal_force(data, contacts.of_self)
+        return self._normal_force(data, contacts.of_self) if contacts.of_self else 0.0
+
+    def _normal_force(self, data: mujoco.MjData, numbers: list[int]) -> float:
+        """[N] Sum of the normal forces of some contacts."""
+        total, force = 0.0, self._force
+        for number in numbers:
+            mujoco.mj_contactForce(self._model, data, number, force)
+            total += force.item(0)
+        return total
 
     def _sort(self, pairs: list[list[int]]) -> Contacts:
-        kind_of, slot_of = self._kinds, self.slot_of
+        kind_of = self._kinds
         kinds = [kind_of[one] + kind_of[other] for one, other in pairs]  # faster than arrays of so few contacts
-        slots = [(slot_of[one], slot_of[other]) for one, other in pairs]
+        of_robot = [k for k, kind in enumerate(kinds) if kind == _ROBOT + _FURNITURE]
+        of_self = [k for k, kind in enumerate(kinds) if kind in (2 * _ROBOT, _ROBOT)]
+        if _ROBOT + _OBJECT not in kinds:
+            return Contacts(pairs, of_robot, [], of_self, 0.0, frozenset(), frozenset(), self._nothing_gripped)
+        slots = [max(self.slot_of[one], self.slot_of[other]) for one, other in pairs]
         by_robot = [k for k, kind in enumerate(kinds) if kind == _ROBOT + _OBJECT]
-        touched = frozenset(max(slots[k]) for k in by_robot)
-        moved = set(touched)
-        neighbours = [slots[k] for k, kind in enumerate(kinds) if kind == 2 * _OBJECT]
-        while grown := {slot for pair in neighbours if not moved.isdisjoint(pair) for slot in pair} - moved:
-            moved |= grown
+        touched = frozenset(slots[k] for k in by_robot)
+        moved = self._pushed_on(touched, [pair for pair, kind in zip(pairs, kinds, strict=True) if kind == 2 * _OBJECT])
         gripped = tuple(
-            frozenset(max(slots[k]) for k in by_robot if not gripper.isdisjoint(pairs[k])) for gripper in self.grippers
+            frozenset(slots[k] for k in by_robot if not gripper.isdisjoint(pairs[k])) for gripper in self.grippers
         )
-        hands = list(zip(self.grippers, gripped, strict=True))
+        for gripper, held in zip(self.grippers, gripped, strict=True):
+            of_self += [k for k in by_robot if slots[k] in held and gripper.isdisjoint(pairs[k])]
         return Contacts(
             pairs,
-            of_robot=[k for k, kind in enumerate(kinds) if kind == _ROBOT + _FURNITURE],
-            of_moved=[k for k, kind in enumerate(kinds) if kind == _OBJECT + _FURNITURE and max(slots[k]) in moved],
-            of_self=[
-                *(k for k, kind in enumerate(kinds) if kind in (2 * _ROBOT, _ROBOT)),
-                *(k for k in by_robot if any(max(slots[k]) in at and hand.isdisjoint(pairs[k]) for hand, at in hands)),
-            ],
+            of_robot,
+            of_moved=[k for k, kind in enumerate(kinds) if kind == _OBJECT + _FURNITURE and slots[k] in moved],
+            of_self=of_self,
             weight=sum(float(self._model.body_mass[self._bodies.start + slot]) for slot in moved) * _GRAVITY,
-            moved=frozenset(moved),
+            moved=moved,
             touched=touched,
             gripped=gripped,
         )
 
-
-def _normal_force(data: mujoco.MjData, numbers: list[int]) -> float:
-    """[N] Sum of the normal forces of some contacts."""
-    if not numbers:
-        return 0.0
-    rows, forces = data.contact.efc_address[numbers].tolist(), data.efc_force
-    return sum(forces[row].item() for row in rows if row >= 0)  # -1 where the solver has none
+    def _pushed_on(self, touched: frozenset[int], neighbours: list[list[int]]) -> frozenset[int]:
+        """Slots of the objects that are touched, and of those that touch them, however indirectly."""
+        pairs = [{self.slot_of[one], self.slot_of[other]} for one, other in neighbours]
+        while grown := {slot for pair in pairs if not touched.isdisjoint(pair) for slot in pair} - touched:
+            touched |= grown
+        return touched
 
 
 def _gripper_geoms(model: mujoco.MjModel, pads: tuple[int, int]) -> frozenset[int]:

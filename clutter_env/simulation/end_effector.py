@@ -1,7 +1,7 @@
 """End-effector control: TCP velocities become torso and arm velocities by differential inverse kinematics with mink.
 
 A step solves one quadratic programme of mink's: the TCP follows the wanted pose, weakly the joints keep to the home
-configuration, and the limits of position, velocity and acceleration bound every joint.
+configuration, the limits of position, velocity and acceleration bound every joint, and the robot keeps clear of itself.
 
 MuJoCo multiplies the matrices. NumPy's products go to a BLAS, and some NumPy functions to vector code, whose last bits
 differ between processors: recorded actions would not have the same result on another one.
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from assets import RobotSpec
 from clutter_env.simulation.control import CONTROL_STEP
+from clutter_env.simulation.self_avoidance import SelfAvoidance
 
 Vector = NDArray[np.float64]
 
@@ -70,7 +71,7 @@ class EndEffectorController:
         self._home, self._costs = np.array(robot.home), np.full(model.nv, _CONFIGURATION_COST)
         self._costs[0] = _TORSO_COST
         self._stiffness = self._costs**2
-        self._limit = _MotionLimit(robot)
+        self._limit, self._avoidance = _MotionLimit(robot), SelfAvoidance(model, robot)
         self._wanted = mink.SE3.identity().wxyz_xyz.copy()
         self.failures = 0
 
@@ -110,9 +111,13 @@ class EndEffectorController:
         mujoco.mju_normalize4(self._wanted[:4])
         self._frame_task.set_target(mink.SE3(self._wanted))
         q = self._configuration.q
+        lowest, highest = self._limit.bounds(q, qd)
+        near, approach = self._avoidance.inequalities(self._configuration.data, lowest, highest)
         # `mink.solve_ik` does the same, with copies and checks that take more than half of the whole.
         displacement, _, outcome, _ = daqp.solve(
-            *self._objective(q), *self._limit.inequalities(q, qd), primal_tol=_SOLVER_TOLERANCE
+            *self._objective(q),
+            *self._limit.inequalities(lowest, highest, near, approach),
+            primal_tol=_SOLVER_TOLERANCE,
         )
         if outcome <= 0:
             self.failures += 1
@@ -210,18 +215,30 @@ class _MotionLimit:
         """The configuration (1 + n,), clipped to the joint limits less a margin."""
         return np.minimum(np.maximum(q, self._first), self._last)
 
-    def inequalities(self, q: Vector, qd: Vector) -> tuple[NDArray[Any], ...]:
-        """Bounds on a step's displacement from `q` with the velocities `qd`, as DAQP takes them.
-
-        Rows (2 (1 + n), 1 + n), their upper and lower bounds and their kinds, each (2 (1 + n),).
-        """
+    def bounds(self, q: Vector, qd: Vector) -> tuple[Vector, Vector]:
+        """Lowest and highest displacement (1 + n,) of a step from `q` with the velocities `qd`."""
         # From these velocities, up and down, the joint can still stop within the distances to its limits.
         distances = np.maximum(self._ends - self._signs * q, 0.0)
         stopping = np.sqrt(self._half_squared + self._double * distances) - self._half
         up, down = np.minimum(stopping, self._fastest)
         lowest = np.maximum(qd - self._change, -down)
         highest = np.maximum(np.minimum(qd + self._change, up), lowest)
-        return self._rows, np.concatenate((highest, -lowest)) * CONTROL_STEP, self._no_bound, self._sense
+        return lowest * CONTROL_STEP, highest * CONTROL_STEP
+
+    def inequalities(self, lowest: Vector, highest: Vector, rows: Vector, most: Vector) -> tuple[NDArray[Any], ...]:
+        """Bounds on a step's displacement as DAQP takes them: those of `bounds`, and `rows` (k, 1 + n) times it.
+
+        Rows (2 (1 + n) + k, 1 + n), their upper and lower bounds and their kinds.
+        """
+        if not len(rows):
+            return self._rows, np.concatenate((highest, -lowest)), self._no_bound, self._sense
+        count = len(self._rows) + len(rows)
+        return (
+            np.concatenate((self._rows, rows)),
+            np.concatenate((highest, -lowest, most)),
+            np.full(count, -1e30),
+            np.zeros(count, c_int),
+        )
 
 
 def _turned(quaternion: Vector, turn: Vector) -> Vector:
@@ -242,10 +259,28 @@ def _rotation_between(start: Vector, end: Vector) -> Vector:
 
 
 def _arm_model(robot: RobotSpec) -> mujoco.MjModel:
-    """The robot alone, its base, head and fingers fixed: q is torso and arm, as in `RobotSpec`."""
+    """The robot alone, its base, head, idle arms and fingers fixed: q is torso and arm, as in `RobotSpec`."""
     spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
+    for name, position in zip(robot.still_joints, robot.still_configuration, strict=True):
+        _hold(spec.joint(name), position)
     for part in [*spec.actuators, *spec.equalities]:
         spec.delete(part)
     for joint in (*robot.base_joints, *robot.still_joints, *robot.finger_joints):
         spec.delete(spec.joint(joint))
     return spec.compile()
+
+
+def _hold(joint: Any, position: float) -> None:
+    """Move a joint's body to where the joint has this position; the joint can then be deleted."""
+    body, turn, rotation = joint.parent, np.empty(4), np.empty(9)
+    axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
+    mujoco.mju_quat2Mat(rotation, body.quat)
+    if joint.type == mujoco.mjtJoint.mjJNT_SLIDE:
+        body.pos = body.pos + rotation.reshape(3, 3) @ axis * position
+        return
+    mujoco.mju_axisAngle2Quat(turn, axis, position)
+    swing, quaternion = np.empty(9), np.empty(4)
+    mujoco.mju_quat2Mat(swing, turn)
+    body.pos = body.pos + rotation.reshape(3, 3) @ (joint.pos - swing.reshape(3, 3) @ joint.pos)
+    mujoco.mju_mulQuat(quaternion, body.quat, turn)
+    body.quat = quaternion

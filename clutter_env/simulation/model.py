@@ -26,8 +26,8 @@ asleep."""
 _BITS = {"contype": 1, "conaffinity": 3}
 """Of furniture and objects."""
 _GROUND_BITS = {"contype": 1, "conaffinity": 3}
-_ROBOT_BITS = {"contype": 2, "conaffinity": 2}
-"""The robot meets itself too; what does not count there is excluded, body by body."""
+_ROBOT_CONTACT = {"contype": 2, "conaffinity": 2, "condim": 1}
+"""The robot meets itself too, without friction; what does not count there is excluded, body by body."""
 _FURNITURE_CONTACT: dict[str, Any] = {**_BITS, "priority": 1, "friction": (0.2, 0.005, 0.0001)}
 _OBJECT_CONTACT: dict[str, Any] = {
     **_BITS,
@@ -219,7 +219,8 @@ def _make_solid(spec: mujoco.MjSpec, robot: RobotSpec) -> None:
     model, contacts = spec.compile(), robot_contacts(robot)
     geoms = {geom.id: geom for geom in spec.geoms}
     for geom in (geoms[number] for number in contacts.solid.tolist()):
-        geom.contype, geom.conaffinity = _ROBOT_BITS["contype"], _ROBOT_BITS["conaffinity"]
+        for name, value in _ROBOT_CONTACT.items():
+            setattr(geom, name, value)
     for pad in (pad for pair in ActingJoints.of(robot).finger_geoms for pad in pair):
         for name, value in _PAD_CONTACT.items():
             setattr(spec.geom(pad), name, value)

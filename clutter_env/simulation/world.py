@@ -361,15 +361,14 @@ class World:
         So does any contact with the rest of the robot, and with a second gripper.
         """
         slot_of, found = self._reader.slot_of, set[tuple[int, int]]()
-        normals: list[float] | None = None
+        if not any(contacts.gripped):
+            return found
+        normals = np.abs(self.data.contact.frame[:, 2]).tolist()
         for number, (gripper, slots) in enumerate(zip(self._reader.grippers, contacts.gripped, strict=True)):
-            for k, (one, other) in enumerate(contacts.pairs):
+            for (one, other), normal in zip(contacts.pairs, normals, strict=True):
                 for slot, geom in ((slot_of[one], other), (slot_of[other], one)):
-                    if slot in slots and geom not in gripper:
-                        if normals is None:
-                            normals = np.abs(self.data.contact.frame[:, 2]).tolist()
-                        if normals[k] > _LATERAL or self._reader.is_robot(geom):
-                            found.add((number, slot))
+                    if slot in slots and geom not in gripper and (normal > _LATERAL or self._reader.is_robot(geom)):
+                        found.add((number, slot))
         return found
 
 
