@@ -36,7 +36,7 @@ class Levels:
         velocity: [rad/s], [m/s] of each joint velocity.
         observation_delay, action_delay: control steps.
         dropped: probability that a frame of the cameras is dropped; the last one is seen again.
-        friction: largest relative error of an object's and of the fingers' sliding friction, uniform.
+        friction: largest relative error of an object's sliding friction, in the hand as on the table, uniform.
         mass, size: the same of an object's mass and of its half extents.
     """
 
@@ -92,7 +92,7 @@ class Senses:
         known.reset(scene)
         sizes = 1 + rng.uniform(-1, 1, size) * self._level("size", "size")
         masses = 1 + rng.uniform(-1, 1, size) * self._level("mass", "mass")
-        frictions = 1 + rng.uniform(-1, 1, size + 1) * self._level("friction", "friction")
+        frictions = 1 + rng.uniform(-1, 1, size) * self._level("friction", "friction")
         shift, turn = rng.normal(size=(2, 3))
         self._shift, self._turn = shift * self._level("camera", "camera"), turn * self._level("camera", "camera_angle")
         drives = len(known.index.drive_qpos)
@@ -205,11 +205,9 @@ class Senses:
         self, model: mujoco.MjModel, known: mujoco.MjModel, world: World, frictions: NDArray[np.float64]
     ) -> None:
         """Give the true model this episode's friction and camera poses; every entry is written every time."""
-        pads = [pad for pads in world.index.finger_geoms for pad in pads]
         objects = world.index.object_geoms
         model.geom_friction[:, 0] = known.geom_friction[:, 0]
-        model.geom_friction[objects, 0] *= frictions[:-1][world.index.geom_slots]
-        model.geom_friction[pads, 0] *= frictions[-1]
+        model.geom_friction[objects, 0] *= frictions[world.index.geom_slots]
         model.cam_pos[:] = known.cam_pos + self._shift
         angle, turn = float(np.linalg.norm(self._turn)), np.array((1.0, 0.0, 0.0, 0.0))
         if angle > 0:

@@ -33,6 +33,9 @@ CERAMIC, STEEL, GLASS, CARDBOARD, WOOD, PLASTIC = (
     (0.62, 0.43, 0.26),
     (0.20, 0.45, 0.75),
 )
+ON_CERAMIC, ON_GLASS, ON_WOOD, ON_CARDBOARD, ON_METAL, ON_PLASTIC = 0.6, 0.5, 0.5, 0.5, 0.4, 0.4
+"""Coefficients of friction of dry surfaces on wood: brick 0.6, wood 0.25 to 0.5, metals 0.2 to 0.6 (CRC Handbook of
+Chemistry and Physics). Fingertips of rubber have no less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,21 +85,23 @@ class Kind:
     Attributes:
         name: what it is called.
         mass: [kg]
-        parts: what it consists of.
+        friction: coefficient of its contacts with furniture and fingers.
+        parts: its convex parts.
     """
 
     name: str
     mass: float
+    friction: float
     parts: tuple[Part, ...]
 
     @classmethod
-    def of(cls, name: str, mass: float, *parts: Part | Sequence[Part]) -> Kind:
+    def of(cls, name: str, mass: float, friction: float, *parts: Part | Sequence[Part]) -> Kind:
         """From parts in a frame that may be anywhere."""
         given = tuple(itertools.chain.from_iterable([part] if isinstance(part, Part) else part for part in parts))
         low = np.min([part.cloud[0].min(axis=0) - part.cloud[1] for part in given], axis=0)
         high = np.max([part.cloud[0].max(axis=0) + part.cloud[1] for part in given], axis=0)
         middle = (low + high) / 2
-        return cls(name, mass, tuple(replace(part, position=part.position - middle) for part in given))
+        return cls(name, mass, friction, tuple(replace(part, position=part.position - middle) for part in given))
 
     @cached_property
     def half_extents(self) -> Array:
@@ -215,14 +220,16 @@ _ALL = (
     Kind.of(
         "mug",
         0.32,
+        ON_CERAMIC,
         _upright(0.038, 0.0, 0.006, BLUE, 0.2),
         _wall((0.041, 0.0), (0.042, 0.095), 0.005, BLUE, 0.65),
         [_rod(0.005, *ends, BLUE, 0.05) for ends in _HANDLE],
     ),
-    Kind.of("packet", 0.20, _box((0.030, 0.045, 0.070), (0.0, 0.0, 0.070), CARDBOARD)),
+    Kind.of("packet", 0.20, ON_CARDBOARD, _box((0.030, 0.045, 0.070), (0.0, 0.0, 0.070), CARDBOARD)),
     Kind.of(
         "bottle",
         0.52,
+        ON_PLASTIC,
         _upright(0.033, 0.0, 0.135, GREEN, 0.85),
         _turned(((0.033, 0.135), (0.014, 0.175)), GREEN, 0.1),
         _upright(0.013, 0.17, 0.195, GREEN, 0.03),
@@ -231,18 +238,21 @@ _ALL = (
     Kind.of(
         "bowl",
         0.30,
+        ON_CERAMIC,
         _upright(0.035, 0.0, 0.005, CERAMIC, 0.16),
         *(_wall(low, high, 0.006, CERAMIC, 0.28) for low, high in itertools.pairwise(_BOWL)),
     ),
     Kind.of(
         "can",
         0.37,
+        ON_METAL,
         _upright(0.033, 0.004, 0.111, (0.93, 0.55, 0.12), 0.94),
         [_upright(0.0325, low, low + 0.004, STEEL, 0.03) for low in (0.0, 0.111)],
     ),
     Kind.of(
         "jar",
         0.45,
+        ON_GLASS,
         _upright(0.038, 0.0, 0.080, (0.45, 0.30, 0.52), 0.85),
         _upright(0.034, 0.08, 0.09, GLASS, 0.05),
         _upright(0.036, 0.090, 0.105, (0.85, 0.70, 0.20), 0.1),
@@ -250,18 +260,21 @@ _ALL = (
     Kind.of(
         "carton",
         0.55,
+        ON_CARDBOARD,
         _box((0.035, 0.035, 0.095), (0.0, 0.0, 0.095), (0.93, 0.95, 0.97), 0.95),
         _hull(_GABLE, SKY, 0.05),
     ),
-    Kind.of(  # flat where it stands, with a stalk
+    Kind.of(  # flat where it stands, with a stalk; a waxy skin, like smooth wood
         "apple",
         0.18,
+        ON_WOOD,
         _turned(_APPLE, (0.55, 0.70, 0.22), 0.99),
         _rod(0.0025, (0.0, 0.0, 0.034), (0.003, 0.0, 0.046), WOOD, 0.01),
     ),
     Kind.of(
         "glass",
         0.15,
+        ON_GLASS,
         _upright(0.034, 0.0, 0.005, GLASS, 0.35),
         _upright(0.005, 0.005, 0.086, GLASS, 0.15),
         _turned(((0.008, 0.085), (0.030, 0.105)), GLASS, 0.2),
@@ -270,12 +283,14 @@ _ALL = (
     Kind.of(  # lying, flat at its end
         "tube",
         0.12,
+        ON_PLASTIC,
         _hull(_TUBE + _TUBE_END, WHITE, 0.9),
         Part("cylinder", (0.014, 0.012), np.array((0.081, 0.0, 0.02)), PLASTIC, 0.1, _ALONG_X),
     ),
     Kind.of(
         "pan",
         0.60,
+        ON_METAL,
         _upright(0.070, 0.0, 0.005, BLACK, 0.5),
         _wall((0.070, 0.0), (0.080, 0.042), 0.005, BLACK, 0.35),
         _rod(0.009, (0.080, 0.0, 0.034), (0.190, 0.0, 0.046), WOOD, 0.15),
@@ -283,6 +298,7 @@ _ALL = (
     Kind.of(  # lying on the side of its head
         "hammer",
         0.45,
+        ON_WOOD,
         Part("cylinder", (0.013, 0.045), np.array((0.0, 0.0, 0.013)), STEEL, 0.7, _ALONG_Y),
         _box((0.100, 0.013, 0.009), (0.110, 0.0, 0.009), WOOD, 0.3),
     ),

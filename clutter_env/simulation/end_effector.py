@@ -40,6 +40,9 @@ _SOLVER_TOLERANCE = 1e-10
 _LIMIT_MARGIN = 1e-6
 """[rad], [m] The start of a solve is kept this far inside the joint limits."""
 
+_SOFT = 8
+"""DAQP's mark of an inequality that gives way where no displacement keeps all of them."""
+
 _TWIST = 6
 """Numbers of the TCP's twist."""
 _IDENTITY = np.eye(_TWIST)
@@ -232,12 +235,11 @@ class _MotionLimit:
         """
         if not len(rows):
             return self._rows, np.concatenate((highest, -lowest)), self._no_bound, self._sense
-        count = len(self._rows) + len(rows)
         return (
             np.concatenate((self._rows, rows)),
             np.concatenate((highest, -lowest, most)),
-            np.full(count, -1e30),
-            np.zeros(count, c_int),
+            np.full(len(self._rows) + len(rows), -1e30),
+            np.concatenate((self._sense, np.full(len(rows), _SOFT, c_int))),
         )
 
 

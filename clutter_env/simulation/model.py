@@ -347,7 +347,7 @@ def _add_parts(spec: mujoco.MjSpec, body: mujoco.MjsBody, kind: Kind) -> None:
             quat=part.quaternion,
             mass=kind.mass * part.weight / total,
             rgba=[*part.colour, 1.0],
-            **_OBJECT_CONTACT,
+            **{**_OBJECT_CONTACT, "friction": (kind.friction, *_OBJECT_CONTACT["friction"][1:])},
             **({"meshname": mesh} if part.shape == "hull" else {}),
         )
 

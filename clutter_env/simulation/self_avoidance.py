@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import math
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from assets import RobotSpec, robot_contacts
+from clutter_env.simulation.control import CONTROL_STEP
 
 Vector = NDArray[np.float64]
 
-_LOOK_AHEAD = 0.08
-"""[m] Shapes that are farther apart approach as they like: more than a full step of two of them."""
-_DISTANCE = 0.01
+_LOOK_AHEAD = 0.15
+"""[m] Shapes that are farther apart approach as they like: an arm at full speed stops within this distance."""
+_DISTANCE = 0.015
 """[m] that shapes keep: the motors lag behind their targets by up to half of it."""
-_APPROACH = 0.3
-"""Share of the distance left by which two shapes may approach in one step."""
+_BRAKING = 0.4
+"""Share of the joints' accelerations that is counted on for braking; the rest is left to the gripper's own path."""
 
 
 class SelfAvoidance:
@@ -27,7 +30,7 @@ class SelfAvoidance:
         first, second = self._pairs.T
         self._near = model.geom_rbound[first] + model.geom_rbound[second] + _LOOK_AHEAD
         self._near_squared = self._near**2
-        self._segment = np.empty(6)
+        self._segment, self._accelerations = np.empty(6), _BRAKING * np.array(robot.max_acceleration[3:])
         self._of_first, self._of_second = np.empty((2, 3, model.nv))
 
     def inequalities(self, data: mujoco.MjData, lowest: Vector, highest: Vector) -> tuple[Vector, Vector]:
@@ -47,7 +50,9 @@ class SelfAvoidance:
             if distance >= _LOOK_AHEAD:
                 continue
             row = self._approach(data, one, other, distance)
-            allowed = _APPROACH * max(distance - _DISTANCE, 0.0)
+            braking = mujoco.mju_dot(np.abs(row), self._accelerations) * CONTROL_STEP**2  # [m] a step, per step
+            left = max(distance - _DISTANCE, 0.0)
+            allowed = math.sqrt((braking / 2) ** 2 + 2 * braking * left) - braking / 2
             least = mujoco.mju_dot(np.minimum(row, 0.0), highest) + mujoco.mju_dot(np.maximum(row, 0.0), lowest)
             rows.append(row)
             bounds.append(max(allowed, least))

@@ -17,6 +17,8 @@ from tests.clutter_env.envs.side_grasp import CLOSED, OPEN, PRE_GRASP, SideGrasp
 RADIUS, HEIGHT = 0.03, 0.14
 LOW, MIDDLE = 0.055, 0.6 * HEIGHT
 """[m] of the gripper above the table: where a push does not topple, where an object is grasped."""
+TIP = 0.0235
+"""[m] by which the pads reach beyond the TCP."""
 TARGET, OTHER = 0, 1
 
 
@@ -185,6 +187,57 @@ def press_on_the_table(cheat: Cheat) -> None:
     cheat.leave()
 
 
+def press_with_what_is_held(cheat: Cheat) -> None:
+    """It is lifted a little and pressed on the table, with more than 50 N."""
+    cheat.grasp(OTHER)
+    cheat.reach(cheat.point + (0, 0, 0.02))
+    cheat.reach(cheat.point - (0, 0, 0.12))
+    cheat.reach(cheat.point + (0, 0, 0.10))
+    cheat.leave()
+
+
+def lean_on_the_table(cheat: Cheat) -> None:
+    """Closed fingers press on the table beside it for half a second, with 50 to 100 N."""
+    cheat.before(cheat.at(OTHER) + (0, 0.15, 0))
+    cheat.grip(CLOSED)
+    cheat.reach(cheat.point + (PRE_GRASP, 0, 0.02 - MIDDLE), speed=0.05)
+    while cheat.info["furniture_force"] < 55 and cheat.point[2] > TABLE_HEIGHT - 0.3:
+        cheat.point = cheat.point - (0, 0, 0.001)
+        cheat.step()
+    cheat.wait(0.5)
+    cheat.reach(cheat.point + (0, 0, 0.2))
+    cheat.leave()
+
+
+def drive_into_the_table(cheat: Cheat) -> None:
+    """The base drives against the table at full speed."""
+    start = cheat.base.copy()
+    cheat.drive_to(start + (1.2, 0, 0), speed=1.0)
+    cheat.drive_to(start)
+
+
+def shake_in_the_grip(cheat: Cheat) -> None:
+    """It is gripped and shaken to and fro on the table, by some 4 mm, 40 times."""
+    cheat.grasp(OTHER)
+    start = cheat.point.copy()
+    for i in range(80):
+        cheat.point = start + (0, 0.006 if i % 2 else -0.006, 0)
+        cheat.step()
+        cheat.step()
+    cheat.point = start
+    cheat.leave()
+
+
+def shove_a_row(cheat: Cheat) -> None:
+    """It and two others are shoved by 4 cm each."""
+    for slot in (OTHER, 2, 3):
+        there = cheat.at(slot, LOW)
+        cheat.before(there)
+        cheat.grip(CLOSED)
+        cheat.reach(there + (0.043 - TIP - RADIUS, 0.0, 0.0), speed=0.03)
+        cheat.leave()
+
+
 CHEATS: dict[str, Callable[[Cheat], None]] = {
     cheat.__name__: cheat
     for cheat in (
@@ -198,5 +251,10 @@ CHEATS: dict[str, Callable[[Cheat], None]] = {
         shove_with_what_is_held,
         topple_and_erect,
         press_on_the_table,
+        press_with_what_is_held,
+        lean_on_the_table,
+        drive_into_the_table,
+        shake_in_the_grip,
+        shove_a_row,
     )
 }

@@ -32,12 +32,12 @@ def test_an_object_that_is_carried_away_does_not_count_against_success() -> None
 
 @pytest.mark.parametrize("script", CHEATS.values(), ids=CHEATS)
 def test_a_target_that_is_lifted_after_a_cheat_is_no_clean_success(script: Callable[[Cheat], None]) -> None:
-    cheat = begin(cylinder(-0.18, -0.12), cylinder(-0.24, 0.2), cylinder(-0.24, 0.36))
+    cheat = begin(cylinder(-0.18, -0.12), cylinder(-0.24, 0.2), cylinder(-0.24, 0.36), cylinder(-0.24, 0.05))
     script(cheat)
     info = cheat.take_target()
     assert info["lifted"]
     assert not info["is_success"]
-    assert info["num_cleared"] == 0
+    assert info["num_cleared"] <= (script is CHEATS["shove_with_what_is_held"]), "what shoves is put down properly"
 
 
 def test_a_target_that_is_lifted_with_a_neighbour_is_no_success() -> None:
