@@ -14,7 +14,7 @@ from clutter_env.config import OBSTRUCTED, EnvConfig
 from clutter_env.envs.side_approaches import approaches_of
 from clutter_env.errors import OptionError, check_choice, check_integer, check_number
 from clutter_env.scene.layout import Layout
-from clutter_env.scene.obstruction import UNREACHABLE, count_blockers
+from clutter_env.scene.obstruction import UNREACHABLE, side_grasps
 from clutter_env.scene.random_scene import sample_base, sample_scene
 from clutter_env.scene.table_scene import TableScene, object_name
 
@@ -27,7 +27,8 @@ def draw_scene(rng: np.random.Generator, layout: Layout, config: EnvConfig, opti
 
     Raises:
         OptionError: see `explicit_scene`; there is no object of the wanted target's name; or `obstructed` is asked for
-            and the wanted target, or every object, can be grasped from the side.
+            and the wanted target, or every object, can be grasped from the side, or none of those that cannot can be
+            freed.
     """
     least = int(config.obstructed if options.obstructed is None else options.obstructed)
     if least:
@@ -46,14 +47,19 @@ def _draw_any(rng: np.random.Generator, layout: Layout, config: EnvConfig, optio
 def _draw_obstructed(
     rng: np.random.Generator, layout: Layout, config: EnvConfig, options: ResetOptions, least: int
 ) -> TableScene:
-    """A scene whose target has at least `least` objects in the way; random scenes are drawn until there is one."""
+    """A scene whose target has at least `least` objects in the way; random scenes are drawn until there is one.
+
+    A target that is drawn can be freed with side grasps, as far as `SideGrasps.can_be_freed` knows; a target that the
+    user names need not.
+    """
     if problem := config.obstruction_problem(least):
         raise OptionError(f"option 'obstructed': {problem}")
     robot, approaches = config.find_robot(), approaches_of(config.find_robot(), layout)
     is_random = options.objects is None and options.target is None
     for _ in range(MAX_DRAWS if is_random else 1):
         scene = _draw_any(rng, layout, config, options)
-        blockers = count_blockers(approaches, layout, scene, robot.max_opening)
+        grasps = side_grasps(approaches, layout, scene, robot.max_opening)
+        blockers = grasps.fewest_blockers()
         wanted = options.target_index(scene.num_objects)
         if wanted is not None and blockers[wanted] >= least:
             return scene.with_target(wanted)
@@ -62,11 +68,15 @@ def _draw_obstructed(
             if blockers[wanted] == UNREACHABLE:
                 reason = "no side grasp reaches it, whatever is moved"
             raise OptionError(f"option 'target': {options.target} is not obstructed: {reason}")
-        if len(obstructed := np.flatnonzero(blockers >= least)):
-            return scene.with_target(int(obstructed[rng.integers(len(obstructed))]))
+        obstructed = np.flatnonzero(blockers >= least).tolist()
+        while obstructed:
+            target = obstructed.pop(int(rng.integers(len(obstructed))))
+            if grasps.can_be_freed(target):
+                return scene.with_target(target)
     what = f"none of {MAX_DRAWS} random scenes has" if is_random else "the scene does not have"
     raise OptionError(
-        f"option 'obstructed': {what} a target with {least} or more objects in the way; ask for more objects"
+        f"option 'obstructed': {what} a target with {least} or more objects in the way that side grasps can free; "
+        "ask for more objects, or name the target"
     )
 
 
