@@ -139,8 +139,7 @@ class ResetOptions:
                 raise OptionError(f"option 'objects' must be a list of dictionaries, not {objects!r}")
             given["objects"] = tuple(objects)
         if "base" in given:
-            base = given["base"]
-            if not isinstance(base, Sequence | np.ndarray) or isinstance(base, str) or len(base) != 3:
+            if not _is_row(base := given["base"], 3):
                 raise OptionError(f"option 'base' must be x, y [m] and yaw [rad], not {base!r}")
             limits = (("m", POSITION_LIMITS), ("m", POSITION_LIMITS), ("rad", YAW_LIMITS))
             given["base"] = tuple(
@@ -228,8 +227,7 @@ def _parsed(index: int, entry: Mapping[str, Any], layout: Layout) -> dict[str, A
         half_x, half_y = (number(key, WIDTH_LIMITS, "m") / 2 for key in ("depth", "width"))
     else:
         half_x = half_y = number("radius", RADIUS_LIMITS, "m")
-    position = entry["position"]
-    if not isinstance(position, Sequence | np.ndarray) or isinstance(position, str) or len(position) != 2:
+    if not _is_row(position := entry["position"], 2):
         raise OptionError(f"{place}: position={position!r} must be (x, y) in metres on the table")
     row = check_integer(
         f"{place}, in layout {layout.name!r}: row", entry.get("row", 0), 0, len(layout.levels) - 1, OptionError
@@ -245,6 +243,14 @@ def _parsed(index: int, entry: Mapping[str, Any], layout: Layout) -> dict[str, A
         "is_lying": is_lying,
         "levels": layout.levels[row],
     }
+
+
+def _is_row(value: object, length: int) -> bool:
+    """Whether it is a sequence, or an array with one axis, of that length; text and bytes are none."""
+    if isinstance(value, np.ndarray):
+        return value.shape == (length,)
+    is_sequence = isinstance(value, Sequence) and not isinstance(value, str | bytes | bytearray | memoryview)
+    return is_sequence and len(value) == length
 
 
 def _outline(scene: TableScene, index: int) -> tuple[NDArray[np.float64], float]:

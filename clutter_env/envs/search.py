@@ -152,7 +152,7 @@ class SearchEnv(RetrieveEnv):
         checked = super()._check_options(options)
         if checked.obstructed:
             raise OptionError("option 'obstructed' is of Retrieve; targets of Search are hidden, see visible_fraction")
-        if any(entry.get("lying") for entry in checked.objects or ()):
+        if any(entry.get("lying") is True for entry in checked.objects or ()):
             raise OptionError("option 'objects': only upright cylinders and boxes can be searched for")
         return checked
 
