@@ -78,9 +78,9 @@ class Region:
                 object.__setattr__(self, name, float(getattr(self, name)))
             numbers = (*self.centre, *self.half_extents, self.yaw, self.drop)
             is_valid = np.isfinite(numbers).all() and min(self.half_extents) > 0 and self.drop >= 0
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             is_valid = False
-        if not is_valid or not _is_name(self.name):
+        if not is_valid or not _is_name(self.name) or not _is_name(self.support):
             raise GoalError(
                 f"a region needs a name, the name of its support, two finite numbers for its centre, two positive half "
                 f"extents, a yaw and a drop of at least 0, not {self!r:.200}"
@@ -143,7 +143,7 @@ class Holding:
                 object.__setattr__(self, "point", (float(x), float(y), float(z)))
             object.__setattr__(self, "tolerance", TOLERANCE if self.point is None else float(self.tolerance))
             is_valid = np.isfinite((*(self.point or ()), self.tolerance)).all() and self.tolerance > 0
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             is_valid = False
         if not is_valid:
             raise GoalError(f"a point is three finite numbers, its tolerance is positive, not {self!r:.200}")
@@ -232,7 +232,7 @@ class At:
                     object.__setattr__(self, name, float(getattr(self, name)))
             numbers = (self.x, self.y, self.yaw or 0.0, self.z or 0.0, self.tolerance, self.yaw_tolerance)
             is_valid = np.isfinite(numbers).all() and min(self.tolerance, self.yaw_tolerance) > 0
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             is_valid = False
         if not is_valid:
             raise GoalError(f"a place needs finite numbers and positive tolerances, not {self!r:.200}")
@@ -319,7 +319,7 @@ class Goal:
         if isinstance(goal, Goal):
             return goal
         if isinstance(goal, list | tuple):
-            return cls(tuple(_fact(list(fact), str(goal)) for fact in goal))
+            return cls(tuple(_fact(list(fact) if isinstance(fact, tuple) else fact, str(goal)) for fact in goal))
         if not isinstance(goal, str):
             raise GoalError(f"{goal!r} is no goal; valid are an object's name, PDDL text, and {_VALID}")
         return cls.from_pddl(goal) if goal.lstrip().startswith("(") else holding(goal)
@@ -498,7 +498,7 @@ def at(name: str, pose: ArrayLike, tolerance: float = TOLERANCE, yaw_tolerance: 
     """
     try:
         T = np.asarray(pose, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         T = np.zeros(0)
     if T.shape not in ((2,), (3,), (4, 4)) or not np.isfinite(T).all():
         raise GoalError(f"a pose is finite, of shape (2,), (3,) or (4, 4), not {pose!r:.100}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import graphlib
+import os
 import re
 import subprocess
 import sys
@@ -53,8 +54,12 @@ for module, banned in {0!r}:
     importlib.import_module(module)
     assert not {{*banned}} & {{*sys.modules}}, (module, {{*banned}} & {{*sys.modules}})
 """
+    # Where it names a library, MuJoCo opens that as soon as it is imported: the user has asked for it.
+    without_gl = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}
     processes = [
-        subprocess.Popen([sys.executable, "-c", code.format(chain)], stderr=subprocess.PIPE, text=True, cwd=ROOT)
+        subprocess.Popen(
+            [sys.executable, "-c", code.format(chain)], stderr=subprocess.PIPE, text=True, cwd=ROOT, env=without_gl
+        )
         for chain in CHAINS
     ]
     for process in processes:

@@ -14,7 +14,7 @@ from clutter_env.config import OBSTRUCTED, EnvConfig
 from clutter_env.envs.side_approaches import approaches_of
 from clutter_env.errors import OptionError, check_choice, check_integer, check_number
 from clutter_env.scene.layout import Layout
-from clutter_env.scene.obstruction import UNREACHABLE, count_blockers
+from clutter_env.scene.obstruction import UNREACHABLE, side_grasps
 from clutter_env.scene.random_scene import sample_base, sample_scene
 from clutter_env.scene.table_scene import TableScene, object_name
 
@@ -27,7 +27,8 @@ def draw_scene(rng: np.random.Generator, layout: Layout, config: EnvConfig, opti
 
     Raises:
         OptionError: see `explicit_scene`; there is no object of the wanted target's name; or `obstructed` is asked for
-            and the wanted target, or every object, can be grasped from the side.
+            and the wanted target, or every object, can be grasped from the side, or none of those that cannot can be
+            freed.
     """
     least = int(config.obstructed if options.obstructed is None else options.obstructed)
     if least:
@@ -46,14 +47,19 @@ def _draw_any(rng: np.random.Generator, layout: Layout, config: EnvConfig, optio
 def _draw_obstructed(
     rng: np.random.Generator, layout: Layout, config: EnvConfig, options: ResetOptions, least: int
 ) -> TableScene:
-    """A scene whose target has at least `least` objects in the way; random scenes are drawn until there is one."""
+    """A scene whose target has at least `least` objects in the way; random scenes are drawn until there is one.
+
+    A target that is drawn can be freed with side grasps, as far as `SideGrasps.can_be_freed` knows; a target that the
+    user names need not.
+    """
     if problem := config.obstruction_problem(least):
         raise OptionError(f"option 'obstructed': {problem}")
     robot, approaches = config.find_robot(), approaches_of(config.find_robot(), layout)
     is_random = options.objects is None and options.target is None
     for _ in range(MAX_DRAWS if is_random else 1):
         scene = _draw_any(rng, layout, config, options)
-        blockers = count_blockers(approaches, layout, scene, robot.max_opening)
+        grasps = side_grasps(approaches, layout, scene, robot.max_opening)
+        blockers = grasps.fewest_blockers()
         wanted = options.target_index(scene.num_objects)
         if wanted is not None and blockers[wanted] >= least:
             return scene.with_target(wanted)
@@ -62,11 +68,15 @@ def _draw_obstructed(
             if blockers[wanted] == UNREACHABLE:
                 reason = "no side grasp reaches it, whatever is moved"
             raise OptionError(f"option 'target': {options.target} is not obstructed: {reason}")
-        if len(obstructed := np.flatnonzero(blockers >= least)):
-            return scene.with_target(int(obstructed[rng.integers(len(obstructed))]))
+        obstructed = np.flatnonzero(blockers >= least).tolist()
+        while obstructed:
+            target = obstructed.pop(int(rng.integers(len(obstructed))))
+            if grasps.can_be_freed(target):
+                return scene.with_target(target)
     what = f"none of {MAX_DRAWS} random scenes has" if is_random else "the scene does not have"
     raise OptionError(
-        f"option 'obstructed': {what} a target with {least} or more objects in the way; ask for more objects"
+        f"option 'obstructed': {what} a target with {least} or more objects in the way that side grasps can free; "
+        "ask for more objects, or name the target"
     )
 
 
@@ -129,8 +139,7 @@ class ResetOptions:
                 raise OptionError(f"option 'objects' must be a list of dictionaries, not {objects!r}")
             given["objects"] = tuple(objects)
         if "base" in given:
-            base = given["base"]
-            if not isinstance(base, Sequence | np.ndarray) or isinstance(base, str) or len(base) != 3:
+            if not _is_row(base := given["base"], 3):
                 raise OptionError(f"option 'base' must be x, y [m] and yaw [rad], not {base!r}")
             limits = (("m", POSITION_LIMITS), ("m", POSITION_LIMITS), ("rad", YAW_LIMITS))
             given["base"] = tuple(
@@ -218,8 +227,7 @@ def _parsed(index: int, entry: Mapping[str, Any], layout: Layout) -> dict[str, A
         half_x, half_y = (number(key, WIDTH_LIMITS, "m") / 2 for key in ("depth", "width"))
     else:
         half_x = half_y = number("radius", RADIUS_LIMITS, "m")
-    position = entry["position"]
-    if not isinstance(position, Sequence | np.ndarray) or isinstance(position, str) or len(position) != 2:
+    if not _is_row(position := entry["position"], 2):
         raise OptionError(f"{place}: position={position!r} must be (x, y) in metres on the table")
     row = check_integer(
         f"{place}, in layout {layout.name!r}: row", entry.get("row", 0), 0, len(layout.levels) - 1, OptionError
@@ -235,6 +243,14 @@ def _parsed(index: int, entry: Mapping[str, Any], layout: Layout) -> dict[str, A
         "is_lying": is_lying,
         "levels": layout.levels[row],
     }
+
+
+def _is_row(value: object, length: int) -> bool:
+    """Whether it is a sequence, or an array with one axis, of that length; text and bytes are none."""
+    if isinstance(value, np.ndarray):
+        return value.shape == (length,)
+    is_sequence = isinstance(value, Sequence) and not isinstance(value, str | bytes | bytearray | memoryview)
+    return is_sequence and len(value) == length
 
 
 def _outline(scene: TableScene, index: int) -> tuple[NDArray[np.float64], float]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -27,8 +28,13 @@ from clutter_env.simulation.world import World
 
 _MOST_PIXELS = 1e5
 """Bound of a camera matrix's numbers."""
-_POINTS = 12
-"""Points along each direction of a surface that rays are cast to."""
+_FEWEST_RAYS = 576
+"""Rays along each side of an image, at least: three by three for each pixel of the default size. OpenGL moves edges by
+parts of a pixel, and whether a target is hidden should hardly depend on the size of the images."""
+_WIDEST = math.cos(math.radians(60.0))
+"""Cosine of the angle from a camera's axis to the rim of the widest image; what is farther off it looks at in turn."""
+_PARALLEL = 1e-12
+"""Component of a direction, of the order of one, under which a ray counts as parallel to a face."""
 _SEEN_GROUPS = np.array((1, 0, 0, 0, 0, 0), np.uint8)
 """Geoms that hide a target from a camera: furniture and objects, not the robot, whose arm may move away."""
 
@@ -116,14 +122,20 @@ class SearchEnv(RetrieveEnv):
         The robot stands where the scene puts it, in its home configuration; its own body hides nothing, and a camera
         sees all around it. Turning the head moves its camera: `head` is where it is turned to, if not straight ahead.
         """
+        return self._visible_shares(scene, range(scene.num_objects), head)
+
+    def _visible_shares(
+        self, scene: TableScene, slots: Iterable[int], head: Sequence[float] | None = None
+    ) -> NDArray[np.float64]:
+        """`visible_shares` of the objects in some slots alone."""
         world = self._world_for(scene)
         world.reset(scene)
         if head is not None:
             world.data.qpos[[world.model.joint(name).qposadr[0] for name in self.robot.head_joints]] = head
             mujoco.mj_kinematics(world.model, world.data)
             mujoco.mj_camlight(world.model, world.data)
-        eyes = [world.data.cam_xpos[world.model.camera(name).id].copy() for name in self.config.observed_cameras]
-        return np.array([max(_visible_share(world, slot, eye) for eye in eyes) for slot in range(scene.num_objects)])
+        cameras, size = self.config.observed_cameras, int(self.config.image_size)
+        return np.array([max(visible_share(world, slot, camera, size) for camera in cameras) for slot in slots])
 
     def save_state(self) -> bytes:
         """As of `BaseEnv`; the present image is not part of it."""
@@ -140,7 +152,7 @@ class SearchEnv(RetrieveEnv):
         checked = super()._check_options(options)
         if checked.obstructed:
             raise OptionError("option 'obstructed' is of Retrieve; targets of Search are hidden, see visible_fraction")
-        if any(entry.get("lying") for entry in checked.objects or ()):
+        if any(entry.get("lying") is True for entry in checked.objects or ()):
             raise OptionError("option 'objects': only upright cylinders and boxes can be searched for")
         return checked
 
@@ -152,7 +164,7 @@ class SearchEnv(RetrieveEnv):
             if is_random and most < 1:
                 assert drawn is not None
                 drawn = screened(self.np_random, self.layout, drawn)
-            if drawn is not None and (most >= 1 or self.visible_shares(drawn)[drawn.target] <= most):
+            if drawn is not None and (most >= 1 or self._visible_shares(drawn, (drawn.target,))[0] <= most):
                 return drawn
         raise OptionError(
             f"no target of which at most {most:.0%} is seen; ask for more objects or for another layout"
@@ -221,37 +233,86 @@ def spoil(labels: NDArray[np.uint8], probability: float, rng: np.random.Generato
             labels[mask] = beside[0]
 
 
-def _visible_share(world: World, slot: int, eye: NDArray[np.float64]) -> float:
-    """Share of an object's silhouette that is seen from a point (3,) [m]: of rays to points spread over its surface."""
+def visible_share(world: World, slot: int, camera: str, size: int) -> float:
+    """Share of an object's silhouette that a camera sees past furniture and other objects, in the present state.
+
+    There are rays through the middles of all pixels of an image, `size` on each side, and more between them; those that
+    meet the object are cast. The image is as large as the object wants, and if that is far from the camera's axis it is
+    turned towards it.
+    """
     model, data, index = world.model, world.data, world.index
-    geom = index.object_geoms.start + int(index.geom_slots.searchsorted(slot))
-    half, is_box = model.geom_size[geom], model.geom_type[geom] == int(mujoco.mjtGeom.mjGEOM_BOX)
-    points = _box_surface(half) if is_box else _cylinder_surface(half[0], half[1])
-    rays = data.geom_xpos[geom] + points @ data.geom_xmat[geom].reshape(3, 3).T - eye
-    found, distance = np.empty(len(rays), np.int32), np.empty(len(rays))
-    flat = np.ascontiguousarray(rays.ravel())
-    mujoco.mj_multiRay(
-        model, data, eye, flat, _SEEN_GROUPS, True, -1, found, distance, None, len(rays), mujoco.mjMAXVAL
-    )
+    geom, number = index.object_geoms.start + int(index.geom_slots.searchsorted(slot)), model.camera(camera).id
+    eye, R_world_camera = data.cam_xpos[number], data.cam_xmat[number].reshape(3, 3)
+    centre, R_world_object, half = data.geom_xpos[geom], data.geom_xmat[geom].reshape(3, 3), model.geom_size[geom]
+    is_box = model.geom_type[geom] == int(mujoco.mjtGeom.mjGEOM_BOX)
+    extents = half if is_box else half[[0, 0, 1]]
+    corners = centre - eye + _CORNERS * extents @ R_world_object.T
+    if (corners @ -R_world_camera[:, 2] < _WIDEST * np.linalg.norm(corners, axis=1)).any():
+        R_world_camera = _looking_at(centre - eye)
+    right, up, back = (corners @ R_world_camera).T
+    if (back >= 0).any():
+        return 1.0  # the camera touches it
+    # Odd, so that the middles of the pixels are among the rays.
+    finer = math.ceil(_FEWEST_RAYS / size) // 2 * 2 + 1
+    focal_length = finer * size / 2 / math.tan(math.radians(model.cam_fovy[number]) / 2)
+    offset = (finer * size - 1) / 2 % 1.0
+    sides = [
+        np.arange(math.ceil(side.min() - offset), math.floor(side.max() - offset) + 1) + offset
+        for side in (right * focal_length / -back, up * focal_length / -back)
+    ]
+    u, v = (grid.ravel() for grid in np.meshgrid(*sides))
+    directions = np.column_stack((u, v, np.full(len(u), -focal_length))) @ R_world_camera.T / focal_length
+    is_met = meets((eye - centre) @ R_world_object, directions @ R_world_object, extents, is_box)
+    if not (count := np.count_nonzero(is_met)):
+        return 0.0
+    found, distance = np.empty(count, np.int32), np.empty(count)
+    flat = np.ascontiguousarray(directions[is_met].ravel())
+    with _as_drawn(model, geom):
+        mujoco.mj_multiRay(
+            model, data, eye, flat, _SEEN_GROUPS, True, -1, found, distance, None, count, mujoco.mjMAXVAL
+        )
     return float((found == geom).mean())
 
 
-def _box_surface(half: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 3) points on the six faces of a box."""
-    steps = (2 * np.arange(_POINTS) + 1) / _POINTS - 1
-    u, v = (grid.ravel() for grid in np.meshgrid(steps, steps))
-    faces = [np.roll(np.column_stack((np.full(len(u), side), u, v)), axis, 1) for axis in range(3) for side in (-1, 1)]
-    return np.concatenate(faces) * half
+@contextmanager
+def _as_drawn(model: mujoco.MjModel, kept: int) -> Iterator[None]:
+    """Cylinders, but for the geom that is kept, no wider than they are drawn: as prisms with `numslices` sides."""
+    sizes = model.geom_size.copy()
+    is_round = model.geom_type == int(mujoco.mjtGeom.mjGEOM_CYLINDER)
+    is_round[kept] = False
+    model.geom_size[is_round, 0] *= math.cos(math.pi / model.vis.quality.numslices)
+    try:
+        yield
+    finally:
+        model.geom_size[:] = sizes
 
 
-def _cylinder_surface(radius: float, half_height: float) -> NDArray[np.float64]:
-    """(n, 3) points on the side and on the two ends of an upright cylinder."""
-    angle, steps = 2 * math.pi * np.arange(2 * _POINTS) / (2 * _POINTS), (2 * np.arange(_POINTS) + 1) / _POINTS - 1
-    rim = np.column_stack((np.cos(angle), np.sin(angle)))
-    side = [np.column_stack((radius * rim, np.full(len(rim), half_height * step))) for step in steps]
-    ends = [
-        np.column_stack((radius * share * rim, np.full(len(rim), level)))
-        for share in (0.35, 0.7, 1.0)
-        for level in (-half_height, half_height)
-    ]
-    return np.concatenate([*side, *ends])
+_CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
+"""Of a box, in half extents."""
+
+
+def _looking_at(direction: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The rotation of a camera that looks along a direction (3,): its axes to the right, up and back as columns."""
+    back = -direction / np.linalg.norm(direction)
+    right = np.cross(np.eye(3)[np.argmin(np.abs(back))], back)
+    right /= np.linalg.norm(right)
+    return np.column_stack((right, np.cross(back, right), back))
+
+
+def meets(
+    start: NDArray[np.float64], directions: NDArray[np.float64], extents: NDArray[np.float64], is_box: bool
+) -> NDArray[np.bool_]:
+    """Whether rays from a point (3,) along directions (n, 3) meet a box, or an upright cylinder, around the origin.
+
+    Everything in the object's frame, with its half extents (3,) [m].
+    """
+    steady = np.where(np.abs(directions) < _PARALLEL, _PARALLEL, directions)
+    near, far = np.sort(((-extents - start) / steady, (extents - start) / steady), axis=0)
+    if not is_box:  # a disc in place of the rectangle: where |start + t direction| = radius
+        a, b = (steady[:, :2] ** 2).sum(axis=1), steady[:, :2] @ start[:2]
+        root = b**2 - a * (start[:2] @ start[:2] - extents[0] ** 2)
+        half = np.sqrt(np.maximum(root, 0.0)) / a
+        near[:, 0], far[:, 0] = np.where(root < 0, np.inf, -b / a - half), np.where(root < 0, -np.inf, -b / a + half)
+        near, far = near[:, ::2], far[:, ::2]
+    first, last = near.max(axis=1), far.min(axis=1)
+    return np.asarray((first <= last) & (last > 0))

@@ -66,8 +66,9 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
     The observation is a row per object (`BODY_FIELDS`, then a flag per direction for an attempt that failed since an
     object was last cleared), then the share of the budget left and the flag of a failed attempt to take. Row 0 is the
     target's, with x and y in the world; the others follow in the order of their distance from it, x and y relative to
-    it, the fallen ones, whose rows are zero, at the end. Action `i * DIRECTIONS + d` clears the object of row i from
-    direction d; the last action takes the target from wherever it can be grasped.
+    it, the fallen ones, whose rows are zero, at the end, as those that a described scene has fewer. Action
+    `i * DIRECTIONS + d` clears the object of row i from direction d; the last action takes the target from wherever it
+    can be grasped.
 
     Episodes end with the target taken, which is success if nothing has fallen or been disturbed (`success="lifted"`: in
     any case), with the target lost, or when the budget is spent. The reward is 1 for success less `SKILL_COST` for
@@ -150,9 +151,13 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         Raises:
             ActionError: not an action of the action space, or `reset` has not been called; nothing has changed.
         """
-        skill = self.skill(action)
+        number = self._checked(action)
         self._left -= 1
-        self.actions.append(int(action))
+        self.actions.append(number)
+        if number // DIRECTIONS in range(len(self._scene.names), self._count):  # described scenes may have fewer objects
+            self._num_refused += 1
+            return self._outcome("absent")
+        skill = self.skill(number)
         failure = self._simulate_kinematically(skill) if self._is_kinematic else self._carry_out(skill)
         if failure and skill.direction is None:
             self._take_failed = True
@@ -161,6 +166,10 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         elif skill.direction is not None:
             self._clear_failed[:] = self._take_failed = False
             self._moved.append(skill.object)
+        return self._outcome(failure)
+
+    def _outcome(self, failure: str) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """What `step` returns after a skill that failed for this reason, "" if it did not."""
         info = self._info(failure)
         is_lost = not self._is_taken and not self._is_placed(self._scene.body(self._target))
         is_over = self._is_taken or is_lost or self._is_physics_over or self._num_hit > 0 or self._left == 0
@@ -176,18 +185,30 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
 
     # Beyond Gymnasium.
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything but the planner: what it has prepared cannot be pickled, and is made again when it is needed."""
+        return {name: value for name, value in self.__dict__.items() if name != "_planner"}
+
     def skill(self, action: Any) -> Skill:
         """The skill that an action means now.
 
         Raises:
-            ActionError: not an action of the action space, or `reset` has not been called.
+            ActionError: not an action of the action space, of a row without an object, or `reset` has not been called.
         """
+        row, direction = divmod(self._checked(action), DIRECTIONS)
+        if row == self._count:
+            return Skill(self._target)
+        if row >= len(order := self._order()):
+            raise ActionError(f"row {row} has no object; this scene has {len(order)}")
+        return Skill(self._scene.names[order[row]], direction)
+
+    def _checked(self, action: Any) -> int:
+        """The action as an integer; raises ActionError."""
         self.physics_env.check_started("skill()")
         value = np.asarray(action)
         if value.shape != () or value.dtype.kind not in "iu" or not 0 <= int(value) < self._size:
             raise ActionError(f"the action must be an integer from 0 to {self._size - 1}, not {action!r}")
-        row, direction = divmod(int(value), DIRECTIONS)
-        return Skill(self._target) if row == self._count else Skill(self._scene.names[self._order()[row]], direction)
+        return int(value)
 
     def action_masks(self, geometric: bool | None = None) -> NDArray[np.bool_]:
         """Actions (n,) worth trying: objects that stand on the table, attempts that have not just failed.
@@ -280,7 +301,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
             distance = np.linalg.norm(bodies[i].position[:2] - target.position[:2])
             return bodies[i].name != self._target, not self._is_placed(bodies[i]), float(distance)
 
-        return sorted(range(self._count), key=key)
+        return sorted(range(len(bodies)), key=key)
 
     def _is_placed(self, body: Body) -> bool:
         """Whether it has neither toppled nor left the table."""
@@ -290,7 +311,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         rows = np.zeros((self._count, len(BODY_FIELDS) + DIRECTIONS), np.float32)
         order = self._order()
         origin = np.zeros(2)  # of the first row, the target's
-        for row, i in zip(rows, order, strict=True):
+        for row, i in zip(rows, order, strict=False):  # a scene that was described may have fewer objects
             body = self._scene.objects[i]
             if not self._is_placed(body):
                 continue

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 RESAMPLES = 4000
 LEVEL = 0.95
+_BLOCK = 1_000_000
+"""Numbers that are drawn at once, at most, unless there are more scenes: some 30 MB with what is computed from them."""
 
 
 class Interval(NamedTuple):
@@ -55,8 +57,11 @@ def bootstrap(groups: Sequence[Sequence[float]], rng: np.random.Generator) -> In
     if not values.size:
         return NO_INTERVAL
     drawn = rng.integers(len(values), size=(RESAMPLES, len(values)))
-    scenes = rng.integers(values.shape[1], size=(RESAMPLES, values.shape[1]))
-    means = np.stack([_means(row[scenes]) for row in values], axis=1)
+    means, rows = np.empty((RESAMPLES, len(values))), max(_BLOCK // values.shape[1], 1)
+    for start in range(0, RESAMPLES, rows):  # as one block would: the generator goes on where it was
+        block = slice(start, min(start + rows, RESAMPLES))
+        scenes = rng.integers(values.shape[1], size=(block.stop - start, values.shape[1]))
+        means[block] = np.stack([_means(row[scenes]) for row in values], axis=1)
     low, high = np.nanquantile(_means(np.take_along_axis(means, drawn, axis=1)), ((1 - LEVEL) / 2, (1 + LEVEL) / 2))
     return Interval(float(_means(values).mean()), float(low), float(high))
 

@@ -136,10 +136,41 @@ def side_approaches(robot: str) -> SideApproaches:
     )
 
 
-def count_blockers(
-    approaches: SideApproaches, layout: Layout, scene: TableScene, max_opening: float
-) -> NDArray[np.int64]:
-    """The fewest objects in the way of any reachable side grasp, for every object: (n,), or `UNREACHABLE`.
+class SideGrasps(NamedTuple):
+    """Reachable side grasps of the objects of a scene, and what is in their way.
+
+    `own` (k,): slot of what each grasps; `hits` (k, n): the objects that gripper, wrist or load would touch.
+    """
+
+    own: NDArray[np.int64]
+    hits: NDArray[np.bool_]
+
+    def fewest_blockers(self) -> NDArray[np.int64]:
+        """The fewest objects in the way of any grasp, for every object: (n,), or `UNREACHABLE`."""
+        count = self.hits.shape[1]
+        fewest = np.full(count, count)
+        np.minimum.at(fewest, self.own, self.hits.sum(axis=1))
+        return np.where(np.isin(np.arange(count), self.own), fewest, UNREACHABLE)
+
+    def can_be_freed(self, target: int) -> bool:
+        """Whether a grasp of the target becomes free once everything is gone that can go before it.
+
+        Objects go one after another, each by a grasp that is free by then. Where the target's blockers wait for one
+        another, or for the target, no plan with these grasps takes it.
+        """
+        waiting = np.ones(self.hits.shape[1], np.bool_)
+        while True:
+            free = np.zeros_like(waiting)
+            free[self.own[~(self.hits & waiting).any(axis=1)]] = True
+            if free[target]:
+                return True
+            if not (free & waiting).any():
+                return False
+            waiting &= ~free
+
+
+def side_grasps(approaches: SideApproaches, layout: Layout, scene: TableScene, max_opening: float) -> SideGrasps:
+    """The reachable side grasps of all objects.
 
     Args:
         approaches: of the robot.
@@ -147,10 +178,14 @@ def count_blockers(
         scene: what stands where.
         max_opening: [m] of the gripper.
     """
-    own, hits = _in_the_way(approaches, layout, scene, max_opening, np.arange(scene.num_objects))
-    fewest = np.full(scene.num_objects, scene.num_objects)
-    np.minimum.at(fewest, own, hits.sum(axis=1))
-    return np.where(np.isin(np.arange(scene.num_objects), own), fewest, UNREACHABLE)
+    return SideGrasps(*_in_the_way(approaches, layout, scene, max_opening, np.arange(scene.num_objects)))
+
+
+def count_blockers(
+    approaches: SideApproaches, layout: Layout, scene: TableScene, max_opening: float
+) -> NDArray[np.int64]:
+    """The fewest objects in the way of any reachable side grasp, for every object; see `SideGrasps`."""
+    return side_grasps(approaches, layout, scene, max_opening).fewest_blockers()
 
 
 def estimate_clearances(approaches: SideApproaches, layout: Layout, scene: TableScene, max_opening: float) -> float:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import importlib.util
 import pickle
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
 from typing import Any
@@ -156,13 +158,36 @@ def test_pickled_environments_go_on(env_id: str, keywords: dict) -> None:
     env.action_space.seed(1)
     for _ in range(30):
         env.step(env.action_space.sample())
-    copy = pickle.loads(pickle.dumps(env))
-    assert np.array_equal(copy.action_space.sample(), env.action_space.sample())
+    other = pickle.loads(pickle.dumps(env))
+    assert np.array_equal(other.action_space.sample(), env.action_space.sample())
     actions = [env.action_space.sample() for _ in range(10)]
     for action in actions:
-        mine, theirs = env.step(action), copy.step(action)
+        mine, theirs = env.step(action), other.step(action)
         assert all(np.array_equal(mine[0][name], theirs[0][name]) for name in mine[0])
         assert mine[1:] == theirs[1:]
+
+
+@pytest.mark.parametrize(
+    "keywords",
+    [
+        *({"id": env_id} for env_id in (FEW[0], FEW[2], "clutter_env/Pick-v0", "clutter_env/ArmPick-v0")),
+        SEARCH,
+        *({"id": "clutter_env/Skill-o5-v0", "simulation": simulation} for simulation in ("physics", "kinematic")),
+    ],
+    ids=lambda keywords: f"{keywords['id']} {keywords.get('simulation', '')}",
+)
+@pytest.mark.parametrize("of", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copied", "pickled"])
+def test_every_kind_of_environment_goes_on_in_a_copy_of_it(keywords: dict[str, Any], of: Callable[[Any], Any]) -> None:
+    """Before the first step and after it: those of Skill then had a planner, which cannot be pickled."""
+    env = gym.make(**keywords)
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    for _ in range(3):
+        action = env.action_space.sample()
+        theirs, mine = of(env).step(action), env.step(action)
+        np.testing.assert_equal(theirs, mine)
+        if mine[2]:
+            break
 
 
 def test_module_prefix_works() -> None:

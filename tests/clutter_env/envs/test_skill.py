@@ -258,3 +258,20 @@ def test_without_the_oracle_the_robot_pushes_what_is_in_the_way() -> None:
     assert shifted.max() > 0.02
     assert info["num_refused"] == 0
     assert not info["is_success"]
+
+
+@pytest.mark.parametrize("simulation", SIMULATIONS)
+def test_a_described_scene_may_have_fewer_objects(simulation: str) -> None:
+    """It was an IndexError. Actions of the rows without an object are refused, and masked."""
+    env = SkillEnv(simulation=simulation, num_objects=5)
+    place = {"shape": "cylinder", "radius": 0.03, "height": 0.16}
+    objects = [{**place, "position": (-0.1, y)} for y in (-0.2, 0.2)]
+    observation, _ = env.reset(seed=0, options={"objects": objects, "target": "object_01"})
+    rows = observation[:-2].reshape(5, -1)
+    assert rows[:, 0].tolist() == [1, 1, 0, 0, 0]
+    assert not env.action_masks()[2 * DIRECTIONS : -1].any()
+    with pytest.raises(ActionError, match="row 2 has no object; this scene has 2"):
+        env.skill(2 * DIRECTIONS)
+    _, reward, is_over, _, info = env.step(2 * DIRECTIONS)
+    assert (reward, is_over, info["failure"], info["num_refused"]) == (-SKILL_COST, False, "absent", 1)
+    assert env.step(5 * DIRECTIONS)[-1]["is_success"]

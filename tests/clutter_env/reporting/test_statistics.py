@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
 
+from clutter_env.reporting import intervals
 from clutter_env.reporting.intervals import bootstrap, success_interval, times, wilson
 
 
@@ -18,6 +20,26 @@ def test_bootstrap_intervals_enclose_their_mean_and_shrink_with_data() -> None:
     assert bootstrap([[3, 3, 3]], rng) == (3, 3, 3)
     assert math.isnan(bootstrap([], rng).mean)
     assert str(bootstrap([[]], rng)) == "–"
+
+
+def test_resamples_in_blocks_are_those_of_one_block(monkeypatch: pytest.MonkeyPatch) -> None:
+    groups = np.random.default_rng(0).random((3, 47))
+    found = []
+    for block in (10**9, 1, 47 * 1000 + 5):
+        monkeypatch.setattr(intervals, "_BLOCK", block)
+        rng = np.random.default_rng(1)
+        found.append((bootstrap(groups.tolist(), rng), rng.random()))
+    assert found[0] == found[1] == found[2]
+
+
+def test_many_episodes_do_not_take_the_memory_of_all_resamples_at_once() -> None:
+    """A results file with 300,000 crashed episodes was a MemoryError."""
+    values = np.random.default_rng(0).random(10_000).tolist()
+    tracemalloc.start()
+    bootstrap([values], np.random.default_rng(0))
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 100e6
 
 
 def test_bootstrap_intervals_cover_the_spread_over_training_seeds() -> None:
