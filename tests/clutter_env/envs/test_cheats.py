@@ -25,7 +25,9 @@ def test_an_object_that_is_carried_away_does_not_count_against_success() -> None
     cheat.leave()
     info = cheat.take_target()
     assert info["is_success"]
-    assert (info["num_cleared"], info["num_disturbed"], info["furniture_force"]) == (1, 0, 0.0)
+    assert (info["num_cleared"], info["num_disturbed"]) == (1, 0)
+    assert info["furniture_force"] < 10.0, "setting down is pressing, a little"
+    assert info["total_path"] < 0.02
     cheat.env.data.warning.number[0] = 1
     assert not cheat.env.info["is_success"], "the simulation has diverged"
 

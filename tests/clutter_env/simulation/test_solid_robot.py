@@ -1,0 +1,177 @@
+"""The robot meets itself and the ground in physics, exactly where the planner looks for it."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+
+from assets import robot as find_robot, robot_contacts
+from assets.robot_reading import collision_geoms
+from clutter_env.envs.retrieve import RetrieveEnv
+from clutter_env.simulation.pressing import SUSTAINED_FORCE
+
+ROBOTS = ["fetch", "pr2", "panda_mobile"]
+
+
+@cache
+def counted(name: str) -> set[frozenset[str]]:
+    """Names of the pairs of geoms that the planner counts, of all arms."""
+    robot, pairs = find_robot(name), set()
+    for one in (robot, *(robot.using(arm.name) for arm in robot.idle_arms)):
+        model = mujoco.MjModel.from_xml_path(str(one.mjcf_path))
+        names = [model.geom(number).name for number in collision_geoms(model, one)]
+        pairs |= {frozenset(names[k] for k in pair) for pair in one.shapes.pairs.tolist()}
+    return pairs
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_physics_has_the_pairs_of_the_planner(name: str) -> None:
+    env = RetrieveEnv(num_objects=1, robot=name)
+    env.reset(seed=0)
+    model, data = env.model, mujoco.MjData(env.model)
+    robot = find_robot(name)
+    own = {model.geom(k).name for k in range(model.ngeom) if model.geom_contype[k] == 2}
+    joints = [*robot.drive_joints[3:], *robot.still_joints]
+    low, high = np.array([model.joint(joint).range for joint in joints]).T
+    rng, met = np.random.default_rng(0), set()
+    for q in rng.uniform(low, high, (3000, len(joints))):
+        for joint, value in zip(joints, q, strict=True):
+            data.joint(joint).qpos = value
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
+        pairs = [frozenset(model.geom(k).name for k in pair) for pair in data.contact.geom.tolist()]
+        met |= {pair for pair in pairs if pair <= own}
+    assert met <= counted(name)
+    touching = {pair for pair in counted(name) if _can_touch(name, pair)}
+    assert len(met) > 0.8 * len(touching), "and nearly all that random configurations reach"
+
+
+def _can_touch(name: str, pair: frozenset[str]) -> bool:
+    """Whether some of many random configurations lets the two geoms touch, with all contacts switched on."""
+    return pair in _touching(name)
+
+
+@cache
+def _touching(name: str) -> set[frozenset[str]]:
+    robot = find_robot(name)
+    model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    model.geom_conaffinity[:] = model.geom_contype
+    model.body_conaffinity[:] = model.body_contype
+    data, joints = mujoco.MjData(model), [*robot.drive_joints[3:], *robot.still_joints]
+    low, high = np.array([model.joint(joint).range for joint in joints]).T
+    found = set()
+    for q in np.random.default_rng(0).uniform(low, high, (3000, len(joints))):
+        for joint, value in zip(joints, q, strict=True):
+            data.joint(joint).qpos = value
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
+        found |= {frozenset(model.geom(k).name for k in pair) for pair in data.contact.geom.tolist()}
+    return found
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_random_motions_do_not_lead_through_the_robot(name: str) -> None:
+    env = RetrieveEnv(num_objects=1, robot=name)
+    env.reset(seed=0)
+    alone = mujoco.MjModel.from_xml_path(str(env.robot.mjcf_path))
+    data, pairs = mujoco.MjData(alone), robot_contacts(env.robot).pairs.tolist()
+    rng, worst = np.random.default_rng(0), []
+    for _ in range(60):
+        action = rng.uniform(-1, 1, env.action_size)
+        action[:3] = -0.3, 0.0, 0.0  # away from the table
+        for _ in range(8):
+            env.step(action)
+        for number in range(alone.njnt):
+            joint = alone.joint(number).name
+            data.joint(joint).qpos = env.data.joint(joint).qpos
+        mujoco.mj_kinematics(alone, data)
+        worst.append(max(-mujoco.mj_geomDistance(alone, data, one, other, 0.01, None) for one, other in pairs))
+    assert max(worst) < 0.006, "motors at their limits press shapes into each other by no more"
+    assert env.info["self_force"] > 0.0
+
+
+def drive(env: RetrieveEnv, q: np.ndarray, seconds: float) -> dict:
+    """Drive the joints of torso and arm towards `q` (1 + n,); the last info."""
+    goal = env.world.controller.state.target.copy()
+    goal[3:] = q
+    for _ in range(round(20 * seconds)):
+        *_, info = env.step(env.joint_action(goal, env.robot.max_opening))
+    return info
+
+
+def test_a_hand_that_is_driven_into_the_base_stops_there_and_is_not_clean() -> None:
+    """The hand was 144 to 237 mm inside Fetch's base, and `info` said nothing."""
+    env = RetrieveEnv(num_objects=1)
+    env.reset(seed=0)
+    robot = env.robot
+    alone = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    data, palm, base = mujoco.MjData(alone), alone.geom("palm").id, alone.geom("base").id
+    low, high = np.array([(link.lower, link.upper) for link in robot.chain]).T
+    rng = np.random.default_rng(1)
+    while True:
+        q = rng.uniform(low, high)
+        for joint, value in zip(robot.drive_joints[3:], q, strict=True):
+            data.joint(joint).qpos = value
+        mujoco.mj_kinematics(alone, data)
+        if mujoco.mj_geomDistance(alone, data, palm, base, 0.5, None) < -0.1:
+            break
+    info = drive(env, q, 6.0)
+    inside = mujoco.mj_geomDistance(env.model, env.data, env.model.geom("palm").id, env.model.geom("base").id, 1, None)
+    assert inside > -0.005
+    assert info["self_force"] > SUSTAINED_FORCE
+    assert not env._monitor.is_clean
+    drive(env, np.array(robot.home), 6.0)
+    assert not env._monitor.is_clean, "it stays so"
+
+
+def test_the_hand_stays_above_the_ground() -> None:
+    env = RetrieveEnv(num_objects=1)
+    env.reset(seed=0)
+    down = np.array((0.05, 1.2, 1.4, 0.0, 0.0, 0.0, 0.0, 0.0))
+    info = drive(env, down, 8.0)
+    lowest = min(env.data.site_xpos[env.world.index.tcp_site][2], env.data.geom("palm").xpos[2])
+    assert lowest > 0.0
+    assert info["self_force"] > 0.0
+    met = [{env.model.geom(k).name for k in pair} for pair in env.data.contact.geom.tolist()]
+    assert {"floor", "r_finger"} in met
+    assert {"floor", "base"} not in met, "the base stands on wheels that are not drawn"
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_home_posture_touches_nothing(name: str) -> None:
+    env = RetrieveEnv(num_objects=5, robot=name)
+    env.reset(seed=0)
+    for _ in range(40):
+        *_, info = env.step(env._still_action())
+    assert (info["self_force"], info["furniture_force"]) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_base_pushes_no_harder_than_its_wheels_hold(name: str) -> None:
+    model = mujoco.MjModel.from_xml_path(str(find_robot(name).mjcf_path))
+    x, y, _ = find_robot(name).base_joints
+    both = np.hypot(*(model.actuator(joint).forcerange[1] for joint in (x, y)))
+    assert both <= 0.6 * 9.81 * model.body_mass.sum()
+
+
+def test_bodies_whose_shapes_count_in_part_are_paired() -> None:
+    """No robot of the package has such bodies: half of the pairs of two bodies are declared not to count."""
+    from clutter_env.scene.layout import LAYOUTS
+    from clutter_env.simulation import model as module
+
+    robot = find_robot("pr2")
+    contacts = robot_contacts(robot)
+    alone = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    bodies = [tuple(alone.geom_bodyid[pair].tolist()) for pair in contacts.pairs]
+    of_many = next(pair for pair in bodies if bodies.count(pair) > 1)
+    dropped = bodies.index(of_many)
+    fewer = contacts._replace(pairs=np.delete(contacts.pairs, dropped, axis=0))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "robot_contacts", lambda _: fewer)
+        model = module.build_spec(robot, LAYOUTS["paper"], ()).compile()
+    paired = {frozenset((int(one), int(other))) for one, other in zip(model.pair_geom1, model.pair_geom2, strict=True)}
+    assert len(paired) == bodies.count(of_many) - 1
+    assert model.nexclude > 0
