@@ -39,8 +39,11 @@ where these are not installed. Scores, which are those of replayed actions, do n
 _ABILITIES = ("cameras", "segmentation", "num_points", "head", "reality", "base")
 """Keyword arguments that count only where they are not the default: records made before there were such stay valid."""
 _RULES = {
-    "physics": ("envs/base.py", *(f"simulation/{name}.py" for name in ("control", "world", "model"))),
-    "end-effector control": ("simulation/end_effector.py",),
+    "physics": (
+        "envs/base.py",
+        *(f"simulation/{name}.py" for name in ("control", "world", "model", "contacts", "pressing")),
+    ),
+    "end-effector control": ("simulation/end_effector.py", "simulation/self_avoidance.py"),
     "scenes": tuple(
         f"scene/{name}.py" for name in ("layout", "object_sets", "household", "random_scene", "obstruction")
     ),

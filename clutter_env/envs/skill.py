@@ -154,7 +154,9 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         number = self._checked(action)
         self._left -= 1
         self.actions.append(number)
-        if number // DIRECTIONS in range(len(self._scene.names), self._count):  # described scenes may have fewer objects
+        if number // DIRECTIONS in range(
+            len(self._scene.names), self._count
+        ):  # described scenes may have fewer objects
             self._num_refused += 1
             return self._outcome("absent")
         skill = self.skill(number)
