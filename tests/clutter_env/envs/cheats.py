@@ -27,6 +27,10 @@ def cylinder(x: float, y: float) -> dict:
     return {"shape": "cylinder", "radius": RADIUS, "height": HEIGHT, "position": (x, y)}
 
 
+SCENE = (cylinder(-0.18, -0.12), cylinder(-0.24, 0.2), cylinder(-0.24, 0.36), cylinder(-0.24, 0.05))
+"""The objects of a cheat: the target, and what is done something to."""
+
+
 class Cheat(SideGrasp):
     """A robot before a target and other objects; by default one other, and it could grasp both at once.
 

@@ -9,7 +9,7 @@ import pytest
 
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.scene.layout import TABLE_HEIGHT
-from tests.clutter_env.envs.cheats import CHEATS, OTHER, TARGET, Cheat, cylinder
+from tests.clutter_env.envs.cheats import CHEATS, OTHER, SCENE, TARGET, Cheat
 
 
 def begin(*objects: dict) -> Cheat:
@@ -34,7 +34,7 @@ def test_an_object_that_is_carried_away_does_not_count_against_success() -> None
 
 @pytest.mark.parametrize("script", CHEATS.values(), ids=CHEATS)
 def test_a_target_that_is_lifted_after_a_cheat_is_no_clean_success(script: Callable[[Cheat], None]) -> None:
-    cheat = begin(cylinder(-0.18, -0.12), cylinder(-0.24, 0.2), cylinder(-0.24, 0.36), cylinder(-0.24, 0.05))
+    cheat = begin(*SCENE)
     script(cheat)
     info = cheat.take_target()
     assert info["lifted"]
