@@ -35,7 +35,9 @@ def main(seed: int = 8_200_000, share: float = 1.0) -> None:
     for (layout, objects), count in SETS.items():
         pixels, times = look(layout, objects, seed, round(share * count))
         name = f"{layout}, {objects} objects"
-        rows.append((name, str(len(pixels)), str((pixels > 0).sum()), f"{times.mean():.1f}", f"{times.max():.1f}"))
+        rows.append(
+            (name, str(len(pixels)), str(np.count_nonzero(pixels)), f"{times.mean():.1f}", f"{times.max():.1f}")
+        )
     print(markdown_table(HEAD, rows), end="")
 
 
@@ -55,7 +57,7 @@ def look(layout: str, objects: int, seed: int, count: int) -> tuple[np.ndarray, 
         labels[geoms.start + slots.searchsorted(env.target_slot)] = FIRST_OBJECT
         for camera in env.config.observed_cameras:
             _, _, found = renderer.camera_images(env.data, camera, labels)
-            pixels[number] += (found == FIRST_OBJECT).sum()
+            pixels[number] += np.count_nonzero(found == FIRST_OBJECT)
     renderer.close()
     env.close()
     return pixels, times
