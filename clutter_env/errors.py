@@ -95,6 +95,6 @@ def check_number(
 ) -> float:
     """The value as a float; raise an error unless it is a number between the limits, both included."""
     lowest, highest = limits
-    if not isinstance(value, Real) or isinstance(value, bool) or not lowest <= value <= highest:
+    if not isinstance(value, Real) or isinstance(value, bool) or value < lowest or not value <= highest:
         raise error(f"{name}={value!r} must be a number from {lowest:.4g} to {highest:.4g} [{unit}]")
     return float(value)

@@ -1,7 +1,7 @@
 """Agreement of the geometric test for obstructed targets with the planner's minimum number of clearances.
 
     python scripts/obstruction.py
-    python scripts/obstruction.py --drawn --seed 5000000
+    python scripts/obstruction.py --drawn --seed 7000000
 
 Prints the confusion table of the documentation of suites; or with `--drawn` how many of the scenes that
 `obstructed=True` draws have no plan with side grasps, and what their resets cost.

@@ -249,8 +249,9 @@ def _is_row(value: object, length: int) -> bool:
     """Whether it is a sequence, or an array with one axis, of that length; text and bytes are none."""
     if isinstance(value, np.ndarray):
         return value.shape == (length,)
-    is_sequence = isinstance(value, Sequence) and not isinstance(value, str | bytes | bytearray | memoryview)
-    return is_sequence and len(value) == length
+    if not isinstance(value, Sequence) or isinstance(value, str | bytes | bytearray | memoryview):
+        return False
+    return len(value) == length
 
 
 def _outline(scene: TableScene, index: int) -> tuple[NDArray[np.float64], float]:
