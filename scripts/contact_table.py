@@ -119,7 +119,7 @@ class Bench:
 
 def slip_rows(robot: str) -> list[tuple[str, ...]]:
     """Rows of the first table."""
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for friction in (0.2, 0.4, 0.8):
         for mass in (0.1, 0.5, 2.0):
             bench, expected = Bench(robot, mass, friction), mass * _GRAVITY / 2 / friction
@@ -145,7 +145,7 @@ def _slip_force(bench: Bench, expected: float) -> float:
 
 def creep_rows(robot: str, hold_s: float) -> list[tuple[str, ...]]:
     """Rows of the second table."""
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for mass in (0.2, 1.0, 2.0, 5.0):
         bench = Bench(robot, mass)
         bench.take()
@@ -157,7 +157,7 @@ def creep_rows(robot: str, hold_s: float) -> list[tuple[str, ...]]:
 
 def touch_rows(robot: str) -> list[tuple[str, ...]]:
     """Rows of the third table."""
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for speed in (0.05, 0.12, 0.2, 0.3):
         bench = Bench(robot)
         bench.base = np.array((-1.05, 0.0, 0.0))
@@ -196,7 +196,7 @@ def effective_mass(bench: Bench) -> float:
 
 def press_rows(robot: str) -> list[tuple[str, ...]]:
     """Rows of the fourth table: the net force on the table, against traction, and how hard the motors work."""
-    rows = []
+    rows: list[tuple[str, ...]] = []
     bench = Bench(robot)
     bench.base = np.array((-0.95, 0.0, 0.0))
     bench.point = np.array((-0.15, 0.0, TABLE_HEIGHT + 0.1))

@@ -1,7 +1,7 @@
 """What the judge says of cheats and of gentle behaviours, each followed by a lift of the target.
 
     python -m tests.clutter_env.envs.behaviour_table
-    python -m tests.clutter_env.envs.behaviour_table --json-file outputs/behaviours.json --beside behaviours_of_another_version.json
+    python -m tests.clutter_env.envs.behaviour_table --json-file behaviours.json --beside behaviours_before.json
 
 The scripts are in `cheats.py` and `gentle.py`, beside this file.
 """
