@@ -45,7 +45,7 @@ def test_states_of_another_layout_or_robot_are_refused(tmp_path: Path) -> None:
         "named like one of ours": {"layout": replace(BENCH, name="paper")},
         "robot": {"robot": MY_FETCH},
         "limits": {"robot": replace(MY_FETCH, max_finger_velocity=0.04)},
-        "file": {"robot": own_file(tmp_path, **{'kp="3000"': 'kp="2900"'})},
+        "file": {"robot": own_file(tmp_path, **{'kp="2400"': 'kp="2300"'})},
         "ours": {},
     }
     envs = {name: gym.make(ID, **keywords).unwrapped for name, keywords in made.items()}

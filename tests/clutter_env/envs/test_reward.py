@@ -126,7 +126,7 @@ def test_rewards_of_a_restored_state_are_the_same_bit_for_bit(terminate_on_falle
     env.reset(seed=4)
     other.reset(seed=5)
     rewards, again = [], []
-    for step, action in enumerate(pushing_actions(env, 180, 4)):
+    for step, action in enumerate(pushing_actions(env, 240, 4)):
         if step % 30 == 0:
             other.restore_state(env.save_state())
         rewards.append(env.step(action)[1])

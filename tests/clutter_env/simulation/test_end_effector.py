@@ -116,8 +116,8 @@ def test_the_follower_reaches_a_pose_near_home() -> None:
 def test_failures_of_the_inverse_kinematics_are_counted_saved_and_reset(monkeypatch: pytest.MonkeyPatch) -> None:
     bounds = _MotionLimit.inequalities
 
-    def contradiction(limit: _MotionLimit, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, ...]:
-        rows, upper, *others = bounds(limit, q, qd)
+    def contradiction(limit: _MotionLimit, *given: np.ndarray) -> tuple[np.ndarray, ...]:
+        rows, upper, *others = bounds(limit, *given)
         return rows, -np.ones_like(upper), *others
 
     monkeypatch.setattr(_MotionLimit, "inequalities", contradiction)

@@ -17,7 +17,7 @@ import clutter_env  # noqa: F401 - registers the environments
 from clutter_env.envs.base import BaseEnv
 from clutter_env.errors import StateError
 
-MAGIC = b"clutter-env state 2\n"
+MAGIC = b"clutter-env state 3\n"
 BAD_VALUES = (float("nan"), 1e999, -1e300, 10**30, 77, -5, True, None, "0", [], [[]], {}, {"a": 1})
 MANY = 20
 """Lists longer than this are changed at their first, middle and last entries alone."""
@@ -176,10 +176,11 @@ def test_contradictions_are_refused(case: str) -> None:
     assert snapshot(env) == before
 
 
-def test_states_of_an_older_version_are_refused_by_name() -> None:
+@pytest.mark.parametrize("version", [1, 2])
+def test_states_of_an_older_version_are_refused_by_name(version: int) -> None:
     env = made("clutter_env/Retrieve-o5-v0")
-    with pytest.raises(StateError, match=r"version 0\.1"):
-        env.restore_state(env.save_state().replace(MAGIC, b"clutter-env state 1\n"))
+    with pytest.raises(StateError, match=rf"version 0\.{version}"):
+        env.restore_state(env.save_state().replace(MAGIC, f"clutter-env state {version}\n".encode()))
 
 
 def test_a_refused_scene_of_other_shapes_does_not_switch_the_world() -> None:
