@@ -25,10 +25,11 @@ def in_clutter(mode: str, seed: int = 4, **keywords):
 
 
 def pushing_actions(env, count: int, seed: int) -> np.ndarray:
-    """Random actions that drive to the table with a lowering gripper."""
+    """Random actions that drive to the table with a lowering gripper, and to the right: the gripper starts left."""
     actions = np.random.default_rng(seed).uniform(-1, 1, (count, env.action_space.shape[0]))
     actions[:, 0] = 0.25
     actions[:, 1:3] *= 0.2
+    actions[:, 1] -= 0.06
     actions[:, 5] = 0.1 if env.config.control_mode == "joint" else -0.3
     return actions
 
