@@ -21,7 +21,7 @@ from clutter_env.parallel import Crash, Killed, run_jobs
 from clutter_env.policies.registry import BUILT_IN, PolicyTraits, load_policy, policy_files
 from clutter_env.policies.runs import is_run
 from clutter_env.provenance import differences, provenance
-from clutter_env.reporting.files import json_text
+from clutter_env.reporting.files import json_text, read_json
 from clutter_env.reporting.intervals import Interval
 from clutter_env.suites import suite
 
@@ -160,7 +160,7 @@ def read_results(path: Path) -> dict[str, Any]:
         LearningError: it is no results file of this version, or it is damaged.
     """
     try:
-        content = dict(json.loads(path.read_text()))
+        content = dict(read_json(path))
         if content["format"] != FORMAT:
             raise ValueError(f"its format is {content['format']}; this version reads {FORMAT}")
         for name, kind in _TYPES.items():

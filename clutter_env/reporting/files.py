@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import lzma
 import math
 import os
 import shutil
@@ -14,6 +15,8 @@ from typing import Any
 
 import numpy as np
 
+COMPRESSED = ".xz"
+"""Ending of the names of compressed files."""
 PICTURES = (".png", ".pdf", ".svg", ".jpg", ".jpeg", ".webp")
 """Endings of the pictures that are drawn."""
 
@@ -54,13 +57,29 @@ def json_text(value: Any, indent: int | None = None) -> str:
 def write_json(path: Path, value: Any) -> None:
     """Write a JSON file, see `json_values` and `write_atomically`; missing directories are made.
 
+    A name that ends in ".xz" is that of a compressed file.
+
     Raises:
         OSError: the disk is full or cannot be written.
         TypeError: JSON has nothing for a value.
     """
-    text = json_text(value, indent=1)
+    content = json_text(value, indent=1).encode()
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, text.encode())
+    write_atomically(path, lzma.compress(content) if path.suffix == COMPRESSED else content)
+
+
+def read_json(path: Path) -> Any:
+    """Read a JSON file, compressed if its name ends in ".xz".
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: it is no JSON, or damaged.
+    """
+    try:
+        content = lzma.decompress(path.read_bytes()) if path.suffix == COMPRESSED else path.read_bytes()
+    except lzma.LZMAError as problem:
+        raise ValueError(f"it cannot be decompressed: {problem}") from problem
+    return json.loads(content)
 
 
 def changes(there: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:

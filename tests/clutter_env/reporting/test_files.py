@@ -12,7 +12,7 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from clutter_env.reporting.files import json_text, write_json
+from clutter_env.reporting.files import json_text, read_json, write_json
 from clutter_env.reporting.intervals import Interval
 from clutter_env.reporting.tables import markdown_table, number_text
 
@@ -66,3 +66,20 @@ def test_tables_have_as_many_cells_as_their_head() -> None:
     assert number_text(math.nan) == number_text(None) == "–"
     with pytest.raises(ValueError, match="1 cells"):
         markdown_table(["a", "b"], [["1"]])
+
+
+@pytest.mark.parametrize("name", ["results.json", "results.json.xz"])
+def test_json_is_read_as_it_was_written(tmp_path: Path, name: str) -> None:
+    value = {"scores": [0.1, 2, None, "text"], "nested": {"empty": []}}
+    write_json(tmp_path / "made" / name, value)
+    assert read_json(tmp_path / "made" / name) == value
+
+
+def test_a_compressed_file_is_smaller_and_a_damaged_one_is_refused(tmp_path: Path) -> None:
+    plain, small = tmp_path / "results.json", tmp_path / "results.json.xz"
+    for file in (plain, small):
+        write_json(file, ["the same words"] * 1000)
+    assert small.stat().st_size < plain.stat().st_size / 10
+    small.write_bytes(small.read_bytes()[:-20])
+    with pytest.raises(ValueError, match="decompress"):
+        read_json(small)
