@@ -115,7 +115,7 @@ class EndEffectorController:
         self._frame_task.set_target(mink.SE3(self._wanted))
         q = self._configuration.q
         lowest, highest = self._limit.bounds(q, qd)
-        near, approach = self._avoidance.inequalities(self._configuration.data, lowest, highest)
+        near, approach = self._avoidance.inequalities(self._configuration.data, qd, lowest, highest)
         # `mink.solve_ik` does the same, with copies and checks that take more than half of the whole.
         displacement, _, outcome, _ = daqp.solve(
             *self._objective(q),

@@ -13,8 +13,6 @@ from clutter_env.simulation.control import CONTROL_STEP
 
 Vector = NDArray[np.float64]
 
-_LOOK_AHEAD = 0.15
-"""[m] Shapes that are farther apart approach as they like: an arm at full speed stops within this distance."""
 _DISTANCE = 0.015
 """[m] that shapes keep: the motors lag behind their targets by up to half of it."""
 _BRAKING = 0.4
@@ -27,36 +25,68 @@ class SelfAvoidance:
     def __init__(self, model: mujoco.MjModel, robot: RobotSpec) -> None:
         """Take the pairs that count by `assets.robot_contacts`; `model` is the robot alone, with its file's geoms."""
         self._model, self._pairs = model, robot_contacts(robot).pairs
-        first, second = self._pairs.T
-        self._near = model.geom_rbound[first] + model.geom_rbound[second] + _LOOK_AHEAD
-        self._near_squared = self._near**2
-        self._segment, self._accelerations = np.empty(6), _BRAKING * np.array(robot.max_acceleration[3:])
+        self._geoms, of_pairs = np.unique(self._pairs, return_inverse=True)
+        self._first, self._second = of_pairs.reshape(-1, 2).T
+        self._centres, self._halves = model.geom_aabb[self._geoms, :3], model.geom_aabb[self._geoms, 3:]
+        self._is_off_centre = bool(self._centres.any())
+        self._segment = np.empty(6)
         self._of_first, self._of_second = np.empty((2, 3, model.nv))
+        self._accelerations = _BRAKING * np.array(robot.max_acceleration[3:]) * CONTROL_STEP**2
+        self._before = mujoco.MjData(model)
+        levers = _levers(model, self._geoms)
+        # A joint that moves both shapes alike brings them no nearer.
+        apart = (levers[self._first] > 0.0) != (levers[self._second] > 0.0)
+        self._levers = np.where(apart, np.maximum(levers[self._first], levers[self._second]), 0.0)
+        self._brakes = (self._levers * self._accelerations).sum(axis=1)
 
-    def inequalities(self, data: mujoco.MjData, lowest: Vector, highest: Vector) -> tuple[Vector, Vector]:
+    def inequalities(self, data: mujoco.MjData, qd: Vector, lowest: Vector, highest: Vector) -> tuple[Vector, Vector]:
         """Rows (k, n) and upper bounds (k,) of a step's displacement; k is 0 in most steps.
 
         Args:
             data: with the kinematics of the configuration from which the step starts.
+            qd: (n,) velocities of the joints.
             lowest, highest: (n,) displacements between which the joints' own limits keep the step. A bound that they
                 cannot keep becomes the nearest that they can: the arm then brakes as hard as it may.
         """
-        model, segment, rows, bounds = self._model, self._segment, list[Vector](), list[float]()
-        apart = data.geom_xpos[self._pairs[:, 0]] - data.geom_xpos[self._pairs[:, 1]]
-        apart *= apart
-        for pair in np.flatnonzero(apart[:, 0] + apart[:, 1] + apart[:, 2] < self._near_squared).tolist():
+        rows, bounds = list[Vector](), list[float]()
+        for pair, reach in self._near_pairs(data, qd):
             one, other = self._pairs[pair].tolist()
-            distance = mujoco.mj_geomDistance(model, data, one, other, _LOOK_AHEAD, segment)
-            if distance >= _LOOK_AHEAD:
+            distance = mujoco.mj_geomDistance(self._model, data, one, other, reach, self._segment)
+            if distance >= reach:
                 continue
             row = self._approach(data, one, other, distance)
-            braking = mujoco.mju_dot(np.abs(row), self._accelerations) * CONTROL_STEP**2  # [m] a step, per step
+            braking = mujoco.mju_dot(np.abs(row), self._accelerations)
             left = max(distance - _DISTANCE, 0.0)
             allowed = math.sqrt((braking / 2) ** 2 + 2 * braking * left) - braking / 2
             least = mujoco.mju_dot(np.minimum(row, 0.0), highest) + mujoco.mju_dot(np.maximum(row, 0.0), lowest)
             rows.append(row)
             bounds.append(max(allowed, least))
-        return np.array(rows).reshape(-1, model.nv), np.array(bounds)
+        return np.array(rows).reshape(-1, self._model.nv), np.array(bounds)
+
+    def _near_pairs(self, data: mujoco.MjData, qd: Vector) -> list[tuple[int, float]]:
+        """Pairs that could meet before the joints have stopped, and the distance [m] within which they could.
+
+        Shapes are taken as their bounding boxes along the axes of the base, which come nearer as they did in the step
+        before, or a little faster.
+        """
+        self._before.qpos[:] = data.qpos - qd * CONTROL_STEP
+        mujoco.mj_kinematics(self._model, self._before)
+        before, gaps = self._gaps(self._before, data)
+        approach = np.maximum(before - gaps, 0.0) + self._brakes
+        reach = _DISTANCE + approach + approach**2 / (2 * self._brakes)
+        near = np.flatnonzero(gaps < reach)
+        return list(zip(near.tolist(), reach[near].tolist(), strict=True))
+
+    def _gaps(self, *states: mujoco.MjData) -> Vector:
+        """Distances (k, p) [m] of the bounding boxes of each pair in k states, negative where they overlap."""
+        axes = np.array([data.geom_xmat for data in states])[:, self._geoms].reshape(len(states), -1, 3, 3)
+        centres = np.array([data.geom_xpos for data in states])[:, self._geoms]
+        if self._is_off_centre:
+            centres += (axes * self._centres[:, None]).sum(axis=3)
+        halves = (np.abs(axes, out=axes) * self._halves[:, None]).sum(axis=3)
+        apart = np.abs(centres[:, self._first] - centres[:, self._second])
+        apart -= halves[:, self._first] + halves[:, self._second]
+        return np.asarray(apart.max(axis=2))
 
     def _approach(self, data: mujoco.MjData, one: int, other: int, distance: float) -> Vector:
         """How much nearer (n,) two geoms come by a displacement of each joint."""
@@ -68,3 +98,19 @@ class SelfAvoidance:
         row: Vector = np.empty(self._model.nv)
         mujoco.mju_mulMatTVec(row, self._of_first - self._of_second, direction)
         return row
+
+
+def _levers(model: mujoco.MjModel, geoms: NDArray[np.int64]) -> Vector:
+    """How far (g, n) each joint can move a point of each geom, at most: [m] per rad or m; 0 where it does not."""
+    levers = np.zeros((len(geoms), model.nv))
+    for number, geom in enumerate(geoms.tolist()):
+        body, length = int(model.geom_bodyid[geom]), float(np.linalg.norm(model.geom_pos[geom]))
+        length += float(model.geom_rbound[geom])
+        while body:
+            for joint in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
+                is_slide = int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_SLIDE)
+                lever = 1.0 if is_slide else length + float(np.linalg.norm(model.jnt_pos[joint]))
+                levers[number, model.jnt_dofadr[joint]] = lever
+            length += float(np.linalg.norm(model.body_pos[body]))
+            body = int(model.body_parentid[body])
+    return levers
