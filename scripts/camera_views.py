@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 import clutter_env  # noqa: F401  registers the environments
 
 _ID = "clutter_env/Retrieve-o15-v0"
-_ASIDE = {"fetch": 0.6}
-"""[rad] of the second joint of the arm, so that it is not before the head."""
 _KINDS: dict[str, dict[str, Any]] = {
     "state": {},
     "rgbd": {"obs_mode": "rgbd"},
@@ -88,16 +86,12 @@ def main(out: Path = Path("docs/images/cameras.png"), seed: int = 1, speed: bool
 
 
 def views(robot: str, seed: int) -> tuple[dict[str, Any], NDArray[Any], NDArray[Any]]:
-    """Images at the start, the arm turned aside where it would be in view, and the cloud: points, colours."""
+    """Images at the start, and the cloud: points, colours."""
     found = []
     kinds: tuple[dict[str, Any], ...] = (_KINDS["rgbd, segmentation"], {"obs_mode": "pointcloud", "num_points": 8192})
     for keywords in kinds:
         env: Any = gym.make(_ID, robot=robot, image_size=256, **keywords).unwrapped
         observation, _ = env.reset(seed=seed)
-        target = env.world.controller.state.target.copy()
-        target[4] += _ASIDE.get(robot, 0.0)
-        for _ in range(30 if robot in _ASIDE else 0):
-            observation, *_ = env.step(env.joint_action(target, 0.1))
         found.append(observation)
         env.close()
     return found[0], found[1]["points"], found[1]["point_rgb"]

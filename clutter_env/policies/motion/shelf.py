@@ -238,7 +238,9 @@ class ShelfArm:
 
     def __init__(self, network: KeyframeNetwork, robot: RobotSpec, layout: Layout) -> None:
         self._keyframes, self._kinematics, self._robot = KeyframePredictor(network), ArmKinematics(robot), robot
-        self._home, self._demonstrated = np.array(robot.home)[list(FREE_JOINTS)], network.shown.numpy().astype(float)
+        # Of the network, which was trained on one; the robot may start in another.
+        self._home = network.home.numpy().astype(float)[list(FREE_JOINTS)]
+        self._demonstrated = network.shown.numpy().astype(float)
         self._table, self._boxes = table_of(layout), furniture(layout)
         arrays, centres, radii, links = robot_arrays(robot), [], [], []
         for solid in range(arrays.held_from, len(arrays.core)):
