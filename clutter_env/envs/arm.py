@@ -33,7 +33,7 @@ from clutter_env.simulation.end_effector import EndEffectorController, TcpFollow
 START_HEIGHT = 0.18
 """[m] of the TCP above the table at the start."""
 START_BACK = 0.17
-"""[m] of the TCP at the start behind where it is in `_in_front`."""
+"""[m] of the TCP at the start behind where it is in `RobotSpec.in_front`."""
 GOAL_RANGE = (0.12, 0.15, 0.12)
 """[m] Objects and goals are at most this far from the TCP at the start, along x, y and, for Reach, z."""
 LOWEST = 0.03
@@ -51,12 +51,6 @@ the motors follow."""
 FINGER_VELOCITY = 0.15
 """[m/s] of one finger: five steps from open to closed on an object."""
 
-_IN_FRONT = {
-    "fetch": (0.25, 0.0, -1.02, 0.0, 2.12, 0.0, -1.10, 0.0),
-    "panda_mobile": (0.42, -1.558926, 1.035545, 1.238437, -2.647503, 2.776566, 2.026612, -0.08),
-}
-"""By robot, torso [m] and arm [rad] with the gripper before the middle of the base, level and pointing ahead. At home
-these robots have their arm aside, where it hides nothing from the head; here the gripper works in the middle."""
 _ACTIONS = 4
 _BRAKING = 0.06
 """[s] for which the arm moves on when it is told to stop; `arm_action` allows for it."""
@@ -281,7 +275,7 @@ def fast_arm(robot: RobotSpec) -> RobotSpec:
         max_tcp_velocity=(STEP / CONTROL_STEP, _TURN_RATE),
         max_finger_velocity=FINGER_VELOCITY,
     )
-    fast = replace(fast, home=_in_front(robot))
+    fast = replace(fast, home=robot.in_front)
     start, ahead = _start_position(robot), np.array(fast.home)
     lower, upper = np.array([(link.lower, link.upper) for link in robot.chain]).T
     # Rounded, so that saved states name the same robot on every machine.
@@ -305,10 +299,5 @@ def _settled(robot: RobotSpec, q: NDArray[np.float64], position: NDArray[np.floa
 
 def _start_position(robot: RobotSpec) -> NDArray[np.float64]:
     """Where the TCP of a robot starts, (3,) [m] in the base frame."""
-    x, y, _ = EndEffectorController(robot).position(np.array(_in_front(robot))).tolist()
+    x, y, _ = EndEffectorController(robot).position(np.array(robot.in_front)).tolist()
     return np.array([x - START_BACK, y, TABLE_HEIGHT + START_HEIGHT])
-
-
-def _in_front(robot: RobotSpec) -> tuple[float, ...]:
-    """The configuration (1 + n,) from which the gripper is turned down: home, where the robot has no other."""
-    return _IN_FRONT.get(robot.name, robot.home)
