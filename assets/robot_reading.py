@@ -50,6 +50,7 @@ _DEFAULTS: Mapping[str, Any] = {
     "grasp_height": 0.065,
     "grasp_axis_offset": 0.0,
     "finger_gap": 0.012,
+    "ahead": (),
 }
 """What may be said about a robot beside its MJCF file; empty values are read from it, or stand for slow limits."""
 

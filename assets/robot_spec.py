@@ -60,7 +60,7 @@ class RobotSpec:
     cameras: tuple[str, ...]
     home: tuple[float, ...]
     """Configuration to start, drive and carry in, shape (1 + n,): torso [m], arm [rad]; the gripper is level and above
-    the objects."""
+    the objects, the arm beside what the head's camera is to see."""
     max_velocity: tuple[float, ...]
     """Shape (4 + n,): base [m/s, m/s, rad/s], torso [m/s], arm [rad/s]."""
     max_acceleration: tuple[float, ...]
@@ -103,6 +103,9 @@ class RobotSpec:
     """[m] between each finger of the open gripper and the object that it is about to take, or has let go."""
     acts_with_all_arms: bool = False
     """Whether actions and plans move all arms, one after another; if not, only the active one. See `with_all_arms`."""
+    ahead: tuple[float, ...] = ()
+    """Of a robot of one arm, which is aside at home: a configuration like `home` with the gripper before the middle of
+    the base and the arm unturned; () where that is `home`. See `in_front`."""
 
     def __post_init__(self) -> None:
         for name in ("name", "mjcf", "base_body", "tcp_site", "gripper_body"):
@@ -135,6 +138,9 @@ class RobotSpec:
             value = getattr(self, name)
             is_tuple = isinstance(value, tuple) and all(isinstance(part, entry) for part in value)
             require(is_tuple, name, f"must be a tuple of {entry.__name__}, not {value!r}")
+        if self.ahead:
+            check_numbers("ahead", self.ahead, links)
+            require(not self.idle_arms, "ahead", "is for robots of one arm")
         require(isinstance(self.base_outline, tuple), "base_outline", f"must be a tuple, not {self.base_outline!r}")
         for corner in self.base_outline:
             check_numbers("base_outline, corner", corner, 2)
@@ -171,7 +177,7 @@ class RobotSpec:
             **page: what the file does not say. Needed are `base_joints`, names of the joints that move the base along
                 x, along y and about z; `tip`, name of the TCP's site; `finger_joints`; `home`. More fields may be said:
                 `name`, `finger_geoms`, `head_joints`, `head_configuration`, `grasp_height`, `grasp_axis_offset`,
-                `finger_gap`, and the limits, which are slow ones otherwise: a model has none. `base` is "holonomic" if
+                `finger_gap`, `ahead`, and the limits, which are slow ones otherwise: a model has none. `base` is "holonomic" if
                 not said, "differential" or "fixed": how the base moves. Of a robot with several arms, `arms` holds for
                 each, by its name, what differs: `tip`, `finger_joints`, `home` (the same lift) and what else may be
                 said; the first one is active, see `using` and `with_all_arms`.
@@ -255,6 +261,11 @@ class RobotSpec:
         for name in ("max_velocity", "max_acceleration"):
             parts[name] = (*getattr(self, name)[:4], *getattr(chosen, name))
         return replace(self, arm_name=arm_name, idle_arms=tuple(arms.values()), **parts)
+
+    @property
+    def in_front(self) -> tuple[float, ...]:
+        """The configuration (1 + n,) from which the arm works straight ahead: `ahead`, or `home` without one."""
+        return self.ahead or self.home
 
     @property
     def base_drive(self) -> str:

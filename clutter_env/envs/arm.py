@@ -32,8 +32,8 @@ from clutter_env.simulation.end_effector import EndEffectorController, TcpFollow
 
 START_HEIGHT = 0.18
 """[m] of the TCP above the table at the start."""
-START_DEPTH = 0.33
-"""[m] of the TCP at the start behind the table's front edge."""
+START_BACK = 0.17
+"""[m] of the TCP at the start behind where it is in `RobotSpec.in_front`."""
 GOAL_RANGE = (0.12, 0.15, 0.12)
 """[m] Objects and goals are at most this far from the TCP at the start, along x, y and, for Reach, z."""
 LOWEST = 0.03
@@ -142,10 +142,11 @@ class ArmEnv(GoalEnv):
         self._lowest = np.append(self._tcp_at_start[:2] - room[:2], TABLE_HEIGHT + LOWEST)
         if layout.board_height is not None:
             raise ConfigError(f"layout={layout.name!r} has shelves, under which no gripper points down")
-        if layout.depth - GOAL_RANGE[0] - _EDGE < START_DEPTH:
+        reach = float(self._tcp_at_start[0]) - robot.base_radius - _BASE_GAP
+        if not GOAL_RANGE[0] + _EDGE <= reach <= layout.depth - GOAL_RANGE[0] - _EDGE:
             raise ConfigError(
-                f"layout {layout.name!r} is {layout.depth} m deep, less than the goals with their margins: "
-                f"{START_DEPTH + GOAL_RANGE[0] + _EDGE:.2f} m"
+                f"robot {robot.name!r} over layout {layout.name!r}: its gripper points down {reach:.2f} m behind the "
+                f"front edge, which must be {GOAL_RANGE[0] + _EDGE:.2f} m from the front and the back edge"
             )
         return fast_arm(robot)
 
@@ -274,12 +275,11 @@ def fast_arm(robot: RobotSpec) -> RobotSpec:
         max_tcp_velocity=(STEP / CONTROL_STEP, _TURN_RATE),
         max_finger_velocity=FINGER_VELOCITY,
     )
-    start, (lower, upper) = _start_position(robot), np.array([(link.lower, link.upper) for link in robot.chain]).T
-    # From the middle of the joints' ranges, which leaves room on all sides; at home the arm is beside the table.
-    middle = np.array([robot.home[0], *(lower + upper)[1:] / 2])
-    settled, _ = _settled(replace(fast, home=tuple(middle.tolist())), middle, start)
+    fast = replace(fast, home=robot.in_front)
+    start, ahead = _start_position(robot), np.array(fast.home)
+    lower, upper = np.array([(link.lower, link.upper) for link in robot.chain]).T
     # Rounded, so that saved states name the same robot on every machine.
-    down = np.clip(settled.round(4), lower, upper)
+    down = np.clip(_settled(fast, ahead, start)[0].round(4), lower, upper)
     fast = replace(fast, home=tuple(down.tolist()))
     corners = (start + np.multiply(GOAL_RANGE, signs) for signs in product((-1, 1), repeat=3))
     if (error := max(_settled(fast, down, corner)[1] for corner in corners)) > GOAL_TOLERANCE / 2:
@@ -298,5 +298,6 @@ def _settled(robot: RobotSpec, q: NDArray[np.float64], position: NDArray[np.floa
 
 
 def _start_position(robot: RobotSpec) -> NDArray[np.float64]:
-    """Where the TCP of a robot starts, (3,) [m] in the base frame: straight ahead."""
-    return np.array([robot.base_radius + _BASE_GAP + START_DEPTH, 0.0, TABLE_HEIGHT + START_HEIGHT])
+    """Where the TCP of a robot starts, (3,) [m] in the base frame."""
+    x, y, _ = EndEffectorController(robot).position(np.array(robot.in_front)).tolist()
+    return np.array([x - START_BACK, y, TABLE_HEIGHT + START_HEIGHT])

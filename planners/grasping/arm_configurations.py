@@ -61,11 +61,13 @@ class ConfigurationGrid(NamedTuple):
             `irm.ik.solutions.free_angles`.
         nearest_home: of the configurations for one gripper pose only the one nearest to the home configuration counts.
             A robot that follows TCP poses ends up there, as its controller keeps the joints near home.
+        home: the configuration that counts as home; None for the robot's own.
     """
 
     torsos: Array
     rolls: Array
     nearest_home: bool = False
+    home: Array | None = None
 
     @classmethod
     def over(cls, chain: ArmChain, torsos: int = 6, rolls: int = 18) -> ConfigurationGrid:
@@ -80,7 +82,7 @@ class ConfigurationGrid(NamedTuple):
 
     @classmethod
     def about_home(cls, chain: ArmChain, home: Sequence[float]) -> ConfigurationGrid:
-        """Torso heights and angles of the free joint that include those of the home configuration; `nearest_home` set.
+        """Torso heights and angles of the free joint that include those of a `home`; `nearest_home` is set.
 
         Heights are 5 cm apart, those off the limits by less than half of it left out; angles 15° apart.
         """
@@ -92,7 +94,8 @@ class ConfigurationGrid(NamedTuple):
             turns = np.arange(1, _ABOUT_HOME // 2) * (2 * np.pi / _ABOUT_HOME)
             angles = home[free] + np.concatenate(([0.0], np.column_stack((turns, -turns)).ravel(), [np.pi]))
             angles = angles[(angles >= chain.lower[free]) & (angles <= chain.upper[free])]
-        return cls(np.asarray(heights[inside], np.float64), np.asarray(angles, np.float64), nearest_home=True)
+        grid = np.asarray(heights[inside], np.float64), np.asarray(angles, np.float64)
+        return cls(*grid, nearest_home=True, home=np.array(home, np.float64))
 
 
 class ArmConfigurations(NamedTuple):
@@ -223,12 +226,13 @@ def _scan(
         backed_off = gripper_poses.copy()
         backed_off[:, :2] += shift
         by_gripper |= gripper_hits(driven, backed_off, opening, held=held, ignore=ignore) | drive.before
-    query, home = inside.query(opening, held, ignore, first_free), np.array(world.scene.robot.home)
+    query = inside.query(opening, held, ignore, first_free)
+    home = np.array(world.scene.robot.home) if grid.home is None else grid.home
     on_drive = driven.query(opening, held, ignore, first_free)
     # Those whose gripper hits fewest objects come first: what they find rules out most of the others.
     by_hits = np.argsort(np.bitwise_count(by_gripper & ~np.uint64(FIXED_BITS)), kind="stable")
     order = np.arange(len(bases)) if first_free else by_hits
-    memory, (torsos, rolls, nearest_home) = make_memory(query, known), grid
+    memory, (torsos, rolls, nearest_home, _) = make_memory(query, known), grid
     scan(query, on_drive, shift, memory, home, bases, gripper_poses, by_gripper, order, torsos, rolls, nearest_home)
     kept, rows = memory.kept, np.flatnonzero(memory.kept.pair[: memory.kept.size[0]] >= 0)
     return ArmConfigurations(kept.q[rows], kept.pair[rows], kept.hits[rows], kept.quality[rows])

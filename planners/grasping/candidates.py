@@ -50,7 +50,8 @@ _MAP: tuple[float, ...] = ()
 _WORSE = 100.0
 """Quality that canonical grasps lose by each stage looked at before: more than all other terms together."""
 _YAW_COST, _TORSO_COST = 0.5, 3.0
-"""Cost of a radian of the base's yaw and of a metre of the torso from home; one of the pan and the rolls is 1."""
+"""Cost of a radian of the base's yaw and of a metre of the torso from `RobotSpec.in_front`; one of the pan and of the
+rolls is 1."""
 _ACROSS = 0.7
 """Cosine of the angle between a joint's axis and the robot's y axis from which on it bends the arm in its plane."""
 _ALL = (1 << 64) - 1
@@ -360,7 +361,7 @@ class GraspCandidates:
         world, arm = self.compiled.world(scene), scene.robot.arm_name
         chain = self.arms[arm].chain
         if about_home:
-            grid = ConfigurationGrid.about_home(chain, scene.robot.home)
+            grid = ConfigurationGrid.about_home(chain, scene.robot.in_front)
         else:
             grid = ConfigurationGrid.near_home(chain) if self.near_home else ConfigurationGrid.over(chain)
         ignore = scene.mask({body.name, *scene.held_names})
@@ -388,8 +389,8 @@ def _not_among(poses: GripperPoses, others: GripperPoses) -> GripperPoses:
 
 
 def _canonical_quality(base: Array, q: Array, robot: RobotSpec) -> float:
-    """Less for a base that is turned, an arm out of its vertical plane and a torso away from home."""
-    home, turning = robot.home, _turning_joints(robot)
+    """Less for a base that is turned, an arm out of its vertical plane and a torso away from `RobotSpec.in_front`."""
+    home, turning = robot.in_front, _turning_joints(robot)
     turns = np.remainder(q[turning] - np.array(home)[turning] + np.pi, 2 * np.pi) - np.pi
     yaw = np.remainder(base[2] + np.pi, 2 * np.pi) - np.pi
     cost = _YAW_COST * abs(yaw) + np.abs(turns).sum() + _TORSO_COST * abs(q[0] - home[0])
@@ -398,9 +399,9 @@ def _canonical_quality(base: Array, q: Array, robot: RobotSpec) -> float:
 
 @cache
 def _turning_joints(robot: RobotSpec) -> list[int]:
-    """The joints that turn the arm out of its vertical plane: at home their axes are not across the robot."""
+    """The joints that turn the arm out of its vertical plane: their axes are not across the robot in front of it."""
     chain = ArmChain.from_robot(robot)
-    R, _ = link_frames(chain, np.array(robot.home))
+    R, _ = link_frames(chain, np.array(robot.in_front))
     return [k for k in range(1, chain.size) if abs(R[k, 1, chain.axes[k]]) < _ACROSS]
 
 

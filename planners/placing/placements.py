@@ -341,7 +341,7 @@ class PlacementSearch:
     def _straight(self, world: CollisionWorld, locations: Array, deadline: Deadline) -> Iterator[Placement]:
         """The canonical placements of the held object at locations (n, 3) [m], the base least turned first."""
         scene, placer = world.scene, self.arms[world.scene.robot.arm_name]
-        grid = ConfigurationGrid.about_home(placer.chain, scene.robot.home)
+        grid = ConfigurationGrid.about_home(placer.chain, scene.robot.in_front)
         wanted = gripper_poses_at(scene, locations)
         yaws = wanted[0, :, 3] if len(wanted) else np.zeros(0)  # the same at all locations
         turns, free_of = np.round(np.abs(np.remainder(yaws + np.pi, 2 * np.pi) - np.pi), _DECIMALS), _free_of(world)

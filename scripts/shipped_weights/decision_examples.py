@@ -146,7 +146,7 @@ class Labels(NamedTuple):
 def label(scene: Scene, candidates: Candidates, bodies: Sequence[Body]) -> Labels:
     """Labels of candidate picks, or of places of what is held; `index` is that of the body as it stands there."""
     robot, held, world = scene.robot, scene.held, CollisionWorld.from_scene(scene)
-    grid = ConfigurationGrid.about_home(ArmChain.from_robot(robot), robot.home)
+    grid = ConfigurationGrid.about_home(ArmChain.from_robot(robot), robot.in_front)
     labels = Labels(np.zeros(len(candidates), np.bool_), np.zeros(len(candidates), np.uint64))
     for row, index in enumerate(candidates.index):
         body = bodies[index]

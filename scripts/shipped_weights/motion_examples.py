@@ -127,7 +127,7 @@ def free_joints_of(robot: RobotSpec, motion: Motion) -> Array | None:
 def _free_joints(robot: RobotSpec, q: Array) -> Array:
     """(..., 2) of configurations (..., 8)."""
     joints = list(FREE_JOINTS)
-    return np.asarray(nearest_home(robot, q)[..., joints] - np.array(robot.home)[joints])
+    return np.asarray(nearest_home(robot, q)[..., joints] - np.array(robot.in_front)[joints])
 
 
 def _of_phase(
@@ -353,7 +353,7 @@ def nearest_home(robot: RobotSpec, q: Array) -> Array:
     about one line, as Fetch's elbow and wrist do, both rolls by half a turn and the opposite bend are the same for all
     that follows: the bend gets the sign that it has at home.
     """
-    home, turned = np.array(robot.home), np.array(q)
+    home, turned = np.array(robot.in_front), np.array(q)
     for first in rolls_and_bends(robot):
         bend = turned[..., first + 1]
         is_flipped = bend * np.sign(home[first + 1]) < 0

@@ -95,7 +95,7 @@ def fit_motions(
     examples = keyframe_examples(robot, shelf or motions, bool(shelf))
     torch.manual_seed(seed)
     limits = ([link.lower for link in robot.chain], [link.upper for link in robot.chain])
-    network = KeyframeNetwork(robot.home, *limits, is_under_shelf=bool(shelf))
+    network = KeyframeNetwork(robot.in_front, *limits, is_under_shelf=bool(shelf))
     kinematics = ArmKinematics(robot)
     network.seen[np.unique(examples.phase)] = True
     # Of inputs that never differ from 0, such as whether it is a box, nothing is learned: they are to change nothing.

@@ -104,7 +104,8 @@ def test_images_hide_the_object() -> None:
         ({"num_objects": 3}, "num_objects"),
         ({"control_mode": "joint"}, "control_mode"),
         ({"layout": "shelf"}, "shelves"),
-        ({"robot": "pr2"}, "misses goals"),
+        ({"robot": "pr2"}, "behind the front edge"),
+        ({"robot": "panda_mobile"}, "misses goals"),
     ],
 )
 def test_what_these_environments_cannot_be_is_refused(keywords: dict[str, object], message: str) -> None:

@@ -70,7 +70,7 @@ def test_a_detour_is_found_where_the_straight_line_is_blocked() -> None:
     """An object as high as the gripper stands between start and goal."""
     tower = cylinder("object_00", -0.45, 0.0, radius=0.1, height=0.6)
     world = CollisionWorld.from_scene(table_scene(tower))
-    start, goal = np.array([-1.05, 0.45, 0.0]), np.array([-1.05, -0.45, 0.0])
+    start, goal = np.array([-1.05, 0.0, 0.0]), np.array([-1.05, -0.9, 0.0])  # the gripper is 0.45 m to the left
     straight = np.hstack([np.stack([start, goal]), np.tile(HOME, (2, 1))])
     assert world.path_hits(straight, FETCH.max_opening)
     path = plan_base(world, start, goal, HOME)
@@ -153,7 +153,7 @@ def test_ways_along_the_ground_are_shortest_ones(seed: int) -> None:
 
 
 def test_a_drive_keeps_a_centimetre_from_all_else_where_what_is_held_is_nearer_to_the_robot() -> None:
-    start, goal = np.array([-1.0, 0.5, 0.0]), np.array([-1.0, -0.5, 0.0])
+    start, goal = np.array([-1.0, 0.05, 0.0]), np.array([-1.0, -0.95, 0.0])  # the gripper is 0.45 m to the left
     # An object that is held farther and farther back comes near to the robot at home.
     for back in np.arange(0.1, 0.3, 0.002):
         held = replace(HANGING, T_tcp_object=np.array([[1, 0, 0, -back], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]]))

@@ -105,7 +105,7 @@ def test_a_check_does_not_change_the_next_one() -> None:
 
 def test_moving_to_another_scene_equals_building_anew() -> None:
     scene = mixed_scene(12, 2)
-    moved = scene.with_body(scene.body("object_00").at([-0.3, 0.0, 1.05]))
+    moved = scene.with_body(scene.body("object_00").at([-0.45, 0.45, 1.05]))
     path = arm_path(np.array([-1.1, 0.0, 0.0]), HOME[None], 0.05)
     checker = MujocoCollisionChecker(scene)
     before = checker.deepest_penetration(path).penetration
