@@ -25,8 +25,17 @@ from irm.compilation import njit
 from irm.ik.closed_form import decide_poses, ik_arm
 from irm.ik.numerical import random_seeds, refine
 from irm.ik.outer_reach import are_out_of_reach
-from irm.ik.structure import ParallelArm, SphericalArm, find_structure
-from irm.ik.structured import parallel_excess, parallel_solutions, scan_free_joint, spherical_solutions
+from irm.ik.search import search
+from irm.ik.structure import (
+    CLOSED_FORM as CLOSED_FORM,
+    ITERATIVE as ITERATIVE,
+    PARALLEL as PARALLEL,
+    SPHERICAL as SPHERICAL,
+    ParallelArm,
+    SphericalArm,
+    find_structure,
+)
+from irm.ik.structured import parallel_solutions, spherical_solutions
 from irm.kernel_arguments import call_at, kernel_address, layout_of, leaf_kernel, packed
 from irm.kinematics import arm_jacobian, condition, fk_frames
 from irm.self_contact import CLEARANCE
@@ -36,16 +45,10 @@ Floats = NDArray[np.float64]
 _ROUNDING = 1e-9
 """[m] Lengths that differ by less are equal."""
 LIFT_STEP = 0.02
-"""[m] Largest step between the first heights of the lift that are tried."""
-LIFT_HALVINGS = 6
-"""How often a step of the lift is halved before it is called open: down to 0.3 mm."""
-LIFT_SLOPE = 60.0
-"""[rad/m] Largest slope of the excess along the lift that is assumed."""
+"""[m] Largest step between the heights of the lift from which an arm is solved by iteration."""
 SEEDS = 60
 """Random configurations for arms without a closed form, and for poses that it leaves open; at each height of a lift
 half as many."""
-CLOSED_FORM, SPHERICAL, PARALLEL, ITERATIVE = range(4)
-"""How an arm is solved: by `irm.ik.closed_form`, by the two structures of `irm.ik.structure`, or by iteration."""
 _UPPER_ARM_ROLL, _ELBOW_FLEX = 3, 4
 """Joints of `irm.ik.closed_form`: the one whose angle is free, and the elbow."""
 _SEEDS = 200
@@ -133,7 +136,7 @@ class ExactSolver:
         low, high = self.torso_range
         status[are_out_of_reach(self.chain, self.torso_range, T)] = NO
         if not self.is_iterative:
-            _scan_poses(self._arrays, T, low, high, status, q)
+            _search_poses(self._arrays, T, low, high, status, q)
         if np.any(status == UNKNOWN):
             _solve_from_seeds(self._arrays.chain, T, self._seeds, status, q)
         return status, q
@@ -148,58 +151,13 @@ class ExactSolver:
 
 
 @njit(cache=True)
-def _scan_poses(arm: SolverArrays, T: Floats, low: float, high: float, status: NDArray[np.int8], q: Floats) -> None:
-    """Scan the lift for every open pose (n, 4, 4); what cannot be decided stays open."""
+def _search_poses(arm: SolverArrays, T: Floats, low: float, high: float, status: NDArray[np.int8], q: Floats) -> None:
+    """Search boxes of lift and free joint for every open pose (n, 4, 4); what cannot be decided stays open."""
     for n in range(len(T)):
         if status[n] == UNKNOWN:
-            status[n] = _scan_lift(arm, T[n, :3, :3].copy(), T[n, :3, 3].copy(), low, high, q[n])
+            status[n] = search(arm, T[n, :3, :3].copy(), T[n, :3, 3].copy(), low, high, q[n])
             if status[n] != YES:
                 q[n] = np.nan
-
-
-@njit(cache=True)
-def _scan_lift(arm: SolverArrays, R: Floats, p: Floats, low: float, high: float, q: Floats) -> int:
-    """The answer for one pose; a solution into `q`. Between two heights the excess could reach 0 only if it changes by
-    their sum."""
-    steps = ceil((high - low) / LIFT_STEP - _ROUNDING)
-    step = (high - low) / max(1, steps)
-    heights, ends = low + step * np.arange(steps + 1), np.empty(steps + 1)
-    heights[-1] = high
-    undecided = False
-    for k in range(steps + 1):
-        q[0] = heights[k]
-        answer, ends[k] = _try_height(arm, R, p, q)
-        if answer == YES:
-            return YES
-        undecided = undecided or answer == UNKNOWN
-    start, left, right = heights[:-1], ends[:-1], ends[1:]
-    for _ in range(LIFT_HALVINGS):
-        may_cross = left + right < LIFT_SLOPE * step
-        start, left, right, step = start[may_cross], left[may_cross], right[may_cross], 0.5 * step
-        middle = np.empty(start.size)
-        for k in range(start.size):
-            q[0] = start[k] + step
-            answer, middle[k] = _try_height(arm, R, p, q)
-            if answer == YES:
-                return YES
-            undecided = undecided or answer == UNKNOWN
-        start = np.concatenate((start, start + step))
-        left, right = np.concatenate((left, middle)), np.concatenate((middle, right))
-    return UNKNOWN if undecided or np.any(left + right < LIFT_SLOPE * step) else NO
-
-
-@njit(cache=True)
-def _try_height(arm: SolverArrays, R: Floats, p: Floats, q: Floats) -> tuple[int, float]:
-    """Answer and excess for a pose at the torso height `q[0]`; a solution into `q`."""
-    if arm.kind == SPHERICAL:
-        return scan_free_joint(arm.chain, arm.spherical, R, p, q)
-    lowered, best = p.copy(), np.empty((1, 6))
-    lowered[2] -= q[0]
-    excess = max(0.0, parallel_excess(arm.parallel, R, lowered, best) - arm.parallel.slack)
-    if excess > 0.0:
-        return NO, excess
-    q[1:] = best[0]
-    return (YES if refine(arm.chain, R, p, q) else UNKNOWN), excess
 
 
 @njit(cache=True)
@@ -239,7 +197,7 @@ _NO_SPHERE = SphericalArm(
     *(np.zeros(7), np.zeros(7), np.zeros(7, dtype=np.int64), False, 0.0, 0.0),
 )
 _NO_PARALLELS = ParallelArm(
-    np.zeros((6, 3)), np.zeros((5, 3)), np.zeros((3, 3)), np.zeros(3), np.zeros(6), np.zeros(6), 0.0
+    np.zeros((6, 3)), np.zeros((5, 3)), np.zeros((3, 3)), np.zeros(3), np.zeros(6), np.zeros(6), 0.0, 0.0, 0.0
 )
 
 

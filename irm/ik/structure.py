@@ -30,6 +30,10 @@ _ROUNDING = 1e-9
 """[rad] Slack of an arm whose axes meet exactly."""
 _PARALLEL = 2e-5
 """Sine of the angle below which two axes are parallel, for the same reason."""
+_ARC = 1.0 + 1e-6
+"""Of an angle so small to its sine, at most."""
+CLOSED_FORM, SPHERICAL, PARALLEL, ITERATIVE = range(4)
+"""How an arm is solved: by `irm.ik.closed_form`, by the two structures of this file, or by iteration."""
 
 
 class SphericalArm(NamedTuple):
@@ -38,8 +42,8 @@ class SphericalArm(NamedTuple):
     `axes` (7, 3), in the order of solving; for six joints the first one is no joint. Points (3,) [m]: `pivot` on the
     free axis, `shoulder` where the next two axes meet, `elbow` on the fourth axis, `wrist`. `R_tool` (3, 3) and `tool`
     (3,): end at zero. `lower`, `upper` (7,) in the same order. `columns` (7,): joint of the chain, -1 for none.
-    `reversed`: whether the arm is solved from the TCP to the base. `slack`, `error`: of the
-    solutions' angles [rad] and of their wrist [m].
+    `reversed`: whether the arm is solved from the TCP to the base. `slack`: error of the solutions' angles [rad].
+    `error`: largest distance of its TCP positions from those of the arm whose axes do not quite meet [m].
     """
 
     axes: Floats
@@ -61,7 +65,8 @@ class ParallelArm(NamedTuple):
     """Six joints of which the second to fourth are parallel, at zero, in the base frame.
 
     `axes` (6, 3); `points` (5, 3) on the axes: the last one is where the fifth and sixth axes meet [m]. `R_tool` (3, 3)
-    and `tool` (3,): TCP at zero. `lower`, `upper` (6,). `slack`: error of the solutions [rad].
+    and `tool` (3,): TCP at zero. `lower`, `upper` (6,). `slack`: error of the solutions [rad]. `error`, `turn`: largest
+    differences of its TCP poses from those of the arm whose axes are not quite parallel, or do not quite meet [m], [rad].
     """
 
     axes: Floats
@@ -71,6 +76,8 @@ class ParallelArm(NamedTuple):
     lower: Floats
     upper: Floats
     slack: float
+    error: float
+    turn: float
 
 
 class _Line(NamedTuple):
@@ -100,8 +107,9 @@ def find_structure(chain: ArmChain) -> SphericalArm | ParallelArm | None:
 def _spherical(
     chain: ArmChain, lines: list[_Line], R_tool: Floats, tool: Floats, is_reversed: bool
 ) -> SphericalArm | None:
-    wrist, wrist_error = _common_point(lines[-3:])
-    shoulder, shoulder_error = _common_point(lines[-6:-4])
+    wrist, from_wrist = _common_point(lines[-3:])
+    shoulder, from_shoulder = _common_point(lines[-6:-4])
+    wrist_error, shoulder_error = from_wrist.max(), from_shoulder.max()
     if max(wrist_error, shoulder_error) > _MEET:
         return None
     columns = list(range(1, chain.size))[:: -1 if is_reversed else 1]
@@ -121,8 +129,9 @@ def _spherical(
         upper=limits[:, 1].copy(),
         columns=np.array(columns),
         reversed=is_reversed,
-        slack=_ROUNDING + _SLACK_PER_METRE * (wrist_error + shoulder_error),
-        error=2.0 * (wrist_error + shoulder_error),
+        slack=float(_ROUNDING + _SLACK_PER_METRE * (wrist_error + shoulder_error)),
+        # An axis that is moved to one side moves what it turns by less than twice as much.
+        error=float(2.0 * (from_wrist.sum() + from_shoulder.sum())),
     )
 
 
@@ -130,25 +139,32 @@ def _parallel(chain: ArmChain, lines: list[_Line], R_tool: Floats, tool: Floats)
     if len(lines) != 6:
         return None
     along = lines[1].axis
-    meeting, error = _common_point(lines[4:])
-    if error > _MEET or any(np.linalg.norm(np.cross(along, line.axis)) > _PARALLEL for line in lines[2:4]):
+    meeting, away = _common_point(lines[4:])
+    tilt = sum(float(np.linalg.norm(np.cross(along, line.axis))) for line in lines[2:4])
+    if away.max() > _MEET or tilt > 2 * _PARALLEL:
         return None
+    # An axis that is tilted turns the TCP by less than twice as much, at most at the reach of the arm.
+    turn = 2.0 * tilt * _ARC
+    axes = np.array([line.axis for line in lines])
+    axes[2:4] = np.sign(axes[2:4] @ along)[:, None] * along
     return ParallelArm(
-        axes=np.array([line.axis for line in lines]),
+        axes=axes,
         points=np.array([*(line.point for line in lines[:4]), meeting]),
         R_tool=R_tool.copy(),
         tool=tool.copy(),
         lower=chain.lower[1:].copy(),
         upper=chain.upper[1:].copy(),
-        slack=_ROUNDING + _SLACK_PER_METRE * error,
+        slack=float(_ROUNDING + _SLACK_PER_METRE * (away.max() + turn * chain.reach)),
+        error=float(2.0 * away.sum() + turn * chain.reach),
+        turn=turn,
     )
 
 
-def _common_point(lines: list[_Line]) -> tuple[Floats, float]:
-    """The point nearest to some axes, and its largest distance from them [m]: infinite if neighbours are parallel."""
+def _common_point(lines: list[_Line]) -> tuple[Floats, Floats]:
+    """The point nearest to some axes, and its distances from them [m]: infinite if neighbours are parallel."""
     if any(np.linalg.norm(np.cross(a.axis, b.axis)) < _PARALLEL for a, b in itertools.pairwise(lines)):
-        return np.full(3, np.nan), np.inf
+        return np.full(3, np.nan), np.full(len(lines), np.inf)
     projections = [np.eye(3) - np.outer(line.axis, line.axis) for line in lines]
     rest = [P @ line.point for P, line in zip(projections, lines, strict=True)]
     point = np.linalg.solve(np.sum(projections, axis=0), np.sum(rest, axis=0))
-    return point, max(float(np.linalg.norm(P @ point - r)) for P, r in zip(projections, rest, strict=True))
+    return point, np.array([np.linalg.norm(P @ point - r) for P, r in zip(projections, rest, strict=True)])
