@@ -66,13 +66,17 @@ def _about(error: float) -> float:
 
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
-def may_reach_spherical(arm: SphericalArm, goal: SphericalGoal, free: Angle, error: float) -> bool:
-    """Whether an arm with a spherical wrist may reach a pose with the free joint within a range: false is proved.
+def may_reach_spherical(
+    arm: SphericalArm, goal: SphericalGoal, free: Angle, fifth: Angle, error: float, angles: Floats
+) -> bool:
+    """Whether an arm with a wrist may reach a pose with two joints within ranges: false is proved.
 
     Args:
         arm, goal: see their types.
         free: range of the free joint; without one any middle, with a half width of 0.
-        error: of the goal's wrist, without that of the free joint's angle [m].
+        fifth: range of the fifth joint.
+        error: of the goal's wrist, without that of the two angles [m].
+        angles: (1, 7) filled with the middles of the first branch that is left, in the order of solving [rad].
     """
     axis_1, axis_2, axis_3, axis_4 = row(arm.axes, 0), row(arm.axes, 1), row(arm.axes, 2), row(arm.axes, 3)
     pivot, shoulder, elbow = point(arm.pivot), point(arm.shoulder), point(arm.elbow)
@@ -84,7 +88,11 @@ def may_reach_spherical(arm: SphericalArm, goal: SphericalGoal, free: Angle, err
     spread = 2.0 * abs(dot(tangent, to_wrist)) * free.half + radius * offset * free.half * free.half
     low = max(0.0, sqrt(max(0.0, distance * distance - spread)) - error)
     high = sqrt(distance * distance + spread) + error
-    upper_arm, forearm = subtract(elbow, shoulder), subtract(point(arm.wrist), elbow)
+    offset_5, axis_5 = point(arm.offset), row(arm.axes, 4)
+    bent = subtract(rotate(axis_5, fifth.middle, offset_5), offset_5)
+    error_bent = norm(offset_5) * _chord(fifth.half)
+    upper_arm, forearm = subtract(elbow, shoulder), add(subtract(point(arm.wrist), elbow), bent)
+    low, high = max(0.0, low - error_bent), high + error_bent
     middle, least, most = distance_range(axis_4, upper_arm, forearm, low, high)
     if most < 0.0:
         return False
@@ -96,7 +104,7 @@ def may_reach_spherical(arm: SphericalArm, goal: SphericalGoal, free: Angle, err
         if half_4 < 0.0:
             continue
         reach = add(upper_arm, rotate(axis_4, q4, forearm))
-        error_reach = turned_by(across * _chord(half_4), norm(reach))
+        error_reach = turned_by(across * _chord(half_4) + error_bent, norm(reach))
         meeting = meeting_ranges(axis_2, to_wrist, error_wrist, axis_3, reach, error_reach)
         for i in range(2):
             sign = 1.0 if i == 0 else -1.0
@@ -108,18 +116,21 @@ def may_reach_spherical(arm: SphericalArm, goal: SphericalGoal, free: Angle, err
             q3, half_3 = within(middle_3, meeting.half_2, arm.lower[2], arm.upper[2])
             if half_3 < 0.0:
                 continue
-            if _may_turn_wrist(arm, goal, (free, Angle(q2, half_2), Angle(q3, half_3), Angle(q4, half_4))):
+            first = free, Angle(q2, half_2), Angle(q3, half_3), Angle(q4, half_4)
+            if _may_turn_wrist(arm, goal, first, fifth, angles):
                 return True
     return False
 
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
-def _may_turn_wrist(arm: SphericalArm, goal: SphericalGoal, first: tuple[Angle, Angle, Angle, Angle]) -> bool:
-    """Whether the wrist may have the goal's orientation with the `first` four angles in some ranges."""
+def _may_turn_wrist(
+    arm: SphericalArm, goal: SphericalGoal, first: tuple[Angle, Angle, Angle, Angle], fifth: Angle, angles: Floats
+) -> bool:
+    """Whether the wrist may have the goal's orientation with the `first` four angles, and the `fifth`, in ranges."""
     axis_5, axis_6, axis_7 = row(arm.axes, 4), row(arm.axes, 5), row(arm.axes, 6)
     v, side, error, turn = goal.last_axis, goal.side, TOLERANCE, TOLERANCE
     for k in range(4):
-        axis = row(arm.axes, k)
+        axis, angles[0, k] = row(arm.axes, k), first[k].middle
         error += _sine(axis, v) * first[k].half
         turn += first[k].half
         v, side = rotate(axis, -first[k].middle, v), rotate(axis, -first[k].middle, side)
@@ -127,7 +138,7 @@ def _may_turn_wrist(arm: SphericalArm, goal: SphericalGoal, first: tuple[Angle, 
     for i in range(2):
         sign = 1.0 if i == 0 else -1.0
         middle_5 = -(meeting.azimuth_1 + sign * meeting.side_1)
-        q5, half_5 = within(middle_5, meeting.half_1, arm.lower[4], arm.upper[4])
+        q5, half_5 = within(middle_5, meeting.half_1, fifth.middle - fifth.half, fifth.middle + fifth.half)
         if half_5 < 0.0:
             continue
         q6, half_6 = within(meeting.azimuth_2 - sign * meeting.side_2, meeting.half_2, arm.lower[5], arm.upper[5])
@@ -135,7 +146,9 @@ def _may_turn_wrist(arm: SphericalArm, goal: SphericalGoal, first: tuple[Angle, 
             continue
         turned = rotate(axis_6, -q6, rotate(axis_5, -q5, side))
         middle_7, half_7 = angle_about(axis_7, goal.side_at_zero, turned), _about(turn + half_5 + half_6)
-        if within(middle_7, half_7, arm.lower[6], arm.upper[6])[1] >= 0.0:
+        q7, half_7 = within(middle_7, half_7, arm.lower[6], arm.upper[6])
+        if half_7 >= 0.0:
+            angles[0, 4], angles[0, 5], angles[0, 6] = q5, q6, q7
             return True
     return False
 

@@ -1,9 +1,12 @@
-"""Answers for one TCP pose by branch and bound over the lift and the free joint, compiled; for arms with a structure.
+"""Answers for one TCP pose by branch and bound over the lift and one or two joints, compiled; for arms with a structure.
 
 With the lift and the free joint fixed, the closed form says whether a pose is reached. A box of heights and angles is
 first tried at its middle. If no point of it may reach the pose (`irm.ik.exclusion`), it is left out, else it is cut in
 two. NO is proved: every box was left out. YES comes with a configuration that forward kinematics confirms. A pose is
 UNKNOWN where very small boxes are left.
+
+An arm whose wrist is not spherical has no closed form. Once its fifth joint is fixed too, the same proof serves: boxes
+have a range of its angles as well. At their middles nothing fits exactly; from there the configuration is refined.
 """
 
 from __future__ import annotations
@@ -20,7 +23,7 @@ from irm.compilation import njit
 from irm.ik.exclusion import Angle, may_reach_parallel, may_reach_spherical
 from irm.ik.numerical import refine
 from irm.ik.ranges import TOLERANCE
-from irm.ik.structure import SPHERICAL, ParallelArm, SphericalArm
+from irm.ik.structure import ITERATIVE, PARALLEL, ParallelArm, SphericalArm
 from irm.ik.structured import parallel_excess, parallel_goal, spherical_excess, spherical_goal
 from irm.ik.subproblems import norm, point
 
@@ -51,7 +54,7 @@ class _Trial(NamedTuple):
     """What is tried: an arm and a pose, `R` (3, 3) and `p` (3,); `q` (1 + n,) is the last solution, with its torso,
     `angles` (1, 7) or (1, 6) the last angles of the closed form, and `lowered` (3,) scratch space."""
 
-    kind: int
+    has_wrist: bool
     chain: ChainArrays
     spherical: SphericalArm
     parallel: ParallelArm
@@ -72,20 +75,26 @@ def search(arm: SolverArrays, R: Floats, p: Floats, low: float, high: float, q: 
         low, high: range of the lift [m].
         q: (1 + n,) filled where the answer is YES.
     """
-    columns = 7 if arm.kind == SPHERICAL else 6
-    trial = _Trial(arm.kind, arm.chain, arm.spherical, arm.parallel, R, p, q, np.empty((1, columns)), p.copy())
-    lower, upper = (arm.spherical.lower[0], arm.spherical.upper[0]) if arm.kind == SPHERICAL else (0.0, 0.0)
-    width = min(2.0 * pi, upper - lower)
-    first_angle = 0.5 * (lower + upper - width)
+    has_wrist, is_exact = arm.kind != PARALLEL, arm.kind != ITERATIVE
+    columns = 7 if has_wrist else 6
+    trial = _Trial(has_wrist, arm.chain, arm.spherical, arm.parallel, R, p, q, np.empty((1, columns)), p.copy())
+    lower, upper = arm.spherical.lower, arm.spherical.upper
+    width = min(2.0 * pi, upper[0] - lower[0])
+    first_angle = 0.5 * (lower[0] + upper[0] - width)
+    half_fifth, offset = min(pi, 0.5 * (upper[4] - lower[4])), norm(point(arm.spherical.offset))
     heights, turns = _count(high - low, LARGEST_LIFT), _count(width, LARGEST_ANGLE)
     half_lift, half_angle = 0.5 * (high - low) / heights, 0.5 * width / turns
-    boxes = np.empty((heights * turns + 2 * _MOST_BOXES, 4))
+    boxes = np.empty((heights * turns + 2 * _MOST_BOXES, 6))
     count, stride, failures = heights * turns, _coprime_stride(heights * turns), 0
     best, best_lift, best_angle = np.inf, low, first_angle
     for k in range(count):
         node = k * stride % count
         lift = low + (2 * (node // turns) + 1) * half_lift
         angle = first_angle + (2 * (node % turns) + 1) * half_angle
+        boxes[k, 0], boxes[k, 1], boxes[k, 2], boxes[k, 3] = lift, half_lift, angle, half_angle
+        boxes[k, 4], boxes[k, 5] = 0.5 * (lower[4] + upper[4]), half_fifth
+        if not is_exact:
+            continue
         excess = _excess(trial, lift, angle)
         if excess == 0.0:
             if _refined(trial, lift):
@@ -93,16 +102,22 @@ def search(arm: SolverArrays, R: Floats, p: Floats, low: float, high: float, q: 
             failures += 1
         if excess < best:
             best, best_lift, best_angle = excess, lift, angle
-        boxes[k, 0], boxes[k, 1], boxes[k, 2], boxes[k, 3] = lift, half_lift, angle, half_angle
-    first, last, initial, refined = 0, count, count, _CLOSE
-    finest = max(_FINEST, _FINEST_ERROR * (arm.spherical.error if arm.kind == SPHERICAL else arm.parallel.error))
+    first, last, initial, refined, left, next_try = 0, count, count, _CLOSE, 0, 1
+    finest = max(_FINEST, _FINEST_ERROR * (arm.spherical.error if has_wrist else arm.parallel.error))
     is_open = False
     while first < last:
-        lift, half_lift, angle, half_angle = boxes[first]
+        box = boxes[first]
+        lift, angle = box[0], box[2]
         first += 1
-        if not _may_reach(trial, lift, half_lift, angle, half_angle):
+        if not _may_reach(trial, box):
             continue
-        if first > initial:
+        left += 1
+        if not is_exact:
+            if left == next_try:
+                next_try *= 2
+                if _refined(trial, lift):
+                    return YES
+        elif first > initial:
             excess = _excess(trial, lift, angle)
             if excess < best:
                 best, best_lift, best_angle = excess, lift, angle
@@ -114,18 +129,21 @@ def search(arm: SolverArrays, R: Floats, p: Floats, low: float, high: float, q: 
         if failures > _MOST_FAILURES or last + 2 > len(boxes):
             is_open = True
             break
-        if max(half_lift, half_angle) < finest:
+        motions = box[1], _LEVER * box[3], offset * box[5]
+        if max(motions) < finest:
             is_open = True
             continue
-        boxes[last : last + 2] = boxes[first - 1]
-        which = 0 if half_lift > _LEVER * half_angle else 2
-        half = 0.5 * boxes[last, which + 1]
+        boxes[last : last + 2] = box
+        which = 0 if motions[0] == max(motions) else (2 if motions[1] == max(motions) else 4)
+        half = 0.5 * box[which + 1]
         boxes[last, which] -= half
         boxes[last + 1, which] += half
         boxes[last : last + 2, which + 1] = half
         last += 2
     if not is_open:
         return NO
+    if not is_exact:
+        return UNKNOWN
     _excess(trial, best_lift, best_angle)
     return YES if _refined(trial, best_lift) else UNKNOWN
 
@@ -140,7 +158,7 @@ def _excess(trial: _Trial, lift: float, angle: float) -> float:
     """By how much the best solution at a height and an angle misses, less the slack of the structure; its angles into
     `trial.angles`."""
     trial.lowered[2] = trial.p[2] - lift
-    if trial.kind == SPHERICAL:
+    if trial.has_wrist:
         goal = spherical_goal(trial.spherical, trial.R, trial.lowered)
         return max(0.0, spherical_excess(trial.spherical, goal, angle, trial.angles) - trial.spherical.slack)
     level = parallel_goal(trial.parallel, trial.R, trial.lowered)
@@ -152,24 +170,28 @@ def _refined(trial: _Trial, lift: float) -> bool:
     """Whether the last angles tried, refined, are a solution, which is then in `trial.q`."""
     trial.q[0] = lift
     for joint in range(trial.angles.shape[1]):
-        column = trial.spherical.columns[joint] if trial.kind == SPHERICAL else joint + 1
+        column = trial.spherical.columns[joint] if trial.has_wrist else joint + 1
         if column >= 0:
             trial.q[column] = trial.angles[0, joint]
     return refine(trial.chain, trial.R, trial.p, trial.q)
 
 
 @njit(cache=True)
-def _may_reach(trial: _Trial, lift: float, half_lift: float, angle: float, half_angle: float) -> bool:
-    """Whether any point of a box may reach the pose: false is proved."""
-    trial.lowered[2] = trial.p[2] - lift
-    if trial.kind == SPHERICAL:
+def _may_reach(trial: _Trial, box: Floats) -> bool:
+    """Whether any point of a box may reach the pose: false is proved.
+
+    `box` (6,): middle and half size of its heights [m], and of the angles of the free joint and of the fifth [rad].
+    """
+    trial.lowered[2] = trial.p[2] - box[0]
+    if trial.has_wrist:
         arm = trial.spherical
         lever = norm(point(trial.lowered)) + norm(point(arm.wrist)) + norm(point(arm.tool))
-        error = arm.error + half_lift + TOLERANCE * (1.0 + lever)
-        return may_reach_spherical(arm, spherical_goal(arm, trial.R, trial.lowered), Angle(angle, half_angle), error)
+        error = arm.error + box[1] + TOLERANCE * (1.0 + lever)
+        goal, free, fifth = spherical_goal(arm, trial.R, trial.lowered), Angle(box[2], box[3]), Angle(box[4], box[5])
+        return may_reach_spherical(arm, goal, free, fifth, error, trial.angles)
     level = trial.parallel
     lever = norm(point(level.points[4])) + norm(point(level.tool))
-    error = level.error + half_lift + TOLERANCE + (level.turn + TOLERANCE) * lever
+    error = level.error + box[1] + TOLERANCE + (level.turn + TOLERANCE) * lever
     return may_reach_parallel(level, parallel_goal(level, trial.R, trial.lowered), error)
 
 

@@ -33,6 +33,7 @@ from irm.ik.structure import (
     SPHERICAL as SPHERICAL,
     ParallelArm,
     SphericalArm,
+    find_bounds,
     find_structure,
 )
 from irm.ik.structured import parallel_solutions, spherical_solutions
@@ -49,6 +50,8 @@ LIFT_STEP = 0.02
 SEEDS = 60
 """Random configurations for arms without a closed form, and for poses that it leaves open; at each height of a lift
 half as many."""
+FIRST_SEEDS = 20
+"""Configurations from which an arm without a closed form is solved before a proof of NO is looked for."""
 _UPPER_ARM_ROLL, _ELBOW_FLEX = 3, 4
 """Joints of `irm.ik.closed_form`: the one whose angle is free, and the elbow."""
 _SEEDS = 200
@@ -135,10 +138,14 @@ class ExactSolver:
             return status, q
         low, high = self.torso_range
         status[are_out_of_reach(self.chain, self.torso_range, T)] = NO
-        if not self.is_iterative:
+        seeds = self._seeds
+        if self.is_iterative:  # the first ones reach most poses, in less time than the search takes
+            _solve_from_seeds(self._arrays.chain, T, seeds[:FIRST_SEEDS], status, q)
+            seeds = seeds[FIRST_SEEDS:]
+        if self._arrays.spherical.axes.any() or self._arrays.parallel.axes.any():
             _search_poses(self._arrays, T, low, high, status, q)
         if np.any(status == UNKNOWN):
-            _solve_from_seeds(self._arrays.chain, T, self._seeds, status, q)
+            _solve_from_seeds(self._arrays.chain, T, seeds, status, q)
         return status, q
 
     @cached_property
@@ -147,7 +154,8 @@ class ExactSolver:
         low, high = self.torso_range
         heights, rng = np.linspace(low, high, ceil((high - low) / LIFT_STEP) + 1), np.random.default_rng(0)
         count = SEEDS if low == high else SEEDS // 2
-        return np.concatenate([random_seeds(self.chain, count, height, rng) for height in heights])
+        seeds = np.concatenate([random_seeds(self.chain, count, height, rng) for height in heights])
+        return np.asarray(rng.permutation(seeds) if self.is_iterative else seeds)
 
 
 @njit(cache=True)
@@ -177,7 +185,7 @@ class SolverArrays(NamedTuple):
     """The solver of one arm, for kernels; the same type for all arms.
 
     `kind`: CLOSED_FORM, SPHERICAL, PARALLEL or ITERATIVE. `spherical`, `parallel`: structure of the arm; zeros where it
-    has another one. `seeds` (m, 1 + n) configurations; m = 0 for arms with a closed form. `free`, `elbow`: joint of the
+    has another one. For an ITERATIVE arm `spherical` is what `find_bounds` returns, or zeros. `seeds` (m, 1 + n) configurations; m = 0 for arms with a closed form. `free`, `elbow`: joint of the
     chain whose angle is a parameter, -1 for none, and joint at the elbow. `other_solutions`: address of the kernel for
     arms that are not CLOSED_FORM, so that a planner for Fetch need not compile it; 0 for those that are.
     """
@@ -193,8 +201,8 @@ class SolverArrays(NamedTuple):
 
 
 _NO_SPHERE = SphericalArm(
-    *(np.zeros((7, 3)), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros(3)),
-    *(np.zeros(7), np.zeros(7), np.zeros(7, dtype=np.int64), False, 0.0, 0.0),
+    *(np.zeros((7, 3)), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((3, 3))),
+    *(np.zeros(3), np.zeros(7), np.zeros(7), np.zeros(7, dtype=np.int64), False, 0.0, 0.0),
 )
 _NO_PARALLELS = ParallelArm(
     np.zeros((6, 3)), np.zeros((5, 3)), np.zeros((3, 3)), np.zeros(3), np.zeros(6), np.zeros(6), 0.0, 0.0, 0.0
@@ -237,8 +245,8 @@ def _solver_without_address(chain: ArmChain) -> SolverArrays:
         return SolverArrays(SPHERICAL, arrays, structure, _NO_PARALLELS, none, free, elbow)
     if structure is not None:
         return SolverArrays(PARALLEL, arrays, _NO_SPHERE, structure, none, -1, 3)
-    seeds = random_seeds(chain, _SEEDS, 0.0, np.random.default_rng(0))
-    return SolverArrays(ITERATIVE, arrays, _NO_SPHERE, _NO_PARALLELS, seeds, -1, chain.size // 2)
+    seeds, bounds = random_seeds(chain, _SEEDS, 0.0, np.random.default_rng(0)), find_bounds(chain) or _NO_SPHERE
+    return SolverArrays(ITERATIVE, arrays, bounds, _NO_PARALLELS, seeds, -1, chain.size // 2)
 
 
 @njit(cache=True)
