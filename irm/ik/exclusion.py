@@ -67,15 +67,16 @@ def _about(error: float) -> float:
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def may_reach_spherical(
-    arm: SphericalArm, goal: SphericalGoal, free: Angle, fifth: Angle, error: float, angles: Floats
+    arm: SphericalArm, goal: SphericalGoal, lift: float, free: Angle, fifth: Angle, error: float, angles: Floats
 ) -> bool:
-    """Whether an arm with a wrist may reach a pose with two joints within ranges: false is proved.
+    """Whether an arm with a wrist may reach a pose with lift and two joints within ranges: false is proved.
 
     Args:
-        arm, goal: see their types.
+        arm, goal: see their types; the goal is that of the middle of the lift's range.
+        lift: half of that range [m].
         free: range of the free joint; without one any middle, with a half width of 0.
         fifth: range of the fifth joint.
-        error: of the goal's wrist, without that of the two angles [m].
+        error: of the goal's wrist at this height [m].
         angles: (1, 7) filled with the middles of the first branch that is left, in the order of solving [rad].
     """
     axis_1, axis_2, axis_3, axis_4 = row(arm.axes, 0), row(arm.axes, 1), row(arm.axes, 2), row(arm.axes, 3)
@@ -84,8 +85,11 @@ def may_reach_spherical(
     to_wrist = subtract(add(pivot, about_pivot), shoulder)
     tangent, distance = cross(axis_1, about_pivot), norm(to_wrist)
     radius, offset = norm(tangent), norm(cross(axis_1, subtract(shoulder, pivot)))
-    # The square of the distance is a sinusoid of the free angle, of the amplitude 2 radius offset.
-    spread = 2.0 * abs(dot(tangent, to_wrist)) * free.half + radius * offset * free.half * free.half
+    # The square of the distance, by its slopes and largest curvatures: of the free angle, of the lift, and of both.
+    upward, slant = rotate(axis_1, -free.middle, goal.upward), norm(cross(axis_1, goal.upward))
+    spread = 2.0 * abs(dot(tangent, to_wrist)) * free.half + (radius + slant * lift) * offset * free.half * free.half
+    spread += (2.0 * abs(dot(upward, to_wrist)) + lift) * lift
+    spread += 2.0 * slant * (distance + norm(about_pivot) + 2.0 * lift + radius * free.half) * lift * free.half
     low = max(0.0, sqrt(max(0.0, distance * distance - spread)) - error)
     high = sqrt(distance * distance + spread) + error
     offset_5, axis_5 = point(arm.offset), row(arm.axes, 4)
@@ -96,7 +100,11 @@ def may_reach_spherical(
     middle, least, most = distance_range(axis_4, upper_arm, forearm, low, high)
     if most < 0.0:
         return False
-    error_wrist = turned_by(error + radius * _chord(free.half), distance)
+    # The wrist moves along the tangent and upward, but for the curvature; only what is across turns its direction.
+    moved = error + lift + radius * _chord(free.half)
+    across = (norm(cross(tangent, to_wrist)) * free.half + norm(cross(upward, to_wrist)) * lift) / max(distance, _SHORTEST)
+    across += error + (0.5 * radius * free.half + slant * lift) * free.half
+    error_wrist = turned_by(min(moved, across), max(0.0, distance - (moved if across < moved else 0.0)))
     across = norm(cross(axis_4, forearm))
     for k in range(2):
         side = 0.5 * (least + most) if k == 0 else -0.5 * (least + most)

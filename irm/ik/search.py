@@ -21,7 +21,7 @@ from irm.answers import NO, UNKNOWN, YES
 from irm.chain import ChainArrays
 from irm.compilation import njit
 from irm.ik.exclusion import Angle, may_reach_parallel, may_reach_spherical
-from irm.ik.numerical import refine
+from irm.ik.numerical import refine_within
 from irm.ik.ranges import TOLERANCE
 from irm.ik.structure import ITERATIVE, PARALLEL, ParallelArm, SphericalArm
 from irm.ik.structured import parallel_excess, parallel_goal, spherical_excess, spherical_goal
@@ -97,7 +97,7 @@ def search(arm: SolverArrays, R: Floats, p: Floats, low: float, high: float, q: 
             continue
         excess = _excess(trial, lift, angle)
         if excess == 0.0:
-            if _refined(trial, lift):
+            if _refined(trial, low, high, lift):
                 return YES
             failures += 1
         if excess < best:
@@ -115,14 +115,14 @@ def search(arm: SolverArrays, R: Floats, p: Floats, low: float, high: float, q: 
         if not is_exact:
             if left == next_try:
                 next_try *= 2
-                if _refined(trial, lift):
+                if _refined(trial, low, high, lift):
                     return YES
         elif first > initial:
             excess = _excess(trial, lift, angle)
             if excess < best:
                 best, best_lift, best_angle = excess, lift, angle
             if excess == 0.0 or excess < _CLOSER * refined:
-                if _refined(trial, lift):
+                if _refined(trial, low, high, lift):
                     return YES
                 failures += excess == 0.0
                 refined = min(refined, excess)
@@ -145,7 +145,7 @@ def search(arm: SolverArrays, R: Floats, p: Floats, low: float, high: float, q: 
     if not is_exact:
         return UNKNOWN
     _excess(trial, best_lift, best_angle)
-    return YES if _refined(trial, best_lift) else UNKNOWN
+    return YES if _refined(trial, low, high, best_lift) else UNKNOWN
 
 
 @njit(cache=True)
@@ -166,14 +166,14 @@ def _excess(trial: _Trial, lift: float, angle: float) -> float:
 
 
 @njit(cache=True)
-def _refined(trial: _Trial, lift: float) -> bool:
+def _refined(trial: _Trial, low: float, high: float, lift: float) -> bool:
     """Whether the last angles tried, refined, are a solution, which is then in `trial.q`."""
     trial.q[0] = lift
     for joint in range(trial.angles.shape[1]):
         column = trial.spherical.columns[joint] if trial.has_wrist else joint + 1
         if column >= 0:
             trial.q[column] = trial.angles[0, joint]
-    return refine(trial.chain, trial.R, trial.p, trial.q)
+    return refine_within(trial.chain, trial.R, trial.p, low, high, trial.q)
 
 
 @njit(cache=True)
@@ -186,9 +186,9 @@ def _may_reach(trial: _Trial, box: Floats) -> bool:
     if trial.has_wrist:
         arm = trial.spherical
         lever = norm(point(trial.lowered)) + norm(point(arm.wrist)) + norm(point(arm.tool))
-        error = arm.error + box[1] + TOLERANCE * (1.0 + lever)
+        error = arm.error + TOLERANCE * (1.0 + lever)
         goal, free, fifth = spherical_goal(arm, trial.R, trial.lowered), Angle(box[2], box[3]), Angle(box[4], box[5])
-        return may_reach_spherical(arm, goal, free, fifth, error, trial.angles)
+        return may_reach_spherical(arm, goal, box[1], free, fifth, error, trial.angles)
     level = trial.parallel
     lever = norm(point(level.points[4])) + norm(point(level.tool))
     error = level.error + box[1] + TOLERANCE + (level.turn + TOLERANCE) * lever

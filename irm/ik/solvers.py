@@ -23,7 +23,7 @@ from irm.answers import NO, UNKNOWN, YES
 from irm.chain import ArmChain, ChainArrays, ChainKey, chain_arrays
 from irm.compilation import njit
 from irm.ik.closed_form import decide_poses, ik_arm
-from irm.ik.numerical import random_seeds, refine
+from irm.ik.numerical import random_seeds, refine, refine_within
 from irm.ik.outer_reach import are_out_of_reach
 from irm.ik.search import search
 from irm.ik.structure import (
@@ -133,19 +133,21 @@ class ExactSolver:
         """The same without regard to self-collision."""
         T = np.ascontiguousarray(T_base_tcp, dtype=float)
         status, q = np.full(len(T), UNKNOWN, dtype=np.int8), np.full((len(T), self.chain.size), np.nan)
+        low, high = self.torso_range
         if self._arrays.kind == CLOSED_FORM:
             decide_poses(chain_arrays(self.chain, self.torso_range), T, status, q)
+            if np.any(status == UNKNOWN):
+                _solve_from_seeds(self._arrays.chain, T, self._seeds, low, high, status, q)
             return status, q
-        low, high = self.torso_range
         status[are_out_of_reach(self.chain, self.torso_range, T)] = NO
         seeds = self._seeds
         if self.is_iterative:  # the first ones reach most poses, in less time than the search takes
-            _solve_from_seeds(self._arrays.chain, T, seeds[:FIRST_SEEDS], status, q)
+            _solve_from_seeds(self._arrays.chain, T, seeds[:FIRST_SEEDS], low, high, status, q)
             seeds = seeds[FIRST_SEEDS:]
         if self._arrays.spherical.axes.any() or self._arrays.parallel.axes.any():
             _search_poses(self._arrays, T, low, high, status, q)
         if np.any(status == UNKNOWN):
-            _solve_from_seeds(self._arrays.chain, T, seeds, status, q)
+            _solve_from_seeds(self._arrays.chain, T, seeds, low, high, status, q)
         return status, q
 
     @cached_property
@@ -169,14 +171,16 @@ def _search_poses(arm: SolverArrays, T: Floats, low: float, high: float, status:
 
 
 @njit(cache=True)
-def _solve_from_seeds(chain: ChainArrays, T: Floats, seeds: Floats, status: NDArray[np.int8], q: Floats) -> None:
+def _solve_from_seeds(
+    chain: ChainArrays, T: Floats, seeds: Floats, low: float, high: float, status: NDArray[np.int8], q: Floats
+) -> None:
     """Solve the open poses (n, 4, 4) from configurations `seeds` (m, 1 + dof)."""
     trial = np.empty(seeds.shape[1])
     for n in np.flatnonzero(status == UNKNOWN):
         R, p = T[n, :3, :3].copy(), T[n, :3, 3].copy()
         for k in range(len(seeds)):
             trial[:] = seeds[k]
-            if refine(chain, R, p, trial):
+            if refine_within(chain, R, p, low, high, trial):
                 q[n], status[n] = trial, YES
                 break
 

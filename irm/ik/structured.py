@@ -54,25 +54,29 @@ _NONE = np.int64(0)
 """No solution yet; a literal 0 would compile what takes it twice."""
 
 class SphericalGoal(NamedTuple):
-    """A pose to be reached: the `wrist`, and where its orientation takes the last axis and a `side` of it."""
+    """A pose to be reached: the `wrist`, and where its orientation takes the last axis and a `side` of it; `upward`:
+    the direction in which the wrist moves when the lift goes down."""
 
     wrist: Vector
     last_axis: Vector
     side_at_zero: Vector
     side: Vector
+    upward: Vector
 
 
 @njit(cache=True)
 def spherical_goal(arm: SphericalArm, R: Floats, p: Floats) -> SphericalGoal:
     """The goal of a TCP at `R` (3, 3), `p` (3,), in the frame that the arm is solved from."""
+    upward = (0.0, 0.0, 1.0)
     if arm.reversed:
         R = np.ascontiguousarray(R.T)
         p = -(R @ p)
+        upward = -R[0, 2], -R[1, 2], -R[2, 2]
     moved = R @ arm.R_tool.T
     last = row(arm.axes, 6)
     side = perpendicular(last)
     wrist = add(point(p), matvec(moved, subtract(point(arm.wrist), point(arm.tool))))
-    return SphericalGoal(wrist, matvec(moved, last), side, matvec(moved, side))
+    return SphericalGoal(wrist, matvec(moved, last), side, matvec(moved, side), upward)
 
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
