@@ -86,7 +86,7 @@ def decide(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> NDArray[np.int8]:
     if rm.chain is None:
         return answers
     solver = ExactSolver(rm.chain, rm.grid.torso_range)
-    is_open = answers == UNKNOWN if rm.chain.has_closed_form else (answers != YES) | (not solver.is_iterative)
+    is_open = (answers != YES) | (not solver.is_iterative)
     answers[is_open] = solver.solve(T[is_open])[0]
     return answers
 

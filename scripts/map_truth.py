@@ -41,7 +41,7 @@ from irm.chain import chain_arrays
 from irm.grid import nearest_orientation
 from irm.ik.numerical import random_seeds
 from irm.map_kernels import tcp_frames
-from irm.model_reading import load_model, tcp_pose_of_model
+from irm.model_reading import load_model, load_urdf, tcp_pose_of_model
 from irm.rotations import world_to_base
 from irm.self_contact import CLEARANCE, is_solid
 
@@ -90,7 +90,8 @@ class Judge:
     """An arm of a model, and MuJoCo's word on it."""
 
     def __init__(self, wheels: Path, arm: Arm) -> None:
-        self.model, self._frame = load_model(wheels / arm.file), (arm.base, arm.tip, arm.approach)
+        path, self._frame = wheels / arm.file, (arm.base, arm.tip, arm.approach)
+        self.model = load_urdf(path) if path.suffix == ".urdf" else load_model(path)
         self.chain = ArmChain.from_mjcf(self.model, *self._frame)
         model, data = self.model, mujoco.MjData(self.model)
         mujoco.mj_kinematics(model, data)
@@ -116,9 +117,13 @@ class Judge:
             for a, b in self._pairs
         )
 
+    def reaches(self, q: Floats, T: Floats) -> bool:
+        """Whether a configuration reaches a pose."""
+        return bool(np.abs(self.pose(q) - T).max() < _SAME)
+
     def holds(self, q: Floats, T: Floats) -> bool:
         """Whether a configuration reaches a pose, free of self-collision."""
-        return bool(np.abs(self.pose(q) - T).max() < _SAME and self.is_free(q, CLEARANCE - _SAME))
+        return self.reaches(q, T) and self.is_free(q, CLEARANCE - _SAME)
 
 
 def measure(judge: Judge, poses: int, bases: int, voxel: float) -> dict[str, Any]:
@@ -131,7 +136,7 @@ def measure(judge: Judge, poses: int, bases: int, voxel: float) -> dict[str, Any
     middle, half = (chain.lower + chain.upper) / 2, np.minimum((chain.upper - chain.lower) / 2, np.pi)
     Q = middle + rng.uniform(-1, 1, (poses, chain.size)) * half
     Q = Q[[judge.is_free(q) for q in Q]]
-    reachable, random = np.array([judge.pose(q) for q in Q]), _random_poses(chain, poses, rng)
+    reachable, random = np.array([judge.pose(q) for q in Q]), random_poses(chain, poses, rng)
     decide(rm, random[:10])
     start = time.process_time()
     known, decided = decide(rm, reachable), decide(rm, random[:_ASKED])
@@ -228,7 +233,7 @@ class FourDimensions:
         return index, np.all((index >= 0) & (index < self.cells.shape), axis=1)
 
 
-def _random_poses(chain: ArmChain, count: int, rng: np.random.Generator) -> Floats:
+def random_poses(chain: ArmChain, count: int, rng: np.random.Generator) -> Floats:
     """T_base_tcp (n, 4, 4): uniform positions in the ball of the stretched arm, uniform rotations."""
     direction = rng.normal(size=(count, 3))
     direction *= chain.reach * rng.random((count, 1)) ** (1 / 3) / np.linalg.norm(direction, axis=1, keepdims=True)

@@ -9,14 +9,24 @@ where a range is empty, or outside the limits. If all branches end, no configura
 
 from __future__ import annotations
 
-from math import asin, copysign, pi, sin, sqrt
+from math import asin, copysign, exp, pi, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from irm.compilation import WITHOUT_REFERENCE_COUNTS, njit
-from irm.ik.ranges import TOLERANCE, component_range, distance_range, meeting_ranges, turned_by, within
+from irm.ik.ranges import (
+    TOLERANCE,
+    Direction,
+    away_and_around,
+    component_range,
+    direction,
+    distance_range,
+    meeting_ranges,
+    turned_by,
+    within,
+)
 from irm.ik.structure import ParallelArm, SphericalArm
 from irm.ik.structured import ParallelGoal, SphericalGoal
 from irm.ik.subproblems import (
@@ -38,6 +48,7 @@ from irm.ik.subproblems import (
 Floats = NDArray[np.float64]
 _SHORTEST = 1e-12
 """[m] Smallest length that is divided by."""
+_STILL = (0.0, 0.0, 0.0)
 
 
 class Angle(NamedTuple):
@@ -63,6 +74,27 @@ def _about(error: float) -> float:
     """Error of an angle about an axis at right angles to a vector, when the rotation has an error [rad]."""
     chord = _chord(error)
     return asin(chord) if chord < 1.0 else pi
+
+
+@njit(cache=True, inline="always")
+def _beyond(turn: float) -> float:
+    """By how much a product of rotations by angles whose sum is `turn` differs at most from the sum of the angles."""
+    return exp(turn) - 1.0 - turn
+
+
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
+def _moved(axis: Vector, reference: Vector, v: Vector, motions: tuple[Vector, Vector], rest: float) -> Direction:
+    """The direction of a vector about an axis, when its end may move to and fro by two motions, and by `rest` [m]."""
+    length = max(norm(v), _SHORTEST)
+    unit, along = scale(1.0 / length, v), rest
+    away, around = away_and_around(axis, unit)
+    moved_away, moved_around = 0.0, 0.0
+    for k in range(2):
+        along += abs(dot(unit, motions[k]))
+        moved_away += abs(dot(away, motions[k]))
+        moved_around += abs(dot(around, motions[k]))
+    shrunk = max(length - along, _SHORTEST)
+    return direction(axis, reference, unit, moved_away / shrunk, moved_around / shrunk, rest / shrunk)
 
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
@@ -100,27 +132,26 @@ def may_reach_spherical(
     middle, least, most = distance_range(axis_4, upper_arm, forearm, low, high)
     if most < 0.0:
         return False
-    # The wrist moves along the tangent and upward, but for the curvature; only what is across turns its direction.
-    moved = error + lift + radius * _chord(free.half)
-    across = (norm(cross(tangent, to_wrist)) * free.half + norm(cross(upward, to_wrist)) * lift) / max(distance, _SHORTEST)
-    across += error + (0.5 * radius * free.half + slant * lift) * free.half
-    error_wrist = turned_by(min(moved, across), max(0.0, distance - (moved if across < moved else 0.0)))
+    # The wrist moves along the tangent and upward, but for the curvature.
+    rest = error + (0.5 * radius * free.half + slant * lift) * free.half
+    seen = _moved(axis_2, axis_3, to_wrist, (scale(free.half, tangent), scale(lift, upward)), rest)
     across = norm(cross(axis_4, forearm))
     for k in range(2):
         side = 0.5 * (least + most) if k == 0 else -0.5 * (least + most)
         q4, half_4 = within(middle + side, 0.5 * (most - least), arm.lower[3], arm.upper[3])
         if half_4 < 0.0:
             continue
-        reach = add(upper_arm, rotate(axis_4, q4, forearm))
-        error_reach = turned_by(across * _chord(half_4) + error_bent, norm(reach))
-        meeting = meeting_ranges(axis_2, to_wrist, error_wrist, axis_3, reach, error_reach)
+        turned = rotate(axis_4, q4, forearm)
+        reach, along = add(upper_arm, turned), scale(half_4, cross(axis_4, turned))
+        rest = error_bent + 0.5 * across * half_4 * half_4
+        meeting = meeting_ranges(axis_2, seen, axis_3, _moved(axis_3, axis_2, reach, (along, _STILL), rest))
         for i in range(2):
             sign = 1.0 if i == 0 else -1.0
-            middle_2 = -(meeting.azimuth_1 + sign * meeting.side_1)
+            middle_2 = meeting.azimuth_1 - sign * meeting.side_1
             q2, half_2 = within(middle_2, meeting.half_1, arm.lower[1], arm.upper[1])
             if half_2 < 0.0:
                 continue
-            middle_3 = meeting.azimuth_2 - sign * meeting.side_2
+            middle_3 = -meeting.azimuth_2 - sign * meeting.side_2
             q3, half_3 = within(middle_3, meeting.half_2, arm.lower[2], arm.upper[2])
             if half_3 < 0.0:
                 continue
@@ -136,25 +167,48 @@ def _may_turn_wrist(
 ) -> bool:
     """Whether the wrist may have the goal's orientation with the `first` four angles, and the `fifth`, in ranges."""
     axis_5, axis_6, axis_7 = row(arm.axes, 4), row(arm.axes, 5), row(arm.axes, 6)
-    v, side, error, turn = goal.last_axis, goal.side, TOLERANCE, TOLERANCE
+    v, side, turn = goal.last_axis, goal.side, TOLERANCE
+    # The four axes, as they are seen once all four joints are turned back: the rotation has an error about each.
+    seen = row(arm.axes, 0), row(arm.axes, 1), row(arm.axes, 2), row(arm.axes, 3)
     for k in range(4):
-        axis, angles[0, k] = row(arm.axes, k), first[k].middle
-        error += _sine(axis, v) * first[k].half
-        turn += first[k].half
-        v, side = rotate(axis, -first[k].middle, v), rotate(axis, -first[k].middle, side)
-    meeting = meeting_ranges(axis_5, v, min(error, pi), axis_6, axis_7, 0.0)
+        axis, angle = row(arm.axes, k), -first[k].middle
+        angles[0, k], turn = first[k].middle, turn + first[k].half
+        v, side = rotate(axis, angle, v), rotate(axis, angle, side)
+        if k > 0:
+            seen_1 = rotate(axis, angle, seen[0])
+            seen_2 = rotate(axis, angle, seen[1]) if k > 1 else seen[1]
+            seen_3 = rotate(axis, angle, seen[2]) if k > 2 else seen[2]
+            seen = seen_1, seen_2, seen_3, seen[3]
+    rest = TOLERANCE + _beyond(turn)
+    away, around = away_and_around(axis_5, v)
+    moved_away, moved_around = 0.0, 0.0
+    for k in range(4):
+        motion = cross(seen[k], v)
+        moved_away += abs(dot(away, motion)) * first[k].half
+        moved_around += abs(dot(around, motion)) * first[k].half
+    shrunk = max(1.0 - rest, _SHORTEST)
+    start = direction(axis_5, axis_6, v, moved_away / shrunk, moved_around / shrunk, rest / shrunk)
+    meeting = meeting_ranges(axis_5, start, axis_6, direction(axis_6, axis_5, axis_7, 0.0, 0.0, 0.0))
     for i in range(2):
         sign = 1.0 if i == 0 else -1.0
-        middle_5 = -(meeting.azimuth_1 + sign * meeting.side_1)
-        q5, half_5 = within(middle_5, meeting.half_1, fifth.middle - fifth.half, fifth.middle + fifth.half)
+        middle_5, low, high = meeting.azimuth_1 - sign * meeting.side_1, fifth.middle - fifth.half, fifth.middle + fifth.half
+        q5, half_5 = within(middle_5, meeting.half_1, low, high)
         if half_5 < 0.0:
             continue
-        q6, half_6 = within(meeting.azimuth_2 - sign * meeting.side_2, meeting.half_2, arm.lower[5], arm.upper[5])
+        middle_6 = -meeting.azimuth_2 - sign * meeting.side_2
+        q6, half_6 = within(middle_6, meeting.half_2, arm.lower[5], arm.upper[5])
         if half_6 < 0.0:
             continue
         turned = rotate(axis_6, -q6, rotate(axis_5, -q5, side))
-        middle_7, half_7 = angle_about(axis_7, goal.side_at_zero, turned), _about(turn + half_5 + half_6)
-        q7, half_7 = within(middle_7, half_7, arm.lower[6], arm.upper[6])
+        # Of the errors about the axes only the components along the last one turn the last joint.
+        after_6 = rotate(axis_6, q6, axis_7)
+        after_5 = rotate(axis_5, q5, after_6)
+        error = TOLERANCE + abs(dot(after_6, axis_5)) * half_5 + abs(dot(axis_7, axis_6)) * half_6
+        for k in range(4):
+            error += abs(dot(after_5, seen[k])) * first[k].half
+        beyond = _beyond(turn + half_5 + half_6)
+        half_7 = (error + beyond) / (1.0 - beyond) if beyond < 0.9 else pi
+        q7, half_7 = within(angle_about(axis_7, goal.side_at_zero, turned), half_7, arm.lower[6], arm.upper[6])
         if half_7 >= 0.0:
             angles[0, 4], angles[0, 5], angles[0, 6] = q5, q6, q7
             return True

@@ -12,7 +12,7 @@ from math import acos, asin, atan2, copysign, cos, floor, pi, sin, sqrt
 from typing import NamedTuple
 
 from irm.compilation import WITHOUT_REFERENCE_COUNTS, njit
-from irm.ik.subproblems import Vector, angle_about, cross, dot, norm
+from irm.ik.subproblems import Vector, angle_about, cross, dot, norm, perpendicular, scale
 
 TOLERANCE = 1e-8
 """[m], [rad] by which a pose, and a limit, may be wrong: rounding of numbers, of axes that are read from a file, and of
@@ -87,8 +87,48 @@ def _between(smallest: float, largest: float) -> tuple[float, float]:
     return acos(max(-1.0, min(1.0, largest + _ROUNDING))), acos(max(-1.0, min(1.0, smallest - _ROUNDING)))
 
 
+class Direction(NamedTuple):
+    """A direction as an axis sees it: angle `far` from the axis and `azimuth` from a reference, each with its error
+    [rad]."""
+
+    far: float
+    far_error: float
+    azimuth: float
+    azimuth_error: float
+
+
+@njit(cache=True, inline="always")
+def away_and_around(axis: Vector, v: Vector) -> tuple[Vector, Vector]:
+    """Unit vectors at right angles to a unit vector `v`, in which it moves away from an axis and around it."""
+    around = cross(axis, v)
+    if norm(around) < _SHORTEST:
+        around = perpendicular(v)
+    around = scale(1.0 / norm(around), around)
+    return cross(around, v), around
+
+
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
+def direction(axis: Vector, reference: Vector, v: Vector, away: float, around: float, rest: float) -> Direction:
+    """A direction about an axis, its azimuth from a reference.
+
+    Args:
+        axis, reference, v: unit vectors.
+        away, around: how far the end of `v` may move in the two directions of `away_and_around`.
+        rest: how far it may move in any direction besides.
+    """
+    sine = norm(cross(axis, v))
+    far, azimuth = atan2(sine, dot(axis, v)), angle_about(axis, reference, v)
+    total = turned_by(sqrt(away * away + around * around) + rest, 1.0)
+    least = sine - away - rest  # distance from the axis
+    if least <= 0.0:
+        return Direction(far, total, azimuth, pi)
+    # What moves around is farther from the axis only by the square of the motion.
+    moved = away + rest + 0.5 * (around + rest) * (around + rest) / least
+    return Direction(far, min(total, turned_by(moved, 1.0)), azimuth, turned_by(around + rest, least))
+
+
 class Meeting(NamedTuple):
-    """Ranges of the two angles of subproblem 2: middles are `azimuth_1 + side_1` and `azimuth_2 - side_2` of one
+    """Ranges of the two angles of subproblem 2: middles are `side_1 - azimuth_1` and `-side_2 - azimuth_2` of one
     solution, and with the other sign of both sides of the other one; `half_1` is negative for none [rad]."""
 
     azimuth_1: float
@@ -100,38 +140,24 @@ class Meeting(NamedTuple):
 
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
-def meeting_ranges(
-    axis_1: Vector, start_1: Vector, error_1: float, axis_2: Vector, start_2: Vector, error_2: float
-) -> Meeting:
-    """Of angles for which Rot(axis_1, a) start_1 and Rot(axis_2, b) start_2 have one direction; both directions are
-    known up to an error [rad].
+def meeting_ranges(axis_1: Vector, start_1: Direction, axis_2: Vector, start_2: Direction) -> Meeting:
+    """Of angles for which Rot(axis_1, a) start_1 and Rot(axis_2, b) start_2 have one direction.
 
-    The axes and the common direction are corners of a spherical triangle, all of whose sides are known: that between
-    the axes, and the angles between each axis and its vector.
+    Azimuths of the directions are from the other axis. The axes and the common direction are corners of a spherical
+    triangle, all of whose sides are known: that between the axes, and the angles between each axis and its vector.
     """
     between = atan2(norm(cross(axis_1, axis_2)), dot(axis_1, axis_2))
-    far_1 = atan2(norm(cross(axis_1, start_1)), dot(axis_1, start_1))
-    far_2 = atan2(norm(cross(axis_2, start_2)), dot(axis_2, start_2))
+    far_1, error_1, far_2, error_2 = start_1.far, start_1.far_error, start_2.far, start_2.far_error
     missed = max(abs(far_1 - far_2) - between, between - far_1 - far_2, far_1 + far_2 + between - 2.0 * pi)
-    if missed > error_1 + error_2:
+    if missed > error_1 + error_2 + _ROUNDING:
         return Meeting(0.0, 0.0, -1.0, 0.0, 0.0, -1.0)
     c, s = cos(between), sin(between)
     side_1, half_1 = _corner(far_1, error_1, far_2, error_2, c, s)
     side_2, half_2 = _corner(far_2, error_2, far_1, error_1, c, s)
     if min(half_1, half_2) < 0.0:
         return Meeting(0.0, 0.0, -1.0, 0.0, 0.0, -1.0)
-    half_1 += _azimuth_error(far_1, error_1)
-    half_2 += _azimuth_error(far_2, error_2)
-    return Meeting(
-        *(-angle_about(axis_1, axis_2, start_1), side_1, half_1),
-        *(-angle_about(axis_2, axis_1, start_2), side_2, half_2),
-    )
-
-
-@njit(cache=True, inline="always")
-def _azimuth_error(far: float, error: float) -> float:
-    """By how much the azimuth of a direction about an axis, `far` from it, changes with the direction [rad]."""
-    return asin(min(1.0, sin(error) / sin(far))) if error < min(far, pi - far) else pi
+    half_1, half_2 = half_1 + start_1.azimuth_error, half_2 + start_2.azimuth_error
+    return Meeting(start_1.azimuth, side_1, half_1, start_2.azimuth, side_2, half_2)
 
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)

@@ -41,13 +41,13 @@ _MOST_BOXES = 4000
 """Boxes examined before a pose stays open."""
 _FINEST = 4.0 * TOLERANCE
 """[m], [rad] Smallest size of a box."""
-_FINEST_ERROR = 0.5
-"""Of the error of the arm's structure [m]: smaller boxes can be left out no more than this one."""
+_FINEST_ERROR = 0.25
+"""Of the error of the arm's structure [m]: smaller boxes are hardly left out where this one is not."""
 _CLOSE, _CLOSER = 0.1, 0.3
 """[rad] Excess from which a configuration is refined, and by which factor it must be less than the last one's."""
 _MOST_FAILURES = 64
-"""Solutions of the closed form that no refinement makes one of the arm, before a pose is left open: at a singularity of
-an arm whose axes miss each other a little, all are such."""
+"""Solutions of the closed form that are refined in vain at most: at a singularity of an arm whose axes miss each other a
+little, all are such."""
 
 
 class _Trial(NamedTuple):
@@ -57,6 +57,7 @@ class _Trial(NamedTuple):
     has_wrist: bool
     chain: ChainArrays
     spherical: SphericalArm
+    bounds: SphericalArm
     parallel: ParallelArm
     R: Floats
     p: Floats
@@ -77,11 +78,11 @@ def search(arm: SolverArrays, R: Floats, p: Floats, low: float, high: float, q: 
     """
     has_wrist, is_exact = arm.kind != PARALLEL, arm.kind != ITERATIVE
     columns = 7 if has_wrist else 6
-    trial = _Trial(has_wrist, arm.chain, arm.spherical, arm.parallel, R, p, q, np.empty((1, columns)), p.copy())
-    lower, upper = arm.spherical.lower, arm.spherical.upper
+    trial = _Trial(has_wrist, arm.chain, arm.spherical, arm.bounds, arm.parallel, R, p, q, np.empty((1, columns)), p.copy())
+    lower, upper = arm.bounds.lower, arm.bounds.upper
     width = min(2.0 * pi, upper[0] - lower[0])
     first_angle = 0.5 * (lower[0] + upper[0] - width)
-    half_fifth, offset = min(pi, 0.5 * (upper[4] - lower[4])), norm(point(arm.spherical.offset))
+    half_fifth, offset = min(pi, 0.5 * (upper[4] - lower[4])), norm(point(arm.bounds.offset))
     heights, turns = _count(high - low, LARGEST_LIFT), _count(width, LARGEST_ANGLE)
     half_lift, half_angle = 0.5 * (high - low) / heights, 0.5 * width / turns
     boxes = np.empty((heights * turns + 2 * _MOST_BOXES, 6))
@@ -103,7 +104,7 @@ def search(arm: SolverArrays, R: Floats, p: Floats, low: float, high: float, q: 
         if excess < best:
             best, best_lift, best_angle = excess, lift, angle
     first, last, initial, refined, left, next_try = 0, count, count, _CLOSE, 0, 1
-    finest = max(_FINEST, _FINEST_ERROR * (arm.spherical.error if has_wrist else arm.parallel.error))
+    finest = max(_FINEST, _FINEST_ERROR * (arm.bounds.error if has_wrist else arm.parallel.error))
     is_open = False
     while first < last:
         box = boxes[first]
@@ -121,12 +122,12 @@ def search(arm: SolverArrays, R: Floats, p: Floats, low: float, high: float, q: 
             excess = _excess(trial, lift, angle)
             if excess < best:
                 best, best_lift, best_angle = excess, lift, angle
-            if excess == 0.0 or excess < _CLOSER * refined:
+            if (excess == 0.0 and failures < _MOST_FAILURES) or excess < _CLOSER * refined:
                 if _refined(trial, low, high, lift):
                     return YES
                 failures += excess == 0.0
                 refined = min(refined, excess)
-        if failures > _MOST_FAILURES or last + 2 > len(boxes):
+        if last + 2 > len(boxes):
             is_open = True
             break
         motions = box[1], _LEVER * box[3], offset * box[5]
@@ -170,7 +171,7 @@ def _refined(trial: _Trial, low: float, high: float, lift: float) -> bool:
     """Whether the last angles tried, refined, are a solution, which is then in `trial.q`."""
     trial.q[0] = lift
     for joint in range(trial.angles.shape[1]):
-        column = trial.spherical.columns[joint] if trial.has_wrist else joint + 1
+        column = trial.bounds.columns[joint] if trial.has_wrist else joint + 1
         if column >= 0:
             trial.q[column] = trial.angles[0, joint]
     return refine_within(trial.chain, trial.R, trial.p, low, high, trial.q)
@@ -184,7 +185,7 @@ def _may_reach(trial: _Trial, box: Floats) -> bool:
     """
     trial.lowered[2] = trial.p[2] - box[0]
     if trial.has_wrist:
-        arm = trial.spherical
+        arm = trial.bounds
         lever = norm(point(trial.lowered)) + norm(point(arm.wrist)) + norm(point(arm.tool))
         error = arm.error + TOLERANCE * (1.0 + lever)
         goal, free, fifth = spherical_goal(arm, trial.R, trial.lowered), Angle(box[2], box[3]), Angle(box[4], box[5])

@@ -25,6 +25,7 @@ from irm.compilation import njit
 from irm.ik.closed_form import decide_poses, ik_arm
 from irm.ik.numerical import random_seeds, refine, refine_within
 from irm.ik.outer_reach import are_out_of_reach
+from irm.ik.ranges import TOLERANCE
 from irm.ik.search import search
 from irm.ik.structure import (
     CLOSED_FORM as CLOSED_FORM,
@@ -45,11 +46,8 @@ from irm.shapes import Placed, Shapes, any_near, is_free, make_placed, place_sha
 Floats = NDArray[np.float64]
 _ROUNDING = 1e-9
 """[m] Lengths that differ by less are equal."""
-LIFT_STEP = 0.02
-"""[m] Largest step between the heights of the lift from which an arm is solved by iteration."""
-SEEDS = 60
-"""Random configurations for arms without a closed form, and for poses that it leaves open; at each height of a lift
-half as many."""
+SEEDS, LIFT_SEEDS = 60, 180
+"""Random configurations for arms without a closed form, and for poses that it leaves open: without a lift, and with."""
 FIRST_SEEDS = 20
 """Configurations from which an arm without a closed form is solved before a proof of NO is looked for."""
 _UPPER_ARM_ROLL, _ELBOW_FLEX = 3, 4
@@ -58,6 +56,8 @@ _SEEDS = 200
 """Configurations from which an arm without a closed form is solved."""
 FREE_SEARCHES = ((0.05, 24), (0.015, 144))
 """Steps of the lift [m] and angles of the free joint at which a configuration free of self-collision is looked for."""
+_PLACE_ERROR = 1e-4
+"""[m] More than the gripper's place, and a distance between two shapes, may be wrong."""
 IMPROVING_ANGLES = 72
 """Angles of the free joint of which the best one is taken."""
 _EXACT = 1e-8
@@ -144,7 +144,7 @@ class ExactSolver:
         if self.is_iterative:  # the first ones reach most poses, in less time than the search takes
             _solve_from_seeds(self._arrays.chain, T, seeds[:FIRST_SEEDS], low, high, status, q)
             seeds = seeds[FIRST_SEEDS:]
-        if self._arrays.spherical.axes.any() or self._arrays.parallel.axes.any():
+        if self._arrays.bounds.axes.any() or self._arrays.parallel.axes.any():
             _search_poses(self._arrays, T, low, high, status, q)
         if np.any(status == UNKNOWN):
             _solve_from_seeds(self._arrays.chain, T, seeds, low, high, status, q)
@@ -153,11 +153,10 @@ class ExactSolver:
     @cached_property
     def _seeds(self) -> Floats:
         """(m, 1 + n) random configurations, from which poses may be reached that are open otherwise."""
-        low, high = self.torso_range
-        heights, rng = np.linspace(low, high, ceil((high - low) / LIFT_STEP) + 1), np.random.default_rng(0)
-        count = SEEDS if low == high else SEEDS // 2
-        seeds = np.concatenate([random_seeds(self.chain, count, height, rng) for height in heights])
-        return np.asarray(rng.permutation(seeds) if self.is_iterative else seeds)
+        (low, high), rng = self.torso_range, np.random.default_rng(0)
+        seeds = random_seeds(self.chain, SEEDS if low == high else LIFT_SEEDS, low, rng)
+        seeds[:, 0] = rng.uniform(low, high, len(seeds))
+        return seeds
 
 
 @njit(cache=True)
@@ -189,7 +188,8 @@ class SolverArrays(NamedTuple):
     """The solver of one arm, for kernels; the same type for all arms.
 
     `kind`: CLOSED_FORM, SPHERICAL, PARALLEL or ITERATIVE. `spherical`, `parallel`: structure of the arm; zeros where it
-    has another one. For an ITERATIVE arm `spherical` is what `find_bounds` returns, or zeros. `seeds` (m, 1 + n) configurations; m = 0 for arms with a closed form. `free`, `elbow`: joint of the
+    has another one. `bounds`: for proofs of NO, the spherical structure, or that of `find_bounds` where the arm has none,
+    or fits it better; zeros for others. `seeds` (m, 1 + n) configurations; m = 0 for arms with a closed form. `free`, `elbow`: joint of the
     chain whose angle is a parameter, -1 for none, and joint at the elbow. `other_solutions`: address of the kernel for
     arms that are not CLOSED_FORM, so that a planner for Fetch need not compile it; 0 for those that are.
     """
@@ -197,6 +197,7 @@ class SolverArrays(NamedTuple):
     kind: int
     chain: ChainArrays
     spherical: SphericalArm
+    bounds: SphericalArm
     parallel: ParallelArm
     seeds: Floats
     free: int
@@ -242,15 +243,17 @@ def _solver_of(key: ChainKey) -> SolverArrays:
 def _solver_without_address(chain: ArmChain) -> SolverArrays:
     arrays, none = chain_arrays(chain), np.zeros((0, chain.size))
     if chain.has_closed_form:
-        return SolverArrays(CLOSED_FORM, arrays, _NO_SPHERE, _NO_PARALLELS, none, _UPPER_ARM_ROLL, _ELBOW_FLEX)
+        return SolverArrays(CLOSED_FORM, arrays, _NO_SPHERE, _NO_SPHERE, _NO_PARALLELS, none, _UPPER_ARM_ROLL, _ELBOW_FLEX)
     structure = find_structure(chain)
     if isinstance(structure, SphericalArm):
         free, elbow = int(structure.columns[0]), int(structure.columns[3])
-        return SolverArrays(SPHERICAL, arrays, structure, _NO_PARALLELS, none, free, elbow)
+        others = find_bounds(chain) if structure.error > TOLERANCE else None
+        bounds = others if others and others.error < structure.error and others.columns[0] == structure.columns[0] else structure
+        return SolverArrays(SPHERICAL, arrays, structure, bounds, _NO_PARALLELS, none, free, elbow)
     if structure is not None:
-        return SolverArrays(PARALLEL, arrays, _NO_SPHERE, structure, none, -1, 3)
+        return SolverArrays(PARALLEL, arrays, _NO_SPHERE, _NO_SPHERE, structure, none, -1, 3)
     seeds, bounds = random_seeds(chain, _SEEDS, 0.0, np.random.default_rng(0)), find_bounds(chain) or _NO_SPHERE
-    return SolverArrays(ITERATIVE, arrays, bounds, _NO_PARALLELS, seeds, -1, chain.size // 2)
+    return SolverArrays(ITERATIVE, arrays, _NO_SPHERE, bounds, _NO_PARALLELS, seeds, -1, chain.size // 2)
 
 
 @njit(cache=True)
@@ -400,12 +403,12 @@ def _is_gripper_blocked(shapes: Shapes, placed: Placed, R: Floats, p: Floats, lo
     """Whether the gripper at this place touches the base, or the torso at every height from `low` to `high` [m].
 
     The heights are relative to that of the frames, which are changed. Between two heights at which both touch, they
-    are nearer than half the step.
+    are nearer than half the step. The frames are those of a configuration that reaches the pose up to an error.
     """
     place_shapes(shapes, placed, R, p)
-    if any_near(shapes, placed, 2, CLEARANCE):
+    if any_near(shapes, placed, 2, CLEARANCE - _PLACE_ERROR):
         return True
-    steps = ceil((high - low) / (2.0 * CLEARANCE))
+    steps = ceil((high - low) / (2.0 * (CLEARANCE - _PLACE_ERROR)))
     start = p[0, 2] + low
     for k in range(steps + 1):
         p[0, 2] = start + (high - low) * k / max(1, steps)
