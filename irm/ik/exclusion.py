@@ -48,6 +48,8 @@ from irm.ik.subproblems import (
 Floats = NDArray[np.float64]
 _SHORTEST = 1e-12
 """[m] Smallest length that is divided by."""
+_UNDETERMINED = 0.3
+"""[rad] Half width of a range from which an angle counts as not determined."""
 _STILL = (0.0, 0.0, 0.0)
 
 
@@ -167,32 +169,40 @@ def _may_turn_wrist(
 ) -> bool:
     """Whether the wrist may have the goal's orientation with the `first` four angles, and the `fifth`, in ranges."""
     axis_5, axis_6, axis_7 = row(arm.axes, 4), row(arm.axes, 5), row(arm.axes, 6)
-    v, side, turn = goal.last_axis, goal.side, TOLERANCE
+    v, side = goal.last_axis, goal.side
     # The four axes, as they are seen once all four joints are turned back: the rotation has an error about each.
     seen = row(arm.axes, 0), row(arm.axes, 1), row(arm.axes, 2), row(arm.axes, 3)
     for k in range(4):
         axis, angle = row(arm.axes, k), -first[k].middle
-        angles[0, k], turn = first[k].middle, turn + first[k].half
+        angles[0, k] = first[k].middle
         v, side = rotate(axis, angle, v), rotate(axis, angle, side)
         if k > 0:
             seen_1 = rotate(axis, angle, seen[0])
             seen_2 = rotate(axis, angle, seen[1]) if k > 1 else seen[1]
             seen_3 = rotate(axis, angle, seen[2]) if k > 2 else seen[2]
             seen = seen_1, seen_2, seen_3, seen[3]
-    rest = TOLERANCE + _beyond(turn)
+    half_1, half_2, half_3, half_4 = first[0].half, first[1].half, first[2].half, first[3].half
+    low, high, loose = fifth.middle - fifth.half, fifth.middle + fifth.half, TOLERANCE
+    if half_3 > _UNDETERMINED:
+        # Where the third axis lies along the fifth, only the sum of their angles is determined. A turn about the one
+        # is the same turn about the other, but for twice the angle between them; the fourth then turns in between.
+        loose += 2.0 * asin(min(1.0, norm(cross(seen[2], axis_5)))) + half_4
+        low, high, half_3, half_4 = low - half_3, high + half_3, 0.0, 0.0
+    halves = half_1, half_2, half_3, half_4
+    turn = half_1 + half_2 + half_3 + half_4 + loose
+    rest = loose + _beyond(turn)
     away, around = away_and_around(axis_5, v)
     moved_away, moved_around = 0.0, 0.0
     for k in range(4):
         motion = cross(seen[k], v)
-        moved_away += abs(dot(away, motion)) * first[k].half
-        moved_around += abs(dot(around, motion)) * first[k].half
+        moved_away += abs(dot(away, motion)) * halves[k]
+        moved_around += abs(dot(around, motion)) * halves[k]
     shrunk = max(1.0 - rest, _SHORTEST)
     start = direction(axis_5, axis_6, v, moved_away / shrunk, moved_around / shrunk, rest / shrunk)
     meeting = meeting_ranges(axis_5, start, axis_6, direction(axis_6, axis_5, axis_7, 0.0, 0.0, 0.0))
     for i in range(2):
         sign = 1.0 if i == 0 else -1.0
-        middle_5, low, high = meeting.azimuth_1 - sign * meeting.side_1, fifth.middle - fifth.half, fifth.middle + fifth.half
-        q5, half_5 = within(middle_5, meeting.half_1, low, high)
+        q5, half_5 = within(meeting.azimuth_1 - sign * meeting.side_1, meeting.half_1, low, high)
         if half_5 < 0.0:
             continue
         middle_6 = -meeting.azimuth_2 - sign * meeting.side_2
@@ -203,9 +213,9 @@ def _may_turn_wrist(
         # Of the errors about the axes only the components along the last one turn the last joint.
         after_6 = rotate(axis_6, q6, axis_7)
         after_5 = rotate(axis_5, q5, after_6)
-        error = TOLERANCE + abs(dot(after_6, axis_5)) * half_5 + abs(dot(axis_7, axis_6)) * half_6
+        error = loose + abs(dot(after_6, axis_5)) * half_5 + abs(dot(axis_7, axis_6)) * half_6
         for k in range(4):
-            error += abs(dot(after_5, seen[k])) * first[k].half
+            error += abs(dot(after_5, seen[k])) * halves[k]
         beyond = _beyond(turn + half_5 + half_6)
         half_7 = (error + beyond) / (1.0 - beyond) if beyond < 0.9 else pi
         q7, half_7 = within(angle_about(axis_7, goal.side_at_zero, turned), half_7, arm.lower[6], arm.upper[6])
