@@ -2,20 +2,21 @@
 
     pip download --no-deps robosuite==1.5.2 robosuite-models gymnasium-robotics dm_control rtb-data \\
         trossen-arm-sim openarm-mujoco -d wheels                       # unpack all of them there
-    python scripts/adversarial_truth.py measure --poses 8000           # a file for each arm and set; goes on where it was
+    python scripts/adversarial_truth.py measure --poses 8000           # a file for each arm and set; resumes
     git worktree add ../before COMMIT
     PYTHONPATH=../before python scripts/adversarial_truth.py measure --out outputs/before --poses 2000
     python scripts/adversarial_truth.py times --before ../before       # CPU times of both, in turns
     python scripts/adversarial_truth.py table --before outputs/before  # the tables of all files
 
 A pose is that of a configuration within the limits of the model's file, by MuJoCo's kinematics: the joints reach it. If
-MuJoCo's distances call that configuration free of self-collision, it is in reach for `decide` too. So NO is wrong there.
+MuJoCo's distances call that configuration free of self-collision, it is in reach for `decide` too: NO is wrong.
 YES is wrong if the solver's configuration exceeds a limit, or MuJoCo does not confirm it.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import time
@@ -25,7 +26,7 @@ from typing import Any
 
 import numpy as np
 import tyro
-from map_truth import ARMS as KNOWN, Arm, Judge, random_poses
+from map_truth import ARMS as KNOWN, Arm, Judge, random_poses  # type: ignore[import-not-found]  # beside this file
 from numpy.typing import NDArray
 
 from clutter_env.reporting.tables import markdown_table
@@ -45,12 +46,10 @@ ARMS = {
 }
 _HARD = 0.6
 """Share of the joints of a configuration that are where a set has them; the others are uniform."""
-_FREE_WANTED = 0.2
-"""Of the poses of a set, how many are at least looked for whose configuration is free of self-collision."""
 _AT_ONCE = 2_000
 _TIMED, _ROUNDS = 400, 5
 """Poses of each kind, reachable and random, whose answers are timed, and how often."""
-_SETS = "uniform", "limits", "inside", "right angles", "jittered", "straight", "folded", "wrist", "below"
+_SETS = ("uniform", "limits", "inside", "right angles", "jittered", "straight", "folded", "wrist", "below")
 """The sets of reachable poses."""
 
 
@@ -124,18 +123,13 @@ def _best_angle(chain: ArmChain, joint: int, measure: Callable[[Floats, Floats],
     return rounded if is_within and abs(rounded - best) < 1e-6 else best
 
 
-def _chunks(chain: ArmChain, kind: str, rng: np.random.Generator) -> Any:
-    while True:
-        yield configurations(chain, kind, _AT_ONCE, rng)
-
-
 def measure_set(judge: Judge, rm: ReachabilityMap, kind: str, count: int) -> dict[str, Any]:
     """Counts of one set of reachable poses."""
     chain, rng = judge.chain, np.random.default_rng(sum(map(ord, kind)))
     solver = ExactSolver(chain, rm.grid.torso_range)
     counts = dict.fromkeys(("poses", "no", "unknown", "free", "decide_no", "decide_unknown", "wrong_yes"), 0)
-    for q in _chunks(chain, kind, rng):
-        q = q[: count - counts["poses"]]
+    while counts["poses"] < count:
+        q = configurations(chain, kind, _AT_ONCE, rng)[: count - counts["poses"]]
         T = np.array([judge.pose(row) for row in q]).reshape(-1, 4, 4)
         free = np.array([judge.is_free(row) for row in q], dtype=bool)
         status, found = solver.reach(T)
@@ -148,9 +142,7 @@ def measure_set(judge: Judge, rm: ReachabilityMap, kind: str, count: int) -> dic
         counts["decide_no"] += int(np.count_nonzero((answers == NO) | (exact == NO)))
         counts["decide_unknown"] += int(np.count_nonzero(answers == UNKNOWN))
         counts["wrong_yes"] += _wrong_yes(judge, exact, found, T[free], needs_free=True)
-        if counts["poses"] >= count:
-            return counts
-    raise AssertionError("chunks do not end")
+    return counts
 
 
 def _wrong_yes(judge: Judge, status: NDArray[np.int8], q: Floats, T: Floats, needs_free: bool) -> int:
@@ -180,9 +172,11 @@ def measure_random(judge: Judge, rm: ReachabilityMap, count: int) -> dict[str, A
 
 
 def a_map(judge: Judge, file: Path) -> ReachabilityMap:
-    """The map that `decide` asks, built once: a coarse one."""
+    """The map that `decide` asks, built once; a coarse one where the solver answers every pose."""
     if not file.exists():
-        ReachabilityMap.build(judge.chain, voxel=0.1, orientations=62, samples=300_000).save(file)
+        is_asked = ExactSolver(judge.chain).is_iterative or judge.chain.has_closed_form
+        fine = {"voxel": 0.05} if is_asked else {"voxel": 0.2, "orientations": 26, "samples": 20_000}
+        ReachabilityMap.build(judge.chain, **fine).save(file)
     return ReachabilityMap.load(file, judge.chain)
 
 
@@ -234,21 +228,17 @@ def times(
         for _ in range(_ROUNDS):
             for code, values in taken.items():
                 command = [sys.executable, __file__, "time-one", name, str(wheels.resolve()), str(out.resolve())]
-                environment = {"PYTHONPATH": f"{code}:{code / 'scripts'}"}
-                done = subprocess.run(command, env=_with(environment), capture_output=True, text=True, check=True)
+                environment = {**os.environ, "PYTHONPATH": str(code)}
+                done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
                 values.append(float(done.stdout))
         medians = {"now": float(np.median(taken[here])), "before": float(np.median(taken[before.resolve()]))}
         (out / f"{name}+times.json").write_text(json.dumps(medians) + "\n")
         print(name, medians, flush=True)
 
 
-def _with(environment: dict[str, str]) -> dict[str, str]:
-    import os
-
-    return {**os.environ, **environment}
-
-
-def time_one(arm: tyro.conf.Positional[str], wheels: tyro.conf.Positional[Path], out: tyro.conf.Positional[Path]) -> None:
+def time_one(
+    arm: tyro.conf.Positional[str], wheels: tyro.conf.Positional[Path], out: tyro.conf.Positional[Path]
+) -> None:
     """Print the CPU time of `decide` for one pose [µs]: half are poses of configurations, half are random."""
     judge = Judge(wheels, ARMS[arm])
     rm, rng = ReachabilityMap.load(out / f"{arm}.npz", judge.chain), np.random.default_rng(3)
@@ -310,5 +300,5 @@ def table(out: Path = Path("outputs/adversarial"), before: Path | None = None) -
 
 
 if __name__ == "__main__":
-    commands = {"measure": measure, "times": times, "time-one": time_one, "table": table}
+    commands: dict[str, Callable[..., Any]] = {"measure": measure, "times": times, "time-one": time_one, "table": table}
     tyro.extras.subcommand_cli_from_dict(commands, description=__doc__)

@@ -1,4 +1,4 @@
-"""Answers for one TCP pose by branch and bound over the lift and one or two joints, compiled; for arms with a structure.
+"""Answers for one TCP pose by branch and bound over the lift and one or two joints, compiled: arms with a structure.
 
 With the lift and the free joint fixed, the closed form says whether a pose is reached. A box of heights and angles is
 first tried at its middle. If no point of it may reach the pose (`irm.ik.exclusion`), it is left out, else it is cut in
@@ -46,8 +46,8 @@ _FINEST_ERROR = 0.25
 _CLOSE, _CLOSER = 0.1, 0.3
 """[rad] Excess from which a configuration is refined, and by which factor it must be less than the last one's."""
 _MOST_FAILURES = 64
-"""Solutions of the closed form that are refined in vain at most: at a singularity of an arm whose axes miss each other a
-little, all are such."""
+"""Solutions of the closed form that are refined in vain at most: at a singularity of an arm whose axes do not quite
+meet, all are such."""
 
 
 class _Trial(NamedTuple):
@@ -78,7 +78,9 @@ def search(arm: SolverArrays, R: Floats, p: Floats, low: float, high: float, q: 
     """
     has_wrist, is_exact = arm.kind != PARALLEL, arm.kind != ITERATIVE
     columns = 7 if has_wrist else 6
-    trial = _Trial(has_wrist, arm.chain, arm.spherical, arm.bounds, arm.parallel, R, p, q, np.empty((1, columns)), p.copy())
+    trial = _Trial(
+        has_wrist, arm.chain, arm.spherical, arm.bounds, arm.parallel, R, p, q, np.empty((1, columns)), p.copy()
+    )
     lower, upper = arm.bounds.lower, arm.bounds.upper
     width = min(2.0 * pi, upper[0] - lower[0])
     first_angle = 0.5 * (lower[0] + upper[0] - width)

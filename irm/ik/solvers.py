@@ -188,10 +188,11 @@ class SolverArrays(NamedTuple):
     """The solver of one arm, for kernels; the same type for all arms.
 
     `kind`: CLOSED_FORM, SPHERICAL, PARALLEL or ITERATIVE. `spherical`, `parallel`: structure of the arm; zeros where it
-    has another one. `bounds`: for proofs of NO, the spherical structure, or that of `find_bounds` where the arm has none,
-    or fits it better; zeros for others. `seeds` (m, 1 + n) configurations; m = 0 for arms with a closed form. `free`, `elbow`: joint of the
-    chain whose angle is a parameter, -1 for none, and joint at the elbow. `other_solutions`: address of the kernel for
-    arms that are not CLOSED_FORM, so that a planner for Fetch need not compile it; 0 for those that are.
+    has another one. `bounds`: for proofs of NO, the spherical structure, or that of `find_bounds` if the arm has none
+    or another fits it better; zeros for others. `seeds` (m, 1 + n) configurations; m = 0 for arms with a closed form.
+    `free`, `elbow`: joint of the chain whose angle is a parameter, -1 for none, and joint at the elbow.
+    `other_solutions`: address of the kernel for arms that are not CLOSED_FORM, so that a planner for Fetch need not
+    compile it; 0 for those that are.
     """
 
     kind: int
@@ -243,12 +244,18 @@ def _solver_of(key: ChainKey) -> SolverArrays:
 def _solver_without_address(chain: ArmChain) -> SolverArrays:
     arrays, none = chain_arrays(chain), np.zeros((0, chain.size))
     if chain.has_closed_form:
-        return SolverArrays(CLOSED_FORM, arrays, _NO_SPHERE, _NO_SPHERE, _NO_PARALLELS, none, _UPPER_ARM_ROLL, _ELBOW_FLEX)
+        return SolverArrays(
+            CLOSED_FORM, arrays, _NO_SPHERE, _NO_SPHERE, _NO_PARALLELS, none, _UPPER_ARM_ROLL, _ELBOW_FLEX
+        )
     structure = find_structure(chain)
     if isinstance(structure, SphericalArm):
         free, elbow = int(structure.columns[0]), int(structure.columns[3])
         others = find_bounds(chain) if structure.error > TOLERANCE else None
-        bounds = others if others and others.error < structure.error and others.columns[0] == structure.columns[0] else structure
+        bounds = (
+            others
+            if others and others.error < structure.error and others.columns[0] == structure.columns[0]
+            else structure
+        )
         return SolverArrays(SPHERICAL, arrays, structure, bounds, _NO_PARALLELS, none, free, elbow)
     if structure is not None:
         return SolverArrays(PARALLEL, arrays, _NO_SPHERE, _NO_SPHERE, structure, none, -1, 3)

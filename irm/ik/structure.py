@@ -70,7 +70,7 @@ class ParallelArm(NamedTuple):
 
     `axes` (6, 3); `points` (5, 3) on the axes: the last one is where the fifth and sixth axes meet [m]. `R_tool` (3, 3)
     and `tool` (3,): TCP at zero. `lower`, `upper` (6,). `slack`: error of the solutions [rad]. `error`, `turn`: largest
-    differences of its TCP poses from those of the arm whose axes are not quite parallel, or do not quite meet [m], [rad].
+    differences of its TCP poses from those of the arm whose axes are not quite parallel, or meet not quite [m], [rad].
     """
 
     axes: Floats

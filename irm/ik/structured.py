@@ -53,6 +53,7 @@ _ANY = 1e9
 _NONE = np.int64(0)
 """No solution yet; a literal 0 would compile what takes it twice."""
 
+
 class SphericalGoal(NamedTuple):
     """A pose to be reached: the `wrist`, and where its orientation takes the last axis and a `side` of it; `upward`:
     the direction in which the wrist moves when the lift goes down."""
