@@ -175,8 +175,11 @@ def a_map(judge: Judge, file: Path) -> ReachabilityMap:
     """The map that `decide` asks, built once; a coarse one where the solver answers every pose."""
     if not file.exists():
         is_asked = ExactSolver(judge.chain).is_iterative or judge.chain.has_closed_form
-        voxel, orientations, samples = (0.05, 62, None) if is_asked else (0.2, 26, 20_000)
-        ReachabilityMap.build(judge.chain, voxel=voxel, orientations=orientations, samples=samples).save(file)
+        if is_asked:
+            rm = ReachabilityMap.build(judge.chain)
+        else:
+            rm = ReachabilityMap.build(judge.chain, voxel=0.2, orientations=26, samples=20_000)
+        rm.save(file)
     return ReachabilityMap.load(file, judge.chain)
 
 
