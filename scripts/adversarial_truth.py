@@ -171,14 +171,13 @@ def measure_random(judge: Judge, rm: ReachabilityMap, count: int) -> dict[str, A
     }
 
 
-def a_map(judge: Judge, file: Path) -> ReachabilityMap:
-    """The map that `decide` asks, built once; a coarse one where the solver answers every pose."""
+def a_map(judge: Judge, file: Path, is_coarse: bool) -> ReachabilityMap:
+    """A map for `decide`, built once: of its default resolution, or coarse where only its arm counts."""
     if not file.exists():
-        is_asked = ExactSolver(judge.chain).is_iterative or judge.chain.has_closed_form
-        if is_asked:
-            rm = ReachabilityMap.build(judge.chain)
-        else:
+        if is_coarse:
             rm = ReachabilityMap.build(judge.chain, voxel=0.2, orientations=26, samples=20_000)
+        else:
+            rm = ReachabilityMap.build(judge.chain)
         rm.save(file)
     return ReachabilityMap.load(file, judge.chain)
 
@@ -203,7 +202,7 @@ def measure(
         if not wanted:
             continue
         judge = Judge(wheels, ARMS[name])
-        rm = a_map(judge, out / f"{name}.npz")
+        rm = a_map(judge, out / f"{name}.npz", is_coarse=True)
         for kind in wanted:
             is_random = kind == "random"
             counts = measure_random(judge, rm, 2 * poses) if is_random else measure_set(judge, rm, kind, poses)
@@ -227,6 +226,9 @@ def times(
     for name in arms:
         if (out / f"{name}+times.json").exists():
             continue
+        judge = Judge(wheels, ARMS[name])
+        is_asked = ExactSolver(judge.chain).is_iterative or judge.chain.has_closed_form  # in the other checkout
+        a_map(judge, out / f"{name}+times.npz", is_coarse=not is_asked)
         taken: dict[Path, list[float]] = {here: [], before.resolve(): []}
         for _ in range(_ROUNDS):
             for code, values in taken.items():
@@ -244,7 +246,7 @@ def time_one(
 ) -> None:
     """Print the CPU time of `decide` for one pose [µs]: half are poses of configurations, half are random."""
     judge = Judge(wheels, ARMS[arm])
-    rm, rng = ReachabilityMap.load(out / f"{arm}.npz", judge.chain), np.random.default_rng(3)
+    rm, rng = ReachabilityMap.load(out / f"{arm}+times.npz", judge.chain), np.random.default_rng(3)
     known = np.array([judge.pose(q) for q in configurations(judge.chain, "uniform", _TIMED, rng)])
     T = np.concatenate([known, random_poses(judge.chain, _TIMED, rng)])
     decide(rm, T[:: _TIMED // 10])
