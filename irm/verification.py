@@ -2,8 +2,8 @@
 
 A pose lies between the centres of neighbouring cells: eight voxels, two rings of pitch, two yaws (and two rolls). The
 answer is YES if these and the voxels around them are all in reach: they form the inner map. It is NO if none of them is
-in reach: the pose is outside the outer map. Otherwise the cells are too coarse to decide, and `decide` asks exact
-inverse kinematics. The values are those of `irm.Status`.
+in reach: the pose is outside the outer map. Otherwise the cells are too coarse to decide. `decide` asks exact inverse
+kinematics for every pose. The values are those of `irm.Status`.
 
 A map contains neither configurations nor obstacles but the robot itself. `verify` takes the bases of a placement in
 order and returns the first one that is valid: the arm reaches every TCP pose exactly, free of self-collision and in a

@@ -1,9 +1,10 @@
 """Solvers of any arm: exact answers whether it reaches a TCP pose, and its configurations for given free parameters.
 
-`ExactSolver` answers each YES with a configuration within the limits and free of self-collision as its proof. An arm
-with the structure of Fetch's arm is solved by `irm.ik.closed_form`. With a structure of `irm.ik.structure` the closed
-form is scanned over the free joint, and over the lift if there is one. Without such a structure the arm is solved from
-random configurations, and NO is a statement about the lengths of its links alone.
+`ExactSolver` answers each YES with a configuration within the limits and free of self-collision as its proof. NO is
+proved. An arm with the structure of Fetch's arm is solved by `irm.ik.closed_form`. With a structure of
+`irm.ik.structure` a branch and bound over the free joint, and over the lift if there is one, uses the closed form
+(`irm.ik.search`). Without such a structure the arm is solved from random configurations, and NO is proved in the same
+way with one joint more fixed, or by `irm.ik.outer_reach` alone.
 
 `arm_solutions` is for kernels. The free parameters are the height of the lift and, for seven joints, the angle of one
 of them. With these the closed form of the arm has up to eight solutions. An arm without a known closed form is solved
@@ -89,8 +90,9 @@ class ExactSolver:
     def solve(self, T_base_tcp: Floats) -> tuple[NDArray[np.int8], Floats]:
         """Which poses the arm reaches in a configuration that is free of self-collision.
 
-        NO is proved: the joints do not reach the pose, or the gripper would be inside the base. A pose is UNKNOWN where
-        the joints reach it and the gripper is free, but no configuration that was tried is.
+        NO is proved, with a tolerance for rounding in the pose, the limits and the arm's file: the joints do not reach
+        the pose, or the gripper would be inside the base. A pose is UNKNOWN where the joints reach it and the gripper
+        is free, but no configuration that was tried is; or, rarely, where the proof does not close.
 
         Args:
             T_base_tcp: (n, 4, 4).
