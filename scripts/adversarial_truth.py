@@ -223,6 +223,7 @@ def times(
         arms, wheels, out: as of `measure`.
     """
     here = Path(__file__).resolve().parents[1]
+    out.mkdir(parents=True, exist_ok=True)
     for name in arms:
         if (out / f"{name}+times.json").exists():
             continue

@@ -59,6 +59,9 @@ FREE_SEARCHES = ((0.05, 24), (0.015, 144))
 """Steps of the lift [m] and angles of the free joint at which a configuration free of self-collision is looked for."""
 _PLACE_ERROR = 1e-4
 """[m] More than the gripper's place, and a distance between two shapes, may be wrong."""
+NARROW, FREE_SEEDS = 0.03, 40
+"""Share of the heights and angles at which a pose is reached, below which they may miss most of its configurations: at
+limits. Then it is solved from so many random configurations too."""
 IMPROVING_ANGLES = 72
 """Angles of the free joint of which the best one is taken."""
 _EXACT = 1e-8
@@ -105,7 +108,7 @@ class ExactSolver:
         rows = rows[~self._is_free.of(q[rows])]
         if not len(rows):
             return status, q
-        status[rows] = UNKNOWN
+        status[rows], reached = UNKNOWN, np.ones(len(status))
         low, high = self.torso_range
         for step, count in FREE_SEARCHES:
             torsos = np.linspace(low, high, int(np.ceil((high - low) / step - _ROUNDING)) + 1)
@@ -113,7 +116,15 @@ class ExactSolver:
             for n in rows[status[rows] == UNKNOWN]:
                 R, p = T_base_tcp[n, :3, :3].copy(), T_base_tcp[n, :3, 3].copy()
                 nearest = np.argsort(np.abs(torsos - q[n, 0]), kind="stable")
-                status[n] = _find_free(self._arrays, *self._is_free.memory, R, p, torsos[nearest], angles, q[n])
+                status[n], reached[n] = _find_free(
+                    self._arrays, *self._is_free.memory, R, p, torsos[nearest], angles, q[n]
+                )
+                reached[n] /= len(torsos) * len(angles)
+        for n in rows[(status[rows] == UNKNOWN) & (reached[rows] < NARROW)]:
+            R, p = T_base_tcp[n, :3, :3].copy(), T_base_tcp[n, :3, 3].copy()
+            seeds = self._seeds[:FREE_SEEDS]
+            if _find_free_from(self._arrays.chain, *self._is_free.memory, R, p, low, high, seeds, q[n]):
+                status[n] = YES
         q[status != YES] = np.nan
         return status, q
 
@@ -359,30 +370,59 @@ def _are_free(chain: ChainArrays, shapes: Shapes, placed: Placed, Q: Floats) -> 
 @njit(cache=True)
 def _find_free(
     arm: SolverArrays, shapes: Shapes, placed: Placed, R: Floats, p: Floats, torsos: Floats, angles: Floats, q: Floats
-) -> int:
+) -> tuple[int, int]:
     """YES with a free configuration for a TCP pose in `q`, which reaches it; NO if the gripper is in no place that is
-    free, else UNKNOWN."""
-    n = q.shape[0]
+    free, else UNKNOWN. And at how many heights and angles it is reached; at a height where the gripper is not free, at
+    all. After YES or NO none is counted."""
+    n, reached = q.shape[0], 0
     frames, origins, found = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((8, n))
     fk_frames(arm.chain.offsets, arm.chain.axes, arm.chain.tip, q, frames, origins)
     if _is_gripper_blocked(shapes, placed, frames, origins, torsos.min() - q[0], torsos.max() - q[0]):
-        return NO
+        return NO, reached
     for torso in torsos:
         gripper_is_free = False
         for angle in angles:
-            for k in range(arm_solutions(arm, R, p, torso, angle, found)):
+            count = arm_solutions(arm, R, p, torso, angle, found)
+            reached += count > 0
+            for k in range(count):
                 fk_frames(arm.chain.offsets, arm.chain.axes, arm.chain.tip, found[k], frames, origins)
                 place_shapes(shapes, placed, frames, origins)
                 gripper_is_free = gripper_is_free or not any_near(shapes, placed, 0, CLEARANCE)
                 if not gripper_is_free:
+                    reached += angles.size
                     break
                 if not (any_near(shapes, placed, 1, CLEARANCE) or any_near(shapes, placed, 3, CLEARANCE)):
                     q[:] = found[k]
-                    return YES
+                    return YES, reached
             else:
                 continue
             break
-    return UNKNOWN
+    return UNKNOWN, reached
+
+
+@njit(cache=True)
+def _find_free_from(
+    chain: ChainArrays,
+    shapes: Shapes,
+    placed: Placed,
+    R: Floats,
+    p: Floats,
+    low: float,
+    high: float,
+    seeds: Floats,
+    q: Floats,
+) -> bool:
+    """Whether a configuration that is found from one of some seeds (m, 1 + n) is free; it is then in `q`."""
+    n, trial = q.shape[0], q.copy()
+    frames, origins = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+    for k in range(len(seeds)):
+        trial[:] = seeds[k]
+        if refine_within(chain, R, p, low, high, trial):
+            fk_frames(chain.offsets, chain.axes, chain.tip, trial, frames, origins)
+            if is_free(shapes, placed, frames, origins):
+                q[:] = trial
+                return True
+    return False
 
 
 @njit(cache=True)
