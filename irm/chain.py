@@ -28,6 +28,8 @@ Integers = NDArray[np.int64]
 FETCH_AXES = (2 + PRISMATIC, 2, 1, 0, 1, 0, 1, 0)
 _FULL_TURN_ROUNDING = 1e-4
 """[rad] A joint range shorter than a full turn by less counts as unlimited: model files have rounded numbers."""
+_SAME_LIMIT = 1e-9
+"""[rad] Limits that differ by less are the same but for rounding; within it NO is proved with a margin."""
 _ON_AXIS = 1e-4
 """[rad], [m] A TCP whose approach lies this close to the last joint's axis is turned about it, for the same reason."""
 
@@ -320,7 +322,7 @@ def _fetch_links(chain: ArmChain) -> Floats:
         not along_x[:, 1:].any()
         and not offset[:3, 1].any()
         and offset[2, 0] > 0.0
-        and bool(np.allclose(lower[[4, 6]], -upper[[4, 6]]))
+        and bool(np.allclose(lower[[4, 6]], -upper[[4, 6]], rtol=0.0, atol=_SAME_LIMIT))
         and bool(np.all(lower[[3, 5, 7]] <= -np.pi))
         and bool(np.all(upper[[3, 5, 7]] >= np.pi))
     )

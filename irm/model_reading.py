@@ -30,6 +30,8 @@ _UNNAMED = "MuJoCo Model"
 """What MuJoCo calls a model without a name."""
 _PARALLEL = 1e-9
 """Entry of a unit vector or rotation below which two directions are the same but for rounding."""
+_SAME_AXIS = 1e-12
+"""The same where one direction takes the other's place: a NO of the solver is proved with a tolerance of 1e-8 m."""
 APPROACHES = {
     name: np.array(rows, dtype=float)
     for name, rows in {
@@ -271,7 +273,7 @@ def _frames(hinges: list[_Joint], T_base_tip: Floats) -> tuple[Floats, NDArray[n
     """
     axis_numbers = [int(np.argmax(joint.axis)) for joint in hinges]
     away = [np.abs(joint.axis - np.eye(3)[k]).max() for joint, k in zip(hinges, axis_numbers, strict=True)]
-    parallel = max(*away, np.abs(T_base_tip[:3, :3] - np.eye(3)).max()) < _PARALLEL
+    parallel = max(*away, np.abs(T_base_tip[:3, :3] - np.eye(3)).max()) < _SAME_AXIS
     frames = [np.eye(4), np.eye(4)]
     for joint, origin in zip(hinges, _origins(hinges), strict=True):
         frames.append(_pose(np.eye(3) if parallel else frame_along(joint.axis), origin))

@@ -2,8 +2,8 @@
 
 A pose lies between the centres of neighbouring cells: eight voxels, two rings of pitch, two yaws (and two rolls). The
 answer is YES if these and the voxels around them are all in reach: they form the inner map. It is NO if none of them is
-in reach: the pose is outside the outer map. Otherwise the cells are too coarse to decide, and `decide` asks exact
-inverse kinematics. The values are those of `irm.Status`.
+in reach: the pose is outside the outer map. Otherwise the cells are too coarse to decide. `decide` asks exact inverse
+kinematics for every pose. The values are those of `irm.Status`.
 
 A map contains neither configurations nor obstacles but the robot itself. `verify` takes the bases of a placement in
 order and returns the first one that is valid: the arm reaches every TCP pose exactly, free of self-collision and in a
@@ -63,15 +63,12 @@ _SAME = 1e-6
 def decide(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> NDArray[np.int8]:
     """(n,) `Status` values of TCP poses (n, 4, 4) in the base frame.
 
-    The map answers first, see `classify`. The arm's exact solver decides the poses for which
-    the map says UNKNOWN: by arithmetic (the wrist centre farther from the shoulder than upper arm and forearm are
-    long), then by inverse kinematics. A map that was built by sampling may miss narrow parts of the workspace, and its
-    rolls are far apart: there the solver decides every pose, or for an arm without a structure that it knows, those for
-    which the map does not say YES. UNKNOWN is left where even the solver has no answer, or where the map
-    is that of somebody else and its arm is not known.
+    By the exact solver of the map's arm, see `ExactSolver.solve`: YES is a configuration that reaches, NO is proved.
+    UNKNOWN is left where the solver has no answer. Where the map is that of somebody else and its arm is not known, the
+    map answers, see `classify`; poses that it does not cover are then UNKNOWN.
 
     Args:
-        rm: of any pitches and heights: poses that it does not cover are decided by the solver alone.
+        rm: of any pitches and heights.
         T_base_tcp: the poses.
 
     Raises:
@@ -81,14 +78,10 @@ def decide(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> NDArray[np.int8]:
         reached = decide(cached_map(FETCH), T_base_tcp) == YES
     """
     T = as_poses(T_base_tcp)
+    if rm.chain is not None:
+        return ExactSolver(rm.chain, rm.grid.torso_range).solve(T)[0]
     is_whole = not (rm.grid.cut_below or rm.grid.cut_above or rm.parameters.pitches)
-    answers = classify(rm, T) if is_whole else np.full(len(T), UNKNOWN, dtype=np.int8)
-    if rm.chain is None:
-        return answers
-    solver = ExactSolver(rm.chain, rm.grid.torso_range)
-    is_open = answers == UNKNOWN if rm.chain.has_closed_form else (answers != YES) | (not solver.is_iterative)
-    answers[is_open] = solver.solve(T[is_open])[0]
-    return answers
+    return classify(rm, T) if is_whole else np.full(len(T), UNKNOWN, dtype=np.int8)
 
 
 def classify(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> NDArray[np.int8]:

@@ -41,7 +41,7 @@ from irm.chain import chain_arrays
 from irm.grid import nearest_orientation
 from irm.ik.numerical import random_seeds
 from irm.map_kernels import tcp_frames
-from irm.model_reading import load_model, tcp_pose_of_model
+from irm.model_reading import load_model, load_urdf, tip_frame
 from irm.rotations import world_to_base
 from irm.self_contact import CLEARANCE, is_solid
 
@@ -90,13 +90,18 @@ class Judge:
     """An arm of a model, and MuJoCo's word on it."""
 
     def __init__(self, wheels: Path, arm: Arm) -> None:
-        self.model, self._frame = load_model(wheels / arm.file), (arm.base, arm.tip, arm.approach)
-        self.chain = ArmChain.from_mjcf(self.model, *self._frame)
+        path = wheels / arm.file
+        self.model = load_urdf(path) if path.suffix == ".urdf" else load_model(path)
+        self.chain = ArmChain.from_mjcf(self.model, arm.base, arm.tip, arm.approach)
         model, data = self.model, mujoco.MjData(self.model)
         mujoco.mj_kinematics(model, data)
         columns = [int(model.joint(name).qposadr[0]) for name in self.chain.joints if name]
         data.qpos[columns] = 0.0
         self._data, self._columns = data, columns
+        sites = [model.site(k).name for k in range(model.nsite)]
+        body = int(model.site(arm.tip).bodyid[0]) if arm.tip in sites else int(model.body(arm.tip).id)
+        self._bodies = [int(model.body(arm.base).id), body]
+        self._T_body_tcp = tip_frame(model, body, arm.tip, arm.approach)
         root = model.body_rootid[model.joint(self.chain.joints[-1]).bodyid[0]]
         mine = is_solid(model) & (model.body_rootid[model.geom_bodyid] == root)
         mine &= model.geom_type != int(mujoco.mjtGeom.mjGEOM_PLANE)
@@ -105,7 +110,11 @@ class Judge:
 
     def pose(self, q: Floats) -> Floats:
         """T_base_tcp (4, 4) of a configuration (1 + n,)."""
-        return tcp_pose_of_model(self.model, dict(zip(self.chain.joints, q.tolist(), strict=True)), *self._frame)
+        data, poses = self._data, np.tile(np.eye(4), (2, 1, 1))
+        data.qpos[self._columns] = q[-len(self._columns) :]
+        mujoco.mj_kinematics(self.model, data)
+        poses[:, :3, :3], poses[:, :3, 3] = data.xmat[self._bodies].reshape(2, 3, 3), data.xpos[self._bodies]
+        return np.asarray(np.linalg.inv(poses[0]) @ poses[1] @ self._T_body_tcp)
 
     def is_free(self, q: Floats, clearance: float = CLEARANCE) -> bool:
         """Whether all geoms of the pairs that count keep a clearance [m]."""
@@ -116,9 +125,13 @@ class Judge:
             for a, b in self._pairs
         )
 
+    def reaches(self, q: Floats, T: Floats) -> bool:
+        """Whether a configuration reaches a pose."""
+        return bool(np.abs(self.pose(q) - T).max() < _SAME)
+
     def holds(self, q: Floats, T: Floats) -> bool:
         """Whether a configuration reaches a pose, free of self-collision."""
-        return bool(np.abs(self.pose(q) - T).max() < _SAME and self.is_free(q, CLEARANCE - _SAME))
+        return self.reaches(q, T) and self.is_free(q, CLEARANCE - _SAME)
 
 
 def measure(judge: Judge, poses: int, bases: int, voxel: float) -> dict[str, Any]:
@@ -131,7 +144,7 @@ def measure(judge: Judge, poses: int, bases: int, voxel: float) -> dict[str, Any
     middle, half = (chain.lower + chain.upper) / 2, np.minimum((chain.upper - chain.lower) / 2, np.pi)
     Q = middle + rng.uniform(-1, 1, (poses, chain.size)) * half
     Q = Q[[judge.is_free(q) for q in Q]]
-    reachable, random = np.array([judge.pose(q) for q in Q]), _random_poses(chain, poses, rng)
+    reachable, random = np.array([judge.pose(q) for q in Q]), random_poses(chain, poses, rng)
     decide(rm, random[:10])
     start = time.process_time()
     known, decided = decide(rm, reachable), decide(rm, random[:_ASKED])
@@ -228,7 +241,7 @@ class FourDimensions:
         return index, np.all((index >= 0) & (index < self.cells.shape), axis=1)
 
 
-def _random_poses(chain: ArmChain, count: int, rng: np.random.Generator) -> Floats:
+def random_poses(chain: ArmChain, count: int, rng: np.random.Generator) -> Floats:
     """T_base_tcp (n, 4, 4): uniform positions in the ball of the stretched arm, uniform rotations."""
     direction = rng.normal(size=(count, 3))
     direction *= chain.reach * rng.random((count, 1)) ** (1 / 3) / np.linalg.norm(direction, axis=1, keepdims=True)

@@ -192,7 +192,7 @@ def ik_pan(arm: ChainArrays, approach: Floats, wrist: Floats, c1: float, s1: flo
     return count
 
 
-SLACK = 1e-9
+SLACK = 1e-8
 """[m], [m²] or [rad] by which a bound must be violated, so that rounding cannot exclude a solution."""
 MAX_RECTANGLES = 4000
 """Rectangles examined before a pose stays open. Most poses need fewer than 30."""
@@ -282,8 +282,9 @@ def lift_bounds(links: Floats, upper: Floats, box: WristBox) -> LiftBounds:
     widest -= side_near * side_near
     if widest < -SLACK:
         return LiftBounds(False, 0.0, 0.0, 0.0, 0.0)
-    narrowest = min(near - a0 * a0, far - a1 * a1) - side_far * side_far
-    h0, h1 = sqrt(max(0.0, narrowest)), sqrt(max(0.0, widest))
+    # Of a straight elbow the root is 0: rounding of what is below it must not bound the lift angle.
+    narrowest = min(near - a0 * a0, far - a1 * a1) - side_far * side_far - SLACK
+    h0, h1 = sqrt(max(0.0, narrowest)), sqrt(max(0.0, widest + SLACK))
     bend0 = atan2(h0 if a1 > 0.0 else h1, a1)
     bend1 = atan2(h1 if a0 > 0.0 else h0, a0)
     x0 = min(box.rho0 * c0, box.rho1 * c0) - shoulder

@@ -135,6 +135,53 @@ def refine(chain: ChainArrays, R: Floats, p: Floats, q: Floats) -> bool:
     return approach_pose(chain, R, p, False, q, frames, origins, J)
 
 
+@njit(cache=True)
+def refine_within(chain: ChainArrays, R: Floats, p: Floats, low: float, high: float, q: Floats) -> bool:
+    """The same with the lift, which may move from `low` to `high` [m], and with joints that stay at a limit.
+
+    A joint at a limit that the next step would exceed is held, and the step of the others is computed again: near a
+    corner of the limits clamping alone ends beside the solution.
+    """
+    n = chain.axes.shape[0]
+    frames, origins, J = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n - 1))
+    lower, upper, moved = chain.lower.copy(), chain.upper.copy(), np.empty((6, n))
+    error, step, y, A = np.empty(6), np.empty(n), np.empty(6), np.empty((6, 6))
+    lower[0], upper[0] = low, high
+    for joint in range(n):
+        q[joint] = min(upper[joint], max(lower[joint], q[joint]))
+    previous, stalled = 1e9, 0
+    for _ in range(MAX_STEPS):
+        fk_frames(chain.offsets, chain.axes, chain.tip, q, frames, origins)
+        size = _pose_error(frames[n], origins[n], R, p, False, error)
+        if size < POSITION_TOLERANCE:
+            return True
+        stalled = stalled + 1 if size > _STALL * previous else 0
+        if stalled == 3 or not size < 1e9:
+            return False
+        previous = size
+        arm_jacobian(chain.axes, frames, origins, J)
+        for i in range(6):
+            moved[i, 0] = 1.0 if i == 2 and low < high else 0.0
+            for k in range(n - 1):
+                moved[i, k + 1] = J[i, k]
+        is_held = True
+        while is_held:
+            _damped_step(moved, error, (_DAMPING * size) ** 2 + 1e-10, A, y, step)
+            is_held = False
+            for k in range(n):
+                if (step[k] < 0.0 and q[k] <= lower[k]) or (step[k] > 0.0 and q[k] >= upper[k]):
+                    is_held = True
+                    for i in range(6):
+                        moved[i, k] = 0.0
+        longest = 0.0
+        for k in range(n):
+            longest = max(longest, abs(step[k]))
+        scale = min(1.0, _STEP_LIMIT / longest) if longest > 0.0 else 1.0
+        for k in range(n):
+            q[k] = min(upper[k], max(lower[k], q[k] + scale * step[k]))
+    return False
+
+
 def random_seeds(chain: ArmChain, count: int, torso: float, rng: np.random.Generator) -> Floats:
     """(count, 1 + n) configurations, uniform within the limits and one turn, all at one torso height."""
     middle = (chain.lower + chain.upper) / 2

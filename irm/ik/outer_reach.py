@@ -31,8 +31,8 @@ _ANGLES = 144
 """Angles of the joint at either end that are tried."""
 _LIFT_STEP = 0.01
 """[m] between the heights of the lift that are tried."""
-_ROUNDING = 1e-9
-"""[m] Lengths that differ by less are equal."""
+_ROUNDING = 1e-7
+"""[m] By which a length may be wrong: of a file, of a pose, and of the tables, whose numbers have seven digits."""
 
 
 class _Side(NamedTuple):

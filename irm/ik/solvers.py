@@ -1,9 +1,10 @@
 """Solvers of any arm: exact answers whether it reaches a TCP pose, and its configurations for given free parameters.
 
-`ExactSolver` answers each YES with a configuration within the limits and free of self-collision as its proof. An arm
-with the structure of Fetch's arm is solved by `irm.ik.closed_form`. With a structure of `irm.ik.structure` the closed
-form is scanned over the free joint, and over the lift if there is one. Without such a structure the arm is solved from
-random configurations, and NO is a statement about the lengths of its links alone.
+`ExactSolver` answers each YES with a configuration within the limits and free of self-collision as its proof. NO is
+proved. An arm with the structure of Fetch's arm is solved by `irm.ik.closed_form`. With a structure of
+`irm.ik.structure` a branch and bound over the free joint, and over the lift if there is one, uses the closed form
+(`irm.ik.search`). Without such a structure the arm is solved from random configurations, and NO is proved in the same
+way with one joint more fixed, or by `irm.ik.outer_reach` alone.
 
 `arm_solutions` is for kernels. The free parameters are the height of the lift and, for seven joints, the angle of one
 of them. With these the closed form of the arm has up to eight solutions. An arm without a known closed form is solved
@@ -23,10 +24,21 @@ from irm.answers import NO, UNKNOWN, YES
 from irm.chain import ArmChain, ChainArrays, ChainKey, chain_arrays
 from irm.compilation import njit
 from irm.ik.closed_form import decide_poses, ik_arm
-from irm.ik.numerical import random_seeds, refine
+from irm.ik.numerical import random_seeds, refine, refine_within
 from irm.ik.outer_reach import are_out_of_reach
-from irm.ik.structure import ParallelArm, SphericalArm, find_structure
-from irm.ik.structured import parallel_excess, parallel_solutions, scan_free_joint, spherical_solutions
+from irm.ik.ranges import TOLERANCE
+from irm.ik.search import search
+from irm.ik.structure import (
+    CLOSED_FORM as CLOSED_FORM,
+    ITERATIVE as ITERATIVE,
+    PARALLEL as PARALLEL,
+    SPHERICAL as SPHERICAL,
+    ParallelArm,
+    SphericalArm,
+    find_bounds,
+    find_structure,
+)
+from irm.ik.structured import parallel_solutions, spherical_solutions
 from irm.kernel_arguments import call_at, kernel_address, layout_of, leaf_kernel, packed
 from irm.kinematics import arm_jacobian, condition, fk_frames
 from irm.self_contact import CLEARANCE
@@ -35,23 +47,21 @@ from irm.shapes import Placed, Shapes, any_near, is_free, make_placed, place_sha
 Floats = NDArray[np.float64]
 _ROUNDING = 1e-9
 """[m] Lengths that differ by less are equal."""
-LIFT_STEP = 0.02
-"""[m] Largest step between the first heights of the lift that are tried."""
-LIFT_HALVINGS = 6
-"""How often a step of the lift is halved before it is called open: down to 0.3 mm."""
-LIFT_SLOPE = 60.0
-"""[rad/m] Largest slope of the excess along the lift that is assumed."""
-SEEDS = 60
-"""Random configurations for arms without a closed form, and for poses that it leaves open; at each height of a lift
-half as many."""
-CLOSED_FORM, SPHERICAL, PARALLEL, ITERATIVE = range(4)
-"""How an arm is solved: by `irm.ik.closed_form`, by the two structures of `irm.ik.structure`, or by iteration."""
+SEEDS, LIFT_SEEDS = 60, 180
+"""Random configurations for arms without a closed form, and for poses that it leaves open: without a lift, and with."""
+FIRST_SEEDS = 20
+"""Configurations from which an arm without a closed form is solved before a proof of NO is looked for."""
 _UPPER_ARM_ROLL, _ELBOW_FLEX = 3, 4
 """Joints of `irm.ik.closed_form`: the one whose angle is free, and the elbow."""
 _SEEDS = 200
 """Configurations from which an arm without a closed form is solved."""
 FREE_SEARCHES = ((0.05, 24), (0.015, 144))
 """Steps of the lift [m] and angles of the free joint at which a configuration free of self-collision is looked for."""
+_PLACE_ERROR = 1e-4
+"""[m] More than the gripper's place, and a distance between two shapes, may be wrong."""
+NARROW, FREE_SEEDS = 0.03, 40
+"""Share of the heights and angles at which a pose is reached, below which they may miss most of its configurations: at
+limits. Then it is solved from so many random configurations too."""
 IMPROVING_ANGLES = 72
 """Angles of the free joint of which the best one is taken."""
 _EXACT = 1e-8
@@ -83,8 +93,9 @@ class ExactSolver:
     def solve(self, T_base_tcp: Floats) -> tuple[NDArray[np.int8], Floats]:
         """Which poses the arm reaches in a configuration that is free of self-collision.
 
-        NO is proved: the joints do not reach the pose, or the gripper would be inside the base. A pose is UNKNOWN where
-        the joints reach it and the gripper is free, but no configuration that was tried is.
+        NO is proved, with a tolerance for rounding in the pose, the limits and the arm's file: the joints do not reach
+        the pose, or the gripper would be inside the base. A pose is UNKNOWN where the joints reach it and the gripper
+        is free, but no configuration that was tried is; or, rarely, where the proof does not close.
 
         Args:
             T_base_tcp: (n, 4, 4).
@@ -97,7 +108,7 @@ class ExactSolver:
         rows = rows[~self._is_free.of(q[rows])]
         if not len(rows):
             return status, q
-        status[rows] = UNKNOWN
+        status[rows], reached = UNKNOWN, np.ones(len(status))
         low, high = self.torso_range
         for step, count in FREE_SEARCHES:
             torsos = np.linspace(low, high, int(np.ceil((high - low) / step - _ROUNDING)) + 1)
@@ -105,7 +116,15 @@ class ExactSolver:
             for n in rows[status[rows] == UNKNOWN]:
                 R, p = T_base_tcp[n, :3, :3].copy(), T_base_tcp[n, :3, 3].copy()
                 nearest = np.argsort(np.abs(torsos - q[n, 0]), kind="stable")
-                status[n] = _find_free(self._arrays, *self._is_free.memory, R, p, torsos[nearest], angles, q[n])
+                status[n], reached[n] = _find_free(
+                    self._arrays, *self._is_free.memory, R, p, torsos[nearest], angles, q[n]
+                )
+                reached[n] /= len(torsos) * len(angles)
+        for n in rows[(status[rows] == UNKNOWN) & (reached[rows] < NARROW)]:
+            R, p = T_base_tcp[n, :3, :3].copy(), T_base_tcp[n, :3, 3].copy()
+            seeds = self._seeds[:FREE_SEEDS]
+            if _find_free_from(self._arrays.chain, *self._is_free.memory, R, p, low, high, seeds, q[n]):
+                status[n] = YES
         q[status != YES] = np.nan
         return status, q
 
@@ -127,90 +146,53 @@ class ExactSolver:
         """The same without regard to self-collision."""
         T = np.ascontiguousarray(T_base_tcp, dtype=float)
         status, q = np.full(len(T), UNKNOWN, dtype=np.int8), np.full((len(T), self.chain.size), np.nan)
+        low, high = self.torso_range
         if self._arrays.kind == CLOSED_FORM:
             decide_poses(chain_arrays(self.chain, self.torso_range), T, status, q)
+            if np.any(status == UNKNOWN):
+                _solve_from_seeds(self._arrays.chain, T, self._seeds, low, high, status, q)
             return status, q
-        low, high = self.torso_range
         status[are_out_of_reach(self.chain, self.torso_range, T)] = NO
-        if not self.is_iterative:
-            _scan_poses(self._arrays, T, low, high, status, q)
+        seeds = self._seeds
+        if self.is_iterative:  # the first ones reach most poses, in less time than the search takes
+            _solve_from_seeds(self._arrays.chain, T, seeds[:FIRST_SEEDS], low, high, status, q)
+            seeds = seeds[FIRST_SEEDS:]
+        if self._arrays.bounds.axes.any() or self._arrays.parallel.axes.any():
+            _search_poses(self._arrays, T, low, high, status, q)
         if np.any(status == UNKNOWN):
-            _solve_from_seeds(self._arrays.chain, T, self._seeds, status, q)
+            _solve_from_seeds(self._arrays.chain, T, seeds, low, high, status, q)
         return status, q
 
     @cached_property
     def _seeds(self) -> Floats:
         """(m, 1 + n) random configurations, from which poses may be reached that are open otherwise."""
-        low, high = self.torso_range
-        heights, rng = np.linspace(low, high, ceil((high - low) / LIFT_STEP) + 1), np.random.default_rng(0)
-        count = SEEDS if low == high else SEEDS // 2
-        return np.concatenate([random_seeds(self.chain, count, height, rng) for height in heights])
+        (low, high), rng = self.torso_range, np.random.default_rng(0)
+        seeds = random_seeds(self.chain, SEEDS if low == high else LIFT_SEEDS, low, rng)
+        seeds[:, 0] = rng.uniform(low, high, len(seeds))
+        return seeds
 
 
 @njit(cache=True)
-def _scan_poses(arm: SolverArrays, T: Floats, low: float, high: float, status: NDArray[np.int8], q: Floats) -> None:
-    """Scan the lift for every open pose (n, 4, 4); what cannot be decided stays open."""
+def _search_poses(arm: SolverArrays, T: Floats, low: float, high: float, status: NDArray[np.int8], q: Floats) -> None:
+    """Search boxes of lift and free joint for every open pose (n, 4, 4); what cannot be decided stays open."""
     for n in range(len(T)):
         if status[n] == UNKNOWN:
-            status[n] = _scan_lift(arm, T[n, :3, :3].copy(), T[n, :3, 3].copy(), low, high, q[n])
+            status[n] = search(arm, T[n, :3, :3].copy(), T[n, :3, 3].copy(), low, high, q[n])
             if status[n] != YES:
                 q[n] = np.nan
 
 
 @njit(cache=True)
-def _scan_lift(arm: SolverArrays, R: Floats, p: Floats, low: float, high: float, q: Floats) -> int:
-    """The answer for one pose; a solution into `q`. Between two heights the excess could reach 0 only if it changes by
-    their sum."""
-    steps = ceil((high - low) / LIFT_STEP - _ROUNDING)
-    step = (high - low) / max(1, steps)
-    heights, ends = low + step * np.arange(steps + 1), np.empty(steps + 1)
-    heights[-1] = high
-    undecided = False
-    for k in range(steps + 1):
-        q[0] = heights[k]
-        answer, ends[k] = _try_height(arm, R, p, q)
-        if answer == YES:
-            return YES
-        undecided = undecided or answer == UNKNOWN
-    start, left, right = heights[:-1], ends[:-1], ends[1:]
-    for _ in range(LIFT_HALVINGS):
-        may_cross = left + right < LIFT_SLOPE * step
-        start, left, right, step = start[may_cross], left[may_cross], right[may_cross], 0.5 * step
-        middle = np.empty(start.size)
-        for k in range(start.size):
-            q[0] = start[k] + step
-            answer, middle[k] = _try_height(arm, R, p, q)
-            if answer == YES:
-                return YES
-            undecided = undecided or answer == UNKNOWN
-        start = np.concatenate((start, start + step))
-        left, right = np.concatenate((left, middle)), np.concatenate((middle, right))
-    return UNKNOWN if undecided or np.any(left + right < LIFT_SLOPE * step) else NO
-
-
-@njit(cache=True)
-def _try_height(arm: SolverArrays, R: Floats, p: Floats, q: Floats) -> tuple[int, float]:
-    """Answer and excess for a pose at the torso height `q[0]`; a solution into `q`."""
-    if arm.kind == SPHERICAL:
-        return scan_free_joint(arm.chain, arm.spherical, R, p, q)
-    lowered, best = p.copy(), np.empty((1, 6))
-    lowered[2] -= q[0]
-    excess = max(0.0, parallel_excess(arm.parallel, R, lowered, best) - arm.parallel.slack)
-    if excess > 0.0:
-        return NO, excess
-    q[1:] = best[0]
-    return (YES if refine(arm.chain, R, p, q) else UNKNOWN), excess
-
-
-@njit(cache=True)
-def _solve_from_seeds(chain: ChainArrays, T: Floats, seeds: Floats, status: NDArray[np.int8], q: Floats) -> None:
+def _solve_from_seeds(
+    chain: ChainArrays, T: Floats, seeds: Floats, low: float, high: float, status: NDArray[np.int8], q: Floats
+) -> None:
     """Solve the open poses (n, 4, 4) from configurations `seeds` (m, 1 + dof)."""
     trial = np.empty(seeds.shape[1])
     for n in np.flatnonzero(status == UNKNOWN):
         R, p = T[n, :3, :3].copy(), T[n, :3, 3].copy()
         for k in range(len(seeds)):
             trial[:] = seeds[k]
-            if refine(chain, R, p, trial):
+            if refine_within(chain, R, p, low, high, trial):
                 q[n], status[n] = trial, YES
                 break
 
@@ -219,14 +201,17 @@ class SolverArrays(NamedTuple):
     """The solver of one arm, for kernels; the same type for all arms.
 
     `kind`: CLOSED_FORM, SPHERICAL, PARALLEL or ITERATIVE. `spherical`, `parallel`: structure of the arm; zeros where it
-    has another one. `seeds` (m, 1 + n) configurations; m = 0 for arms with a closed form. `free`, `elbow`: joint of the
-    chain whose angle is a parameter, -1 for none, and joint at the elbow. `other_solutions`: address of the kernel for
-    arms that are not CLOSED_FORM, so that a planner for Fetch need not compile it; 0 for those that are.
+    has another one. `bounds`: for proofs of NO, the spherical structure, or that of `find_bounds` if the arm has none
+    or another fits it better; zeros for others. `seeds` (m, 1 + n) configurations; m = 0 for arms with a closed form.
+    `free`, `elbow`: joint of the chain whose angle is a parameter, -1 for none, and joint at the elbow.
+    `other_solutions`: address of the kernel for arms that are not CLOSED_FORM, so that a planner for Fetch need not
+    compile it; 0 for those that are.
     """
 
     kind: int
     chain: ChainArrays
     spherical: SphericalArm
+    bounds: SphericalArm
     parallel: ParallelArm
     seeds: Floats
     free: int
@@ -235,11 +220,11 @@ class SolverArrays(NamedTuple):
 
 
 _NO_SPHERE = SphericalArm(
-    *(np.zeros((7, 3)), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros(3)),
-    *(np.zeros(7), np.zeros(7), np.zeros(7, dtype=np.int64), False, 0.0, 0.0),
+    *(np.zeros((7, 3)), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((3, 3))),
+    *(np.zeros(3), np.zeros(7), np.zeros(7), np.zeros(7, dtype=np.int64), False, 0.0, 0.0),
 )
 _NO_PARALLELS = ParallelArm(
-    np.zeros((6, 3)), np.zeros((5, 3)), np.zeros((3, 3)), np.zeros(3), np.zeros(6), np.zeros(6), 0.0
+    np.zeros((6, 3)), np.zeros((5, 3)), np.zeros((3, 3)), np.zeros(3), np.zeros(6), np.zeros(6), 0.0, 0.0, 0.0
 )
 
 
@@ -272,15 +257,23 @@ def _solver_of(key: ChainKey) -> SolverArrays:
 def _solver_without_address(chain: ArmChain) -> SolverArrays:
     arrays, none = chain_arrays(chain), np.zeros((0, chain.size))
     if chain.has_closed_form:
-        return SolverArrays(CLOSED_FORM, arrays, _NO_SPHERE, _NO_PARALLELS, none, _UPPER_ARM_ROLL, _ELBOW_FLEX)
+        return SolverArrays(
+            CLOSED_FORM, arrays, _NO_SPHERE, _NO_SPHERE, _NO_PARALLELS, none, _UPPER_ARM_ROLL, _ELBOW_FLEX
+        )
     structure = find_structure(chain)
     if isinstance(structure, SphericalArm):
         free, elbow = int(structure.columns[0]), int(structure.columns[3])
-        return SolverArrays(SPHERICAL, arrays, structure, _NO_PARALLELS, none, free, elbow)
+        others = find_bounds(chain) if structure.error > TOLERANCE else None
+        bounds = (
+            others
+            if others and others.error < structure.error and others.columns[0] == structure.columns[0]
+            else structure
+        )
+        return SolverArrays(SPHERICAL, arrays, structure, bounds, _NO_PARALLELS, none, free, elbow)
     if structure is not None:
-        return SolverArrays(PARALLEL, arrays, _NO_SPHERE, structure, none, -1, 3)
-    seeds = random_seeds(chain, _SEEDS, 0.0, np.random.default_rng(0))
-    return SolverArrays(ITERATIVE, arrays, _NO_SPHERE, _NO_PARALLELS, seeds, -1, chain.size // 2)
+        return SolverArrays(PARALLEL, arrays, _NO_SPHERE, _NO_SPHERE, structure, none, -1, 3)
+    seeds, bounds = random_seeds(chain, _SEEDS, 0.0, np.random.default_rng(0)), find_bounds(chain) or _NO_SPHERE
+    return SolverArrays(ITERATIVE, arrays, _NO_SPHERE, bounds, _NO_PARALLELS, seeds, -1, chain.size // 2)
 
 
 @njit(cache=True)
@@ -377,30 +370,59 @@ def _are_free(chain: ChainArrays, shapes: Shapes, placed: Placed, Q: Floats) -> 
 @njit(cache=True)
 def _find_free(
     arm: SolverArrays, shapes: Shapes, placed: Placed, R: Floats, p: Floats, torsos: Floats, angles: Floats, q: Floats
-) -> int:
+) -> tuple[int, int]:
     """YES with a free configuration for a TCP pose in `q`, which reaches it; NO if the gripper is in no place that is
-    free, else UNKNOWN."""
-    n = q.shape[0]
+    free, else UNKNOWN. And at how many heights and angles it is reached; at a height where the gripper is not free, at
+    all. After YES or NO none is counted."""
+    n, reached = q.shape[0], 0
     frames, origins, found = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((8, n))
     fk_frames(arm.chain.offsets, arm.chain.axes, arm.chain.tip, q, frames, origins)
     if _is_gripper_blocked(shapes, placed, frames, origins, torsos.min() - q[0], torsos.max() - q[0]):
-        return NO
+        return NO, reached
     for torso in torsos:
         gripper_is_free = False
         for angle in angles:
-            for k in range(arm_solutions(arm, R, p, torso, angle, found)):
+            count = arm_solutions(arm, R, p, torso, angle, found)
+            reached += count > 0
+            for k in range(count):
                 fk_frames(arm.chain.offsets, arm.chain.axes, arm.chain.tip, found[k], frames, origins)
                 place_shapes(shapes, placed, frames, origins)
                 gripper_is_free = gripper_is_free or not any_near(shapes, placed, 0, CLEARANCE)
                 if not gripper_is_free:
+                    reached += angles.size
                     break
                 if not (any_near(shapes, placed, 1, CLEARANCE) or any_near(shapes, placed, 3, CLEARANCE)):
                     q[:] = found[k]
-                    return YES
+                    return YES, reached
             else:
                 continue
             break
-    return UNKNOWN
+    return UNKNOWN, reached
+
+
+@njit(cache=True)
+def _find_free_from(
+    chain: ChainArrays,
+    shapes: Shapes,
+    placed: Placed,
+    R: Floats,
+    p: Floats,
+    low: float,
+    high: float,
+    seeds: Floats,
+    q: Floats,
+) -> bool:
+    """Whether a configuration that is found from one of some seeds (m, 1 + n) is free; it is then in `q`."""
+    n, trial = q.shape[0], q.copy()
+    frames, origins = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+    for k in range(len(seeds)):
+        trial[:] = seeds[k]
+        if refine_within(chain, R, p, low, high, trial):
+            fk_frames(chain.offsets, chain.axes, chain.tip, trial, frames, origins)
+            if is_free(shapes, placed, frames, origins):
+                q[:] = trial
+                return True
+    return False
 
 
 @njit(cache=True)
@@ -430,12 +452,12 @@ def _is_gripper_blocked(shapes: Shapes, placed: Placed, R: Floats, p: Floats, lo
     """Whether the gripper at this place touches the base, or the torso at every height from `low` to `high` [m].
 
     The heights are relative to that of the frames, which are changed. Between two heights at which both touch, they
-    are nearer than half the step.
+    are nearer than half the step. The frames are those of a configuration that reaches the pose up to an error.
     """
     place_shapes(shapes, placed, R, p)
-    if any_near(shapes, placed, 2, CLEARANCE):
+    if any_near(shapes, placed, 2, CLEARANCE - _PLACE_ERROR):
         return True
-    steps = ceil((high - low) / (2.0 * CLEARANCE))
+    steps = ceil((high - low) / (2.0 * (CLEARANCE - _PLACE_ERROR)))
     start = p[0, 2] + low
     for k in range(steps + 1):
         p[0, 2] = start + (high - low) * k / max(1, steps)

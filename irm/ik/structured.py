@@ -4,8 +4,7 @@ Spherical wrist: the distance from the shoulder to the wrist gives the elbow (su
 joints of the shoulder (subproblem 2), the orientation the three joints of the wrist (subproblems 2 and 1).
 
 By how much the best solution misses the goal or the limits, its *excess*, is a continuous function of the free angle,
-and 0 where there is a solution. The scan computes it on a grid. Between two angles it could reach 0 only if it changes
-by their sum. Where a bounded slope allows this, the interval is halved, and so on. The finest step leaves UNKNOWN.
+and 0 where there is a solution.
 
 Six joints whose second to fourth axes are parallel (UR arms): the height of the wrist along the parallel axes gives the
 first joint, that of the last axis the fifth (subproblem 4). The sixth and the sum of the parallel ones follow
@@ -14,16 +13,13 @@ first joint, that of the last axis the fifth (subproblem 4). The sixth and the s
 
 from __future__ import annotations
 
-from math import ceil, copysign, floor, pi, sin
+from math import copysign, sin
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.answers import NO, UNKNOWN, YES
-from irm.chain import ChainArrays
 from irm.compilation import WITHOUT_REFERENCE_COUNTS, njit
-from irm.ik.numerical import refine
 from irm.ik.structure import ParallelArm, SphericalArm
 from irm.ik.subproblems import (
     Vector,
@@ -56,40 +52,32 @@ _ANY = 1e9
 """[rad] More than any excess."""
 _NONE = np.int64(0)
 """No solution yet; a literal 0 would compile what takes it twice."""
-COARSE_STEP = 2.5 * pi / 180.0
-"""[rad] Largest step of the first grid."""
-HALVINGS = 9
-"""How often an interval is halved before it is called open: down to 0.005 degrees."""
-SLOPE = 20.0
-"""Largest slope of the excess that is assumed, measured: with it no reachable pose was called out of reach, see
-docs/irm.md."""
-_CAPACITY = 4096
-"""Intervals that are kept for halving at a time."""
-_MOST_FAILURES = 64
-"""Angles without excess from which no configuration is found, before a pose is left open: at a singularity of an arm
-whose axes miss each other a little, all are such."""
 
 
 class SphericalGoal(NamedTuple):
-    """A pose to be reached: the `wrist`, and where its orientation takes the last axis and a `side` of it."""
+    """A pose to be reached: the `wrist`, and where its orientation takes the last axis and a `side` of it; `upward`:
+    the direction in which the wrist moves when the lift goes down."""
 
     wrist: Vector
     last_axis: Vector
     side_at_zero: Vector
     side: Vector
+    upward: Vector
 
 
 @njit(cache=True)
 def spherical_goal(arm: SphericalArm, R: Floats, p: Floats) -> SphericalGoal:
     """The goal of a TCP at `R` (3, 3), `p` (3,), in the frame that the arm is solved from."""
+    upward = (0.0, 0.0, 1.0)
     if arm.reversed:
         R = np.ascontiguousarray(R.T)
         p = -(R @ p)
+        upward = -R[0, 2], -R[1, 2], -R[2, 2]
     moved = R @ arm.R_tool.T
     last = row(arm.axes, 6)
     side = perpendicular(last)
     wrist = add(point(p), matvec(moved, subtract(point(arm.wrist), point(arm.tool))))
-    return SphericalGoal(wrist, matvec(moved, last), side, matvec(moved, side))
+    return SphericalGoal(wrist, matvec(moved, last), side, matvec(moved, side), upward)
 
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
@@ -241,152 +229,60 @@ def _with_wrist(
     return count, enough
 
 
-class _Trial(NamedTuple):
-    """What is tried: an arm and a pose, `R` (3, 3) and `p` (3,); `q` (1 + n,) is the last solution, with its torso, and
-    `angles` (1, 7) in the order of solving."""
+class ParallelGoal(NamedTuple):
+    """A pose to be reached: what it has turned since zero, `moved` and its inverse `to_tool` (3, 3); the last axis; and
+    the way from the first axis to where the last two meet."""
 
-    chain: ChainArrays
-    arm: SphericalArm
-    goal: SphericalGoal
-    R: Floats
-    p: Floats
-    q: Floats
-    angles: Floats
+    moved: Floats
+    to_tool: Floats
+    last_axis: Vector
+    to_meeting: Vector
 
 
 @njit(cache=True)
-def _try_angle(trial: _Trial, free: float) -> tuple[bool, float]:
-    """Whether a free angle gives a solution, which is then in `trial.q`, and the excess without that of the slack."""
-    excess = spherical_excess(trial.arm, trial.goal, free, trial.angles)
-    if excess > trial.arm.slack:
-        return False, excess - trial.arm.slack
-    return _refine_angles(trial), 0.0
+def parallel_goal(arm: ParallelArm, R: Floats, p: Floats) -> ParallelGoal:
+    """The goal of a TCP at `R` (3, 3), `p` (3,), in the base frame lowered by the height of the lift."""
+    moved = R @ arm.R_tool.T
+    first, meeting = row(arm.points, 0), row(arm.points, 4)
+    to_meeting = subtract(add(point(p), matvec(moved, subtract(meeting, point(arm.tool)))), first)
+    return ParallelGoal(moved, np.ascontiguousarray(moved.T), matvec(moved, row(arm.axes, 5)), to_meeting)
 
 
-@njit(cache=True)
-def _refine_angles(trial: _Trial) -> bool:
-    """Whether the last angles tried, refined, are a solution, which is then in `trial.q`."""
-    for joint in range(7):
-        if trial.arm.columns[joint] >= 0:
-            trial.q[trial.arm.columns[joint]] = trial.angles[0, joint]
-    return refine(trial.chain, trial.R, trial.p, trial.q)
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
+def parallel_excess(arm: ParallelArm, goal: ParallelGoal, best: Floats) -> float:
+    """By how much the best solution misses a goal or the limits [rad]; its joint angles into `best` (1, 6).
 
-
-@njit(cache=True)
-def scan_free_joint(chain: ChainArrays, arm: SphericalArm, R: Floats, p: Floats, q: Floats) -> tuple[int, float]:
-    """The answer for a TCP pose `R` (3, 3), `p` (3,) at the torso height `q[0]`, and the smallest excess found [rad].
-
-    A solution is written into `q` (1 + n,).
+    0 if there is a solution within the limits.
     """
-    lowered = p.copy()
-    lowered[2] -= q[0]
-    trial = _Trial(chain, arm, spherical_goal(arm, R, lowered), R, p, q, np.empty((1, 7)))
-    width = min(2.0 * pi, arm.upper[0] - arm.lower[0])
-    first = 0.5 * (arm.lower[0] + arm.upper[0] - width)
-    if width == 0.0:
-        found, excess = _try_angle(trial, first)
-        return (YES if found else (NO if excess > 0.0 else UNKNOWN)), excess
-    count = ceil(width / COARSE_STEP)
-    step = width / count
-    excesses = np.empty(count + 1)
-    stride = _coprime_stride(count + 1)
-    for k in range(count + 1):
-        node = k * stride % (count + 1)
-        found, excesses[node] = _try_angle(trial, first + node * step)
-        if found:
-            return YES, 0.0
-    return _halve(trial, first, step, excesses)
-
-
-@njit(cache=True)
-def _halve(trial: _Trial, first: float, step: float, excesses: Floats) -> tuple[int, float]:
-    """Halve the intervals in which the excess could reach 0, until there is none, or a solution, or the finest step.
-
-    Of what is open then the best angle is refined: at a singularity it may be the only one.
-    """
-    best_node = excesses.argmin()
-    best, best_angle = excesses[best_node], first + best_node * step
-    starts, ends = np.empty((2, _CAPACITY)), np.empty((2, _CAPACITY, 2))
-    kept, failures = 0, 0
-    for k in range(excesses.size - 1):
-        if excesses[k] + excesses[k + 1] < SLOPE * step:
-            starts[0, kept], ends[0, kept, 0], ends[0, kept, 1] = first + k * step, excesses[k], excesses[k + 1]
-            kept += 1
-    for level in range(HALVINGS):
-        now, after, step = level % 2, (level + 1) % 2, 0.5 * step
-        count = 0
-        for k in range(kept):
-            found, excess = _try_angle(trial, starts[now, k] + step)
-            if found:
-                return YES, 0.0
-            if excess < best:
-                best, best_angle = excess, starts[now, k] + step
-            failures += excess == 0.0
-            if count + 2 > _CAPACITY or failures > _MOST_FAILURES:
-                return UNKNOWN, best
-            for half in range(2):
-                if ends[now, k, half] + excess < SLOPE * step:
-                    starts[after, count] = starts[now, k] + half * step
-                    ends[after, count, half], ends[after, count, 1 - half] = ends[now, k, half], excess
-                    count += 1
-        kept = count
-    if kept == 0 and best > 0.0:
-        return NO, best
-    spherical_excess(trial.arm, trial.goal, best_angle, trial.angles)
-    return (YES if _refine_angles(trial) else UNKNOWN), best
-
-
-@njit(cache=True)
-def _coprime_stride(count: int) -> int:
-    """A step through 0 … count - 1 that visits every number once, and far ones first."""
-    stride = max(1, floor(0.382 * count))
-    while True:
-        a, b = count, stride
-        while b > 0:
-            a, b = b, a % b
-        if a == 1:
-            return stride
-        stride += 1
-
-
-@njit(cache=True)
-def parallel_excess(arm: ParallelArm, R: Floats, p: Floats, best: Floats) -> float:
-    """By how much the best solution misses a TCP pose or the limits [rad]; its joint angles into `best` (1, 6).
-
-    0 if there is a solution within the limits. `R` (3, 3) and `p` (3,) are the pose in the base frame.
-    """
-    return _search_parallel(arm, R, p, _ANY, best)[1]
+    return _search_parallel(arm, goal, _ANY, best)[1]
 
 
 @njit(cache=True)
 def parallel_solutions(arm: ParallelArm, R: Floats, p: Floats, found: Floats) -> int:
     """All configurations within the limits for such a pose, into the last six columns of `found` (8, 7); how many."""
     rows = np.empty((8, 6))
-    count, _enough = _search_parallel(arm, R, p, arm.slack, rows)
+    count, _enough = _search_parallel(arm, parallel_goal(arm, R, p), arm.slack, rows)
     found[:count, 1:] = rows[:count]
     return int(count)
 
 
-@njit(cache=True)
-def _search_parallel(arm: ParallelArm, R: Floats, p: Floats, enough: float, rows: Floats) -> tuple[np.int64, float]:
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
+def _search_parallel(arm: ParallelArm, goal: ParallelGoal, enough: float, rows: Floats) -> tuple[np.int64, float]:
     """Solutions whose excess is less than `enough`: all into `rows` (8, 6), only the best one into (1, 6).
 
     Returns:
         The number of solutions if there is room for all; and the excess of the best one if there is room for one.
     """
-    moved = R @ arm.R_tool.T
-    to_tool = np.ascontiguousarray(moved.T)
+    to_meeting = goal.to_meeting
     axis_1, along, axis_5, axis_6 = row(arm.axes, 0), row(arm.axes, 1), row(arm.axes, 4), row(arm.axes, 5)
-    first, meeting = row(arm.points, 0), row(arm.points, 4)
-    to_meeting = subtract(add(point(p), matvec(moved, subtract(meeting, point(arm.tool)))), first)
-    height = dot(along, subtract(meeting, first))
+    height = dot(along, subtract(row(arm.points, 4), row(arm.points, 0)))
     q1, q1_other, missed_1 = angles_to_component(along, scale(-1.0, axis_1), to_meeting, height)
     count = _NONE
     for i in range(1 if missed_1 > 0.0 else 2):
         angle_1, excess_1 = nearest_turn(q1 if i == 0 else q1_other, arm.lower[0], arm.upper[0])
-        last = rotate(axis_1, -angle_1, matvec(moved, axis_6))
+        last = rotate(axis_1, -angle_1, goal.last_axis)
         q5, q5_other, missed_5 = angles_to_component(along, axis_5, axis_6, dot(along, last))
-        back = matvec(to_tool, rotate(axis_1, angle_1, along))
+        back = matvec(goal.to_tool, rotate(axis_1, angle_1, along))
         for j in range(1 if missed_5 > 0.0 else 2):
             angle_5, excess_5 = nearest_turn(q5 if j == 0 else q5_other, arm.lower[4], arm.upper[4])
             turned = rotate(axis_5, -angle_5, along)
@@ -397,7 +293,7 @@ def _search_parallel(arm: ParallelArm, R: Floats, p: Floats, enough: float, rows
             excess = max(_LENGTH_WEIGHT * missed_1, missed_5, excess_1, excess_5, 0.0 if is_any else excess_6)
             if excess < enough:
                 others = angle_1, angle_5, angle_6
-                count, enough = _with_elbow(arm, moved, to_meeting, others, is_any, excess, enough, rows, count)
+                count, enough = _with_elbow(arm, goal.moved, to_meeting, others, is_any, excess, enough, rows, count)
     return count, enough
 
 
