@@ -67,6 +67,8 @@ class Arguments:
     """make: bodies that are left out, with all that they carry."""
     apart: tuple[str, ...] = ()
     """make: bodies, two by two, that cannot touch, whatever the shapes in place of their meshes do."""
+    mesh_scale: float = 1.0
+    """make: scale of all meshes: 0.001 for a file that takes millimetres for metres."""
     drive: Literal["holonomic", "differential", "fixed"] = "holonomic"
     """make: how the base moves; fixed with --on: the arm stands on a pedestal of that --radius."""
 
