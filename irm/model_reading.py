@@ -285,15 +285,15 @@ def _mesh_file(urdf: Path, name: str, mesh_folder: str) -> Path | str:
 
 def _check_joints_are_free(model: mujoco.MjModel, base: int, numbers: list[int]) -> None:
     """Raise `ChainError` if a joint of the arm follows another one, or if the arm's first joint is left out."""
-    name = model.body(base).name
-    first, count = int(model.body_jntadr[base]), int(model.body_jntnum[base])
-    own = range(first, first + count)
-    # A base that drives has slides; what turns without sliding is an arm's joint.
-    if own and all(int(model.jnt_type[k]) == int(mujoco.mjtJoint.mjJNT_HINGE) for k in own):
+    hinge, slide = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+    own = np.flatnonzero(model.jnt_bodyid == base)
+    kinds = [int(kind) for kind in model.jnt_type[np.isin(model.jnt_bodyid, [base, *_carriers(model, base)])]]
+    drives = kinds.count(slide) >= 2 and kinds.count(hinge) == 1  # a base along x and y, and about z
+    if hinge in model.jnt_type[own] and not drives:
         joints, parent = ", ".join(repr(model.joint(k).name) for k in own), model.body(model.body_parentid[base]).name
         raise ChainError(
-            f"the joint {joints} moves {name!r} itself, so it would not be one of the arm's: choose {parent!r}, which "
-            "carries it, as the base"
+            f"the joint {joints} moves {model.body(base).name!r} itself, so it would not be one of the arm's: choose "
+            f"{parent!r}, which carries it, as the base"
         )
     for k in range(model.neq):
         one, other = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])

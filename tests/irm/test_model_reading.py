@@ -308,6 +308,18 @@ def test_a_joint_of_the_base_body_itself_is_not_dropped(tmp_path):
     with pytest.raises(ChainError, match=r"'joint1' moves 'link1' itself.*choose 'base'"):
         ArmChain.from_mjcf(panda, "link1", "tcp")
     assert ArmChain.from_mjcf(FETCH.mjcf_path, FETCH.base_body, FETCH.tcp_site).size == 8
+    text = urdf().replace(MESH, "")
+    for k, (kind, axis) in enumerate((("prismatic", "1 0 0"), ("prismatic", "0 1 0"), ("continuous", "0 0 1"))):
+        child = "l0" if k == 2 else f"b{k + 1}"
+        text = text.replace(
+            "</robot>",
+            f'<link name="b{k}"/><joint name="d{k}" type="{kind}"><parent link="b{k}"/><child link="{child}"/>'
+            f'<axis xyz="{axis}"/><limit lower="-9" upper="9" effort="1" velocity="1"/></joint></robot>',
+        )
+    file = write(tmp_path, text)
+    assert ArmChain.from_urdf(file, "l0", "tip", "z").size == 7, "a base that drives, link by link"
+    with pytest.raises(ChainError, match=r"6 or 7 hinges|'j0' moves 'l1' itself"):
+        ArmChain.from_urdf(file, "l1", "tip", "z")
 
 
 def test_a_xacro_file_is_named_as_such(tmp_path):
