@@ -23,7 +23,7 @@ from scipy.spatial import ConvexHull
 from assets.robot_parts import InvalidRobot, rotation_of
 from assets.robot_shapes import SUNK, lowest_height
 from irm.errors import ChainError
-from irm.model_reading import LoadedModel, arm_joints, hull_corners, load_robot, tip_frame
+from irm.model_reading import LoadedModel, UnreadMesh, arm_joints, hull_corners, load_robot, tip_frame
 from irm.rotations import frame_along, rotation
 from irm.self_contact import CLEARANCE, is_solid
 
@@ -306,7 +306,7 @@ class _Maker:
                 solid |= of_body
         return np.asarray(solid & (model.geom_type != int(mjtGeom.mjGEOM_PLANE)))
 
-    def _check_shapes(self, unread: Mapping[str, str]) -> None:
+    def _check_shapes(self, unread: Mapping[str, UnreadMesh]) -> None:
         """Raise `InvalidRobot` if a link of the arm has no shape, or a body lacks one because its mesh is not read.
 
         A link whose two joints are near each other needs none. The last one has the gripper.
@@ -318,16 +318,20 @@ class _Maker:
             link = next((one for one in (body, *self._above(body)) if one in links), -1)
             if link >= 0:
                 links[link].append(body)
-            if (name := model.body(body).name) in unread and not self._solid_geoms(body):
-                raise InvalidRobot(f"the link {name!r} has no shape: {unread[name]}; or leave it out: --without {name}")
+            mesh = unread.get(name := model.body(body).name)
+            if mesh is None or self._solid_geoms(body):
+                continue
+            if mesh.is_for_collisions:
+                raise InvalidRobot(f"the link {name!r} has no shape: {mesh.reason}; or leave it out: --without {name}")
+            self.notes[f"no shape of {name}"] = mesh.reason
         bare = []
         for body, bodies in links.items():
             here = max(k for k in self.numbers if int(model.jnt_bodyid[k]) == body)
             tip, to_tip = data.xanchor[here], here == self.numbers[-1]
             there = data.xanchor[self.numbers[self.numbers.index(here) + 1]] if not to_tip else tip
-            is_bare = not any(self._solid_geoms(one) for one in bodies)
+            name, is_bare = model.body(body).name, not any(self._solid_geoms(one) for one in bodies)
             if is_bare and np.linalg.norm(there - tip) > _BARE:
-                bare.append(model.body(body).name)
+                bare += [name + (f" ({unread[name].reason})" if name in unread else "")]
         if bare:
             raise InvalidRobot(
                 f"these links have no shape in the file, neither for collisions nor for the eye, so nothing would keep "

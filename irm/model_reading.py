@@ -80,11 +80,18 @@ _URDF_COMPILER = {
 """How MuJoCo shall read a URDF file, whatever the file itself says."""
 
 
+class UnreadMesh(NamedTuple):
+    """A mesh of a URDF file that is no shape of the model: for collisions, or for the eye alone; and why not."""
+
+    is_for_collisions: bool
+    reason: str
+
+
 class LoadedModel(NamedTuple):
-    """A compiled model, and the meshes of a URDF file that are no shapes in it: why not, by the name of the link."""
+    """A compiled model, and the meshes of a URDF file that are not read, by the names of their links."""
 
     model: mujoco.MjModel
-    unread: dict[str, str]
+    unread: dict[str, UnreadMesh]
 
 
 def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: str) -> dict[str, Any]:
@@ -197,8 +204,8 @@ def load_urdf(path: Path) -> mujoco.MjModel:
         ChainError: it is no URDF file.
     """
     text, unread = _mujoco_urdf(path)
-    for link, reason in unread.items():
-        _LOG.warning("%s: a mesh of the link %r is no shape: %s", path, link, reason)
+    for link, mesh in unread.items():
+        _LOG.warning("%s: a mesh of the link %r is no shape: %s", path, link, mesh.reason)
     try:
         return mujoco.MjModel.from_xml_string(text)
     except ValueError as problem:
@@ -216,7 +223,7 @@ def _first_element(path: Path) -> str:
     return found.group(1).decode() if found else ""
 
 
-def _mujoco_urdf(path: Path) -> tuple[str, dict[str, str]]:
+def _mujoco_urdf(path: Path) -> tuple[str, dict[str, UnreadMesh]]:
     """The text of a URDF file for MuJoCo, with one kind of shapes for each link; and `LoadedModel.unread`."""
     builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
     # Without namespaces, as MuJoCo reads it: a prefix is a part of a name, whether it is bound or not.
@@ -241,7 +248,7 @@ def _mujoco_urdf(path: Path) -> tuple[str, dict[str, str]]:
         compiler = ElementTree.SubElement(extension, "compiler")
     folder = compiler.attrib.pop("meshdir", "")
     compiler.attrib.update(_URDF_COMPILER)
-    unread: dict[str, str] = {}
+    unread: dict[str, UnreadMesh] = {}
     for link in robot.iter("link"):
         kept: list[ElementTree.Element] = []
         for tag in ("collision", "visual"):
@@ -253,7 +260,7 @@ def _mujoco_urdf(path: Path) -> tuple[str, dict[str, str]]:
                 if mesh is not None:
                     found = _mesh_file(path, mesh.get("filename", ""), folder)
                     if isinstance(found, str):
-                        unread.setdefault(link.get("name", ""), found)
+                        unread.setdefault(link.get("name", ""), UnreadMesh(tag == "collision", found))
                         continue
                     mesh.set("filename", str(found))
                 shape.tag = "collision"

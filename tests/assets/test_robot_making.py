@@ -365,23 +365,27 @@ def test_meshes_are_scaled_as_said(linkage: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose(*sizes, atol=1e-4)
 
 
+def six_links(folder: Path, of_link: dict[int, str], of_camera: str) -> Path:
+    """A URDF file of an arm with spheres, where `of_link` says nothing else, and a camera on its fourth link."""
+    sphere = '<collision><geometry><sphere radius="0.05"/></geometry></collision>'
+    text = "".join(f'<link name="l{k}">{of_link.get(k, sphere)}</link>' for k in range(7))
+    for k, axis in enumerate(("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")):
+        text += f'<joint name="j{k}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/><axis xyz="{axis}"/>'
+        text += '<origin xyz="0 0 0.2"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
+    text += f'<link name="camera">{of_camera}</link><joint name="c" type="fixed"><parent link="l3"/>'
+    (folder / "six.urdf").write_text(f'<robot name="six">{text}<child link="camera"/></joint></robot>')
+    return folder / "six.urdf"
+
+
 def test_a_mesh_that_cannot_be_read_is_refused_with_what_to_do(tmp_path: Path) -> None:
-    """Unless the link is left out."""
-    links = "".join(
-        f'<link name="l{k}"><collision><geometry><sphere radius="0.05"/></geometry></collision></link>'
-        for k in range(7)
-    )
-    joints = "".join(
-        f'<joint name="j{k}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/><origin xyz="0 0 0.2"/>'
-        f'<axis xyz="{axis}"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
-        for k, axis in enumerate(("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0"))
-    )
-    camera = (
-        '<link name="camera"><visual><geometry><mesh filename="camera.glb"/></geometry></visual></link>'
-        '<joint name="c" type="fixed"><parent link="l3"/><child link="camera"/></joint>'
-    )
-    (tmp_path / "six.urdf").write_text(f'<robot name="six">{links}{joints}{camera}</robot>')
+    """Unless its link is left out, or it is for the eye alone and the link has other shapes, or is short."""
     six = Mounting("l0", "l6", on=(0.0, 0.8))
-    with pytest.raises(InvalidRobot, match=r"'camera' has no shape: .*'camera.glb'.*trimesh.*--without camera"):
-        make_robot(tmp_path / "six.urdf", six)
-    assert make_robot(tmp_path / "six.urdf", replace(six, without=("camera",))).mjcf
+    mesh = '<{0}><geometry><mesh filename="x.glb"/></geometry></{0}>'
+    file = six_links(tmp_path, {}, mesh.format("collision"))
+    with pytest.raises(InvalidRobot, match=r"'camera' has no shape: .*'x.glb'.*trimesh.*--without camera"):
+        make_robot(file, six)
+    assert make_robot(file, replace(six, without=("camera",))).mjcf
+    found = make_robot(six_links(tmp_path, {}, mesh.format("visual")), six).found
+    assert "trimesh" in found["no shape of camera"]
+    with pytest.raises(InvalidRobot, match=r"no shape in the file.*: l4 \(MuJoCo does not read .*'x.glb'"):
+        make_robot(six_links(tmp_path, {4: mesh.format("visual")}, ""), six)

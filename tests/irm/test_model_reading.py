@@ -221,7 +221,10 @@ def write(folder, text):
     ("old", "new"),
     [
         ('velocity="1"', 'velocity="1" drake:acceleration="2"'),
-        ("</robot>", '<drake:transmission/><mujoco><compiler meshdir="meshes" discardvisual="false"/></mujoco></robot>'),
+        (
+            "</robot>",
+            '<drake:transmission/><mujoco><compiler meshdir="meshes" discardvisual="false"/></mujoco></robot>',
+        ),
         ("<robot", "\n<!-- made -- by hand --><robot"),
     ],
 )

@@ -131,7 +131,9 @@ def test_a_palm_that_leaves_no_room_before_it_is_named(tmp_path: Path, z: float,
 def test_a_base_in_the_ground_is_named_with_the_depth(tmp_path: Path, depth: float) -> None:
     """All plans were refuted, and no message named the wheel."""
     joint = '<joint name="base_x"'
-    wheel = f'<body name="wheel" gravcomp="1"><geom type="sphere" size="0.05" pos="0 0 {0.05 - depth}" mass="1"/></body>'
+    wheel = (
+        f'<body name="wheel" gravcomp="1"><geom type="sphere" size="0.05" pos="0 0 {0.05 - depth}" mass="1"/></body>'
+    )
     robot = changed_panda(tmp_path, joint, f"{wheel}{joint}")
     found = [problem for problem in report_of(robot).problems if "ground" in problem]
     assert found == (["'wheel' is 5.3 mm below the ground: raise what stands on the base"] if depth else [])
