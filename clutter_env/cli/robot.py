@@ -48,6 +48,8 @@ class Arguments:
     out: Path | None = None
     """check: the picture, outputs/NAME.png if not given. make: the robot's file, outputs/NAME.xml if not given; page
     and picture lie beside it."""
+    json: Path | None = None
+    """Write facts, problems and the results of the scenes to this file."""
     base: str = ""
     """make: body that the arm begins with, or that is the file's own mobile base."""
     tip: str = ""
@@ -101,13 +103,14 @@ def run(arguments: Arguments) -> None:
 def _report(robot: RobotSpec, arguments: Arguments, picture: Path) -> None:
     """Print facts and problems, draw; then let the robot plan and execute scenes, unless it has problems already."""
     from clutter_env.cli.robot_report import draw_robot, report_of
-    from clutter_env.cli.robot_trials import try_scenes
+    from clutter_env.cli.robot_trials import SceneTrials, try_scenes
 
     report = report_of(robot, arguments.table)
     print(report.facts_text(), flush=True)
     if report.reach is not None:
         draw_robot(robot, report.reach, picture)
         print(f"  picture: {picture}", flush=True)
+    trials = SceneTrials({})
     if arguments.scenes and not report.problems:
         trials = try_scenes(robot, arguments.scenes)
         if trials.is_good:
@@ -115,6 +118,9 @@ def _report(robot: RobotSpec, arguments: Arguments, picture: Path) -> None:
         else:
             report = replace(report, problems=(str(trials),))
     print(report.problems_text())
+    if arguments.json is not None:
+        values = {"facts": report.facts, "problems": report.problems, "scenes": trials.reasons}
+        write_json(arguments.json, {"robot": report.name, **values})
     if report.problems:
         sys.exit(1)
 

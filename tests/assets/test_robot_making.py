@@ -319,7 +319,7 @@ def test_the_base_of_an_arm_that_has_no_shape_gets_a_column(linkage: Path, tmp_p
     model = mujoco.MjModel.from_xml_string(text)
     (column,) = np.flatnonzero(model.geom_bodyid == model.body("base").id)
     assert model.geom_size[column, 1] == pytest.approx(0.163 / 2, abs=1e-3), "up to the first joint"
-    with pytest.raises(InvalidRobot, match="the base 'base' has no shape in the file.*--on"):
+    with pytest.raises(InvalidRobot, match=r"the base 'base' has no shape in the file.*--on"):
         make_robot(tmp_path / "changed.xml", replace(UR5E, on=None, lift=None))
 
 
