@@ -23,7 +23,7 @@ from scipy.spatial import ConvexHull
 from assets.robot_parts import InvalidRobot, rotation_of
 from assets.robot_shapes import SUNK, lowest_height
 from irm.errors import ChainError
-from irm.model_reading import LoadedModel, UnreadMesh, arm_joints, hull_corners, load_robot, tip_frame
+from irm.model_reading import MARK, LoadedModel, UnreadMesh, arm_joints, hull_corners, load_robot, tip_frame
 from irm.rotations import frame_along, rotation
 from irm.self_contact import CLEARANCE, is_solid
 
@@ -298,12 +298,12 @@ class _Maker:
         return place + up, _quaternion(R.T @ self.data.xmat[body].reshape(3, 3))
 
     def _solid(self) -> NDArray[np.bool_]:
-        """Which geoms are shapes: those that can touch something, and of bodies without any all that they have."""
+        """Which geoms are shapes: those that can touch something, and of bodies without any all but marks of frames."""
         model, solid = self.model, is_solid(self.model)
+        is_drawn = ~solid & (2 * model.geom_aabb[:, 3:].max(axis=1) > MARK)
         for body in range(1, model.nbody):
-            of_body = model.geom_bodyid == body
-            if of_body.any() and not solid[of_body].any():
-                solid |= of_body
+            if not solid[of_body := model.geom_bodyid == body].any():
+                solid |= of_body & is_drawn
         return np.asarray(solid & (model.geom_type != int(mjtGeom.mjGEOM_PLANE)))
 
     def _check_shapes(self, unread: Mapping[str, UnreadMesh]) -> None:

@@ -66,6 +66,8 @@ _NO_LIFT = _Joint("", True, np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.0, 0.0)
 _MESH_KINDS = (".stl", ".obj", ".msh")
 _LARGEST = 5.0
 """[m] No link is longer; in millimetres, even a link of 1 cm is."""
+MARK = 0.015
+"""[m] Longest side of what is drawn to mark a frame, and is no part of the robot."""
 _TILTED = 1e-3
 """[rad] of a base frame's z axis off the vertical; files round their angles."""
 _URDF_COMPILER = {
@@ -255,7 +257,7 @@ def _mujoco_urdf(path: Path) -> tuple[str, dict[str, UnreadMesh]]:
             for shape in link.findall(tag):
                 link.remove(shape)
                 mesh = shape.find("geometry/mesh")
-                if tag == "visual" and kept:
+                if tag == "visual" and (kept or _is_mark(shape)):
                     continue
                 if mesh is not None:
                     found = _mesh_file(path, mesh.get("filename", ""), folder)
@@ -267,6 +269,15 @@ def _mujoco_urdf(path: Path) -> tuple[str, dict[str, UnreadMesh]]:
                 kept.append(shape)
         link.extend(kept)
     return ElementTree.tostring(robot, encoding="unicode"), unread
+
+
+def _is_mark(visual: ElementTree.Element) -> bool:
+    """Whether a visual shape marks a frame: a box, cylinder or sphere that is no longer than `MARK`."""
+    sides = [float(word) for box in visual.iterfind("geometry/box") for word in box.get("size", "").split()]
+    for kind in ("cylinder", "sphere"):
+        for shape in visual.iterfind(f"geometry/{kind}"):
+            sides += [2 * float(shape.get("radius", "inf")), float(shape.get("length", "0"))]
+    return bool(sides) and max(sides) <= MARK
 
 
 def _mesh_file(urdf: Path, name: str, mesh_folder: str) -> Path | str:

@@ -105,7 +105,8 @@ ROBOTS = tuple(
             "panda-mobile",
             "mani-skill==3.0.1",
             "mani_skill/assets/robots/panda/mobile_panda_single_arm.urdf",
-            "--base adjustable_body --tip right_panda_hand_tcp --apart right_panda_link5 right_panda_link7",
+            "--base body_base_link --tip right_panda_hand_tcp --on 0.1 0.5 --lift 0 0.4 "
+            "--apart right_panda_link5 right_panda_link7",
         ),
         (
             "panda-on-disc",
@@ -256,7 +257,7 @@ ROBOTS = tuple(
             "vega",
             "dexmate-urdf==0.8.4",
             "dexmate_urdf/robots/humanoid/vega_1/vega_1_gripper.urdf",
-            "--base base --tip R_ee --tool 0.25",
+            "--base torso_l3 --tip R_ee --tool 0.25 --on 0 0.9",
         ),
         # Others
         (

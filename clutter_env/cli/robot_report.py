@@ -168,7 +168,8 @@ def _problems(robot: RobotSpec, model: mujoco.MjModel, reach: LevelReach, table:
     if robot.grasp_height < (least := least_grasp_height(robot)):
         yield f"grasp_height: with {robot.grasp_height} m the gripper nears the table: level grasps need {least}"
     farthest = max(x.max(initial=0.0) for x in (reach.straight_ahead, reach.tilted, reach.from_above))
-    if farthest < robot.base_radius + 0.3:
+    front = max((x for x, _ in robot.base_outline), default=robot.base_radius)
+    if farthest < front + 0.3:
         yield "no grasp reaches 0.3 m beyond the base at the table's height"
 
 

@@ -244,8 +244,9 @@ def test_meshes_are_found_in_the_folder_that_the_file_names(tmp_path):
 
 
 def test_meshes_of_urdf_files_are_shapes_and_visuals_where_there_is_nothing_else(tmp_path):
-    """Of link 0 both, of link 1 what is for the eye, of link 2 neither; all were dropped."""
-    shapes = [shaped("visual", "0.9 0.9 0.9") + shaped("collision"), shaped("visual"), ""]
+    """Of link 0 both, of link 1 what is for the eye, of link 2 the mark of a frame; all were dropped."""
+    mark = '<visual><geometry><box size="0.01 0.01 0.01"/></geometry></visual>'
+    shapes = [shaped("visual", "0.9 0.9 0.9") + shaped("collision"), shaped("visual"), mark]
     text = urdf().replace(MESH, "")
     for k, shape in enumerate(shapes):
         text = text.replace(f'<link name="l{k}">', f'<link name="l{k}">{shape}')
