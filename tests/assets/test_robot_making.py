@@ -319,6 +319,18 @@ def test_the_base_of_an_arm_that_has_no_shape_gets_a_column(linkage: Path, tmp_p
     model = mujoco.MjModel.from_xml_string(text)
     (column,) = np.flatnonzero(model.geom_bodyid == model.body("base").id)
     assert model.geom_size[column, 1] == pytest.approx(0.163 / 2, abs=1e-3), "up to the first joint"
+
+
+def test_a_base_whose_shapes_are_on_links_that_are_fixed_to_it_gets_no_column(linkage: Path, tmp_path: Path) -> None:
+    def mounted(spec: mujoco.MjSpec) -> None:
+        without_shapes("base")(spec)
+        spec.body("base").add_body(name="mount").add_geom(size=[0.05, 0.05, 0.01], type=mujoco.mjtGeom.mjGEOM_BOX)
+
+    assert "base of the arm" not in make_robot(rewritten(linkage, tmp_path, mounted), UR5E).found
+
+
+def test_a_driving_base_without_a_shape_is_refused(linkage: Path, tmp_path: Path) -> None:
+    rewritten(linkage, tmp_path, without_shapes("base"))
     with pytest.raises(InvalidRobot, match=r"the base 'base' has no shape in the file.*--on"):
         make_robot(tmp_path / "changed.xml", replace(UR5E, on=None, lift=None))
 
