@@ -10,10 +10,12 @@ flags in `ROBOTS`: it makes the robot, builds its map, and plans and executes fi
 from __future__ import annotations
 
 import json
+import os
 import resource
 import shlex
 import subprocess
 import sys
+import tempfile
 import zipfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -367,11 +369,16 @@ def unpacked(package: str, folder: Path) -> Path:
 
 
 def timed(command: list[str]) -> tuple[float, str]:
-    """CPU time [s] of a `clutter-env` command and its children, and what it printed."""
+    """CPU time [s] of a `clutter-env` command and its children, and what it printed; no map is kept between two."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    done = subprocess.run(
-        [sys.executable, "-m", "clutter_env", *command], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-    )
+    with tempfile.TemporaryDirectory() as cache:
+        done = subprocess.run(
+            [sys.executable, "-m", "clutter_env", *command],
+            env=os.environ | {"XDG_CACHE_HOME": cache},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return round(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, 1), done.stdout
 
