@@ -1,9 +1,9 @@
 """A robot for the environments from the file of an arm: on a base, with a lift, motors, fingers and simple shapes.
 
 The file is compiled, and what is needed of it is written anew: bodies, joints, inertias and collision shapes. In place
-of each mesh stands the smallest box, cylinder or capsule around it, so that the result needs no other file. The moving
-parts of its own gripper, whatever their linkage, are replaced by two sliding fingers with the same opening; its other
-joints are held where the file has them.
+of each mesh stands the smallest box, cylinder or capsule around it, or around each of its parts, so that the result
+needs no other file. The moving parts of its own gripper, whatever their linkage, are replaced by two sliding fingers
+with the same opening; its other joints are held where the file has them.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ import mujoco
 import numpy as np
 from mujoco import mjtGeom, mjtJoint
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
+from assets.mesh_shapes import quaternion_of as _quaternion, shapes_around
 from assets.robot_parts import InvalidRobot, rotation_of
 from assets.robot_shapes import SUNK, lowest_height
 from irm.errors import ChainError
-from irm.model_reading import MARK, LoadedModel, UnreadMesh, arm_joints, hull_corners, load_robot, tip_frame
-from irm.rotations import frame_along, rotation
+from irm.model_reading import MARK, LoadedModel, UnreadMesh, arm_joints, load_robot, tip_frame
+from irm.rotations import rotation
 from irm.self_contact import CLEARANCE, is_solid
 
 Floats = NDArray[np.float64]
@@ -41,12 +41,8 @@ _PALM = 0.02
 """[m] Half depth of what carries the fingers."""
 _PAD_CENTRE = -0.02
 """[m] of the fingers along the approach, from the TCP."""
-_FACES, _TURNS, _ROUNDS = 12, 18, 100
-"""Faces of a hull whose normals are tried as axes; turns of a box about its axis; steps to the centre of a circle."""
 _SAMPLES = 2000
 """Random configurations in which it is found what touches."""
-_SHORTEST = 1e-4
-"""[m] Half length of a capsule that is a sphere."""
 _STILL = 1e-3
 """[m] Range of the lift of a robot that has none."""
 _BARE = 0.05
@@ -370,7 +366,8 @@ class _Maker:
             kind, place = mjtGeom(int(model.geom_type[geom])), (model.geom_pos[geom], model.geom_quat[geom])
             if kind == mjtGeom.mjGEOM_MESH:
                 self.meshes += 1
-                to.add_geom(**_fitted(hull_corners(model, geom) @ rotation_of(place[1]).T + place[0]), mass=0)
+                for shape in shapes_around(*_surface(model, geom)):
+                    to.add_geom(**shape, mass=0)
             else:  # the planner knows no ellipsoids: a box is around it
                 kind = mjtGeom.mjGEOM_BOX if kind == mjtGeom.mjGEOM_ELLIPSOID else kind
                 to.add_geom(type=kind, size=model.geom_size[geom], mass=0, pos=place[0], quat=place[1])
@@ -499,49 +496,10 @@ def _inertia(mass: float, inertia: Any, ipos: Any = (0, 0, 0), iquat: Any = (1, 
     return {"mass": max(mass, _LEAST_MASS), "inertia": least, "ipos": ipos, "iquat": iquat, "explicitinertial": True}
 
 
-def _fitted(corners: Floats) -> dict[str, Any]:
-    """Kind, size, place and orientation of the smallest box, cylinder or capsule that contains points (v, 3).
-
-    Its axis is one of the body, a principal one, or normal to one of the largest faces of their hull.
-    """
-    hull = ConvexHull(corners)
-    corners = corners[hull.vertices]
-    faces = hull.points[hull.simplices]
-    areas = np.linalg.norm(np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0]), axis=1)
-    normals = hull.equations[np.argsort(-areas)[:_FACES], :3]
-    principal = np.linalg.eigh(np.cov(corners.T))[1].T
-    fits = (
-        (volume, {"type": kind, "size": size, "pos": R @ centre, "quat": _quaternion(R @ turn)})
-        for R in map(frame_along, (*np.eye(3), *principal, *normals))
-        for volume, kind, size, centre, turn in _around_axis(corners @ R)
-    )
-    return min(fits, key=lambda fit: fit[0])[1]
-
-
-def _around_axis(points: Floats) -> Iterator[tuple[float, mjtGeom, Floats, Floats, Floats]]:
-    """Volume, kind, size, centre and rotation of a box, a cylinder and a capsule along z that contain points (v, 3)."""
-    flat, middle = points[:, :2], (points[:, 2].max() + points[:, 2].min()) / 2
-    half, centre = float(points[:, 2].max() - middle), flat.mean(axis=0)
-    for k in range(_ROUNDS):  # towards the farthest point, by less and less: the centre of the smallest circle
-        away = flat - centre
-        centre = centre + away[np.argmax((away * away).sum(axis=1))] / (k + 2)
-    beside = np.linalg.norm(flat - centre, axis=1)
-    radius, place = float(beside.max()), np.array([*centre, middle])
-    yield 2 * np.pi * radius**2 * half, mjtGeom.mjGEOM_CYLINDER, np.array([radius, half, 0.0]), place, np.eye(3)
-    caps = np.abs(points[:, 2] - middle) - np.sqrt(np.maximum(radius**2 - beside**2, 0.0))
-    length = max(float(caps.max()), _SHORTEST)
-    volume = np.pi * radius**2 * (2 * length + 4 / 3 * radius)
-    yield volume, mjtGeom.mjGEOM_CAPSULE, np.array([radius, length, 0.0]), place, np.eye(3)
-    for angle in np.arange(_TURNS) * (np.pi / 2 / _TURNS):
-        c, s = np.cos(angle), np.sin(angle)
-        turned = flat @ np.array([[c, -s], [s, c]])
-        low, high = turned.min(axis=0), turned.max(axis=0)
-        size = np.array([*((high - low) / 2), half])
-        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        yield 8 * float(size.prod()), mjtGeom.mjGEOM_BOX, size, turn @ np.array([*((high + low) / 2), middle]), turn
-
-
-def _quaternion(R: Floats) -> Floats:
-    quaternion = np.empty(4)
-    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(R).ravel())
-    return quaternion
+def _surface(model: mujoco.MjModel, geom: int) -> tuple[Floats, NDArray[np.int64]]:
+    """Vertices (v, 3) [m] and edges (e, 2) of a geom that is a mesh, in the frame of its body."""
+    mesh = model.geom_dataid[geom]
+    vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]].astype(float)
+    faces = model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
+    edges = np.unique(np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+    return vertices @ rotation_of(model.geom_quat[geom]).T + model.geom_pos[geom], edges
