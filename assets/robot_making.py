@@ -1,15 +1,15 @@
 """A robot for the environments from the file of an arm: on a base, with a lift, motors, fingers and simple shapes.
 
 The file is compiled, and what is needed of it is written anew: bodies, joints, inertias and collision shapes. In place
-of each mesh stands the smallest box, cylinder or capsule around it, so that the result needs no other file. The moving
-parts of its own gripper, whatever their linkage, are replaced by two sliding fingers with the same opening; its other
-joints are held where the file has them.
+of each mesh stands the smallest box, cylinder or capsule around it, or around each of its parts, so that the result
+needs no other file. The moving parts of its own gripper, whatever their linkage, are replaced by two sliding fingers
+with the same opening; its other joints are held where the file has them.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,18 +18,19 @@ import mujoco
 import numpy as np
 from mujoco import mjtGeom, mjtJoint
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
+from assets.mesh_shapes import quaternion_of as _quaternion, shapes_around
 from assets.robot_parts import InvalidRobot, rotation_of
+from assets.robot_shapes import SUNK, lowest_height
 from irm.errors import ChainError
-from irm.model_reading import arm_joints, hull_corners, load_model, load_urdf, tip_frame
-from irm.rotations import frame_along, rotation
+from irm.model_reading import MARK, LoadedModel, UnreadMesh, arm_joints, load_robot, tip_frame
+from irm.rotations import rotation
 from irm.self_contact import CLEARANCE, is_solid
 
 Floats = NDArray[np.float64]
 BASE = ("base_x", "base_y", "base_yaw")
 FINGERS = ("left_finger", "right_finger")
-_NAMES = frozenset((*BASE, *FINGERS, "mobile_base", "lift", "pillar", "gripper", "grip"))
+_NAMES = frozenset((*BASE, *FINGERS, "world", "mobile_base", "lift", "pillar", "gripper", "grip"))
 _GAINS = {"base": 20000.0, "lift": 20000.0, "arm": 2500.0, "finger": 2000.0}
 """[N/m], [N m/rad] of the position servos, which hold the arm within millimetres."""
 _FORCE, _FINGER_FORCE = 1000.0, 60.0
@@ -40,14 +41,14 @@ _PALM = 0.02
 """[m] Half depth of what carries the fingers."""
 _PAD_CENTRE = -0.02
 """[m] of the fingers along the approach, from the TCP."""
-_FACES, _TURNS, _ROUNDS = 12, 18, 100
-"""Faces of a hull whose normals are tried as axes; turns of a box about its axis; steps to the centre of a circle."""
 _SAMPLES = 2000
 """Random configurations in which it is found what touches."""
-_SHORTEST = 1e-4
-"""[m] Half length of a capsule that is a sphere."""
 _STILL = 1e-3
 """[m] Range of the lift of a robot that has none."""
+_BARE = 0.05
+"""[m] from a joint to the next one up to which a link between them needs no shape: those of its neighbours meet."""
+_COLUMN = 0.06
+"""[m] Radius of what stands for the base of an arm whose file gives it no shape."""
 _LEAST_MASS, _LEAST_INERTIA = 1e-3, 1e-6
 """[kg], [kg m²] of a body that the file gives none."""
 
@@ -71,6 +72,7 @@ class Mounting:
         apart: names of bodies, two by two, that cannot touch, whatever their shapes here.
         drive: how the base moves: "holonomic", "differential" or "fixed", not at all; the round base is then a
             pedestal as high as the arm's base.
+        mesh_scale: by which all meshes are scaled: 0.001 for a file that takes millimetres for metres.
     """
 
     base: str
@@ -85,6 +87,7 @@ class Mounting:
     without: tuple[str, ...] = ()
     apart: tuple[str, ...] = ()
     drive: str = "holonomic"
+    mesh_scale: float = 1.0
 
 
 class MadeRobot(NamedTuple):
@@ -103,14 +106,14 @@ def make_robot(file: Path, mounting: Mounting) -> MadeRobot:
         InvalidRobot: the file cannot be read, or lacks what the mounting names; the message says what there is.
     """
     try:
-        model = load_urdf(file, with_meshes=True) if file.suffix == ".urdf" else load_model(file)
+        model, unread = load_robot(file, mounting.mesh_scale)
         numbers = arm_joints(model, mounting.base, mounting.tip)
         T_last_tcp = tip_frame(model, int(model.jnt_bodyid[numbers[-1]]), mounting.tip, mounting.approach)
     except ChainError as problem:
         raise InvalidRobot(str(problem)) from problem
     T_last_tcp[:3, :3] = T_last_tcp[:3, :3] @ rotation(0.0, 0.0, mounting.turn)
     T_last_tcp[:3, 3] += mounting.tool * T_last_tcp[:3, 0]
-    maker = _Maker(model, mounting, numbers)
+    maker = _Maker(LoadedModel(model, unread), mounting, numbers)
     gripper = maker.bodies[int(model.jnt_bodyid[numbers[-1]])]
     _add_gripper(maker.robot, gripper, T_last_tcp, mounting, max(-mounting.tool, maker.front(T_last_tcp)))
     lift = [name for name, slides in maker.joints if slides] or ["lift"]
@@ -136,6 +139,7 @@ def make_robot(file: Path, mounting: Mounting) -> MadeRobot:
         "gripper": f"two sliding fingers in place of its own; that they open to {mounting.opening} m is said by "
         "--opening alone, and where the grasp is by --tip, --tool and --turn",
         "shapes": f"boxes, cylinders and capsules in place of {maker.meshes} meshes",
+        **maker.notes,
         "touch only as boxes, so not checked": ", ".join(f"{one} and {other}" for one, other in apart) or "none",
     }
     return MadeRobot(maker.robot.to_xml(), page, found)
@@ -144,77 +148,124 @@ def make_robot(file: Path, mounting: Mounting) -> MadeRobot:
 class _Maker:
     """Copies a compiled model's bodies into a new `robot`: `bodies` by their old number, `joints` (name, slides)."""
 
-    def __init__(self, model: mujoco.MjModel, mounting: Mounting, numbers: list[int]) -> None:
-        self.model, self.mounting, self.numbers = model, mounting, numbers
+    def __init__(self, loaded: LoadedModel, mounting: Mounting, numbers: list[int]) -> None:
+        self.model, self.mounting, self.numbers = loaded.model, mounting, numbers
+        self.data = mujoco.MjData(self.model)
+        mujoco.mj_kinematics(self.model, self.data)
+        self.root, self.first = self.model.body(mounting.base).id, int(self.model.jnt_bodyid[numbers[0]])
+        self.notes: dict[str, str] = {}
         self.robot = mujoco.MjSpec()
         self.bodies: dict[int, Any] = {}
         self.joints: list[tuple[str, bool]] = []
         self.meshes = 0
         self.robot.compiler.degree, self.robot.compiler.autolimits = False, True
-        self.solid = is_solid(model)
-        if not self.solid[np.isin(model.geom_bodyid, self._below(model.body(mounting.base).id))].any():
-            self.solid[:] = True  # a file with shapes for the eye alone
+        self.solid = self._solid()
+        self._check_shapes(loaded.unread)
         base = self.robot.worldbody.add_body(name="mobile_base", **_inertia(60.0, [2.0, 2.0, 2.0]))
         for name, axis in zip(BASE, np.eye(3), strict=True):
             base.add_joint(name=name, type=mjtJoint.mjJNT_HINGE if name == BASE[2] else mjtJoint.mjJNT_SLIDE, axis=axis)
-        self._add_arm(base, model.body(mounting.base).id)
-
-    def _add_arm(self, base: Any, root: int) -> None:
-        """The base's shapes, a lift unless the file has one, and all that the root carries."""
-        mounting, model, is_fixed = self.mounting, self.model, self.mounting.drive == "fixed"
-        place, carrier = np.zeros(3), base
-        if mounting.on is not None:
-            (x, z), r = mounting.on, mounting.radius
-            place = np.array([x, 0.0, z])
-            if not z > 0.1:
-                raise InvalidRobot(f"on={mounting.on!r}: the arm stands on a base that is higher than 0.1 m")
-            height = min(z - 0.01, z if is_fixed else 0.34) / 2
-            base.add_geom(
-                name="wheels", type=mjtGeom.mjGEOM_CYLINDER, size=[r, height - 0.02, 0], pos=[0, 0, height + 0.02]
-            )
-            if z - 0.01 > 2 * height + 0.04:
-                half = (z - 0.01 - 2 * height) / 2
-                base.add_geom(
-                    name="column", type=mjtGeom.mjGEOM_CYLINDER, size=[0.1, half, 0], pos=[x, 0, 2 * height + half]
-                )
-        has_lift = int(model.jnt_type[self.numbers[0]]) == int(mjtJoint.mjJNT_SLIDE)
-        if not has_lift:
-            low, high = mounting.lift or (0.0, _STILL)
-            carrier = base.add_body(name="lift", pos=place, **_inertia(5.0, [0.1, 0.1, 0.1]))
-            carrier.add_joint(
-                name="lift",
-                type=mjtJoint.mjJNT_SLIDE,
-                axis=[0, 0, 1],
-                range=[low, high],
-                armature=1,
-                damping=[50, 0, 0],
-            )
-            if mounting.on is not None and high > _STILL:
-                carrier.add_geom(
-                    name="pillar", type=mjtGeom.mjGEOM_CYLINDER, size=[0.08, high / 2, 0], pos=[0, 0, -high / 2]
-                )
         if mounting.on is None:
-            self._add_geoms(base, root)
-        else:  # a body of its own; on a pedestal without a lift it is a part of that: see `RobotSpec.fixed`
-            stands = is_fixed and mounting.lift is None
-            self.bodies[root] = (base if stands else carrier).add_body(
-                name=self._name(model.body(root).name, "arm_base"), pos=place if stands else np.zeros(3)
+            self._add_own_base(base)
+        else:
+            self._add_round_base(base, *mounting.on)
+
+    def _add_round_base(self, base: Any, x: float, z: float) -> None:
+        """A round base, a lift unless the file has one, and the arm with all that its base carries on them."""
+        model, mounting, r = self.model, self.mounting, self.mounting.radius
+        if not z > 0.1:
+            raise InvalidRobot(f"on={mounting.on!r}: the arm stands on a base that is higher than 0.1 m")
+        is_fixed, place = mounting.drive == "fixed", np.array([x, 0.0, z])
+        height = min(z - 0.01, z if is_fixed else 0.34) / 2
+        base.add_geom(
+            name="wheels", type=mjtGeom.mjGEOM_CYLINDER, size=[r, height - 0.02, 0], pos=[0, 0, height + 0.02]
+        )
+        if z - 0.01 > 2 * height + 0.04:
+            half = (z - 0.01 - 2 * height) / 2
+            base.add_geom(
+                name="column", type=mjtGeom.mjGEOM_CYLINDER, size=[0.1, half, 0], pos=[x, 0, 2 * height + half]
             )
-            self._add_geoms(self.bodies[root], root)
-        for child in self._children(root):
+        carrier = base if self._has_lift() else self._add_lift(base, place)
+        # A body of its own; on a pedestal without a lift it is a part of that: see `RobotSpec.fixed`.
+        stands = is_fixed and mounting.lift is None
+        made = self.bodies[self.root] = (base if stands else carrier).add_body(
+            name=self._name(model.body(self.root).name, "arm_base"), pos=place if stands else np.zeros(3)
+        )
+        self._add_geoms(made, self.root)
+        self._add_column(made)
+        for child in self._children(self.root):
             self._copy(child, carrier)
 
-    def _copy(self, body: int, parent: Any) -> None:
-        """A body with all that it carries, but for what moves it without being of the arm beyond the last joint."""
+    def _add_own_base(self, base: Any) -> None:
+        """The file's own base on the ground, a lift unless the file has one, and the arm on it.
+
+        What carries the arm's first link goes with the lift, so that it is that link's neighbour.
+        """
+        model, up = self.model, np.zeros(3)
+        stand = int(model.body_parentid[self.first])
+        self._add_geoms(base, self.root)
+        self.bodies[self.root] = base
+        moved = self.first if stand == self.root else stand
+        for child in self._children(self.root):
+            self._copy(child, base, besides=moved)
+        up[2] = self._raised(base)
+        carrier = base if self._has_lift() else self._add_lift(base, np.zeros(3))
+        self._copy(moved, carrier, up=up)
+
+    def _raised(self, base: Any) -> float:
+        """[m] by which a base and what it carries is raised, because in the file it is below the ground."""
+        made = self.robot.compile()
+        if not any(made.body_weldid[made.geom_bodyid] == made.body(base.name).id):
+            name = self.model.body(self.root).name
+            raise InvalidRobot(f"the base {name!r} has no shape in the file; say where the arm stands on one: --on X Z")
+        data = mujoco.MjData(made)
+        mujoco.mj_kinematics(made, data)
+        depths = [-lowest_height(made, data, geom) for geom in range(made.ngeom)]
+        depth, geom = max(zip(depths, range(made.ngeom), strict=True))
+        if depth <= SUNK:
+            return 0.0
+        body = made.body(made.geom_bodyid[geom]).name
+        name = self.model.body(self.root).name if body == base.name else body
+        self.notes["raised"] = f"the robot by {1000 * depth:.1f} mm: so far below the ground {name!r} is in the file"
+        for part in (*base.geoms, *base.bodies):
+            part.pos = part.pos + (0.0, 0.0, depth)
+        return depth
+
+    def _has_lift(self) -> bool:
+        return int(self.model.jnt_type[self.numbers[0]]) == int(mjtJoint.mjJNT_SLIDE)
+
+    def _add_lift(self, base: Any, place: Floats) -> Any:
+        """The body of a lift of the mounting's range; of a millimetre, which nothing uses, if it says none."""
+        low, high = self.mounting.lift or (0.0, _STILL)
+        lift = base.add_body(name="lift", pos=place, **_inertia(5.0, [0.1, 0.1, 0.1]))
+        lift.add_joint(
+            name="lift", type=mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1], range=[low, high], armature=1, damping=[50, 0, 0]
+        )
+        if self.mounting.on is not None and high > _STILL:
+            lift.add_geom(name="pillar", type=mjtGeom.mjGEOM_CYLINDER, size=[0.08, high / 2, 0], pos=[0, 0, -high / 2])
+        return lift
+
+    def _copy(self, body: int, parent: Any, besides: int = -1, up: Floats | None = None) -> None:
+        """A body with all that it carries, but for what moves it without being of the arm beyond the last joint.
+
+        Args:
+            body: of the file.
+            parent: of the robot.
+            besides: a body of the file that is left out, with all that it carries.
+            up: (3,) [m] The body stands there on `parent`, relative to its place on the root; None for on its own
+                parent in the file.
+        """
         model = self.model
+        if body == besides:
+            return
         own = [k for k in range(model.njnt) if int(model.jnt_bodyid[k]) == body]
         beyond = int(model.jnt_bodyid[self.numbers[-1]]) in self._above(body)
         if model.body(body).name in self.mounting.without or (beyond and own and own[0] not in self.numbers):
             return
+        place, quat = (model.body_pos[body], model.body_quat[body]) if up is None else self._on_root(body, up)
         made = parent.add_body(
             name=self._name(model.body(body).name, f"body_{body}"),
-            pos=model.body_pos[body],
-            quat=model.body_quat[body],
+            pos=place,
+            quat=quat,
             **_inertia(
                 float(model.body_mass[body]), model.body_inertia[body], model.body_ipos[body], model.body_iquat[body]
             ),
@@ -234,7 +285,79 @@ class _Maker:
                 joint.armature, joint.damping = (1.0, [50, 0, 0]) if slides else (0.1, [2, 0, 0])
         self._add_geoms(made, body)
         for child in self._children(body):
-            self._copy(child, made)
+            self._copy(child, made, besides)
+
+    def _on_root(self, body: int, up: Floats) -> tuple[Floats, Floats]:
+        """Position [m] and wxyz of a body in the frame of the root, `up` (3,) farther."""
+        R = self.data.xmat[self.root].reshape(3, 3)
+        place = R.T @ (self.data.xpos[body] - self.data.xpos[self.root])
+        return place + up, _quaternion(R.T @ self.data.xmat[body].reshape(3, 3))
+
+    def _solid(self) -> NDArray[np.bool_]:
+        """Which geoms are shapes: those that can touch something, and of bodies without any all but marks of frames."""
+        model, solid = self.model, is_solid(self.model)
+        is_drawn = ~solid & (2 * model.geom_aabb[:, 3:].max(axis=1) > MARK)
+        for body in range(1, model.nbody):
+            if not solid[of_body := model.geom_bodyid == body].any():
+                solid |= of_body & is_drawn
+        return np.asarray(solid & (model.geom_type != int(mjtGeom.mjGEOM_PLANE)))
+
+    def _check_shapes(self, unread: Mapping[str, UnreadMesh]) -> None:
+        """Raise `InvalidRobot` if a link of the arm has no shape, or a body lacks one because its mesh is not read.
+
+        A link whose two joints are near each other needs none. The last one has the gripper.
+        """
+        model, data = self.model, self.data
+        moved = [int(model.jnt_bodyid[k]) for k in self.numbers]
+        links: dict[int, list[int]] = {body: [] for body in moved}
+        for body in (body for body in self._below(self.root) if not self._is_left_out(body)):
+            link = next((one for one in (body, *self._above(body)) if one in links), -1)
+            if link >= 0:
+                links[link].append(body)
+            mesh = unread.get(name := model.body(body).name)
+            if mesh is None or self._solid_geoms(body):
+                continue
+            if mesh.is_for_collisions:
+                raise InvalidRobot(f"the link {name!r} has no shape: {mesh.reason}; or leave it out: --without {name}")
+            self.notes[f"no shape of {name}"] = mesh.reason
+        bare = []
+        for body, bodies in links.items():
+            here = max(k for k in self.numbers if int(model.jnt_bodyid[k]) == body)
+            tip, to_tip = data.xanchor[here], here == self.numbers[-1]
+            there = data.xanchor[self.numbers[self.numbers.index(here) + 1]] if not to_tip else tip
+            name, is_bare = model.body(body).name, not any(self._solid_geoms(one) for one in bodies)
+            if is_bare and np.linalg.norm(there - tip) > _BARE:
+                bare += [name + (f" ({unread[name].reason})" if name in unread else "")]
+        if bare:
+            raise InvalidRobot(
+                f"these links have no shape in the file, neither for collisions nor for the eye, so nothing would keep "
+                f"them from passing through things: {', '.join(bare)}; give each a box, cylinder, sphere or mesh"
+            )
+
+    def _is_left_out(self, body: int) -> bool:
+        """Whether a body is left out: it is named, or moved beyond the arm's last joint; or what carries it is."""
+        model, last, on_arm = self.model, int(self.model.jnt_bodyid[self.numbers[-1]]), False
+        for one in reversed((body, *self._above(body))):
+            first = int(model.body_jntadr[one])
+            if model.body(one).name in self.mounting.without or (on_arm and first >= 0 and first not in self.numbers):
+                return True
+            on_arm = on_arm or one == last
+        return False
+
+    def _add_column(self, base: Any) -> None:
+        """What stands for the base of an arm to which the file gives no shape: a column up to its first joint."""
+        still = [one for one in self._below(self.root) if self.first not in (one, *self._above(one))]
+        if any(self._solid_geoms(one) for one in still if not self._is_left_out(one)):
+            return
+        R = self.data.xmat[self.root].reshape(3, 3)
+        _, _, height = R.T @ (self.data.xanchor[self.numbers[0]] - self.data.xpos[self.root])
+        if height > _BARE:
+            size = [_COLUMN, height / 2, 0]
+            base.add_geom(type=mjtGeom.mjGEOM_CYLINDER, size=size, pos=[0, 0, height / 2], mass=0)
+            self.notes["base of the arm"] = (
+                f"{self.model.body(self.root).name!r} has no shape in the file: a column of {_COLUMN} m radius up to "
+                "the first joint stands for it"
+            )
 
     def _add_geoms(self, to: Any, body: int) -> None:
         """The shapes of a body."""
@@ -243,7 +366,8 @@ class _Maker:
             kind, place = mjtGeom(int(model.geom_type[geom])), (model.geom_pos[geom], model.geom_quat[geom])
             if kind == mjtGeom.mjGEOM_MESH:
                 self.meshes += 1
-                to.add_geom(**_fitted(hull_corners(model, geom) @ rotation_of(place[1]).T + place[0]), mass=0)
+                for shape in shapes_around(*_surface(model, geom)):
+                    to.add_geom(**shape, mass=0)
             else:  # the planner knows no ellipsoids: a box is around it
                 kind = mjtGeom.mjGEOM_BOX if kind == mjtGeom.mjGEOM_ELLIPSOID else kind
                 to.add_geom(type=kind, size=model.geom_size[geom], mass=0, pos=place[0], quat=place[1])
@@ -293,11 +417,12 @@ class _Maker:
     def _solid_geoms(self, body: int) -> list[int]:
         """The geoms of a body of the file that are shapes for collisions."""
         first, count = int(self.model.body_geomadr[body]), int(self.model.body_geomnum[body])
-        is_plane = self.model.geom_type == int(mjtGeom.mjGEOM_PLANE)
-        return [geom for geom in range(first, first + count) if self.solid[geom] and not is_plane[geom]]
+        return [geom for geom in range(first, first + count) if self.solid[geom]]
 
     def _children(self, body: int) -> list[int]:
-        return [k for k in range(1, self.model.nbody) if k != body and int(self.model.body_parentid[k]) == body]
+        """What a body carries; of the world only the robot: not what else a scene holds."""
+        children = [k for k in range(1, self.model.nbody) if k != body and int(self.model.body_parentid[k]) == body]
+        return children if body else [k for k in children if k in (self.first, *self._above(self.first))]
 
     def _above(self, body: int) -> list[int]:
         """The bodies that carry a body."""
@@ -308,7 +433,8 @@ class _Maker:
         return found
 
     def _below(self, body: int) -> list[int]:
-        return [k for k in range(self.model.nbody) if k == body or body in self._above(k)]
+        """A body and all that it carries."""
+        return [body, *(below for child in self._children(body) for below in self._below(child))]
 
     def _name(self, name: str, otherwise: str) -> str:
         return f"own_{name}" if name in _NAMES else name or otherwise
@@ -370,49 +496,10 @@ def _inertia(mass: float, inertia: Any, ipos: Any = (0, 0, 0), iquat: Any = (1, 
     return {"mass": max(mass, _LEAST_MASS), "inertia": least, "ipos": ipos, "iquat": iquat, "explicitinertial": True}
 
 
-def _fitted(corners: Floats) -> dict[str, Any]:
-    """Kind, size, place and orientation of the smallest box, cylinder or capsule that contains points (v, 3).
-
-    Its axis is one of the body, a principal one, or normal to one of the largest faces of their hull.
-    """
-    hull = ConvexHull(corners)
-    corners = corners[hull.vertices]
-    faces = hull.points[hull.simplices]
-    areas = np.linalg.norm(np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0]), axis=1)
-    normals = hull.equations[np.argsort(-areas)[:_FACES], :3]
-    principal = np.linalg.eigh(np.cov(corners.T))[1].T
-    fits = (
-        (volume, {"type": kind, "size": size, "pos": R @ centre, "quat": _quaternion(R @ turn)})
-        for R in map(frame_along, (*np.eye(3), *principal, *normals))
-        for volume, kind, size, centre, turn in _around_axis(corners @ R)
-    )
-    return min(fits, key=lambda fit: fit[0])[1]
-
-
-def _around_axis(points: Floats) -> Iterator[tuple[float, mjtGeom, Floats, Floats, Floats]]:
-    """Volume, kind, size, centre and rotation of a box, a cylinder and a capsule along z that contain points (v, 3)."""
-    flat, middle = points[:, :2], (points[:, 2].max() + points[:, 2].min()) / 2
-    half, centre = float(points[:, 2].max() - middle), flat.mean(axis=0)
-    for k in range(_ROUNDS):  # towards the farthest point, by less and less: the centre of the smallest circle
-        away = flat - centre
-        centre = centre + away[np.argmax((away * away).sum(axis=1))] / (k + 2)
-    beside = np.linalg.norm(flat - centre, axis=1)
-    radius, place = float(beside.max()), np.array([*centre, middle])
-    yield 2 * np.pi * radius**2 * half, mjtGeom.mjGEOM_CYLINDER, np.array([radius, half, 0.0]), place, np.eye(3)
-    caps = np.abs(points[:, 2] - middle) - np.sqrt(np.maximum(radius**2 - beside**2, 0.0))
-    length = max(float(caps.max()), _SHORTEST)
-    volume = np.pi * radius**2 * (2 * length + 4 / 3 * radius)
-    yield volume, mjtGeom.mjGEOM_CAPSULE, np.array([radius, length, 0.0]), place, np.eye(3)
-    for angle in np.arange(_TURNS) * (np.pi / 2 / _TURNS):
-        c, s = np.cos(angle), np.sin(angle)
-        turned = flat @ np.array([[c, -s], [s, c]])
-        low, high = turned.min(axis=0), turned.max(axis=0)
-        size = np.array([*((high - low) / 2), half])
-        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        yield 8 * float(size.prod()), mjtGeom.mjGEOM_BOX, size, turn @ np.array([*((high + low) / 2), middle]), turn
-
-
-def _quaternion(R: Floats) -> Floats:
-    quaternion = np.empty(4)
-    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(R).ravel())
-    return quaternion
+def _surface(model: mujoco.MjModel, geom: int) -> tuple[Floats, NDArray[np.int64]]:
+    """Vertices (v, 3) [m] and edges (e, 2) of a geom that is a mesh, in the frame of its body."""
+    mesh = model.geom_dataid[geom]
+    vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]].astype(float)
+    faces = model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
+    edges = np.unique(np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+    return vertices @ rotation_of(model.geom_quat[geom]).T + model.geom_pos[geom], edges

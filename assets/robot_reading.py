@@ -250,8 +250,8 @@ def _half_extent(model: mujoco.MjModel, data: mujoco.MjData, geom: int, along: F
 def _footprint(model: mujoco.MjModel, base: str) -> dict[str, Any]:
     """Radius and height of the cylinder about the base's axis that contains its geoms that can touch something.
 
-    Those count that reach farthest out: what stands on them is narrower. If that one is not round, the outline of all
-    is given too.
+    What is fixed to the base is a part of it. Those geoms count that reach farthest out: what stands on them is
+    narrower. If that one is not round, the outline of all is given too.
     """
     data = mujoco.MjData(model)
     data.qpos[:] = 0.0
@@ -260,7 +260,9 @@ def _footprint(model: mujoco.MjModel, base: str) -> dict[str, Any]:
     found: list[tuple[float, float, bool]] = []
     corners: list[tuple[float, float]] = []
     for geom in range(model.ngeom):
-        if int(model.geom_bodyid[geom]) == body and (model.geom_contype[geom] or model.geom_conaffinity[geom]):
+        if int(model.body_weldid[model.geom_bodyid[geom]]) == body and (
+            model.geom_contype[geom] or model.geom_conaffinity[geom]
+        ):
             centre = data.geom_xpos[geom] - data.xpos[body]
             x, y, z = (_half_extent(model, data, geom, axis) for axis in np.eye(3))
             is_round = model.geom_type[geom] == int(mujoco.mjtGeom.mjGEOM_CYLINDER) and x == y

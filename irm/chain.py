@@ -288,7 +288,8 @@ class ArmChain:
     def from_urdf(path: str | Path, base: str, tip: str, approach: str = "x") -> ArmChain:
         """The chain of such an arm in a URDF file; arguments, names of links, and errors as of `from_mjcf`.
 
-        Meshes are not read, so their files may be missing, and `shapes` are the other shapes alone.
+        Collision meshes are shapes too, and of links without any, what is for the eye. Files of meshes may be missing:
+        these are no shapes, and a warning is logged.
         """
         from irm.model_reading import load_urdf, read_arm  # see `from_mjcf`
 

@@ -7,10 +7,13 @@ tip. From these follow the frames of the chain: each has its origin on its joint
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+import logging
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
+from xml.parsers import expat
 
 import mujoco
 import numpy as np
@@ -22,6 +25,8 @@ from irm.gjk import BOX, CYLINDER, ELLIPSOID, HULL
 from irm.rotations import frame_along
 from irm.self_contact import BASE, counted_pairs, is_solid
 from irm.shapes import NO_SHAPES, Shapes, with_pairs
+
+_LOG = logging.getLogger(__name__)
 
 Floats = NDArray[np.float64]
 CONTINUOUS = 2 * np.pi
@@ -61,6 +66,36 @@ _NO_LIFT = _Joint("", True, np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.0, 0.0)
 
 
 _MESH_KINDS = (".stl", ".obj", ".msh")
+_LARGEST = 5.0
+"""[m] No link is longer; in millimetres, even a link of 1 cm is."""
+MARK = 0.015
+"""[m] Longest side of what is drawn to mark a frame, and is no part of the robot."""
+_TILTED = 1e-3
+"""[rad] of a base frame's z axis off the vertical; files round their angles."""
+_URDF_COMPILER = {
+    "fusestatic": "false",
+    # Links without a mass are common in URDF files, and MuJoCo refuses those that move.
+    "boundmass": "1e-6",
+    "boundinertia": "1e-9",
+    "balanceinertia": "true",
+    # The names of meshes are whole paths by then.
+    "strippath": "false",
+}
+"""How MuJoCo shall read a URDF file, whatever the file itself says."""
+
+
+class UnreadMesh(NamedTuple):
+    """A mesh of a URDF file that is no shape of the model: for collisions, or for the eye alone; and why not."""
+
+    is_for_collisions: bool
+    reason: str
+
+
+class LoadedModel(NamedTuple):
+    """A compiled model, and the meshes of a URDF file that are not read, by the names of their links."""
+
+    model: mujoco.MjModel
+    unread: dict[str, UnreadMesh]
 
 
 def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: str) -> dict[str, Any]:
@@ -82,6 +117,7 @@ def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: 
     tip_body = int(model.site_bodyid[number]) if is_site else number
     numbers = _joints_between(model, base_body, tip_body, (base, tip))
     data = mujoco.MjData(model)
+    _check_base_is_upright(model, data, base_body)
     data.qpos[model.jnt_qposadr[numbers]] = 0.0
     mujoco.mj_kinematics(model, data)
     T_base_world: Floats = np.asarray(np.linalg.inv(_pose(data.xmat[base_body], data.xpos[base_body])), dtype=float)
@@ -97,6 +133,7 @@ def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: 
         for k in numbers
     ]
     lift, hinges = _lift_and_hinges(joints, (base, tip))
+    _check_joints_are_free(model, base_body, numbers)
     T_base_tip = T_base_world @ _tip_pose(model, data, tip)
     T_base_tip[:3, :3] = T_base_tip[:3, :3] @ _tool_rotation(approach)
     offsets, axes, tool = _frames(hinges, T_base_tip)
@@ -112,6 +149,26 @@ def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: 
         "joints": tuple(joint.name for joint in joints),
         "shapes": _shapes_of_arm(model, numbers, bool(lift.name), (offsets, axes, tool), T_base_world),
     }
+
+
+def load_robot(path: Path, mesh_scale: float = 1.0) -> LoadedModel:
+    """The compiled model of an MJCF or URDF file with all its meshes, each `mesh_scale` times as large as it says.
+
+    Which of the two it is the file itself tells, not its name. For a URDF file see `load_urdf`.
+
+    Raises:
+        ChainError: it is neither.
+        FileNotFoundError: there is no such file.
+    """
+    text, unread = _mujoco_urdf(path) if _first_element(path) == "robot" else ("", {})
+    try:
+        spec = mujoco.MjSpec.from_string(text) if text else mujoco.MjSpec.from_file(str(path))
+        for mesh in spec.meshes:
+            mesh.scale = mesh.scale * mesh_scale
+        return LoadedModel(spec.compile(), unread)
+    except ValueError as problem:
+        kind = "a URDF" if text else "an MJCF"
+        raise ChainError(f"{path} cannot be read as {kind} file: {problem}") from problem
 
 
 def load_model(path: Path) -> mujoco.MjModel:
@@ -139,58 +196,172 @@ def tip_frame(model: mujoco.MjModel, body: int, tip: str, approach: str) -> Floa
     return np.asarray(T)
 
 
-def load_urdf(path: Path, with_meshes: bool = False) -> mujoco.MjModel:
-    """The compiled model of a URDF file without visual shapes.
+def load_urdf(path: Path) -> mujoco.MjModel:
+    """The compiled model of a URDF file.
 
-    Links keep their names and stay bodies of their own, also where they are fixed to others.
-
-    Args:
-        path: of the file.
-        with_meshes: read collision meshes; else they are left out, and their files may be missing.
+    Links keep their names and stay bodies of their own, also where they are fixed to others. Their shapes are those for
+    collisions; of a link that has none, those for the eye. Files of meshes may be missing: these are no shapes, and a
+    warning is logged for each.
 
     Raises:
         FileNotFoundError: there is no such file.
-        ChainError: it is no URDF file, or the file of a mesh is missing.
+        ChainError: it is no URDF file.
     """
+    text, unread = _mujoco_urdf(path)
+    for link, mesh in unread.items():
+        _LOG.warning("%s: a mesh of the link %r is no shape: %s", path, link, mesh.reason)
     try:
-        robot = ElementTree.fromstring(path.read_bytes())
-        for link in robot.iter("link"):
-            for shape in [*link.findall("visual"), *link.findall("collision")]:
-                mesh = shape.find("geometry/mesh")
-                if shape.tag == "visual" or (mesh is not None and not with_meshes):
-                    link.remove(shape)
-                elif mesh is not None:
-                    mesh.set("filename", str(_mesh_file(path, mesh.get("filename", ""))))
-        extension = robot.find("mujoco")
-        if extension is None:
-            extension = ElementTree.SubElement(robot, "mujoco")
-        # Links without a mass are common in URDF files, and MuJoCo refuses those that move.
-        bounds = {
-            "fusestatic": "false",
-            "boundmass": "1e-6",
-            "boundinertia": "1e-9",
-            "balanceinertia": "true",
-            "strippath": "false",
-        }
-        ElementTree.SubElement(extension, "compiler", bounds)
-        return mujoco.MjModel.from_xml_string(ElementTree.tostring(robot, encoding="unicode"))
-    except (ElementTree.ParseError, ValueError) as problem:
+        return mujoco.MjModel.from_xml_string(text)
+    except ValueError as problem:
         raise ChainError(f"{path} cannot be read as a URDF file: {problem}") from problem
 
 
-def _mesh_file(urdf: Path, name: str) -> Path:
-    """The file of a URDF's mesh: `package://` names are looked up in the folders above the URDF."""
-    parts = Path(name.removeprefix("package://").removeprefix("file://"))
-    if parts.suffix.lower() not in _MESH_KINDS:
+def _without_comments(path: Path) -> bytes:
+    """The text of an XML file without its comments, in which MuJoCo allows what XML does not."""
+    return re.sub(rb"<!--.*?-->", b"", path.read_bytes(), flags=re.DOTALL).strip()
+
+
+def _first_element(path: Path) -> str:
+    """The name of an XML file's first element, "" for none."""
+    found = re.search(rb"<([A-Za-z_][\w:.-]*)", _without_comments(path))
+    return found.group(1).decode() if found else ""
+
+
+def _mujoco_urdf(path: Path) -> tuple[str, dict[str, UnreadMesh]]:
+    """The text of a URDF file for MuJoCo, with one kind of shapes for each link; and `LoadedModel.unread`."""
+    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
+    # Without namespaces, as MuJoCo reads it: a prefix is a part of a name, whether it is bound or not.
+    parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
+    try:
+        parser.Parse(_without_comments(path), True)
+        robot = builder.close()
+    except expat.ExpatError as problem:
+        raise ChainError(f"{path} cannot be read as a URDF file: {problem}") from problem
+    if robot.tag != "robot":
+        raise ChainError(f"{path} cannot be read as a URDF file: its first element is <{robot.tag}>")
+    if any(element.tag.startswith("xacro:") for element in robot.iter()):
         raise ChainError(
-            f"{urdf}: the collision mesh {name!r} is of no kind that MuJoCo reads ({', '.join(_MESH_KINDS)}); convert "
-            "it, for example with trimesh, or give the link a box, cylinder or sphere"
+            f"{path} is a xacro file, of which a URDF file is still to be made: `xacro {path.name} > robot.urdf` with "
+            f"ROS, `xacrodoc {path.name} -o robot.urdf` without it (pip install xacrodoc)"
         )
-    for folder in urdf.resolve().parents:
-        for tried in (folder / parts, folder / Path(*parts.parts[1:])):
-            if tried.is_file():
-                return tried
-    raise ChainError(f"{urdf}: there is no mesh {name!r} in {urdf.parent} or the folders above it")
+    extension = robot.find("mujoco")
+    if extension is None:
+        extension = ElementTree.SubElement(robot, "mujoco")
+    compiler = extension.find("compiler")
+    if compiler is None:
+        compiler = ElementTree.SubElement(extension, "compiler")
+    folder = compiler.attrib.pop("meshdir", "")
+    compiler.attrib.update(_URDF_COMPILER)
+    unread: dict[str, UnreadMesh] = {}
+    for link in robot.iter("link"):
+        kept: list[ElementTree.Element] = []
+        for tag in ("collision", "visual"):
+            for shape in link.findall(tag):
+                link.remove(shape)
+                mesh = shape.find("geometry/mesh")
+                if tag == "visual" and (kept or _is_mark(shape)):
+                    continue
+                if mesh is not None:
+                    found = _mesh_file(path, mesh.get("filename", ""), folder)
+                    if isinstance(found, str):
+                        unread.setdefault(link.get("name", ""), UnreadMesh(tag == "collision", found))
+                        continue
+                    mesh.set("filename", str(found))
+                shape.tag = "collision"
+                kept.append(shape)
+        link.extend(kept)
+    return ElementTree.tostring(robot, encoding="unicode"), unread
+
+
+def _is_mark(visual: ElementTree.Element) -> bool:
+    """Whether a visual shape marks a frame: a box, cylinder or sphere that is no longer than `MARK`."""
+    sides = [float(word) for box in visual.iterfind("geometry/box") for word in box.get("size", "").split()]
+    for kind in ("cylinder", "sphere"):
+        for shape in visual.iterfind(f"geometry/{kind}"):
+            sides += [2 * float(shape.get("radius", "inf")), float(shape.get("length", "0"))]
+    return bool(sides) and max(sides) <= MARK
+
+
+def _mesh_file(urdf: Path, name: str, mesh_folder: str) -> Path | str:
+    """The file of a URDF's mesh, or why there is none that MuJoCo reads.
+
+    `package://` names are looked up in the folders above the URDF; where there is no such file, the name alone is
+    looked up in the `meshdir` of the file's `<compiler>`, where MuJoCo looks for it.
+    """
+    parts = Path(name.removeprefix("package://").removeprefix("file://"))
+    folders = [urdf.resolve().parent / mesh_folder, *urdf.resolve().parents]
+    tried = [folder / path for folder in folders for path in (parts, Path(*parts.parts[1:]))]
+    file = next(filter(Path.is_file, [*tried, folders[0] / parts.name]), None)
+    if parts.suffix.lower() not in _MESH_KINDS:
+        return (
+            f"MuJoCo does not read meshes of the kind of {name!r}, only {', '.join(_MESH_KINDS)}; convert it, for "
+            f"example with trimesh: `trimesh.load({parts.name!r}, force='mesh').export({parts.stem + '.obj'!r})`, or "
+            "give the link a box, cylinder or sphere"
+        )
+    if file is None:
+        return f"there is no mesh {name!r} in {urdf.parent} or the folders above it"
+    return file
+
+
+def _check_joints_are_free(model: mujoco.MjModel, base: int, numbers: list[int]) -> None:
+    """Raise `ChainError` if a joint of the arm follows another one, or if the arm's first joint is left out."""
+    hinge, slide = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+    own = np.flatnonzero(model.jnt_bodyid == base)
+    kinds = [int(kind) for kind in model.jnt_type[np.isin(model.jnt_bodyid, [base, *_carriers(model, base)])]]
+    drives = kinds.count(slide) >= 2 and kinds.count(hinge) == 1  # a base along x and y, and about z
+    if hinge in model.jnt_type[own] and not drives:
+        joints, parent = ", ".join(repr(model.joint(k).name) for k in own), model.body(model.body_parentid[base]).name
+        raise ChainError(
+            f"the joint {joints} moves {model.body(base).name!r} itself, so it would not be one of the arm's: choose "
+            f"{parent!r}, which carries it, as the base"
+        )
+    for k in range(model.neq):
+        one, other = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
+        if int(model.eq_type[k]) == int(mujoco.mjtEq.mjEQ_JOINT) and model.eq_active0[k] and one in numbers:
+            leader = f"follows {model.joint(other).name!r}" if other >= 0 else "is held where it is"
+            raise ChainError(
+                f"the joint {model.joint(one).name!r} {leader} (<mimic> in a URDF file, <equality> in an MJCF file), "
+                "and the joints of an arm move freely; choose a base and a tip between which none does"
+            )
+
+
+def _check_base_is_upright(model: mujoco.MjModel, data: mujoco.MjData, base: int) -> None:
+    """Raise `ChainError` if the z axis of the base frame is not vertical; it names the bodies above it that stand."""
+    mujoco.mj_kinematics(model, data)
+    if (tilt := _tilt(data, base)) <= _TILTED:
+        return
+    upright = [model.body(body).name for body in _carriers(model, base) if _tilt(data, body) <= _TILTED]
+    raise ChainError(
+        f"the z axis of {model.body(base).name!r} is {tilt:.3g} rad off the vertical, and answers about the floor take "
+        f"it to point up; choose a base that stands upright: {', '.join(map(repr, upright))}"
+    )
+
+
+def _tilt(data: mujoco.MjData, body: int) -> float:
+    """[rad] between the z axis of a body and the vertical."""
+    x, y, z = data.xmat[body].reshape(3, 3)[:, 2]
+    return float(np.arctan2(np.hypot(x, y), z))
+
+
+def _carriers(model: mujoco.MjModel, body: int) -> Iterator[int]:
+    """The bodies that carry a body, the nearest first, the world last."""
+    while body:
+        body = int(model.body_parentid[body])
+        yield body
+
+
+def check_sizes(model: mujoco.MjModel, geoms: Sequence[int]) -> None:
+    """Raise `ChainError` if one of some geoms is a mesh that is too large to be in metres."""
+    for geom in geoms:
+        if int(model.geom_type[geom]) != int(mujoco.mjtGeom.mjGEOM_MESH):
+            continue
+        length = 2 * float(model.geom_aabb[geom, 3:].max())
+        if length > _LARGEST:
+            raise ChainError(
+                f"a mesh of {model.body(model.geom_bodyid[geom]).name!r} is {length:.3g} m long: its file seems to be "
+                'in millimetres; say scale="0.001 0.001 0.001" in the <mesh> of the robot\'s file, or --mesh-scale '
+                "0.001 to `robot make`"
+            )
 
 
 def _find_tip(model: mujoco.MjModel, name: str) -> tuple[bool, int]:
@@ -355,6 +526,7 @@ def _shapes_of_arm(
         T[:3, 3], T[:3, :3] = place[:3], place[3:].reshape(3, 3) if place.size > 3 else np.eye(3)
         places.append(places[-1] @ T)
     order = np.flatnonzero(mine)[::-1].tolist()
+    check_sizes(model, order)
     return shapes_of(model, data, order, links, places, numbers)
 
 

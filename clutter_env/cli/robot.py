@@ -7,8 +7,9 @@
 
 `make` writes an MJCF file and its page: the arm, with boxes, cylinders and capsules in place of its meshes, on a base,
 with a lift, motors and two sliding fingers; see docs/add_a_robot.md. `check` says what is missing or inconsistent. Both
-draw the collision shapes, the frames of the joints and where the level gripper reaches. The page of an MJCF file is a
-JSON object with the keyword arguments of `RobotSpec.from_mjcf`. Without a `home` in it, `check` suggests some.
+draw the collision shapes, the frames of the joints and where the level gripper reaches, and let the robot plan and
+execute three scenes before they say that no problem was found. The page of an MJCF file is a JSON object with the
+keyword arguments of `RobotSpec.from_mjcf`. Without a `home` in it, `check` suggests some.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -42,9 +43,13 @@ class Arguments:
     """JSON file of what the MJCF file does not say; the one beside it if not given."""
     table: float = 0.75
     """Height of the table that the robot is to work at [m]."""
+    scenes: int = 3
+    """Scenes with five objects that the robot plans and executes, on the table of the environments; 0 for none."""
     out: Path | None = None
     """check: the picture, outputs/NAME.png if not given. make: the robot's file, outputs/NAME.xml if not given; page
     and picture lie beside it."""
+    json: Path | None = None
+    """Write facts, problems and the results of the scenes to this file."""
     base: str = ""
     """make: body that the arm begins with, or that is the file's own mobile base."""
     tip: str = ""
@@ -67,12 +72,16 @@ class Arguments:
     """make: bodies that are left out, with all that they carry."""
     apart: tuple[str, ...] = ()
     """make: bodies, two by two, that cannot touch, whatever the shapes in place of their meshes do."""
+    mesh_scale: float = 1.0
+    """make: scale of all meshes: 0.001 for a file that takes millimetres for metres."""
     drive: Literal["holonomic", "differential", "fixed"] = "holonomic"
     """make: how the base moves; fixed with --on: the arm stands on a pedestal of that --radius."""
 
     def __post_init__(self) -> None:
         if self.action == "check":
             check_picture(self.out)
+        if self.scenes < 0:
+            raise ValueError(f"--scenes {self.scenes} is not valid; it must be at least 0")
 
 
 def run(arguments: Arguments) -> None:
@@ -88,17 +97,30 @@ def run(arguments: Arguments) -> None:
         for candidate in home_candidates(robot, table_height=arguments.table):
             print(f"  {[round(float(value), 4) for value in candidate.q]}  {candidate.distance:.2f} rad from grasps")
         raise UsageError("the page says no home; take one of these, or your own")
-    _report(robot, arguments.table, arguments.out or Path("outputs") / f"{robot.name}.png")
+    _report(robot, arguments, arguments.out or Path("outputs") / f"{robot.name}.png")
 
 
-def _report(robot: RobotSpec, table: float, picture: Path) -> None:
+def _report(robot: RobotSpec, arguments: Arguments, picture: Path) -> None:
+    """Print facts and problems, draw; then let the robot plan and execute scenes, unless it has problems already."""
     from clutter_env.cli.robot_report import draw_robot, report_of
+    from clutter_env.cli.robot_trials import SceneTrials, try_scenes
 
-    report = report_of(robot, table)
-    print(report.summary())
+    report = report_of(robot, arguments.table)
+    print(report.facts_text(), flush=True)
     if report.reach is not None:
         draw_robot(robot, report.reach, picture)
-        print(f"  picture: {picture}")
+        print(f"  picture: {picture}", flush=True)
+    trials = SceneTrials({})
+    if arguments.scenes and not report.problems:
+        trials = try_scenes(robot, arguments.scenes)
+        if trials.is_good:
+            print(f"  scenes: {trials}")
+        else:
+            report = replace(report, problems=(str(trials),))
+    print(report.problems_text())
+    if arguments.json is not None:
+        values = {"facts": report.facts, "problems": report.problems, "scenes": trials.reasons}
+        write_json(arguments.json, {"robot": report.name, **values})
     if report.problems:
         sys.exit(1)
 
@@ -129,7 +151,7 @@ def _make(arguments: Arguments) -> None:
     page["home"] = [round(float(value), 6) for value in homes[0].q]
     write_json(file.with_suffix(".json"), page)
     print(f"written: {file}, {file.with_suffix('.json').name}")
-    _report(assets.RobotSpec.from_mjcf(file, **page), arguments.table, file.with_suffix(".png"))
+    _report(assets.RobotSpec.from_mjcf(file, **page), arguments, file.with_suffix(".png"))
 
 
 def _middle(file: Path, page: Mapping[str, Any]) -> tuple[float, ...]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from assets import RobotSpec
 from assets.robot_reading import collision_geoms
+from assets.robot_shapes import SUNK, lowest_height
 from clutter_env.errors import ConfigError
 from clutter_env.scene.layout import TABLE_HEIGHT
 from clutter_env.scene.object_sets import OBJECT_SETS
@@ -69,6 +70,8 @@ _TORSO_WEIGHT = 5.0
 """[rad/m] What a metre of the torso counts beside a radian of a joint."""
 _OFF_THE_TABLE = 0.004
 """[m] at least between the gripper and the table; the planner keeps 2 mm."""
+_TOUCHING = 0.002
+"""[m] between shapes that touch: the planner's padding."""
 _TRIED = 200
 """Configurations in which it is looked up what touches."""
 _STILL = 0.002
@@ -87,11 +90,13 @@ class RobotReport:
     problems: tuple[str, ...]
     reach: LevelReach | None = None
 
-    def summary(self) -> str:
-        """Facts, then problems, one a line."""
-        lines = [f"{self.name}", *(f"  {name}: {value}" for name, value in self.facts.items())]
-        lines += [f"  PROBLEM: {problem}" for problem in self.problems] or ["  no problem found"]
-        return "\n".join(lines)
+    def facts_text(self) -> str:
+        """The name, and facts, one a line."""
+        return "\n".join([self.name, *(f"  {name}: {value}" for name, value in self.facts.items())])
+
+    def problems_text(self) -> str:
+        """Problems, one a line."""
+        return "\n".join(f"  PROBLEM: {problem}" for problem in self.problems) or "  no problem found"
 
 
 def report_of(robot: RobotSpec, table: float = TABLE_HEIGHT) -> RobotReport:
@@ -152,11 +157,32 @@ def _problems(robot: RobotSpec, model: mujoco.MjModel, reach: LevelReach, table:
         yield f"home: the robot touches {' and '.join(touched)}"
     if robot.max_opening <= (widest := 2 * OBJECT_SETS["standard"].radius[1]):
         yield f"the gripper opens to {robot.max_opening:.3f} m; standard objects are up to {widest:.3f} m wide"
+    if (palm := gripper_clearances(robot).palm_reach) < (thinnest := OBJECT_SETS["standard"].radius[0]):
+        where = f"{1000 * palm:.0f} mm behind" if palm > 0 else f"{-1000 * palm:.0f} mm ahead of"
+        yield (
+            f"the palm is {where} the TCP, and objects of {1000 * thinnest:.0f} mm radius and more are to be between: "
+            f"move the tip ahead; with `robot make`: {1000 * (thinnest - palm):.0f} mm more of --tool"
+        )
+    for name, depth in _below_ground(model):
+        yield f"{name!r} is {1000 * depth:.1f} mm below the ground: raise what stands on the base"
     if robot.grasp_height < (least := least_grasp_height(robot)):
         yield f"grasp_height: with {robot.grasp_height} m the gripper nears the table: level grasps need {least}"
     farthest = max(x.max(initial=0.0) for x in (reach.straight_ahead, reach.tilted, reach.from_above))
-    if farthest < robot.base_radius + 0.3:
+    front = max((x for x, _ in robot.base_outline), default=robot.base_radius)
+    if farthest < front + 0.3:
         yield "no grasp reaches 0.3 m beyond the base at the table's height"
+
+
+def _below_ground(model: mujoco.MjModel) -> Iterator[tuple[str, float]]:
+    """Bodies of the robot, its joints at 0, that reach below the ground, and how far [m]."""
+    data, bodies = mujoco.MjData(model), dict[str, float]()
+    data.qpos[:] = 0.0
+    mujoco.mj_kinematics(model, data)
+    for geom in np.flatnonzero((model.geom_contype != 0) | (model.geom_conaffinity != 0)):
+        if int(model.body_weldid[model.geom_bodyid[geom]]) == int(model.body_rootid[model.geom_bodyid[geom]]):
+            name, depth = model.body(model.geom_bodyid[geom]).name, -lowest_height(model, data, int(geom))
+            bodies[name] = max(bodies.get(name, 0.0), depth)
+    return ((name, depth) for name, depth in bodies.items() if depth > SUNK)
 
 
 def least_grasp_height(robot: RobotSpec) -> float:
@@ -276,31 +302,47 @@ def home_candidates(robot: RobotSpec, count: int = 3, table_height: float = TABL
 
 def why_no_home(robot: RobotSpec, table: float) -> str:
     """The reason why `home_candidates` finds none: grasps out of reach, or which bodies touch, and what to do."""
-    arm = _Arm(robot)
-    places = [(0.0, robot.grasp_height), (np.pi / 3, 0.06), (np.pi / 2, 0.08), *((0.0, z) for z in _HOME_HEIGHTS)]
-    reached = [arm.configurations(x, 0.0, table + z, pitch) for pitch, z in places for x in (0.45, 0.6, 0.75)]
-    Q = np.concatenate(reached)
-    if not len(Q):
-        return (
-            f"the arm reaches no grasp on a table of {table} m, 0.45 to 0.75 m ahead; try another height or place "
-            "(--on), a lift (--lift 0 0.4), a longer --tool, or another --table"
-        )
+    arm, ahead = _Arm(robot), (0.45, 0.6, 0.75)
+    places = [(0.0, robot.grasp_height), (np.pi / 3, 0.06), (np.pi / 2, 0.08)]
+    grasps = np.concatenate([arm.configurations(x, 0.0, table + z, pitch) for pitch, z in places for x in ahead])
+    homes = np.concatenate([arm.configurations(x, 0.0, table + z) for z in _HOME_HEIGHTS for x in ahead])
+    where, low, high = f"a table of {table} m, {ahead[0]} to {ahead[-1]} m ahead", _HOME_HEIGHTS[0], _HOME_HEIGHTS[-1]
+    cure = "try another height or place (--on), a lift (--lift 0 0.4), a longer --tool, or another --table"
+    if not len(grasps):
+        return f"the arm reaches no grasp on {where}; {cure}"
+    if not len(homes):
+        return f"the arm reaches grasps on {where}, but with a level gripper nothing {low} to {high} m above it; {cure}"
+    Q = np.concatenate([grasps, homes])
+    most = _most_often_touching(robot, Q)
+    reason = f"most often these touch: {most}" if most else "none has a level gripper straight ahead of the base"
+    return (
+        f"{int(arm.free(Q).sum())} of {len(Q)} configurations for grasps and homes touch neither the robot itself nor "
+        f"the ground; {reason}. Where boxes in place of meshes touch but the robot does not, say --apart BODY BODY; "
+        "else try another height or place (--on), or a lift (--lift 0 0.4)"
+    )
+
+
+def _most_often_touching(robot: RobotSpec, Q: Array) -> str:
+    """The three pairs of bodies, the ground among them, that touch most often in configurations (k, 1 + n)."""
     model, counts = mujoco.MjModel.from_xml_path(str(robot.mjcf_path)), Counter[tuple[str, str]]()
     data, geoms = mujoco.MjData(model), np.array(collision_geoms(model, robot))
+    above = geoms[robot.shapes.link >= 0]
     tried = Q[:: 1 + len(Q) // _TRIED]
+
+    def name(geom: int) -> str:
+        return str(model.body(model.geom_bodyid[geom]).name)
+
     for q in tried:
         data.qpos[[model.joint(link.joint).qposadr[0] for link in robot.chain]] = q
         mujoco.mj_kinematics(model, data)
-        near = (
-            pair for pair in geoms[robot.shapes.pairs] if mujoco.mj_geomDistance(model, data, *pair, 0.01, None) < 0.002
-        )
-        counts.update({tuple(sorted(model.body(model.geom_bodyid[geom]).name for geom in pair)) for pair in near})
-    most = [f"{one} and {other} ({count / len(tried):.0%})" for (one, other), count in counts.most_common(3)]
-    return (
-        f"{int(arm.free(Q).sum())} of {len(Q)} configurations for grasps and homes are free of self-collision, most "
-        f"often these touch: {', '.join(most) or 'none'}. Where boxes in place of meshes touch but the robot does "
-        f"not, say --apart BODY BODY; else try another height or place (--on), or a lift (--lift 0 0.4)"
-    )
+        touching = {
+            (min(name(one), name(other)), max(name(one), name(other)))
+            for one, other in geoms[robot.shapes.pairs].tolist()
+            if mujoco.mj_geomDistance(model, data, one, other, 0.01, None) < _TOUCHING
+        }
+        low = {(name(geom), "the ground") for geom in above.tolist() if lowest_height(model, data, geom) < _TOUCHING}
+        counts.update(touching | low)
+    return ", ".join(f"{one} and {other} ({count / len(tried):.0%})" for (one, other), count in counts.most_common(3))
 
 
 def draw_robot(robot: RobotSpec, reach: LevelReach, file: Path) -> None:

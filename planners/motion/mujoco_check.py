@@ -136,11 +136,17 @@ class PenetrationReport(NamedTuple):
         penetration: its depth [m], 0 for none.
         pair: names of the two geoms.
         where: (11,) whole-body configuration in which it happens.
+        bodies: names of the two bodies; of an obstacle its own name, since it is no body.
     """
 
     penetration: float
     pair: tuple[str, str]
     where: NDArray[np.float64]
+    bodies: tuple[str, str] = ("", "")
+
+    def __str__(self) -> str:
+        one, other = self.bodies
+        return f"{one} and {other} overlap by {1000 * self.penetration:.1f} mm"
 
 
 class MujocoCollisionChecker:
@@ -319,8 +325,14 @@ class MujocoCollisionChecker:
                     self._names.get(geom) or self._model.geom(geom).name.removeprefix(_OBSTACLE)
                     for geom in (one, other)
                 )
-                worst = PenetrationReport(depth, (first, second), state[:-1].copy())
+                bodies = self._body_name(one, first), self._body_name(other, second)
+                worst = PenetrationReport(depth, (first, second), state[:-1].copy(), bodies)
         return worst
+
+    def _body_name(self, geom: int, name: str) -> str:
+        """The name of the body of a geom of the robot; the geom's own `name` otherwise."""
+        body = int(self._model.geom_bodyid[geom])
+        return name if not body or geom in self._names else self._model.body(body).name
 
 
 def _signature(scene: Scene) -> tuple[object, ...]:

@@ -24,7 +24,7 @@ from planners.motion.approaches import fewest_blockers, stand_off
 from planners.motion.arm import ArmQuery, is_among_objects, is_at_home, plan_arm, plan_home, unwrap_joints
 from planners.motion.base import plan_base
 from planners.motion.contact_free import merge_phases
-from planners.motion.mujoco_check import MujocoCollisionChecker
+from planners.motion.mujoco_check import STEP, TOLERANCE, MujocoCollisionChecker
 from planners.motion.path import NO_WAY, BlockedBy, NoPath, WholeBodyPath, on_base
 from planners.motion.pick_and_place import PickPlaceMotion, plan_pick, plan_place
 from planners.motion.tcp_following import follow
@@ -315,15 +315,17 @@ class MotionLayer:
         if turn is None:
             return NoPath("the other arm is not at home")
         scene, world, start = turn, self.compiled.world(turn), np.concatenate((turn.state.base, turn.state.q))
+        refusal = ""
         for _ in range(_TRIES):
             motion = plan_pick(world, grasp.base, start, grasp.q, grasp.object, rng=self.rng, rises=rises)
             if not isinstance(motion, PickPlaceMotion):
                 return motion
-            if self.checks_at_end or self.is_accepted(scene, motion.paths):
+            refusal = "" if self.checks_at_end else self.refusal(scene, motion.paths)
+            if not refusal:
                 trajectory = pick_trajectory(world, motion, scene.state)
                 carrying = scene.with_state(_end_state(motion, trajectory)).with_held(motion.held)
                 return self._followed(scene, BoundMotion(trajectory, carrying), (grasp.object,))
-        return NoPath("MuJoCo finds penetration")
+        return NoPath(f"MuJoCo finds penetration: {refusal}")
 
     def put_down(
         self, scene: Scene, placement: Placement, find_blockers: bool = False
@@ -332,6 +334,7 @@ class MotionLayer:
         assert scene.held is not None
         world, held, start = self.compiled.world(scene), scene.held, np.concatenate((scene.state.base, scene.state.q))
         world = with_lowered(world, placement.below) if placement.below else world
+        refusal = ""
         for _ in range(_TRIES):
             motion = plan_place(
                 world, placement.base, start, placement.q, held, rng=self.rng, find_blockers=find_blockers
@@ -339,14 +342,13 @@ class MotionLayer:
             if not isinstance(motion, PickPlaceMotion):
                 return motion
             released = scene.with_held(None).with_body(motion.body.lowered(placement.drop))
-            are_accepted = self.checks_at_end or (
-                self.is_accepted(scene, motion.paths[:2]) and self.is_accepted(released, motion.paths[2:])
-            )
-            if are_accepted:
+            if not self.checks_at_end:
+                refusal = self.refusal(scene, motion.paths[:2]) or self.refusal(released, motion.paths[2:])
+            if not refusal:
                 trajectory = place_trajectory(world, motion, scene.state)
                 left = released.with_state(_end_state(motion, trajectory))
                 return self._followed(scene, BoundMotion(trajectory, left, surfaces=placement.surfaces), (held.name,))
-        return NoPath("MuJoCo finds penetration")
+        return NoPath(f"MuJoCo finds penetration: {refusal}")
 
     def _followed(self, scene: Scene, bound: BoundMotion, touched: tuple[str, ...]) -> BoundMotion | BlockedBy | NoPath:
         """The same motion; under end-effector control with the joint path that follows it, or why there is none."""
@@ -406,11 +408,16 @@ class MotionLayer:
 
     def is_accepted(self, scene: Scene, paths: Sequence[WholeBodyPath | Trajectory]) -> bool:
         """Whether MuJoCo finds no penetration on any of the paths."""
+        return not self.refusal(scene, paths)
+
+    def refusal(self, scene: Scene, paths: Sequence[WholeBodyPath | Trajectory]) -> str:
+        """The penetration that MuJoCo finds on one of the paths, with the names of the bodies; "" for none."""
         arm, world = scene.robot.arm_name, self.compiled.world(scene)
         if arm not in self._checkers:
             self._checkers[arm] = MujocoCollisionChecker(scene, world)
         self._checkers[arm].move_to(scene, world)
-        return all(self._checkers[arm].accepts(path) for path in paths)
+        reports = (self._checkers[arm].deepest_penetration(path, STEP, TOLERANCE) for path in paths)
+        return next((str(report) for report in reports if report.penetration > TOLERANCE), "")
 
 
 def _end_state(motion: PickPlaceMotion, trajectory: Trajectory) -> RobotState:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -55,6 +56,11 @@ def as_seen(scene: Scene) -> Scene:
         T_world_object = tcp_pose(view.robot, view.state) @ view.held.T_tcp_object
         scene = scene.with_body(scene.body(name).at_pose(T_world_object))
     return scene
+
+
+def _without_depth(reason: str) -> str:
+    """The reason of a refutation without the depths in it."""
+    return re.sub(r"[\d.]+ mm", "", reason)
 
 
 @dataclass(frozen=True)
@@ -121,10 +127,12 @@ class Search:
         if cause.lies_in_grasps and (self.motion_layer.has_refuted or self.history or cleared):
             cause = Cause.MOTION
         if cause in (Cause.MOTION, Cause.TIME_LIMIT, Cause.GIVEN_UP):
-            reasons = Counter(record.reason for record in self.history if record.reason)
+            reasons = [record.reason for record in self.history if record.reason]
             if cause is Cause.MOTION and set(reasons) == {NO_WAY.reason}:
                 cause = Cause.NO_WAY_FOR_BASE
-            for reason, count in reasons.most_common(1):
+            # The same bodies overlap more or less deeply, by the grasp.
+            for kind, count in Counter(map(_without_depth, reasons)).most_common(1):
+                reason = next(reason for reason in reasons if _without_depth(reason) == kind)
                 detail += f"; {count} of {len(self.history)} refutations: {reason}"
         return Infeasible(cause, detail, objects, cleared, self.stats(), self.target, self.strategy, self.goal)
 

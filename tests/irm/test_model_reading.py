@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 
 import mujoco
 import numpy as np
@@ -200,3 +201,134 @@ def test_poses_of_the_arm_are_decided_and_what_a_sampled_map_says_no_to_is_asked
     assert np.all(decide(empty, above) == Status.YES.value)
     above[:, 0, 3] += 2.0
     assert np.all(decide(ur5e_map, above) == Status.NO.value)
+
+
+CUBE = "".join(f"v {x} {y} {z}\n" for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)) + "f 1 2 3\nf 2 3 5\n"
+"""An .obj file of a cube of 2 m."""
+
+
+def shaped(tag: str, size: str = "0.05 0.05 0.05", name: str = "cube.obj") -> str:
+    return f'<{tag}><geometry><mesh filename="{name}" scale="{size}"/></geometry></{tag}>'
+
+
+def write(folder, text):
+    (folder / "cube.obj").write_text(CUBE)
+    (folder / "six.urdf").write_text(text)
+    return folder / "six.urdf"
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('velocity="1"', 'velocity="1" drake:acceleration="2"'),
+        (
+            "</robot>",
+            '<drake:transmission/><mujoco><compiler meshdir="meshes" discardvisual="false"/></mujoco></robot>',
+        ),
+        ("<robot", "\n<!-- made -- by hand --><robot"),
+    ],
+)
+def test_urdf_files_that_mujoco_reads_are_read(tmp_path, old, new):
+    """They were refused: unbound prefixes, a <compiler> of the file's own, comments that XML does not allow."""
+    text = urdf().replace(MESH, "").replace(old, new)
+    chain = ArmChain.from_urdf(write(tmp_path, text), "l0", "tip", "z")
+    np.testing.assert_allclose(forward(chain, np.zeros(7))[:3, 3], (0.0, 0.0, 1.3), atol=1e-12)
+
+
+def test_meshes_are_found_in_the_folder_that_the_file_names(tmp_path):
+    (tmp_path / "meshes").mkdir()
+    text = urdf().replace(MESH, shaped("collision", name="package://gone/x/cube.obj"))
+    file = write(tmp_path, text.replace("</robot>", '<mujoco><compiler meshdir="meshes"/></mujoco></robot>'))
+    (tmp_path / "cube.obj").rename(tmp_path / "meshes" / "cube.obj")
+    assert len(ArmChain.from_urdf(file, "l0", "tip", "z").shapes.core) == 7
+
+
+def test_meshes_of_urdf_files_are_shapes_and_visuals_where_there_is_nothing_else(tmp_path):
+    """Of link 0 both, of link 1 what is for the eye, of link 2 the mark of a frame; all were dropped."""
+    mark = '<visual><geometry><box size="0.01 0.01 0.01"/></geometry></visual>'
+    shapes = [shaped("visual", "0.9 0.9 0.9") + shaped("collision"), shaped("visual"), mark]
+    text = urdf().replace(MESH, "")
+    for k, shape in enumerate(shapes):
+        text = text.replace(f'<link name="l{k}">', f'<link name="l{k}">{shape}')
+    chain = ArmChain.from_urdf(write(tmp_path, text), "l0", "tip", "z")
+    assert sorted(chain.shapes.link) == [0, 1]
+    assert chain.shapes.bound.max() < 0.2, "the large one is for the eye of a link that has another"
+
+
+@pytest.mark.parametrize(("name", "reason"), [("x.glb", "trimesh"), ("x.dae", r"\.stl, \.obj"), ("x.stl", "no mesh")])
+def test_meshes_that_are_no_shapes_are_logged_by_the_name_of_the_link(tmp_path, caplog, name, reason):
+    text = urdf().replace(MESH, "").replace('<link name="l3">', f'<link name="l3">{shaped("collision", name=name)}')
+    with caplog.at_level("WARNING"):
+        ArmChain.from_urdf(write(tmp_path, text), "l0", "tip", "z")
+    (record,) = caplog.records
+    assert "'l3'" in record.message
+    assert name in record.message
+    assert re.search(reason, record.message)
+
+
+def test_meshes_in_millimetres_are_refused(tmp_path):
+    text = urdf().replace(MESH, "").replace('<link name="l3">', f'<link name="l3">{shaped("collision", "50 50 50")}')
+    with pytest.raises(ChainError, match=r"mesh of 'l3' is \d+ m long: .*millimetres.*scale"):
+        ArmChain.from_urdf(write(tmp_path, text), "l0", "tip", "z")
+
+
+def test_joints_that_follow_others_are_no_joints_of_an_arm(tmp_path):
+    """They were read as free: poses were called reachable that are not. Beyond the tip they do not matter."""
+    text = urdf().replace(MESH, "")
+    mimic = '<mimic joint="{}" multiplier="-1"/></joint>'
+    third, last = (text.index("</joint>", text.index(f'name="j{k}"')) for k in (2, 5))
+    with pytest.raises(ChainError, match=r"'j2' follows 'j1'"):
+        ArmChain.from_urdf(
+            write(tmp_path, text[:third] + mimic.format("j1") + text[third + 8 :]), "l0", "tip", approach="z"
+        )
+    finger = text[: last + 8] + (
+        '<link name="finger"/><joint name="f" type="revolute"><parent link="l6"/><child link="finger"/>'
+        '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/>' + mimic.format("j5")
+    )
+    assert ArmChain.from_urdf(write(tmp_path, finger + text[last + 8 :]), "l0", "tip", "z").size == 7
+    panda = (FOLDER / "panda.xml").read_text()
+    coupled = panda.replace("</mujoco>", '<equality><joint joint1="joint3" joint2="joint2"/></equality></mujoco>')
+    with pytest.raises(ChainError, match=r"'joint3' follows 'joint2'"):
+        ArmChain.from_mjcf(mujoco.MjModel.from_xml_string(coupled), "base", "tcp")
+
+
+@pytest.mark.parametrize(("rpy", "is_upright"), [("1.2 0 0", False), ("3.14159 0 0", False), ("0.0001 0 2", True)])
+def test_a_base_that_does_not_stand_upright_is_refused(tmp_path, rpy, is_upright):
+    """Answers about the floor take z to point up."""
+    text = urdf().replace(MESH, "").replace('<link name="l0">', '<link name="root"/><link name="l0">', 1)
+    joint = f'<joint name="b" type="fixed"><parent link="root"/><child link="l0"/><origin rpy="{rpy}"/></joint></robot>'
+    file = write(tmp_path, text.replace("</robot>", joint))
+    assert ArmChain.from_urdf(file, "root", "tip", "z").size == 7
+    if is_upright:
+        assert ArmChain.from_urdf(file, "l0", "tip", "z").size == 7
+        return
+    with pytest.raises(ChainError, match=r"'l0' is .* rad off the vertical.*: 'root', 'world'"):
+        ArmChain.from_urdf(file, "l0", "tip", "z")
+
+
+def test_a_joint_of_the_base_body_itself_is_not_dropped(tmp_path):
+    """It was, and an arm of seven joints became one of six; the joints of a base that drives are not the arm's."""
+    panda = arm_model("panda")
+    with pytest.raises(ChainError, match=r"'joint1' moves 'link1' itself.*choose 'base'"):
+        ArmChain.from_mjcf(panda, "link1", "tcp")
+    assert ArmChain.from_mjcf(FETCH.mjcf_path, FETCH.base_body, FETCH.tcp_site).size == 8
+    text = urdf().replace(MESH, "")
+    for k, (kind, axis) in enumerate((("prismatic", "1 0 0"), ("prismatic", "0 1 0"), ("continuous", "0 0 1"))):
+        child = "l0" if k == 2 else f"b{k + 1}"
+        text = text.replace(
+            "</robot>",
+            f'<link name="b{k}"/><joint name="d{k}" type="{kind}"><parent link="b{k}"/><child link="{child}"/>'
+            f'<axis xyz="{axis}"/><limit lower="-9" upper="9" effort="1" velocity="1"/></joint></robot>',
+        )
+    file = write(tmp_path, text)
+    assert ArmChain.from_urdf(file, "l0", "tip", "z").size == 7, "a base that drives, link by link"
+    with pytest.raises(ChainError, match=r"6 or 7 hinges|'j0' moves 'l1' itself"):
+        ArmChain.from_urdf(file, "l1", "tip", "z")
+
+
+def test_a_xacro_file_is_named_as_such(tmp_path):
+    include = '<xacro:include filename="arm.xacro"/><link'
+    text = urdf().replace("<robot", '<robot xmlns:xacro="http://ros.org/wiki/xacro"', 1)
+    assert ArmChain.from_urdf(write(tmp_path, text.replace(MESH, "")), "l0", "tip", "z").size == 7
+    with pytest.raises(ChainError, match=r"xacro six\.urdf > robot\.urdf"):
+        ArmChain.from_urdf(write(tmp_path, text.replace("<link", include, 1)), "l0", "tip", "z")

@@ -9,16 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from assets.robots import RobotSpec, robot
+from assets.robots import FETCH, RobotSpec, robot
 from clutter_env.cli.main import main
 from clutter_env.cli.robot_report import (
     LevelReach,
+    _most_often_touching,
     home_candidates,
     least_grasp_height,
     level_reach,
     report_of,
     why_no_home,
 )
+from clutter_env.cli.robot_trials import SceneTrials, try_scenes
 from irm.chain import ArmChain
 from irm.kinematics import forward
 
@@ -38,7 +40,7 @@ def reach_once(reach: LevelReach, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("reach_once")
 def test_a_good_robot_is_drawn_and_has_no_problem(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    main(["robot", "check", "panda_mobile", "--out", str(tmp_path / "robot.png")])
+    main(["robot", "check", "panda_mobile", "--scenes", "0", "--out", str(tmp_path / "robot.png")])
     text = capsys.readouterr().out
     assert "no problem found" in text
     assert "7 joints, closed form: three axes meet" in text
@@ -100,8 +102,70 @@ def test_the_report_counts_all_grasps_not_the_level_ones_alone(
 def test_why_there_is_no_home_is_said() -> None:
     assert "reaches no grasp on a table of 3.0 m" in why_no_home(PANDA, 3.0)
     said = why_no_home(PANDA, 0.75)
-    assert "are free of self-collision" in said
+    assert "touch neither the robot itself nor the ground" in said
     assert "--apart" in said
+    assert "none" not in said
+    down = np.array([[0.04, 0.0, 1.5, 0.0, 0.0, 0.0, 0.0, 0.0]])
+    assert "and the ground (100%)" in _most_often_touching(FETCH, down), "what the ground hits was touched by none"
+
+
+def changed_panda(folder: Path, old: str, new: str) -> RobotSpec:
+    text = PANDA.mjcf_path.read_text()
+    assert old in text
+    (folder / "panda.xml").write_text(text.replace(old, new, 1))
+    page = {name: getattr(PANDA, name) for name in ("base_joints", "finger_joints", "home", "grasp_height")}
+    return RobotSpec.from_mjcf(folder / "panda.xml", tip="tcp", **page)
+
+
+@pytest.mark.usefixtures("reach_once")
+@pytest.mark.parametrize(("z", "where"), [(0.043, "20 mm ahead of"), (0.083, "20 mm behind"), (0.1034, "")])
+def test_a_palm_that_leaves_no_room_before_it_is_named(tmp_path: Path, z: float, where: str) -> None:
+    """It said: palm -80 mm behind the TCP, no problem found."""
+    robot = changed_panda(tmp_path, 'name="tcp" pos="0 0 0.1034"', f'name="tcp" pos="0 0 {z}"')
+    found = [problem for problem in report_of(robot).problems if "--tool" in problem]
+    assert [where in problem for problem in found] == ([True] if where else [])
+
+
+@pytest.mark.usefixtures("reach_once")
+@pytest.mark.parametrize("depth", [0.0, 0.0053])
+def test_a_base_in_the_ground_is_named_with_the_depth(tmp_path: Path, depth: float) -> None:
+    """All plans were refuted, and no message named the wheel."""
+    joint = '<joint name="base_x"'
+    wheel = (
+        f'<body name="wheel" gravcomp="1"><geom type="sphere" size="0.05" pos="0 0 {0.05 - depth}" mass="1"/></body>'
+    )
+    robot = changed_panda(tmp_path, joint, f"{wheel}{joint}")
+    found = [problem for problem in report_of(robot).problems if "ground" in problem]
+    assert found == (["'wheel' is 5.3 mm below the ground: raise what stands on the base"] if depth else [])
+
+
+def test_no_problem_is_found_only_after_scenes_were_executed(
+    reach: LevelReach, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A robot whose every plan was refuted had no problem."""
+    monkeypatch.setattr("clutter_env.cli.robot_report.level_reach", lambda *_: reach)
+    asked = []
+
+    def failing(robot: RobotSpec, count: int) -> SceneTrials:
+        asked.append((robot.name, count))
+        return SceneTrials({0: "", 1: "motion: wheel and floor overlap by 5.3 mm", 2: "unreachable"})
+
+    monkeypatch.setattr("clutter_env.cli.robot_trials.try_scenes", failing)
+    with pytest.raises(SystemExit):
+        main(["robot", "check", "panda_mobile", "--out", str(tmp_path / "robot.png")])
+    text = capsys.readouterr().out
+    assert asked == [("panda_mobile", 3)]
+    assert "no problem found" not in text
+    assert "PROBLEM: 1 of 3 scenes with 5 objects planned and executed, clean; seed 1: motion: wheel and floor" in text
+    main(["robot", "check", "panda_mobile", "--scenes", "0", "--out", str(tmp_path / "robot.png")])
+    assert "no problem found" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_scenes_are_planned_and_executed() -> None:
+    trials = try_scenes(robot("fetch"), 2)
+    assert trials.reasons == {0: "", 1: ""}
+    assert trials.is_good
 
 
 def test_suggested_homes_are_level_ahead_and_high() -> None:

@@ -3,17 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
 
+from assets.robots import FETCH
+from planners import find_strategy
+from planners.cause import Cause
 from planners.context import PlanningContext
+from planners.goals import holding
+from planners.motion.arm import tcp_pose
+from planners.motion.path import NoPath
 from planners.placing import placements
 from planners.tamp import motion_layer
 from planners.tamp.motion_layer import MotionLayer
-from tests.planners.scenes import random_scene
+from planners.tamp.solution import ReplanRecord
+from planners.tamp.state import Search
+from tests.planners.motion_scenes import arm_path
+from tests.planners.scenes import cylinder, random_scene
 
 SCENE = random_scene(6, 0)
+POST = tuple(tcp_pose(FETCH, SCENE.state)[:2, 3] + [0.0385 - 0.015 + 0.03, -0.008])
+"""x, y [m] of a post of 3 cm radius that the closed gripper just touches at home."""
 CONTEXT = PlanningContext.of(SCENE.robot, SCENE, grasps="side")
 
 
@@ -58,3 +70,34 @@ def test_a_grasp_whose_straight_lines_are_blocked_counts_as_refuted_by_motion() 
         layer._reject(SCENE, grasp)
     assert layer.has_refuted
     assert layer.unusable == 1
+
+
+def test_a_refusal_by_penetration_names_bodies_and_depth(tmp_path: Path) -> None:
+    """A wheel 5.3 mm in the ground refuted every motion, and the cause was "motion", without a name.
+
+    MuJoCo looks where the gripper is near something, here a post.
+    """
+    text, body = FETCH.mjcf_path.read_text(), '<body name="base_link" childclass="fetch" gravcomp="1">'
+    wheel = '<body name="r_wheel_link" gravcomp="1"><geom type="sphere" size="0.05" pos="0 0 0.0447" mass="1"/></body>'
+    assert body in text
+    (tmp_path / "fetch.xml").write_text(text.replace(body, body + wheel))
+    sunk, layer = replace(FETCH, mjcf=str(tmp_path / "fetch.xml")), new_layer()
+    scene = replace(SCENE, robot=sunk, objects=(cylinder("post", *POST, 0.03, 0.4),))
+    still = arm_path(scene.state.base, np.array(FETCH.home)[None], 0.0)
+    assert layer.refusal(scene, [still]) in (
+        "r_wheel_link and floor overlap by 5.3 mm",
+        "floor and r_wheel_link overlap by 5.3 mm",
+    )
+    grasp = layer.candidates.for_object(SCENE, "object_00")[0]
+    at_grasp = SCENE.with_state(replace(SCENE.state, base=grasp.base))
+    with patch.object(MotionLayer, "refusal", return_value="r_wheel_link and floor overlap by 5.3 mm"):
+        refused = layer.pick_up(at_grasp, grasp)
+    assert refused == NoPath("MuJoCo finds penetration: r_wheel_link and floor overlap by 5.3 mm")
+
+
+def test_refusals_that_differ_in_depth_alone_are_counted_together() -> None:
+    strategy = find_strategy("lookahead")
+    search = Search(holding("object_00"), strategy, None, new_layer())  # type: ignore[arg-type]  # it plans nothing
+    reasons = ["c and d overlap by 3 mm", "a and b overlap by 1.0 mm", "a and b overlap by 12.5 mm"]
+    search.history += [ReplanRecord((), 0, "", (), reason) for reason in reasons]
+    assert "2 of 3 refutations: a and b overlap by 1.0 mm" in search.infeasible(Cause.MOTION, "none", ()).detail

@@ -153,15 +153,15 @@ def test_a_straight_motion_has_no_corners_to_round() -> None:
 def test_a_plan_that_mujoco_refutes_at_the_end_is_made_again_with_every_motion_checked(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    scene, accepts, asked = random_scene(25, 3), MotionLayer.is_accepted, []
+    scene, refusal, asked = random_scene(25, 3), MotionLayer.refusal, []
     expected = solve(scene, "object_07", grasps="side")
     assert isinstance(expected, Solution)
 
-    def refuse_at_the_end(self: MotionLayer, scene: Scene, paths: Sequence[WholeBodyPath | Trajectory]) -> bool:
+    def refuse_at_the_end(self: MotionLayer, scene: Scene, paths: Sequence[WholeBodyPath | Trajectory]) -> str:
         asked.append(self.checks_at_end)
-        return not self.checks_at_end and accepts(self, scene, paths)
+        return "two bodies overlap" if self.checks_at_end else refusal(self, scene, paths)
 
-    monkeypatch.setattr(MotionLayer, "is_accepted", refuse_at_the_end)
+    monkeypatch.setattr(MotionLayer, "refusal", refuse_at_the_end)
     again = solve(scene, "object_07", grasps="side")
     assert set(asked) == {True, False}
     assert isinstance(again, Solution)
