@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irm.answers import BasePlacement, Status
+from irm.base_decisions import SPARE_BASES, best_first
 from irm.compilation import njit
 from irm.errors import QueryError
 from irm.free_space import Raster, floor_distance, point_is_free
 from irm.ik.solvers import all_solutions
-from irm.inverse_table import SPARE_BASES, GroupField, InverseTable, best_first
+from irm.inverse_table import GroupField, InverseTable
 from irm.kinematics import wrap
 from irm.query_kernels import SAME_PLACE, Tiles, base_turns, is_apart
 from irm.query_keys import Key, QueryOptions, as_yaw_ranges, find_key, yaw_window
@@ -128,7 +129,7 @@ class _Search:
         """The best bases common to all positions."""
         k = self.options.k
         found = self._common_bases(k)
-        if len(found.rows) and self.table.is_exact_wanted(self.options, by_default=self.same_yaw):
+        if len(found.rows) and self._is_exact_wanted(found):
             kept = self._decided(found)
             if kept.rows[:, 4].sum() < len(found.rows):  # others may take the places of those that are not certain
                 kept = self._decided(self._common_bases(k + SPARE_BASES))
@@ -138,6 +139,12 @@ class _Search:
         else:
             status = Status.NO if self._is_out_of_reach() else Status.UNKNOWN
         return BasePlacement.of_multi_rows(*found[:3], status, found.configurations)
+
+    def _is_exact_wanted(self, found: _Found) -> bool:
+        """By default, for paths of arms that take little time, and where the map is certain of no base."""
+        decisions = self.table.decisions
+        by_default = (self.same_yaw and decisions.is_fast) or not found.rows[:, 4].any()
+        return decisions.is_wanted(self.options, by_default)
 
     def find_clear_of(self, solids: SolidBoxes, pivots: Floats) -> BasePlacement:
         """The same at those turns at which gripper and wrist are in no solid box.
@@ -188,12 +195,12 @@ class _Search:
     def _decided(self, found: _Found) -> _Found:
         """Those of the bases that may reach all positions, with exact configurations, their μ, and certainty."""
         points = self.points[self._turn_numbers(found.yaws[:, self.reference])]
-        decided = self.table.decide(found.rows[:, :3], points, found.yaws, self.options)
+        decided = self.table.decisions.decide(found.rows[:, :3], points, found.yaws, self.options)
         found.rows[:, 4] = certain = decided.certain
         order = best_first(found.rows[:, 3], certain, decided.may_reach)[: self.options.k]
         rows, torsos, q = found.rows[order], found.torsos[order], decided.configurations[order]
         sure = certain[order]
-        q[sure], mu = self.table.improve(decided, order[sure], torsos[sure])
+        q[sure], mu = self.table.decisions.improve(decided, order[sure], torsos[sure])
         rows[sure, 3], torsos[sure] = mu.min(axis=1), q[sure][..., 0]
         by_mu = best_first(rows[:, 3], sure, np.ones(len(rows), dtype=bool))
         return _Found(rows[by_mu], torsos[by_mu], found.yaws[order][by_mu], q[by_mu])

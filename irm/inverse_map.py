@@ -9,14 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irm.answers import BasePlacement, PlacementBatch, Status
+from irm.base_decisions import BaseDecisions
 from irm.errors import QueryError
 from irm.free_space import FreeSpace
-from irm.inverse_table import SPARE_BASES, InverseTable, best_apart, best_first, ranking_score
+from irm.inverse_table import InverseTable, best_apart, ranking_score
 from irm.query_kernels import SAME_PLACE, PlaceQueries, TcpPlace, Tiles, base_turns, best_bases, best_bases_batch
 from irm.query_keys import (
     FULL_TURN,
-    MOST_BASES,
     Key,
+    Order,
     QueryKeywords,
     QueryOptions,
     YawWindow,
@@ -40,9 +41,6 @@ _ROWS_AT_A_TIME = 4096
 """Bases computed by one call of a kernel: some milliseconds, after which the interpreter handles Ctrl-C."""
 _SQUARE = 0.1
 """[m] Edge of the squares of `_neighbours_together`; a row of sixteen has the length of a large table."""
-_MORE_BASES, _AT_A_TIME = 256, 16
-"""Bases decided exactly, beyond the number wanted, before an answer is given without a certain base; and how many of
-them at a time."""
 
 
 class InverseReachabilityMap:
@@ -60,8 +58,11 @@ class InverseReachabilityMap:
         separation: smallest distance between two of them, by default 0.1 [m].
         yaw_step: largest distance between two approach yaws that are tried, at least 0.001; by default 15° [rad].
         exact: whether the bases are decided by exact inverse kinematics. Those that certainly do not reach are
-            dropped, and `certain` is exact. None, the default: where it takes little time or is needed, for paths of
-            arms with a closed form, and in `query` where no base of a ring of the map is certain.
+            dropped, `certain` is exact, and μ and torso are those of `configurations`. None, the default: for paths of
+            arms with a closed form; and in `query`, `query_path` and `query_multi` where the map is not certain of the
+            best base. In `query` μ and order are then those of the map still.
+        order: "manipulability", the default: highest μ first, as in the paper. "certainty": first those whose cells are
+            reached over their whole height, so that fewer have to be decided.
 
     Their answers hold at most k bases, best first. The status is NO if certainly no base exists for any allowed yaw.
     They raise `QueryError` if a number is not finite, a range is empty, numbers of positions and ranges do not match,
@@ -92,7 +93,7 @@ class InverseReachabilityMap:
         yaw_range: tuple[float, float] = FULL_TURN,
         **keywords: Unpack[QueryKeywords],
     ) -> BasePlacement:
-        """The bases of highest μ from which the arm reaches a TCP pose; see `inverse_table.ranking_score`.
+        """The bases of highest μ from which the arm reaches a TCP pose.
 
         Args:
             position: (3,) of the TCP in the world, floor at z = 0 [m]; or its pose, an array (4, 4), which stands for
@@ -104,31 +105,20 @@ class InverseReachabilityMap:
         if getattr(position, "ndim", 1) == 2:
             position, yaw_range, keywords = as_position_and_angles(position, yaw_range, keywords)
         options = checked_options(keywords)
-        table, space, rows = self._table, options.free_space, np.empty((0, 7))
+        table, space, tiles = self._table, options.free_space, self._table.tiles_in(options.order)
         grid = table.grid
         point, bounds = as_position(position), as_yaw_range(yaw_range)
         key = find_key(grid, point[2], options.pitch, options.roll)
         if key is None or space.is_empty:
             return BasePlacement.nothing(Status.NO)
         place = TcpPlace(key.number, point[0], point[1], key.height_offset, key.exact)
-        window, configurations = yaw_window(grid, key, bounds, options.yaw_step), None
-        is_exact = table.is_exact_wanted(options, by_default=False)
-        if not is_exact:
-            rows = self._best_bases(place, window, space, options.k, options.separation)
-            # Where no cell of a key is reached over its whole height, inverse kinematics says which bases reach.
-            unsure = options.exact is None and key.exact and len(rows) > 0 and not rows[0, 6]
-            is_exact = unsure and table.reachability_map.chain is not None
-        if is_exact:
-            rows = self._best_bases(place, window, space, options.k + SPARE_BASES, options.separation)
-            rows, configurations = self._decided(rows, point, options)
-            if not rows[:, 6].any():
-                # More of the ranking, each base at one turn: to the arm it is the same base at every turn.
-                others = self._best_bases(place, window, space, options.k + _MORE_BASES, -SAME_PLACE)
-                for first in range(0, len(others), _AT_A_TIME):
-                    some, q = self._decided(others[first : first + _AT_A_TIME], point, options)
-                    if some[:, 6].any():
-                        rows, configurations = some, q
-                        break
+        window = yaw_window(grid, key, bounds, options.yaw_step)
+
+        def ranked(count: int, at_one_turn: bool) -> Floats:
+            separation = -SAME_PLACE if at_one_turn else options.separation
+            return _best_bases(tiles, place, window, space, count, separation)
+
+        rows, configurations = table.decisions.settle(ranked, point, options)
         if len(rows):
             return BasePlacement.of_rows(rows, configurations)
         possible = table.may_exist(point, options.pitch, key, bounds, space)
@@ -164,11 +154,11 @@ class InverseReachabilityMap:
         order = _neighbours_together(keys, points) if len(ranges) == 1 else np.arange(n)
         rows, counts = np.empty((n, options.k, 7)), np.empty(n, dtype=np.int64)
         apart = max(options.separation, SAME_PLACE)
-        block = max(1, _ROWS_AT_A_TIME // options.k)
+        block, tiles = max(1, _ROWS_AT_A_TIME // options.k), self._table.tiles_in(options.order)
         for first in range(0, n, block):
             some = order[first : first + block]
-            best_bases_batch(self.tiles, queries, some, window, options.free_space.raster, apart, rows, counts)
-        if self._table.is_exact_wanted(options, by_default=False):
+            best_bases_batch(tiles, queries, some, window, options.free_space.raster, apart, rows, counts)
+        if self._table.decisions.is_wanted(options, by_default=False):
             self._decide_batch(rows, counts, points, options)
         return PlacementBatch.of_rows(rows, counts)
 
@@ -239,52 +229,34 @@ class InverseReachabilityMap:
             return place_for_arms(tables, as_positions(targets), yaw_ranges, checked_options(keywords))
         return place_for_targets(self._table, as_positions(targets), yaw_ranges, checked_options(keywords))
 
-    def _best_bases(
-        self, place: TcpPlace, window: YawWindow, space: FreeSpace, count: int, separation: float
-    ) -> Floats:
-        """(m, 7) rows of the kernel, m ≤ count. Many are computed in parts, between which Ctrl-C is handled."""
-        rows, progress, tiles = np.empty((count, 7)), np.zeros(3, dtype=np.int64), self.tiles
-        if separation < 0.0:
-            tiles = tiles._replace(rings=tiles.ranked)
-        else:
-            separation = max(separation, SAME_PLACE)
-        while progress[0] == progress[2] < count:
-            progress[2] += _ROWS_AT_A_TIME
-            best_bases(tiles, place, window, space.raster, separation, rows, progress)
-        return rows[: progress[0]]
-
-    def _decided(self, rows: Floats, point: Sequence[float], options: QueryOptions) -> tuple[Floats, Floats]:
-        """Those of the bases (m, 7) that may reach a point, `options.k` at most, and configurations; see `_decide`."""
-        kept, q = self._decide(rows, np.tile(point, (len(rows), 1)), options, options.k)
-        return rows[kept], q[kept]
-
-    def _decide(
-        self, rows: Floats, points: Floats, options: QueryOptions, most: int = MOST_BASES
-    ) -> tuple[Integers, Floats]:
-        """Which of the bases of rows (m, 7) may reach their points (m, 3): `most` at most, the certain and best first;
-        and configurations (m, 1 + n) that do. Sets certainty, torso height and μ of the rows to those of these."""
-        decided = self._table.decide(rows[:, :3], points[:, None], rows[:, 3, None], options)
-        certain, q = decided.certain, decided.configurations[:, 0].copy()
-        rows[:, 6] = certain
-        kept = best_first(rows[:, 4], certain, decided.may_reach)[:most]
-        sure = kept[certain[kept]]
-        better, mu = self._table.improve(decided, sure, rows[sure, 5, None])
-        q[sure], rows[sure, 4], rows[sure, 5] = better[:, 0], mu[:, 0], better[:, 0, 0]
-        return kept[best_first(rows[kept, 4], certain[kept], np.ones(len(kept), dtype=bool))], q
-
     def _decide_batch(self, rows: Floats, counts: Integers, points: Floats, options: QueryOptions) -> None:
         """Decide the bases (n, k, 7) of a batch exactly, in place; those that do not reach are dropped."""
         rank = np.arange(options.k)
         kept = rank < counts[:, None]
         found, some = rows[kept], points[np.nonzero(kept)[0]]
         may_reach = np.zeros(len(found), dtype=bool)
-        may_reach[self._decide(found, some, options)[0]] = True
+        may_reach[self._table.decisions.decide_rows(found, some, options)[0]] = True
         kept[kept] = may_reach
         rows[rank < counts[:, None]] = found
         order = np.lexsort((-rows[..., 4], -rows[..., 6], ~kept), axis=1)
         rows[:] = np.take_along_axis(rows, order[..., None], axis=1)
         counts[:] = kept.sum(axis=1)
         rows[rank >= counts[:, None]] = (*[np.nan] * 6, 0.0)
+
+
+def _best_bases(
+    tiles: Tiles, place: TcpPlace, window: YawWindow, space: FreeSpace, count: int, separation: float
+) -> Floats:
+    """(m, 7) rows of the kernel, m ≤ count. Many are computed in parts, between which Ctrl-C is handled."""
+    rows, progress = np.empty((count, 7)), np.zeros(3, dtype=np.int64)
+    if separation < 0.0:
+        tiles = tiles._replace(rings=tiles.ranked)
+    else:
+        separation = max(separation, SAME_PLACE)
+    while progress[0] == progress[2] < count:
+        progress[2] += _ROWS_AT_A_TIME
+        best_bases(tiles, place, window, space.raster, separation, rows, progress)
+    return rows[: progress[0]]
 
 
 def _neighbours_together(keys: Integers, points: Floats) -> Integers:
@@ -321,7 +293,8 @@ class ClassicalInverseReachabilityMap:
 
     def __init__(self, reachability_map: ReachabilityMap) -> None:
         self.reachability_map = rm = reachability_map.subset(reachability_map.manipulability > 0)
-        self._score = ranking_score(rm, rm.manipulability, rm.flags)
+        self._scores: dict[Order, NDArray[np.float32]] = {"manipulability": rm.manipulability}
+        self._decisions = BaseDecisions(rm)
         T = _inverse_transforms(rm)
         self._blocks = [np.ascontiguousarray(T[:, k : k + _BLOCK]) for k in range(0, len(rm), _BLOCK)]
 
@@ -338,16 +311,14 @@ class ClassicalInverseReachabilityMap:
         """The bases of highest μ from which the arm reaches a TCP pose; arguments as of `InverseReachabilityMap.query`.
 
         The status is NO only if the TCP is out of the map's height or no floor is free: a base that this map does not
-        contain may still exist. Nothing is decided exactly.
+        contain may still exist.
 
         Raises:
-            QueryError: as of `InverseReachabilityMap.query`, or `exact` is true.
+            QueryError: as of `InverseReachabilityMap.query`.
         """
         if getattr(position, "ndim", 1) == 2:
             position, yaw_range, keywords = as_position_and_angles(position, yaw_range, keywords)
         options = checked_options(keywords)
-        if options.exact:
-            raise QueryError("exact=True is for the map of equation 5: InverseReachabilityMap")
         grid, space = self.reachability_map.grid, options.free_space
         point, bounds = as_position(position), as_yaw_range(yaw_range)
         key = find_key(grid, point[2], options.pitch, options.roll)
@@ -358,13 +329,23 @@ class ClassicalInverseReachabilityMap:
         per_yaw = [self._candidates(point, yaw, angles, space) for yaw in turns]
         base, x, y, base_yaw, approach = (np.concatenate(column) for column in zip(*per_yaw, strict=True))
         mu = self.reachability_map.manipulability[base]
-        chosen = best_apart(x, y, self._score[base], options.k, options.separation)
-        if not len(chosen):
-            return BasePlacement.nothing(Status.UNKNOWN)
-        torso, certain = self._torso_and_certainty(base[chosen], key)
-        poses = np.column_stack([x, y, base_yaw, wrap_to_pi(approach + key.yaw_shift), mu])[chosen]
-        rows = np.column_stack([poses, torso, certain])
-        return BasePlacement.of_rows(rows)
+        if options.order not in self._scores:
+            rm = self.reachability_map
+            self._scores[options.order] = ranking_score(rm, rm.manipulability, rm.flags, options.order)
+        score = self._scores[options.order][base]
+
+        def ranked(count: int, at_one_turn: bool) -> Floats:
+            if at_one_turn:  # the first one of each, in the order of the score
+                _, first = np.unique(base, return_index=True)
+                chosen = first[np.argsort(-score[first], kind="stable")][:count]
+            else:
+                chosen = best_apart(x, y, score, count, options.separation)
+            torso, certain = self._torso_and_certainty(base[chosen], key)
+            poses = np.column_stack([x, y, base_yaw, wrap_to_pi(approach + key.yaw_shift), mu])[chosen]
+            return np.column_stack([poses, torso, certain])
+
+        rows, configurations = self._decisions.settle(ranked, point, options)
+        return BasePlacement.of_rows(rows, configurations) if len(rows) else BasePlacement.nothing(Status.UNKNOWN)
 
     def _candidates(
         self, point: tuple[float, float, float], yaw: float, angles: tuple[float, float], space: FreeSpace

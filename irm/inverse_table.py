@@ -12,15 +12,13 @@ the TCP.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 from math import cos, hypot, sin, sqrt
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.answers import NO, YES
-from irm.errors import QueryError
+from irm.base_decisions import BaseDecisions
 from irm.free_space import FreeSpace
 from irm.query_kernels import (
     PARTS,
@@ -35,20 +33,14 @@ from irm.query_kernels import (
     disc_meets_floor,
     turns_of,
 )
-from irm.query_keys import Key, QueryOptions, linspace_angles, nearby_keys, outer_turns
+from irm.query_keys import Key, Order, linspace_angles, nearby_keys, outer_turns
 from irm.reachability_map import CERTAIN_IN_HEIGHT, ReachabilityMap
-from irm.rotations import rotation
-
-if TYPE_CHECKING:
-    from irm.ik.solvers import ExactSolver
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Integers = NDArray[np.int64]
 TILE = 0.1
 """[m] Edge of a tile: two voxels, so that about twenty bases share one look-up of the floor."""
-SPARE_BASES = 8
-"""Bases that are decided beyond the number wanted, in place of those that are dropped."""
 _OUTER_VOXELS = 1.5 * float(np.sqrt(2.0))
 """Voxels by which the outer map extends beyond a reachable one: to the far corner of its diagonal neighbour."""
 
@@ -69,32 +61,28 @@ class GroupField(NamedTuple):
     thickness: float
 
 
-class Decided(NamedTuple):
-    """Exact answers for k bases, with m TCP poses of each.
-
-    `may_reach` (k,): false where a pose is certainly out of reach; `certain` (k,): whether a configuration is known for
-    all; these `configurations` (k, m, 1 + n), NaN where there is none; and the poses, `T_base_tcp` (k, m, 4, 4).
-    """
-
-    may_reach: NDArray[np.bool_]
-    certain: NDArray[np.bool_]
-    configurations: Floats
-    T_base_tcp: Floats
-
-
 class InverseTable:
     """The bases of equation 5, found by the key of a TCP pose: what all queries on them share.
 
     Attributes:
         reachability_map, grid: the map that was inverted, and its cells.
         tiles: the bases as arrays, for kernels.
+        decisions: exact ones about bases.
     """
 
     def __init__(self, reachability_map: ReachabilityMap) -> None:
         self.reachability_map = reachability_map
+        self.decisions = BaseDecisions(reachability_map)
         self.grid = reachability_map.grid
         self.tiles = invert_map(reachability_map)
         self._fields: dict[int, GroupField] = {}
+        self._in_order: dict[Order, Tiles] = {"manipulability": self.tiles}
+
+    def tiles_in(self, order: Order) -> Tiles:
+        """The bases in an order; those by certainty are sorted at the first call."""
+        if order not in self._in_order:
+            self._in_order[order] = invert_map(self.reachability_map, order)
+        return self._in_order[order]
 
     def field(self, group: int) -> GroupField:
         """The map of one orientation group as a dense array, made at the first call."""
@@ -160,61 +148,6 @@ class InverseTable:
         numbers = np.array([key.number for key in keys])
         return int((self.tiles.base_first[numbers + 1] - self.tiles.base_first[numbers]).argmin())
 
-    def is_exact_wanted(self, options: QueryOptions, by_default: bool) -> bool:
-        """Whether the bases of a query are to be decided exactly; `by_default`: for an arm with a closed form, if the
-        caller does not say.
-
-        Raises:
-            QueryError: the caller wants it, and the map does not know its arm.
-        """
-        chain = self.reachability_map.chain
-        if options.exact and chain is None:
-            raise QueryError("exact=True needs the arm of the map; this map was made from poses")
-        if options.exact is None:
-            return by_default and chain is not None and chain.has_closed_form
-        return options.exact
-
-    def decide(self, bases: Floats, points: Floats, yaws: Floats, options: QueryOptions) -> Decided:
-        """Exact answers for k bases and m TCP poses of each.
-
-        Args:
-            bases: (k, 3) x, y [m] and yaw [rad].
-            points: (k, m, 3) TCP positions in the world [m].
-            yaws: (k, m) approach yaws in the world [rad].
-            options: with pitch and roll of the TCP.
-        """
-        T = np.zeros((*yaws.shape, 4, 4))
-        T[..., :3, :3] = _about_z(yaws - bases[:, None, 2]) @ rotation(0.0, options.pitch, options.roll)
-        offset = points - np.concatenate([bases[:, None, :2], np.zeros((len(bases), 1, 1))], axis=2)
-        T[..., :3, 3] = np.einsum("kij,kmj->kmi", _about_z(-bases[:, 2]), offset)
-        T[..., 3, 3] = 1.0
-        flat = T.reshape(-1, 4, 4)
-        # A base at several turns about the TCP is the same base to the arm.
-        _, first, same = np.unique(flat.round(6).reshape(-1, 16), axis=0, return_index=True, return_inverse=True)
-        answers, q = self._solver.solve(flat[first])
-        answers = answers[same].reshape(yaws.shape)
-        configurations = q[same].reshape(*yaws.shape, self._solver.chain.size)
-        return Decided(np.all(answers != NO, axis=1), np.all(answers == YES, axis=1), configurations, T)
-
-    def improve(self, decided: Decided, rows: NDArray[np.int64], torsos: Floats) -> tuple[Floats, Floats]:
-        """The best configurations (r, m, 1 + n) of some bases near the map's torso heights (r, m) [m], and their μ."""
-        found = decided.configurations[rows]
-        T, n = decided.T_base_tcp[rows].reshape(-1, 4, 4), found.shape[-1]
-        q, mu = self._solver.improve(T, found.reshape(-1, n), torsos.reshape(-1))
-        return q.reshape(found.shape), mu.reshape(found.shape[:-1])
-
-    @cached_property
-    def _solver(self) -> ExactSolver:
-        from irm.ik.solvers import ExactSolver  # only for exact answers
-
-        assert self.reachability_map.chain is not None
-        return ExactSolver(self.reachability_map.chain, self.reachability_map.grid.torso_range)
-
-
-def best_first(mu: Floats, certain: NDArray[np.bool_], kept: NDArray[np.bool_]) -> Integers:
-    """Indices of those kept, the certain ones first, then by μ."""
-    return np.flatnonzero(kept)[np.lexsort((-mu[kept], ~certain[kept]))]
-
 
 def best_apart(x: Floats, y: Floats, score: NDArray[Any], count: int, separation: float) -> Integers:
     """Indices of at most `count` bases of highest score, each farther than `separation` [m] from the better ones."""
@@ -226,14 +159,6 @@ def best_apart(x: Floats, y: Floats, score: NDArray[Any], count: int, separation
         if len(chosen) < count:
             left[np.hypot(x - x[best], y - y[best]) <= max(separation, SAME_PLACE)] = 0.0
     return np.array(chosen, dtype=np.int64)
-
-
-def _about_z(angle: Floats) -> Floats:
-    """(..., 3, 3) rotations about z."""
-    R = np.zeros((*angle.shape, 3, 3))
-    c, s = np.cos(angle), np.sin(angle)
-    R[..., 0, 0], R[..., 0, 1], R[..., 1, 0], R[..., 1, 1], R[..., 2, 2] = c, -s, s, c, 1.0
-    return R
 
 
 def inverse_reachability_on_floor(x: Floats, y: Floats, yaw: Floats) -> tuple[Floats, Floats, Floats]:
@@ -253,7 +178,7 @@ def inverse_reachability_on_floor(x: Floats, y: Floats, yaw: Floats) -> tuple[Fl
     return c * x - s * y, s * x + c * y, -yaw
 
 
-def invert_map(rm: ReachabilityMap) -> Tiles:
+def invert_map(rm: ReachabilityMap, bases_order: Order = "manipulability") -> Tiles:
     """The bases of equation 5, one for every pose of a map, in tiles."""
     grid = rm.grid
     z, orientation, i, j = rm.indices()
@@ -267,7 +192,7 @@ def invert_map(rm: ReachabilityMap) -> Tiles:
     bases: list[NDArray[Any]] = [values[order].astype(np.float32) for values in columns]
     voxel = (key * grid.shape[2] + i) * grid.shape[3] + j
     voxel = voxel[order]
-    score = ranking_score(rm, bases[3], rm.flags[order])
+    score = ranking_score(rm, bases[3], rm.flags[order], bases_order)
     by_voxel = _sorted_descending(voxel, score)
     best: Integers = by_voxel[np.flatnonzero(np.diff(voxel[by_voxel], prepend=-1))]  # of each voxel
     free = bases[3] > 0.0  # the others are in the tiles alone, where it is asked whether there is certainly no base
@@ -284,13 +209,16 @@ def _lift_is_free(rm: ReachabilityMap) -> bool:
     return rm.chain is None or not rm.parameters.self_collision
 
 
-def ranking_score(rm: ReachabilityMap, mu: Singles, flags: NDArray[np.uint8]) -> Singles:
-    """By what bases (n,) are ranked: μ, but cells that are reached over their whole height come before all others.
+def ranking_score(rm: ReachabilityMap, mu: Singles, flags: NDArray[np.uint8], order: Order) -> Singles:
+    """By what bases (n,) are ranked: μ; or, in the order of certainty, with cells that are reached over their whole
+    height before all others.
 
     μ is that of a cell's centre. At other heights the cells above and below say whether the arm still reaches, free of
-    itself; without this, one in twenty of the best bases does not. In a map of the joints alone μ alone counts.
+    itself. In a map of the joints alone a lift follows the height, so that μ alone counts.
     """
-    return mu if _lift_is_free(rm) else np.ldexp(mu, 64 * (flags & CERTAIN_IN_HEIGHT > 0))
+    if order == "manipulability" or _lift_is_free(rm):
+        return mu
+    return np.ldexp(mu, 64 * (flags & CERTAIN_IN_HEIGHT > 0))
 
 
 def _tiles(key: Integers, keys: int, x: Floats, y: Floats, mu: Singles) -> tuple[Integers, tuple[NDArray[Any], ...]]:

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from functools import lru_cache
 from math import copysign, inf, isfinite, pi
 from operator import index
-from typing import Any, NamedTuple, TypedDict
+from typing import Any, Literal, NamedTuple, TypedDict, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,6 +36,10 @@ _ROUNDING = 1e-9
 """[rad] by which a range may exceed a full turn."""
 
 
+Order = Literal["manipulability", "certainty"]
+"""Bases of highest μ first; or first those whose cell is reached over its whole height, then the others."""
+
+
 class QueryKeywords(TypedDict, total=False):
     """The keyword arguments that all queries share; `InverseReachabilityMap` says what they mean."""
 
@@ -46,6 +50,7 @@ class QueryKeywords(TypedDict, total=False):
     separation: float
     yaw_step: float
     exact: bool | None
+    order: Order
 
 
 class QueryOptions(NamedTuple):
@@ -58,6 +63,7 @@ class QueryOptions(NamedTuple):
     separation: float = SEPARATION
     yaw_step: float = YAW_STEP
     exact: bool | None = None
+    order: Order = "manipulability"
 
 
 def checked_options(keywords: QueryKeywords) -> QueryOptions:
@@ -90,13 +96,17 @@ def _validated(**keywords: Any) -> QueryOptions:
         raise QueryError(f"free_space is a FreeSpace or None, not {type(asked.free_space).__name__}")
     if not (asked.exact is None or isinstance(asked.exact, bool | np.bool_)):
         raise QueryError(f"exact is True, False or None, not {asked.exact!r}")
+    if asked.order not in get_args(Order):
+        raise QueryError(f"order is {' or '.join(map(repr, get_args(Order)))}, not {asked.order!r}")
     try:
         count = 0 if isinstance(asked.k, bool) else index(asked.k)
     except TypeError:
         count = 0
     if not 1 <= count <= MOST_BASES:
         raise QueryError(f"k is a number of bases, at least 1 and at most {MOST_BASES}, not {asked.k!r}")
-    return QueryOptions(pitch, roll, asked.free_space or EVERYWHERE, count, separation, yaw_step, asked.exact)
+    return QueryOptions(
+        pitch, roll, asked.free_space or EVERYWHERE, count, separation, yaw_step, asked.exact, asked.order
+    )
 
 
 _recent = lru_cache(maxsize=16, typed=True)(_validated)

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irm.answers import YES, BasePlacement, Status
+from irm.base_decisions import SPARE_BASES
 from irm.errors import QueryError
 from irm.ik.solvers import ExactSolver
-from irm.inverse_table import SPARE_BASES, InverseTable, best_apart
+from irm.inverse_table import InverseTable, best_apart
 from irm.query_kernels import base_turns
 from irm.query_keys import Key, QueryOptions, as_yaw_ranges, find_key, yaw_window
 from irm.rotations import rotation, world_to_base, wrap_to_pi

@@ -30,7 +30,6 @@ from irm import ExactSolver
 from irm.answers import YES, BasePlacement, Status
 from irm.free_space import EVERYWHERE, FreeSpace
 from irm.inverse_map import ClassicalInverseReachabilityMap, InverseReachabilityMap
-from irm.inverse_table import ranking_score
 from irm.query_kernels import base_turns
 from irm.query_keys import FULL_TURN, YAW_STEP, as_position, as_yaw_range, find_key, yaw_window
 from irm.reachability_map import ReachabilityMap, cached_map
@@ -66,8 +65,7 @@ def full_scan(
     c, s = np.cos(turns)[:, None], np.sin(turns)[:, None]
     x = point[0] + c * tiles.x[mine] - s * tiles.y[mine]
     y = point[1] + s * tiles.x[mine] + c * tiles.y[mine]
-    columns = tiles.mu[mine], tiles.flags[mine]
-    score = np.where(space.are_free(x, y), ranking_score(inverse_map.reachability_map, *columns), np.float32(0.0))
+    score = np.where(space.are_free(x, y), tiles.mu[mine], np.float32(0.0))
     if score.size == 0 or not score.max() > 0:
         return BasePlacement.nothing(Status.UNKNOWN)
     turn, base = np.unravel_index(int(score.argmax()), score.shape)
