@@ -1,6 +1,6 @@
 """One base for several TCP positions: the waypoints of a path, or several targets.
 
-The bases of one position, the reference, are searched in the order of `irm.inverse_table`. For each of these bases, the
+The bases of one position, the reference, are searched by μ, the best first. For each of these bases, the
 μ of every other position is read from the voxel that contains it in the base frame. The score of a base is the smallest
 μ. It cannot exceed μ of the reference, so the search ends as early as that of a single position.
 """
@@ -18,11 +18,12 @@ from irm.answers import BasePlacement, Status
 from irm.base_decisions import SPARE_BASES, best_first
 from irm.compilation import njit
 from irm.errors import QueryError
-from irm.free_space import Raster, floor_distance, point_is_free
+from irm.free_space import Raster, point_is_free
 from irm.ik.solvers import all_solutions
-from irm.inverse_table import GroupField, InverseTable
+from irm.inverse_table import InverseTable
 from irm.kinematics import wrap
-from irm.query_kernels import SAME_PLACE, Tiles, base_turns, is_apart
+from irm.packed_cells import code_of, has_cell, mu_of
+from irm.query_kernels import SAME_PLACE, Bases, base_turns, is_apart
 from irm.query_keys import Key, QueryOptions, as_yaw_ranges, find_key, yaw_window
 from irm.robot_shape import SolidBoxes
 from irm.rotations import rotation, world_to_base, wrap_to_pi
@@ -184,7 +185,7 @@ class _Search:
         points, apart = np.ascontiguousarray(self.points[:, order]), max(self.options.separation, SAME_PLACE)
         query = MultiTargetQuery(key.number, key.exact, points, self.turns, spans[order], self.same_yaw, apart)
         rows, torsos, yaws = (np.empty((count, width)) for width in (5, len(self.keys), len(self.keys)))
-        kernel = (table.tiles, query, table.field(key.group), self.options.free_space.raster)
+        kernel = (table.bases_in(self.options.order), query, self.options.free_space.raster)
         found = wanted = 0
         while found == wanted < count:
             wanted = min(count, wanted + _BASES_AT_A_TIME)
@@ -265,34 +266,35 @@ class MultiTargetQuery(NamedTuple):
 
 
 @njit(cache=True, inline="always")
-def _cell(field: GroupField, x: float, y: float, yaw: float, point: Floats, shift: float) -> tuple[int, int, int, bool]:
+def _cell(bases: Bases, x: float, y: float, yaw: float, point: Floats, shift: float) -> tuple[int, int, int, bool]:
     """Layer, x and y index of the voxel that contains a point in a base frame, and whether it and the next one exist.
 
     `shift` 0.5 gives the lowest of the eight voxels whose centres surround the point.
     """
     c, s = cos(yaw), sin(yaw)
     dx, dy = point[0] - x, point[1] - y
-    layer = floor((point[2] - field.z0) / field.thickness - shift)
-    i = floor((c * dx + s * dy - field.x0) / field.voxel - shift)
-    j = floor((c * dy - s * dx - field.y0) / field.voxel - shift)
+    layer = floor((point[2] - bases.corner[2]) / bases.thickness - shift)
+    i = floor((c * dx + s * dy - bases.corner[0]) / bases.voxel - shift)
+    j = floor((c * dy - s * dx - bases.corner[1]) / bases.voxel - shift)
     more = 1 if shift > 0.0 else 0
-    layers, _, width, depth = field.mu.shape
-    inside = 0 <= i < width - more and 0 <= j < depth - more and 0 <= layer < layers - more
+    side, layers = bases.side, bases.layers
+    inside = 0 <= i < side - more and 0 <= j < side - more and 0 <= layer < layers - more
     return layer, i, j, inside
 
 
 @njit(cache=True)
 def _best_yaw(
-    field: GroupField, x: float, y: float, yaw: float, point: Floats, low: float, span: float
+    bases: Bases, group: int, x: float, y: float, yaw: float, point: Floats, low: float, span: float
 ) -> tuple[float, int]:
     """Best μ of a TCP position in the frame of a base over the yaw samples within the window, and that sample."""
-    mu_of, yaws = field.mu, field.mu.shape[1]
-    layer, i, j, inside = _cell(field, x, y, yaw, point, 0.0)
+    yaws, side = bases.yaws[group], bases.side
+    layer, i, j, inside = _cell(bases, x, y, yaw, point, 0.0)
     best, sample = 0.0, -1
     if not inside:
         return best, sample
+    key = layer * bases.groups + group
     for g in range(yaws):
-        mu = mu_of[layer, g, i, j]
+        mu = mu_of(bases.cells, key, (g * side + i) * side + j)
         if mu > best:
             beyond = wrap(yaw + 2.0 * pi * g / yaws - low - pi) + pi
             if beyond <= span + _ROUNDING or beyond >= 2.0 * pi - _ROUNDING:
@@ -301,77 +303,75 @@ def _best_yaw(
 
 
 @njit(cache=True)
-def _mu_at(field: GroupField, x: float, y: float, yaw: float, point: Floats, sample: int) -> float:
+def _mu_at(bases: Bases, group: int, x: float, y: float, yaw: float, point: Floats, sample: int) -> float:
     """μ of a TCP position in the frame of a base at one yaw sample; 0 out of reach."""
-    layer, i, j, inside = _cell(field, x, y, yaw, point, 0.0)
-    return float(field.mu[layer, sample, i, j]) if inside else 0.0
+    layer, i, j, inside = _cell(bases, x, y, yaw, point, 0.0)
+    mu, side = 0.0, bases.side
+    if inside:
+        mu = mu_of(bases.cells, layer * bases.groups + group, (sample * side + i) * side + j)
+    return mu
 
 
 @njit(cache=True)
-def _is_enclosed(field: GroupField, x: float, y: float, yaw: float, point: Floats, sample: int) -> bool:
+def _is_enclosed(bases: Bases, group: int, x: float, y: float, yaw: float, point: Floats, sample: int) -> bool:
     """Whether the eight cell centres around a TCP position are all reachable at one yaw sample."""
-    layer, i, j, inside = _cell(field, x, y, yaw, point, 0.5)
+    layer, i, j, inside = _cell(bases, x, y, yaw, point, 0.5)
     if not inside:
         return False
+    side = bases.side
     for a in range(2):
+        offset = bases.cells.offset[(layer + a) * bases.groups + group]
         for b in range(2):
             for d in range(2):
-                if field.mu[layer + a, sample, i + b, j + d] <= 0.0:
+                if not has_cell(bases.cells.free, offset, (sample * side + i + b) * side + j + d):
                     return False
     return True
 
 
 @njit(cache=True)
-def _own_sample(field: GroupField, relative_yaw: float) -> int:
-    """The yaw sample of the map from which a base with this yaw relative to the approach was computed."""
-    yaws = field.mu.shape[1]
-    return floor(-relative_yaw / (2.0 * pi) * yaws + 0.5) % yaws
-
-
-@njit(cache=True)
 def _best_common_base(
-    tiles: Tiles, query: MultiTargetQuery, field: GroupField, raster: Raster, taken: Floats, count: int
+    bases: Bases, query: MultiTargetQuery, raster: Raster, taken: Floats, count: int
 ) -> tuple[float, int, int]:
-    """Score, base and turn of the best base that is free and apart from the first `count` rows of `taken`."""
+    """Score, base and turn of the best base that is free and apart from the first `count` rows of `taken`.
+
+    Bases of the reference come by decreasing μ, which their score cannot exceed.
+    """
     best, best_base, best_turn = 0.0, -1, -1
-    bounded = raster.cells.size > 0
-    x_of, y_of, yaw_of, mu_of = tiles.x, tiles.y, tiles.yaw, tiles.mu
+    key, places, side = query.key, bases.places, bases.side
+    group = key % bases.groups
+    table = places.first[bases.kind[group]]
     points, yaws, windows = query.points, query.yaws, query.windows
-    for tile in range(tiles.key_first[query.key], tiles.key_first[query.key + 1]):
-        if tiles.tile_mu[tile] <= best:
+    for rank in range(bases.ranked.first[key], bases.ranked.first[key + 1]):
+        local = np.int64(bases.ranked.cell[rank])
+        own_mu = mu_of(bases.cells, key, local)
+        if own_mu <= best:
             break
-        tx, ty, reach = tiles.tile_x[tile], tiles.tile_y[tile], tiles.tile_radius[tile] + _ROUNDING
+        at, own = table + local, local // (side * side)
         for turn in range(yaws.shape[0]):
-            px, py = points[turn, 0, 0], points[turn, 0, 1]
             c, s = cos(yaws[turn]), sin(yaws[turn])
-            if bounded and floor_distance(raster, px + c * tx - s * ty, py + s * tx + c * ty) > reach:
+            x = points[turn, 0, 0] + c * places.x[at] - s * places.y[at]
+            y = points[turn, 0, 1] + s * places.x[at] + c * places.y[at]
+            if not point_is_free(raster, x, y) or not is_apart(taken, count, x, y, query.apart):
                 continue
-            for base in range(tiles.tile_first[tile], tiles.tile_last[tile]):
-                if mu_of[base] <= best:
+            yaw = yaws[turn] + places.yaw[at]
+            score = own_mu
+            for m in range(1, points.shape[1]):
+                if query.same_yaw:
+                    mu = _mu_at(bases, group, x, y, yaw, points[turn, m], own)
+                else:
+                    mu, _ = _best_yaw(bases, group, x, y, yaw, points[turn, m], windows[m, 0], windows[m, 1])
+                score = min(score, mu)
+                if score <= best:
                     break
-                x = px + c * x_of[base] - s * y_of[base]
-                y = py + s * x_of[base] + c * y_of[base]
-                yaw = yaws[turn] + yaw_of[base]
-                score = float(mu_of[base])
-                own = _own_sample(field, yaw_of[base])
-                for m in range(1, points.shape[1]):
-                    if query.same_yaw:
-                        mu = _mu_at(field, x, y, yaw, points[turn, m], own)
-                    else:
-                        mu, _ = _best_yaw(field, x, y, yaw, points[turn, m], windows[m, 0], windows[m, 1])
-                    score = min(score, mu)
-                    if score <= best:
-                        break
-                if score > best and point_is_free(raster, x, y) and is_apart(taken, count, x, y, query.apart):
-                    best, best_base, best_turn = score, base, turn
+            if score > best:
+                best, best_base, best_turn = score, local, turn
     return best, best_base, best_turn
 
 
 @njit(cache=True)
 def best_common_bases(
-    tiles: Tiles,
+    bases: Bases,
     query: MultiTargetQuery,
-    field: GroupField,
     raster: Raster,
     rows: Floats,
     torsos: Floats,
@@ -381,32 +381,32 @@ def best_common_bases(
 ) -> int:
     """The best bases from which every position is reached, into rows `done` to `last`; those before are filled already.
 
-    `field`: of the positions' pitch and roll. `rows` (k, 5): x, y, yaw, smallest μ, certain (0 or 1). `torsos`, `yaws`
-    (k, m): torso height and approach yaw of each position. Returns how many rows are filled: fewer than `last` if there
-    are no more bases.
+    `rows` (k, 5): x, y, yaw, smallest μ, certain (0 or 1). `torsos`, `yaws` (k, m): torso height and approach yaw of
+    each position. Returns how many rows are filled: fewer than `last` if there are no more bases.
     """
-    samples = field.mu.shape[1]
+    side, group, places = bases.side, query.key % bases.groups, bases.places
     for k in range(done, last):
-        score, base, turn = _best_common_base(tiles, query, field, raster, rows, k)
-        if base < 0:
+        score, local, turn = _best_common_base(bases, query, raster, rows, k)
+        if local < 0:
             return k
         c, s = cos(query.yaws[turn]), sin(query.yaws[turn])
-        x = query.points[turn, 0, 0] + c * tiles.x[base] - s * tiles.y[base]
-        y = query.points[turn, 0, 1] + s * tiles.x[base] + c * tiles.y[base]
-        yaw = query.yaws[turn] + tiles.yaw[base]
-        own = _own_sample(field, tiles.yaw[base])
+        at, own = places.first[bases.kind[group]] + local, local // (side * side)
+        x = query.points[turn, 0, 0] + c * places.x[at] - s * places.y[at]
+        y = query.points[turn, 0, 1] + s * places.x[at] + c * places.y[at]
+        yaw = query.yaws[turn] + places.yaw[at]
         certain = query.exact
         for m in range(query.points.shape[1]):
             point = query.points[turn, m]
             sample = own
             if not query.same_yaw and m > 0:
-                _, sample = _best_yaw(field, x, y, yaw, point, query.windows[m, 0], query.windows[m, 1])
-            layer, i, j, _ = _cell(field, x, y, yaw, point, 0.0)
-            certain = certain and _is_enclosed(field, x, y, yaw, point, sample)
-            height_offset = point[2] - field.z0 - (layer + 0.5) * field.thickness
-            torso = field.torso[layer, sample, i, j] + height_offset
-            torsos[k, m] = min(tiles.torso_upper, max(tiles.torso_lower, torso))
-            yaws[k, m] = wrap(yaw + 2.0 * pi * sample / samples)
+                _, sample = _best_yaw(bases, group, x, y, yaw, point, query.windows[m, 0], query.windows[m, 1])
+            layer, i, j, _ = _cell(bases, x, y, yaw, point, 0.0)
+            certain = certain and _is_enclosed(bases, group, x, y, yaw, point, sample)
+            height_offset = point[2] - bases.corner[2] - (layer + 0.5) * bases.thickness
+            code = code_of(bases.cells, layer * bases.groups + group, (sample * side + i) * side + j)
+            torso = bases.torsos[code & ((1 << bases.cells.torso_bits) - 1)] + height_offset
+            torsos[k, m] = min(bases.torso_upper, max(bases.torso_lower, torso))
+            yaws[k, m] = wrap(yaw + 2.0 * pi * sample / bases.yaws[group])
         rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3] = x, y, wrap(yaw), score
         rows[k, 4] = 1.0 if certain else 0.0
     return last

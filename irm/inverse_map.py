@@ -12,12 +12,20 @@ from irm.answers import BasePlacement, PlacementBatch, Status
 from irm.base_decisions import BaseDecisions
 from irm.errors import QueryError
 from irm.free_space import FreeSpace
-from irm.inverse_table import InverseTable, best_apart, ranking_score
-from irm.query_kernels import SAME_PLACE, PlaceQueries, TcpPlace, Tiles, base_turns, best_bases, best_bases_batch
+from irm.inverse_table import InverseTable, best_apart
+from irm.query_kernels import (
+    ANY_YAW,
+    SAME_PLACE,
+    Bases,
+    PlaceQueries,
+    TcpPlace,
+    base_turns,
+    best_bases,
+    best_bases_batch,
+)
 from irm.query_keys import (
     FULL_TURN,
     Key,
-    Order,
     QueryKeywords,
     QueryOptions,
     YawWindow,
@@ -70,7 +78,7 @@ class InverseReachabilityMap:
 
     Attributes:
         reachability_map: the map that was inverted.
-        tiles: the bases as arrays, for kernels.
+        bases: as arrays, for kernels.
 
     Example:
         inverse_map = InverseReachabilityMap(ReachabilityMap.build(FETCH))
@@ -81,10 +89,10 @@ class InverseReachabilityMap:
     def __init__(self, reachability_map: ReachabilityMap) -> None:
         self.reachability_map = reachability_map
         self._table = InverseTable(reachability_map)
-        self.tiles: Tiles = self._table.tiles
+        self.bases: Bases = self._table.bases
 
     def __len__(self) -> int:
-        return len(self.tiles.x)
+        return len(self.reachability_map)
 
     def query(
         self,
@@ -105,7 +113,7 @@ class InverseReachabilityMap:
         if getattr(position, "ndim", 1) == 2:
             position, yaw_range, keywords = as_position_and_angles(position, yaw_range, keywords)
         options = checked_options(keywords)
-        table, space, tiles = self._table, options.free_space, self._table.tiles_in(options.order)
+        table, space, bases = self._table, options.free_space, self._table.bases_in(options.order)
         grid = table.grid
         point, bounds = as_position(position), as_yaw_range(yaw_range)
         key = find_key(grid, point[2], options.pitch, options.roll)
@@ -116,7 +124,7 @@ class InverseReachabilityMap:
 
         def ranked(count: int, at_one_turn: bool) -> Floats:
             separation = -SAME_PLACE if at_one_turn else options.separation
-            return _best_bases(tiles, place, window, space, count, separation)
+            return _best_bases(bases, place, window, space, count, separation)
 
         rows, configurations = table.decisions.settle(ranked, point, options)
         if len(rows):
@@ -150,14 +158,15 @@ class InverseReachabilityMap:
             turns = np.tile((window.low, window.high), (n, 1))
         else:
             turns = np.array(np.broadcast_to(ranges - window.shift, (n, 2)), order="C")
-        queries = PlaceQueries(keys, points, height_offsets, turns, key.exact)
+        shifts, exact = np.full(n, window.shift), np.full(n, key.exact)
+        queries = PlaceQueries(keys, points, height_offsets, turns, shifts, exact)
         order = _neighbours_together(keys, points) if len(ranges) == 1 else np.arange(n)
         rows, counts = np.empty((n, options.k, 7)), np.empty(n, dtype=np.int64)
         apart = max(options.separation, SAME_PLACE)
-        block, tiles = max(1, _ROWS_AT_A_TIME // options.k), self._table.tiles_in(options.order)
+        block, bases = max(1, _ROWS_AT_A_TIME // options.k), self._table.bases_in(options.order)
         for first in range(0, n, block):
             some = order[first : first + block]
-            best_bases_batch(tiles, queries, some, window, options.free_space.raster, apart, rows, counts)
+            best_bases_batch(bases, queries, some, window, options.free_space.raster, apart, ANY_YAW, rows, counts)
         if self._table.decisions.is_wanted(options, by_default=False):
             self._decide_batch(rows, counts, points, options)
         return PlacementBatch.of_rows(rows, counts)
@@ -245,17 +254,14 @@ class InverseReachabilityMap:
 
 
 def _best_bases(
-    tiles: Tiles, place: TcpPlace, window: YawWindow, space: FreeSpace, count: int, separation: float
+    bases: Bases, place: TcpPlace, window: YawWindow, space: FreeSpace, count: int, separation: float
 ) -> Floats:
     """(m, 7) rows of the kernel, m ≤ count. Many are computed in parts, between which Ctrl-C is handled."""
     rows, progress = np.empty((count, 7)), np.zeros(3, dtype=np.int64)
-    if separation < 0.0:
-        tiles = tiles._replace(rings=tiles.ranked)
-    else:
-        separation = max(separation, SAME_PLACE)
+    apart = separation if separation < 0.0 else max(separation, SAME_PLACE)
     while progress[0] == progress[2] < count:
         progress[2] += _ROWS_AT_A_TIME
-        best_bases(tiles, place, window, space.raster, separation, rows, progress)
+        best_bases(bases, place, window, space.raster, apart, ANY_YAW, rows, progress)
     return rows[: progress[0]]
 
 
@@ -293,13 +299,17 @@ class ClassicalInverseReachabilityMap:
 
     def __init__(self, reachability_map: ReachabilityMap) -> None:
         self.reachability_map = rm = reachability_map.subset(reachability_map.manipulability > 0)
-        self._scores: dict[Order, NDArray[np.float32]] = {"manipulability": rm.manipulability}
+        self._mu, self._torso, self._flags = rm.manipulability, rm.torso, rm.flags
+        # In the other order, bases whose cell is reached over its whole height come before all others; not where a lift
+        # follows the height, in a map of the joints alone.
+        is_first = (self._flags & CERTAIN_IN_HEIGHT > 0) & (rm.chain is not None) & rm.parameters.self_collision
+        self._by_certainty = np.ldexp(self._mu, 64 * is_first)
         self._decisions = BaseDecisions(rm)
         T = _inverse_transforms(rm)
         self._blocks = [np.ascontiguousarray(T[:, k : k + _BLOCK]) for k in range(0, len(rm), _BLOCK)]
 
     def __len__(self) -> int:
-        return len(self.reachability_map)
+        return len(self._mu)
 
     def query(
         self,
@@ -328,11 +338,8 @@ class ClassicalInverseReachabilityMap:
         turns = base_turns(yaw_window(grid, key, bounds, options.yaw_step))
         per_yaw = [self._candidates(point, yaw, angles, space) for yaw in turns]
         base, x, y, base_yaw, approach = (np.concatenate(column) for column in zip(*per_yaw, strict=True))
-        mu = self.reachability_map.manipulability[base]
-        if options.order not in self._scores:
-            rm = self.reachability_map
-            self._scores[options.order] = ranking_score(rm, rm.manipulability, rm.flags, options.order)
-        score = self._scores[options.order][base]
+        mu = self._mu[base]
+        score = (self._mu if options.order == "manipulability" else self._by_certainty)[base]
 
         def ranked(count: int, at_one_turn: bool) -> Floats:
             if at_one_turn:  # the first one of each, in the order of the score
@@ -373,7 +380,7 @@ class ClassicalInverseReachabilityMap:
         """Torso height [m] of the chosen bases, and whether the arm certainly reaches from them."""
         rm = self.reachability_map
         lower, upper = rm.grid.torso_range
-        torso, flags = rm.torso[base], rm.flags[base]
+        torso, flags = self._torso[base], self._flags[base]
         follows = (torso + key.height_offset >= lower) & (torso + key.height_offset <= upper) & (upper > lower)
         inside = follows | (abs(key.height_offset) < 1e-9) | (flags & CERTAIN_IN_HEIGHT > 0)
         certain = (inside & key.exact) | (flags & CERTAIN_IN_PITCH > 0)

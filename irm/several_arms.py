@@ -69,18 +69,15 @@ def _scored(
 ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
     """x, y, yaw (n,), approach yaws (n, m) and smallest μ (n,) of all free bases at which every arm reaches its
     target by its map."""
-    ranked = [table.tiles.ranked for table in tables]
-    bounds = [(int(r.first[key.number]), int(r.first[key.number + 1])) for r, key in zip(ranked, keys, strict=True)]
-    reference = int(np.argmin([last - first for first, last in bounds]))
-    table, key, (first, last) = tables[reference], keys[reference], bounds[reference]
-    base = ranked[reference].base[first:last]
-    own_x, own_y, own_yaw = (column[base].astype(float) for column in (table.tiles.x, table.tiles.y, table.tiles.yaw))
+    reference = int(np.argmin([table.count_of(key) for table, key in zip(tables, keys, strict=True)]))
+    table, key = tables[reference], keys[reference]
+    own_x, own_y, own_yaw, own_mu = table.bases_of(key)
     low, high = windows[reference].tolist()
     turns = base_turns(yaw_window(table.grid, key, (low, high), options.yaw_step))[:, None]
     x = (targets[reference, 0] + np.cos(turns) * own_x - np.sin(turns) * own_y).ravel()
     y = (targets[reference, 1] + np.sin(turns) * own_x + np.cos(turns) * own_y).ravel()
-    yaw, turn = (turns + own_yaw).ravel(), np.repeat(turns[:, 0], len(base))
-    mu = np.tile(table.tiles.mu[base].astype(float), len(turns))
+    yaw, turn = (turns + own_yaw).ravel(), np.repeat(turns[:, 0], len(own_x))
+    mu = np.tile(own_mu, len(turns))
     approach = np.empty((len(x), len(targets)))
     approach[:, reference] = wrap_to_pi(turn + key.yaw_shift)
     kept = options.free_space.are_free(x, y)
@@ -97,16 +94,15 @@ def _best_yaws(
     table: InverseTable, key: Key, target: Floats, window: Floats, base: tuple[Floats, Floats, Floats]
 ) -> tuple[Floats, Floats]:
     """Best μ of a target (n,), 0 for none, over the map's yaw samples in the window, and that approach yaw (n,)."""
-    (x, y, yaw), field = base, table.field(key.group)
+    (x, y, yaw), grid = base, table.grid
     dx, dy, c, s = target[0] - x, target[1] - y, np.cos(yaw), np.sin(yaw)
-    layers, yaws, width, depth = field.mu.shape
-    i = np.floor((c * dx + s * dy - field.x0) / field.voxel).astype(np.int64)
-    j = np.floor((c * dy - s * dx - field.y0) / field.voxel).astype(np.int64)
-    layer = int(np.floor((target[2] - field.z0) / field.thickness))
-    inside = (i >= 0) & (i < width) & (j >= 0) & (j < depth) & (0 <= layer < layers)
+    yaws, side, layer = int(grid.orientations.count[key.group]), 2 * grid.half, grid.layer(float(target[2]))
+    i = np.floor((c * dx + s * dy - grid.centre[0]) / grid.voxel).astype(np.int64) + grid.half
+    j = np.floor((c * dy - s * dx - grid.centre[1]) / grid.voxel).astype(np.int64) + grid.half
+    inside = np.flatnonzero((i >= 0) & (i < side) & (j >= 0) & (j < side) & (0 <= layer < grid.layers))
     mu = np.zeros((len(x), yaws))
-    if inside.any():
-        mu[inside] = field.mu[layer][:, i[inside], j[inside]].T
+    for sample in range(yaws):
+        mu[inside, sample] = table.mu_of(key.group, layer, np.full(len(inside), sample), i[inside], j[inside])
     approach = yaw[:, None] + 2 * np.pi * np.arange(yaws) / yaws + key.yaw_shift
     beyond = (approach - window[0] + _ROUNDING) % (2 * np.pi) - _ROUNDING
     mu[beyond > window[1] - window[0] + _ROUNDING] = 0.0

@@ -91,7 +91,7 @@ def reach_probability(rm: ReachabilityMap, base: Floats, T_world_tcp: Floats, er
         ]
     ).astype(np.int64)
     inside = np.all((cells >= 0) & (cells < grid.shape), axis=1)
-    return float(np.count_nonzero(rm.reachable[tuple(cells[inside].T)]) / len(errors))
+    return float(np.count_nonzero(rm.are_free(cells[inside])) / len(errors))
 
 
 def _errors(covariance: ArrayLike, rng: np.random.Generator) -> Floats:

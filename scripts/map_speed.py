@@ -30,7 +30,7 @@ from irm import ExactSolver
 from irm.answers import YES, BasePlacement, Status
 from irm.free_space import EVERYWHERE, FreeSpace
 from irm.inverse_map import ClassicalInverseReachabilityMap, InverseReachabilityMap
-from irm.query_kernels import base_turns
+from irm.query_kernels import base_turns, bases_of_key
 from irm.query_keys import FULL_TURN, YAW_STEP, as_position, as_yaw_range, find_key, yaw_window
 from irm.reachability_map import ReachabilityMap, cached_map
 from irm.rotations import rotations, wrap_to_pi
@@ -54,24 +54,24 @@ def full_scan(
     Arguments as in `InverseReachabilityMap.query`. The status is never better than UNKNOWN, and NO only where the map
     has no key.
     """
-    grid, tiles = inverse_map.reachability_map.grid, inverse_map.tiles
+    grid, bases = inverse_map.reachability_map.grid, inverse_map.bases
     space = free_space or EVERYWHERE
     point, bounds = as_position(position), as_yaw_range(yaw_range)
     key = find_key(grid, point[2], pitch, roll)
     if key is None:
         return BasePlacement.nothing(Status.NO)
-    turns, flat = base_turns(yaw_window(grid, key, bounds, yaw_step)), key.number
-    mine = slice(int(tiles.base_first[flat]), int(tiles.base_first[flat + 1]))
+    turns = base_turns(yaw_window(grid, key, bounds, yaw_step))
+    own_x, own_y, own_yaw, mu = bases_of_key(bases, key.number)
     c, s = np.cos(turns)[:, None], np.sin(turns)[:, None]
-    x = point[0] + c * tiles.x[mine] - s * tiles.y[mine]
-    y = point[1] + s * tiles.x[mine] + c * tiles.y[mine]
-    score = np.where(space.are_free(x, y), tiles.mu[mine], np.float32(0.0))
+    x = point[0] + c * own_x - s * own_y
+    y = point[1] + s * own_x + c * own_y
+    score = np.where(space.are_free(x, y), mu, 0.0)
     if score.size == 0 or not score.max() > 0:
         return BasePlacement.nothing(Status.UNKNOWN)
     turn, base = np.unravel_index(int(score.argmax()), score.shape)
-    yaw = wrap_to_pi(float(turns[turn] + tiles.yaw[mine][base]))
+    yaw = wrap_to_pi(float(turns[turn] + own_yaw[base]))
     approach_yaw = turns[turn] + key.yaw_shift
-    row = [x[turn, base], y[turn, base], yaw, approach_yaw, tiles.mu[mine][base], tiles.torso[mine][base], 0.0]
+    row = [x[turn, base], y[turn, base], yaw, approach_yaw, mu[base], np.nan, 0.0]
     return BasePlacement.of_rows(np.array([row]))
 
 
