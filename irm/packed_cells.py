@@ -4,7 +4,7 @@ The cells of one key, a layer of heights and an orientation group, are numbered 
 *local* number. A bit says whether the cell's centre is reached, another whether it is reached free of self-collision.
 Keys without any cell share one block of zeros. The free cells, in this order, have a code: the number of one of the
 `levels` of μ, and that of the torso height. Up to `EXACT` free cells every value of μ is a level. Larger maps have as
-many levels as fit in two bytes, and μ is rounded down to one of them.
+many levels, evenly spaced, as fit in two bytes with the torso height, and μ is rounded down to one of them.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def pack_cells(grid: MapGrid, reached: Bools, free: Bools, mu: Singles, torso: N
     if len(mu) > EXACT and torso_bits <= 8:
         kind, most = np.dtype(np.uint16), 1 << (16 - torso_bits)
         if len(levels) > most:
-            levels = levels[np.linspace(0, len(levels) - 1, most).astype(np.int64)]
+            levels = np.linspace(levels[0], levels[-1], most, dtype=np.float32)
     level = (np.searchsorted(levels, mu, side="right") - 1).astype(np.uint32)
     codes = ((level << np.uint32(torso_bits)) | torso).astype(kind)
     return join_cells(grid, _bytes(reached), _bytes(free), codes, levels)
@@ -69,9 +69,9 @@ def join_cells(
     """The same from what a file holds: bits of all cells in order, (⌈cells / 8⌉,) bytes, and codes and levels."""
     offset, size = np.zeros(len(key_sizes(grid)), np.int64), key_sizes(grid)
     words = -(-size // (64 * _BLOCK)) * _BLOCK
-    bits = [np.unpackbits(column, count=grid.size, bitorder="little") for column in (reached, free)]
+    bits = [np.unpackbits(column, count=grid.size, bitorder="little").view(np.bool_) for column in (reached, free)]
     first = np.concatenate([[0], np.cumsum(size)])
-    used = np.flatnonzero(np.add.reduceat(bits[0], first[:-1], dtype=np.int64)) if grid.size else np.empty(0, np.int64)
+    used = np.flatnonzero([bits[0][first[key] : first[key + 1]].any() for key in range(len(size))])
     offset[used] = words.max() + np.cumsum(words[used]) - words[used]
     columns = [np.zeros(int(words.max() + words[used].sum()), "<u8") for _ in bits]
     for key in used:

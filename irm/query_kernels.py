@@ -643,6 +643,29 @@ def _is_tile_near(
     return False
 
 
+_DIGIT = 11
+"""Bits of a number by which it is sorted at a time; two such digits hold every level of μ, see `irm.packed_cells`."""
+
+
+@njit(cache=True)
+def _descending(value: Integers, count: int, space: Integers) -> Integers:
+    """The order (count,) of numbers ≥ 0 from the largest down, equal ones as they come; `space` (2, n) for it."""
+    starts, order = np.empty((1 << _DIGIT) + 1, np.int64), space[0]
+    for digit in range(2):
+        starts[:] = 0
+        for k in range(count):
+            starts[(1 << _DIGIT) - (value[k] >> (digit * _DIGIT) & ((1 << _DIGIT) - 1))] += 1
+        for k in range(1 << _DIGIT):
+            starts[k + 1] += starts[k]
+        order = space[digit]
+        for k in range(count):
+            at = k if digit == 0 else space[0, k]
+            place = (1 << _DIGIT) - 1 - (value[at] >> (digit * _DIGIT) & ((1 << _DIGIT) - 1))
+            order[starts[place]] = at
+            starts[place] += 1
+    return order
+
+
 @njit(cache=True)
 def rank_bases(
     bases: Bases, cells: NDArray[Any], by_certainty: bool, only_rings: bool
@@ -660,7 +683,7 @@ def rank_bases(
     for at in range(places.radius.shape[0]):
         steps = max(steps, int(float(places.radius[at]) / RADIUS_STEP))
     first, skip = np.zeros(keys + 1, np.int64), np.zeros((keys, steps + 2), np.int32)
-    local, value = np.empty(width, np.int64), np.empty(width, np.int64)
+    local, value, space = np.empty(width, np.int64), np.empty(width, np.int64), np.empty((2, width), np.int64)
     best, best_value = np.empty(places.area, np.int64), np.empty(places.area, np.int64)
     filled = 0
     for key in range(keys):
@@ -686,7 +709,7 @@ def rank_bases(
                     if best[voxel] >= 0:
                         local[count], value[count] = best[voxel], best_value[voxel]
                         count += 1
-        order = np.argsort(-value[:count], kind="mergesort")
+        order = _descending(value, count, space)
         first[key + 1] = filled + count
         for step in range(skip.shape[1]):
             skip[key, step] = filled + count
