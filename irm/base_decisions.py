@@ -6,7 +6,7 @@ kinematics decides. Both inverse maps share this module.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -17,7 +17,7 @@ from irm.answers import NO, YES
 from irm.errors import QueryError
 from irm.query_keys import MOST_BASES, QueryOptions
 from irm.reachability_map import ReachabilityMap
-from irm.rotations import rotation
+from irm.rotations import rotations
 
 if TYPE_CHECKING:
     from irm.ik.solvers import ExactSolver
@@ -33,6 +33,8 @@ AtOneTurn = bool
 Ranked = Callable[[int, AtOneTurn], Floats]
 """The best bases of a query: at most so many rows (m, 7) of x, y, yaw, approach yaw, μ, torso, certain. At one turn
 each if that is true: to the arm, a base is the same at every turn about the TCP. Else apart from each other."""
+Poses = Callable[[Floats], Floats]
+"""T_world_tcp (m, 4, 4) that the bases of rows (m, 7) are for."""
 
 
 class Decided(NamedTuple):
@@ -71,7 +73,7 @@ class BaseDecisions:
         """Whether the arm has the closed form that takes little time: several poses of each base are decided then."""
         return self._map.chain is not None and self._map.chain.has_closed_form
 
-    def settle(self, ranked: Ranked, point: Sequence[float], options: QueryOptions) -> tuple[Floats, Floats | None]:
+    def settle(self, ranked: Ranked, poses: Poses, options: QueryOptions) -> tuple[Floats, Floats | None]:
         """The answer for one TCP position: rows (k, 7) of bases, best first, and configurations (k, 1 + n) if decided.
 
         By default bases are decided where the map is not certain of the best one. μ and the order stay those of the
@@ -82,32 +84,32 @@ class BaseDecisions:
         if not self.is_wanted(options, by_default=len(rows) > 0 and not rows[0, 6]):
             return rows, None
         if not options.exact:
-            kept, q = self._decided(rows, point, options)
+            kept, q = self._decided(rows, poses, options)
             if len(kept) == len(rows) and kept[:, 6].any():
                 return kept, q
         if len(rows) == options.k:
             rows = ranked(options.k + SPARE_BASES, False)
-        rows, q = self._decided(rows, point, options)
+        rows, q = self._decided(rows, poses, options)
         if not rows[:, 6].any():
             others = ranked(options.k + _MORE_BASES, True)
             for first in range(0, len(others), _AT_A_TIME):
-                some, found = self._decided(others[first : first + _AT_A_TIME], point, options)
+                some, found = self._decided(others[first : first + _AT_A_TIME], poses, options)
                 if some[:, 6].any():
                     return some, found
         return rows, q
 
-    def _decided(self, rows: Floats, point: Sequence[float], options: QueryOptions) -> tuple[Floats, Floats]:
-        """Those of the bases (m, 7) that may reach a point, `options.k` at most, and configurations."""
-        kept, q = self.decide_rows(rows, np.tile(point, (len(rows), 1)), options, options.k)
+    def _decided(self, rows: Floats, poses: Poses, options: QueryOptions) -> tuple[Floats, Floats]:
+        """Those of the bases (m, 7) that may reach their poses, `options.k` at most, and configurations."""
+        kept, q = self.decide_rows(rows, poses(rows), options, options.k)
         return rows[kept], q[kept]
 
     def decide_rows(
-        self, rows: Floats, points: Floats, options: QueryOptions, most: int = MOST_BASES
+        self, rows: Floats, T_world_tcp: Floats, options: QueryOptions, most: int = MOST_BASES
     ) -> tuple[Integers, Floats]:
-        """Which of the bases of rows (m, 7) may reach their points (m, 3): `most` at most, the certain and best first;
-        and configurations (m, 1 + n) that do. Sets certainty and torso height of the rows, and with `options.exact` μ,
+        """Which of the bases of rows (m, 7) may reach their poses (m, 4, 4): `most` at most, the certain and best
+        first; and configurations (m, 1 + n) that do. Sets certainty and torso height of the rows, and with `options.exact` μ,
         to those of these."""
-        decided = self.decide(rows[:, :3], points[:, None], rows[:, 3, None], options)
+        decided = self.decide(rows[:, :3], T_world_tcp[:, None])
         certain, q = decided.certain, decided.configurations[:, 0].copy()
         rows[:, 6] = certain
         kept = best_first(rows[:, 4], certain, decided.may_reach)[:most]
@@ -118,26 +120,18 @@ class BaseDecisions:
             rows[sure, 4] = mu[:, 0]
         return kept[best_first(rows[kept, 4], certain[kept], np.ones(len(kept), dtype=bool))], q
 
-    def decide(self, bases: Floats, points: Floats, yaws: Floats, options: QueryOptions) -> Decided:
-        """Exact answers for k bases and m TCP poses of each.
-
-        Args:
-            bases: (k, 3) x, y [m] and yaw [rad].
-            points: (k, m, 3) TCP positions in the world [m].
-            yaws: (k, m) approach yaws in the world [rad].
-            options: with pitch and roll of the TCP.
-        """
-        T = np.zeros((*yaws.shape, 4, 4))
-        T[..., :3, :3] = _about_z(yaws - bases[:, None, 2]) @ rotation(0.0, options.pitch, options.roll)
-        offset = points - np.concatenate([bases[:, None, :2], np.zeros((len(bases), 1, 1))], axis=2)
-        T[..., :3, 3] = np.einsum("kij,kmj->kmi", _about_z(-bases[:, 2]), offset)
-        T[..., 3, 3] = 1.0
+    def decide(self, bases: Floats, T_world_tcp: Floats) -> Decided:
+        """Exact answers for k bases (k, 3) x, y [m] and yaw [rad], and m TCP poses of each (k, m, 4, 4)."""
+        T = np.array(T_world_tcp)
+        back = rotations(-bases[:, 2], np.zeros(len(bases)), np.zeros(len(bases)))[:, None]
+        T[..., :2, 3] -= bases[:, None, :2]
+        T[..., :3, :] = back @ T[..., :3, :]
         flat = T.reshape(-1, 4, 4)
         # A base at several turns about the TCP is the same base to the arm.
         _, first, same = np.unique(flat.round(6).reshape(-1, 16), axis=0, return_index=True, return_inverse=True)
         answers, q = self._solver.solve(flat[first])
-        answers = answers[same].reshape(yaws.shape)
-        configurations = q[same].reshape(*yaws.shape, self._solver.chain.size)
+        answers = answers[same].reshape(T.shape[:2])
+        configurations = q[same].reshape(*T.shape[:2], self._solver.chain.size)
         return Decided(np.all(answers != NO, axis=1), np.all(answers == YES, axis=1), configurations, T)
 
     def improve(self, decided: Decided, rows: NDArray[np.int64], torsos: Floats) -> tuple[Floats, Floats]:
@@ -158,11 +152,3 @@ class BaseDecisions:
 def best_first(mu: Floats, certain: NDArray[np.bool_], kept: NDArray[np.bool_]) -> Integers:
     """Indices of those kept, the certain ones first, then by μ."""
     return np.flatnonzero(kept)[np.lexsort((-mu[kept], ~certain[kept]))]
-
-
-def _about_z(angle: Floats) -> Floats:
-    """(..., 3, 3) rotations about z."""
-    R = np.zeros((*angle.shape, 3, 3))
-    c, s = np.cos(angle), np.sin(angle)
-    R[..., 0, 0], R[..., 0, 1], R[..., 1, 0], R[..., 1, 1], R[..., 2, 2] = c, -s, s, c, 1.0
-    return R

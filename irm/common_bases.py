@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import cos, floor, pi, sin
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,10 +23,10 @@ from irm.ik.solvers import all_solutions
 from irm.inverse_table import InverseTable
 from irm.kinematics import wrap
 from irm.packed_cells import code_of, has_cell, mu_of
-from irm.query_kernels import SAME_PLACE, Bases, base_turns, is_apart
-from irm.query_keys import Key, QueryOptions, as_yaw_ranges, find_key, yaw_window
+from irm.query_kernels import SAME_PLACE, Bases, base_turns, is_allowed, is_apart
+from irm.query_keys import FULL_TURN, BaseYaws, Key, QueryOptions, as_positions, as_yaw_ranges, find_key, yaw_window
 from irm.robot_shape import SolidBoxes
-from irm.rotations import rotation, world_to_base, wrap_to_pi
+from irm.rotations import as_poses, rotation, rotations, world_to_base, wrap_to_pi, yaw_pitch_roll
 
 Floats = NDArray[np.float64]
 _ROUNDING = 1e-5
@@ -47,7 +47,8 @@ def place_for_path(
 ) -> BasePlacement:
     """`InverseReachabilityMap.query_path` for waypoints (m, 3) in the world or, with a target, offsets from it."""
     in_world = waypoints if target is None else target + waypoints * (0, 0, 1)
-    keys = _keys(table, in_world, options)
+    pitches, rolls = (np.full(len(waypoints), angle) for angle in (options.pitch, options.roll))
+    keys = _keys(table, in_world, pitches, rolls, options)
     if keys is None:
         return BasePlacement.nothing(Status.NO, (len(waypoints),)).with_first_yaw()
     reference = table.rarest(keys)
@@ -68,31 +69,60 @@ def place_for_path(
         x, y, z = waypoints.T
         points = target + np.stack([c * x - s * y, s * x + c * y, np.broadcast_to(z, (len(turns), len(z)))], axis=2)
         pivots, fixed = np.broadcast_to(target, points.shape), vertical
-    search = _Search(table, options, keys, reference, turns, points, windows, True, fixed)
+    search = _Search(table, options, keys, reference, turns, points, windows, pitches, rolls, True, fixed)
     return (search.find() if solids is None else search.find_clear_of(solids, pivots)).with_first_yaw()
 
 
 def place_for_targets(
-    table: InverseTable, targets: Floats, yaw_ranges: ArrayLike, options: QueryOptions
+    table: InverseTable, targets: ArrayLike, yaw_ranges: ArrayLike, pitches: Any, rolls: Any, options: QueryOptions
 ) -> BasePlacement:
-    """`InverseReachabilityMap.query_multi` for targets (m, 3)."""
-    ranges = as_yaw_ranges(yaw_ranges)
-    if len(ranges) not in (1, len(targets)):
-        raise QueryError(f"{len(targets)} targets do not go with {len(ranges)} yaw ranges")
-    windows = np.array(np.broadcast_to(ranges, (len(targets), 2)))
-    keys = _keys(table, targets, options)
+    """`InverseReachabilityMap.query_multi` for targets (m, 3), or poses (m, 4, 4)."""
+    points, windows, pitches, rolls = targets_of(targets, yaw_ranges, pitches, rolls, options)
+    keys = _keys(table, points, pitches, rolls, options)
     if keys is None:
-        return BasePlacement.nothing(Status.NO, (len(targets),))
+        return BasePlacement.nothing(Status.NO, (len(points),))
     reference = table.rarest(keys)
     low, high = windows[reference].tolist()
     turns = base_turns(yaw_window(table.grid, keys[reference], (low, high), options.yaw_step))
-    points, fixed = np.repeat(targets[None], len(turns), axis=0), np.ones(len(targets), dtype=bool)
-    return _Search(table, options, keys, reference, turns, points, windows, False, fixed).find()
+    at_turns, fixed = np.repeat(points[None], len(turns), axis=0), np.ones(len(points), dtype=bool)
+    return _Search(table, options, keys, reference, turns, at_turns, windows, pitches, rolls, False, fixed).find()
 
 
-def _keys(table: InverseTable, points: Floats, options: QueryOptions) -> list[Key] | None:
+def targets_of(
+    targets: ArrayLike, yaw_ranges: ArrayLike, pitches: Any, rolls: Any, options: QueryOptions
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Positions (m, 3), ranges of yaws (m, 2), pitches and rolls (m,) of several targets, or of TCP poses (m, 4, 4).
+
+    Raises:
+        QueryError: these are no targets, or they do not go together.
+    """
+    if np.ndim(targets) == 3:
+        if not (yaw_ranges is FULL_TURN and pitches is None and rolls is None):
+            raise QueryError("poses (m, 4, 4) have their own angles; they go without yaw_ranges, pitches and rolls")
+        T = as_poses(targets)
+        yaw, pitch, roll = yaw_pitch_roll(T[:, :3, :3]).T
+        return T[:, :3, 3], np.column_stack([yaw, yaw]), pitch, roll
+    points, ranges = as_positions(targets), as_yaw_ranges(yaw_ranges)
+    if len(ranges) not in (1, len(points)):
+        raise QueryError(f"{len(points)} targets do not go with {len(ranges)} yaw ranges")
+    angles = []
+    for name, given, common in (("pitches", pitches, options.pitch), ("rolls", rolls, options.roll)):
+        try:
+            values = np.broadcast_to(np.asarray(common if given is None else given, dtype=float), (len(points),))
+        except (TypeError, ValueError):
+            values = np.array([np.nan])
+        if not np.isfinite(values).all():
+            raise QueryError(f"{name} are finite numbers [rad], one for each of {len(points)} targets, not {given!r}")
+        angles.append(np.array(values))
+    return points, np.array(np.broadcast_to(ranges, (len(points), 2))), *angles
+
+
+def _keys(
+    table: InverseTable, points: Floats, pitches: Floats, rolls: Floats, options: QueryOptions
+) -> list[Key] | None:
     """The key of every position; None if one of them is out of reach, or if no floor is free."""
-    found = [find_key(table.grid, float(z), options.pitch, options.roll) for z in points[:, 2]]
+    rows = zip(points[:, 2].tolist(), pitches.tolist(), rolls.tolist(), strict=True)
+    found = [find_key(table.grid, z, pitch, roll) for z, pitch, roll in rows]
     keys = [key for key in found if key is not None]
     return None if len(keys) < len(found) or options.free_space.is_empty else keys
 
@@ -112,8 +142,9 @@ class _Search:
     """One search for a base common to m positions.
 
     `keys` m of them; `reference`: index of the position whose bases are searched; `turns` (n,) of these bases;
-    `points` (n, m, 3): the positions at each turn; `windows` (m, 2): range of approach yaws of each; `same_yaw`:
-    whether all positions have one approach yaw; `fixed` (m,): which positions are the same at every turn.
+    `points` (n, m, 3): the positions at each turn; `windows` (m, 2): range of approach yaws of each; `pitches`, `rolls`
+    (m,) of each; `same_yaw`: whether all positions have one approach yaw; `fixed` (m,): which positions are the same at
+    every turn.
     """
 
     table: InverseTable
@@ -123,6 +154,8 @@ class _Search:
     turns: Floats
     points: Floats
     windows: Floats
+    pitches: Floats
+    rolls: Floats
     same_yaw: bool
     fixed: NDArray[np.bool_]
 
@@ -178,12 +211,15 @@ class _Search:
         """At most `count` bases common to all positions, by the map."""
         table, key, windows = self.table, self.keys[self.reference], self.windows
         order = np.concatenate([[self.reference], np.delete(np.arange(len(self.keys)), self.reference)])
-        spans = np.column_stack([windows[:, 0] - key.yaw_shift, windows[:, 1] - windows[:, 0]])
+        shifts = np.array([one.yaw_shift for one in self.keys])
+        spans = np.column_stack([windows[:, 0] - shifts, windows[:, 1] - windows[:, 0]])
         orientations = table.grid.orientations
-        if orientations.is_pole(key.group) and orientations.free_roll:
-            spans[:] = -np.pi, 2 * np.pi
+        if orientations.free_roll:
+            spans[[orientations.is_pole(one.group) for one in self.keys]] = -np.pi, 2 * np.pi
         points, apart = np.ascontiguousarray(self.points[:, order]), max(self.options.separation, SAME_PLACE)
-        query = MultiTargetQuery(key.number, key.exact, points, self.turns, spans[order], self.same_yaw, apart)
+        groups, exact = np.array([one.group for one in self.keys]), all(one.exact for one in self.keys)
+        about = points, self.turns, spans[order], groups[order], self.same_yaw, apart, self.options.base_yaws
+        query = MultiTargetQuery(key.number, exact, *about)
         rows, torsos, yaws = (np.empty((count, width)) for width in (5, len(self.keys), len(self.keys)))
         kernel = (table.bases_in(self.options.order), query, self.options.free_space.raster)
         found = wanted = 0
@@ -191,12 +227,16 @@ class _Search:
             wanted = min(count, wanted + _BASES_AT_A_TIME)
             found = best_common_bases(*kernel, rows, torsos, yaws, found, wanted)
         back = np.argsort(order)
-        return _Found(rows[:found], torsos[:found, back], yaws[:found, back] + key.yaw_shift)
+        return _Found(rows[:found], torsos[:found, back], wrap_to_pi(yaws[:found, back] + shifts))
 
     def _decided(self, found: _Found) -> _Found:
         """Those of the bases that may reach all positions, with exact configurations, their μ, and certainty."""
         points = self.points[self._turn_numbers(found.yaws[:, self.reference])]
-        decided = self.table.decisions.decide(found.rows[:, :3], points, found.yaws, self.options)
+        T = np.tile(np.eye(4), (*found.yaws.shape, 1, 1))
+        pitches, rolls = (np.tile(angles, len(points)) for angles in (self.pitches, self.rolls))
+        T[..., :3, :3] = rotations(found.yaws.reshape(-1), pitches, rolls).reshape(*found.yaws.shape, 3, 3)
+        T[..., :3, 3] = points
+        decided = self.table.decisions.decide(found.rows[:, :3], T)
         found.rows[:, 4] = certain = decided.certain
         order = best_first(found.rows[:, 3], certain, decided.may_reach)[: self.options.k]
         rows, torsos, q = found.rows[order], found.torsos[order], decided.configurations[order]
@@ -236,14 +276,16 @@ class _Search:
     def _is_out_of_reach(self) -> bool:
         """Whether one of the positions certainly has no base at all, or two of them are too far apart for one base."""
         points, options = self.points[0], self.options
-        discs = [self.table.disc(point[2], options.pitch) for point in points]
+        discs = [self.table.disc(point[2], pitch) for point, pitch in zip(points, self.pitches.tolist(), strict=True)]
         farthest = np.array([-np.inf if disc is None else sum(disc) for disc in discs])
         apart = np.linalg.norm(points[:, None, :2] - points[None, :, :2], axis=2)
         if np.any(apart > farthest[:, None] + farthest):
             return True
         return any(
-            is_fixed and not self.table.may_exist(point, options.pitch, key, (low, high), options.free_space)
-            for is_fixed, point, key, (low, high) in zip(self.fixed, points, self.keys, self.windows, strict=True)
+            is_fixed and not self.table.may_exist(point, pitch, key, (low, high), options.free_space, options.base_yaws)
+            for is_fixed, point, pitch, key, (low, high) in zip(
+                self.fixed, points, self.pitches.tolist(), self.keys, self.windows, strict=True
+            )
         )
 
 
@@ -251,9 +293,10 @@ class MultiTargetQuery(NamedTuple):
     """The positions that the base must reach, for kernels.
 
     `key` of the reference, whether pitch and roll are `exact`ly those of the map. `points` (n, m, 3): the m TCP
-    positions at each of the n yaws of the reference, the reference first. `yaws` (n,) of the reference [rad]. `windows`
-    (m, 2): lower end and length of each position's range of yaws [rad]. `same_yaw`: whether all positions have the yaw
-    of the reference instead. `apart`: smallest distance between two bases [m].
+    positions at each of the n yaws of the reference, the reference first. `yaws` (n,) of it [rad]. `windows` (m, 2):
+    lower end and length of each position's range of yaws [rad]. `groups` (m,): pitch and roll of each.
+    `same_yaw`: whether all positions have the yaw of the reference instead. `apart`: smallest distance between two
+    bases [m]. `base_yaws`: those that are allowed.
     """
 
     key: int
@@ -261,8 +304,10 @@ class MultiTargetQuery(NamedTuple):
     points: Floats
     yaws: Floats
     windows: Floats
+    groups: NDArray[np.int64]
     same_yaw: bool
     apart: float
+    base_yaws: BaseYaws
 
 
 @njit(cache=True, inline="always")
@@ -354,12 +399,15 @@ def _best_common_base(
             if not point_is_free(raster, x, y) or not is_apart(taken, count, x, y, query.apart):
                 continue
             yaw = yaws[turn] + places.yaw[at]
+            if not is_allowed(query.base_yaws, yaw):
+                continue
             score = own_mu
             for m in range(1, points.shape[1]):
                 if query.same_yaw:
                     mu = _mu_at(bases, group, x, y, yaw, points[turn, m], own)
                 else:
-                    mu, _ = _best_yaw(bases, group, x, y, yaw, points[turn, m], windows[m, 0], windows[m, 1])
+                    other = query.groups[m]
+                    mu, _ = _best_yaw(bases, other, x, y, yaw, points[turn, m], windows[m, 0], windows[m, 1])
                 score = min(score, mu)
                 if score <= best:
                     break
@@ -396,17 +444,16 @@ def best_common_bases(
         yaw = query.yaws[turn] + places.yaw[at]
         certain = query.exact
         for m in range(query.points.shape[1]):
-            point = query.points[turn, m]
-            sample = own
+            point, sample, other = query.points[turn, m], own, query.groups[m]
             if not query.same_yaw and m > 0:
-                _, sample = _best_yaw(bases, group, x, y, yaw, point, query.windows[m, 0], query.windows[m, 1])
+                _, sample = _best_yaw(bases, other, x, y, yaw, point, query.windows[m, 0], query.windows[m, 1])
             layer, i, j, _ = _cell(bases, x, y, yaw, point, 0.0)
-            certain = certain and _is_enclosed(bases, group, x, y, yaw, point, sample)
+            certain = certain and _is_enclosed(bases, other, x, y, yaw, point, sample)
             height_offset = point[2] - bases.corner[2] - (layer + 0.5) * bases.thickness
-            code = code_of(bases.cells, layer * bases.groups + group, (sample * side + i) * side + j)
+            code = code_of(bases.cells, layer * bases.groups + other, (sample * side + i) * side + j)
             torso = bases.torsos[code & ((1 << bases.cells.torso_bits) - 1)] + height_offset
             torsos[k, m] = min(bases.torso_upper, max(bases.torso_lower, torso))
-            yaws[k, m] = wrap(yaw + 2.0 * pi * sample / bases.yaws[group])
+            yaws[k, m] = wrap(yaw + 2.0 * pi * sample / bases.yaws[other])
         rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3] = x, y, wrap(yaw), score
         rows[k, 4] = 1.0 if certain else 0.0
     return last

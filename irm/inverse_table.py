@@ -20,14 +20,12 @@ from irm.base_decisions import BaseDecisions
 from irm.free_space import FreeSpace
 from irm.grid import MapGrid
 from irm.query_kernels import (
-    ANY_YAW,
     PARTS,
     RING_WIDTH,
     RINGS,
     SAME_PLACE,
     SECTORS,
     Bases,
-    BaseYaws,
     Places,
     Ranking,
     any_base_near,
@@ -37,7 +35,7 @@ from irm.query_kernels import (
     rank_bases,
     turns_of,
 )
-from irm.query_keys import Key, Order, linspace_angles, nearby_keys, outer_turns
+from irm.query_keys import ANY_YAW, BaseYaws, Key, Order, linspace_angles, nearby_keys, outer_turns
 from irm.reachability_map import ReachabilityMap, neighbouring_groups
 
 Floats = NDArray[np.float64]

@@ -19,7 +19,7 @@ from irm.compilation import WITHOUT_REFERENCE_COUNTS, njit
 from irm.free_space import Raster, floor_distance, floor_gap, point_is_free
 from irm.kinematics import wrap
 from irm.packed_cells import PackedCells, code_of, has_cell, mu_of
-from irm.query_keys import YawWindow
+from irm.query_keys import BaseYaws, YawWindow
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -125,16 +125,6 @@ class Bases(NamedTuple):
     by_certainty: bool
     ranked: Ranking
     rings: Ranking
-
-
-class BaseYaws(NamedTuple):
-    """Allowed yaws of the base in the world: from `low` on over a `span` [rad]; all if that is infinite."""
-
-    low: float
-    span: float
-
-
-ANY_YAW = BaseYaws(-pi, inf)
 
 
 class TcpPlace(NamedTuple):
@@ -528,6 +518,83 @@ def best_bases_batch(
         turns = lay_out_turns(YawWindow(low, high, window.step, window.samples, shift))
         _best_bases_of_some(bases, queries, order[first:last], turns, around, rows, counts, progress)
         first = last
+
+
+class KeySet(NamedTuple):
+    """n keys for kernels, of a set of gripper poses at one place: their `numbers` (n,), the TCP's `height_offsets` (n,)
+    above the middles of their layers [m], whether pitch and roll are `exact` (n,), and which of the windows of turns is
+    theirs, `window` (n,)."""
+
+    numbers: Integers
+    height_offsets: Floats
+    exact: NDArray[np.bool_]
+    window: Integers
+
+
+@njit(cache=True)
+def best_bases_of_set(
+    bases: Bases,
+    keys: KeySet,
+    windows: Floats,
+    x: float,
+    y: float,
+    raster: Raster,
+    apart: float,
+    yaws: BaseYaws,
+    rows: Floats,
+) -> int:
+    """The best bases of several keys together, `apart` from each other [m], into `rows` (k, 8): seven columns as in
+    `_best_bases`, and which of the keys. Returns how many there are.
+
+    `windows` (w, 5): of turns, the columns of `YawWindow`. Of each key the μ of its next base is a bound. The key with
+    the highest bound is searched for a base that is free and apart, which is then its bound, until it is the best one.
+    """
+    turns = [
+        lay_out_turns(YawWindow(windows[w, 0], windows[w, 1], windows[w, 2], int(windows[w, 3]), windows[w, 4]))
+        for w in range(windows.shape[0])
+    ]
+    around, count = floor_around(raster, apart, yaws), keys.numbers.shape[0]
+    at, turn, bound = np.empty(count, np.int64), np.full(count, -1), np.empty(count)
+    for n in range(count):
+        at[n] = bases.ranked.first[keys.numbers[n]]
+        if turns[keys.window[n]].all_around and apart >= 0.0:
+            at[n] = bases.rings.first[keys.numbers[n]]
+        bound[n] = inf
+    filled = 0
+    while filled < rows.shape[0]:
+        n = np.argmax(bound)
+        if bound[n] <= 0.0:
+            break
+        own = turns[keys.window[n]]
+        ranking = bases.rings if own.all_around and apart >= 0.0 else bases.ranked
+        place = TcpPlace(keys.numbers[n], x, y, keys.height_offsets[n], keys.exact[n])
+        if turn[n] >= 0:
+            local = np.int64(ranking.cell[at[n]])
+            _fill_row(bases, place, own, turn[n], local, rows[filled])
+            turn[n] = -1
+            if is_apart(rows, filled, rows[filled, 0], rows[filled, 1], apart):
+                rows[filled, 7] = n
+                filled += 1
+                at[n] += apart < 0.0
+            else:  # the same base at another turn, or one farther down
+                pass
+            bound[n] = _score(bases, place.key, ranking, at[n])
+        else:
+            at[n], turn[n] = _next_in_order(bases, ranking, at[n], place, own, around, rows, filled)
+            bound[n] = _score(bases, place.key, ranking, at[n]) if turn[n] >= 0 else -1.0
+    return filled
+
+
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
+def _score(bases: Bases, key: int, ranking: Ranking, rank: int) -> float:
+    """By what the base at a rank of a key is compared with those of other keys; negative at the ranking's end."""
+    if rank >= ranking.first[key + 1]:
+        return -1.0
+    local = np.int64(ranking.cell[rank])
+    mu = mu_of(bases.cells, key, local)
+    if bases.by_certainty and is_upright(bases, key // bases.groups, key % bases.groups, local):
+        mu += 1.0
+    return mu
 
 
 @lru_cache(maxsize=256)

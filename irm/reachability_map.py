@@ -92,7 +92,9 @@ class ReachabilityMap:
         Raises:
             ReachabilityError: the robot or the parameters make no sense.
         """
-        from irm.map_kernels import closed_form_layers, sampled_layers  # most maps are loaded: their import is saved
+        # Most maps are loaded: these imports are saved.
+        from irm.map_kernels import closed_form_layers
+        from irm.sampled_layers import sampled_layers
 
         wanted = MapParameters(**parameters)
         chain = _chain_of(robot, wanted)

@@ -9,7 +9,7 @@ shapes of one arm, the others are at home.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from irm.answers import YES, BasePlacement, Status
 from irm.base_decisions import SPARE_BASES
@@ -17,7 +17,7 @@ from irm.errors import QueryError
 from irm.ik.solvers import ExactSolver
 from irm.inverse_table import InverseTable, best_apart
 from irm.query_kernels import base_turns
-from irm.query_keys import Key, QueryOptions, as_yaw_ranges, find_key, yaw_window
+from irm.query_keys import Key, QueryOptions, find_key, yaw_window
 from irm.rotations import rotation, world_to_base, wrap_to_pi
 
 Floats = NDArray[np.float64]
@@ -28,21 +28,25 @@ _ROUNDING = 1e-5
 
 
 def place_for_arms(
-    tables: list[InverseTable], targets: Floats, yaw_ranges: ArrayLike, options: QueryOptions
+    tables: list[InverseTable], targets: Floats, windows: Floats, pitches: Floats, rolls: Floats, options: QueryOptions
 ) -> BasePlacement:
-    """`InverseReachabilityMap.query_multi` with an arm for each of the targets (m, 3): `tables` (m) of these arms."""
-    ranges = as_yaw_ranges(yaw_ranges)
-    if len(tables) != len(targets) or len(ranges) not in (1, len(targets)):
-        raise QueryError(f"{len(tables)} arms and {len(ranges)} yaw ranges do not go with {len(targets)} targets")
+    """`InverseReachabilityMap.query_multi` with an arm for each of the targets (m, 3): `tables` (m) of these arms.
+
+    Of each target there are a range of yaws `windows` (m, 2), and `pitches`, `rolls` (m,) [rad].
+    """
+    if len(tables) != len(targets):
+        raise QueryError(f"{len(tables)} arms do not go with {len(targets)} targets")
     chains = [table.reachability_map.chain for table in tables]
     if any(chain is None for chain in chains):
         raise QueryError("several arms need maps that know their arms, not maps made from poses")
-    windows = np.array(np.broadcast_to(ranges, (len(targets), 2)))
     keys: list[Key] = []
-    for table, point, window in zip(tables, targets, windows, strict=True):
-        key = find_key(table.grid, float(point[2]), options.pitch, options.roll)
+    angles = zip(pitches.tolist(), rolls.tolist(), strict=True)
+    for table, point, window, (pitch, roll) in zip(tables, targets, windows, angles, strict=True):
+        key = find_key(table.grid, float(point[2]), pitch, roll)
         bounds = float(window[0]), float(window[1])
-        if key is None or not table.may_exist(point.tolist(), options.pitch, key, bounds, options.free_space):
+        if key is None or not table.may_exist(
+            point.tolist(), pitch, key, bounds, options.free_space, options.base_yaws
+        ):
             return BasePlacement.nothing(Status.NO, (len(targets),))
         keys.append(key)
     x, y, yaw, approach, mu = _scored(tables, keys, targets, windows, options)
@@ -55,7 +59,7 @@ def place_for_arms(
     for row, base in enumerate(rows):
         T = np.zeros((len(targets), 4, 4))
         for k, point in enumerate(targets):
-            T[k, :3, :3], T[k, :3, 3] = rotation(float(yaws[row, k]), options.pitch, options.roll), point
+            T[k, :3, :3], T[k, :3, 3] = rotation(float(yaws[row, k]), float(pitches[k]), float(rolls[k])), point
             T[k, 3, 3] = 1.0
         base[4] = _together(tables, world_to_base(base[:3]) @ T, q[row])
     order = np.lexsort((-rows[:, 3], -rows[:, 4]))[: options.k]
@@ -81,6 +85,8 @@ def _scored(
     approach = np.empty((len(x), len(targets)))
     approach[:, reference] = wrap_to_pi(turn + key.yaw_shift)
     kept = options.free_space.are_free(x, y)
+    if np.isfinite(options.base_yaws.span):
+        kept &= (yaw - options.base_yaws.low + _ROUNDING) % (2 * np.pi) <= options.base_yaws.span + 2 * _ROUNDING
     for k in range(len(targets)):
         x, y, yaw, mu, approach = x[kept], y[kept], yaw[kept], mu[kept], approach[kept]
         kept = np.ones(len(x), dtype=bool)
