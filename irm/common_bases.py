@@ -105,7 +105,7 @@ def targets_of(
     points, ranges = as_positions(targets), as_yaw_ranges(yaw_ranges)
     if len(ranges) not in (1, len(points)):
         raise QueryError(f"{len(points)} targets do not go with {len(ranges)} yaw ranges")
-    angles = []
+    angles: list[Floats] = []
     for name, given, common in (("pitches", pitches, options.pitch), ("rolls", rolls, options.roll)):
         try:
             values = np.broadcast_to(np.asarray(common if given is None else given, dtype=float), (len(points),))
@@ -114,7 +114,7 @@ def targets_of(
         if not np.isfinite(values).all():
             raise QueryError(f"{name} are finite numbers [rad], one for each of {len(points)} targets, not {given!r}")
         angles.append(np.array(values))
-    return points, np.array(np.broadcast_to(ranges, (len(points), 2))), *angles
+    return points, np.array(np.broadcast_to(ranges, (len(points), 2))), angles[0], angles[1]
 
 
 def _keys(
@@ -227,7 +227,9 @@ class _Search:
             wanted = min(count, wanted + _BASES_AT_A_TIME)
             found = best_common_bases(*kernel, rows, torsos, yaws, found, wanted)
         back = np.argsort(order)
-        return _Found(rows[:found], torsos[:found, back], wrap_to_pi(yaws[:found, back] + shifts))
+        return _Found(
+            rows[:found], torsos[:found, back], np.asarray(wrap_to_pi(yaws[:found, back] + shifts), dtype=float)
+        )
 
     def _decided(self, found: _Found) -> _Found:
         """Those of the bases that may reach all positions, with exact configurations, their μ, and certainty."""
@@ -387,7 +389,7 @@ def _best_common_base(
     table = places.first[bases.kind[group]]
     points, yaws, windows = query.points, query.yaws, query.windows
     for rank in range(bases.ranked.first[key], bases.ranked.first[key + 1]):
-        local = np.int64(bases.ranked.cell[rank])
+        local = int(bases.ranked.cell[rank])
         own_mu = mu_of(bases.cells, key, local)
         if own_mu <= best:
             break

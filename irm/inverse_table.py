@@ -240,18 +240,18 @@ def _places(grid: MapGrid, kinds: Integers) -> Places:
         first = np.flatnonzero(np.diff(tile[by_tile], prepend=-1))
         number, size = tile[by_tile][first], np.diff(first, append=len(tile))
         tile_x, tile_y = ((part - half + 0.5) * TILE for part in (number // (2 * half), number % (2 * half)))
-        x, y, yaw = (values.astype(np.float32) for values in (x, y, yaw))
-        apart = np.hypot(x[by_tile] - np.repeat(tile_x, size), y[by_tile] - np.repeat(tile_y, size))
+        px, py, turn = (values.astype(np.float32) for values in (x, y, yaw))
+        apart = np.hypot(px[by_tile] - np.repeat(tile_x, size), py[by_tile] - np.repeat(tile_y, size))
         tiles.append([tile_x, tile_y, np.maximum.reduceat(apart, first), first + begun])
         begun += len(tile)
-        radius, parts = np.hypot(x, y), SECTORS * PARTS
-        part = (np.arctan2(y, x).astype(float) * (parts / (2 * np.pi)) // 1).astype(np.int64) % parts
+        radius, parts = np.hypot(px, py), SECTORS * PARTS
+        part = (np.arctan2(py, px).astype(float) * (parts / (2 * np.pi)) // 1).astype(np.int64) % parts
         ring = np.minimum((radius.astype(float) / RING_WIDTH).astype(np.int64), RINGS - 1)
-        columns.append([x, y, radius, yaw, (ring * parts + part).astype(np.uint16), by_tile.astype(np.int32)])
+        columns.append([px, py, radius, turn, (ring * parts + part).astype(np.uint16), by_tile.astype(np.int32)])
     tile_columns = [np.concatenate(values) for values in zip(*tiles, strict=True)]
     tile_columns[3] = np.append(tile_columns[3], begun)
     ends = (np.cumsum([0, *(len(some[0]) for some in part)]) for part in (columns, tiles))
     arrays = [*(np.concatenate(values) for values in zip(*columns, strict=True)), *tile_columns, *ends]
     for array in arrays:
         array.setflags(write=False)
-    return Places(*arrays, (2 * grid.half) ** 2)
+    return Places._make([*arrays, (2 * grid.half) ** 2])

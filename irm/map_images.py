@@ -14,7 +14,7 @@ An arm whose first axis is not vertical, or whose last axis is not the approach,
 from __future__ import annotations
 
 from math import pi
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,19 +138,14 @@ def touching(chain: ArmChain, shapes: Shapes, images: Images) -> Touching:
     turn[on_torso] = R[0] @ turn[on_torso]
     axis = np.array([*p[1, :2], 0.0])
     back = [rotation(-k * pi / 2, 0.0, 0.0) for k in range(images.quarters)]
-    kinds = [
-        is_one & on_last
+    kinds: list[NDArray[Any]] = [
+        np.ascontiguousarray(pairs[is_one & on_last])
         for is_one in (lower_link > 0, lower_link == 0, lower_link == BASE)
         for on_last in (~on_hand, on_hand)
     ]
-    return Touching(
-        *(np.ascontiguousarray(pairs[kind]) for kind in kinds),
-        fixed,
-        link[fixed] == BASE,
-        np.array([axis + (position - axis) @ R_back.T for R_back in back]).reshape(images.quarters, -1, 3),
-        np.array([R_back @ turn for R_back in back]).reshape(images.quarters, -1, 3, 3),
-        np.flatnonzero(link == last),
-    )
+    places = np.array([axis + (position - axis) @ R_back.T for R_back in back]).reshape(images.quarters, -1, 3)
+    turns = np.array([R_back @ turn for R_back in back]).reshape(images.quarters, -1, 3, 3)
+    return Touching._make([*kinds, fixed, link[fixed] == BASE, places, turns, np.flatnonzero(link == last)])
 
 
 @njit(cache=True, inline="always")

@@ -53,9 +53,9 @@ def pack_cells(grid: MapGrid, reached: Bools, free: Bools, mu: Singles, torso: N
         mu, torso: (m,) μ > 0 and the number of the torso height of the free cells, in the order of the cells.
     """
     levels, torso_bits = np.unique(mu), max(0, len(grid.torsos) - 1).bit_length()
-    kind = np.dtype(np.uint32)
+    kind: Any = np.uint32
     if len(mu) > EXACT and torso_bits <= 8:
-        kind, most = np.dtype(np.uint16), 1 << (16 - torso_bits)
+        kind, most = np.uint16, 1 << (16 - torso_bits)
         if len(levels) > most:
             levels = np.linspace(levels[0], levels[-1], most, dtype=np.float32)
     level = (np.searchsorted(levels, mu, side="right") - 1).astype(np.uint32)
@@ -80,9 +80,8 @@ def join_cells(
             column[offset[key] : offset[key] + words[key]].view(np.uint8)[: len(packed)] = packed
     blocks = np.add.reduceat(_bit_counts(columns[1]), np.arange(0, len(columns[1]), _BLOCK))
     before = (np.cumsum(blocks) - blocks).astype(np.uint32)
-    cells = PackedCells(
-        offset, *(column.astype(np.uint64) for column in columns), before, codes, levels, _torso_bits(grid)
-    )
+    all_reached, all_free = (column.astype(np.uint64) for column in columns)
+    cells = PackedCells(offset, all_reached, all_free, before, codes, levels, _torso_bits(grid))
     for array in cells[:-1]:
         array.setflags(write=False)
     return cells
@@ -157,7 +156,7 @@ def code_of(cells: PackedCells, key: int, local: int) -> int:
         count += _count_bits(cells.free[at])
         at += _1
     count += _count_bits(cells.free[word] & ((_1 << (place & _63)) - _1))
-    return np.int64(cells.codes[count])
+    return np.int64(cells.codes[count])  # type: ignore[return-value]  # an int to numba
 
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)

@@ -562,7 +562,7 @@ def best_bases_of_set(
         bound[n] = inf
     filled = 0
     while filled < rows.shape[0]:
-        n = np.argmax(bound)
+        n = int(np.argmax(bound))
         if bound[n] <= 0.0:
             break
         own = turns[keys.window[n]]
@@ -576,8 +576,6 @@ def best_bases_of_set(
                 rows[filled, 7] = n
                 filled += 1
                 at[n] += apart < 0.0
-            else:  # the same base at another turn, or one farther down
-                pass
             bound[n] = _score(bases, place.key, ranking, at[n])
         else:
             at[n], turn[n] = _next_in_order(bases, ranking, at[n], place, own, around, rows, filled)
@@ -760,7 +758,7 @@ def rank_bases(
         if packed.offset[key] > 0:
             best[:] = -1
             for k in range(table, end):
-                cell = np.int64(places.by_tile[k])
+                cell = int(places.by_tile[k])
                 if has_cell(packed.free, packed.offset[key], cell):
                     level = code_of(packed, key, cell) >> packed.torso_bits
                     if by_certainty and is_upright(bases, layer, group, cell):
@@ -781,9 +779,9 @@ def rank_bases(
         for step in range(skip.shape[1]):
             skip[key, step] = filled + count
         for rank in range(count - 1, -1, -1):
-            cell = local[order[rank]]
-            cells[filled + rank] = cell
-            skip[key, int(float(places.radius[table + cell]) / RADIUS_STEP)] = filled + rank
+            own = local[order[rank]]
+            cells[filled + rank] = own
+            skip[key, int(float(places.radius[table + own]) / RADIUS_STEP)] = filled + rank
         for step in range(skip.shape[1] - 2, -1, -1):
             skip[key, step] = min(skip[key, step], skip[key, step + 1])
         filled += count

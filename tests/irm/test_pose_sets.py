@@ -36,9 +36,7 @@ def test_a_set_has_the_best_bases_of_all_its_rings_and_layers(coarse_inverse, ta
     found = coarse_inverse.query(CUP, pitch=pitch, height=height, **how)
     single = [coarse_inverse.query((*CUP[:2], z), pitch=p, **how).manipulability for z in layers for p in rings]
     clipped = [coarse_inverse.query((*CUP[:2], z), pitch=p, **how).manipulability for z in height for p in rings]
-    clipped += [
-        coarse_inverse.query((*CUP[:2], z), pitch=pitch[0], **how).manipulability for z in (*layers, *height)
-    ]
+    clipped += [coarse_inverse.query((*CUP[:2], z), pitch=pitch[0], **how).manipulability for z in (*layers, *height)]
     every = np.sort(np.concatenate(single))[::-1]
     assert len(found) == LONG["k"]
     assert np.all(np.diff(found.manipulability) <= 0)
