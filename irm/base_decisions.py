@@ -106,9 +106,11 @@ class BaseDecisions:
     def decide_rows(
         self, rows: Floats, T_world_tcp: Floats, options: QueryOptions, most: int = MOST_BASES
     ) -> tuple[Integers, Floats]:
-        """Which of the bases of rows (m, 7) may reach their poses (m, 4, 4): `most` at most, the certain and best
-        first; and configurations (m, 1 + n) that do. Sets certainty and torso height of the rows, and with `options.exact` μ,
-        to those of these."""
+        """Which of the bases of rows (m, 7) may reach their poses (m, 4, 4), and configurations (m, 1 + n) that do.
+
+        They are `most` at most, the certain and best first. Sets certainty and torso height of the rows, and with
+        `options.exact` μ, to those of the configurations.
+        """
         decided = self.decide(rows[:, :3], T_world_tcp[:, None])
         certain, q = decided.certain, decided.configurations[:, 0].copy()
         rows[:, 6] = certain
