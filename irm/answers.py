@@ -35,6 +35,9 @@ class BasePlacement:
         certain: (k,) whether the arm certainly reaches from this base, free of self-collision.
         configurations: with exact answers, (k, 1 + n) torso [m] and arm [rad] that reach, free of self-collision, NaN
             where none is known; of paths and of several targets (k, m, 1 + n). Else None.
+        joints_alone: whether nothing is known about self-collision, because the arm has no shapes or the map ignores
+            them: YES and `certain` are then statements about the joints.
+        height, pitch, roll: (k,) of the TCP that each base is for [m], [rad], if the query was for ranges. Else None.
     """
 
     status: Status
@@ -44,6 +47,10 @@ class BasePlacement:
     approach_yaw: Floats
     certain: NDArray[np.bool_]
     configurations: Floats | None = None
+    joints_alone: bool = False
+    height: Floats | None = None
+    pitch: Floats | None = None
+    roll: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.poses)
@@ -52,11 +59,15 @@ class BasePlacement:
         return len(self.poses) > 0
 
     def __str__(self) -> str:
-        return "\n".join("  ".join(f"{cell:>9}" for cell in row) for row in ((str(self.status),), *self._table()))
+        return "\n".join("  ".join(f"{cell:>9}" for cell in row) for row in ((self._title,), *self._table()))
 
     def _repr_html_(self) -> str:
         rows = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in self._table())
-        return f"<table><caption>{self.status}</caption>{rows}</table>"
+        return f"<table><caption>{self._title}</caption>{rows}</table>"
+
+    @property
+    def _title(self) -> str:
+        return f"{self.status}{', joints alone' if self.joints_alone else ''}"
 
     def _table(self) -> list[tuple[str, ...]]:
         """A row of names and one a base; of several targets, with the torso height for the first one."""
@@ -72,13 +83,14 @@ class BasePlacement:
         return BasePlacement(status, np.empty((0, 3)), np.empty(0), none, none, np.empty(0, dtype=bool))
 
     @staticmethod
-    def of_rows(rows: Floats, configurations: Floats | None = None) -> BasePlacement:
-        """From kernel rows (k, 7), k ≥ 1: x, y, yaw, approach yaw, μ, torso, certain."""
+    def of_rows(rows: Floats, configurations: Floats | None = None, joints_alone: bool = False) -> BasePlacement:
+        """From kernel rows (k, 7) or more columns, k ≥ 1: x, y, yaw, approach yaw, μ, torso, certain."""
         rows.setflags(write=False)
         certain = rows[:, 6] > 0.5
         certain.setflags(write=False)
         status = Status.YES if True in certain.tolist() else Status.UNKNOWN
-        return BasePlacement(status, rows[:, :3], rows[:, 4], rows[:, 5], rows[:, 3], certain, configurations)
+        columns = rows[:, :3], rows[:, 4], rows[:, 5], rows[:, 3]
+        return BasePlacement(status, *columns, certain, configurations, joints_alone)
 
     @staticmethod
     def of_multi_rows(
@@ -103,6 +115,7 @@ class PlacementBatch:
         count: (n,) bases found.
         poses, manipulability, torso, approach_yaw, certain: (n, k, …) as of `BasePlacement`; `certain` is False where
             none was found.
+        joints_alone: as of `BasePlacement`.
     """
 
     count: NDArray[np.int64]
@@ -111,14 +124,16 @@ class PlacementBatch:
     torso: Floats
     approach_yaw: Floats
     certain: NDArray[np.bool_]
+    joints_alone: bool = False
 
     def __len__(self) -> int:
         return len(self.count)
 
     @staticmethod
-    def of_rows(rows: Floats, count: NDArray[np.int64]) -> PlacementBatch:
+    def of_rows(rows: Floats, count: NDArray[np.int64], joints_alone: bool = False) -> PlacementBatch:
         """From kernel rows (n, k, 7), see `BasePlacement.of_rows`."""
         certain = rows[..., 6] > 0.5
         for array in (rows, count, certain):
             array.setflags(write=False)
-        return PlacementBatch(count, rows[..., :3], rows[..., 4], rows[..., 5], rows[..., 3], certain)
+        columns = rows[..., :3], rows[..., 4], rows[..., 5], rows[..., 3]
+        return PlacementBatch(count, *columns, certain, joints_alone)

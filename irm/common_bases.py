@@ -1,6 +1,6 @@
 """One base for several TCP positions: the waypoints of a path, or several targets.
 
-The bases of one position, the reference, are searched in the order of `irm.inverse_table`. For each of these bases, the
+The bases of one position, the reference, are searched by μ, the best first. For each of these bases, the
 μ of every other position is read from the voxel that contains it in the base frame. The score of a base is the smallest
 μ. It cannot exceed μ of the reference, so the search ends as early as that of a single position.
 """
@@ -9,22 +9,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import cos, floor, pi, sin
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irm.answers import BasePlacement, Status
+from irm.base_decisions import SPARE_BASES, best_first
 from irm.compilation import njit
 from irm.errors import QueryError
-from irm.free_space import Raster, floor_distance, point_is_free
+from irm.free_space import Raster, point_is_free
 from irm.ik.solvers import all_solutions
-from irm.inverse_table import SPARE_BASES, GroupField, InverseTable, best_first
+from irm.inverse_table import InverseTable
 from irm.kinematics import wrap
-from irm.query_kernels import SAME_PLACE, Tiles, base_turns, is_apart
-from irm.query_keys import Key, QueryOptions, as_yaw_ranges, find_key, yaw_window
+from irm.packed_cells import code_of, has_cell, mu_of
+from irm.query_kernels import SAME_PLACE, Bases, base_turns, is_allowed, is_apart
+from irm.query_keys import FULL_TURN, BaseYaws, Key, QueryOptions, as_positions, as_yaw_ranges, find_key, yaw_window
 from irm.robot_shape import SolidBoxes
-from irm.rotations import rotation, world_to_base, wrap_to_pi
+from irm.rotations import as_poses, rotation, rotations, world_to_base, wrap_to_pi, yaw_pitch_roll
 
 Floats = NDArray[np.float64]
 _ROUNDING = 1e-5
@@ -45,7 +47,8 @@ def place_for_path(
 ) -> BasePlacement:
     """`InverseReachabilityMap.query_path` for waypoints (m, 3) in the world or, with a target, offsets from it."""
     in_world = waypoints if target is None else target + waypoints * (0, 0, 1)
-    keys = _keys(table, in_world, options)
+    pitches, rolls = (np.full(len(waypoints), angle) for angle in (options.pitch, options.roll))
+    keys = _keys(table, in_world, pitches, rolls, options)
     if keys is None:
         return BasePlacement.nothing(Status.NO, (len(waypoints),)).with_first_yaw()
     reference = table.rarest(keys)
@@ -66,31 +69,60 @@ def place_for_path(
         x, y, z = waypoints.T
         points = target + np.stack([c * x - s * y, s * x + c * y, np.broadcast_to(z, (len(turns), len(z)))], axis=2)
         pivots, fixed = np.broadcast_to(target, points.shape), vertical
-    search = _Search(table, options, keys, reference, turns, points, windows, True, fixed)
+    search = _Search(table, options, keys, reference, turns, points, windows, pitches, rolls, True, fixed)
     return (search.find() if solids is None else search.find_clear_of(solids, pivots)).with_first_yaw()
 
 
 def place_for_targets(
-    table: InverseTable, targets: Floats, yaw_ranges: ArrayLike, options: QueryOptions
+    table: InverseTable, targets: ArrayLike, yaw_ranges: ArrayLike, pitches: Any, rolls: Any, options: QueryOptions
 ) -> BasePlacement:
-    """`InverseReachabilityMap.query_multi` for targets (m, 3)."""
-    ranges = as_yaw_ranges(yaw_ranges)
-    if len(ranges) not in (1, len(targets)):
-        raise QueryError(f"{len(targets)} targets do not go with {len(ranges)} yaw ranges")
-    windows = np.array(np.broadcast_to(ranges, (len(targets), 2)))
-    keys = _keys(table, targets, options)
+    """`InverseReachabilityMap.query_multi` for targets (m, 3), or poses (m, 4, 4)."""
+    points, windows, pitches, rolls = targets_of(targets, yaw_ranges, pitches, rolls, options)
+    keys = _keys(table, points, pitches, rolls, options)
     if keys is None:
-        return BasePlacement.nothing(Status.NO, (len(targets),))
+        return BasePlacement.nothing(Status.NO, (len(points),))
     reference = table.rarest(keys)
     low, high = windows[reference].tolist()
     turns = base_turns(yaw_window(table.grid, keys[reference], (low, high), options.yaw_step))
-    points, fixed = np.repeat(targets[None], len(turns), axis=0), np.ones(len(targets), dtype=bool)
-    return _Search(table, options, keys, reference, turns, points, windows, False, fixed).find()
+    at_turns, fixed = np.repeat(points[None], len(turns), axis=0), np.ones(len(points), dtype=bool)
+    return _Search(table, options, keys, reference, turns, at_turns, windows, pitches, rolls, False, fixed).find()
 
 
-def _keys(table: InverseTable, points: Floats, options: QueryOptions) -> list[Key] | None:
+def targets_of(
+    targets: ArrayLike, yaw_ranges: ArrayLike, pitches: Any, rolls: Any, options: QueryOptions
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Positions (m, 3), ranges of yaws (m, 2), pitches and rolls (m,) of several targets, or of TCP poses (m, 4, 4).
+
+    Raises:
+        QueryError: these are no targets, or they do not go together.
+    """
+    if np.ndim(targets) == 3:
+        if not (yaw_ranges is FULL_TURN and pitches is None and rolls is None):
+            raise QueryError("poses (m, 4, 4) have their own angles; they go without yaw_ranges, pitches and rolls")
+        T = as_poses(targets)
+        yaw, pitch, roll = yaw_pitch_roll(T[:, :3, :3]).T
+        return T[:, :3, 3], np.column_stack([yaw, yaw]), pitch, roll
+    points, ranges = as_positions(targets), as_yaw_ranges(yaw_ranges)
+    if len(ranges) not in (1, len(points)):
+        raise QueryError(f"{len(points)} targets do not go with {len(ranges)} yaw ranges")
+    angles: list[Floats] = []
+    for name, given, common in (("pitches", pitches, options.pitch), ("rolls", rolls, options.roll)):
+        try:
+            values = np.broadcast_to(np.asarray(common if given is None else given, dtype=float), (len(points),))
+        except (TypeError, ValueError):
+            values = np.array([np.nan])
+        if not np.isfinite(values).all():
+            raise QueryError(f"{name} are finite numbers [rad], one for each of {len(points)} targets, not {given!r}")
+        angles.append(np.array(values))
+    return points, np.array(np.broadcast_to(ranges, (len(points), 2))), angles[0], angles[1]
+
+
+def _keys(
+    table: InverseTable, points: Floats, pitches: Floats, rolls: Floats, options: QueryOptions
+) -> list[Key] | None:
     """The key of every position; None if one of them is out of reach, or if no floor is free."""
-    found = [find_key(table.grid, float(z), options.pitch, options.roll) for z in points[:, 2]]
+    rows = zip(points[:, 2].tolist(), pitches.tolist(), rolls.tolist(), strict=True)
+    found = [find_key(table.grid, z, pitch, roll) for z, pitch, roll in rows]
     keys = [key for key in found if key is not None]
     return None if len(keys) < len(found) or options.free_space.is_empty else keys
 
@@ -110,8 +142,9 @@ class _Search:
     """One search for a base common to m positions.
 
     `keys` m of them; `reference`: index of the position whose bases are searched; `turns` (n,) of these bases;
-    `points` (n, m, 3): the positions at each turn; `windows` (m, 2): range of approach yaws of each; `same_yaw`:
-    whether all positions have one approach yaw; `fixed` (m,): which positions are the same at every turn.
+    `points` (n, m, 3): the positions at each turn; `windows` (m, 2): range of approach yaws of each; `pitches`, `rolls`
+    (m,) of each; `same_yaw`: whether all positions have one approach yaw; `fixed` (m,): which positions are the same at
+    every turn.
     """
 
     table: InverseTable
@@ -121,6 +154,8 @@ class _Search:
     turns: Floats
     points: Floats
     windows: Floats
+    pitches: Floats
+    rolls: Floats
     same_yaw: bool
     fixed: NDArray[np.bool_]
 
@@ -128,7 +163,7 @@ class _Search:
         """The best bases common to all positions."""
         k = self.options.k
         found = self._common_bases(k)
-        if len(found.rows) and self.table.is_exact_wanted(self.options, by_default=self.same_yaw):
+        if len(found.rows) and self._is_exact_wanted(found):
             kept = self._decided(found)
             if kept.rows[:, 4].sum() < len(found.rows):  # others may take the places of those that are not certain
                 kept = self._decided(self._common_bases(k + SPARE_BASES))
@@ -138,6 +173,12 @@ class _Search:
         else:
             status = Status.NO if self._is_out_of_reach() else Status.UNKNOWN
         return BasePlacement.of_multi_rows(*found[:3], status, found.configurations)
+
+    def _is_exact_wanted(self, found: _Found) -> bool:
+        """By default, for paths of arms that take little time, and where the map is certain of no base."""
+        decisions = self.table.decisions
+        by_default = (self.same_yaw and decisions.is_fast) or not found.rows[:, 4].any()
+        return decisions.is_wanted(self.options, by_default)
 
     def find_clear_of(self, solids: SolidBoxes, pivots: Floats) -> BasePlacement:
         """The same at those turns at which gripper and wrist are in no solid box.
@@ -170,30 +211,39 @@ class _Search:
         """At most `count` bases common to all positions, by the map."""
         table, key, windows = self.table, self.keys[self.reference], self.windows
         order = np.concatenate([[self.reference], np.delete(np.arange(len(self.keys)), self.reference)])
-        spans = np.column_stack([windows[:, 0] - key.yaw_shift, windows[:, 1] - windows[:, 0]])
+        shifts = np.array([one.yaw_shift for one in self.keys])
+        spans = np.column_stack([windows[:, 0] - shifts, windows[:, 1] - windows[:, 0]])
         orientations = table.grid.orientations
-        if orientations.is_pole(key.group) and orientations.free_roll:
-            spans[:] = -np.pi, 2 * np.pi
+        if orientations.free_roll:
+            spans[[orientations.is_pole(one.group) for one in self.keys]] = -np.pi, 2 * np.pi
         points, apart = np.ascontiguousarray(self.points[:, order]), max(self.options.separation, SAME_PLACE)
-        query = MultiTargetQuery(key.number, key.exact, points, self.turns, spans[order], self.same_yaw, apart)
+        groups, exact = np.array([one.group for one in self.keys]), all(one.exact for one in self.keys)
+        about = points, self.turns, spans[order], groups[order], self.same_yaw, apart, self.options.base_yaws
+        query = MultiTargetQuery(key.number, exact, *about)
         rows, torsos, yaws = (np.empty((count, width)) for width in (5, len(self.keys), len(self.keys)))
-        kernel = (table.tiles, query, table.field(key.group), self.options.free_space.raster)
+        kernel = (table.bases_in(self.options.order), query, self.options.free_space.raster)
         found = wanted = 0
         while found == wanted < count:
             wanted = min(count, wanted + _BASES_AT_A_TIME)
             found = best_common_bases(*kernel, rows, torsos, yaws, found, wanted)
         back = np.argsort(order)
-        return _Found(rows[:found], torsos[:found, back], yaws[:found, back] + key.yaw_shift)
+        return _Found(
+            rows[:found], torsos[:found, back], np.asarray(wrap_to_pi(yaws[:found, back] + shifts), dtype=float)
+        )
 
     def _decided(self, found: _Found) -> _Found:
         """Those of the bases that may reach all positions, with exact configurations, their μ, and certainty."""
         points = self.points[self._turn_numbers(found.yaws[:, self.reference])]
-        decided = self.table.decide(found.rows[:, :3], points, found.yaws, self.options)
+        T = np.tile(np.eye(4), (*found.yaws.shape, 1, 1))
+        pitches, rolls = (np.tile(angles, len(points)) for angles in (self.pitches, self.rolls))
+        T[..., :3, :3] = rotations(found.yaws.reshape(-1), pitches, rolls).reshape(*found.yaws.shape, 3, 3)
+        T[..., :3, 3] = points
+        decided = self.table.decisions.decide(found.rows[:, :3], T)
         found.rows[:, 4] = certain = decided.certain
         order = best_first(found.rows[:, 3], certain, decided.may_reach)[: self.options.k]
         rows, torsos, q = found.rows[order], found.torsos[order], decided.configurations[order]
         sure = certain[order]
-        q[sure], mu = self.table.improve(decided, order[sure], torsos[sure])
+        q[sure], mu = self.table.decisions.improve(decided, order[sure], torsos[sure])
         rows[sure, 3], torsos[sure] = mu.min(axis=1), q[sure][..., 0]
         by_mu = best_first(rows[:, 3], sure, np.ones(len(rows), dtype=bool))
         return _Found(rows[by_mu], torsos[by_mu], found.yaws[order][by_mu], q[by_mu])
@@ -228,14 +278,16 @@ class _Search:
     def _is_out_of_reach(self) -> bool:
         """Whether one of the positions certainly has no base at all, or two of them are too far apart for one base."""
         points, options = self.points[0], self.options
-        discs = [self.table.disc(point[2], options.pitch) for point in points]
+        discs = [self.table.disc(point[2], pitch) for point, pitch in zip(points, self.pitches.tolist(), strict=True)]
         farthest = np.array([-np.inf if disc is None else sum(disc) for disc in discs])
         apart = np.linalg.norm(points[:, None, :2] - points[None, :, :2], axis=2)
         if np.any(apart > farthest[:, None] + farthest):
             return True
         return any(
-            is_fixed and not self.table.may_exist(point, options.pitch, key, (low, high), options.free_space)
-            for is_fixed, point, key, (low, high) in zip(self.fixed, points, self.keys, self.windows, strict=True)
+            is_fixed and not self.table.may_exist(point, pitch, key, (low, high), options.free_space, options.base_yaws)
+            for is_fixed, point, pitch, key, (low, high) in zip(
+                self.fixed, points, self.pitches.tolist(), self.keys, self.windows, strict=True
+            )
         )
 
 
@@ -243,9 +295,10 @@ class MultiTargetQuery(NamedTuple):
     """The positions that the base must reach, for kernels.
 
     `key` of the reference, whether pitch and roll are `exact`ly those of the map. `points` (n, m, 3): the m TCP
-    positions at each of the n yaws of the reference, the reference first. `yaws` (n,) of the reference [rad]. `windows`
-    (m, 2): lower end and length of each position's range of yaws [rad]. `same_yaw`: whether all positions have the yaw
-    of the reference instead. `apart`: smallest distance between two bases [m].
+    positions at each of the n yaws of the reference, the reference first. `yaws` (n,) of it [rad]. `windows` (m, 2):
+    lower end and length of each position's range of yaws [rad]. `groups` (m,): pitch and roll of each.
+    `same_yaw`: whether all positions have the yaw of the reference instead. `apart`: smallest distance between two
+    bases [m]. `base_yaws`: those that are allowed.
     """
 
     key: int
@@ -253,39 +306,42 @@ class MultiTargetQuery(NamedTuple):
     points: Floats
     yaws: Floats
     windows: Floats
+    groups: NDArray[np.int64]
     same_yaw: bool
     apart: float
+    base_yaws: BaseYaws
 
 
 @njit(cache=True, inline="always")
-def _cell(field: GroupField, x: float, y: float, yaw: float, point: Floats, shift: float) -> tuple[int, int, int, bool]:
+def _cell(bases: Bases, x: float, y: float, yaw: float, point: Floats, shift: float) -> tuple[int, int, int, bool]:
     """Layer, x and y index of the voxel that contains a point in a base frame, and whether it and the next one exist.
 
     `shift` 0.5 gives the lowest of the eight voxels whose centres surround the point.
     """
     c, s = cos(yaw), sin(yaw)
     dx, dy = point[0] - x, point[1] - y
-    layer = floor((point[2] - field.z0) / field.thickness - shift)
-    i = floor((c * dx + s * dy - field.x0) / field.voxel - shift)
-    j = floor((c * dy - s * dx - field.y0) / field.voxel - shift)
+    layer = floor((point[2] - bases.corner[2]) / bases.thickness - shift)
+    i = floor((c * dx + s * dy - bases.corner[0]) / bases.voxel - shift)
+    j = floor((c * dy - s * dx - bases.corner[1]) / bases.voxel - shift)
     more = 1 if shift > 0.0 else 0
-    layers, _, width, depth = field.mu.shape
-    inside = 0 <= i < width - more and 0 <= j < depth - more and 0 <= layer < layers - more
+    side, layers = bases.side, bases.layers
+    inside = 0 <= i < side - more and 0 <= j < side - more and 0 <= layer < layers - more
     return layer, i, j, inside
 
 
 @njit(cache=True)
 def _best_yaw(
-    field: GroupField, x: float, y: float, yaw: float, point: Floats, low: float, span: float
+    bases: Bases, group: int, x: float, y: float, yaw: float, point: Floats, low: float, span: float
 ) -> tuple[float, int]:
     """Best μ of a TCP position in the frame of a base over the yaw samples within the window, and that sample."""
-    mu_of, yaws = field.mu, field.mu.shape[1]
-    layer, i, j, inside = _cell(field, x, y, yaw, point, 0.0)
+    yaws, side = bases.yaws[group], bases.side
+    layer, i, j, inside = _cell(bases, x, y, yaw, point, 0.0)
     best, sample = 0.0, -1
     if not inside:
         return best, sample
+    key = layer * bases.groups + group
     for g in range(yaws):
-        mu = mu_of[layer, g, i, j]
+        mu = mu_of(bases.cells, key, (g * side + i) * side + j)
         if mu > best:
             beyond = wrap(yaw + 2.0 * pi * g / yaws - low - pi) + pi
             if beyond <= span + _ROUNDING or beyond >= 2.0 * pi - _ROUNDING:
@@ -294,77 +350,78 @@ def _best_yaw(
 
 
 @njit(cache=True)
-def _mu_at(field: GroupField, x: float, y: float, yaw: float, point: Floats, sample: int) -> float:
+def _mu_at(bases: Bases, group: int, x: float, y: float, yaw: float, point: Floats, sample: int) -> float:
     """μ of a TCP position in the frame of a base at one yaw sample; 0 out of reach."""
-    layer, i, j, inside = _cell(field, x, y, yaw, point, 0.0)
-    return float(field.mu[layer, sample, i, j]) if inside else 0.0
+    layer, i, j, inside = _cell(bases, x, y, yaw, point, 0.0)
+    mu, side = 0.0, bases.side
+    if inside:
+        mu = mu_of(bases.cells, layer * bases.groups + group, (sample * side + i) * side + j)
+    return mu
 
 
 @njit(cache=True)
-def _is_enclosed(field: GroupField, x: float, y: float, yaw: float, point: Floats, sample: int) -> bool:
+def _is_enclosed(bases: Bases, group: int, x: float, y: float, yaw: float, point: Floats, sample: int) -> bool:
     """Whether the eight cell centres around a TCP position are all reachable at one yaw sample."""
-    layer, i, j, inside = _cell(field, x, y, yaw, point, 0.5)
+    layer, i, j, inside = _cell(bases, x, y, yaw, point, 0.5)
     if not inside:
         return False
+    side = bases.side
     for a in range(2):
+        offset = bases.cells.offset[(layer + a) * bases.groups + group]
         for b in range(2):
             for d in range(2):
-                if field.mu[layer + a, sample, i + b, j + d] <= 0.0:
+                if not has_cell(bases.cells.free, offset, (sample * side + i + b) * side + j + d):
                     return False
     return True
 
 
 @njit(cache=True)
-def _own_sample(field: GroupField, relative_yaw: float) -> int:
-    """The yaw sample of the map from which a base with this yaw relative to the approach was computed."""
-    yaws = field.mu.shape[1]
-    return floor(-relative_yaw / (2.0 * pi) * yaws + 0.5) % yaws
-
-
-@njit(cache=True)
 def _best_common_base(
-    tiles: Tiles, query: MultiTargetQuery, field: GroupField, raster: Raster, taken: Floats, count: int
+    bases: Bases, query: MultiTargetQuery, raster: Raster, taken: Floats, count: int
 ) -> tuple[float, int, int]:
-    """Score, base and turn of the best base that is free and apart from the first `count` rows of `taken`."""
+    """Score, base and turn of the best base that is free and apart from the first `count` rows of `taken`.
+
+    Bases of the reference come by decreasing μ, which their score cannot exceed.
+    """
     best, best_base, best_turn = 0.0, -1, -1
-    bounded = raster.cells.size > 0
-    x_of, y_of, yaw_of, mu_of = tiles.x, tiles.y, tiles.yaw, tiles.mu
+    key, places, side = query.key, bases.places, bases.side
+    group = key % bases.groups
+    table = places.first[bases.kind[group]]
     points, yaws, windows = query.points, query.yaws, query.windows
-    for tile in range(tiles.key_first[query.key], tiles.key_first[query.key + 1]):
-        if tiles.tile_mu[tile] <= best:
+    for rank in range(bases.ranked.first[key], bases.ranked.first[key + 1]):
+        local = int(bases.ranked.cell[rank])
+        own_mu = mu_of(bases.cells, key, local)
+        if own_mu <= best:
             break
-        tx, ty, reach = tiles.tile_x[tile], tiles.tile_y[tile], tiles.tile_radius[tile] + _ROUNDING
+        at, own = table + local, local // (side * side)
         for turn in range(yaws.shape[0]):
-            px, py = points[turn, 0, 0], points[turn, 0, 1]
             c, s = cos(yaws[turn]), sin(yaws[turn])
-            if bounded and floor_distance(raster, px + c * tx - s * ty, py + s * tx + c * ty) > reach:
+            x = points[turn, 0, 0] + c * places.x[at] - s * places.y[at]
+            y = points[turn, 0, 1] + s * places.x[at] + c * places.y[at]
+            if not point_is_free(raster, x, y) or not is_apart(taken, count, x, y, query.apart):
                 continue
-            for base in range(tiles.tile_first[tile], tiles.tile_last[tile]):
-                if mu_of[base] <= best:
+            yaw = yaws[turn] + places.yaw[at]
+            if not is_allowed(query.base_yaws, yaw):
+                continue
+            score = own_mu
+            for m in range(1, points.shape[1]):
+                if query.same_yaw:
+                    mu = _mu_at(bases, group, x, y, yaw, points[turn, m], own)
+                else:
+                    other = query.groups[m]
+                    mu, _ = _best_yaw(bases, other, x, y, yaw, points[turn, m], windows[m, 0], windows[m, 1])
+                score = min(score, mu)
+                if score <= best:
                     break
-                x = px + c * x_of[base] - s * y_of[base]
-                y = py + s * x_of[base] + c * y_of[base]
-                yaw = yaws[turn] + yaw_of[base]
-                score = float(mu_of[base])
-                own = _own_sample(field, yaw_of[base])
-                for m in range(1, points.shape[1]):
-                    if query.same_yaw:
-                        mu = _mu_at(field, x, y, yaw, points[turn, m], own)
-                    else:
-                        mu, _ = _best_yaw(field, x, y, yaw, points[turn, m], windows[m, 0], windows[m, 1])
-                    score = min(score, mu)
-                    if score <= best:
-                        break
-                if score > best and point_is_free(raster, x, y) and is_apart(taken, count, x, y, query.apart):
-                    best, best_base, best_turn = score, base, turn
+            if score > best:
+                best, best_base, best_turn = score, local, turn
     return best, best_base, best_turn
 
 
 @njit(cache=True)
 def best_common_bases(
-    tiles: Tiles,
+    bases: Bases,
     query: MultiTargetQuery,
-    field: GroupField,
     raster: Raster,
     rows: Floats,
     torsos: Floats,
@@ -374,32 +431,31 @@ def best_common_bases(
 ) -> int:
     """The best bases from which every position is reached, into rows `done` to `last`; those before are filled already.
 
-    `field`: of the positions' pitch and roll. `rows` (k, 5): x, y, yaw, smallest μ, certain (0 or 1). `torsos`, `yaws`
-    (k, m): torso height and approach yaw of each position. Returns how many rows are filled: fewer than `last` if there
-    are no more bases.
+    `rows` (k, 5): x, y, yaw, smallest μ, certain (0 or 1). `torsos`, `yaws` (k, m): torso height and approach yaw of
+    each position. Returns how many rows are filled: fewer than `last` if there are no more bases.
     """
-    samples = field.mu.shape[1]
+    side, group, places = bases.side, query.key % bases.groups, bases.places
     for k in range(done, last):
-        score, base, turn = _best_common_base(tiles, query, field, raster, rows, k)
-        if base < 0:
+        score, local, turn = _best_common_base(bases, query, raster, rows, k)
+        if local < 0:
             return k
         c, s = cos(query.yaws[turn]), sin(query.yaws[turn])
-        x = query.points[turn, 0, 0] + c * tiles.x[base] - s * tiles.y[base]
-        y = query.points[turn, 0, 1] + s * tiles.x[base] + c * tiles.y[base]
-        yaw = query.yaws[turn] + tiles.yaw[base]
-        own = _own_sample(field, tiles.yaw[base])
+        at, own = places.first[bases.kind[group]] + local, local // (side * side)
+        x = query.points[turn, 0, 0] + c * places.x[at] - s * places.y[at]
+        y = query.points[turn, 0, 1] + s * places.x[at] + c * places.y[at]
+        yaw = query.yaws[turn] + places.yaw[at]
         certain = query.exact
         for m in range(query.points.shape[1]):
-            point = query.points[turn, m]
-            sample = own
+            point, sample, other = query.points[turn, m], own, query.groups[m]
             if not query.same_yaw and m > 0:
-                _, sample = _best_yaw(field, x, y, yaw, point, query.windows[m, 0], query.windows[m, 1])
-            layer, i, j, _ = _cell(field, x, y, yaw, point, 0.0)
-            certain = certain and _is_enclosed(field, x, y, yaw, point, sample)
-            height_offset = point[2] - field.z0 - (layer + 0.5) * field.thickness
-            torso = field.torso[layer, sample, i, j] + height_offset
-            torsos[k, m] = min(tiles.torso_upper, max(tiles.torso_lower, torso))
-            yaws[k, m] = wrap(yaw + 2.0 * pi * sample / samples)
+                _, sample = _best_yaw(bases, other, x, y, yaw, point, query.windows[m, 0], query.windows[m, 1])
+            layer, i, j, _ = _cell(bases, x, y, yaw, point, 0.0)
+            certain = certain and _is_enclosed(bases, other, x, y, yaw, point, sample)
+            height_offset = point[2] - bases.corner[2] - (layer + 0.5) * bases.thickness
+            code = code_of(bases.cells, layer * bases.groups + other, (sample * side + i) * side + j)
+            torso = bases.torsos[code & ((1 << bases.cells.torso_bits) - 1)] + height_offset
+            torsos[k, m] = min(bases.torso_upper, max(bases.torso_lower, torso))
+            yaws[k, m] = wrap(yaw + 2.0 * pi * sample / bases.yaws[other])
         rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3] = x, y, wrap(yaw), score
         rows[k, 4] = 1.0 if certain else 0.0
     return last

@@ -2,27 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irm.answers import BasePlacement, PlacementBatch, Status
+from irm.base_decisions import BaseDecisions
 from irm.errors import QueryError
 from irm.free_space import FreeSpace
-from irm.inverse_table import SPARE_BASES, InverseTable, best_apart, best_first, ranking_score
-from irm.query_kernels import SAME_PLACE, PlaceQueries, TcpPlace, Tiles, base_turns, best_bases, best_bases_batch
+from irm.inverse_table import InverseTable, best_apart
+from irm.pose_sets import poses_of_set
+from irm.query_kernels import (
+    SAME_PLACE,
+    Bases,
+    PlaceQueries,
+    TcpPlace,
+    base_turns,
+    best_bases,
+    best_bases_batch,
+    best_bases_of_set,
+)
 from irm.query_keys import (
     FULL_TURN,
-    MOST_BASES,
+    BaseYaws,
     Key,
     QueryKeywords,
     QueryOptions,
+    Range,
     YawWindow,
     as_position,
     as_position_and_angles,
     as_positions,
+    as_positions_and_angles,
     as_yaw_range,
     as_yaw_ranges,
     checked_options,
@@ -32,7 +46,7 @@ from irm.query_keys import (
 )
 from irm.reachability_map import CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH, ReachabilityMap
 from irm.robot_shape import SolidBoxes
-from irm.rotations import rotation, wrap_to_pi
+from irm.rotations import rotation, rotations, wrap_to_pi
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -40,9 +54,6 @@ _ROWS_AT_A_TIME = 4096
 """Bases computed by one call of a kernel: some milliseconds, after which the interpreter handles Ctrl-C."""
 _SQUARE = 0.1
 """[m] Edge of the squares of `_neighbours_together`; a row of sixteen has the length of a large table."""
-_MORE_BASES, _AT_A_TIME = 256, 16
-"""Bases decided exactly, beyond the number wanted, before an answer is given without a certain base; and how many of
-them at a time."""
 
 
 class InverseReachabilityMap:
@@ -53,15 +64,22 @@ class InverseReachabilityMap:
 
     All queries take these keyword arguments, for all positions of a call:
 
-        pitch: of the TCP [rad], by default 0; a positive pitch points the approach down.
-        roll: about the approach [rad], by default 0; ignored by maps of robots whose wrist rolls freely.
+        pitch: of the TCP [rad], by default 0; a positive pitch points the approach down. In `query`, (low, high) is a
+            range of pitches.
+        roll: about the approach [rad], by default 0; ignored by maps of robots whose wrist rolls freely. In `query`,
+            (low, high) is a range of rolls.
+        height: in `query`, a range (low, high) of heights of the TCP [m], in place of that of the position.
+        base_yaw_range: allowed yaws of the base in the world, (low, high) [rad]; None, the default, for all.
         free_space: where the base may stand; None, the default, for everywhere.
         k: number of bases to return at most, 1 to 100,000; by default 1.
         separation: smallest distance between two of them, by default 0.1 [m].
         yaw_step: largest distance between two approach yaws that are tried, at least 0.001; by default 15° [rad].
         exact: whether the bases are decided by exact inverse kinematics. Those that certainly do not reach are
-            dropped, and `certain` is exact. None, the default: where it takes little time or is needed, for paths of
-            arms with a closed form, and in `query` where no base of a ring of the map is certain.
+            dropped, `certain` is exact, and μ and torso are those of `configurations`. None, the default: for paths of
+            arms with a closed form; and in `query`, `query_path` and `query_multi` where the map is not certain of the
+            best base. In `query` μ and order are then those of the map still.
+        order: "manipulability", the default: highest μ first, as in the paper. "certainty": first those whose cells are
+            reached over their whole height, so that fewer have to be decided.
 
     Their answers hold at most k bases, best first. The status is NO if certainly no base exists for any allowed yaw.
     They raise `QueryError` if a number is not finite, a range is empty, numbers of positions and ranges do not match,
@@ -69,7 +87,7 @@ class InverseReachabilityMap:
 
     Attributes:
         reachability_map: the map that was inverted.
-        tiles: the bases as arrays, for kernels.
+        bases: as arrays, for kernels.
 
     Example:
         inverse_map = InverseReachabilityMap(ReachabilityMap.build(FETCH))
@@ -80,10 +98,10 @@ class InverseReachabilityMap:
     def __init__(self, reachability_map: ReachabilityMap) -> None:
         self.reachability_map = reachability_map
         self._table = InverseTable(reachability_map)
-        self.tiles: Tiles = self._table.tiles
+        self.bases: Bases = self._table.bases
 
     def __len__(self) -> int:
-        return len(self.tiles.x)
+        return len(self.reachability_map)
 
     def query(
         self,
@@ -92,47 +110,80 @@ class InverseReachabilityMap:
         yaw_range: tuple[float, float] = FULL_TURN,
         **keywords: Unpack[QueryKeywords],
     ) -> BasePlacement:
-        """The bases of highest μ from which the arm reaches a TCP pose; see `inverse_table.ranking_score`.
+        """The bases of highest μ from which the arm reaches a TCP pose.
 
         Args:
             position: (3,) of the TCP in the world, floor at z = 0 [m]; or its pose, an array (4, 4), which stands for
-                yaw_range, pitch and roll too.
+                yaw_range, pitch and roll too. With ranges of pitch, roll or height the answer holds the best bases for
+                any pose of this set, and the height, pitch and roll that each of them is for.
             yaw_range: allowed approach yaws in the world [rad], at most a full turn; (3.0, 3.4) crosses π. Ignored for
                 a vertical approach of a wrist that rolls freely: every yaw of the TCP fits every yaw of the base.
             **keywords: of all queries.
         """
         if getattr(position, "ndim", 1) == 2:
             position, yaw_range, keywords = as_position_and_angles(position, yaw_range, keywords)
-        options = checked_options(keywords)
-        table, space, rows = self._table, options.free_space, np.empty((0, 7))
-        grid = table.grid
+        options = checked_options(keywords, may_be_set=True)
         point, bounds = as_position(position), as_yaw_range(yaw_range)
-        key = find_key(grid, point[2], options.pitch, options.roll)
+        if options.ranges is not None:
+            return self._query_set(point, options.ranges, bounds, options)
+        table, space, bases = self._table, options.free_space, self._table.bases_in(options.order)
+        key = find_key(table.grid, point[2], options.pitch, options.roll)
         if key is None or space.is_empty:
             return BasePlacement.nothing(Status.NO)
         place = TcpPlace(key.number, point[0], point[1], key.height_offset, key.exact)
-        window, configurations = yaw_window(grid, key, bounds, options.yaw_step), None
-        is_exact = table.is_exact_wanted(options, by_default=False)
-        if not is_exact:
-            rows = self._best_bases(place, window, space, options.k, options.separation)
-            # Where no cell of a key is reached over its whole height, inverse kinematics says which bases reach.
-            unsure = options.exact is None and key.exact and len(rows) > 0 and not rows[0, 6]
-            is_exact = unsure and table.reachability_map.chain is not None
-        if is_exact:
-            rows = self._best_bases(place, window, space, options.k + SPARE_BASES, options.separation)
-            rows, configurations = self._decided(rows, point, options)
-            if not rows[:, 6].any():
-                # More of the ranking, each base at one turn: to the arm it is the same base at every turn.
-                others = self._best_bases(place, window, space, options.k + _MORE_BASES, -SAME_PLACE)
-                for first in range(0, len(others), _AT_A_TIME):
-                    some, q = self._decided(others[first : first + _AT_A_TIME], point, options)
-                    if some[:, 6].any():
-                        rows, configurations = some, q
-                        break
+        window = yaw_window(table.grid, key, bounds, options.yaw_step)
+
+        def ranked(count: int, at_one_turn: bool) -> Floats:
+            return _best_bases(bases, place, window, options, count, at_one_turn)
+
+        rows, configurations = table.decisions.settle(ranked, poses_at(point, options), options)
         if len(rows):
-            return BasePlacement.of_rows(rows, configurations)
-        possible = table.may_exist(point, options.pitch, key, bounds, space)
-        return BasePlacement.nothing(Status.UNKNOWN if possible else Status.NO)
+            return BasePlacement.of_rows(rows, configurations, self.is_of_joints_alone)
+        may_exist = table.may_exist(point, options.pitch, key, bounds, space, options.base_yaws)
+        return BasePlacement.nothing(Status.UNKNOWN if may_exist else Status.NO)
+
+    @property
+    def is_of_joints_alone(self) -> bool:
+        """Whether the arm has no shapes, or the map ignores them, so that nothing is known about self-collision."""
+        chain = self.reachability_map.chain
+        return chain is not None and not len(chain.shapes.pairs)
+
+    def _query_set(
+        self,
+        point: tuple[float, float, float],
+        ranges: tuple[Range, Range, Range | None],
+        bounds: Range,
+        options: QueryOptions,
+    ) -> BasePlacement:
+        """`query` for ranges of pitch, roll and height."""
+        table, space, (pitch, roll, height) = self._table, options.free_space, ranges
+        height = height or (point[2], point[2])
+        poses = poses_of_set(table.grid, height, pitch, roll, bounds, options.yaw_step)
+        if poses is None or space.is_empty:
+            return BasePlacement.nothing(Status.NO)
+        bases = table.bases_in(options.order)
+
+        def ranked(count: int, at_one_turn: bool) -> Floats:
+            apart = -SAME_PLACE if at_one_turn else max(options.separation, SAME_PLACE)
+            rows = np.empty((count, 8))
+            about = bases, poses.arrays, poses.windows, point[0], point[1], space.raster, apart, options.base_yaws
+            return rows[: best_bases_of_set(*about, rows)]
+
+        def poses_of(rows: Floats) -> Floats:
+            T, angles = np.tile(np.eye(4), (len(rows), 1, 1)), poses.angles[rows[:, 7].astype(np.int64)]
+            T[:, :3, :3] = rotations(rows[:, 3], angles[:, 1], angles[:, 2])
+            T[:, :2, 3], T[:, 2, 3] = point[:2], angles[:, 0]
+            return T
+
+        rows, configurations = table.decisions.settle(ranked, poses_of, options)
+        if not len(rows):
+            keys = poses.keys
+            may_exist = any(table.may_be_near(point, key, bounds, space, options.base_yaws) for key in keys)
+            return BasePlacement.nothing(Status.UNKNOWN if may_exist else Status.NO)
+        found = BasePlacement.of_rows(rows, configurations, self.is_of_joints_alone)
+        angles = poses.angles[rows[:, 7].astype(np.int64)]
+        angles.setflags(write=False)
+        return replace(found, height=angles[:, 0], pitch=angles[:, 1], roll=angles[:, 2])
 
     def query_batch(
         self, positions: ArrayLike, *, yaw_ranges: ArrayLike = FULL_TURN, **keywords: Unpack[QueryKeywords]
@@ -140,7 +191,8 @@ class InverseReachabilityMap:
         """Many queries in one call; the answers have no status.
 
         Args:
-            positions: (n, 3), or (3,) for one TCP position with several yaw ranges [m].
+            positions: (n, 3), or (3,) for one TCP position with several yaw ranges [m]; or TCP poses (n, 4, 4), each
+                with its own yaw, pitch and roll.
             yaw_ranges: (2,) for all queries, or (n, 2) one for each [rad].
             **keywords: of all queries.
 
@@ -149,28 +201,42 @@ class InverseReachabilityMap:
             choices = inverse_map.query_batch(position, yaw_ranges=bins, free_space=floor, k=2)
         """
         options = checked_options(keywords)
-        points, ranges = as_positions(positions), as_yaw_ranges(yaw_ranges)
+        grid = self._table.grid
+        if np.ndim(positions) == 3:
+            points, ranges, pitches, rolls = as_positions_and_angles(positions, yaw_ranges, keywords)
+        else:
+            points, ranges = as_positions(positions), as_yaw_ranges(yaw_ranges)
+            pitches, rolls = np.full(1, options.pitch), np.full(1, options.roll)
         n = max(len(points), len(ranges))
         if len(points) not in (1, n) or len(ranges) not in (1, n):
             raise QueryError(f"{len(points)} positions do not go with {len(ranges)} yaw ranges")
         points = np.array(np.broadcast_to(points, (n, 3)), order="C")
-        key, keys, height_offsets = find_keys(self._table.grid, points[:, 2], options.pitch, options.roll)
-        window = yaw_window(self._table.grid, key, (float(ranges[0, 0]), float(ranges[0, 1])), options.yaw_step)
-        if len(ranges) == 1 or window.low != ranges[0, 0] - window.shift:  # one window serves all
-            turns = np.tile((window.low, window.high), (n, 1))
-        else:
-            turns = np.array(np.broadcast_to(ranges - window.shift, (n, 2)), order="C")
-        queries = PlaceQueries(keys, points, height_offsets, turns, key.exact)
-        order = _neighbours_together(keys, points) if len(ranges) == 1 else np.arange(n)
+        keys, offsets, shifts, exact = np.empty(n, np.int64), np.empty(n), np.empty(n), np.empty(n, np.bool_)
+        turns, windows = np.empty((n, 2)), dict[YawWindow, list[Integers]]()
+        angles, which = np.unique(np.column_stack([pitches, rolls]), axis=0, return_inverse=True)
+        for number, (pitch, roll) in enumerate(angles.tolist()):
+            mine = np.arange(n) if len(angles) == 1 else np.flatnonzero(which == number)
+            key, keys[mine], offsets[mine] = find_keys(grid, points[mine, 2], pitch, roll)
+            own = ranges if len(ranges) == 1 else ranges[mine]
+            window = yaw_window(grid, key, (float(own[0, 0]), float(own[0, 1])), options.yaw_step)
+            has_own = window.low == own[0, 0] - window.shift  # not one that serves all yaws
+            turns[mine] = own - window.shift if has_own else (window.low, window.high)
+            shifts[mine], exact[mine] = window.shift, key.exact
+            windows.setdefault(window._replace(low=0.0, high=0.0, shift=0.0), []).append(mine)
+        queries = PlaceQueries(keys, points, offsets, turns, shifts, exact)
         rows, counts = np.empty((n, options.k, 7)), np.empty(n, dtype=np.int64)
-        apart = max(options.separation, SAME_PLACE)
-        block = max(1, _ROWS_AT_A_TIME // options.k)
-        for first in range(0, n, block):
-            some = order[first : first + block]
-            best_bases_batch(self.tiles, queries, some, window, options.free_space.raster, apart, rows, counts)
-        if self._table.is_exact_wanted(options, by_default=False):
-            self._decide_batch(rows, counts, points, options)
-        return PlacementBatch.of_rows(rows, counts)
+        apart, raster = max(options.separation, SAME_PLACE), options.free_space.raster
+        block, bases = max(1, _ROWS_AT_A_TIME // options.k), self._table.bases_in(options.order)
+        for window, numbers in windows.items():
+            order = np.concatenate(numbers)
+            if len(ranges) == 1:
+                order = order[_neighbours_together(keys[order], points[order])]
+            for first in range(0, len(order), block):
+                some = order[first : first + block]
+                best_bases_batch(bases, queries, some, window, raster, apart, options.base_yaws, rows, counts)
+        if self._table.decisions.is_wanted(options, by_default=False):
+            self._decide_batch(rows, counts, points, np.broadcast_to(angles[which.reshape(-1)], (n, 2)), options)
+        return PlacementBatch.of_rows(rows, counts, self.is_of_joints_alone)
 
     def query_path(
         self,
@@ -206,21 +272,25 @@ class InverseReachabilityMap:
         options = checked_options(keywords)
         points, bounds = as_positions(waypoints), as_yaw_range(yaw_range)
         origin = None if target is None else np.array(as_position(target))
-        return place_for_path(self._table, points, origin, bounds, options, solids)
+        found = place_for_path(self._table, points, origin, bounds, options, solids)
+        return replace(found, joints_alone=self.is_of_joints_alone)
 
     def query_multi(
         self,
         targets: ArrayLike,
         *,
         yaw_ranges: ArrayLike = FULL_TURN,
+        pitches: ArrayLike | None = None,
+        rolls: ArrayLike | None = None,
         arms: Sequence[InverseReachabilityMap] = (),
         **keywords: Unpack[QueryKeywords],
     ) -> BasePlacement:
         """Bases from which the TCP reaches each of several targets; μ of a base is the smallest one of the targets.
 
         Args:
-            targets: (m, 3) TCP positions [m].
+            targets: (m, 3) TCP positions [m]; or TCP poses (m, 4, 4), each with its own angles.
             yaw_ranges: (2,) for all targets, or (m, 2) one for each [rad].
+            pitches, rolls: (m,) one for each target, in place of `pitch` and `roll` [rad].
             arms: m maps, the arm for each target at the same time, with the torso at one height; answers are then
                 exact. By default this map's arm reaches all of them, one after another.
             **keywords: of all queries.
@@ -231,60 +301,60 @@ class InverseReachabilityMap:
         Example:
             both = left.query_multi([tray_left, tray_right], arms=(left, right), free_space=floor)
         """
-        from irm.common_bases import place_for_targets  # see `query_path`
+        from irm.common_bases import place_for_targets, targets_of  # see `query_path`
         from irm.several_arms import place_for_arms
 
+        options = checked_options(keywords)
         if arms:
             tables = [arm._table for arm in arms]
-            return place_for_arms(tables, as_positions(targets), yaw_ranges, checked_options(keywords))
-        return place_for_targets(self._table, as_positions(targets), yaw_ranges, checked_options(keywords))
+            found = place_for_arms(tables, *targets_of(targets, yaw_ranges, pitches, rolls, options), options)
+            return replace(found, joints_alone=any(arm.is_of_joints_alone for arm in arms))
+        found = place_for_targets(self._table, targets, yaw_ranges, pitches, rolls, options)
+        return replace(found, joints_alone=self.is_of_joints_alone)
 
-    def _best_bases(
-        self, place: TcpPlace, window: YawWindow, space: FreeSpace, count: int, separation: float
-    ) -> Floats:
-        """(m, 7) rows of the kernel, m ≤ count. Many are computed in parts, between which Ctrl-C is handled."""
-        rows, progress, tiles = np.empty((count, 7)), np.zeros(3, dtype=np.int64), self.tiles
-        if separation < 0.0:
-            tiles = tiles._replace(rings=tiles.ranked)
-        else:
-            separation = max(separation, SAME_PLACE)
-        while progress[0] == progress[2] < count:
-            progress[2] += _ROWS_AT_A_TIME
-            best_bases(tiles, place, window, space.raster, separation, rows, progress)
-        return rows[: progress[0]]
+    def _decide_batch(
+        self, rows: Floats, counts: Integers, points: Floats, angles: Floats, options: QueryOptions
+    ) -> None:
+        """Decide the bases (n, k, 7) of a batch exactly, in place; those that do not reach are dropped.
 
-    def _decided(self, rows: Floats, point: Sequence[float], options: QueryOptions) -> tuple[Floats, Floats]:
-        """Those of the bases (m, 7) that may reach a point, `options.k` at most, and configurations; see `_decide`."""
-        kept, q = self._decide(rows, np.tile(point, (len(rows), 1)), options, options.k)
-        return rows[kept], q[kept]
-
-    def _decide(
-        self, rows: Floats, points: Floats, options: QueryOptions, most: int = MOST_BASES
-    ) -> tuple[Integers, Floats]:
-        """Which of the bases of rows (m, 7) may reach their points (m, 3): `most` at most, the certain and best first;
-        and configurations (m, 1 + n) that do. Sets certainty, torso height and μ of the rows to those of these."""
-        decided = self._table.decide(rows[:, :3], points[:, None], rows[:, 3, None], options)
-        certain, q = decided.certain, decided.configurations[:, 0].copy()
-        rows[:, 6] = certain
-        kept = best_first(rows[:, 4], certain, decided.may_reach)[:most]
-        sure = kept[certain[kept]]
-        better, mu = self._table.improve(decided, sure, rows[sure, 5, None])
-        q[sure], rows[sure, 4], rows[sure, 5] = better[:, 0], mu[:, 0], better[:, 0, 0]
-        return kept[best_first(rows[kept, 4], certain[kept], np.ones(len(kept), dtype=bool))], q
-
-    def _decide_batch(self, rows: Floats, counts: Integers, points: Floats, options: QueryOptions) -> None:
-        """Decide the bases (n, k, 7) of a batch exactly, in place; those that do not reach are dropped."""
+        `points` (n, 3), and `angles` (n, 2), pitch and roll, are those of the queries."""
         rank = np.arange(options.k)
         kept = rank < counts[:, None]
-        found, some = rows[kept], points[np.nonzero(kept)[0]]
+        found, query = rows[kept], np.nonzero(kept)[0]
+        T = np.tile(np.eye(4), (len(found), 1, 1))
+        T[:, :3, :3], T[:, :3, 3] = rotations(found[:, 3], *angles[query].T), points[query]
         may_reach = np.zeros(len(found), dtype=bool)
-        may_reach[self._decide(found, some, options)[0]] = True
+        may_reach[self._table.decisions.decide_rows(found, T, options)[0]] = True
         kept[kept] = may_reach
         rows[rank < counts[:, None]] = found
         order = np.lexsort((-rows[..., 4], -rows[..., 6], ~kept), axis=1)
         rows[:] = np.take_along_axis(rows, order[..., None], axis=1)
         counts[:] = kept.sum(axis=1)
         rows[rank >= counts[:, None]] = (*[np.nan] * 6, 0.0)
+
+
+def poses_at(point: Sequence[float], options: QueryOptions) -> Callable[[Floats], Floats]:
+    """T_world_tcp (m, 4, 4) of rows (m, 7), at a point and with the pitch and roll of the options."""
+
+    def poses_of(rows: Floats) -> Floats:
+        T, angle = np.tile(np.eye(4), (len(rows), 1, 1)), np.ones(len(rows))
+        T[:, :3, :3] = rotations(rows[:, 3], options.pitch * angle, options.roll * angle)
+        T[:, :3, 3] = point
+        return T
+
+    return poses_of
+
+
+def _best_bases(
+    bases: Bases, place: TcpPlace, window: YawWindow, options: QueryOptions, count: int, at_one_turn: bool
+) -> Floats:
+    """(m, 7) rows of the kernel, m ≤ count. Many are computed in parts, between which Ctrl-C is handled."""
+    rows, progress = np.empty((count, 7)), np.zeros(3, dtype=np.int64)
+    apart, raster = -SAME_PLACE if at_one_turn else max(options.separation, SAME_PLACE), options.free_space.raster
+    while progress[0] == progress[2] < count:
+        progress[2] += _ROWS_AT_A_TIME
+        best_bases(bases, place, window, raster, apart, options.base_yaws, rows, progress)
+    return rows[: progress[0]]
 
 
 def _neighbours_together(keys: Integers, points: Floats) -> Integers:
@@ -301,6 +371,8 @@ def _neighbours_together(keys: Integers, points: Floats) -> Integers:
 
 _UPRIGHT = 1e-6
 """1 - cos of the tilt up to which a base counts as upright: larger than rounding, smaller than the step of pitch."""
+_YAW_ROUNDING = 1e-5
+"""[rad]"""
 _BLOCK = 16_384
 """Transforms that are multiplied at a time, so that their result stays in the processor's cache."""
 
@@ -321,12 +393,17 @@ class ClassicalInverseReachabilityMap:
 
     def __init__(self, reachability_map: ReachabilityMap) -> None:
         self.reachability_map = rm = reachability_map.subset(reachability_map.manipulability > 0)
-        self._score = ranking_score(rm, rm.manipulability, rm.flags)
+        self._mu, self._torso, self._flags = rm.manipulability, rm.torso, rm.flags
+        # In the other order, bases whose cell is reached over its whole height come before all others; not where a lift
+        # follows the height, in a map of the joints alone.
+        is_first = (self._flags & CERTAIN_IN_HEIGHT > 0) & (rm.chain is not None) & rm.parameters.self_collision
+        self._by_certainty = np.ldexp(self._mu, 64 * is_first)
+        self._decisions = BaseDecisions(rm)
         T = _inverse_transforms(rm)
         self._blocks = [np.ascontiguousarray(T[:, k : k + _BLOCK]) for k in range(0, len(rm), _BLOCK)]
 
     def __len__(self) -> int:
-        return len(self.reachability_map)
+        return len(self._mu)
 
     def query(
         self,
@@ -338,16 +415,14 @@ class ClassicalInverseReachabilityMap:
         """The bases of highest μ from which the arm reaches a TCP pose; arguments as of `InverseReachabilityMap.query`.
 
         The status is NO only if the TCP is out of the map's height or no floor is free: a base that this map does not
-        contain may still exist. Nothing is decided exactly.
+        contain may still exist.
 
         Raises:
-            QueryError: as of `InverseReachabilityMap.query`, or `exact` is true.
+            QueryError: as of `InverseReachabilityMap.query`.
         """
         if getattr(position, "ndim", 1) == 2:
             position, yaw_range, keywords = as_position_and_angles(position, yaw_range, keywords)
         options = checked_options(keywords)
-        if options.exact:
-            raise QueryError("exact=True is for the map of equation 5: InverseReachabilityMap")
         grid, space = self.reachability_map.grid, options.free_space
         point, bounds = as_position(position), as_yaw_range(yaw_range)
         key = find_key(grid, point[2], options.pitch, options.roll)
@@ -355,19 +430,34 @@ class ClassicalInverseReachabilityMap:
             return BasePlacement.nothing(Status.NO)
         angles = grid.orientations.pitch[key.group], grid.orientations.roll[key.group]
         turns = base_turns(yaw_window(grid, key, bounds, options.yaw_step))
-        per_yaw = [self._candidates(point, yaw, angles, space) for yaw in turns]
+        per_yaw = [self._candidates(point, yaw, angles, space, options.base_yaws) for yaw in turns]
         base, x, y, base_yaw, approach = (np.concatenate(column) for column in zip(*per_yaw, strict=True))
-        mu = self.reachability_map.manipulability[base]
-        chosen = best_apart(x, y, self._score[base], options.k, options.separation)
-        if not len(chosen):
+        mu = self._mu[base]
+        score = (self._mu if options.order == "manipulability" else self._by_certainty)[base]
+
+        def ranked(count: int, at_one_turn: bool) -> Floats:
+            if at_one_turn:  # the first one of each, in the order of the score
+                _, first = np.unique(base, return_index=True)
+                chosen = first[np.argsort(-score[first], kind="stable")][:count]
+            else:
+                chosen = best_apart(x, y, score, count, options.separation)
+            torso, certain = self._torso_and_certainty(base[chosen], key)
+            poses = np.column_stack([x, y, base_yaw, wrap_to_pi(approach + key.yaw_shift), mu])[chosen]
+            return np.column_stack([poses, torso, certain])
+
+        rows, configurations = self._decisions.settle(ranked, poses_at(point, options), options)
+        if not len(rows):
             return BasePlacement.nothing(Status.UNKNOWN)
-        torso, certain = self._torso_and_certainty(base[chosen], key)
-        poses = np.column_stack([x, y, base_yaw, wrap_to_pi(approach + key.yaw_shift), mu])[chosen]
-        rows = np.column_stack([poses, torso, certain])
-        return BasePlacement.of_rows(rows)
+        chain = self.reachability_map.chain
+        return BasePlacement.of_rows(rows, configurations, chain is not None and not len(chain.shapes.pairs))
 
     def _candidates(
-        self, point: tuple[float, float, float], yaw: float, angles: tuple[float, float], space: FreeSpace
+        self,
+        point: tuple[float, float, float],
+        yaw: float,
+        angles: tuple[float, float],
+        space: FreeSpace,
+        yaws: BaseYaws,
     ) -> tuple[Integers, Floats, Floats, Floats, Floats]:
         """Index, x, y, yaw and approach yaw of the bases on free ground, for the map moved to the TCP."""
         T_world_tcp = np.eye(4)
@@ -376,6 +466,8 @@ class ClassicalInverseReachabilityMap:
         base = np.concatenate([some + k * _BLOCK for k, (some, _) in enumerate(on_ground)] or [np.empty(0, np.int64)])
         x, y, base_yaw = np.concatenate([places for _, places in on_ground] or [np.empty((3, 0))], axis=1)
         free = space.are_free(x, y)
+        if np.isfinite(yaws.span):
+            free &= (base_yaw - yaws.low + _YAW_ROUNDING) % (2 * np.pi) <= yaws.span + 2 * _YAW_ROUNDING
         return base[free], x[free], y[free], base_yaw[free], np.full(np.count_nonzero(free), yaw)
 
     def _on_ground(self, T_world_tcp: Floats, block: Floats) -> tuple[Integers, Floats]:
@@ -392,7 +484,7 @@ class ClassicalInverseReachabilityMap:
         """Torso height [m] of the chosen bases, and whether the arm certainly reaches from them."""
         rm = self.reachability_map
         lower, upper = rm.grid.torso_range
-        torso, flags = rm.torso[base], rm.flags[base]
+        torso, flags = self._torso[base], self._flags[base]
         follows = (torso + key.height_offset >= lower) & (torso + key.height_offset <= upper) & (upper > lower)
         inside = follows | (abs(key.height_offset) < 1e-9) | (flags & CERTAIN_IN_HEIGHT > 0)
         certain = (inside & key.exact) | (flags & CERTAIN_IN_PITCH > 0)

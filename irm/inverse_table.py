@@ -1,85 +1,50 @@
 """The table of equation 5: the bases of every key [z, β, α], sorted so that a query tests few of them.
 
 The key of a TCP pose is a layer of heights and an orientation group (pitch, roll) of the map; its bases are laid out
-around the TCP at every allowed yaw. The bases of one key are grouped into square tiles by their position relative to
-the TCP at approach yaw 0. Within a tile they are sorted by μ, and the tiles are sorted by their best μ. A query takes
-the tiles in this order until no tile can contain a better base than the best one found so far. It skips tiles without
-free floor nearby. This serves several positions at once. For a single one, the bases are ranked by μ: the first free
-one is the best. For all approach yaws, only the best base of each voxel is ranked, which may lie at any angle around
-the TCP.
+around the TCP at every allowed yaw. Where a cell's base lies relative to the TCP at approach yaw 0 depends on its yaw,
+x and y alone, so one table of places serves all keys with as many yaws. Of each base the number of its cell is stored,
+in the order of μ: the first free one is the best. For all approach yaws, only the best base of each voxel is ranked,
+which may lie at any angle around the TCP.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 from math import cos, hypot, sin, sqrt
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irm.answers import NO, YES
-from irm.errors import QueryError
+from irm.base_decisions import BaseDecisions
 from irm.free_space import FreeSpace
+from irm.grid import MapGrid
 from irm.query_kernels import (
     PARTS,
-    RADIUS_STEP,
     RING_WIDTH,
     RINGS,
     SAME_PLACE,
     SECTORS,
+    Bases,
+    Places,
     Ranking,
-    Tiles,
     any_base_near,
+    bases_of_key,
     disc_meets_floor,
+    mu_of_cells,
+    rank_bases,
     turns_of,
 )
-from irm.query_keys import Key, QueryOptions, linspace_angles, nearby_keys, outer_turns
-from irm.reachability_map import CERTAIN_IN_HEIGHT, ReachabilityMap
-from irm.rotations import rotation
-
-if TYPE_CHECKING:
-    from irm.ik.solvers import ExactSolver
+from irm.query_keys import ANY_YAW, BaseYaws, Key, Order, linspace_angles, nearby_keys, outer_turns
+from irm.reachability_map import ReachabilityMap, neighbouring_groups
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Integers = NDArray[np.int64]
 TILE = 0.1
-"""[m] Edge of a tile: two voxels, so that about twenty bases share one look-up of the floor."""
-SPARE_BASES = 8
-"""Bases that are decided beyond the number wanted, in place of those that are dropped."""
+"""[m] Edge of a tile: two voxels, so that about twenty places share one look-up of the floor."""
 _OUTER_VOXELS = 1.5 * float(np.sqrt(2.0))
 """Voxels by which the outer map extends beyond a reachable one: to the far corner of its diagonal neighbour."""
-
-
-class GroupField(NamedTuple):
-    """The map of one pitch and roll as dense arrays `mu` and `torso` (layer, yaw, x, y), for kernels.
-
-    `x0`, `y0`, `z0`: lowest corner of the grid in the base frame [m]; `voxel`: edge of its cells [m];
-    `thickness` of its layers [m].
-    """
-
-    mu: NDArray[np.float32]
-    torso: NDArray[np.float32]
-    x0: float
-    y0: float
-    z0: float
-    voxel: float
-    thickness: float
-
-
-class Decided(NamedTuple):
-    """Exact answers for k bases, with m TCP poses of each.
-
-    `may_reach` (k,): false where a pose is certainly out of reach; `certain` (k,): whether a configuration is known for
-    all; these `configurations` (k, m, 1 + n), NaN where there is none; and the poses, `T_base_tcp` (k, m, 4, 4).
-    """
-
-    may_reach: NDArray[np.bool_]
-    certain: NDArray[np.bool_]
-    configurations: Floats
-    T_base_tcp: Floats
 
 
 class InverseTable:
@@ -87,29 +52,33 @@ class InverseTable:
 
     Attributes:
         reachability_map, grid: the map that was inverted, and its cells.
-        tiles: the bases as arrays, for kernels.
+        bases: as arrays, for kernels.
+        decisions: exact ones about bases.
     """
 
     def __init__(self, reachability_map: ReachabilityMap) -> None:
         self.reachability_map = reachability_map
         self.grid = reachability_map.grid
-        self.tiles = invert_map(reachability_map)
-        self._fields: dict[int, GroupField] = {}
+        self.decisions = BaseDecisions(reachability_map)
+        self.bases = invert_map(reachability_map)
+        self._in_order: dict[Order, Bases] = {"manipulability": self.bases}
 
-    def field(self, group: int) -> GroupField:
-        """The map of one orientation group as a dense array, made at the first call."""
-        if group not in self._fields:
-            rm, grid, start = self.reachability_map, self.grid, self.grid.orientations.start
-            layers, _, width, depth = grid.shape
-            z, orientation, x, y = rm.indices()
-            mine = (orientation >= start[group]) & (orientation < start[group + 1])
-            place = z[mine], orientation[mine] - start[group], x[mine], y[mine]
-            shape = layers, int(start[group + 1] - start[group]), width, depth
-            mu, torso = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-            mu[place], torso[place] = rm.manipulability[mine], rm.torso[mine]
-            x0, y0 = (centre - grid.half * grid.voxel for centre in grid.centre)
-            self._fields[group] = GroupField(mu, torso, x0, y0, grid.bottom, grid.voxel, grid.thickness)
-        return self._fields[group]
+    def bases_in(self, order: Order) -> Bases:
+        """The bases in an order; those by certainty are sorted at the first call."""
+        if order not in self._in_order:
+            self._in_order[order] = in_order(self.bases, order)
+        return self._in_order[order]
+
+    def bases_of(self, key: Key) -> tuple[Floats, Floats, Floats, Floats]:
+        """x, y [m], yaw [rad] and μ of the bases of a key relative to the TCP at approach yaw 0, best first."""
+        x, y, yaw, mu = bases_of_key(self.bases, key.number)
+        return x, y, yaw, mu
+
+    def mu_of(self, group: int, layer: int, yaw: Integers, x: Integers, y: Integers) -> Floats:
+        """μ of cells of one key, given by the numbers of their yaw, x and y, each (n,)."""
+        side = 2 * self.grid.half
+        key = layer * len(self.grid.orientations.pitch) + group
+        return np.asarray(mu_of_cells(self.bases.cells, key, (yaw * side + x) * side + y))
 
     def disc(self, z: float, pitch: float) -> tuple[float, float] | None:
         """Where the arm's lengths allow the base to be for a TCP at a height [m] and pitch [rad]; None for nowhere.
@@ -137,7 +106,13 @@ class InverseTable:
         return (level, inner + sqrt(reach * reach - above * above)) if above <= reach else None
 
     def may_exist(
-        self, point: Sequence[float], pitch: float, key: Key, yaw_range: tuple[float, float], space: FreeSpace
+        self,
+        point: Sequence[float],
+        pitch: float,
+        key: Key,
+        yaw_range: tuple[float, float],
+        space: FreeSpace,
+        base_yaws: BaseYaws = ANY_YAW,
     ) -> bool:
         """Whether a base may exist for a TCP at `point` (3,) [m]: within the arm's lengths, and in the outer map, on or
         near free floor. The outer map consists of all cells next to a reachable one."""
@@ -148,72 +123,33 @@ class InverseTable:
         yaws, half = linspace_angles((yaw_range[0], yaw_range[1]))
         if not disc_meets_floor(point[0], point[1], level, radius, yaws, half, raster):
             return False
+        return self.may_be_near(point, key, yaw_range, space, base_yaws)
+
+    def may_be_near(
+        self,
+        point: Sequence[float],
+        key: Key,
+        yaw_range: tuple[float, float],
+        space: FreeSpace,
+        base_yaws: BaseYaws = ANY_YAW,
+    ) -> bool:
+        """The same by the outer map alone, for every TCP pose in the cell of a key."""
         keys = nearby_keys(self.grid, key)
         if keys is None:
             return True
         turns, half = outer_turns(self.grid, key, yaw_range)
         slack = _OUTER_VOXELS * self.grid.voxel
-        return bool(any_base_near(self.tiles, keys, point[0], point[1], turns_of(turns), half, raster, slack))
+        x, y = float(point[0]), float(point[1])
+        return bool(any_base_near(self.bases, keys, x, y, turns, turns_of(turns), half, space.raster, slack, base_yaws))
+
+    def count_of(self, key: Key) -> int:
+        """Number of bases of a key."""
+        first = self.bases.ranked.first
+        return int(first[key.number + 1] - first[key.number])
 
     def rarest(self, keys: Sequence[Key]) -> int:
         """Index of the key with the fewest bases: the shortest list to search."""
-        numbers = np.array([key.number for key in keys])
-        return int((self.tiles.base_first[numbers + 1] - self.tiles.base_first[numbers]).argmin())
-
-    def is_exact_wanted(self, options: QueryOptions, by_default: bool) -> bool:
-        """Whether the bases of a query are to be decided exactly; `by_default`: for an arm with a closed form, if the
-        caller does not say.
-
-        Raises:
-            QueryError: the caller wants it, and the map does not know its arm.
-        """
-        chain = self.reachability_map.chain
-        if options.exact and chain is None:
-            raise QueryError("exact=True needs the arm of the map; this map was made from poses")
-        if options.exact is None:
-            return by_default and chain is not None and chain.has_closed_form
-        return options.exact
-
-    def decide(self, bases: Floats, points: Floats, yaws: Floats, options: QueryOptions) -> Decided:
-        """Exact answers for k bases and m TCP poses of each.
-
-        Args:
-            bases: (k, 3) x, y [m] and yaw [rad].
-            points: (k, m, 3) TCP positions in the world [m].
-            yaws: (k, m) approach yaws in the world [rad].
-            options: with pitch and roll of the TCP.
-        """
-        T = np.zeros((*yaws.shape, 4, 4))
-        T[..., :3, :3] = _about_z(yaws - bases[:, None, 2]) @ rotation(0.0, options.pitch, options.roll)
-        offset = points - np.concatenate([bases[:, None, :2], np.zeros((len(bases), 1, 1))], axis=2)
-        T[..., :3, 3] = np.einsum("kij,kmj->kmi", _about_z(-bases[:, 2]), offset)
-        T[..., 3, 3] = 1.0
-        flat = T.reshape(-1, 4, 4)
-        # A base at several turns about the TCP is the same base to the arm.
-        _, first, same = np.unique(flat.round(6).reshape(-1, 16), axis=0, return_index=True, return_inverse=True)
-        answers, q = self._solver.solve(flat[first])
-        answers = answers[same].reshape(yaws.shape)
-        configurations = q[same].reshape(*yaws.shape, self._solver.chain.size)
-        return Decided(np.all(answers != NO, axis=1), np.all(answers == YES, axis=1), configurations, T)
-
-    def improve(self, decided: Decided, rows: NDArray[np.int64], torsos: Floats) -> tuple[Floats, Floats]:
-        """The best configurations (r, m, 1 + n) of some bases near the map's torso heights (r, m) [m], and their μ."""
-        found = decided.configurations[rows]
-        T, n = decided.T_base_tcp[rows].reshape(-1, 4, 4), found.shape[-1]
-        q, mu = self._solver.improve(T, found.reshape(-1, n), torsos.reshape(-1))
-        return q.reshape(found.shape), mu.reshape(found.shape[:-1])
-
-    @cached_property
-    def _solver(self) -> ExactSolver:
-        from irm.ik.solvers import ExactSolver  # only for exact answers
-
-        assert self.reachability_map.chain is not None
-        return ExactSolver(self.reachability_map.chain, self.reachability_map.grid.torso_range)
-
-
-def best_first(mu: Floats, certain: NDArray[np.bool_], kept: NDArray[np.bool_]) -> Integers:
-    """Indices of those kept, the certain ones first, then by μ."""
-    return np.flatnonzero(kept)[np.lexsort((-mu[kept], ~certain[kept]))]
+        return int(np.argmin([self.count_of(key) for key in keys]))
 
 
 def best_apart(x: Floats, y: Floats, score: NDArray[Any], count: int, separation: float) -> Integers:
@@ -226,14 +162,6 @@ def best_apart(x: Floats, y: Floats, score: NDArray[Any], count: int, separation
         if len(chosen) < count:
             left[np.hypot(x - x[best], y - y[best]) <= max(separation, SAME_PLACE)] = 0.0
     return np.array(chosen, dtype=np.int64)
-
-
-def _about_z(angle: Floats) -> Floats:
-    """(..., 3, 3) rotations about z."""
-    R = np.zeros((*angle.shape, 3, 3))
-    c, s = np.cos(angle), np.sin(angle)
-    R[..., 0, 0], R[..., 0, 1], R[..., 1, 0], R[..., 1, 1], R[..., 2, 2] = c, -s, s, c, 1.0
-    return R
 
 
 def inverse_reachability_on_floor(x: Floats, y: Floats, yaw: Floats) -> tuple[Floats, Floats, Floats]:
@@ -253,97 +181,77 @@ def inverse_reachability_on_floor(x: Floats, y: Floats, yaw: Floats) -> tuple[Fl
     return c * x - s * y, s * x + c * y, -yaw
 
 
-def invert_map(rm: ReachabilityMap) -> Tiles:
-    """The bases of equation 5, one for every pose of a map, in tiles."""
-    grid = rm.grid
-    z, orientation, i, j = rm.indices()
-    group = np.searchsorted(grid.orientations.start, orientation, side="right") - 1
-    groups = len(grid.orientations.pitch)
-    tcp_yaw = grid.orientations.yaw[orientation]
-    x, y, yaw = inverse_reachability_on_floor(grid.axis(0)[i], grid.axis(1)[j], tcp_yaw)
-    key, keys = z * groups + group, grid.layers * groups
-    order, tiles = _tiles(key, keys, x, y, rm.manipulability)
-    columns: tuple[NDArray[Any], ...] = (x, y, yaw, rm.manipulability, rm.torso)
-    bases: list[NDArray[Any]] = [values[order].astype(np.float32) for values in columns]
-    voxel = (key * grid.shape[2] + i) * grid.shape[3] + j
-    voxel = voxel[order]
-    score = ranking_score(rm, bases[3], rm.flags[order])
-    by_voxel = _sorted_descending(voxel, score)
-    best: Integers = by_voxel[np.flatnonzero(np.diff(voxel[by_voxel], prepend=-1))]  # of each voxel
-    free = bases[3] > 0.0  # the others are in the tiles alone, where it is asked whether there is certainly no base
-    base_first = np.searchsorted(key[order], np.arange(keys + 1))
-    arrays = [*bases, rm.flags[order], *tiles, base_first]
-    rankings = [_ranking(some, key[order], keys, bases, score) for some in (np.flatnonzero(free), best[free[best]])]
-    for array in (*arrays, *rankings[0], *rankings[1]):
+_NO_RANKING = Ranking(np.empty(0, np.uint16), np.empty(0, np.int64), np.empty((0, 0), np.int32))
+
+
+def invert_map(rm: ReachabilityMap) -> Bases:
+    """The bases of equation 5, one for every free pose of a map, by μ."""
+    grid, counts = rm.grid, rm.grid.orientations.count
+    kinds = np.unique(counts)
+    kind = np.searchsorted(kinds, counts)
+    torsos = np.array(grid.torsos)
+    corner = np.array([*(centre - grid.half * grid.voxel for centre in grid.centre), grid.bottom])
+    beside = neighbouring_groups(grid.orientations)
+    for array in (kind, torsos, corner, beside):
         array.setflags(write=False)
-    return Tiles._make([*arrays, *rankings, *grid.torso_range, _lift_is_free(rm)])
+    numbers = 2 * grid.half, len(counts), grid.layers
+    lengths = grid.voxel, grid.thickness, *grid.torso_range
+    is_lift_free = rm.chain is None or not rm.parameters.self_collision
+    about = rm.packed, _places(grid, kinds), kind, counts, beside, torsos, corner, *numbers, *lengths, is_lift_free
+    return _ranked(Bases(*about, False, _NO_RANKING, _NO_RANKING))
 
 
-def _lift_is_free(rm: ReachabilityMap) -> bool:
-    """Whether a base is certain at other heights because the lift follows: not if the arm may touch the robot."""
-    return rm.chain is None or not rm.parameters.self_collision
+def in_order(bases: Bases, order: Order) -> Bases:
+    """The same bases in another order.
 
-
-def ranking_score(rm: ReachabilityMap, mu: Singles, flags: NDArray[np.uint8]) -> Singles:
-    """By what bases (n,) are ranked: μ, but cells that are reached over their whole height come before all others.
-
-    μ is that of a cell's centre. At other heights the cells above and below say whether the arm still reaches, free of
-    itself; without this, one in twenty of the best bases does not. In a map of the joints alone μ alone counts.
+    In the order of certainty, cells that are reached over their whole height come before all others. μ is that of a
+    cell's centre; at other heights the cells above and below say whether the arm still reaches, free of itself. In a
+    map of the joints alone a lift follows the height, so that μ alone counts.
     """
-    return mu if _lift_is_free(rm) else np.ldexp(mu, 64 * (flags & CERTAIN_IN_HEIGHT > 0))
+    return bases if order == "manipulability" or bases.lift_is_free else _ranked(bases._replace(by_certainty=True))
 
 
-def _tiles(key: Integers, keys: int, x: Floats, y: Floats, mu: Singles) -> tuple[Integers, tuple[NDArray[Any], ...]]:
-    """The order of the bases, given each one's `key` in 0 … keys - 1, and `tile_x` to `key_first`."""
-    half = int(np.ceil(max(np.abs(x).max(initial=0.0), np.abs(y).max(initial=0.0)) / TILE)) + 1
-    column, row = np.floor(x / TILE).astype(np.int64) + half, np.floor(y / TILE).astype(np.int64) + half
-    tile = (key * (2 * half) + column) * (2 * half) + row
-    order = _sorted_descending(tile, mu)
-    tile = tile[order]
-    first = np.flatnonzero(np.diff(tile, prepend=-1))
-    last = np.append(first[1:], len(tile)) if len(first) else first
-    tile_x = (tile[first] // (2 * half) % (2 * half) - half + 0.5) * TILE
-    tile_y = (tile[first] % (2 * half) - half + 0.5) * TILE
-    size = last - first
-    apart = np.hypot(x[order] - np.repeat(tile_x, size), y[order] - np.repeat(tile_y, size))
-    radius = np.maximum.reduceat(apart, first) if len(first) else apart
-    tile_mu = mu[order][first]
-    tile_key = tile[first] // (2 * half) ** 2
-    rank = _sorted_descending(tile_key, tile_mu)
-    key_first = np.searchsorted(tile_key[rank], np.arange(keys + 1))
-    return order, (*(values[rank] for values in (tile_x, tile_y, radius, tile_mu, first, last)), key_first)
+def _ranked(bases: Bases) -> Bases:
+    """The bases with their rankings."""
+    fits = int(np.diff(bases.places.first).max()) <= 1 << 16
+    rankings, bases = [], bases._replace(ranked=_NO_RANKING, rings=_NO_RANKING)
+    for only_rings in (False, True):
+        cells = np.empty(len(bases.cells.codes), np.uint16 if fits else np.uint32)
+        first, skip = rank_bases(bases, cells, bases.by_certainty, only_rings)
+        ranking = Ranking(cells[: first[-1]].copy() if only_rings else cells, first, skip)
+        for array in ranking:
+            array.setflags(write=False)
+        rankings.append(ranking)
+    return bases._replace(ranked=rankings[0], rings=rankings[1])
 
 
-def _ranking(some: Integers, key: Integers, keys: int, bases: list[NDArray[Any]], score: Singles) -> Ranking:
-    """Some of the bases, by key and score.
-
-    `key` (n,) of 0 … keys - 1, `bases`, the columns `x`, `y`, `yaw`, `mu` and `torso` (n,), and `score` (n,) are those
-    of all.
-    """
-    base = some[_sorted_descending(key[some], score[some])]
-    x, y, own_key = bases[0][base], bases[1][base], key[base]
-    radius = np.hypot(x, y)
-    first = np.searchsorted(own_key, np.arange(keys + 1))
-    step = (radius.astype(float) / RADIUS_STEP).astype(np.int64)
-    skip = np.repeat(first[1:, None], int(step.max(initial=0)) + 2, axis=1)
-    rank = np.arange(len(base))[::-1]
-    skip[own_key[rank], step[rank]] = rank
-    skip = np.minimum.accumulate(skip[:, ::-1], axis=1)[:, ::-1]
-    parts = SECTORS * PARTS
-    part = (np.arctan2(y, x).astype(float) * (parts / (2 * np.pi)) // 1).astype(np.int64) % parts
-    ring = np.minimum((radius.astype(float) / RING_WIDTH).astype(np.int64), RINGS - 1)
-    return Ranking(
-        base.astype(np.int32),
-        x,
-        y,
-        radius,
-        (ring * parts + part).astype(np.uint16),
-        first,
-        np.ascontiguousarray(skip, dtype=np.int32),
-    )
-
-
-def _sorted_descending(major: Integers, mu: Singles) -> Integers:
-    """Order by `major`, then by decreasing `mu`: positive floats sort like their bits."""
-    bits = mu.astype(np.float32).view(np.uint32).astype(np.uint64)
-    return np.argsort((major.astype(np.uint64) << np.uint64(32)) | (np.uint64(0xFFFFFFFF) - bits), kind="stable")
+def _places(grid: MapGrid, kinds: Integers) -> Places:
+    """Where the bases of keys with each of these numbers of yaws lie."""
+    columns: list[list[NDArray[Any]]] = []
+    tiles: list[list[NDArray[Any]]] = []
+    begun = 0
+    for yaws in kinds.tolist():
+        g, i, j = (index.ravel() for index in np.indices((yaws, 2 * grid.half, 2 * grid.half)))
+        x, y, yaw = inverse_reachability_on_floor(grid.axis(0)[i], grid.axis(1)[j], g * (2 * np.pi / yaws))
+        half = int(np.ceil(max(np.abs(x).max(), np.abs(y).max()) / TILE)) + 1
+        column, row = np.floor(x / TILE).astype(np.int64) + half, np.floor(y / TILE).astype(np.int64) + half
+        tile = column * (2 * half) + row
+        by_tile = np.argsort(tile, kind="stable")
+        first = np.flatnonzero(np.diff(tile[by_tile], prepend=-1))
+        number, size = tile[by_tile][first], np.diff(first, append=len(tile))
+        tile_x, tile_y = ((part - half + 0.5) * TILE for part in (number // (2 * half), number % (2 * half)))
+        px, py, turn = (values.astype(np.float32) for values in (x, y, yaw))
+        apart = np.hypot(px[by_tile] - np.repeat(tile_x, size), py[by_tile] - np.repeat(tile_y, size))
+        tiles.append([tile_x, tile_y, np.maximum.reduceat(apart, first), first + begun])
+        begun += len(tile)
+        radius, parts = np.hypot(px, py), SECTORS * PARTS
+        part = (np.arctan2(py, px).astype(float) * (parts / (2 * np.pi)) // 1).astype(np.int64) % parts
+        ring = np.minimum((radius.astype(float) / RING_WIDTH).astype(np.int64), RINGS - 1)
+        columns.append([px, py, radius, turn, (ring * parts + part).astype(np.uint16), by_tile.astype(np.int32)])
+    tile_columns = [np.concatenate(values) for values in zip(*tiles, strict=True)]
+    tile_columns[3] = np.append(tile_columns[3], begun)
+    ends = (np.cumsum([0, *(len(some[0]) for some in part)]) for part in (columns, tiles))
+    arrays = [*(np.concatenate(values) for values in zip(*columns, strict=True)), *tile_columns, *ends]
+    for array in arrays:
+        array.setflags(write=False)
+    return Places._make([*arrays, (2 * grid.half) ** 2])

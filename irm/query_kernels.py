@@ -9,8 +9,8 @@ when the first base on that ring is tested. One operation on masks then rejects 
 from __future__ import annotations
 
 from functools import lru_cache
-from math import ceil, cos, floor, hypot, pi, sin, sqrt
-from typing import NamedTuple
+from math import ceil, cos, floor, hypot, inf, pi, sin, sqrt
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from irm.compilation import WITHOUT_REFERENCE_COUNTS, njit
 from irm.free_space import Raster, floor_distance, floor_gap, point_is_free
 from irm.kinematics import wrap
-from irm.query_keys import YawWindow
-from irm.reachability_map import CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH
+from irm.packed_cells import PackedCells, code_of, has_cell, mu_of
+from irm.query_keys import BaseYaws, YawWindow
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -57,54 +57,74 @@ _ONE = np.uint64(1)
 """Indices without a sign are never counted from the end, which a kernel must otherwise test."""
 
 
-class Ranking(NamedTuple):
-    """Bases of every key, best first.
+class Places(NamedTuple):
+    """Where bases lie relative to the TCP at approach yaw 0, for each number of yaws that a key may have.
 
-    `base` (n,): their numbers; `radius` (n,): their distances from the TCP [m]; `first` (keys + 1,): where each key's
-    bases begin; `skip` (keys, b): the first of a key's bases that is b `RADIUS_STEP` or farther from the TCP; `where`
-    (n,): in which ring, `RING_WIDTH` wide, in which of the `SECTORS` around the TCP, and in which of its `PARTS` they
-    are, (ring * SECTORS + sector) * PARTS + part.
+    Of the places of all of them, one after the other: `x`, `y` (p,), `radius` (p,) from the TCP [m], `yaw` (p,) [rad];
+    `where` (p,): in which ring, `RING_WIDTH` wide, in which of the `SECTORS` around the TCP, and in which of its
+    `PARTS`, (ring * SECTORS + sector) * PARTS + part; `by_tile` (p,): their numbers, tile by tile. Of tiles, squares of
+    floor: the middle `tile_x`, `tile_y` (t,), the distance `tile_radius` (t,) from there to the farthest place [m], and
+    where they begin in `by_tile`, `tile_first` (t + 1,). `first` and `first_tile`: where the places and tiles of each
+    number of yaws begin. `area`: voxels of a layer.
     """
 
-    base: NDArray[np.int32]
     x: Singles
     y: Singles
     radius: Singles
+    yaw: Singles
     where: NDArray[np.uint16]
+    by_tile: NDArray[np.int32]
+    tile_x: Floats
+    tile_y: Floats
+    tile_radius: Floats
+    tile_first: Integers
+    first: Integers
+    first_tile: Integers
+    area: int
+
+
+class Ranking(NamedTuple):
+    """Bases of every key, best first.
+
+    `cell` (n,): local numbers of their cells, see `irm.packed_cells`; `first` (keys + 1,): where each key's bases
+    begin; `skip` (keys, b): the first of a key's bases that is b `RADIUS_STEP` or farther from the TCP.
+    """
+
+    cell: NDArray[Any]
     first: Integers
     skip: NDArray[np.int32]
 
 
-class Tiles(NamedTuple):
-    """Arrays for kernels.
+class Bases(NamedTuple):
+    """The bases of equation 5 as arrays for kernels.
 
-    Per base, in order: `x`, `y` [m] and `yaw` [rad] relative to the TCP at approach yaw 0, `mu`, `torso` [m], `flags`.
-    Per tile: its centre `tile_x`, `tile_y`, the distance `tile_radius` from there to its farthest base [m], its best
-    `tile_mu`, and its bases `tile_first` to `tile_last`. Per key: `key_first` (keys + 1,) tiles and `base_first`
-    (keys + 1,) bases. `ranked`: all bases by μ; `rings`: the best base of each voxel by μ. `torso_lower`,
-    `torso_upper`: range in which the torso can follow the TCP's height [m]; equal if it is fixed. `lift_is_free`:
-    whether a base is certain where the torso follows, because self-collision does not count.
+    `cells` of the map; `places` of bases around the TCP; per group `kind` (g,), the number of its table of places, and
+    `yaws` (g,), how many it has; `beside` (g, m): groups within one step of pitch and roll, padded with -1, none where
+    the map lacks some; `torsos` (t,) heights [m]; `corner` (3,): lowest one of the grid in the base frame [m]; `side`:
+    voxels along x and y; numbers of `groups` and `layers`; `voxel`, `thickness`: edges of the cells [m]; `torso_lower`,
+    `torso_upper`: range in which the torso can follow the TCP's height [m]; equal if it is fixed; `lift_is_free`:
+    whether a base is certain where the torso follows, because self-collision does not count; `by_certainty`: whether
+    bases whose cell is reached over its whole height come first. `ranked`: all bases; `rings`: the best of each voxel.
     """
 
-    x: Singles
-    y: Singles
-    yaw: Singles
-    mu: Singles
-    torso: Singles
-    flags: NDArray[np.uint8]
-    tile_x: Floats
-    tile_y: Floats
-    tile_radius: Floats
-    tile_mu: Singles
-    tile_first: Integers
-    tile_last: Integers
-    key_first: Integers
-    base_first: Integers
-    ranked: Ranking
-    rings: Ranking
+    cells: PackedCells
+    places: Places
+    kind: Integers
+    yaws: Integers
+    beside: Integers
+    torsos: Floats
+    corner: Floats
+    side: int
+    groups: int
+    layers: int
+    voxel: float
+    thickness: float
     torso_lower: float
     torso_upper: float
     lift_is_free: bool
+    by_certainty: bool
+    ranked: Ranking
+    rings: Ranking
 
 
 class TcpPlace(NamedTuple):
@@ -122,14 +142,16 @@ class PlaceQueries(NamedTuple):
     """n TCP poses for kernels.
 
     `keys` (n,): their numbers, -1 where the TCP is out of reach; `positions` (n, 3) of the TCP [m]; `height_offsets`
-    (n,) [m]; `ranges` (n, 2): lowest and highest turn of each [rad]; `exact` as in `TcpPlace`, for all.
+    (n,) [m]; `ranges` (n, 2): lowest and highest turn of each, and `shifts` (n,), what to add to a turn to get the
+    approach yaw [rad]; `exact` (n,) as in `TcpPlace`.
     """
 
     keys: Integers
     positions: Floats
     height_offsets: Floats
     ranges: Floats
-    exact: bool
+    shifts: Floats
+    exact: NDArray[np.bool_]
 
 
 class Turns(NamedTuple):
@@ -158,17 +180,25 @@ class RingMasks(NamedTuple):
 
 
 class FloorAround(NamedTuple):
-    """The free floor around a TCP, and how far `apart` two bases on it must be [m]."""
+    """The free floor around a TCP, how far `apart` two bases on it must be [m], and the allowed `yaws` of bases."""
 
     raster: Raster
     masks: RingMasks
     apart: float
+    yaws: BaseYaws
 
 
 @njit(cache=True)
-def floor_around(raster: Raster, apart: float) -> FloorAround:
+def floor_around(raster: Raster, apart: float, yaws: BaseYaws) -> FloorAround:
     """A floor whose masks are not computed yet."""
-    return FloorAround(raster, RingMasks(np.full(RINGS, _ALL), np.zeros(RINGS, np.bool_)), apart)
+    return FloorAround(raster, RingMasks(np.full(RINGS, _ALL), np.zeros(RINGS, np.bool_)), apart, yaws)
+
+
+@njit(cache=True, inline="always")
+def is_allowed(yaws: BaseYaws, yaw: float) -> bool:
+    """Whether a base may have a yaw."""
+    beyond = wrap(yaw - yaws.low - pi) + pi if yaws.span < inf else 0.0
+    return beyond <= yaws.span + ROUNDING or beyond >= 2.0 * pi - ROUNDING
 
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
@@ -214,12 +244,18 @@ def is_apart(taken: Floats, count: int, x: float, y: float, apart: float) -> boo
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def _next_candidate(
-    where: NDArray[np.uint16], sectors: NDArray[np.uint64], rank: int, end: int, all_turns: NDArray[np.uint64]
+    cell: NDArray[Any],
+    where: NDArray[np.uint16],
+    table: int,
+    sectors: NDArray[np.uint64],
+    rank: int,
+    end: int,
+    all_turns: NDArray[np.uint64],
 ) -> np.int64:
     """The first rank in `rank` … `end` whose base may be on free floor, as far as the masks are known; else `end`."""
-    at, last = np.uint64(rank), np.uint64(end)
+    at, last, start = np.uint64(rank), np.uint64(end), np.uint64(table)
     while at < last:
-        place = np.uint64(where[at])
+        place = np.uint64(where[start + np.uint64(cell[at])])
         sector = (place >> _SECTOR_SHIFT) & _SECTOR_BITS
         if _turned_back(sectors[place >> _RING_SHIFT], sector) & all_turns[place & _PART_BITS] != 0:
             break
@@ -229,7 +265,14 @@ def _next_candidate(
 
 @njit(cache=True, inline="always")
 def _next_in_order(
-    ranking: Ranking, start: int, place: TcpPlace, turns: Turns, around: FloorAround, taken: Floats, count: int
+    bases: Bases,
+    ranking: Ranking,
+    start: int,
+    place: TcpPlace,
+    turns: Turns,
+    around: FloorAround,
+    taken: Floats,
+    count: int,
 ) -> tuple[int, int]:
     """The first base of a ranking, from `start` on, that is free and apart from the first `count` rows of `taken`.
 
@@ -238,7 +281,9 @@ def _next_in_order(
     On the rings a turn by one yaw sample of the map is the same as the next yaw sample of the same voxel. So only the
     best sample of each voxel is needed, and all its positions around the TCP are equally good.
     """
-    raster, masks, where = around.raster, around.masks, ranking.where
+    raster, masks, places = around.raster, around.masks, bases.places
+    cell, where = ranking.cell, places.where
+    table = places.first[bases.kind[place.key % bases.groups]]
     bounded = raster.cells.size > 0
     gap = floor_gap(raster, place.x, place.y) - ROUNDING if bounded else 0.0
     end, steps = ranking.first[place.key + 1], ranking.skip.shape[1] - 1
@@ -247,21 +292,27 @@ def _next_in_order(
     while rank < end:
         free_sectors = _ALL
         if bounded and tests >= _FIRST:
-            rank = _next_candidate(where, masks.sectors, rank, end, turns.all_sectors)
+            rank = _next_candidate(cell, where, table, masks.sectors, rank, end, turns.all_sectors)
             if rank == end:
                 break
-            ring = where[rank] // (SECTORS * PARTS)
+            spot = where[table + cell[rank]]
+            ring = spot // (SECTORS * PARTS)
             if not masks.is_known[ring]:
                 masks.sectors[ring], masks.is_known[ring] = _free_sectors(raster, place.x, place.y, gap, ring), True
                 continue
-            free_sectors = _turned_back(masks.sectors[ring], np.uint64(where[rank] // PARTS % SECTORS))
-        if ranking.radius[rank] >= gap:
-            part, x, y, turn = where[rank] % PARTS, ranking.x[rank], ranking.y[rank], 0
+            free_sectors = _turned_back(masks.sectors[ring], np.uint64(spot // PARTS % SECTORS))
+        at = table + cell[rank]
+        if places.radius[at] >= gap:
+            part, x, y, turn = where[at] % PARTS, places.x[at], places.y[at], 0
             while found < 0 and turn < turns.directions.shape[0]:
                 if turns.sectors[part, turn] & free_sectors != 0:
                     c, s = turns.directions[turn, 0], turns.directions[turn, 1]
                     at_x, at_y = place.x + c * x - s * y, place.y + s * x + c * y
-                    if point_is_free(raster, at_x, at_y) and is_apart(taken, count, at_x, at_y, around.apart):
+                    if (
+                        point_is_free(raster, at_x, at_y)
+                        and is_apart(taken, count, at_x, at_y, around.apart)
+                        and is_allowed(around.yaws, turns.yaws[turn] + places.yaw[at])
+                    ):
                         found = turn
                 turn += 1
             if found >= 0:
@@ -313,59 +364,104 @@ def lay_out_turns(window: YawWindow) -> Turns:
     return Turns(yaws, turns_of(yaws), sectors, all_sectors, all_around, window.shift)
 
 
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
+def is_upright(bases: Bases, layer: int, group: int, local: int) -> bool:
+    """Whether a cell and those above and below are reached, free of self-collision: CERTAIN_IN_HEIGHT."""
+    upright = 0 < layer < bases.layers - 1
+    for z in range(layer - 1, layer + 2):
+        upright = upright and has_cell(bases.cells.free, bases.cells.offset[z * bases.groups + group], local)
+    return upright
+
+
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
+def _is_certain_in_pitch(bases: Bases, layer: int, group: int, local: int) -> bool:
+    """Whether the same holds at the neighbouring pitches and rolls: CERTAIN_IN_PITCH."""
+    beside, area = bases.beside, bases.places.area
+    if beside[group, 0] < 0:
+        return False
+    for k in range(beside.shape[1]):
+        other = beside[group, k]
+        if other < 0:
+            break
+        if bases.yaws[other] == bases.yaws[group]:
+            if not is_upright(bases, layer, other, local):
+                return False
+        else:
+            for yaw in range(bases.yaws[other]):
+                if not is_upright(bases, layer, other, yaw * area + local % area):
+                    return False
+    return True
+
+
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
+def _fill_row(bases: Bases, place: TcpPlace, turns: Turns, turn: int, local: int, row: Floats) -> None:
+    """x, y, yaw, approach yaw, μ, torso, certain (0 or 1) of a base at a turn, into `row` (7,)."""
+    places, lower, upper = bases.places, bases.torso_lower, bases.torso_upper
+    layer, group = place.key // bases.groups, place.key % bases.groups
+    at = places.first[bases.kind[group]] + local
+    c, s = turns.directions[turn, 0], turns.directions[turn, 1]
+    code = code_of(bases.cells, place.key, local)
+    height = bases.torsos[code & ((1 << bases.cells.torso_bits) - 1)]
+    row[0] = place.x + c * places.x[at] - s * places.y[at]
+    row[1] = place.y + s * places.x[at] + c * places.y[at]
+    row[2] = wrap(turns.yaws[turn] + places.yaw[at])
+    row[3] = wrap(turns.yaws[turn] + turns.yaw_shift)
+    row[4] = bases.cells.levels[code >> bases.cells.torso_bits]
+    torso = height + place.height_offset
+    row[5] = min(upper, max(lower, torso)) if upper > lower else height
+    in_range = bases.lift_is_free and upper > lower and lower <= torso <= upper
+    inside = abs(place.height_offset) < 1e-9 or in_range
+    certain = place.exact and (inside or is_upright(bases, layer, group, local))
+    row[6] = 1.0 if certain or _is_certain_in_pitch(bases, layer, group, local) else 0.0
+
+
 @njit(cache=True, inline="always")
 def _best_bases(
-    tiles: Tiles, ranking: Ranking, place: TcpPlace, turns: Turns, around: FloorAround, rows: Floats, progress: Integers
+    bases: Bases, ranking: Ranking, place: TcpPlace, turns: Turns, around: FloorAround, rows: Floats, progress: Integers
 ) -> None:
     """The k best bases for one TCP pose, each apart from the better ones, into `rows`.
 
     `rows` (k, 7): x, y, yaw, approach yaw, μ, torso, certain (0 or 1). `progress` (3,): rows filled, rank where the
     search goes on, and the number of rows at which to pause. The search is over if fewer rows than that are filled.
     """
-    lower, upper = tiles.torso_lower, tiles.torso_upper
-    torso_follows = upper > lower
     turn = 0
     while turn >= 0 and progress[0] < min(progress[2], rows.shape[0]):
         k = progress[0]
-        rank, turn = _next_in_order(ranking, progress[1], place, turns, around, rows, k)
+        rank, turn = _next_in_order(bases, ranking, progress[1], place, turns, around, rows, k)
         progress[1] = rank + (around.apart < 0.0)
         if turn >= 0:
-            base = ranking.base[rank]
-            c, s = turns.directions[turn, 0], turns.directions[turn, 1]
-            rows[k, 0] = place.x + c * ranking.x[rank] - s * ranking.y[rank]
-            rows[k, 1] = place.y + s * ranking.x[rank] + c * ranking.y[rank]
-            rows[k, 2] = wrap(turns.yaws[turn] + tiles.yaw[base])
-            rows[k, 3] = wrap(turns.yaws[turn] + turns.yaw_shift)
-            rows[k, 4] = tiles.mu[base]
-            torso = tiles.torso[base] + place.height_offset
-            rows[k, 5] = min(upper, max(lower, torso)) if torso_follows else tiles.torso[base]
-            in_range = tiles.lift_is_free and torso_follows and lower <= torso <= upper
-            inside = abs(place.height_offset) < 1e-9 or in_range or tiles.flags[base] & CERTAIN_IN_HEIGHT != 0
-            rows[k, 6] = 1.0 if (place.exact and inside) or tiles.flags[base] & CERTAIN_IN_PITCH != 0 else 0.0
+            _fill_row(bases, place, turns, turn, np.int64(ranking.cell[rank]), rows[k])
             progress[0] += 1
 
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def _best_bases_at_turns(
-    tiles: Tiles, place: TcpPlace, turns: Turns, around: FloorAround, rows: Floats, progress: Integers
+    bases: Bases, place: TcpPlace, turns: Turns, around: FloorAround, rows: Floats, progress: Integers
 ) -> None:
     """`_best_bases` by itself: what lays out the turns allocates, and counting references would slow this down."""
-    ranking = tiles.rings if turns.all_around else tiles.ranked
-    _best_bases(tiles, ranking, place, turns, around, rows, progress)
+    ranking = bases.rings if turns.all_around and around.apart >= 0.0 else bases.ranked
+    _best_bases(bases, ranking, place, turns, around, rows, progress)
 
 
 @njit(cache=True)
 def best_bases(
-    tiles: Tiles, place: TcpPlace, window: YawWindow, raster: Raster, apart: float, rows: Floats, progress: Integers
+    bases: Bases,
+    place: TcpPlace,
+    window: YawWindow,
+    raster: Raster,
+    apart: float,
+    yaws: BaseYaws,
+    rows: Floats,
+    progress: Integers,
 ) -> None:
     """The best bases for the turns of a window, `apart` from each other [m]; `rows` and `progress` as `_best_bases`. If
     `apart` is negative, each base that is ranked counts at one turn alone: others are the same for the arm."""
-    _best_bases_at_turns(tiles, place, lay_out_turns(window), floor_around(raster, apart), rows, progress)
+    _best_bases_at_turns(bases, place, lay_out_turns(window), floor_around(raster, apart, yaws), rows, progress)
 
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def _best_bases_of_some(
-    tiles: Tiles,
+    bases: Bases,
     queries: PlaceQueries,
     order: Integers,
     turns: Turns,
@@ -375,15 +471,15 @@ def _best_bases_of_some(
     progress: Integers,
 ) -> None:
     """The best bases of those queries whose numbers are in `order`, with the same turns."""
-    ranking = tiles.rings if turns.all_around else tiles.ranked
+    ranking = bases.rings if turns.all_around else bases.ranked
     for i in order:
         progress[0], progress[1], progress[2] = 0, 0, rows.shape[1]
         if queries.keys[i] >= 0:
             x, y, offset = queries.positions[i, 0], queries.positions[i, 1], queries.height_offsets[i]
-            place = TcpPlace(queries.keys[i], x, y, offset, queries.exact)
+            place = TcpPlace(queries.keys[i], x, y, offset, queries.exact[i])
             for ring in range(RINGS):  # masks are those of one TCP
                 around.masks.sectors[ring], around.masks.is_known[ring] = _ALL, False
-            _best_bases(tiles, ranking, place, turns, around, rows[i], progress)
+            _best_bases(bases, ranking, place, turns, around, rows[i], progress)
         counts[i] = progress[0]
         for k in range(counts[i], rows.shape[1]):
             rows[i, k, :6] = np.nan
@@ -392,12 +488,13 @@ def _best_bases_of_some(
 
 @njit(cache=True)
 def best_bases_batch(
-    tiles: Tiles,
+    bases: Bases,
     queries: PlaceQueries,
     order: Integers,
     window: YawWindow,
     raster: Raster,
     apart: float,
+    yaws: BaseYaws,
     rows: Floats,
     counts: Integers,
 ) -> None:
@@ -406,16 +503,96 @@ def best_bases_batch(
     Neighbours with the same range share their turns; the rest of the `window` is that of all queries. `rows` (n, k, 7)
     as in `_best_bases`, with NaN where no base was found; `counts` (n,) of the bases found.
     """
-    progress, around, ranges = np.zeros(3, np.int64), floor_around(raster, apart), queries.ranges
-    first, end = 0, order.shape[0]
+    progress, around, ranges = np.zeros(3, np.int64), floor_around(raster, apart, yaws), queries.ranges
+    first, end, shifts = 0, order.shape[0], queries.shifts
     while first < end:
-        low, high = ranges[order[first], 0], ranges[order[first], 1]
+        low, high, shift = ranges[order[first], 0], ranges[order[first], 1], shifts[order[first]]
         last = first + 1
-        while last < end and ranges[order[last], 0] == low and ranges[order[last], 1] == high:
+        while (
+            last < end
+            and ranges[order[last], 0] == low
+            and ranges[order[last], 1] == high
+            and shifts[order[last]] == shift
+        ):
             last += 1
-        turns = lay_out_turns(YawWindow(low, high, window.step, window.samples, window.shift))
-        _best_bases_of_some(tiles, queries, order[first:last], turns, around, rows, counts, progress)
+        turns = lay_out_turns(YawWindow(low, high, window.step, window.samples, shift))
+        _best_bases_of_some(bases, queries, order[first:last], turns, around, rows, counts, progress)
         first = last
+
+
+class KeySet(NamedTuple):
+    """n keys for kernels, of a set of gripper poses at one place: their `numbers` (n,), the TCP's `height_offsets` (n,)
+    above the middles of their layers [m], whether pitch and roll are `exact` (n,), and which of the windows of turns is
+    theirs, `window` (n,)."""
+
+    numbers: Integers
+    height_offsets: Floats
+    exact: NDArray[np.bool_]
+    window: Integers
+
+
+@njit(cache=True)
+def best_bases_of_set(
+    bases: Bases,
+    keys: KeySet,
+    windows: Floats,
+    x: float,
+    y: float,
+    raster: Raster,
+    apart: float,
+    yaws: BaseYaws,
+    rows: Floats,
+) -> int:
+    """The best bases of several keys together, `apart` from each other [m], into `rows` (k, 8): seven columns as in
+    `_best_bases`, and which of the keys. Returns how many there are.
+
+    `windows` (w, 5): of turns, the columns of `YawWindow`. Of each key the μ of its next base is a bound. The key with
+    the highest bound is searched for a base that is free and apart, which is then its bound, until it is the best one.
+    """
+    turns = [
+        lay_out_turns(YawWindow(windows[w, 0], windows[w, 1], windows[w, 2], int(windows[w, 3]), windows[w, 4]))
+        for w in range(windows.shape[0])
+    ]
+    around, count = floor_around(raster, apart, yaws), keys.numbers.shape[0]
+    at, turn, bound = np.empty(count, np.int64), np.full(count, -1), np.empty(count)
+    for n in range(count):
+        at[n] = bases.ranked.first[keys.numbers[n]]
+        if turns[keys.window[n]].all_around and apart >= 0.0:
+            at[n] = bases.rings.first[keys.numbers[n]]
+        bound[n] = inf
+    filled = 0
+    while filled < rows.shape[0]:
+        n = int(np.argmax(bound))
+        if bound[n] <= 0.0:
+            break
+        own = turns[keys.window[n]]
+        ranking = bases.rings if own.all_around and apart >= 0.0 else bases.ranked
+        place = TcpPlace(keys.numbers[n], x, y, keys.height_offsets[n], keys.exact[n])
+        if turn[n] >= 0:
+            local = np.int64(ranking.cell[at[n]])
+            _fill_row(bases, place, own, turn[n], local, rows[filled])
+            turn[n] = -1
+            if is_apart(rows, filled, rows[filled, 0], rows[filled, 1], apart):
+                rows[filled, 7] = n
+                filled += 1
+                at[n] += apart < 0.0
+            bound[n] = _score(bases, place.key, ranking, at[n])
+        else:
+            at[n], turn[n] = _next_in_order(bases, ranking, at[n], place, own, around, rows, filled)
+            bound[n] = _score(bases, place.key, ranking, at[n]) if turn[n] >= 0 else -1.0
+    return filled
+
+
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
+def _score(bases: Bases, key: int, ranking: Ranking, rank: int) -> float:
+    """By what the base at a rank of a key is compared with those of other keys; negative at the ranking's end."""
+    if rank >= ranking.first[key + 1]:
+        return -1.0
+    local = np.int64(ranking.cell[rank])
+    mu = mu_of(bases.cells, key, local)
+    if bases.by_certainty and is_upright(bases, key // bases.groups, key % bases.groups, local):
+        mu += 1.0
+    return mu
 
 
 @lru_cache(maxsize=256)
@@ -443,36 +620,192 @@ def disc_meets_floor(
     return nearest <= slack
 
 
-@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
+@njit(cache=True)
 def any_base_near(
-    tiles: Tiles, keys: Integers, px: float, py: float, turns: Floats, half_turn: float, raster: Raster, slack: float
+    bases: Bases,
+    keys: Integers,
+    px: float,
+    py: float,
+    yaws: Floats,
+    turns: Floats,
+    half_turn: float,
+    raster: Raster,
+    slack: float,
+    allowed: BaseYaws,
 ) -> bool:
-    """Whether any base of any of the `keys` lies within `slack` of free floor at one of the `turns` (n, 2).
+    """Whether any base of any of the `keys`, free of self-collision or not, lies within `slack` of free floor at one of
+    the turns, and may have a yaw that is `allowed`.
 
-    Turns are `2 half_turn` apart [rad]; the arc between them is added to the slack.
+    `yaws` (n,) of the turns, and `turns` (n, 2), their cosines and sines, are `2 half_turn` apart [rad]; the arc
+    between them is added to the slack, and half of it and one and a half yaw samples to the allowed yaws.
     """
-    bounded = raster.cells.size > 0
-    gap = floor_gap(raster, px, py) if bounded else 0.0
-    for key in keys:
-        for tile in range(tiles.key_first[key], tiles.key_first[key + 1]):
-            if not bounded:
+    places, first_tile = bases.places, bases.places.first_tile
+    for kind in range(first_tile.shape[0] - 1):
+        table = places.first[kind]
+        some, samples = np.zeros(-(-(places.first[kind + 1] - table) // 64), np.uint64), 0
+        for key in keys:
+            if bases.kind[key % bases.groups] == kind:
+                offset, samples = bases.cells.offset[key], bases.yaws[key % bases.groups]
+                for k in range(some.shape[0]):
+                    some[k] |= bases.cells.reached[offset + k]
+        if samples == 0:
+            continue
+        wider = half_turn + 3.0 * pi / samples
+        widened = BaseYaws(allowed.low - wider, allowed.span + 2.0 * wider)
+        if widened.span >= 2.0 * pi:
+            widened = BaseYaws(allowed.low, inf)
+        for tile in range(first_tile[kind], first_tile[kind + 1]):
+            if _is_tile_near(places, table, tile, some, px, py, yaws, turns, half_turn, raster, slack, widened):
                 return True
-            tx, ty = tiles.tile_x[tile], tiles.tile_y[tile]
-            distance = sqrt(tx * tx + ty * ty)
-            reach = slack + distance * half_turn + tiles.tile_radius[tile] * (1.0 + half_turn) + ROUNDING
-            if distance + reach < gap:
-                continue
-            turn = 0
-            while turn < turns.shape[0]:
-                c, s = turns[turn, 0], turns[turn, 1]
-                away = floor_distance(raster, px + c * tx - s * ty, py + s * tx + c * ty) - reach
-                if away > 0.0:
-                    turn += 1 + int(SHORT * away / (distance * 2.0 * half_turn + ROUNDING))
-                    continue
-                for base in range(tiles.tile_first[tile], tiles.tile_last[tile]):
-                    x = px + c * tiles.x[base] - s * tiles.y[base]
-                    y = py + s * tiles.x[base] + c * tiles.y[base]
-                    if floor_distance(raster, x, y) <= slack + hypot(tiles.x[base], tiles.y[base]) * half_turn:
-                        return True
-                turn += 1
     return False
+
+
+@njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
+def _is_tile_near(
+    places: Places,
+    table: int,
+    tile: int,
+    some: NDArray[np.uint64],
+    px: float,
+    py: float,
+    yaws: Floats,
+    turns: Floats,
+    half_turn: float,
+    raster: Raster,
+    slack: float,
+    allowed: BaseYaws,
+) -> bool:
+    """The same for those places of one tile whose bits are set in `some`."""
+    first, last = places.tile_first[tile], places.tile_first[tile + 1]
+    empty = True
+    for k in range(first, last):
+        empty = empty and not has_cell(some, 0, places.by_tile[k])
+    if empty:
+        return False
+    bounded = raster.cells.size > 0
+    tx, ty = places.tile_x[tile], places.tile_y[tile]
+    distance = sqrt(tx * tx + ty * ty)
+    reach = slack + distance * half_turn + places.tile_radius[tile] * (1.0 + half_turn) + ROUNDING
+    if bounded and distance + reach < floor_gap(raster, px, py):
+        return False
+    turn = 0
+    while turn < turns.shape[0]:
+        c, s = turns[turn, 0], turns[turn, 1]
+        if bounded:
+            away = floor_distance(raster, px + c * tx - s * ty, py + s * tx + c * ty) - reach
+            if away > 0.0:
+                turn += 1 + int(SHORT * away / (distance * 2.0 * half_turn + ROUNDING))
+                continue
+        for k in range(first, last):
+            local = places.by_tile[k]
+            at = table + local
+            if has_cell(some, 0, local) and is_allowed(allowed, yaws[turn] + places.yaw[at]):
+                x = px + c * places.x[at] - s * places.y[at]
+                y = py + s * places.x[at] + c * places.y[at]
+                if not bounded or floor_distance(raster, x, y) <= slack + places.radius[at] * half_turn + ROUNDING:
+                    return True
+        turn += 1
+    return False
+
+
+_DIGIT = 11
+"""Bits of a number by which it is sorted at a time; two such digits hold every level of μ, see `irm.packed_cells`."""
+
+
+@njit(cache=True)
+def _descending(value: Integers, count: int, space: Integers) -> Integers:
+    """The order (count,) of numbers ≥ 0 from the largest down, equal ones as they come; `space` (2, n) for it."""
+    starts, order = np.empty((1 << _DIGIT) + 1, np.int64), space[0]
+    for digit in range(2):
+        starts[:] = 0
+        for k in range(count):
+            starts[(1 << _DIGIT) - (value[k] >> (digit * _DIGIT) & ((1 << _DIGIT) - 1))] += 1
+        for k in range(1 << _DIGIT):
+            starts[k + 1] += starts[k]
+        order = space[digit]
+        for k in range(count):
+            at = k if digit == 0 else space[0, k]
+            place = (1 << _DIGIT) - 1 - (value[at] >> (digit * _DIGIT) & ((1 << _DIGIT) - 1))
+            order[starts[place]] = at
+            starts[place] += 1
+    return order
+
+
+@njit(cache=True)
+def rank_bases(
+    bases: Bases, cells: NDArray[Any], by_certainty: bool, only_rings: bool
+) -> tuple[Integers, NDArray[np.int32]]:
+    """Sort the bases of every key into `cells` (n,), best first; `first` and `skip` of their `Ranking`.
+
+    Of all free cells, or with `only_rings` of the best one of each voxel. Equal ones are in the order of tiles, or of
+    voxels.
+    """
+    places, packed, groups = bases.places, bases.cells, bases.groups
+    keys = bases.layers * groups
+    width, steps = 0, 0
+    for kind in range(places.first.shape[0] - 1):
+        width = max(width, places.first[kind + 1] - places.first[kind])
+    for at in range(places.radius.shape[0]):
+        steps = max(steps, int(float(places.radius[at]) / RADIUS_STEP))
+    first, skip = np.zeros(keys + 1, np.int64), np.zeros((keys, steps + 2), np.int32)
+    local, value, space = np.empty(width, np.int64), np.empty(width, np.int64), np.empty((2, width), np.int64)
+    best, best_value = np.empty(places.area, np.int64), np.empty(places.area, np.int64)
+    filled = 0
+    for key in range(keys):
+        layer, group = key // groups, key % groups
+        table, end = places.first[bases.kind[group]], places.first[bases.kind[group] + 1]
+        count = 0
+        if packed.offset[key] > 0:
+            best[:] = -1
+            for k in range(table, end):
+                cell = int(places.by_tile[k])
+                if has_cell(packed.free, packed.offset[key], cell):
+                    level = code_of(packed, key, cell) >> packed.torso_bits
+                    if by_certainty and is_upright(bases, layer, group, cell):
+                        level += packed.levels.shape[0]
+                    voxel = cell % places.area
+                    if not only_rings:
+                        local[count], value[count] = cell, level
+                        count += 1
+                    elif best[voxel] < 0 or level > best_value[voxel]:
+                        best[voxel], best_value[voxel] = cell, level
+            if only_rings:
+                for voxel in range(places.area):
+                    if best[voxel] >= 0:
+                        local[count], value[count] = best[voxel], best_value[voxel]
+                        count += 1
+        order = _descending(value, count, space)
+        first[key + 1] = filled + count
+        for step in range(skip.shape[1]):
+            skip[key, step] = filled + count
+        for rank in range(count - 1, -1, -1):
+            own = local[order[rank]]
+            cells[filled + rank] = own
+            skip[key, int(float(places.radius[table + own]) / RADIUS_STEP)] = filled + rank
+        for step in range(skip.shape[1] - 2, -1, -1):
+            skip[key, step] = min(skip[key, step], skip[key, step + 1])
+        filled += count
+    return first, skip
+
+
+@njit(cache=True)
+def bases_of_key(bases: Bases, key: int) -> tuple[Floats, Floats, Floats, Floats]:
+    """x, y [m], yaw [rad] and μ of the bases of a key relative to the TCP at approach yaw 0, best first; each (n,)."""
+    first, last = bases.ranked.first[key], bases.ranked.first[key + 1]
+    table = bases.places.first[bases.kind[key % bases.groups]]
+    x, y, yaw, mu = np.empty(last - first), np.empty(last - first), np.empty(last - first), np.empty(last - first)
+    for k in range(last - first):
+        local = np.int64(bases.ranked.cell[first + k])
+        at = table + local
+        x[k], y[k], yaw[k] = bases.places.x[at], bases.places.y[at], bases.places.yaw[at]
+        mu[k] = mu_of(bases.cells, key, local)
+    return x, y, yaw, mu
+
+
+@njit(cache=True)
+def mu_of_cells(cells: PackedCells, key: int, local: Integers) -> Floats:
+    """μ (n,) of cells of one key, given by their local numbers (n,)."""
+    mu = np.empty(local.shape[0])
+    for k in range(local.shape[0]):
+        mu[k] = mu_of(cells, key, local[k])
+    return mu

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from functools import lru_cache
 from math import copysign, inf, isfinite, pi
 from operator import index
-from typing import Any, NamedTuple, TypedDict
+from typing import Any, Literal, NamedTuple, TypedDict, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,16 +36,36 @@ _ROUNDING = 1e-9
 """[rad] by which a range may exceed a full turn."""
 
 
+Order = Literal["manipulability", "certainty"]
+"""Bases of highest μ first; or first those whose cell is reached over its whole height, then the others."""
+
+
+Range = tuple[float, float]
+
+
+class BaseYaws(NamedTuple):
+    """Allowed yaws of the base in the world: from `low` on over a `span` [rad]; all if that is infinite."""
+
+    low: float
+    span: float
+
+
+ANY_YAW = BaseYaws(-pi, inf)
+
+
 class QueryKeywords(TypedDict, total=False):
     """The keyword arguments that all queries share; `InverseReachabilityMap` says what they mean."""
 
-    pitch: float
-    roll: float
+    pitch: float | Range
+    roll: float | Range
+    height: Range | None
+    base_yaw_range: Range | None
     free_space: FreeSpace | None
     k: int
     separation: float
     yaw_step: float
     exact: bool | None
+    order: Order
 
 
 class QueryOptions(NamedTuple):
@@ -58,28 +78,49 @@ class QueryOptions(NamedTuple):
     separation: float = SEPARATION
     yaw_step: float = YAW_STEP
     exact: bool | None = None
+    order: Order = "manipulability"
+    base_yaws: BaseYaws = ANY_YAW
+    ranges: tuple[Range, Range, Range | None] | None = None
+    """Of pitch, roll and height, if one of them is a range; height is None for that of the position."""
 
 
-def checked_options(keywords: QueryKeywords) -> QueryOptions:
-    """The options of one call.
+def checked_options(keywords: QueryKeywords, *, may_be_set: bool = False) -> QueryOptions:
+    """The options of one call; `may_be_set`: whether ranges of pitch, roll and height are allowed.
 
     Raises:
         QueryError: a value is not of its kind, not finite or out of its range.
         TypeError: there is no such keyword.
     """
     try:
-        return _recent(**keywords)
+        options = _recent(**keywords)
     except TypeError:  # an unknown keyword; or a value that has no hash, such as an array of one number
         known = QueryKeywords.__annotations__
         unknown = [name for name in keywords if name not in known]
         if unknown:
             raise TypeError(f"queries have no keyword argument {unknown[0]!r}; they have {', '.join(known)}") from None
-        return _validated(**keywords)
+        options = _validated(**keywords)
+    if options.ranges is not None and not may_be_set:
+        raise QueryError("ranges of pitch, roll and height are for `query` alone")
+    return options
 
 
-def _validated(**keywords: Any) -> QueryOptions:
+def _validated(
+    *,
+    pitch: Any = 0.0,
+    roll: Any = 0.0,
+    height: Range | None = None,
+    base_yaw_range: Range | None = None,
+    **keywords: Any,
+) -> QueryOptions:
     asked = QueryOptions(**keywords)
-    pitch, roll = _as_number("pitch", "[rad]", asked.pitch), _as_number("roll", "[rad]", asked.roll)
+    ranges = _as_range("pitch", pitch), _as_range("roll", roll), None if height is None else _as_range("height", height)
+    is_set = height is not None or any(low < high for low, high in ranges[:2])
+    if ranges[1][1] - ranges[1][0] > 2 * pi + _ROUNDING:
+        raise QueryError(f"a range of rolls is at most a full turn, not {roll}")
+    base_yaws = ANY_YAW
+    if base_yaw_range is not None:
+        low, high = as_yaw_range(base_yaw_range)
+        base_yaws = BaseYaws(low, high - low) if high - low < 2 * pi - _ROUNDING else ANY_YAW
     separation = _as_number("separation", "[m]", asked.separation)
     yaw_step = _as_number("yaw_step", "[rad]", asked.yaw_step)
     if separation < 0.0:
@@ -90,13 +131,16 @@ def _validated(**keywords: Any) -> QueryOptions:
         raise QueryError(f"free_space is a FreeSpace or None, not {type(asked.free_space).__name__}")
     if not (asked.exact is None or isinstance(asked.exact, bool | np.bool_)):
         raise QueryError(f"exact is True, False or None, not {asked.exact!r}")
+    if asked.order not in get_args(Order):
+        raise QueryError(f"order is {' or '.join(map(repr, get_args(Order)))}, not {asked.order!r}")
     try:
         count = 0 if isinstance(asked.k, bool) else index(asked.k)
     except TypeError:
         count = 0
     if not 1 <= count <= MOST_BASES:
         raise QueryError(f"k is a number of bases, at least 1 and at most {MOST_BASES}, not {asked.k!r}")
-    return QueryOptions(pitch, roll, asked.free_space or EVERYWHERE, count, separation, yaw_step, asked.exact)
+    about = asked.free_space or EVERYWHERE, count, separation, yaw_step, asked.exact, asked.order, base_yaws
+    return QueryOptions(ranges[0][0], ranges[1][0], *about, ranges if is_set else None)
 
 
 _recent = lru_cache(maxsize=16, typed=True)(_validated)
@@ -112,6 +156,23 @@ def _as_number(name: str, unit: str, value: Any) -> float:
     if not isfinite(number) or isinstance(value, str | bytes):
         raise QueryError(f"{name} must be a finite number {unit}, not {value!r}")
     return number
+
+
+def _as_range(name: str, value: Any) -> Range:
+    """A number, or a pair of numbers that is a range, as a range."""
+    unit = "[m]" if name == "height" else "[rad]"
+    if name != "height" and np.ndim(value) == 0:
+        number = _as_number(name, unit, value)
+        return number, number
+    try:
+        low, high = (_as_number(name, unit, end) for end in value)
+    except (TypeError, ValueError) as problem:
+        if isinstance(problem, QueryError):
+            raise
+        raise QueryError(f"{name} must be a finite number, or a range: two of them {unit}, not {value!r}") from None
+    if low > high:
+        raise QueryError(f"the range of {name}, ({low}, {high}), is empty")
+    return low, high
 
 
 def as_position(position: Iterable[float]) -> tuple[float, float, float]:
@@ -139,6 +200,24 @@ def as_position_and_angles(
     T = as_poses(np.asarray([T_world_tcp]))
     yaw, pitch, roll = yaw_pitch_roll(T[:, :3, :3])[0].tolist()
     return T[0, :3, 3], (yaw, yaw), {**keywords, "pitch": pitch, "roll": roll}
+
+
+def as_positions_and_angles(
+    T_world_tcp: ArrayLike, yaw_ranges: Any, keywords: QueryKeywords
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Positions (n, 3), ranges of yaws (n, 2), pitches and rolls (n,) of TCP poses (n, 4, 4).
+
+    Raises:
+        QueryError: these are no poses, or angles are given beside them.
+    """
+    given = [name for name in ("pitch", "roll") if name in keywords] + ["yaw_ranges"] * (yaw_ranges is not FULL_TURN)
+    if given:
+        raise QueryError(f"poses (n, 4, 4) have their own angles; they go without {', '.join(given)}")
+    T = as_poses(T_world_tcp)
+    if not len(T):
+        raise QueryError("TCP poses are an array (n, 4, 4) with n ≥ 1")
+    yaw, pitch, roll = yaw_pitch_roll(T[:, :3, :3]).T
+    return np.ascontiguousarray(T[:, :3, 3]), np.column_stack([yaw, yaw]), pitch, roll
 
 
 def as_positions(positions: ArrayLike) -> Floats:

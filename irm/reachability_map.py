@@ -1,8 +1,7 @@
 """The reachability map: TCP poses in reach, in the base frame, and their manipulability (equations 1 to 3).
 
-A map is kept in one `.npz` file, which is written whole or not at all and validated on load. Numbers of cells are
-stored as differences from one cell to the next, which are small and compress well. `cached_map` loads the file that
-comes with a robot, or builds the map at the first call and keeps it in the user's cache directory.
+A map is kept in one `.npz` file, which is written whole or not at all and validated on load. `cached_map` loads the
+file that comes with a robot, or builds the map at the first call and keeps it in the user's cache directory.
 """
 
 from __future__ import annotations
@@ -15,9 +14,8 @@ import os
 import tempfile
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from irm.chain import ArmChain, Robot
 from irm.errors import MapFileError, MapMismatchError, ReachabilityError
 from irm.grid import MapGrid, MapParameters, Orientations, nearest_orientation
+from irm.packed_cells import PackedCells, bits_of, dense, join_cells, pack_cells
 from irm.rotations import as_poses, wrap_to_pi
 from irm.shapes import NO_SHAPES
 
@@ -40,10 +39,10 @@ CERTAIN_IN_HEIGHT = 1
 """Bit of `flags`: the cells above and below are reachable too."""
 CERTAIN_IN_PITCH = 2
 """Bit of `flags`: the neighbouring pitches (and rolls), and the cells above and below these, are reachable too."""
-FORMAT = "reachability map 5"
+FORMAT = "reachability map 6"
 """Changed whenever the numbers of a map, or their meaning, change."""
-_COLUMNS = {"cells": np.uint32, "manipulability": np.float32, "torso_index": np.uint8, "flags": np.uint8}
-_ALL_FLAGS = CERTAIN_IN_HEIGHT | CERTAIN_IN_PITCH
+_COLUMNS = {"reached": (np.uint8,), "free": (np.uint8,), "codes": (np.uint16, np.uint32), "levels": (np.float32,)}
+"""Arrays of a file, see `join_cells`, and their kinds."""
 _ROUNDING = 1e-9
 """Part of a voxel by which rounding may move a pose."""
 _LOG = logging.getLogger(__name__)
@@ -58,12 +57,15 @@ class ReachabilityMap:
         key: digest of robot and parameters; maps with equal keys are equal.
         parameters: what the map covers.
         grid: its cells.
+        packed: the cells in little memory, for kernels.
+        chain: the arm; None for a map of poses that were computed elsewhere.
         cells: (n,) uint32 numbers of the reachable cells, increasing.
         manipulability: (n,) float32 best μ found at the cell's centre (equation 2; linear rows in m); 0 where every
-            configuration that was found touches the robot itself.
+            configuration that was found touches the robot itself. See `irm.packed_cells` for its precision.
         torso_index: (n,) uint8 torso height of that configuration, an index into `grid.torsos`.
         flags: (n,) uint8 of CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH.
-        chain: the arm; None for a map of poses that were computed elsewhere.
+
+    The last four, and all other arrays of n or more entries, are made anew at every access.
 
     Example:
         rm = ReachabilityMap.build(FETCH, voxel=0.05, orientations=62)
@@ -74,10 +76,7 @@ class ReachabilityMap:
     key: str
     parameters: MapParameters
     grid: MapGrid
-    cells: NDArray[np.uint32]
-    manipulability: Singles
-    torso_index: NDArray[np.uint8]
-    flags: NDArray[np.uint8]
+    packed: PackedCells
     chain: ArmChain | None = None
 
     @staticmethod
@@ -93,7 +92,9 @@ class ReachabilityMap:
         Raises:
             ReachabilityError: the robot or the parameters make no sense.
         """
-        from irm.map_kernels import closed_form_layers, sampled_layers  # most maps are loaded: their import is saved
+        # Most maps are loaded: these imports are saved.
+        from irm.map_kernels import closed_form_layers
+        from irm.sampled_layers import sampled_layers
 
         wanted = MapParameters(**parameters)
         chain = _chain_of(robot, wanted)
@@ -108,8 +109,8 @@ class ReachabilityMap:
         else:
             layers = sampled_layers(chain, grid, heights, wanted)
         shown = layers if progress is None else progress(layers, desc="reachability map", total=count)
-        columns = _columns(_merge_torso_heights(shown, grid), grid.orientations)
-        return ReachabilityMap(chain.robot, map_key(chain, wanted), wanted, grid, **columns, chain=chain)
+        packed = _merge_torso_heights(shown, grid)
+        return ReachabilityMap(chain.robot, map_key(chain, wanted), wanted, grid, packed, chain)
 
     @staticmethod
     def from_poses(
@@ -147,13 +148,15 @@ class ReachabilityMap:
         best, on_ring = np.zeros(grid.shape, dtype=np.float32), orientation >= 0
         cells = tuple(index[on_ring] for index in (z, orientation, x + grid.half, y + grid.half))
         np.maximum.at(best, cells, mu[on_ring])
-        columns = _columns(_Cells(best, np.zeros(grid.shape, np.uint8), best > 0), grid.orientations)
-        if not len(columns["cells"]):
+        if not best.any():
             raise ReachabilityError("none of the poses has one of these pitches")
+        free = best > 0
+        mu = best[free]
+        packed = pack_cells(grid, free, free, mu, np.zeros(len(mu), np.uint8))
         digest = hashlib.sha256(FORMAT.encode())
-        for name in _COLUMNS:
-            digest.update(columns[name].tobytes())
-        return ReachabilityMap(robot, f"poses{digest.hexdigest()[:16]}", wanted, grid, **columns)
+        for column in (np.flatnonzero(free), mu):
+            digest.update(column.tobytes())
+        return ReachabilityMap(robot, f"poses{digest.hexdigest()[:16]}", wanted, grid, packed)
 
     def save(self, path: str | Path) -> None:
         """Write the map to one `.npz` file; it replaces an old one only when it is complete.
@@ -165,7 +168,8 @@ class ReachabilityMap:
         about |= {"parameters": asdict(self.parameters)}
         if self.chain is None:
             about |= {"grid": self.grid.extent()}
-        columns = {**self._stored, "cells": np.diff(self.cells, prepend=np.uint32(0))}
+        reached, free = bits_of(self.packed, self.grid)
+        columns = {"reached": reached, "free": free, "codes": self.packed.codes, "levels": self.packed.levels}
         content = io.BytesIO()
         np.savez_compressed(content, allow_pickle=False, about=np.array(json.dumps(about)), **columns)
         try:
@@ -213,15 +217,36 @@ class ReachabilityMap:
             grid = MapGrid.of_extent(parameters, extent) if chain is None else MapGrid.of(chain, parameters)
         except ReachabilityError as error:
             raise MapFileError(f"{path} has no valid grid ({error}); build it again") from error
-        return ReachabilityMap(name, key, parameters, grid, **_checked(path, columns, grid), chain=chain)
-
-    @property
-    def _stored(self) -> dict[str, NDArray[Any]]:
-        """The columns that a file holds."""
-        return {name: getattr(self, name) for name in _COLUMNS}
+        return ReachabilityMap(name, key, parameters, grid, _checked(path, columns, grid), chain)
 
     def __len__(self) -> int:
-        return self.cells.size
+        return int(self.reached.sum())
+
+    @property
+    def cells(self) -> NDArray[np.uint32]:
+        """(n,) numbers of the cells that are reached, increasing."""
+        return _read_only(np.flatnonzero(self.reached).astype(np.uint32))
+
+    @property
+    def manipulability(self) -> Singles:
+        """(n,) best μ of each."""
+        return _read_only(self._of_codes(self.packed.levels[self.packed.codes >> self.packed.torso_bits]))
+
+    @property
+    def torso_index(self) -> NDArray[np.uint8]:
+        """(n,) number of its torso height."""
+        return _read_only(self._of_codes((self.packed.codes & ((1 << self.packed.torso_bits) - 1)).astype(np.uint8)))
+
+    def _of_codes(self, values: NDArray[Any]) -> NDArray[Any]:
+        """(n,) values of the free cells at all cells that are reached, 0 at the others."""
+        every = np.zeros(len(self), values.dtype)
+        every[self.reachable[self.reached]] = values
+        return every
+
+    @property
+    def flags(self) -> NDArray[np.uint8]:
+        """(n,) CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH."""
+        return _read_only(_certainty(self.reachable, self.grid.orientations)[self.reached])
 
     def subset(self, keep: NDArray[Any]) -> ReachabilityMap:
         """The map of some of its poses; its key ends with their number.
@@ -229,10 +254,14 @@ class ReachabilityMap:
         Args:
             keep: mask (n,) or increasing indices.
         """
-        chosen: dict[str, Any] = {name: _read_only(column[keep]) for name, column in self._stored.items()}
-        if np.any(np.diff(chosen["cells"].astype(np.int64)) <= 0):
+        cells = self.cells[keep].astype(np.int64)
+        if np.any(np.diff(cells) <= 0):
             raise ReachabilityError("subset needs a mask or increasing indices")
-        return replace(self, key=f"{self.key}-{len(chosen['cells'])}", **chosen)
+        reached, free = np.zeros((2, self.grid.size), np.bool_)
+        mu, torso = self.manipulability[keep], self.torso_index[keep]
+        reached[cells], free[cells[mu > 0]] = True, True
+        packed = pack_cells(self.grid, reached, free, mu[mu > 0], torso[mu > 0])
+        return replace(self, key=f"{self.key}-{len(cells)}", packed=packed)
 
     def indices(self) -> tuple[NDArray[np.int64], ...]:
         """(layer, orientation, x, y) of every pose, each (n,)."""
@@ -266,20 +295,24 @@ class ReachabilityMap:
         reached = np.bincount(voxels[free], minlength=layers * width * depth)
         return reached.reshape(layers, width, depth) / orientations * 100.0
 
-    @cached_property
+    @property
     def reachable(self) -> Bools:
         """(layers, orientations, x, y) whether a cell's centre is in reach of a configuration that is free."""
-        return self._dense(self.cells[self.manipulability > 0])
+        return _read_only(dense(self.grid, self.packed, self.packed.free))
 
-    @cached_property
+    def are_free(self, cells: NDArray[np.int64]) -> Bools:
+        """(m,) whether cells (m, 4), each layer, orientation, x and y, are in reach of a free configuration."""
+        layer, orientation, x, y = cells.T
+        start, side = self.grid.orientations.start, 2 * self.grid.half
+        group = np.searchsorted(start, orientation, side="right") - 1
+        local = ((orientation - start[group]) * side + x) * side + y
+        word = self.packed.offset[layer * (len(start) - 1) + group] + (local >> 6)
+        return (self.packed.free[word] >> (local & 63).astype(np.uint64)) & np.uint64(1) > 0
+
+    @property
     def reached(self) -> Bools:
         """(layers, orientations, x, y) whether it is in reach of any configuration, also in self-collision."""
-        return self._dense(self.cells)
-
-    def _dense(self, cells: NDArray[np.uint32]) -> Bools:
-        dense = np.zeros(self.grid.size, dtype=bool)
-        dense[cells] = True
-        return _read_only(dense.reshape(self.grid.shape))
+        return _read_only(dense(self.grid, self.packed, self.packed.reached))
 
 
 def cache_folder() -> Path:
@@ -385,23 +418,24 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     return about, columns
 
 
-def _checked(path: str | Path, columns: dict[str, Any], grid: MapGrid) -> dict[str, Any]:
-    """The columns of a file with the numbers of the cells, read-only."""
-    count = columns["cells"].shape
-    for name, kind in _COLUMNS.items():
-        if columns[name].dtype != kind or columns[name].shape != count or len(count) != 1:
+def _checked(path: str | Path, columns: dict[str, Any], grid: MapGrid) -> PackedCells:
+    """The cells of a file."""
+    for name, kinds in _COLUMNS.items():
+        if columns[name].dtype not in kinds or columns[name].ndim != 1:
             raise MapFileError(f"{path}: {name} has the wrong type or shape; build the map again")
-        columns[name].setflags(write=False)
-    steps, mu = columns["cells"], columns["manipulability"]
-    cells = np.cumsum(steps, dtype=np.uint64)
-    if np.any(steps[1:] == 0) or not np.all((mu >= 0) & (mu <= 1)):
-        raise MapFileError(f"{path} has values that are impossible in a map; build it again")
-    if len(cells) and int(cells[-1]) >= grid.size:
+    reached, free, codes, levels = (columns[name] for name in _COLUMNS)
+    size, torsos = -(-grid.size // 8), len(grid.torsos)
+    if len(reached) != size or len(free) != size or np.any(free & ~reached):
         raise MapFileError(f"{path} has cells outside its grid; build it again")
-    for name, limit in {"torso_index": len(grid.torsos) - 1, "flags": _ALL_FLAGS}.items():
-        if columns[name].size and int(columns[name].max()) > limit:
-            raise MapFileError(f"{path} has {name} outside its grid; build it again")
-    return columns | {"cells": _read_only(cells.astype(np.uint32))}
+    if len(codes) != int(np.bitwise_count(free).sum()) or (grid.size % 8 and reached[-1] >> grid.size % 8):
+        raise MapFileError(f"{path} has cells outside its grid; build it again")
+    if not np.all((levels > 0) & (levels <= 1)) or np.any(np.diff(levels) <= 0):
+        raise MapFileError(f"{path} has values that are impossible in a map; build it again")
+    cells = join_cells(grid, reached, free, codes, levels)
+    level, torso = codes >> cells.torso_bits, codes & ((1 << cells.torso_bits) - 1)
+    if len(codes) and (int(level.max()) >= len(levels) or int(torso.max()) >= torsos):
+        raise MapFileError(f"{path} has codes outside its levels; build it again")
+    return cells
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:
@@ -409,37 +443,32 @@ def _read_only(array: NDArray[Any]) -> NDArray[Any]:
     return array
 
 
-class _Cells(NamedTuple):
-    """Of every cell (layers, orientations, x, y): best μ, the torso height it is for, and whether it is reached."""
+def _merge_torso_heights(layers: Iterable[Layer], grid: MapGrid) -> PackedCells:
+    """Best μ over the torso heights, and its torso height: a lift of the torso shifts the map of a fixed torso up.
 
-    best: Singles
-    torso: NDArray[np.uint8]
-    reached: Bools
-
-
-def _columns(all_cells: _Cells, orientations: Orientations) -> dict[str, Any]:
-    """The columns of a map: the cells in reach, as equation 3 says."""
-    best, torso, reached = all_cells
-    cells = np.flatnonzero(reached)
-    flags = _certainty(best > 0, orientations)
-    columns: dict[str, NDArray[Any]] = {"cells": cells.astype(np.uint32), "manipulability": best.reshape(-1)[cells]}
-    columns |= {"torso_index": torso.reshape(-1)[cells], "flags": flags.reshape(-1)[cells]}
-    return {name: _read_only(column) for name, column in columns.items()}
-
-
-def _merge_torso_heights(layers: Iterable[Layer], grid: MapGrid) -> _Cells:
-    """Best μ over the torso heights, and its torso height: a lift of the torso shifts the map of a fixed torso up."""
-    merged = _Cells(*(np.zeros(grid.shape, kind) for kind in (np.float32, np.uint8, np.bool_)))
-    count = len(grid.torsos)
+    Layer `height` of a fixed torso belongs to as many layers of the map as there are torso heights. So a layer of the
+    map is complete after the last of these, and only those that are not complete are kept as arrays of numbers.
+    """
+    count, shape = len(grid.torsos), grid.shape[1:]
+    reached, free = np.zeros((2, *grid.shape), np.bool_)
+    best, torso = np.zeros((count, *shape), np.float32), np.zeros((count, *shape), np.uint8)
+    values: list[Singles] = []
+    torsos: list[NDArray[np.uint8]] = []
     for height, layer in enumerate(layers):
         for k in range(count):
             z = height + k - (count - 1)
             if 0 <= z < grid.layers:
-                better = layer.mu[k] > merged.best[z]
-                merged.best[z][better] = layer.mu[k][better]
-                merged.torso[z][better] = k
-                merged.reached[z] |= layer.reached
-    return merged
+                better = layer.mu[k] > best[z % count]
+                best[z % count][better] = layer.mu[k][better]
+                torso[z % count][better] = k
+                reached[z] |= layer.reached
+        z = height - (count - 1)
+        if 0 <= z < grid.layers:
+            free[z] = best[z % count] > 0
+            values.append(best[z % count][free[z]])
+            torsos.append(torso[z % count][free[z]])
+            best[z % count], torso[z % count] = 0.0, 0
+    return pack_cells(grid, reached, free, np.concatenate(values), np.concatenate(torsos))
 
 
 def _certainty(reachable: Bools, orientations: Orientations) -> NDArray[np.uint8]:
@@ -448,8 +477,7 @@ def _certainty(reachable: Bools, orientations: Orientations) -> NDArray[np.uint8
     upright[1:-1] = reachable[1:-1] & reachable[:-2] & reachable[2:]
     flags = upright.astype(np.uint8) * np.uint8(CERTAIN_IN_HEIGHT)
     for group in range(len(orientations.pitch)):
-        beside = _neighbouring_groups(orientations, group)
-        if not beside:
+        if not (beside := _groups_beside(orientations, group)):
             continue
         first, last = orientations.start[group : group + 2]
         certain = upright[:, first:last].copy()
@@ -461,7 +489,7 @@ def _certainty(reachable: Bools, orientations: Orientations) -> NDArray[np.uint8
     return flags
 
 
-def _neighbouring_groups(orientations: Orientations, group: int) -> list[int]:
+def _groups_beside(orientations: Orientations, group: int) -> list[int]:
     """Groups within one step of pitch and roll; empty if the map lacks the ring on one side."""
     pitch, roll = orientations.pitch, orientations.roll
     near_pitch = np.abs(pitch - pitch[group]) < orientations.step * 1.01
@@ -473,3 +501,10 @@ def _neighbouring_groups(orientations: Orientations, group: int) -> list[int]:
     rolls = len(np.unique(roll))
     near_roll = poles | poles[group] | (apart < 2 * np.pi / rolls * 1.01)
     return [int(k) for k in np.flatnonzero(near_pitch & near_roll)]
+
+
+def neighbouring_groups(orientations: Orientations) -> NDArray[np.int64]:
+    """(groups, m) groups within one step of pitch and roll of each, padded with -1; none if the map lacks some."""
+    rows = [_groups_beside(orientations, group) for group in range(len(orientations.pitch))]
+    width = max(1, *(len(row) for row in rows)) if rows else 1
+    return np.array([row + [-1] * (width - len(row)) for row in rows], dtype=np.int64)

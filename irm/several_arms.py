@@ -9,14 +9,15 @@ shapes of one arm, the others are at home.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from irm.answers import YES, BasePlacement, Status
+from irm.base_decisions import SPARE_BASES
 from irm.errors import QueryError
 from irm.ik.solvers import ExactSolver
-from irm.inverse_table import SPARE_BASES, InverseTable, best_apart
+from irm.inverse_table import InverseTable, best_apart
 from irm.query_kernels import base_turns
-from irm.query_keys import Key, QueryOptions, as_yaw_ranges, find_key, yaw_window
+from irm.query_keys import Key, QueryOptions, find_key, yaw_window
 from irm.rotations import rotation, world_to_base, wrap_to_pi
 
 Floats = NDArray[np.float64]
@@ -27,21 +28,25 @@ _ROUNDING = 1e-5
 
 
 def place_for_arms(
-    tables: list[InverseTable], targets: Floats, yaw_ranges: ArrayLike, options: QueryOptions
+    tables: list[InverseTable], targets: Floats, windows: Floats, pitches: Floats, rolls: Floats, options: QueryOptions
 ) -> BasePlacement:
-    """`InverseReachabilityMap.query_multi` with an arm for each of the targets (m, 3): `tables` (m) of these arms."""
-    ranges = as_yaw_ranges(yaw_ranges)
-    if len(tables) != len(targets) or len(ranges) not in (1, len(targets)):
-        raise QueryError(f"{len(tables)} arms and {len(ranges)} yaw ranges do not go with {len(targets)} targets")
+    """`InverseReachabilityMap.query_multi` with an arm for each of the targets (m, 3): `tables` (m) of these arms.
+
+    Of each target there are a range of yaws `windows` (m, 2), and `pitches`, `rolls` (m,) [rad].
+    """
+    if len(tables) != len(targets):
+        raise QueryError(f"{len(tables)} arms do not go with {len(targets)} targets")
     chains = [table.reachability_map.chain for table in tables]
     if any(chain is None for chain in chains):
         raise QueryError("several arms need maps that know their arms, not maps made from poses")
-    windows = np.array(np.broadcast_to(ranges, (len(targets), 2)))
     keys: list[Key] = []
-    for table, point, window in zip(tables, targets, windows, strict=True):
-        key = find_key(table.grid, float(point[2]), options.pitch, options.roll)
+    angles = zip(pitches.tolist(), rolls.tolist(), strict=True)
+    for table, point, window, (pitch, roll) in zip(tables, targets, windows, angles, strict=True):
+        key = find_key(table.grid, float(point[2]), pitch, roll)
         bounds = float(window[0]), float(window[1])
-        if key is None or not table.may_exist(point.tolist(), options.pitch, key, bounds, options.free_space):
+        if key is None or not table.may_exist(
+            point.tolist(), pitch, key, bounds, options.free_space, options.base_yaws
+        ):
             return BasePlacement.nothing(Status.NO, (len(targets),))
         keys.append(key)
     x, y, yaw, approach, mu = _scored(tables, keys, targets, windows, options)
@@ -54,7 +59,7 @@ def place_for_arms(
     for row, base in enumerate(rows):
         T = np.zeros((len(targets), 4, 4))
         for k, point in enumerate(targets):
-            T[k, :3, :3], T[k, :3, 3] = rotation(float(yaws[row, k]), options.pitch, options.roll), point
+            T[k, :3, :3], T[k, :3, 3] = rotation(float(yaws[row, k]), float(pitches[k]), float(rolls[k])), point
             T[k, 3, 3] = 1.0
         base[4] = _together(tables, world_to_base(base[:3]) @ T, q[row])
     order = np.lexsort((-rows[:, 3], -rows[:, 4]))[: options.k]
@@ -68,21 +73,20 @@ def _scored(
 ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
     """x, y, yaw (n,), approach yaws (n, m) and smallest μ (n,) of all free bases at which every arm reaches its
     target by its map."""
-    ranked = [table.tiles.ranked for table in tables]
-    bounds = [(int(r.first[key.number]), int(r.first[key.number + 1])) for r, key in zip(ranked, keys, strict=True)]
-    reference = int(np.argmin([last - first for first, last in bounds]))
-    table, key, (first, last) = tables[reference], keys[reference], bounds[reference]
-    base = ranked[reference].base[first:last]
-    own_x, own_y, own_yaw = (column[base].astype(float) for column in (table.tiles.x, table.tiles.y, table.tiles.yaw))
+    reference = int(np.argmin([table.count_of(key) for table, key in zip(tables, keys, strict=True)]))
+    table, key = tables[reference], keys[reference]
+    own_x, own_y, own_yaw, own_mu = table.bases_of(key)
     low, high = windows[reference].tolist()
     turns = base_turns(yaw_window(table.grid, key, (low, high), options.yaw_step))[:, None]
     x = (targets[reference, 0] + np.cos(turns) * own_x - np.sin(turns) * own_y).ravel()
     y = (targets[reference, 1] + np.sin(turns) * own_x + np.cos(turns) * own_y).ravel()
-    yaw, turn = (turns + own_yaw).ravel(), np.repeat(turns[:, 0], len(base))
-    mu = np.tile(table.tiles.mu[base].astype(float), len(turns))
+    yaw, turn = (turns + own_yaw).ravel(), np.repeat(turns[:, 0], len(own_x))
+    mu = np.tile(own_mu, len(turns))
     approach = np.empty((len(x), len(targets)))
     approach[:, reference] = wrap_to_pi(turn + key.yaw_shift)
     kept = options.free_space.are_free(x, y)
+    if np.isfinite(options.base_yaws.span):
+        kept &= (yaw - options.base_yaws.low + _ROUNDING) % (2 * np.pi) <= options.base_yaws.span + 2 * _ROUNDING
     for k in range(len(targets)):
         x, y, yaw, mu, approach = x[kept], y[kept], yaw[kept], mu[kept], approach[kept]
         kept = np.ones(len(x), dtype=bool)
@@ -96,16 +100,15 @@ def _best_yaws(
     table: InverseTable, key: Key, target: Floats, window: Floats, base: tuple[Floats, Floats, Floats]
 ) -> tuple[Floats, Floats]:
     """Best μ of a target (n,), 0 for none, over the map's yaw samples in the window, and that approach yaw (n,)."""
-    (x, y, yaw), field = base, table.field(key.group)
+    (x, y, yaw), grid = base, table.grid
     dx, dy, c, s = target[0] - x, target[1] - y, np.cos(yaw), np.sin(yaw)
-    layers, yaws, width, depth = field.mu.shape
-    i = np.floor((c * dx + s * dy - field.x0) / field.voxel).astype(np.int64)
-    j = np.floor((c * dy - s * dx - field.y0) / field.voxel).astype(np.int64)
-    layer = int(np.floor((target[2] - field.z0) / field.thickness))
-    inside = (i >= 0) & (i < width) & (j >= 0) & (j < depth) & (0 <= layer < layers)
+    yaws, side, layer = int(grid.orientations.count[key.group]), 2 * grid.half, grid.layer(float(target[2]))
+    i = np.floor((c * dx + s * dy - grid.centre[0]) / grid.voxel).astype(np.int64) + grid.half
+    j = np.floor((c * dy - s * dx - grid.centre[1]) / grid.voxel).astype(np.int64) + grid.half
+    inside = np.flatnonzero((i >= 0) & (i < side) & (j >= 0) & (j < side) & (0 <= layer < grid.layers))
     mu = np.zeros((len(x), yaws))
-    if inside.any():
-        mu[inside] = field.mu[layer][:, i[inside], j[inside]].T
+    for sample in range(yaws):
+        mu[inside, sample] = table.mu_of(key.group, layer, np.full(len(inside), sample), i[inside], j[inside])
     approach = yaw[:, None] + 2 * np.pi * np.arange(yaws) / yaws + key.yaw_shift
     beyond = (approach - window[0] + _ROUNDING) % (2 * np.pi) - _ROUNDING
     mu[beyond > window[1] - window[0] + _ROUNDING] = 0.0

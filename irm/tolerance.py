@@ -14,7 +14,7 @@ from irm.grid import nearest_orientation
 from irm.inverse_map import InverseReachabilityMap
 from irm.query_keys import FULL_TURN, QueryKeywords
 from irm.reachability_map import ReachabilityMap
-from irm.rotations import rotation, world_to_base
+from irm.rotations import rotations, world_to_base
 
 Floats = NDArray[np.float64]
 _CANDIDATES = 30
@@ -62,10 +62,13 @@ def query_tolerant(
     many["k"] = _CANDIDATES * wanted
     found = inverse_map.query(np.asarray(position, dtype=float), yaw_range=yaw_range, **many)
     errors = _errors(covariance, rng)
-    pitch, roll = float(keywords.get("pitch", 0.0)), float(keywords.get("roll", 0.0))
+    one, given = np.ones(len(found)), keywords.get
+    pitch = found.pitch if found.pitch is not None else one * np.asarray(given("pitch", 0.0))
+    roll = found.roll if found.roll is not None else one * np.asarray(given("roll", 0.0))
     T = np.tile(np.eye(4), (len(found), 1, 1))
-    for k, yaw in enumerate(found.approach_yaw):
-        T[k, :3, :3], T[k, :3, 3] = rotation(float(yaw), pitch, roll), position
+    T[:, :3, :3], T[:, :3, 3] = rotations(found.approach_yaw, pitch, roll), position
+    if found.height is not None:
+        T[:, 2, 3] = found.height
     rm = inverse_map.reachability_map
     probability = np.array([reach_probability(rm, base, T[k], errors) for k, base in enumerate(found.poses)])
     order = np.argsort(-probability, kind="stable")[:wanted]
@@ -91,7 +94,7 @@ def reach_probability(rm: ReachabilityMap, base: Floats, T_world_tcp: Floats, er
         ]
     ).astype(np.int64)
     inside = np.all((cells >= 0) & (cells < grid.shape), axis=1)
-    return float(np.count_nonzero(rm.reachable[tuple(cells[inside].T)]) / len(errors))
+    return float(np.count_nonzero(rm.are_free(cells[inside])) / len(errors))
 
 
 def _errors(covariance: ArrayLike, rng: np.random.Generator) -> Floats:

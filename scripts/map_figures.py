@@ -32,7 +32,7 @@ from irm.chain import ArmChain
 from irm.free_space import FreeSpace
 from irm.inverse_map import InverseReachabilityMap, inverse_reachability
 from irm.inverse_table import inverse_reachability_on_floor
-from irm.query_kernels import base_turns
+from irm.query_kernels import base_turns, bases_of_key
 from irm.query_keys import YAW_STEP, find_key, yaw_window
 from irm.reachability_map import ReachabilityMap, cached_map
 from irm.rotations import rotation
@@ -272,16 +272,16 @@ def draw_placement(robot: RobotSpec, cup: tuple[float, float]) -> Figure:
 
 def _candidates(inverse_map: InverseReachabilityMap, tcp: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """The best base of every square of the floor, whether it is free or not: x, y [m], yaw [rad], μ, each (n,)."""
-    grid, tiles = inverse_map.reachability_map.grid, inverse_map.tiles
+    grid = inverse_map.reachability_map.grid
     key = find_key(grid, float(tcp[2]), 0.0, 0.0)
     if key is None:
         raise ValueError(f"the TCP cannot reach the height {tcp[2]:.2f} m")
-    flat, yaws = key.number, base_turns(yaw_window(grid, key, YAWS, YAW_STEP))[:, None]
-    mine = slice(int(tiles.base_first[flat]), int(tiles.base_first[flat + 1]))
+    yaws = base_turns(yaw_window(grid, key, YAWS, YAW_STEP))[:, None]
+    own_x, own_y, own_yaw, own_mu = bases_of_key(inverse_map.bases, key.number)
     c, s = np.cos(yaws), np.sin(yaws)
-    x = (tcp[0] + c * tiles.x[mine] - s * tiles.y[mine]).ravel()
-    y = (tcp[1] + s * tiles.x[mine] + c * tiles.y[mine]).ravel()
-    yaw, mu = (yaws + tiles.yaw[mine]).ravel(), np.tile(tiles.mu[mine], len(yaws))
+    x = (tcp[0] + c * own_x - s * own_y).ravel()
+    y = (tcp[1] + s * own_x + c * own_y).ravel()
+    yaw, mu = (yaws + own_yaw).ravel(), np.tile(own_mu, len(yaws))
     best_first = np.argsort(-mu, kind="stable")
     squares = np.floor(np.column_stack([x, y])[best_first] / SPACING)
     _, first = np.unique(squares, axis=0, return_index=True)

@@ -151,7 +151,7 @@ def measure(judge: Judge, poses: int, bases: int, voxel: float) -> dict[str, Any
     micros = (time.process_time() - start) / (len(reachable) + len(decided)) * 1e6
     status, q = ExactSolver(chain, rm.grid.torso_range).solve(random)
     by_map, by_map_known = classify(rm, random), classify(rm, reachable)
-    memory = sum(getattr(rm, name).nbytes for name in ("cells", "manipulability", "torso_index", "flags"))
+    memory = sum(column.nbytes for column in rm.packed if isinstance(column, np.ndarray))
     *best, query = _best_bases(judge, rm, bases, rng)
     answers: dict[str, Any] = {
         "build": built,

@@ -77,13 +77,44 @@ def test_best_bases_of_an_arm_without_a_structure_are_decided_where_the_map_is_c
     assert decided > 0
 
 
+@pytest.fixture(scope="module")
+def ur5e_inverse():
+    """An arm whose wrist does not roll freely: its map has rolls, 90 degrees apart."""
+    return InverseReachabilityMap(ReachabilityMap.build(arm_chain("ur5e"), voxel=0.15, orientations=26, samples=50_000))
+
+
+@pytest.mark.parametrize("arm", ["coarse_inverse", "ur5e_inverse"])
+def test_a_query_between_the_rings_is_decided_as_often_as_with_exact(arm, request):
+    """Random heights, pitches and rolls: none is on a ring of the map or in the middle of a layer."""
+    inverse_map = request.getfixturevalue(arm)
+    chain, grid = inverse_map.reachability_map.chain, inverse_map.reachability_map.grid
+    rng, unknown, yes = np.random.default_rng(8), {None: 0, True: 0, False: 0}, 0
+    for _ in range(40):
+        pitch, roll = rng.uniform(-np.pi / 2, np.pi / 2), rng.uniform(-np.pi, np.pi)
+        point, yaw = (0.0, 0.0, rng.uniform(grid.bottom, grid.top - 1e-6)), rng.uniform(-np.pi, np.pi)
+        how = {"pitch": pitch, "roll": roll, "yaw_range": (yaw - 0.13, yaw + 0.13)}
+        for exact in unknown:
+            found = inverse_map.query(point, exact=exact, **how)
+            unknown[exact] += found.status is Status.UNKNOWN
+            if exact is None and found.status is Status.YES:
+                yes += 1
+                T = in_base(found.poses[0], tcp_poses(point, found.approach_yaw[0], pitch, roll)[0])
+                if found.configurations is not None and found.certain[0]:
+                    np.testing.assert_allclose(forward(chain, found.configurations[0])[:3, 3], T[:3, 3], atol=3e-5)
+                    assert SelfCollision(chain)(None, found.configurations[0])
+                elif found.certain[0]:
+                    assert ExactSolver(chain, grid.torso_range).solve(T[None])[0][0] == Status.YES.value
+    assert yes > 10
+    assert unknown[None] == unknown[True] < unknown[False]
+
+
 def test_bases_that_do_not_reach_are_dropped(coarse_inverse):
     """At the end of the arm's reach some bases of a coarse map do not reach; with `exact` none of them is left."""
     point, wrong, kept = (0.0, 0.0, 0.9), 0, 0
     for distance in np.linspace(0.5, 1.15, 30):
         edge = FreeSpace.from_boxes([(2.0 - distance + 0.3, 0.0, 4.0, 9.0)], 0.3, (-3, -3, 3.5, 3))
         how = {"pitch": 0.7, "yaw_range": (-0.5, 0.3), "free_space": edge, "k": 4}
-        plain, exact = coarse_inverse.query(point, **how), coarse_inverse.query(point, exact=True, **how)
+        plain, exact = (coarse_inverse.query(point, exact=is_exact, **how) for is_exact in (False, True))
         answers = [reaches(b, [point], [y], 0.7)[0] for b, y in zip(plain.poses, plain.approach_yaw, strict=True)]
         wrong += answers.count(Status.NO.value)
         kept += len(exact)

@@ -1,0 +1,69 @@
+"""How often `query` leaves a random gripper pose undecided, by default and with `exact=True`, and how long both take.
+
+    OMP_NUM_THREADS=1 python scripts/map_decisions.py --robots fetch pr2_left panda_mobile --queries 120
+
+Poses: random heights, pitches and rolls, in a window of yaws of ± 0.13 rad, so that none is on a ring of the map. Times
+are CPU times of one thread; "certain" are the queries that the map answers by itself.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import tyro
+
+from clutter_env.cli.robot import robot_by_name
+from clutter_env.reporting.progress import progress_bar
+from clutter_env.reporting.tables import markdown_table
+from irm import InverseReachabilityMap, cached_map
+from irm.answers import Status
+
+WINDOW = 0.13
+"""[rad] on both sides of the approach yaw."""
+
+
+def measure(name: str, queries: int, seed: int, voxel: float) -> list[str]:
+    """A row of the table."""
+    rm = cached_map(robot_by_name(name), progress=progress_bar, voxel=voxel)
+    inverse_map, grid, rng = InverseReachabilityMap(rm), rm.grid, np.random.default_rng(seed)
+    unknown, times, certain = {False: 0, None: 0, True: 0}, {None: list[float](), True: list[float]()}, []
+    inverse_map.query((0.0, 0.0, 0.8), exact=True)  # compiles
+    for _ in range(queries):
+        pitch, roll, yaw = rng.uniform(-np.pi / 2, np.pi / 2), *rng.uniform(-np.pi, np.pi, 2)
+        point = 0.0, 0.0, rng.uniform(grid.bottom, grid.top - 1e-6)
+        how = {"pitch": pitch, "roll": roll, "yaw_range": (yaw - WINDOW, yaw + WINDOW)}
+        for exact in unknown:
+            start = time.process_time_ns()
+            found = inverse_map.query(point, exact=exact, **how)
+            spent = (time.process_time_ns() - start) * 1e-3
+            unknown[exact] += found.status is Status.UNKNOWN
+            if exact is not False:
+                times[exact].append(spent)
+            if exact is None and found.configurations is None and len(found):
+                certain.append(spent)
+    row = [name, *(str(unknown[exact]) for exact in unknown), f"{len(certain)}"]
+    return [*row, f"{np.mean(certain):.0f}", f"{np.mean(times[None]):.0f}", f"{np.mean(times[True]):.0f}"]
+
+
+def main(
+    robots: tuple[str, ...] = ("fetch", "pr2_left", "panda_mobile"),
+    queries: int = 120,
+    seed: int = 0,
+    voxel: float = 0.05,
+) -> None:
+    """Measure, and print the table.
+
+    Args:
+        robots: names of robots.
+        queries: random poses of each.
+        seed: of the poses.
+        voxel: edge of the map's cells [m].
+    """
+    head = ["robot", "UNKNOWN by the map alone", "by default", "with `exact=True`", "certain by the map"]
+    head += ["mean of these [µs]", "mean of all, default [µs]", "`exact=True` [µs]"]
+    print(markdown_table(head, [measure(name, queries, seed, voxel) for name in robots]))
+
+
+if __name__ == "__main__":
+    tyro.cli(main, description=__doc__)
