@@ -178,9 +178,9 @@ class RobotSpec:
                 x, along y and about z; `tip`, name of the TCP's site; `finger_joints`; `home`. More fields may be said:
                 `name`, `finger_geoms`, `head_joints`, `head_configuration`, `grasp_height`, `grasp_axis_offset`,
                 `finger_gap`, `ahead`, and the limits, which are slow ones otherwise: a model has none. `base` is
-                "holonomic" if not said, "differential" or "fixed": how the base moves. Of a robot with several arms, `arms` holds for
-                each, by its name, what differs: `tip`, `finger_joints`, `home` (the same lift) and what else may be
-                said; the first one is active, see `using` and `with_all_arms`.
+                "holonomic" if not said, "differential" or "fixed": how the base moves. Of a robot with several arms,
+                `arms` holds for each, by its name, what differs: `tip`, `finger_joints`, `home` (the same lift) and
+                what else may be said; the first one is active, see `using` and `with_all_arms`.
 
         Raises:
             FileNotFoundError: there is no such file.

@@ -141,7 +141,7 @@ class Suite:
     """A fixed set of scenes; iterating over it yields those of the test split.
 
     Attributes:
-        name: with its version, as in "side-15-v2".
+        name: with its version, as in "side-15-v3".
         about: what the scenes have in common.
         digest: SHA-256 of the content of its file.
         made_with: versions of the packages that it was made with.
@@ -183,7 +183,7 @@ def suite(name: str) -> Suite:
 
     Example:
         >>> import clutter_env
-        >>> scene = clutter_env.suite("side-15-v2").test[0]
+        >>> scene = clutter_env.suite("side-15-v3").test[0]
         >>> env = scene.make()
         >>> observation, info = scene.reset(env)
         >>> info["target"] == scene.target

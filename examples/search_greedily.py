@@ -1,6 +1,6 @@
 """A policy for Search that sees observations alone: it reaches for what looks like the target, or is nearest.
 
-clutter-env evaluate --suite hidden-shelf-10-v1 --policy examples.search_greedily:Greedy --scenes 20
+clutter-env evaluate --suite hidden-shelf-10-v2 --policy examples.search_greedily:Greedy --scenes 20
 """
 
 from __future__ import annotations

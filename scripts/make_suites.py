@@ -1,6 +1,6 @@
 """Make the suites of scenes: seeds, targets, lower bounds and digests, one JSON file for each suite.
 
-    python scripts/make_suites.py --names side-15-v2 deep-15-v1
+    python scripts/make_suites.py --names side-15-v3 deep-15-v2
 
 The files depend on the arguments `scenes` and `names` only. `--check` makes them again and compares them with those of
 the package.
@@ -75,30 +75,30 @@ _IN_SHELF, _DENSE = {"layout": "shelf", **_BLOCKED}, {"layout": "dense", **_BLOC
 _KINDS, _HOUSEHOLD = {"object_set": "household"}, "household objects of twelve kinds"
 _HIDDEN = "a target that no camera sees"
 PLANS = (
-    SuitePlan("side-15-v2", "15 objects on the paper's table, an obstructed target", 15, _BLOCKED),
-    SuitePlan("side-25-v2", "25 objects on the paper's table, an obstructed target", 25, _BLOCKED),
-    SuitePlan("side-40-v2", "40 objects on the paper's table, an obstructed target", 40, _BLOCKED),
-    SuitePlan("all-25-v2", "25 objects on the paper's table, targets as they come", 25, {}, clearances=0),
-    SuitePlan("shelf-10-v3", "10 objects in the shelf, an obstructed target", 10, _IN_SHELF),
-    SuitePlan("shelf-16-v3", "16 objects in the shelf, an obstructed target", 16, _IN_SHELF),
-    SuitePlan("dense-25-v2", "25 objects on the small table, an obstructed target", 25, _DENSE),
-    SuitePlan("deep-15-v1", "15 objects on the paper's table, 3 or more to clear", 15, _BLOCKED, clearances=3),
-    SuitePlan("deep-25-v1", "25 objects on the paper's table, 3 or more to clear", 25, _BLOCKED, clearances=3),
-    SuitePlan("deep-shelf-12-v1", "12 objects in the shelf, 2 or more to clear", 12, _IN_SHELF, clearances=2),
-    SuitePlan("sort-8-v2", "8 objects to be sorted into three trays", 8, clearances=0, task="sort"),
-    SuitePlan("sort-20-v2", "20 objects to be sorted into three trays", 20, clearances=0, task="sort"),
-    SuitePlan("set-12-v2", "6 of 12 objects to be put into places of their own", 12, clearances=0, task="set"),
-    SuitePlan("swap-8-v2", "2 to 6 of 8 objects to change places", 8, clearances=0, task="swap"),
-    SuitePlan("stack-8-v2", "3 of 8 blocks to be stacked, 3 stand in a stack", 8, clearances=0, task="stack"),
-    SuitePlan("fetch-8-v2", "3 of 8 objects to be brought to a second table", 8, clearances=0, task="fetch"),
-    SuitePlan("hidden-shelf-10-v1", f"10 objects in the shelf, {_HIDDEN}", 10, {"layout": "shelf"}, 0, is_hidden=True),
+    SuitePlan("side-15-v3", "15 objects on the paper's table, an obstructed target", 15, _BLOCKED),
+    SuitePlan("side-25-v3", "25 objects on the paper's table, an obstructed target", 25, _BLOCKED),
+    SuitePlan("side-40-v3", "40 objects on the paper's table, an obstructed target", 40, _BLOCKED),
+    SuitePlan("all-25-v3", "25 objects on the paper's table, targets as they come", 25, {}, clearances=0),
+    SuitePlan("shelf-10-v4", "10 objects in the shelf, an obstructed target", 10, _IN_SHELF),
+    SuitePlan("shelf-16-v4", "16 objects in the shelf, an obstructed target", 16, _IN_SHELF),
+    SuitePlan("dense-25-v3", "25 objects on the small table, an obstructed target", 25, _DENSE),
+    SuitePlan("deep-15-v2", "15 objects on the paper's table, 3 or more to clear", 15, _BLOCKED, clearances=3),
+    SuitePlan("deep-25-v2", "25 objects on the paper's table, 3 or more to clear", 25, _BLOCKED, clearances=3),
+    SuitePlan("deep-shelf-12-v2", "12 objects in the shelf, 2 or more to clear", 12, _IN_SHELF, clearances=2),
+    SuitePlan("sort-8-v3", "8 objects to be sorted into three trays", 8, clearances=0, task="sort"),
+    SuitePlan("sort-20-v3", "20 objects to be sorted into three trays", 20, clearances=0, task="sort"),
+    SuitePlan("set-12-v3", "6 of 12 objects to be put into places of their own", 12, clearances=0, task="set"),
+    SuitePlan("swap-8-v3", "2 to 6 of 8 objects to change places", 8, clearances=0, task="swap"),
+    SuitePlan("stack-8-v3", "3 of 8 blocks to be stacked, 3 stand in a stack", 8, clearances=0, task="stack"),
+    SuitePlan("fetch-8-v3", "3 of 8 objects to be brought to a second table", 8, clearances=0, task="fetch"),
+    SuitePlan("hidden-shelf-10-v2", f"10 objects in the shelf, {_HIDDEN}", 10, {"layout": "shelf"}, 0, is_hidden=True),
     SuitePlan(
-        "hidden-cabinet-12-v1", f"12 objects in the cabinet, {_HIDDEN}", 12, {"layout": "cabinet"}, 0, is_hidden=True
+        "hidden-cabinet-12-v2", f"12 objects in the cabinet, {_HIDDEN}", 12, {"layout": "cabinet"}, 0, is_hidden=True
     ),
-    SuitePlan("hidden-shelf-16-v1", f"16 objects in the shelf, {_HIDDEN}", 16, {"layout": "shelf"}, 0, is_hidden=True),
-    SuitePlan("household-15-v1", f"15 {_HOUSEHOLD} on the paper's table", 15, _KINDS, 0, is_solvable=True),
+    SuitePlan("hidden-shelf-16-v2", f"16 objects in the shelf, {_HIDDEN}", 16, {"layout": "shelf"}, 0, is_hidden=True),
+    SuitePlan("household-15-v2", f"15 {_HOUSEHOLD} on the paper's table", 15, _KINDS, 0, is_solvable=True),
     SuitePlan(
-        "household-shelf-10-v1", f"10 {_HOUSEHOLD} in the shelf", 10, {"layout": "shelf", **_KINDS}, 0, is_solvable=True
+        "household-shelf-10-v2", f"10 {_HOUSEHOLD} in the shelf", 10, {"layout": "shelf", **_KINDS}, 0, is_solvable=True
     ),
 )
 """All suites. Their seeds follow from their places in this list: append, never insert."""

@@ -1,6 +1,6 @@
 """How searches go: the expert, its baselines and the all-knowing expert on the same scenes; what perception gets wrong.
 
-    python scripts/search_table.py --suite hidden-shelf-10-v1 --scenes 10
+    python scripts/search_table.py --suite hidden-shelf-10-v2 --scenes 10
     python scripts/search_table.py --perception --scenes 10 --depth-noise 0.005
 
 Episodes are kept in a file, one a line: a run that was interrupted goes on where it was.
@@ -38,7 +38,7 @@ _GREY = (0.5, 0.5, 0.5)
 class Arguments:
     """What to play."""
 
-    suite: str = "hidden-shelf-10-v1"
+    suite: str = "hidden-shelf-10-v2"
     scenes: int = 10
     """The first so many of the test split."""
     policies: tuple[str, ...] = POLICIES

@@ -1,6 +1,6 @@
 """Compare expert strategies, learned policies and controls on the same scenes.
 
-    clutter-env compare --suites side-15-v2 --policies lookahead outputs/runs/maskable_ppo-skill-o15/*
+    clutter-env compare --suites side-15-v3 --policies lookahead outputs/runs/maskable_ppo-skill-o15/*
     clutter-env compare --envs clutter_env/Retrieve-o15-v0 --obstructed 1 --policies lookahead my_module:Mine
     clutter-env compare --files outputs/evaluate/side-15-v2_*.json
 

@@ -76,7 +76,7 @@ class Arguments:
         if self.episodes < 1:
             raise ValueError(f"--episodes {self.episodes} is not valid; it must be at least 1")
         if self.task and self.episodes > 1:
-            raise ValueError("--episodes is without --task; of tasks: clutter-env evaluate --suite sort-8-v2")
+            raise ValueError("--episodes is without --task; of tasks: clutter-env evaluate --suite sort-8-v3")
         if self.task == "search" and (self.viewer or self.live):
             raise ValueError("--viewer and --live are not with --task search; its film and its page are written")
         counts = {"": OBJECT_COUNTS, "search": SEARCH_COUNTS}.get(self.task, REARRANGE_COUNTS)

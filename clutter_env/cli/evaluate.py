@@ -1,7 +1,7 @@
 """Play a suite of scenes with a policy and write one results file.
 
-    clutter-env evaluate --suite side-15-v2 --policy lookahead
-    clutter-env evaluate --suite side-15-v2 --policy my_module:MyPolicy --split validation
+    clutter-env evaluate --suite side-15-v3 --policy lookahead
+    clutter-env evaluate --suite side-15-v3 --policy my_module:MyPolicy --split validation
 
 A policy has the methods `reset(info)` and `act(observation)`. The rules are in docs/suites.md. The 100 scenes of a
 suite take some three minutes on two cores with the expert and 15 objects, up to half an hour with a slow policy and 40.
@@ -18,7 +18,7 @@ from typing import Literal
 class Arguments:
     """Evaluate a policy on a suite."""
 
-    suite: str = "side-15-v2"
+    suite: str = "side-15-v3"
     """Name of the suite."""
     policy: str = "lookahead"
     """lookahead, ngr, dogar, srivastava, canonical: the expert with side grasps, or, as lookahead-all, …, with all

@@ -95,7 +95,7 @@ class SceneSet:
 
     @property
     def name(self) -> str:
-        """As in a table: "side-15-v2", "side-15-v2 (validation)", "o15", "o15 obstructed 2", "swap-o8", "reach"."""
+        """As in a table: "side-15-v3", "side-15-v3 (validation)", "o15", "o15 obstructed 2", "swap-o8", "reach"."""
         if self.suite:
             return self.suite if self.split == "test" else f"{self.suite} ({self.split})"
         name = self.env_id.rpartition("/")[2].removesuffix("-v0")

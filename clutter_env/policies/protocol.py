@@ -20,7 +20,7 @@ Add my policy, in a file `mine.py`:
             action[0], action[-1] = 0.2, -1.0  # forward, fingers closed
             return action
 
-Then `clutter-env evaluate --suite side-15-v2 --policy mine:MyPolicy`; a function without arguments that returns
+Then `clutter-env evaluate --suite side-15-v3 --policy mine:MyPolicy`; a function without arguments that returns
 a policy may be named in place of the class.
 
 Policies are of two tracks. One of the observations track sees observations, the info of the reset and `PublicInfo`;

@@ -64,17 +64,17 @@ RECIPES = {
     "side": Recipe(
         Task("clutter_env/Retrieve-o15-v0", {"obstructed": True}),
         "side",
-        "side-15-v2",
+        "side-15-v3",
         DecisionBudget(scenes=700, rounds=2),
         motion_steps=8000,
     ),
     "all": Recipe(
-        Task("clutter_env/Retrieve-o25-v0"), "all", "all-25-v2", DecisionBudget(scenes=220), motion_steps=6000
+        Task("clutter_env/Retrieve-o25-v0"), "all", "all-25-v3", DecisionBudget(scenes=220), motion_steps=6000
     ),
     "shelf": Recipe(
         Task("clutter_env/Retrieve-o10-v0", {"layout": "shelf", "obstructed": True}),
         "side",
-        "shelf-10-v3",
+        "shelf-10-v4",
         DecisionBudget(scenes=200),
         motion_steps=5000,
         plans=348,

@@ -32,12 +32,12 @@ def _clearances(floor: Floor) -> float:
 
 def test_the_suites_are_there() -> None:
     assert clutter_env.suite_names() == NAMES
-    with pytest.raises(SuiteError, match=r"no suite 'side-1'; suites: all-25-v2, .*side-40-v2"):
+    with pytest.raises(SuiteError, match=r"no suite 'side-1'; suites: all-25-v3, .*side-40-v3"):
         clutter_env.suite("side-1")
-    with pytest.raises(SuiteError, match=r"no suite 'side-15-v1'; 'side-15-v2' has replaced it; suites: "):
+    with pytest.raises(SuiteError, match=r"no suite 'side-15-v1'; 'side-15-v3' has replaced it; suites: "):
         clutter_env.suite("side-15-v1")
-    with pytest.raises(SuiteError, match="suites: all-25-v2"):
-        clutter_env.suite(["side-15-v2"])  # type: ignore[arg-type]  # what a user may give
+    with pytest.raises(SuiteError, match="suites: all-25-v3"):
+        clutter_env.suite(["side-15-v3"])  # type: ignore[arg-type]  # what a user may give
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -82,7 +82,7 @@ def test_resets_give_the_scenes_of_the_suite(name: str) -> None:
 
 
 def test_an_episode_has_the_time_limit_of_its_scene_in_an_environment_of_another() -> None:
-    scenes = clutter_env.suite("deep-15-v1").test
+    scenes = clutter_env.suite("deep-15-v2").test
     env = scenes[0].make()
     for limit in (3, 5, 4):
         replace(scenes[limit], max_steps=limit).reset(env)
@@ -94,11 +94,11 @@ def test_an_episode_has_the_time_limit_of_its_scene_in_an_environment_of_another
 
 
 def test_another_scene_is_an_error_that_says_which_and_what() -> None:
-    scene = clutter_env.suite("side-15-v2").test[3]
+    scene = clutter_env.suite("side-15-v3").test[3]
     env = scene.make()
     other = replace(scene, seed=scene.seed + 1)
     with pytest.raises(
-        SuiteError, match=r"scene 3 of suite 'side-15-v2' \(test, seed \d+\).*differs: half_extents, posi"
+        SuiteError, match=r"scene 3 of suite 'side-15-v3' \(test, seed \d+\).*differs: half_extents, posi"
     ):
         other.reset(env)
     lighter = replace(scene, digests={**scene.digests, "masses": "0" * 12})
@@ -107,7 +107,7 @@ def test_another_scene_is_an_error_that_says_which_and_what() -> None:
 
 
 def test_a_joint_in_another_place_is_noticed() -> None:
-    scene = clutter_env.suite("side-15-v2").test[0]
+    scene = clutter_env.suite("side-15-v3").test[0]
     env = scene.make()
     scene.reset(env)
     env.unwrapped.data.qpos[0] += 1e-15  # type: ignore[attr-defined]  # every environment here has MuJoCo data
@@ -116,7 +116,7 @@ def test_a_joint_in_another_place_is_noticed() -> None:
 
 
 def test_the_keywords_of_the_suite_stay() -> None:
-    scene = clutter_env.suite("dense-25-v2").test[0]
+    scene = clutter_env.suite("dense-25-v3").test[0]
     assert scene.make(control_mode="ee").unwrapped.control_mode == "ee"
     with pytest.raises(SuiteError, match="made with 'dense'"):
         scene.make(layout="paper")
@@ -125,9 +125,9 @@ def test_the_keywords_of_the_suite_stay() -> None:
 @pytest.fixture
 def suite_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A copy of a suite's file that is read in place of it."""
-    file = tmp_path / "suites" / "side-15-v2.json"
+    file = tmp_path / "suites" / "side-15-v3.json"
     file.parent.mkdir()
-    shutil.copy(assets.path("suites/side-15-v2.json"), file)
+    shutil.copy(assets.path("suites/side-15-v3.json"), file)
     monkeypatch.setattr("assets.path", lambda relative: tmp_path / relative)
     suites._read_suite.cache_clear()
     yield file
@@ -139,9 +139,9 @@ def test_a_changed_file_is_refused(suite_file: Path) -> None:
     content["scenes"]["test"][0]["target"] = "object_14"
     suite_file.write_text(json.dumps(content))
     with pytest.raises(SuiteError, match="has been changed"):
-        clutter_env.suite("side-15-v2")
+        clutter_env.suite("side-15-v3")
     write_sealed(suite_file, content)
-    assert clutter_env.suite("side-15-v2").test[0].target == "object_14"
+    assert clutter_env.suite("side-15-v3").test[0].target == "object_14"
 
 
 def write_sealed(file: Path, content: dict[str, Any]) -> None:
@@ -153,8 +153,8 @@ def write_sealed(file: Path, content: dict[str, Any]) -> None:
 @pytest.mark.parametrize("text", ["", "{", "[]", "3", "null", "{}", '{"sha256": 3}', "[" * 100_000, "\udcff"])
 def test_a_damaged_file_is_an_error_of_the_suite(suite_file: Path, text: str) -> None:
     suite_file.write_bytes(text.encode(errors="surrogateescape"))
-    with pytest.raises(SuiteError, match="side-15-v2"):
-        clutter_env.suite("side-15-v2")
+    with pytest.raises(SuiteError, match="side-15-v3"):
+        clutter_env.suite("side-15-v3")
 
 
 @pytest.mark.parametrize("value", ["missing", None, 3, "text", [], {"a": 1}])
@@ -179,12 +179,12 @@ def test_a_sealed_file_with_a_wrong_entry_is_an_error_of_the_suite(suite_file: P
             write_sealed(suite_file, content)
             suites._read_suite.cache_clear()
             with contextlib.suppress(SuiteError):
-                clutter_env.suite("side-15-v2")
+                clutter_env.suite("side-15-v3")
                 assert value != "missing" or name in ("sha256", "format"), f"{name} is missing"
 
 
 def test_a_floor_belongs_to_a_grasp_set() -> None:
-    scene = replace(clutter_env.suite("side-15-v2").test[0], floor_side=Floor(2, True), floor_all=Floor(1, False))
+    scene = replace(clutter_env.suite("side-15-v3").test[0], floor_side=Floor(2, True), floor_all=Floor(1, False))
     assert (scene.floor("side"), scene.floor("all")) == (Floor(2, True), Floor(1, False))
     with pytest.raises(SuiteError, match="have them for: side, all"):
         scene.floor("top")

@@ -89,7 +89,7 @@ def test_the_version_is_that_of_the_package() -> None:
         ("table --grasps sdie", "did you mean 'side'?"),
         ("table --objects 61", "--objects 61 is not valid; it must be from 1 to 60"),
         ("episode --layout papr", "did you mean 'paper'?"),
-        ("evaluate --suite side-15 --scenes 1", "did you mean 'side-15-v2'?"),
+        ("evaluate --suite side-15 --scenes 1", "did you mean 'side-15-v3'?"),
         ("evaluate --policy lokahead --scenes 1", "did you mean 'lookahead'?"),
         ("evaluate --scenes 0", "scenes=0"),
         ("collect --strategy canonicl --env=clutter_env/Retrieve-o1-v0", "did you mean 'canonical'?"),
@@ -155,7 +155,7 @@ for command in sys.stdin.read().splitlines():
         "train sac": "torch is not installed; pip install 'clutter-env[rl]'",
         "play": "torch is not installed; pip install 'clutter-env[rl]'",
         "evaluate --policy keyframes": "torch is not installed; pip install 'clutter-env[rl]'",
-        "compare --suites side-15-v2 --policies keyframes": "torch is not installed; pip install 'clutter-env[rl]'",
+        "compare --suites side-15-v3 --policies keyframes": "torch is not installed; pip install 'clutter-env[rl]'",
     }
     ended = subprocess.run(
         [sys.executable, "-c", script],

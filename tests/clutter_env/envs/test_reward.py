@@ -101,7 +101,7 @@ def test_toppling_is_no_clearance() -> None:
 @pytest.mark.slow
 def test_nine_of_ten_clearances_of_the_expert_show() -> None:
     shown = []
-    for scene in itertools.islice(clutter_env.suite("side-25-v2"), 12):
+    for scene in itertools.islice(clutter_env.suite("side-25-v3"), 12):
         env = scene.make(reward_mode="dense")
         _, info = scene.reset(env)
         expert = TampExpert(env, grasps="side")

@@ -68,7 +68,7 @@ def test_objects_put_aside_on_the_way_to_the_target_count_though_the_episode_end
 @pytest.mark.slow
 def test_it_looks_where_the_arm_would_pass_before_it_takes_the_target() -> None:
     """The target is in sight at once here, and an object that is not stands on the way to it."""
-    scene = clutter_env.suite("hidden-shelf-10-v1").test[7]
+    scene = clutter_env.suite("hidden-shelf-10-v2").test[7]
     expert, info = _search(scene.make(frame_every=10), scene.seed)
     assert info["is_success"]
     assert expert.report.views > 0
@@ -87,7 +87,7 @@ def test_it_says_that_an_absent_target_cannot_be_found() -> None:
 @pytest.mark.parametrize("index", [0, 4])
 def test_among_ten_objects_too_it_says_so_before_the_time_is_up(index: int) -> None:
     """In the first scene the time was up before that, in the other one the last places were seen from too few sides."""
-    scene = clutter_env.suite("hidden-shelf-10-v1").test[index]
+    scene = clutter_env.suite("hidden-shelf-10-v2").test[index]
     expert, info = _search(scene.make(frame_every=10), scene.seed, (0.5, 0.5, 0.5))
     assert expert.report.failure == "cannot be found"
     assert (info["num_fallen"], info["num_disturbed"]) == (0, 0)

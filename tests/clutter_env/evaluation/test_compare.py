@@ -29,7 +29,7 @@ from clutter_env.training.run import Run
 from clutter_env.training.settings import Settings
 from tests.clutter_env.evaluation.evaluations import evaluation, score
 
-O15 = SceneSet("side-15-v2", count=2)
+O15 = SceneSet("side-15-v3", count=2)
 O5 = SceneSet(env_id="clutter_env/Retrieve-o5-v0", count=1)
 REACH = SceneSet(env_id="clutter_env/Reach-v0", count=2)
 
@@ -93,7 +93,7 @@ def test_controls_play_too_and_runs_that_differ_in_their_seed_form_one_row(
     rows = compare(Comparison((O15,), ("ngr",)))
     assert [row.policy for row in rows] == ["ngr", *CONTROLS["retrieve"]]
     assert {row.moved_per_floor.mean for row in rows} == {0.75}
-    with pytest.raises(LearningError, match="cannot play any of these scenes: side-15-v2"):
+    with pytest.raises(LearningError, match="cannot play any of these scenes: side-15-v3"):
         Comparison((O15,), (str(one),))
 
 

@@ -54,7 +54,7 @@ class Old(Patient):
     def reset(self, env, info):
         self.left = 7
 """
-TWO = SceneSet("side-15-v2", count=2)
+TWO = SceneSet("side-15-v3", count=2)
 REACH = SceneSet(env_id="clutter_env/Reach-v0", count=2)
 O15 = SceneSet(env_id="clutter_env/Retrieve-o15-v0", obstructed=True, count=2)
 
@@ -102,7 +102,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_the_command_writes_one_results_file(folder: Path) -> None:
     main(["evaluate", "--policy", "my_policies:Patient", "--scenes", "2", "--workers", "1", "--json", "one.json"])
     one = json.loads((folder / "one.json").read_text())
-    assert one["suite_sha256"] == suite("side-15-v2").digest
+    assert one["suite_sha256"] == suite("side-15-v3").digest
     assert [(entry["steps"], entry["failure"]) for entry in one["episodes"]] == [(7, "gave up")] * 2
     assert one["summary"]["clean"]["mean"] == one["crashes"] == 0
     assert one["summary"]["failures"] == {"gave up": 2}
@@ -117,7 +117,7 @@ def test_an_exception_of_a_policy_ends_the_command(capsys: pytest.CaptureFixture
         main(["evaluate", "--policy", "my_policies:Broken", "--scenes", "1", "--workers", "1"])
     assert ended.value.code == 1
     said = capsys.readouterr().err
-    assert re.search(r"Broken on scene 0 of side-15-v2 \(seed \d+\); --count-crashes", said)
+    assert re.search(r"Broken on scene 0 of side-15-v3 \(seed \d+\); --count-crashes", said)
     assert re.search(r'(?s)my_policies\.py", line \d+, in act.*by design', said)
 
 
@@ -163,7 +163,7 @@ def test_a_full_disk_does_not_lose_the_table(
     monkeypatch.setattr("os.fsync", full)
     with pytest.raises(SystemExit, match="No space left"):
         main(["evaluate", "--policy", "ngr", "--scenes", "2"])
-    assert "| side-15-v2 | ngr | privileged | 1 × 2 | 0.50" in capsys.readouterr().out
+    assert "| side-15-v3 | ngr | privileged | 1 × 2 | 0.50" in capsys.readouterr().out
     assert not list(tmp_path.glob("outputs/evaluate/*"))
 
 
@@ -210,7 +210,7 @@ def test_playing_measures_what_happened() -> None:
     assert (good.clean, good.failure) == (True, "")
     assert (idle.steps, idle.moved, idle.failure) == (30, 0, "time limit")
     assert idle.sim_s == pytest.approx(1.5)
-    first, second = suite("side-15-v2").test[:2]
+    first, second = suite("side-15-v3").test[:2]
     played = play_scene(replace(second, max_steps=5), first.make(control_mode="ee"), Idle())
     assert (played.steps, played.failure, played.clean, played.lifted) == (5, "time limit", False, False)
 
@@ -237,7 +237,7 @@ def test_random_actions_are_a_function_of_seed_and_scene(reach: gym.Env) -> None
 
 
 def test_results_count_both_kinds_of_success_by_lower_bound_and_have_a_digest() -> None:
-    scenes = SceneSet("side-15-v2")
+    scenes = SceneSet("side-15-v3")
     scores = [
         score(scene.seed, 0 if k % 2 == 0 else None, is_lifted=k % 3 != 1) for k, scene in enumerate(scenes.scenes)
     ]
@@ -263,18 +263,18 @@ def test_results_count_both_kinds_of_success_by_lower_bound_and_have_a_digest() 
 
 def test_sets_of_scenes_have_names_and_know_their_kind() -> None:
     assert (O15.name, O15.family, O15.num_objects) == ("o15 obstructed", "retrieve", 15)
-    shelf = SceneSet("shelf-10-v3", "validation", count=3)
-    assert (shelf.name, shelf.num_objects, len(shelf.scenes)) == ("shelf-10-v3 (validation)", 10, 3)
+    shelf = SceneSet("shelf-10-v4", "validation", count=3)
+    assert (shelf.name, shelf.num_objects, len(shelf.scenes)) == ("shelf-10-v4 (validation)", 10, 3)
     with pytest.raises(LearningError, match="name one of them"):
         SceneSet()
     with pytest.raises(LearningError, match="from 1 to 100"):
-        SceneSet("shelf-10-v3", count=101)
+        SceneSet("shelf-10-v4", count=101)
     with pytest.raises(SuiteError, match="splits: test, validation"):
-        SceneSet("side-15-v2", "train")
+        SceneSet("side-15-v3", "train")
 
 
 def test_skills_play_the_scenes_of_suites_and_environments() -> None:
-    for scene in (suite("shelf-10-v3").test[0], O15.scenes[0]):
+    for scene in (suite("shelf-10-v4").test[0], O15.scenes[0]):
         played, plain = scene_for(scene, True, "none"), scene.make()
         env = played.make()
         _, info = played.reset(env)
@@ -293,7 +293,7 @@ def test_a_policy_is_refused_before_anything_is_played() -> None:
         evaluate("nobody", REACH)
     with pytest.raises(PolicyError, match=r"reset\(env, info\), as in version 0\.1"):
         evaluate("my_policies:Old", REACH)
-    with pytest.raises(PolicyError, match=r"armpick cannot play side-15-v2 \(retrieve\); it plays armpick"):
+    with pytest.raises(PolicyError, match=r"armpick cannot play side-15-v3 \(retrieve\); it plays armpick"):
         evaluate("armpick", TWO)
 
 
@@ -309,7 +309,7 @@ def test_suites_of_rearrange_have_lower_bounds_and_are_confirmed(tmp_path: Path)
     class GivesUp(Idle):
         done, failure = True, "no idea"
 
-    found = evaluate(GivesUp(), SceneSet("stack-8-v2", count=2))
+    found = evaluate(GivesUp(), SceneSet("stack-8-v3", count=2))
     assert found.floors == lower_bounds(found.scenes, found.traits.grasps)
     row = summarise("nobody", [found])
     assert sum(rate.scenes for rate in row.by_floor.values()) == 2
@@ -331,7 +331,7 @@ def test_a_goal_that_a_policy_gives_itself_is_not_scored() -> None:
             self.infos += [info, *(inner.step(np.zeros(10, np.float32))[-1] for _ in range(12))]
 
     policy = ChangesTheGoal()
-    found = evaluate(policy, SceneSet("stack-8-v2", count=1))
+    found = evaluate(policy, SceneSet("stack-8-v3", count=1))
     assert [policy.infos[k]["is_success"] for k in (0, -1)] == [False, True], "in its own environment"
     assert [(one.clean, one.lifted) for one in found.scores] == [(False, False)]
 

@@ -20,7 +20,7 @@ from clutter_env.evaluation.score import PolicyCrashed, one_line
 from clutter_env.policies.protocol import PolicyError
 from clutter_env.policies.registry import PolicyTraits
 
-SCENES = SceneSet("side-15-v2", count=1)
+SCENES = SceneSet("side-15-v3", count=1)
 MODULE = """
 import ctypes, os, subprocess, sys, threading, time
 import numpy as np
@@ -174,7 +174,7 @@ def test_what_a_process_says_of_its_policy_is_checked(change: dict[str, object])
 
 
 def test_what_a_policy_says_of_itself_adds_no_line_to_a_table() -> None:
-    said = one_line("gave up 1 |\n| side-15-v2 | mine | 1.00 \x1b[2K" + 1000 * "x")
+    said = one_line("gave up 1 |\n| side-15-v3 | mine | 1.00 \x1b[2K" + 1000 * "x")
     assert len(said) == 200
     assert said.isprintable()
     assert "|" not in said

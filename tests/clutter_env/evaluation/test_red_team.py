@@ -126,7 +126,7 @@ def cheats(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_policy_that_cheats_has_no_success(cheats: Path) -> None:
-    evaluation = evaluate("cheats:Privileged", SceneSet("side-15-v2", count=NUM_CHEATS), count_crashes=True)
+    evaluation = evaluate("cheats:Privileged", SceneSet("side-15-v3", count=NUM_CHEATS), count_crashes=True)
     assert len(list(cheats.glob("played-*"))) == NUM_CHEATS
     assert not any(score.clean or score.lifted for score in evaluation.scores)
     assert [score.failure for score in evaluation.scores if "not finite" in score.failure], "a forged action is refused"
@@ -135,7 +135,7 @@ def test_a_policy_that_cheats_has_no_success(cheats: Path) -> None:
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="Linux")
 @pytest.mark.usefixtures("cheats")
 def test_a_policy_of_the_observations_track_finds_no_environment() -> None:
-    (score,) = evaluate("cheats:OfObservations", SceneSet("side-15-v2", count=1)).scores
+    (score,) = evaluate("cheats:OfObservations", SceneSet("side-15-v3", count=1)).scores
     assert (score.failure, score.clean) == ("gave up", False)
 
 
@@ -175,8 +175,8 @@ def test_a_results_file_is_confirmed_by_its_recorded_actions(file: Path, capsys:
     main(["verify", str(file), "--workers", "1", "--json", str(file.with_name("found.json"))])
     assert "confirmed: 2 clean successes in 2 episodes of reach, seeds 1000000 to 1000001" in capsys.readouterr().out
     assert json.loads(file.with_name("found.json").read_text())["differences"] == []
-    assert verifying.which_scenes(SceneSet("side-15-v2")) == "side-15-v2"
-    assert verifying.which_scenes(SceneSet("side-15-v2", count=7)).endswith("its first 7 of 100 scenes")
+    assert verifying.which_scenes(SceneSet("side-15-v3")) == "side-15-v3"
+    assert verifying.which_scenes(SceneSet("side-15-v3", count=7)).endswith("its first 7 of 100 scenes")
 
 
 def a_failure_as_a_success(content: dict[str, Any]) -> None:
@@ -211,7 +211,7 @@ def another_environment(content: dict[str, Any]) -> None:
 
 
 def of_a_suite(content: dict[str, Any]) -> None:
-    content.update(suite="side-15-v2", scenes="side-15-v2", env_id="", grasps="side")
+    content.update(suite="side-15-v3", scenes="side-15-v3", env_id="", grasps="side")
 
 
 def of_skills(content: dict[str, Any]) -> None:
@@ -422,7 +422,7 @@ def test_results_are_the_same_bit_for_bit_and_verify_in_other_processes(policy: 
     digests = set()
     for k, (name, variables) in enumerate(MACHINES.items()):
         file = tmp_path / f"{k}.json"
-        words = ["--suite", "side-15-v2", "--scenes", "2", "--workers", "2" if k == 0 else "1", "--json", str(file)]
+        words = ["--suite", "side-15-v3", "--scenes", "2", "--workers", "2" if k == 0 else "1", "--json", str(file)]
         command = [sys.executable, "-m", "clutter_env.cli.main"]
         env = {**os.environ, "HOME": str(tmp_path), "PYTHONPATH": str(Path.cwd()), **variables}
         for said in (["evaluate", "--policy", policy, *words], ["verify", str(file)]):
@@ -436,10 +436,10 @@ def test_results_are_the_same_bit_for_bit_and_verify_in_other_processes(policy: 
 @pytest.mark.slow
 def test_fresh_scenes_are_of_the_suites_kind(file: Path) -> None:
     """They had the number of objects of the next smaller environment, and any lower bound: most were easier."""
-    values = {"suite": "deep-shelf-12-v1", "policy": "random"}
+    values = {"suite": "deep-shelf-12-v2", "policy": "random"}
     path = forge(file, lambda content: content.update(values))
     fresh = fresh_scenes(path, 2, FRESH_SEEDS[0])
     assert (fresh.num_objects, fresh.scenes[0].keywords["layout"]) == (12, "shelf")
     assert fresh.name == "o12 shelf obstructed"
     assert all(floor.is_proved and floor.count >= 2 for floor in lower_bounds(fresh, "side"))
-    assert fresh.scenes[0].make().spec.max_episode_steps == max(s.max_steps for s in suite("deep-shelf-12-v1"))
+    assert fresh.scenes[0].make().spec.max_episode_steps == max(s.max_steps for s in suite("deep-shelf-12-v2"))

@@ -143,7 +143,7 @@ def test_explicit_objects_stay_cylinders_and_boxes(env: gym.Env) -> None:
 
 @pytest.mark.slow
 def test_a_bowl_under_a_board_is_taken_by_its_rim() -> None:
-    place = clutter_env.suite("household-shelf-10-v1").test[46]
+    place = clutter_env.suite("household-shelf-10-v2").test[46]
     env = place.make()
     _, info = place.reset(env)
     inner: Any = env.unwrapped
