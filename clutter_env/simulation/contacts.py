@@ -78,10 +78,14 @@ class ContactReader:
         return self._kinds[geom] == _ROBOT
 
     def furniture_force(self, data: mujoco.MjData, contacts: Contacts) -> float:
-        """[N] with which the robot presses on furniture: itself, and beyond their weight the objects that it moves."""
+        """[N] with which the robot presses on furniture: itself, and beyond their weight the objects that it moves.
+
+        Their weight presses downwards alone: pushed against a wall, they press with all of the force.
+        """
         force = self._normal_force(data, contacts.of_robot) if contacts.of_robot else 0.0
         if contacts.of_moved:
-            force += max(self._normal_force(data, contacts.of_moved) - contacts.weight, 0.0)
+            pressed, downwards = self._moved_forces(data, contacts)
+            force += pressed - min(max(downwards, 0.0), contacts.weight)
         return force
 
     def self_force(self, data: mujoco.MjData, contacts: Contacts) -> float:
@@ -95,6 +99,17 @@ class ContactReader:
             mujoco.mj_contactForce(self._model, data, number, force)
             total += force.item(0)
         return total
+
+    def _moved_forces(self, data: mujoco.MjData, contacts: Contacts) -> tuple[float, float]:
+        """[N] Sum of the normal forces of moved objects on furniture, and of their parts downwards."""
+        total = downwards = 0.0
+        normals, force = data.contact.frame[contacts.of_moved, 2].tolist(), self._force  # towards the second geom
+        for number, normal in zip(contacts.of_moved, normals, strict=True):
+            mujoco.mj_contactForce(self._model, data, number, force)
+            is_on_second = self._kinds[contacts.pairs[number][1]] == _FURNITURE
+            total += force.item(0)
+            downwards += force.item(0) * (-normal if is_on_second else normal)
+        return total, downwards
 
     def _sort(self, pairs: list[list[int]]) -> Contacts:
         kind_of = self._kinds
