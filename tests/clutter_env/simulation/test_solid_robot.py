@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import itertools
+import re
+from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 
-from assets import robot as find_robot, robot_contacts
+from assets import ActingJoints, robot as find_robot, robot_contacts
 from assets.robot_reading import collision_geoms
 from clutter_env.envs.retrieve import RetrieveEnv
+from clutter_env.errors import ConfigError
 from clutter_env.simulation.pressing import SUSTAINED_FORCE
 
 ROBOTS = ["fetch", "pr2", "panda_mobile"]
+FIRST_LINKS = {frozenset(("r_shoulder_front", "l_shoulder_front"))}
+"""Of PR2's arms: out of each other's reach where one arm stays at home, as the planner has it."""
 
 
 @cache
@@ -44,7 +52,7 @@ def test_physics_has_the_pairs_of_the_planner(name: str) -> None:
         mujoco.mj_collision(model, data)
         pairs = [frozenset(model.geom(k).name for k in pair) for pair in data.contact.geom.tolist()]
         met |= {pair for pair in pairs if pair <= own}
-    assert met <= counted(name)
+    assert met <= counted(name) | FIRST_LINKS
     touching = {pair for pair in counted(name) if _can_touch(name, pair)}
     assert len(met) > 0.8 * len(touching), "and nearly all that random configurations reach"
 
@@ -175,3 +183,87 @@ def test_bodies_whose_shapes_count_in_part_are_paired() -> None:
     paired = {frozenset((int(one), int(other))) for one, other in zip(model.pair_geom1, model.pair_geom2, strict=True)}
     assert len(paired) == bodies.count(of_many) - 1
     assert model.nexclude > 0
+
+
+def _unnamed_bodies(text: str) -> str:
+    return re.sub(r'<body name="link[1-6]"', "<body", text)
+
+
+def _with_pair(text: str) -> str:
+    """A pair of neighbours, and one whose bodies are excluded: MuJoCo lets both touch."""
+    contact = """<contact>
+      <pair geom1="column" geom2="lift"/> <pair geom1="base" geom2="hand"/> <exclude body1="base" body2="hand"/>
+    </contact>"""
+    return text.replace("</mujoco>", contact + "</mujoco>")
+
+
+def _without_the_ground(text: str) -> str:
+    return text.replace("</mujoco>", '<contact><exclude body1="world" body2="hand"/></contact></mujoco>')
+
+
+@pytest.mark.parametrize("change", [_unnamed_bodies, _with_pair, _without_the_ground])
+def test_physics_has_the_pairs_of_the_rule_for_robots_of_files(change: Callable[[str], str], tmp_path: Path) -> None:
+    robot = find_robot("panda_mobile")
+    text = change(robot.mjcf_path.read_text())
+    assert text != robot.mjcf_path.read_text()
+    (tmp_path / "own.xml").write_text(text)
+    robot = replace(robot, name="own", mjcf=str(tmp_path / "own.xml"), meshes=())
+    model = RetrieveEnv(num_objects=1, robot=robot).model
+    alone = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    own, of_file = (
+        np.flatnonzero(m.body_rootid[m.geom_bodyid] == m.body(robot.base_body).id).tolist() for m in (model, alone)
+    )
+    number = dict(zip(own, of_file, strict=True))
+    met = {
+        (number[one], number[other]) for one, other in itertools.combinations(own, 2) if can_touch(model, one, other)
+    }
+    assert met == set(map(tuple, robot_contacts(robot).pairs.tolist()))
+    counted = {frozenset(collision_geoms(alone, robot)[k] for k in pair) for pair in robot.shapes.pairs.tolist()}
+    assert met == {tuple(sorted(pair)) for pair in counted}, "and of the planner"
+    on_ground = {number[geom] for geom in own if can_touch(model, model.geom("floor").id, geom)}
+    assert on_ground == set(robot_contacts(robot).above_ground.tolist())
+
+
+def can_touch(model: mujoco.MjModel, one: int, other: int) -> bool:
+    """Whether MuJoCo looks for contacts of two geoms."""
+    if {one, other} in [{int(a), int(b)} for a, b in zip(model.pair_geom1, model.pair_geom2, strict=True)]:
+        return True
+    bodies = sorted(int(model.geom_bodyid[geom]) for geom in (one, other))
+    a, b = (int(model.body_weldid[body]) for body in bodies)
+    parents = [int(model.body_weldid[model.body_parentid[weld]]) for weld in (a, b)]
+    if a == b or (0 not in (a, b) and (a == parents[1] or b == parents[0])):
+        return False
+    if bodies[0] << 16 | bodies[1] in model.exclude_signature.tolist():
+        return False
+    kinds, wanted = model.geom_contype, model.geom_conaffinity
+    return bool(kinds[one] & wanted[other] or kinds[other] & wanted[one])
+
+
+def test_a_robot_with_a_floor_of_its_own_is_refused_by_name(tmp_path: Path) -> None:
+    robot = find_robot("panda_mobile")
+    text = robot.mjcf_path.read_text().replace(
+        "<worldbody>", '<worldbody><geom name="floor" type="plane" size="1 1 1"/>'
+    )
+    (tmp_path / "own.xml").write_text(text)
+    with pytest.raises(ConfigError, match="floor"):
+        RetrieveEnv(num_objects=1, robot=replace(robot, name="own", mjcf=str(tmp_path / "own.xml"), meshes=()))
+
+
+def test_both_arms_of_a_robot_meet_each_other() -> None:
+    """Their first links went 65 mm into each other: for either arm the other one is a part of the torso."""
+    robot = find_robot("pr2")
+    alone = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    pair = sorted(alone.geom(name).id for name in ("r_shoulder_front", "l_shoulder_front"))
+    assert pair in robot_contacts(robot).pairs.tolist()
+    env = RetrieveEnv(num_objects=1, robot=replace(robot, acts_with_all_arms=True))
+    env.reset(seed=0)
+    q = env.world.controller.state.target.copy()
+    names = ActingJoints.of(env.robot).names
+    q[names.index("r_shoulder_pan_joint")], q[names.index("l_shoulder_pan_joint")] = 0.7, -0.7
+    for side in "rl":
+        q[names.index(f"{side}_elbow_flex_joint")] = -0.2
+    for _ in range(60):
+        *_, info = env.step(env.joint_action(q, [0.05, 0.05]))
+    ends = (env.model.geom(f"{side}_shoulder_front").id for side in "rl")
+    assert mujoco.mj_geomDistance(env.model, env.data, *ends, 1.0, None) > -0.005
+    assert info["self_force"] > 0.0
