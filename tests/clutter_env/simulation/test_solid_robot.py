@@ -12,12 +12,13 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from assets import ActingJoints, robot as find_robot, robot_contacts
 from assets.robot_reading import collision_geoms
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ConfigError
-from clutter_env.simulation.pressing import SUSTAINED_FORCE
+from clutter_env.simulation.pressing import SUSTAINED_FORCE, Pressing
 
 ROBOTS = ["fetch", "pr2", "panda_mobile"]
 FIRST_LINKS = {frozenset(("r_shoulder_front", "l_shoulder_front"))}
@@ -267,3 +268,60 @@ def test_both_arms_of_a_robot_meet_each_other() -> None:
     ends = (env.model.geom(f"{side}_shoulder_front").id for side in "rl")
     assert mujoco.mj_geomDistance(env.model, env.data, *ends, 1.0, None) > -0.005
     assert info["self_force"] > 0.0
+
+
+def two_hands(env: RetrieveEnv, centre: np.ndarray) -> np.ndarray:
+    """Motor targets (4 + n,) with which both hands of PR2 are around `centre` (3,), one 12 cm above the other."""
+    model, world, data = env.model, env.world, mujoco.MjData(env.model)
+    data.qpos[:] = env.data.qpos
+    columns, start = world.index.drive_qpos, world.controller.state.target.copy()
+    ranges = {int(adr): limits for adr, limits in zip(model.jnt_qposadr, model.jnt_range, strict=True)}
+    low, high = np.array([ranges[int(column)] for column in columns[4:]]).T
+
+    def errors(arms: np.ndarray) -> np.ndarray:
+        data.qpos[columns] = [*start[:4], *arms]
+        mujoco.mj_kinematics(model, data)
+        found = [0.01 * (arms - start[4:])]
+        for (one, other), side in zip(world.index.finger_geoms, (1, -1), strict=True):
+            fingers, approach = data.geom_xpos[other] - data.geom_xpos[one], data.geom_xmat[one].reshape(3, 3)[:, 0]
+            middle = (data.geom_xpos[one] + data.geom_xpos[other]) / 2
+            found += [10 * (middle - centre - (0, 0, 0.06 * side)), 3 * fingers[2:] / np.linalg.norm(fingers)]
+            found += [approach - (0.7, 0.7 * side, 0), 3 * approach[2:]]
+        return np.concatenate(found)
+
+    rng = np.random.default_rng(0)
+    starts = np.clip(start[4:] + rng.normal(0, 0.4, (12, len(low))), low + 0.01, high - 0.01)
+    best = min((least_squares(errors, one, bounds=(low, high)) for one in starts), key=lambda found: found.cost)
+    assert best.cost < 1e-2
+    return np.concatenate([start[:4], best.x])
+
+
+@pytest.mark.slow
+def test_two_hands_that_hold_one_object_press_on_each_other_only_beyond_their_grips() -> None:
+    """Grips of 48 N each, at rest, were booked as 195 N of the robot on itself."""
+    env = RetrieveEnv(num_objects=1, robot=replace(find_robot("pr2"), acts_with_all_arms=True))
+    stick = {"shape": "box", "depth": 0.05, "width": 0.05, "height": 0.24, "position": (0.1, 0.0)}
+    env.reset(seed=0, options={"objects": [stick]})
+    world, data = env.world, env.data
+    centre = world.controller.state.target[:3] * (1, 1, 0) + (0.65, 0.0, 1.05)
+    q = two_hands(env, centre)
+    data.qpos[world.index.drive_qpos], data.qpos[world.index.finger_qpos] = q, env.robot.max_finger_position
+    world.controller.reset(data)
+    place = np.array([*centre, np.cos(np.pi / 8), 0.0, 0.0, -np.sin(np.pi / 8)])
+    kind = mujoco.mjtState.mjSTATE_INTEGRATION
+    for _ in range(30):  # it is held there, awake, while the fingers close
+        data.qpos[world.index.object_qpos], data.qvel[world.index.object_dof] = place, 0.0
+        state = np.empty(mujoco.mj_stateSize(env.model, kind))
+        mujoco.mj_getState(env.model, data, state, kind)
+        mujoco.mj_setState(env.model, data, state, kind)
+        env.step(env.joint_action(q, [0.0, 0.0]))
+    world.on_itself = Pressing()
+    for _ in range(20):
+        env.step(env.joint_action(q, [0.0, 0.0]))
+    assert env.measurements.grip.held == (0, 0)
+    assert world.on_itself.force < 10.0
+    names = ActingJoints.of(env.robot).names
+    q[names.index("l_shoulder_pan_joint")] += 0.4
+    for _ in range(20):
+        env.step(env.joint_action(q, [0.0, 0.0]))
+    assert world.on_itself.force > 25.0, "one hand pulls at the other"
