@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -18,7 +19,8 @@ class RobotContacts(NamedTuple):
     """Geoms of a robot's MJCF file, by their ids, that may touch each other or the ground.
 
     Attributes:
-        pairs: (s, 2) shapes that count against each other, of every arm: see `irm.self_contact`.
+        pairs: (s, 2) shapes that count against each other, of every arm: see `irm.self_contact`; and those of two arms,
+            of which the first links are neighbours for the rule while one arm moves.
         above_ground: (g,) shapes that meet the ground. The base's do not: its wheels stand there, and it cannot tilt.
         solid: (k,) all shapes.
     """
@@ -39,7 +41,8 @@ def robot_contacts(robot: RobotSpec) -> RobotContacts:
     of_robot = model.body_rootid[model.geom_bodyid] == model.body(robot.base_body).id
     geoms = np.flatnonzero(is_solid(model) & of_robot)
     arms = [robot, *(robot.using(arm.name) for arm in robot.idle_arms)]
-    pairs = np.unique(np.sort(np.concatenate([_pairs(model, geoms, arm) for arm in arms]), axis=1), axis=0)
+    found = [*(_pairs(model, geoms, arm) for arm in arms), _pairs_of_arms(model, geoms, arms)]
+    pairs = np.unique(np.sort(np.concatenate(found), axis=1), axis=0)
     links = link_of_body(model, [joint for arm in arms for joint in arm.drive_joints[3:]])
     on_base = np.array([links[body] == BASE for body in model.geom_bodyid[geoms]])
     return RobotContacts(pairs, geoms[~on_base], geoms)
@@ -54,4 +57,20 @@ def _pairs(model: mujoco.MjModel, geoms: NDArray[np.int64], robot: RobotSpec) ->
         qpos[model.joint(joint).qposadr[0]] = position
     joints = [model.joint(link.joint).id for link in robot.chain]
     pairs = geoms[counted_pairs(model, qpos, geoms.tolist(), links, joints)]
+    return np.asarray(pairs[~is_excluded(model, pairs)])
+
+
+def _pairs_of_arms(model: mujoco.MjModel, geoms: NDArray[np.int64], arms: Sequence[RobotSpec]) -> NDArray[np.int64]:
+    """Pairs (s, 2) of ids of geoms of two different arms that count while all arms move."""
+    from irm.self_contact import counted_pairs, is_excluded, link_of_body  # see `robot_contacts`
+
+    if len(arms) == 1:
+        return np.empty((0, 2), np.int64)
+    apart = 2 * model.njnt  # numbers of links of two arms differ by more than those of neighbours
+    own = {joint: k for k, arm in enumerate(arms) for joint in arm.drive_joints[4:]}
+    owners = [own[joint] for joint in own]
+    links = [apart * (owners[link] + 1) if link >= 0 else 0 for link in link_of_body(model, list(own))]
+    moving = [model.joint(joint).id for joint in (arms[0].drive_joints[3], *own)]
+    pairs = geoms[counted_pairs(model, np.zeros(model.nq), geoms.tolist(), links, moving)]
+    pairs = pairs[(np.array(links)[model.geom_bodyid[pairs]] > 0).all(axis=1)]
     return np.asarray(pairs[~is_excluded(model, pairs)])

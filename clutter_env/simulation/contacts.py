@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import mujoco
@@ -24,6 +25,7 @@ class Contacts(NamedTuple):
         of_robot: contacts of the robot with furniture.
         of_moved: contacts with furniture of the objects that the robot moves: it touches them, or others that do.
         of_self: contacts of the robot with itself and the ground, and of what it grips with the rest of the robot.
+        between_hands: contacts with each gripper of an object that several grippers touch, object by object.
         weight: [N] of the objects that the robot moves.
         moved: their slots.
         touched: slots of those that it touches itself.
@@ -34,13 +36,14 @@ class Contacts(NamedTuple):
     of_robot: list[int]
     of_moved: list[int]
     of_self: list[int]
+    between_hands: list[list[list[int]]]
     weight: float
     moved: frozenset[int]
     touched: frozenset[int]
     gripped: tuple[frozenset[int], ...]
 
 
-NO_CONTACTS = Contacts([], [], [], [], 0.0, frozenset(), frozenset(), ())
+NO_CONTACTS = Contacts([], [], [], [], [], 0.0, frozenset(), frozenset(), ())
 
 
 class ContactReader:
@@ -78,15 +81,26 @@ class ContactReader:
         return self._kinds[geom] == _ROBOT
 
     def furniture_force(self, data: mujoco.MjData, contacts: Contacts) -> float:
-        """[N] with which the robot presses on furniture: itself, and beyond their weight the objects that it moves."""
+        """[N] with which the robot presses on furniture: itself, and beyond their weight the objects that it moves.
+
+        Their weight presses downwards alone: pushed against a wall, they press with all of the force.
+        """
         force = self._normal_force(data, contacts.of_robot) if contacts.of_robot else 0.0
         if contacts.of_moved:
-            force += max(self._normal_force(data, contacts.of_moved) - contacts.weight, 0.0)
+            pressed, downwards = self._moved_forces(data, contacts)
+            force += pressed - min(max(downwards, 0.0), contacts.weight)
         return force
 
     def self_force(self, data: mujoco.MjData, contacts: Contacts) -> float:
-        """[N] with which the robot presses on itself and on the ground."""
-        return self._normal_force(data, contacts.of_self) if contacts.of_self else 0.0
+        """[N] with which the robot presses on itself and on the ground.
+
+        Two hands that hold one object press on each other by the force that one of them has beyond its own grip, in
+        which opposite forces cancel.
+        """
+        force = self._normal_force(data, contacts.of_self) if contacts.of_self else 0.0
+        for hands in contacts.between_hands:
+            force += max(self._net_force(data, contacts, numbers) for numbers in hands)
+        return force
 
     def _normal_force(self, data: mujoco.MjData, numbers: list[int]) -> float:
         """[N] Sum of the normal forces of some contacts."""
@@ -96,13 +110,34 @@ class ContactReader:
             total += force.item(0)
         return total
 
+    def _net_force(self, data: mujoco.MjData, contacts: Contacts, numbers: list[int]) -> float:
+        """[N] Size of the sum of the normal forces of some contacts on objects, as vectors."""
+        net, force = [0.0] * 3, self._force
+        for number in numbers:
+            mujoco.mj_contactForce(self._model, data, number, force)
+            sign = 1.0 if self._kinds[contacts.pairs[number][1]] == _OBJECT else -1.0
+            for axis, share in enumerate(data.contact.frame[number, :3].tolist()):
+                net[axis] += sign * share * force.item(0)
+        return math.hypot(*net)
+
+    def _moved_forces(self, data: mujoco.MjData, contacts: Contacts) -> tuple[float, float]:
+        """[N] Sum of the normal forces of moved objects on furniture, and of their parts downwards."""
+        total = downwards = 0.0
+        normals, force = data.contact.frame[contacts.of_moved, 2].tolist(), self._force  # towards the second geom
+        for number, normal in zip(contacts.of_moved, normals, strict=True):
+            mujoco.mj_contactForce(self._model, data, number, force)
+            is_on_second = self._kinds[contacts.pairs[number][1]] == _FURNITURE
+            total += force.item(0)
+            downwards += force.item(0) * (-normal if is_on_second else normal)
+        return total, downwards
+
     def _sort(self, pairs: list[list[int]]) -> Contacts:
         kind_of = self._kinds
         kinds = [kind_of[one] + kind_of[other] for one, other in pairs]  # faster than arrays of so few contacts
         of_robot = [k for k, kind in enumerate(kinds) if kind == _ROBOT + _FURNITURE]
         of_self = [k for k, kind in enumerate(kinds) if kind in (2 * _ROBOT, _ROBOT)]
         if _ROBOT + _OBJECT not in kinds:
-            return Contacts(pairs, of_robot, [], of_self, 0.0, frozenset(), frozenset(), self._nothing_gripped)
+            return Contacts(pairs, of_robot, [], of_self, [], 0.0, frozenset(), frozenset(), self._nothing_gripped)
         slots = [max(self.slot_of[one], self.slot_of[other]) for one, other in pairs]
         by_robot = [k for k, kind in enumerate(kinds) if kind == _ROBOT + _OBJECT]
         touched = frozenset(slots[k] for k in by_robot)
@@ -110,13 +145,19 @@ class ContactReader:
         gripped = tuple(
             frozenset(slots[k] for k in by_robot if not gripper.isdisjoint(pairs[k])) for gripper in self.grippers
         )
-        for gripper, held in zip(self.grippers, gripped, strict=True):
-            of_self += [k for k in by_robot if slots[k] in held and gripper.isdisjoint(pairs[k])]
+        between_hands = []
+        for slot in frozenset().union(*gripped):
+            hands = [gripper for gripper, held in zip(self.grippers, gripped, strict=True) if slot in held]
+            own = [k for k in by_robot if slots[k] == slot]
+            by_hand = [[k for k in own if not hand.isdisjoint(pairs[k])] for hand in hands]
+            of_self += sorted(set(own).difference(*by_hand))
+            between_hands += [by_hand] if len(hands) > 1 else []
         return Contacts(
             pairs,
             of_robot,
             of_moved=[k for k, kind in enumerate(kinds) if kind == _OBJECT + _FURNITURE and slots[k] in moved],
             of_self=of_self,
+            between_hands=between_hands,
             weight=sum(float(self._model.body_mass[self._bodies.start + slot]) for slot in moved) * _GRAVITY,
             moved=moved,
             touched=touched,

@@ -26,8 +26,9 @@ asleep."""
 _BITS = {"contype": 1, "conaffinity": 3}
 """Of furniture and objects."""
 _GROUND_BITS = {"contype": 1, "conaffinity": 3}
-_ROBOT_CONTACT = {"contype": 2, "conaffinity": 2, "condim": 1}
-"""The robot meets itself too, without friction; what does not count there is excluded, body by body."""
+_ROBOT_CONTACT = {"contype": 2, "conaffinity": 2, "condim": 1, "priority": 0}
+"""The robot meets itself too, without friction; what does not count there is excluded, body by body. What it touches
+has the friction, whatever its file says."""
 _FURNITURE_CONTACT: dict[str, Any] = {**_BITS, "priority": 1, "friction": (0.2, 0.005, 0.0001)}
 _OBJECT_CONTACT: dict[str, Any] = {
     **_BITS,
@@ -189,6 +190,8 @@ def build_spec(robot: RobotSpec, layout: Layout, shapes: tuple[str, ...]) -> muj
     """
     spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
     taken = {geom.name for geom in spec.geoms} | {"floor", *(object_name(slot) for slot in range(len(shapes)))}
+    if "floor" in {geom.name for geom in spec.geoms}:
+        raise ConfigError(f"robot {robot.name!r}: the scene has a ground, 'floor'; leave it out of {robot.mjcf!r}")
     for box in furniture(layout):
         if box.name in taken:
             raise ConfigError(
@@ -214,8 +217,13 @@ def _make_solid(spec: mujoco.MjSpec, robot: RobotSpec) -> None:
     """Let the robot meet itself where the planner looks for it, and the ground, and give its fingers their pads.
 
     MuJoCo excludes bodies from contact with each other, not geoms. Where some shapes of two bodies count and others do
-    not, the bodies are excluded, and those that count are paired.
+    not, the bodies are excluded, and those that count are paired. The file's own pairs would touch in any case, and
+    what it excludes from the world would miss the ground.
     """
+    for part in [*spec.pairs, *(one for one in spec.excludes if "world" in (one.bodyname1, one.bodyname2))]:
+        spec.delete(part)
+    for number, body in enumerate(spec.bodies):
+        body.name = body.name or f"robot_body_{number}"
     model, contacts = spec.compile(), robot_contacts(robot)
     geoms = {geom.id: geom for geom in spec.geoms}
     for geom in (geoms[number] for number in contacts.solid.tolist()):

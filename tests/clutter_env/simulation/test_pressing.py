@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import mujoco
 import numpy as np
 import pytest
 
 from clutter_env.config import TIMESTEP
 from clutter_env.envs.retrieve import RetrieveEnv
+from clutter_env.scene.layout import Box, Layout
 from clutter_env.simulation.pressing import REMEMBERED, SUSTAINED_FORCE, TRANSIENT_IMPULSE, Pressing
-from tests.clutter_env.envs.cheats import OTHER, Cheat
+from tests.clutter_env.envs.cheats import OTHER, Cheat, cylinder
 
 
 def pressed(*forces: float) -> Pressing:
@@ -63,28 +66,41 @@ def test_memory_continues_bit_for_bit() -> None:
         assert rest.memory() == whole.memory()
 
 
-def test_the_force_is_that_of_every_physics_step(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Sampled at 100 Hz, a peak of 62 N was booked as 54 N."""
-    cheat = Cheat(RetrieveEnv(num_objects=4, control_mode="ee"))
-    env, forces, step = cheat.env, [], mujoco.mj_step
-    robot = {k for k in range(env.model.ngeom) if env.model.geom_contype[k] == 2}
-    table = {env.model.geom("table_top").id}
+def watch(
+    monkeypatch: pytest.MonkeyPatch, env: RetrieveEnv, ones: Collection[str], others: Collection[str]
+) -> list[float]:
+    """The list to which each physics step adds the normal forces [N] between two sets of geoms."""
+    forces, step = list[float](), mujoco.mj_step
+    first, second = ({env.model.geom(name).id for name in names} for names in (ones, others))
 
     def watched(model: mujoco.MjModel, data: mujoco.MjData) -> None:
         step(model, data)
         total, force = 0.0, np.empty(6)
         for number, pair in enumerate(data.contact.geom.tolist()):
-            if robot.intersection(pair) and table.intersection(pair):
+            if first.intersection(pair) and second.intersection(pair):
                 mujoco.mj_contactForce(model, data, number, force)
                 total += force[0]
         forces.append(total)
 
     monkeypatch.setattr(mujoco, "mj_step", watched)
+    return forces
+
+
+def largest_mean(forces: list[float]) -> float:
+    """[N] over 0.1 s."""
+    return float(np.convolve(np.concatenate([np.zeros(49), forces]), np.ones(50) / 50, "valid").max())
+
+
+def test_the_force_is_that_of_every_physics_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sampled at 100 Hz, a peak of 62 N was booked as 54 N."""
+    cheat = Cheat(RetrieveEnv(num_objects=4, control_mode="ee"))
+    model = cheat.env.model
+    robot = [model.geom(k).name for k in range(model.ngeom) if model.geom_contype[k] == 2]
+    forces = watch(monkeypatch, cheat.env, robot, ["table_top"])
     cheat.before(cheat.at(OTHER) + (0, 0.15, 0))
     cheat.reach(cheat.point + (0.14, 0, -0.12))
-    means = np.convolve(np.concatenate([np.zeros(49), forces]), np.ones(50) / 50, "valid")
     assert max(forces) > 20.0
-    assert cheat.info["furniture_force"] == pytest.approx(means.max(), rel=1e-9)
+    assert cheat.info["furniture_force"] == pytest.approx(largest_mean(forces), rel=1e-9)
 
 
 def test_what_is_held_presses_for_the_robot() -> None:
@@ -93,6 +109,24 @@ def test_what_is_held_presses_for_the_robot() -> None:
     assert cheat.info["furniture_force"] < 10.0, "its own weight is not counted"
     cheat.reach(cheat.point - (0, 0, 0.08))
     assert cheat.info["furniture_force"] > SUSTAINED_FORCE
+
+
+def test_the_weight_of_what_is_held_hides_no_force_on_a_wall(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The gripper bears it: 2 kg pressed on a wall had 20 N for nothing."""
+    post = Box("post", (0.26, 0.0, 0.6), (0.05, 0.5, 0.5))
+    bench = Layout("bench", depth=0.4, width=1.0, is_front_only=False, boxes=(post,))
+    objects = (cylinder(-0.1, -0.12), {**cylinder(-0.05, 0.2), "mass": 2.0})
+    cheat = Cheat(RetrieveEnv(num_objects=2, control_mode="ee", layout=bench), objects)
+    cheat.grasp(OTHER)
+    cheat.reach(cheat.point + (0, 0, 0.12))
+    before, forces = cheat.info["furniture_force"], watch(monkeypatch, cheat.env, cheat.env.object_names, ["post"])
+    while not any(forces):
+        cheat.point = cheat.point + (0.002, 0, 0)
+        cheat.step()
+    cheat.reach(cheat.point + (0.004, 0, 0), speed=0.02)
+    cheat.wait(0.5)
+    assert largest_mean(forces) > before
+    assert cheat.info["furniture_force"] == pytest.approx(largest_mean(forces), abs=0.5)
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.01])

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import itertools
+import re
+from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
-from assets import robot as find_robot, robot_contacts
+from assets import ActingJoints, robot as find_robot, robot_contacts
 from assets.robot_reading import collision_geoms
 from clutter_env.envs.retrieve import RetrieveEnv
-from clutter_env.simulation.pressing import SUSTAINED_FORCE
+from clutter_env.errors import ConfigError
+from clutter_env.simulation.pressing import SUSTAINED_FORCE, Pressing
 
 ROBOTS = ["fetch", "pr2", "panda_mobile"]
+FIRST_LINKS = {frozenset(("r_shoulder_front", "l_shoulder_front"))}
+"""Of PR2's arms: out of each other's reach where one arm stays at home, as the planner has it."""
 
 
 @cache
@@ -44,7 +53,7 @@ def test_physics_has_the_pairs_of_the_planner(name: str) -> None:
         mujoco.mj_collision(model, data)
         pairs = [frozenset(model.geom(k).name for k in pair) for pair in data.contact.geom.tolist()]
         met |= {pair for pair in pairs if pair <= own}
-    assert met <= counted(name)
+    assert met <= counted(name) | FIRST_LINKS
     touching = {pair for pair in counted(name) if _can_touch(name, pair)}
     assert len(met) > 0.8 * len(touching), "and nearly all that random configurations reach"
 
@@ -175,3 +184,144 @@ def test_bodies_whose_shapes_count_in_part_are_paired() -> None:
     paired = {frozenset((int(one), int(other))) for one, other in zip(model.pair_geom1, model.pair_geom2, strict=True)}
     assert len(paired) == bodies.count(of_many) - 1
     assert model.nexclude > 0
+
+
+def _unnamed_bodies(text: str) -> str:
+    return re.sub(r'<body name="link[1-6]"', "<body", text)
+
+
+def _with_pair(text: str) -> str:
+    """A pair of neighbours, and one whose bodies are excluded: MuJoCo lets both touch."""
+    contact = """<contact>
+      <pair geom1="column" geom2="lift"/> <pair geom1="base" geom2="hand"/> <exclude body1="base" body2="hand"/>
+    </contact>"""
+    return text.replace("</mujoco>", contact + "</mujoco>")
+
+
+def _without_the_ground(text: str) -> str:
+    return text.replace("</mujoco>", '<contact><exclude body1="world" body2="hand"/></contact></mujoco>')
+
+
+@pytest.mark.parametrize("change", [_unnamed_bodies, _with_pair, _without_the_ground])
+def test_physics_has_the_pairs_of_the_rule_for_robots_of_files(change: Callable[[str], str], tmp_path: Path) -> None:
+    robot = find_robot("panda_mobile")
+    text = change(robot.mjcf_path.read_text())
+    assert text != robot.mjcf_path.read_text()
+    (tmp_path / "own.xml").write_text(text)
+    robot = replace(robot, name="own", mjcf=str(tmp_path / "own.xml"), meshes=())
+    model = RetrieveEnv(num_objects=1, robot=robot).model
+    alone = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    own, of_file = (
+        np.flatnonzero(m.body_rootid[m.geom_bodyid] == m.body(robot.base_body).id).tolist() for m in (model, alone)
+    )
+    number = dict(zip(own, of_file, strict=True))
+    met = {
+        (number[one], number[other]) for one, other in itertools.combinations(own, 2) if can_touch(model, one, other)
+    }
+    assert met == set(map(tuple, robot_contacts(robot).pairs.tolist()))
+    counted = {frozenset(collision_geoms(alone, robot)[k] for k in pair) for pair in robot.shapes.pairs.tolist()}
+    assert met == {tuple(sorted(pair)) for pair in counted}, "and of the planner"
+    on_ground = {number[geom] for geom in own if can_touch(model, model.geom("floor").id, geom)}
+    assert on_ground == set(robot_contacts(robot).above_ground.tolist())
+
+
+def can_touch(model: mujoco.MjModel, one: int, other: int) -> bool:
+    """Whether MuJoCo looks for contacts of two geoms."""
+    if {one, other} in [{int(a), int(b)} for a, b in zip(model.pair_geom1, model.pair_geom2, strict=True)]:
+        return True
+    bodies = sorted(int(model.geom_bodyid[geom]) for geom in (one, other))
+    a, b = (int(model.body_weldid[body]) for body in bodies)
+    parents = [int(model.body_weldid[model.body_parentid[weld]]) for weld in (a, b)]
+    if a == b or (0 not in (a, b) and (a == parents[1] or b == parents[0])):
+        return False
+    if bodies[0] << 16 | bodies[1] in model.exclude_signature.tolist():
+        return False
+    kinds, wanted = model.geom_contype, model.geom_conaffinity
+    return bool(kinds[one] & wanted[other] or kinds[other] & wanted[one])
+
+
+def test_a_robot_with_a_floor_of_its_own_is_refused_by_name(tmp_path: Path) -> None:
+    robot = find_robot("panda_mobile")
+    text = robot.mjcf_path.read_text().replace(
+        "<worldbody>", '<worldbody><geom name="floor" type="plane" size="1 1 1"/>'
+    )
+    (tmp_path / "own.xml").write_text(text)
+    with pytest.raises(ConfigError, match="floor"):
+        RetrieveEnv(num_objects=1, robot=replace(robot, name="own", mjcf=str(tmp_path / "own.xml"), meshes=()))
+
+
+def test_both_arms_of_a_robot_meet_each_other() -> None:
+    """Their first links went 65 mm into each other: for either arm the other one is a part of the torso."""
+    robot = find_robot("pr2")
+    alone = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    pair = sorted(alone.geom(name).id for name in ("r_shoulder_front", "l_shoulder_front"))
+    assert pair in robot_contacts(robot).pairs.tolist()
+    env = RetrieveEnv(num_objects=1, robot=replace(robot, acts_with_all_arms=True))
+    env.reset(seed=0)
+    q = env.world.controller.state.target.copy()
+    names = ActingJoints.of(env.robot).names
+    q[names.index("r_shoulder_pan_joint")], q[names.index("l_shoulder_pan_joint")] = 0.7, -0.7
+    for side in "rl":
+        q[names.index(f"{side}_elbow_flex_joint")] = -0.2
+    for _ in range(60):
+        *_, info = env.step(env.joint_action(q, [0.05, 0.05]))
+    ends = (env.model.geom(f"{side}_shoulder_front").id for side in "rl")
+    assert mujoco.mj_geomDistance(env.model, env.data, *ends, 1.0, None) > -0.005
+    assert info["self_force"] > 0.0
+
+
+def two_hands(env: RetrieveEnv, centre: np.ndarray) -> np.ndarray:
+    """Motor targets (4 + n,) with which both hands of PR2 are around `centre` (3,), one 12 cm above the other."""
+    model, world, data = env.model, env.world, mujoco.MjData(env.model)
+    data.qpos[:] = env.data.qpos
+    columns, start = world.index.drive_qpos, world.controller.state.target.copy()
+    ranges = {int(adr): limits for adr, limits in zip(model.jnt_qposadr, model.jnt_range, strict=True)}
+    low, high = np.array([ranges[int(column)] for column in columns[4:]]).T
+
+    def errors(arms: np.ndarray) -> np.ndarray:
+        data.qpos[columns] = [*start[:4], *arms]
+        mujoco.mj_kinematics(model, data)
+        found = [0.01 * (arms - start[4:])]
+        for (one, other), side in zip(world.index.finger_geoms, (1, -1), strict=True):
+            fingers, approach = data.geom_xpos[other] - data.geom_xpos[one], data.geom_xmat[one].reshape(3, 3)[:, 0]
+            middle = (data.geom_xpos[one] + data.geom_xpos[other]) / 2
+            found += [10 * (middle - centre - (0, 0, 0.06 * side)), 3 * fingers[2:] / np.linalg.norm(fingers)]
+            found += [approach - (0.7, 0.7 * side, 0), 3 * approach[2:]]
+        return np.concatenate(found)
+
+    rng = np.random.default_rng(0)
+    starts = np.clip(start[4:] + rng.normal(0, 0.4, (12, len(low))), low + 0.01, high - 0.01)
+    best = min((least_squares(errors, one, bounds=(low, high)) for one in starts), key=lambda found: found.cost)
+    assert best.cost < 1e-2
+    return np.concatenate([start[:4], best.x])
+
+
+@pytest.mark.slow
+def test_two_hands_that_hold_one_object_press_on_each_other_only_beyond_their_grips() -> None:
+    """Grips of 48 N each, at rest, were booked as 195 N of the robot on itself."""
+    env = RetrieveEnv(num_objects=1, robot=replace(find_robot("pr2"), acts_with_all_arms=True))
+    stick = {"shape": "box", "depth": 0.05, "width": 0.05, "height": 0.24, "position": (0.1, 0.0)}
+    env.reset(seed=0, options={"objects": [stick]})
+    world, data = env.world, env.data
+    centre = world.controller.state.target[:3] * (1, 1, 0) + (0.65, 0.0, 1.05)
+    q = two_hands(env, centre)
+    data.qpos[world.index.drive_qpos], data.qpos[world.index.finger_qpos] = q, env.robot.max_finger_position
+    world.controller.reset(data)
+    place = np.array([*centre, np.cos(np.pi / 8), 0.0, 0.0, -np.sin(np.pi / 8)])
+    kind = mujoco.mjtState.mjSTATE_INTEGRATION
+    for _ in range(30):  # it is held there, awake, while the fingers close
+        data.qpos[world.index.object_qpos], data.qvel[world.index.object_dof] = place, 0.0
+        state = np.empty(mujoco.mj_stateSize(env.model, kind))
+        mujoco.mj_getState(env.model, data, state, kind)
+        mujoco.mj_setState(env.model, data, state, kind)
+        env.step(env.joint_action(q, [0.0, 0.0]))
+    world.on_itself = Pressing()
+    for _ in range(20):
+        env.step(env.joint_action(q, [0.0, 0.0]))
+    assert env.measurements.grip.held == (0, 0)
+    assert world.on_itself.force < 10.0
+    names = ActingJoints.of(env.robot).names
+    q[names.index("l_shoulder_pan_joint")] += 0.4
+    for _ in range(20):
+        env.step(env.joint_action(q, [0.0, 0.0]))
+    assert world.on_itself.force > 25.0, "one hand pulls at the other"
