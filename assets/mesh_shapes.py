@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -16,6 +16,7 @@ from mujoco import mjtGeom
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from assets.robot_parts import rotation_of
 from irm.rotations import frame_along
 
 Floats = NDArray[np.float64]
@@ -29,39 +30,100 @@ _LONG = 0.1
 _CUTS = (0.2, 0.35, 0.5, 0.65, 0.8)
 """Places of the cuts along an axis, as shares of the mesh's length."""
 _WORTH = 0.9
-"""Share of the volume of one shape that several together may have at most."""
+"""Share of the volume of one shape that several together fill at most."""
+_POINTS = 5000
+"""Random points by which these volumes are compared."""
+_NECKS = (0.12, 0.18, 0.24, 0.3)
+"""Share of the distance between two joints at which a link may narrow, from each."""
+_FLAT = 1e-5
+"""[m] Half thickness of a part of a mesh that has none."""
 _FITTED = 5
 """Ways to cut a mesh, those whose parts have the smallest hulls, of which shapes are fitted."""
 
 
-def shapes_around(vertices: Floats, edges: NDArray[np.int64]) -> list[dict[str, Any]]:
+class JointAxis(NamedTuple):
+    """A joint at one end of a link, in the frame of the link: a point on its axis [m], and its direction, (3,) each."""
+
+    point: Floats
+    direction: Floats
+
+
+def shapes_around(
+    vertices: Floats, edges: NDArray[np.int64], joints: tuple[JointAxis, JointAxis] | None = None
+) -> list[dict[str, Any]]:
     """Shapes that together contain a mesh, and the space within it: one, or two or three that are much smaller.
 
     Args:
         vertices: (v, 3) [m].
         edges: (e, 2) indices of vertices.
+        joints: the two of a link, where known: links often end in cylinders about them.
 
     Returns:
         Keyword arguments of `MjsBody.add_geom` for each.
     """
-    whole, shape = smallest_around(vertices)
+    one = [smallest_around(vertices)[1]]
     if np.ptp(vertices, axis=0).max() < _LONG:
-        return [shape]
+        return one
     principal = np.linalg.eigh(np.cov(vertices.T))[1].T
     cuts = [*((cut,) for cut in _CUTS), *itertools.combinations(_CUTS, 2)]
     tried = [_parts(vertices, edges, axis, places) for axis in principal for places in cuts]
-    fits = [[smallest_around(part) for part in parts] for parts in sorted(tried, key=_hull_volume)[:_FITTED]]
-    smallest = min(fits, key=lambda fit: sum(volume for volume, _ in fit))
-    if sum(volume for volume, _ in smallest) > _WORTH * whole:
-        return [shape]
-    return [shape for _, shape in smallest]
+    several = [[smallest_around(part)[1] for part in parts] for parts in sorted(tried, key=_hull_volume)[:_FITTED]]
+    several += [] if joints is None else _around_joints(vertices, edges, *joints)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    points = np.random.default_rng(0).uniform(1.3 * low - 0.3 * high, 1.3 * high - 0.3 * low, (_POINTS, 3))
+    smallest = min(several, key=lambda shapes: _filled(shapes, points))
+    return smallest if _filled(smallest, points) < _WORTH * _filled(one, points) else one
+
+
+def _around_joints(
+    vertices: Floats, edges: NDArray[np.int64], first: JointAxis, second: JointAxis
+) -> Iterator[list[dict[str, Any]]]:
+    """Shapes around what is between two joints of a link, cut or not, and cylinders about their axes around its ends.
+
+    None if the joints are too near each other.
+    """
+    along = second.point - first.point
+    if (length := float(np.linalg.norm(along))) < _LONG:
+        return
+    heights = (vertices - first.point) @ (along / length)
+    ends = []
+    for joint, bounds in ((first, (-np.inf, 0.0)), (second, (length, np.inf))):
+        if len(part := _part(vertices, edges, heights, *bounds)):
+            R = frame_along(joint.direction)
+            local = (part - joint.point) @ R
+            low, high = local[:, 2].min(), local[:, 2].max()
+            size = np.array([np.hypot(local[:, 0], local[:, 1]).max(), max((high - low) / 2, _SHORTEST), 0.0])
+            place = joint.point + R[:, 2] * (low + high) / 2
+            ends.append({"type": mjtGeom.mjGEOM_CYLINDER, "size": size, "pos": place, "quat": quaternion_of(R)})
+    for share in (None, *_NECKS):
+        cuts = (0.0, 1.0) if share is None else (0.0, share, 1.0 - share, 1.0)
+        parts = (_part(vertices, edges, heights, length * low, length * high) for low, high in itertools.pairwise(cuts))
+        yield [*(smallest_around(part)[1] for part in parts if len(part)), *ends]
+
+
+def _filled(shapes: list[dict[str, Any]], points: Floats) -> float:
+    """The share of points (n, 3) that are in one of several shapes."""
+    inside = np.zeros(len(points), dtype=np.bool_)
+    for shape in shapes:
+        a, b, c = shape["size"]
+        local = np.abs((points - shape["pos"]) @ rotation_of(shape["quat"]))
+        across = np.hypot(local[:, 0], local[:, 1])
+        match shape["type"]:
+            case mjtGeom.mjGEOM_BOX:
+                inside |= (local <= (a, b, c)).all(axis=1)
+            case mjtGeom.mjGEOM_CYLINDER:
+                inside |= (across <= a) & (local[:, 2] <= b)
+            case _:
+                inside |= np.hypot(across, np.maximum(local[:, 2] - b, 0.0)) <= a
+    return float(inside.mean())
 
 
 def _parts(vertices: Floats, edges: NDArray[np.int64], axis: Floats, places: tuple[float, ...]) -> list[Floats]:
     """The corners of the parts into which planes across an axis cut a mesh, at these shares of its length."""
     heights = vertices @ axis
     bounds = heights.min() + np.ptp(heights) * np.array([0.0, *places, 1.0])
-    return [_part(vertices, edges, heights, low, high) for low, high in itertools.pairwise(bounds)]
+    parts = (_part(vertices, edges, heights, low, high) for low, high in itertools.pairwise(bounds))
+    return [part for part in parts if len(part)]
 
 
 def _hull_volume(parts: list[Floats]) -> float:
@@ -78,7 +140,16 @@ def _part(vertices: Floats, edges: NDArray[np.int64], heights: Floats, low: floa
         share = ((plane - first[crossing]) / (second[crossing] - first[crossing]))[:, None]
         start, end = vertices[edges[crossing]].transpose(1, 0, 2)
         points.append(start + share * (end - start))
-    return np.concatenate(points)
+    part = np.concatenate(points)
+    if not len(part):
+        return part
+    # A part that is flat, or a point, has no hull: it is given a thickness.
+    centred = part - part.mean(axis=0)
+    _, spreads, axes = np.linalg.svd(centred, full_matrices=False) if len(part) > 2 else (0, np.zeros(3), np.eye(3))
+    for spread, axis in zip(spreads, axes, strict=True):
+        if spread < _FLAT:
+            part = np.concatenate([part - _FLAT * axis, part + _FLAT * axis])
+    return part
 
 
 def smallest_around(corners: Floats) -> tuple[float, dict[str, Any]]:

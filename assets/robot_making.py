@@ -19,7 +19,7 @@ import numpy as np
 from mujoco import mjtGeom, mjtJoint
 from numpy.typing import NDArray
 
-from assets.mesh_shapes import quaternion_of as _quaternion, shapes_around
+from assets.mesh_shapes import JointAxis, quaternion_of as _quaternion, shapes_around
 from assets.robot_parts import InvalidRobot, rotation_of
 from assets.robot_shapes import SUNK, lowest_height
 from irm.errors import ChainError
@@ -366,11 +366,23 @@ class _Maker:
             kind, place = mjtGeom(int(model.geom_type[geom])), (model.geom_pos[geom], model.geom_quat[geom])
             if kind == mjtGeom.mjGEOM_MESH:
                 self.meshes += 1
-                for shape in shapes_around(*_surface(model, geom)):
+                for shape in shapes_around(*_surface(model, geom), self._joints_of(body)):
                     to.add_geom(**shape, mass=0)
             else:  # the planner knows no ellipsoids: a box is around it
                 kind = mjtGeom.mjGEOM_BOX if kind == mjtGeom.mjGEOM_ELLIPSOID else kind
                 to.add_geom(type=kind, size=model.geom_size[geom], mass=0, pos=place[0], quat=place[1])
+
+    def _joints_of(self, body: int) -> tuple[JointAxis, JointAxis] | None:
+        """The arm's joint that moves a body, and the next one, in the frame of the body; None if it has not both."""
+        here = [k for k in self.numbers[:-1] if int(self.model.jnt_bodyid[k]) == body]
+        if not here:
+            return None
+        R, place = self.data.xmat[body].reshape(3, 3), self.data.xpos[body]
+        following = self.numbers[self.numbers.index(here[-1]) + 1]
+        first, second = (
+            JointAxis((self.data.xanchor[k] - place) @ R, self.data.xaxis[k] @ R) for k in (here[-1], following)
+        )
+        return first, second
 
     def touching_in_boxes_alone(self, made: mujoco.MjModel) -> Iterator[tuple[str, str]]:
         """Names of bodies, two by two, that touch in some of many random configurations, but their meshes in none."""

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from assets.mesh_shapes import shapes_around, smallest_around
+from assets.mesh_shapes import JointAxis, _around_joints, shapes_around, smallest_around
 
 
 def is_inside(shape: dict[str, Any], points: np.ndarray) -> np.ndarray:
@@ -71,3 +71,22 @@ def test_a_straight_or_short_link_gets_one_shape() -> None:
     assert len(shapes_around(*boxes(((0, 0, 0), (0.05, 0.05, 0.3))))) == 1
     small = tuple((tuple(0.1 * np.array(c)), tuple(0.1 * np.array(h))) for c, h in ELBOW)
     assert len(shapes_around(*boxes(*small))) == 1
+
+
+def test_a_link_ends_in_cylinders_about_its_joints() -> None:
+    """The corners of a box around an upper arm touched the base, above which its round end turns, in 9 of 10 poses."""
+    turn = np.linspace(0, np.pi, 24)
+    low = np.column_stack([0.06 * np.cos(turn), 0 * turn, -0.06 * np.sin(turn)])
+    end = np.concatenate([low - (0, 0.06, 0), low + (0, 0.06, 0)])
+    vertices = np.concatenate([end, (0, 0, 0.4) - end])
+    hull = ConvexHull(vertices)
+    edges = np.unique(np.sort(hull.simplices[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+    y = np.array([0.0, 1.0, 0.0])
+    joints = JointAxis(np.zeros(3), y), JointAxis(np.array([0.0, 0.0, 0.4]), y)
+    points = np.random.default_rng(0).uniform((-0.1, -0.07, -0.1), (0.1, 0.07, 0.5), (20_000, 3))
+    shapes = next(_around_joints(vertices, edges, *joints))
+    inside = np.any([is_inside(shape, points) for shape in shapes], axis=0)
+    radius = np.hypot(points[:, 0], np.maximum(np.maximum(-points[:, 2], points[:, 2] - 0.4), 0.0))
+    is_solid = (radius <= 0.06) & (np.abs(points[:, 1]) <= 0.06)
+    assert inside[is_solid].all()
+    assert radius[inside].max() < 0.061, "no corner beyond the round ends"
