@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import itertools
+import math
 from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
@@ -78,6 +79,8 @@ _GROUND_SIZE = 15.0
 """[m] Drawn extent of the ground; contacts know no such end. Unbounded ground doubles the time of an image."""
 _SLICES, _STACKS = 24, 6
 """Facets of drawn cylinders and capsules around and along their axes: software renderers are bound by their number."""
+_TRACTION, _GRAVITY = 0.6, 9.81
+"""Friction of rubber wheels on a floor; [m/s²]."""
 _ANCHORED = 1e7
 """[kg], [kg m²] Armature of the joints of a base that does not move: it is to the arm what the ground is."""
 _EXTENT = 2.0
@@ -225,6 +228,7 @@ def _make_solid(spec: mujoco.MjSpec, robot: RobotSpec) -> None:
     for number, body in enumerate(spec.bodies):
         body.name = body.name or f"robot_body_{number}"
     model, contacts = spec.compile(), robot_contacts(robot)
+    _limit_traction(spec, model, robot)
     geoms = {geom.id: geom for geom in spec.geoms}
     for geom in (geoms[number] for number in contacts.solid.tolist()):
         for name, value in _ROBOT_CONTACT.items():
@@ -248,6 +252,15 @@ def _make_solid(spec: mujoco.MjSpec, robot: RobotSpec) -> None:
     standing = set(contacts.solid.tolist()) - set(contacts.above_ground.tolist())
     for name in {model.body(model.geom_bodyid[number]).name for number in standing}:
         spec.add_exclude(bodyname1="world", bodyname2=name)
+
+
+def _limit_traction(spec: mujoco.MjSpec, model: mujoco.MjModel, robot: RobotSpec) -> None:
+    """Let the motors of the base push no harder than its wheels hold, in whatever direction."""
+    most = _TRACTION * _GRAVITY * float(model.body_subtreemass[model.body(robot.base_body).id]) / math.sqrt(2.0)
+    for joint in robot.base_joints[:2]:
+        motor = spec.actuator(joint)
+        low, high = motor.forcerange if motor.forcelimited else (-most, most)
+        motor.forcerange, motor.forcelimited = (max(low, -most), min(high, most)), True
 
 
 def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:

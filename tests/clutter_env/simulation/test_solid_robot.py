@@ -158,6 +158,16 @@ def test_the_home_posture_touches_nothing(name: str) -> None:
     assert (info["self_force"], info["furniture_force"]) == (0.0, 0.0)
 
 
+def test_the_base_of_any_robot_pushes_no_harder_than_its_wheels_hold(tmp_path: Path) -> None:
+    text = find_robot("fetch").mjcf_path.read_text().replace("-410 410", "-2000 2000")
+    (tmp_path / "strong.xml").write_text(text)
+    strong = replace(find_robot("fetch"), name="strong", mjcf=str(tmp_path / "strong.xml"))
+    env = RetrieveEnv(num_objects=1, robot=strong)
+    mass = env.model.body_subtreemass[env.world.index.base_body]
+    limits = [env.model.actuator(joint).forcerange[1] for joint in strong.base_joints[:2]]
+    assert np.hypot(*limits) == pytest.approx(0.6 * 9.81 * mass)
+
+
 @pytest.mark.parametrize("name", ROBOTS)
 def test_the_base_pushes_no_harder_than_its_wheels_hold(name: str) -> None:
     model = mujoco.MjModel.from_xml_path(str(find_robot(name).mjcf_path))
