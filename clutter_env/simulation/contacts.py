@@ -123,12 +123,13 @@ class ContactReader:
     def _forces_on_furniture(self, data: mujoco.MjData, contacts: Contacts, numbers: list[int]) -> tuple[float, float]:
         """[N] Sum of the normal forces of objects on furniture, and of their parts downwards."""
         total = downwards = 0.0
-        normals, force = data.contact.frame[numbers, 2].tolist(), self._force  # towards the second geom
-        for number, normal in zip(numbers, normals, strict=True):
+        frame, force = data.contact.frame, self._force
+        for number in numbers:
             mujoco.mj_contactForce(self._model, data, number, force)
+            size, normal = force.item(0), frame.item(number, 2)  # towards the second geom
             is_on_second = self._kinds[contacts.pairs[number][1]] == _FURNITURE
-            total += force.item(0)
-            downwards += force.item(0) * (-normal if is_on_second else normal)
+            total += size
+            downwards += size * (-normal if is_on_second else normal)
         return total, downwards
 
     def _sort(self, pairs: list[list[int]]) -> Contacts:
@@ -148,7 +149,7 @@ class ContactReader:
             frozenset(slots[k] for k in by_robot if not gripper.isdisjoint(pairs[k])) for gripper in self.grippers
         )
         between_hands = []
-        for slot in frozenset().union(*gripped):
+        for slot in sorted(frozenset().union(*gripped)):
             hands = [gripper for gripper, held in zip(self.grippers, gripped, strict=True) if slot in held]
             own = [k for k in by_robot if slots[k] == slot]
             by_hand = [[k for k in own if not hand.isdisjoint(pairs[k])] for hand in hands]
