@@ -414,6 +414,8 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             is_touching=bool(gripped.flags("is_touching")),
         )
         pressing = memory.numbers("pressing", (2, REMEMBERED), 0.0).tolist()
+        if not all(map(Pressing.is_memory, pressing)):
+            raise StateError("memory: pressing of the state has present forces above its largest ones")
         check_generator(self.np_random, memory["rng"])
         watched = checked_memory(memory["monitor"], scene.num_objects, grippers)
         bookkeeping = self._read_memory(memory["task"], scene)

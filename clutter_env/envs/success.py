@@ -232,11 +232,15 @@ def checked_memory(value: object, num_objects: int, num_grippers: int) -> dict[s
     """
     read = Fields(value, "monitor", ("chord_starts", "paths", "is_fallen", "is_cleared", "hands", "steps_held"))
     hands = read.numbers("hands", (num_grippers, 8))
-    if not ((hands[:, 0] >= -1) & (hands[:, 0] < num_objects)).all():
-        raise StateError(f"monitor: hands of the state must hold slots of {num_objects} objects, or -1")
+    slots, steps = hands[:, :2].T
+    if not (np.isin(slots, range(-1, num_objects)) & np.isin(steps, range(RELEASE_STEPS))).all():
+        raise StateError(
+            f"monitor: hands of the state must hold slots of {num_objects} objects, or -1, "
+            f"and be without them for less than {RELEASE_STEPS} steps"
+        )
     return {
         "chord_starts": read.numbers("chord_starts", (num_objects, 3)),
-        "paths": read.numbers("paths", (num_objects,)),
+        "paths": read.numbers("paths", (num_objects,), 0.0),
         "is_fallen": read.flags("is_fallen", num_objects),
         "is_cleared": read.flags("is_cleared", num_objects),
         "hands": [_Hand(int(row[0]), int(row[1]), row[2:5], row[5:]) for row in hands],

@@ -23,27 +23,26 @@ class Contacts(NamedTuple):
     Attributes:
         pairs: the two geoms of each contact.
         of_robot: contacts of the robot with furniture.
-        of_moved: contacts with furniture of the objects that the robot moves: it touches them, or others that do.
+        of_moved: contacts with furniture of the objects that the robot moves, and their weight [N]: group by group of
+            those that touch each other, one of which it touches.
         of_self: contacts of the robot with itself and the ground, and of what it grips with the rest of the robot.
         between_hands: contacts with each gripper of an object that several grippers touch, object by object.
-        weight: [N] of the objects that the robot moves.
-        moved: their slots.
+        moved: slots of the objects that the robot moves.
         touched: slots of those that it touches itself.
         gripped: slots of those that each gripper touches.
     """
 
     pairs: list[list[int]]
     of_robot: list[int]
-    of_moved: list[int]
+    of_moved: list[tuple[list[int], float]]
     of_self: list[int]
     between_hands: list[list[list[int]]]
-    weight: float
     moved: frozenset[int]
     touched: frozenset[int]
     gripped: tuple[frozenset[int], ...]
 
 
-NO_CONTACTS = Contacts([], [], [], [], [], 0.0, frozenset(), frozenset(), ())
+NO_CONTACTS = Contacts([], [], [], [], [], frozenset(), frozenset(), ())
 
 
 class ContactReader:
@@ -83,12 +82,13 @@ class ContactReader:
     def furniture_force(self, data: mujoco.MjData, contacts: Contacts) -> float:
         """[N] with which the robot presses on furniture: itself, and beyond their weight the objects that it moves.
 
-        Their weight presses downwards alone: pushed against a wall, they press with all of the force.
+        Their weight presses downwards alone, each group's for itself: pushed against a wall, they press with all of the
+        force, and so do they where something else lies on the robot.
         """
         force = self._normal_force(data, contacts.of_robot) if contacts.of_robot else 0.0
-        if contacts.of_moved:
-            pressed, downwards = self._moved_forces(data, contacts)
-            force += pressed - min(max(downwards, 0.0), contacts.weight)
+        for numbers, weight in contacts.of_moved:
+            pressed, downwards = self._forces_on_furniture(data, contacts, numbers)
+            force += pressed - min(max(downwards, 0.0), weight)
         return force
 
     def self_force(self, data: mujoco.MjData, contacts: Contacts) -> float:
@@ -120,15 +120,16 @@ class ContactReader:
                 net[axis] += sign * share * force.item(0)
         return math.hypot(*net)
 
-    def _moved_forces(self, data: mujoco.MjData, contacts: Contacts) -> tuple[float, float]:
-        """[N] Sum of the normal forces of moved objects on furniture, and of their parts downwards."""
+    def _forces_on_furniture(self, data: mujoco.MjData, contacts: Contacts, numbers: list[int]) -> tuple[float, float]:
+        """[N] Sum of the normal forces of objects on furniture, and of their parts downwards."""
         total = downwards = 0.0
-        normals, force = data.contact.frame[contacts.of_moved, 2].tolist(), self._force  # towards the second geom
-        for number, normal in zip(contacts.of_moved, normals, strict=True):
+        frame, force = data.contact.frame, self._force
+        for number in numbers:
             mujoco.mj_contactForce(self._model, data, number, force)
+            size, normal = force.item(0), frame.item(number, 2)  # towards the second geom
             is_on_second = self._kinds[contacts.pairs[number][1]] == _FURNITURE
-            total += force.item(0)
-            downwards += force.item(0) * (-normal if is_on_second else normal)
+            total += size
+            downwards += size * (-normal if is_on_second else normal)
         return total, downwards
 
     def _sort(self, pairs: list[list[int]]) -> Contacts:
@@ -137,16 +138,18 @@ class ContactReader:
         of_robot = [k for k, kind in enumerate(kinds) if kind == _ROBOT + _FURNITURE]
         of_self = [k for k, kind in enumerate(kinds) if kind in (2 * _ROBOT, _ROBOT)]
         if _ROBOT + _OBJECT not in kinds:
-            return Contacts(pairs, of_robot, [], of_self, [], 0.0, frozenset(), frozenset(), self._nothing_gripped)
+            return Contacts(pairs, of_robot, [], of_self, [], frozenset(), frozenset(), self._nothing_gripped)
         slots = [max(self.slot_of[one], self.slot_of[other]) for one, other in pairs]
         by_robot = [k for k, kind in enumerate(kinds) if kind == _ROBOT + _OBJECT]
         touched = frozenset(slots[k] for k in by_robot)
-        moved = self._pushed_on(touched, [pair for pair, kind in zip(pairs, kinds, strict=True) if kind == 2 * _OBJECT])
+        groups = self._groups(touched, [pair for pair, kind in zip(pairs, kinds, strict=True) if kind == 2 * _OBJECT])
+        on_furniture = [k for k, kind in enumerate(kinds) if kind == _OBJECT + _FURNITURE]
+        of_moved = [([k for k in on_furniture if slots[k] in group], self._weight(group)) for group in groups]
         gripped = tuple(
             frozenset(slots[k] for k in by_robot if not gripper.isdisjoint(pairs[k])) for gripper in self.grippers
         )
         between_hands = []
-        for slot in frozenset().union(*gripped):
+        for slot in sorted(frozenset().union(*gripped)):
             hands = [gripper for gripper, held in zip(self.grippers, gripped, strict=True) if slot in held]
             own = [k for k in by_robot if slots[k] == slot]
             by_hand = [[k for k in own if not hand.isdisjoint(pairs[k])] for hand in hands]
@@ -155,21 +158,29 @@ class ContactReader:
         return Contacts(
             pairs,
             of_robot,
-            of_moved=[k for k, kind in enumerate(kinds) if kind == _OBJECT + _FURNITURE and slots[k] in moved],
+            of_moved=[(numbers, weight) for numbers, weight in of_moved if numbers],
             of_self=of_self,
             between_hands=between_hands,
-            weight=sum(float(self._model.body_mass[self._bodies.start + slot]) for slot in moved) * _GRAVITY,
-            moved=moved,
+            moved=frozenset().union(*groups),
             touched=touched,
             gripped=gripped,
         )
 
-    def _pushed_on(self, touched: frozenset[int], neighbours: list[list[int]]) -> frozenset[int]:
-        """Slots of the objects that are touched, and of those that touch them, however indirectly."""
+    def _weight(self, group: frozenset[int]) -> float:
+        """[N] of some objects."""
+        return sum(float(self._model.body_mass[self._bodies.start + slot]) for slot in sorted(group)) * _GRAVITY
+
+    def _groups(self, touched: frozenset[int], neighbours: list[list[int]]) -> list[frozenset[int]]:
+        """Slots of the objects that are touched, each with those that touch it, however indirectly."""
         pairs = [{self.slot_of[one], self.slot_of[other]} for one, other in neighbours]
-        while grown := {slot for pair in pairs if not touched.isdisjoint(pair) for slot in pair} - touched:
-            touched |= grown
-        return touched
+        groups = list[frozenset[int]]()
+        for slot in sorted(touched):
+            if not any(slot in group for group in groups):
+                group = frozenset({slot})
+                while grown := {other for pair in pairs if not group.isdisjoint(pair) for other in pair} - group:
+                    group |= grown
+                groups.append(group)
+        return groups
 
 
 def _gripper_geoms(model: mujoco.MjModel, pads: tuple[int, int]) -> frozenset[int]:

@@ -67,6 +67,12 @@ class Pressing:
         before = [0.0] * (_WINDOW_STEPS - len(self._recent))
         return [self.force, self.impulse, self._momentum, *before, *self._recent]
 
+    @staticmethod
+    def is_memory(memory: Sequence[float]) -> bool:
+        """Whether `REMEMBERED` numbers agree: the largest values are those of the present at least."""
+        force, impulse, momentum, *recent = memory
+        return force >= sum(recent) / _WINDOW_STEPS and impulse >= momentum
+
     @classmethod
     def recall(cls, memory: Sequence[float]) -> Pressing:
         """The one that had this `memory`."""

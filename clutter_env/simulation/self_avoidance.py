@@ -24,20 +24,21 @@ class SelfAvoidance:
 
     def __init__(self, model: mujoco.MjModel, robot: RobotSpec) -> None:
         """Take the pairs that count by `assets.robot_contacts`; `model` is the robot alone, with its file's geoms."""
-        self._model, self._pairs = model, robot_contacts(robot).pairs
-        self._geoms, of_pairs = np.unique(self._pairs, return_inverse=True)
-        self._first, self._second = of_pairs.reshape(-1, 2).T
-        self._centres, self._halves = model.geom_aabb[self._geoms, :3], model.geom_aabb[self._geoms, 3:]
-        self._is_off_centre = bool(self._centres.any())
+        self._model, pairs = model, robot_contacts(robot).pairs
         self._segment = np.empty(6)
         self._of_first, self._of_second = np.empty((2, 3, model.nv))
         self._accelerations = _BRAKING * np.array(robot.max_acceleration[3:]) * CONTROL_STEP**2
         self._before = mujoco.MjData(model)
-        levers = _levers(model, self._geoms)
-        # A joint that moves both shapes alike brings them no nearer.
-        apart = (levers[self._first] > 0.0) != (levers[self._second] > 0.0)
-        self._levers = np.where(apart, np.maximum(levers[self._first], levers[self._second]), 0.0)
-        self._brakes = (self._levers * self._accelerations).sum(axis=1)
+        levers = _levers(model)
+        # A joint that moves both shapes alike brings them no nearer. No joint does that with shapes of arms that stay.
+        first, second = levers[pairs[:, 0]], levers[pairs[:, 1]]
+        apart = np.where((first > 0.0) != (second > 0.0), np.maximum(first, second), 0.0)
+        brakes = (apart * self._accelerations).sum(axis=1)
+        self._pairs, self._brakes = pairs[brakes > 0.0], brakes[brakes > 0.0]
+        self._geoms, of_pairs = np.unique(self._pairs, return_inverse=True)
+        self._first, self._second = of_pairs.reshape(-1, 2).T
+        self._centres, self._halves = model.geom_aabb[self._geoms, :3], model.geom_aabb[self._geoms, 3:]
+        self._is_off_centre = bool(self._centres.any())
 
     def inequalities(self, data: mujoco.MjData, qd: Vector, lowest: Vector, highest: Vector) -> tuple[Vector, Vector]:
         """Rows (k, n) and upper bounds (k,) of a step's displacement; k is 0 in most steps.
@@ -100,17 +101,17 @@ class SelfAvoidance:
         return row
 
 
-def _levers(model: mujoco.MjModel, geoms: NDArray[np.int64]) -> Vector:
-    """How far (g, n) each joint can move a point of each geom, at most: [m] per rad or m; 0 where it does not."""
-    levers = np.zeros((len(geoms), model.nv))
-    for number, geom in enumerate(geoms.tolist()):
+def _levers(model: mujoco.MjModel) -> Vector:
+    """How far (ngeom, n) each joint can move a point of each geom, at most: [m] per rad or m; 0 where it does not."""
+    levers = np.zeros((model.ngeom, model.nv))
+    for geom in range(model.ngeom):
         body, length = int(model.geom_bodyid[geom]), float(np.linalg.norm(model.geom_pos[geom]))
         length += float(model.geom_rbound[geom])
         while body:
             for joint in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
                 is_slide = int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_SLIDE)
                 lever = 1.0 if is_slide else length + float(np.linalg.norm(model.jnt_pos[joint]))
-                levers[number, model.jnt_dofadr[joint]] = lever
+                levers[geom, model.jnt_dofadr[joint]] = lever
             length += float(np.linalg.norm(model.body_pos[body]))
             body = int(model.body_parentid[body])
     return levers

@@ -10,7 +10,7 @@ import mink
 import numpy as np
 import pytest
 
-from assets import FETCH
+from assets import FETCH, robot as find_robot
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.simulation.control import CONTROL_STEP
 from clutter_env.simulation.end_effector import (
@@ -129,3 +129,15 @@ def test_failures_of_the_inverse_kinematics_are_counted_saved_and_reset(monkeypa
     assert env.reset(seed=1)[1]["ik_failures"] == 0
     env.restore_state(state)
     assert env.info["ik_failures"] == 3
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name", ["fetch", "pr2", "panda_mobile"])
+def test_self_avoidance_has_no_pair_that_the_arm_does_not_bring_nearer(name: str) -> None:
+    """Shapes of PR2's other arm divided zero by zero."""
+    robot = find_robot(name)
+    controller = EndEffectorController(robot)
+    q = np.array(robot.home)
+    controller.reset(q)
+    controller.joint_velocity(np.full(6, 0.1), q, np.full_like(q, 0.1))
+    assert (controller._avoidance._brakes > 0.0).all()

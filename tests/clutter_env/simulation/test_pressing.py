@@ -12,7 +12,7 @@ from clutter_env.config import TIMESTEP
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.scene.layout import Box, Layout
 from clutter_env.simulation.pressing import REMEMBERED, SUSTAINED_FORCE, TRANSIENT_IMPULSE, Pressing
-from tests.clutter_env.envs.cheats import OTHER, Cheat, cylinder
+from tests.clutter_env.envs.cheats import OTHER, SCENE, Cheat, cylinder
 
 
 def pressed(*forces: float) -> Pressing:
@@ -127,6 +127,29 @@ def test_the_weight_of_what_is_held_hides_no_force_on_a_wall(monkeypatch: pytest
     cheat.wait(0.5)
     assert largest_mean(forces) > before
     assert cheat.info["furniture_force"] == pytest.approx(largest_mean(forces), abs=0.5)
+
+
+def test_the_weight_of_what_lies_on_the_robot_hides_no_force_of_what_it_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """5 kg on the base had 49 N for nothing, as had 5 kg in PR2's other hand."""
+    load = {"shape": "box", "depth": 0.08, "width": 0.08, "height": 0.06, "mass": 5.0, "position": (0.2, -0.3)}
+    cheat = Cheat(RetrieveEnv(num_objects=3, control_mode="ee"), (*SCENE[:2], load))
+    env, held = cheat.env, cheat.env.object_names[OTHER]
+    cheat.grasp(OTHER)
+    base = env.data.geom("base")
+    place = env.data.qpos[env.world.index.object_qpos].reshape(-1, 7)[2]
+    place[:3] = base.xpos + (0.1, 0.0, env.model.geom("base").size[1] + 0.031)
+    kind = mujoco.mjtState.mjSTATE_INTEGRATION
+    state = np.empty(mujoco.mj_stateSize(env.model, kind))
+    mujoco.mj_getState(env.model, env.data, state, kind)
+    mujoco.mj_setState(env.model, env.data, state, kind)  # which wakes it
+    cheat.wait(0.5)
+    assert 2 in env.measurements.moved
+    forces = watch(monkeypatch, env, [held], ["table_top"])
+    cheat.reach(cheat.point - (0, 0, 0.03))
+    cheat.wait(0.5)
+    weight = 9.81 * float(env.world.scene.masses[OTHER])
+    assert largest_mean(forces) > 20.0
+    assert cheat.info["furniture_force"] == pytest.approx(largest_mean(forces) - weight, abs=0.5)
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.01])
