@@ -415,14 +415,16 @@ class ClassicalInverseReachabilityMap:
         """The bases of highest μ from which the arm reaches a TCP pose; arguments as of `InverseReachabilityMap.query`.
 
         The status is NO only if the TCP is out of the map's height or no floor is free: a base that this map does not
-        contain may still exist.
+        contain may still exist. By default bases are decided as there, so that both give the same answers.
 
         Raises:
-            QueryError: as of `InverseReachabilityMap.query`.
+            QueryError: as of `InverseReachabilityMap.query`, or `exact` is true.
         """
         if getattr(position, "ndim", 1) == 2:
             position, yaw_range, keywords = as_position_and_angles(position, yaw_range, keywords)
         options = checked_options(keywords)
+        if options.exact:
+            raise QueryError("exact=True is for the map of equation 5: InverseReachabilityMap")
         grid, space = self.reachability_map.grid, options.free_space
         point, bounds = as_position(position), as_yaw_range(yaw_range)
         key = find_key(grid, point[2], options.pitch, options.roll)

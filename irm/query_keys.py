@@ -58,14 +58,14 @@ class QueryKeywords(TypedDict, total=False):
 
     pitch: float | Range
     roll: float | Range
-    height: Range | None
-    base_yaw_range: Range | None
     free_space: FreeSpace | None
     k: int
     separation: float
     yaw_step: float
     exact: bool | None
     order: Order
+    height: Range | None
+    base_yaw_range: Range | None
 
 
 class QueryOptions(NamedTuple):
@@ -159,9 +159,9 @@ def _as_number(name: str, unit: str, value: Any) -> float:
 
 
 def _as_range(name: str, value: Any) -> Range:
-    """A number, or a pair of numbers that is a range, as a range."""
+    """A number, or a tuple of two numbers that is a range, as a range."""
     unit = "[m]" if name == "height" else "[rad]"
-    if name != "height" and np.ndim(value) == 0:
+    if name != "height" and not isinstance(value, tuple):
         number = _as_number(name, unit, value)
         return number, number
     try:

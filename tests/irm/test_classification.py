@@ -15,6 +15,7 @@ from irm.ik.numerical import random_seeds
 from irm.ik.solvers import ExactSolver
 from irm.inverse_map import InverseReachabilityMap
 from irm.kinematics import forward
+from irm.packed_cells import pack_cells
 from irm.reachability_map import ReachabilityMap
 from irm.rotations import rotations
 from irm.verification import classify, decide, tcp_poses
@@ -117,7 +118,9 @@ def test_a_map_whose_rolls_are_far_apart_says_no_yes_between_them(lift_arm_map, 
     """Of Panda's map, two of 10,000 poses between rolls that are 90 degrees apart were YES, and are out of reach."""
     for rm, best in ((lift_arm_map, UNKNOWN), (coarse_map, YES)):
         n = rm.grid.size
-        full = dataclasses.replace(rm, cells=np.arange(n), manipulability=np.ones(n, np.float32))
+        every = np.ones(n, np.bool_)
+        packed = pack_cells(rm.grid, every, every, np.ones(n, np.float32), np.zeros(n, np.uint8))
+        full = dataclasses.replace(rm, packed=packed)
         answers = classify(full, random_poses(rm.chain, 200, np.random.default_rng(0), radius=0.5))
         assert np.all(answers == best)
 

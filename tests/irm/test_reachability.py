@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
+from irm.answers import Status
 from irm.errors import ReachabilityError
 from irm.free_space import FreeSpace
 from irm.grid import MapGrid, MapParameters, Orientations, nearest_orientation
@@ -17,11 +18,12 @@ from irm.ik.closed_form import ik_pan
 from irm.ik.numerical import random_seeds
 from irm.ik.solvers import ExactSolver
 from irm.inverse_map import InverseReachabilityMap
+from irm.map_images import images_of
 from irm.map_kernels import PAN_SAMPLES, shapes_at_every_roll
 from irm.reachability_map import ReachabilityMap
 from irm.rotations import rotation, rotations, yaw_pitch_roll
 from irm.verification import SelfCollision, tcp_poses
-from tests.irm.arms import ARM, CHAIN, in_base, inverse, jacobian, manipulability, solve
+from tests.irm.arms import ARM, CHAIN, arm_chain, in_base, inverse, jacobian, manipulability, solve
 
 
 def test_every_pose_of_a_map_has_an_exact_solution_as_good_as_it_says(coarse_map):
@@ -214,3 +216,23 @@ def test_without_its_closed_form_fetch_gets_nearly_the_same_map():
     mu_sampled = sampled.manipulability[np.isin(sampled.cells, exact.cells)]
     assert np.mean(mu_sampled > 0.8 * mu_exact) > 0.9
     assert exact.key != sampled.key
+
+
+def test_images_of_cells_under_turns_of_the_first_and_the_last_joint_are_reached():
+    """Panda: neither joint turns without limit. One cell of up to sixteen is solved; all that it gives must be true."""
+    chain = arm_chain("panda")
+    rm = ReachabilityMap.build(chain, voxel=0.2, orientations=26, samples=20_000)
+    images = images_of(chain, rm.grid)
+    assert (images.quarters, images.rolls) == (4, 4)
+    positions, angles = rm.positions, rm.yaw_pitch_roll
+    free, rng = rm.manipulability > 0, np.random.default_rng(0)
+    T = np.tile(np.eye(4), (len(rm), 1, 1))
+    T[:, :3, :3], T[:, :3, 3] = rotations(*angles.T), positions
+    for mine, solve_all in ((free, "solve"), (np.ones(len(rm), dtype=bool), "reach")):
+        some = rng.choice(np.flatnonzero(mine), 150, replace=False)
+        answers, _ = getattr(ExactSolver(chain), solve_all)(T[some])
+        assert np.mean(answers == Status.YES.value) > 0.98  # by its own search; the rest is not known to be wrong
+        assert not np.any(answers == Status.NO.value)
+    quadrant = 2 * (positions[free, 0] > rm.grid.centre[0]) + (positions[free, 1] > rm.grid.centre[1])
+    counts = np.bincount(quadrant, minlength=4)
+    assert counts.min() > 0.8 * counts.max()
