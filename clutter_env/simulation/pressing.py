@@ -49,6 +49,11 @@ class Pressing:
         """Whether both limits have been kept."""
         return self.force <= SUSTAINED_FORCE and self.impulse <= TRANSIENT_IMPULSE
 
+    @property
+    def is_pressed(self) -> bool:
+        """Whether there has been a force within the last `FORCE_WINDOW`; if not, a step without one changes nothing."""
+        return bool(self._recent)
+
     def add(self, force: float) -> None:
         """Take the force [N] of one more physics step into account."""
         recent = self._recent

@@ -241,9 +241,10 @@ class World:
                     ctrl[actuator] = ctrl[actuator] or self._grip_command
             for _ in range(PHYSICS_STEPS // SEGMENTS):
                 mujoco.mj_step(model, data)
-                contacts = self._reader.read(data)
-                self.on_furniture.add(self._reader.furniture_force(data, contacts))
-                self.on_itself.add(self._reader.self_force(data, contacts))
+                if data.ncon or self.on_furniture.is_pressed or self.on_itself.is_pressed:
+                    contacts = self._reader.read(data)
+                    self.on_furniture.add(self._reader.furniture_force(data, contacts))
+                    self.on_itself.add(self._reader.self_force(data, contacts))
             if data.ncon:
                 self._note(contacts)
         # A physics step leaves body and site poses at the positions from which it started.
