@@ -2,7 +2,7 @@
 
     clutter-env compare --suites side-15-v3 --policies lookahead outputs/runs/maskable_ppo-skill-o15/*
     clutter-env compare --envs clutter_env/Retrieve-o15-v0 --obstructed 1 --policies lookahead my_module:Mine
-    clutter-env compare --files outputs/evaluate/side-15-v2_*.json
+    clutter-env compare --files outputs/evaluate/side-15-v3_*.json
 
 The controls (greedy and random skills, the direct approach) always play. Runs of one algorithm that differ in their
 seed form one row. Two Markdown tables and a picture are written to the output directory. Every score is written there

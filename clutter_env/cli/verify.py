@@ -1,6 +1,6 @@
 """Confirm the scores of a results file: its recorded actions are played again in fresh environments.
 
-    clutter-env verify outputs/evaluate/side-15-v2_lookahead.json
+    clutter-env verify outputs/evaluate/side-15-v3_lookahead.json
     clutter-env verify results.json --policy my_module:MyPolicy --scenes 50
 
 A replay takes about a second for 1,000 steps. It proves the scores, and not who made them. With --policy the policy
