@@ -278,13 +278,13 @@ ROBOTS = tuple(
             "alicia-d",
             "synriard==1.2.4",
             "synriard/urdf/Alicia_D_v5_6/Alicia_D_v5_6_gripper_100mm.urdf",
-            f"--base base_link --tip tool0 --tool 0.02 {_SMALL}",
+            "--base base_link --tip tool0 --tool 0.02 --on 0.12 0.6 --radius 0.18 --lift 0 0.4",
         ),
         (
             "alicia-m",
             "synriard==1.2.4",
             "synriard/urdf/Alicia_M_v1_2/Alicia_M_v1_2_follower.urdf",
-            f"--base base_link --tip tool0 --tool 0.02 {_SMALL}",
+            "--base base_link --tip tool0 --tool 0.02 --on 0.12 0.6 --radius 0.18 --lift 0 0.4",
         ),
         (
             "puma560",
