@@ -47,8 +47,10 @@ ARMS = {
 _HARD = 0.6
 """Share of the joints of a configuration that are where a set has them; the others are uniform."""
 _AT_ONCE = 2_000
-_TIMED, _ROUNDS = 400, 5
-"""Poses of each kind, reachable and random, whose answers are timed, and how often."""
+_EMPTY = 5
+"""Draws without a configuration after which a set ends: an arm may not reach below its base."""
+_TIMED, _ROUNDS, _REPEATS = 400, 3, 3
+"""Poses of each kind, reachable and random, whose answers are timed, in how many processes, and how often in each."""
 _SETS = ("uniform", "limits", "inside", "right angles", "jittered", "straight", "folded", "wrist", "below")
 """The sets of reachable poses."""
 
@@ -128,8 +130,10 @@ def measure_set(judge: Judge, rm: ReachabilityMap, kind: str, count: int) -> dic
     chain, rng = judge.chain, np.random.default_rng(sum(map(ord, kind)))
     solver = ExactSolver(chain, rm.grid.torso_range)
     counts = dict.fromkeys(("poses", "no", "unknown", "free", "decide_no", "decide_unknown", "wrong_yes"), 0)
-    while counts["poses"] < count:
+    empty = 0
+    while counts["poses"] < count and empty < _EMPTY:
         q = configurations(chain, kind, _AT_ONCE, rng)[: count - counts["poses"]]
+        empty += not len(q)
         T = np.array([judge.pose(row) for row in q]).reshape(-1, 4, 4)
         free = np.array([judge.is_free(row) for row in q], dtype=bool)
         status, found = solver.reach(T)
@@ -251,9 +255,12 @@ def time_one(
     known = np.array([judge.pose(q) for q in configurations(judge.chain, "uniform", _TIMED, rng)])
     T = np.concatenate([known, random_poses(judge.chain, _TIMED, rng)])
     decide(rm, T[:: _TIMED // 10])
-    start = time.process_time()
-    decide(rm, T)
-    print((time.process_time() - start) / len(T) * 1e6)
+    spent = []
+    for _ in range(_REPEATS):
+        start = time.process_time()
+        decide(rm, T)
+        spent.append(time.process_time() - start)
+    print(np.median(spent) / len(T) * 1e6)
 
 
 def table(out: Path = Path("outputs/adversarial"), before: Path | None = None) -> None:

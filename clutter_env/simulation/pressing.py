@@ -3,9 +3,9 @@
 Two limits, both from a light table of 10 kg that 50 N slide on a smooth floor (friction 0.5):
 
 - sustained: the mean force over any 0.1 s is at most 50 N. More would push the table away.
-- transient: the impulse beyond 50 N is at most 1 N s. After an impulse J the table of mass m has the speed J / m, and
-  the floor's friction F stops it after J² / (2 m F). This is one millimetre for J = 1 N s. The impulse is that of the
-  part of the force which friction does not hold, the largest over all intervals of time.
+- transient: the impulse beyond 50 N is at most 1 N s. After an impulse J the table of mass m has the speed J / m. Let
+  go of, the floor's friction F stops it after J² / (2 m F). This is one millimetre for J = 1 N s. The impulse is that
+  of the part of the force which friction does not hold, the largest over all intervals of time. Blows do not add up.
 
 A fingertip that touches a board and is withdrawn stays below both. ISO/TS 15066 treats contact with people alike: it
 permits twice the pressure in the first moments of a contact.
