@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 from assets.files import folder, names, path
 
 if TYPE_CHECKING:
-    from assets.contacts import RobotContacts, robot_contacts
+    from assets.contacts import RobotContacts, paired_name, robot_contacts
     from assets.robots import (
         FETCH,
         PR2,
@@ -33,6 +33,7 @@ __all__ = [
     "UnknownRobot",
     "folder",
     "names",
+    "paired_name",
     "path",
     "robot",
     "robot_contacts",

@@ -30,6 +30,11 @@ class RobotContacts(NamedTuple):
     solid: NDArray[np.int64]
 
 
+def paired_name(geom: int) -> str:
+    """The name in a simulation of a geom that has none in the robot's MJCF file, by its id there: pairs need names."""
+    return f"robot_geom_{geom}"
+
+
 @cache
 def robot_contacts(robot: RobotSpec) -> RobotContacts:
     """The contacts that count, read once from the robot's MJCF file; joints that stay are in their configuration."""

@@ -127,7 +127,7 @@ def make_robot(file: Path, mounting: Mounting) -> MadeRobot:
     if len(mounting.apart) % 2 or not set(mounting.apart) <= set(names):
         raise InvalidRobot(f"apart={mounting.apart!r} must be bodies, two by two; there are {', '.join(names)}")
     apart = [*maker.touching_in_boxes_alone(made), *zip(mounting.apart[::2], mounting.apart[1::2], strict=True)]
-    for one, other in apart:
+    for one, other in dict.fromkeys([*apart, *maker.neighbours()]):
         maker.robot.add_exclude(bodyname1=one, bodyname2=other)
     page = {"base_joints": BASE, "tip": "grip", "finger_joints": FINGERS}
     page |= {"base": mounting.drive} if mounting.drive != "holonomic" else {}
@@ -383,6 +383,12 @@ class _Maker:
             JointAxis((self.data.xanchor[k] - place) @ R, self.data.xaxis[k] @ R) for k in (here[-1], following)
         )
         return first, second
+
+    def neighbours(self) -> Iterator[tuple[str, str]]:
+        """The arm's first link and what it stands on, if in the robot a lift is between them."""
+        stand = self.bodies.get(int(self.model.body_parentid[self.first]))
+        if stand is not None and stand.name != self.bodies[self.first].parent.name:
+            yield stand.name, self.bodies[self.first].name
 
     def touching_in_boxes_alone(self, made: mujoco.MjModel) -> Iterator[tuple[str, str]]:
         """Names of bodies, two by two, that touch in some of many random configurations, but their meshes in none."""

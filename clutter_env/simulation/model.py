@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from assets import ActingJoints, RobotSpec, robot_contacts
+from assets import ActingJoints, RobotSpec, paired_name, robot_contacts
 from clutter_env.config import TIMESTEP
 from clutter_env.errors import ConfigError
 from clutter_env.scene.household import KINDS, Kind
@@ -247,7 +247,7 @@ def _make_solid(spec: mujoco.MjSpec, robot: RobotSpec) -> None:
             spec.add_exclude(bodyname1=one, bodyname2=other)
             for pair in met:
                 for number in pair:
-                    geoms[number].name = geoms[number].name or f"robot_geom_{number}"
+                    geoms[number].name = geoms[number].name or paired_name(number)
                 spec.add_pair(geomname1=geoms[pair[0]].name, geomname2=geoms[pair[1]].name)
     standing = set(contacts.solid.tolist()) - set(contacts.above_ground.tolist())
     for name in {model.body(model.geom_bodyid[number]).name for number in standing}:

@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from assets.contacts import paired_name
 from assets.robots import RobotSpec
 from planners.goals import RESTING
 from planners.scene.bodies import Body, RobotState, Shape, pose_matrix
@@ -315,10 +316,11 @@ def require_floor(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 @cache
 def _own_geoms(robot: RobotSpec) -> frozenset[tuple[str, str]]:
-    """Names of body and geom of every geom of the robot's own MJCF."""
+    """Names of body and geom of every geom of the robot's own MJCF; of one without a name also that in simulations."""
     model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
-    bodies = (model.body(model.geom_bodyid[geom]).name for geom in range(model.ngeom))
-    return frozenset((str(body), str(model.geom(geom).name)) for geom, body in enumerate(bodies))
+    bodies = [str(model.body(model.geom_bodyid[geom]).name) for geom in range(model.ngeom)]
+    own = {(body, str(model.geom(geom).name)) for geom, body in enumerate(bodies)}
+    return frozenset(own | {(body, paired_name(geom)) for geom, body in enumerate(bodies) if not model.geom(geom).name})
 
 
 def geom_name(model: mujoco.MjModel, geom: int) -> str:

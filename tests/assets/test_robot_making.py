@@ -377,3 +377,11 @@ def test_a_mesh_that_cannot_be_read_is_refused_with_what_to_do(tmp_path: Path) -
     assert "trimesh" in found["no shape of camera"]
     with pytest.raises(InvalidRobot, match=r"no shape in the file.*: l4 \(MuJoCo does not read .*'x.glb'"):
         make_robot(six_links(tmp_path, {4: mesh.format("visual")}, ""), six)
+
+
+def test_an_arm_s_first_link_may_be_near_what_it_stands_on(linkage: Path) -> None:
+    """A lift of a millimetre stands between them; on a pedestal they counted, and touched in every configuration."""
+    pedestal = replace(UR5E, on=(0.0, 0.9), lift=None, radius=0.12, drive="fixed")
+    model = mujoco.MjModel.from_xml_string(make_robot(linkage, pedestal).mjcf)
+    pairs = {frozenset((int(pair) >> 16, int(pair) & 0xFFFF)) for pair in model.exclude_signature}
+    assert frozenset((model.body("base").id, model.body("shoulder").id)) in pairs
