@@ -14,6 +14,7 @@ from irm.reachability_map import ReachabilityMap
 LIFT_ARM = dataclasses.replace(
     FETCH,
     name="lift_arm",
+    ahead=(),
     mjcf=str(Path(__file__).resolve().parents[1] / "data" / "arms" / "lift_arm.xml"),
     head_joints=(),
     head_configuration=(),

@@ -16,7 +16,8 @@ import pytest
 
 import clutter_env
 from clutter_env.bridges.remote import BridgeError, Remote
-from clutter_env.envs.success import DISTURBED_PATH, FURNITURE_FORCE
+from clutter_env.envs.success import DISTURBED_PATH, TOTAL_PATH
+from clutter_env.simulation.pressing import SUSTAINED_FORCE, TRANSIENT_IMPULSE
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="the interpreter with this package is a shell script")
 ROOT = Path(clutter_env.__file__).parents[1]
@@ -106,7 +107,10 @@ def test_the_expert_s_success_can_be_read_off_a_state(remote: Remote) -> None:
         assert_same(made, answer, env.unwrapped)
         objects = {name: numbers(made, answer, name) for name in env.unwrapped.object_names}
         robot = numbers(made, answer, "robot", "clutter_robot")
-        is_clean = robot["furniture_force"] <= FURNITURE_FORCE and not any(
+        forces = max(robot["furniture_force"], robot["self_force"])
+        impulses = max(robot["furniture_impulse"], robot["self_impulse"])
+        is_gentle = forces <= SUSTAINED_FORCE and impulses <= TRANSIENT_IMPULSE and robot["total_path"] <= TOTAL_PATH
+        is_clean = is_gentle and not any(
             each["is_fallen"] or each["path"] > DISTURBED_PATH for each in objects.values()
         )
         assert info["is_success"] == (is_clean and robot["hold_progress"] == 1)

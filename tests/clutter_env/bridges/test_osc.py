@@ -17,7 +17,7 @@ from planners.motion.tcp_following import follow, is_behind
 from planners.warming import warmup_scene
 
 PANDA = robot("panda_mobile").fixed()
-HOME = np.array(PANDA.home)
+HOME = np.array(PANDA.in_front)
 MOST = np.array([0.05] * 3 + [0.5] * 3)
 
 
