@@ -98,7 +98,7 @@ def test_a_drive_to_elsewhere_is_refused_and_none_is_free() -> None:
 
 
 def test_what_the_base_stands_in_does_not_count_but_to_the_arm() -> None:
-    plinth = StaticObstacle("plinth", np.array([*SCENE.state.base[:2], 0.2]), np.array([0.3, 0.3, 0.2]))
+    plinth = StaticObstacle("plinth", np.array([*SCENE.state.base[:2], 0.15]), np.array([0.3, 0.3, 0.15]))
     scene = replace(SCENE, static_obstacles=(*SCENE.static_obstacles, plinth))
     found = solve(scene, "object_00")
     assert isinstance(found, Solution), found

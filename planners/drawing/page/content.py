@@ -84,7 +84,7 @@ def frame_values(
     differences that follow, mostly zeros, which compress well. They wrap around like the sums that undo them.
     """
     numbers = np.rint(_poses(model, bodies, frames) / np.repeat((_LENGTH, _TURN), (3, 4)))
-    rows = numbers.clip(-32767, 32767).astype(np.int16).reshape(len(frames), -1).T
+    rows = numbers.clip(-32767, 32767).astype(np.int16).reshape(len(frames), 7 * len(bodies)).T
     changes = np.diff(rows, axis=1, prepend=np.zeros((len(rows), 1), np.int16))
     phases = sorted({frame.phase for frame in frames})
     return {
@@ -161,7 +161,7 @@ def _poses(model: mujoco.MjModel, bodies: Sequence[int], frames: Sequence[Frame]
         data.qpos[:] = frame.qpos
         mujoco.mj_kinematics(model, data)
         rows.append(np.concatenate((data.xpos[bodies], data.xquat[bodies]), axis=1))
-    poses = np.array(rows)
+    poses = np.array(rows).reshape(len(frames), len(bodies), 7)
     for before, now in itertools.pairwise(poses):
         now[(before[:, 3:] * now[:, 3:]).sum(axis=1) < 0, 3:] *= -1
     return poses

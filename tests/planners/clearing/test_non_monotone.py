@@ -43,7 +43,7 @@ def crowded(seed: int, count: int) -> Scene:
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    return crowded(10, 11)
+    return crowded(4, 11)
 
 
 def test_an_object_is_moved_twice_where_no_monotone_plan_is_found(scene: Scene) -> None:

@@ -208,6 +208,15 @@ def test_a_browser_that_comes_late_gets_the_whole_episode(recording: Recording) 
     assert messages[-1].values["result"] == "success"
 
 
+def test_an_episode_ends_without_new_frames(recording: Recording) -> None:
+    """As where the last of them have just been sent."""
+    page = LivePage(recording)
+    try:
+        page.finish(recording, {}, "success")
+    finally:
+        page.close()
+
+
 def test_the_objects_of_a_plan_have_their_own_names(bare: Recording) -> None:
     assert all(name.startswith(OBJECT) for name in bare.objects)
     content = Content(page_text(bare, "title", {}, "plan"))
