@@ -312,8 +312,12 @@ def _other_solutions(arm: SolverArrays, R: Floats, p: Floats, torso: float, free
     kept = 0
     for k in range(count):
         found[k, 0] = torso
-        if slack < _EXACT or refine(arm.chain, R, p, found[k]):
-            found[kept] = found[k]
+        # A UR arm whose last axis lies along the parallel ones has solutions of which only some reach.
+        is_exact = arm.kind == SPHERICAL and slack < _EXACT
+        if is_exact or refine(arm.chain, R, p, found[k]):
+            found[kept, 0] = torso
+            for joint in range(1, found.shape[1]):
+                found[kept, joint] = min(arm.chain.upper[joint], max(arm.chain.lower[joint], found[k, joint]))
             kept += 1
     return kept
 

@@ -10,7 +10,7 @@ from assets.robots import FETCH, PR2
 from irm.chain import ArmChain
 from irm.ik.exclusion import Angle, may_reach_parallel, may_reach_spherical
 from irm.ik.ranges import TOLERANCE
-from irm.ik.solvers import ExactSolver, SelfCollision, solver_arrays
+from irm.ik.solvers import ExactSolver, SelfCollision, all_solutions, solver_arrays
 from irm.ik.structure import ParallelArm, find_bounds, find_structure
 from irm.ik.structured import parallel_goal, spherical_goal
 from irm.map_kernels import tcp_frames
@@ -116,3 +116,17 @@ def test_the_structure_of_an_arm_says_how_far_it_is_from_the_file():
     for chain, offset in ((baxter(), 0.01), (tiago(), 0.0)):
         assert find_structure(chain) is None
         np.testing.assert_allclose(np.linalg.norm(find_bounds(chain).offset), offset, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["ur5e", "widowx ai of 9 digits", "viperx 300s", "panda"])
+def test_every_solution_reaches_within_the_limits_also_where_axes_of_the_wrist_line_up(name):
+    """Of UR arms some were 0.1 m away: where the last axis lies along the parallel ones no angle was checked."""
+    chain, rng = ARMS[name], np.random.default_rng(5)
+    solver = solver_arrays(chain)
+    q = hard_configurations(chain, "right angles", 300, rng)
+    q[:150, -2] = np.clip(0.0, chain.lower[-2], chain.upper[-2])
+    for own, T in zip(q, poses_of(chain, q), strict=True):
+        free = np.array([own[solver.free] if solver.free >= 0 else 0.0])
+        found = all_solutions(chain, T, own[:1], free)
+        assert np.all((found >= chain.lower) & (found <= chain.upper))
+        np.testing.assert_allclose(poses_of(chain, found), np.broadcast_to(T, (len(found), 4, 4)), atol=3e-5)
