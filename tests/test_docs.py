@@ -261,7 +261,7 @@ def test_tables_of_keywords_layouts_rewards_and_robots_are_complete() -> None:
         assert layouts[name][-1] == ", ".join(str(capacity(layout, shapes)) for shapes in SHAPE_SETS)
     own = rows("docs/environments/layouts.md", "## A layout of your own")
     assert {name for cells in own for name in re.findall(r"`(\w+)`", cells[0])} == set(Layout.__dataclass_fields__)
-    robot = PAGES["docs/add_a_robot.md"].split("| field |", 1)[1].split("\n\n", 1)[0]
+    robot = PAGES["docs/robot_of_the_package.md"].split("| field |", 1)[1].split("\n\n", 1)[0]
     named = {name for line in robot.splitlines()[2:] for name in re.findall(r"`(\w+)`", line.split("|")[1])}
     assert named == set(RobotSpec.__dataclass_fields__)
     limit = gym.spec("clutter_env/Retrieve-o15-v0").max_episode_steps
