@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 
+from assets.contacts import paired_name
 from assets.robots import FETCH, RobotSpec, robot
 from planners.expert.monitor import Sensor
 from planners.scene import Scene, SceneError
+from planners.scene.mujoco_reading import static_obstacles_of
 from tests.planners.own_scenes import MOVABLE, SUPPORT, TABLE_X, TOP, kitchen, read
 
 PLACE = 'pos="0.4 1.2 0.6" euler="0.3 -0.5 0.9"'
@@ -361,3 +365,20 @@ def test_base_and_lift_have_any_names(tmp_path: Path) -> None:
     state = Scene.from_mujoco(model, data, own).state
     assert state.base[0] == 0.5
     assert state.q[0] == 0.2
+
+
+def test_shapes_without_names_that_a_simulation_names_are_the_robot_s_own(tmp_path: Path) -> None:
+    """Where some shapes of two bodies count and others do not, those that do get names: the planner refused them."""
+    text = re.sub(r'(<geom) name="(?!.*finger)[^"]*"', r"\1", FETCH.mjcf_path.read_text())
+    (tmp_path / "fetch.xml").write_text(text)
+    robot = replace(FETCH, mjcf=str(tmp_path / "fetch.xml"))
+    spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
+    spec.compile()
+    unnamed = next(geom for geom in spec.geoms if not geom.name and (geom.contype or geom.conaffinity))
+    unnamed.name = paired_name(unnamed.id)
+    model = spec.compile()
+    assert static_obstacles_of(model, mujoco.MjData(model), robot, ()) == (), "it is refused otherwise"
+    unnamed.name = "of_another"
+    other = spec.compile()
+    with pytest.raises(SceneError, match="moves with the robot"):
+        static_obstacles_of(other, mujoco.MjData(other), robot, ())
