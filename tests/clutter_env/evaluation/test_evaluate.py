@@ -216,12 +216,12 @@ def test_playing_measures_what_happened() -> None:
 
 
 def test_the_direct_approach_lifts_without_success_and_is_counted_apart() -> None:
-    scenes = SceneSet(env_id="clutter_env/Retrieve-o15-v0", count=2, first_seed=610_001)
+    scenes = SceneSet(env_id="clutter_env/Retrieve-o15-v0", count=2, first_seed=610_006)
     scores = evaluate("direct-approach", scenes).scores
-    assert scores[0].lifted
+    assert [score.lifted for score in scores] == [False, True]
     assert not any(score.clean for score in scores)
     assert all(score.failure == ("not clean" if score.lifted else "gave up") for score in scores)
-    assert scores[0].steps < 100, "an episode is over when the target is lifted"
+    assert scores[1].steps < 100, "an episode is over when the target is lifted"
 
 
 def test_random_actions_are_a_function_of_seed_and_scene(reach: gym.Env) -> None:
