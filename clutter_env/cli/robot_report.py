@@ -341,7 +341,8 @@ def _most_often_touching(robot: RobotSpec, Q: Array) -> str:
             if mujoco.mj_geomDistance(model, data, one, other, 0.01, None) < _TOUCHING
         }
         low = {(name(geom), "the ground") for geom in above.tolist() if lowest_height(model, data, geom) < _TOUCHING}
-        counts.update(touching | low)
+        # What is counted first stands first among equals, in the same order each time.
+        counts.update([*sorted(low), *sorted(touching)])
     return ", ".join(f"{one} and {other} ({count / len(tried):.0%})" for (one, other), count in counts.most_common(3))
 
 
