@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.reporting.tables import markdown_table
 from clutter_env.scene.layout import TABLE_HEIGHT
-from clutter_env.simulation.pressing import Pressing
+from clutter_env.simulation.pressing import Pressing, is_gentle
 
 _HEIGHT = 1.1
 """[m] of the gripper above the ground while it holds something."""
@@ -55,6 +55,7 @@ def main(robot: str = "fetch", hold_s: float = 30.0) -> None:
         "peak N",
         "largest mean of 0.1 s, N",
         "impulse beyond 50 N, N s",
+        "slide of a table of 10 kg, mm",
         "gentle",
     ]
     print(markdown_table(head, rows))
@@ -185,8 +186,14 @@ def touch_rows(robot: str) -> list[tuple[str, ...]]:
         for _ in range(10):
             bench.point = start + (0.0, 0.0, 0.05)
             bench.step()
-        figures = f"{mass:.1f}", f"{meter.peak:.0f}", f"{meter.force:.0f}", f"{meter.impulse:.2f}"
-        rows.append((f"{speed}", *figures, "yes" if meter.is_gentle else "no"))
+        figures = (
+            f"{mass:.1f}",
+            f"{meter.peak:.0f}",
+            f"{meter.force:.0f}",
+            f"{meter.impulse:.2f}",
+            f"{1e3 * meter.slide:.2f}",
+        )
+        rows.append((f"{speed}", *figures, "yes" if is_gentle(meter) else "no"))
     return rows
 
 
