@@ -413,6 +413,8 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             is_carried=tuple(gripped.flags("is_carried", grippers).tolist()),
             is_touching=bool(gripped.flags("is_touching")),
         )
+        if any(slot < 0 and is_carried for slot, is_carried in zip(grip.held, grip.is_carried, strict=True)):
+            raise StateError("memory grip: is_carried of the state must be false where nothing is held")
         pressing = memory.numbers("pressing", (2, REMEMBERED), 0.0).tolist()
         if not all(map(Pressing.is_memory, pressing)):
             raise StateError("memory: pressing of the state has forces, impulses and slides that do not agree")

@@ -78,7 +78,7 @@ class Score:
     @classmethod
     def of_crash(cls, seed: int, cause: str) -> Score:
         """The score of a policy that raised an exception: a failed episode."""
-        pressing = (0.0,) * len(_PRESSING)
+        pressing = (0.0, 0.0, 0.0, 0.0, 0.0)
         return cls(seed, False, False, 0, 0.0, 0, 0, 0, 0, *pressing, 0.0, 0, 0, f"{cls.CRASHED}{one_line(cause)}", 0.0)
 
     @property

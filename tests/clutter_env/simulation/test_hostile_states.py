@@ -159,6 +159,7 @@ CONTRADICTIONS = {
     "no target": (("scene", "target"), -1),
     "a box that lies on its side": (("scene",), {"is_box": [True] * 5, "is_lying": [True] * 5}),
     "an object in hand that is not there": (("memory", "grip", "held", 0), 77),
+    "nothing that is carried": (("memory", "grip"), {"held": [-1], "is_carried": [True]}),
     "a negative path": (("memory", "monitor", "paths", 0), -1.0),
     "half an object in a hand": (("memory", "monitor", "hands", 0, 0), 0.5),
     "held again before it was not": (("memory", "monitor", "hands", 0, 1), -3.0),
