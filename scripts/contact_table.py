@@ -7,13 +7,14 @@ Four tables for one robot:
 - slip: an object hangs in the level gripper, and the squeeze is slowly reduced. It should slip where friction carries
   no more than the weight: at m g / 2 μ for each finger.
 - creep: the same with the full squeeze, for 30 s.
-- touch: the closed hand meets the table at some speed, the arm stops, and is withdrawn. The effective mass is that of
-  the arm along the vertical, from its inertia matrix.
+- touch: the closed hand meets the table at some speed, level or with the fingers pointing down at 60°, the arm stops,
+  and is withdrawn. The effective mass is that of the arm along the vertical, from its inertia matrix.
 - press: base and arm push on for half a second against the table.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import mujoco
@@ -50,6 +51,7 @@ def main(robot: str = "fetch", hold_s: float = 30.0) -> None:
     print(markdown_table(["mass kg", f"creep in {hold_s:.0f} s, mm"], rows))
     rows = [[*row] for row in touch_rows(robot)]
     head = [
+        "fingers point down by, °",
         "speed m/s",
         "effective mass kg",
         "peak N",
@@ -85,12 +87,13 @@ class Bench:
         self.model.geom_friction[self.index.object_geoms, 0] = friction
         self.base = np.array((-1.5, 0.0, 0.0))
         self.point = np.array((self.base[0] + 0.75, 0.0, _HEIGHT))
-        self.width, self.mass = self.env.robot.max_opening, mass
+        self.width, self.mass, self.pitch = self.env.robot.max_opening, mass, 0.0
         self.steps(8.0)
 
     def step(self) -> None:
-        """One control step towards base, point and width."""
-        pose = np.eye(4)
+        """One control step towards base, point, pitch and width."""
+        pose, cosine, sine = np.eye(4), math.cos(self.pitch), math.sin(self.pitch)
+        pose[:3, :3] = [[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]]
         pose[:3, 3] = self.point
         self.env.step(self.env.ee_action(self.base, pose, self.width))
 
@@ -171,11 +174,11 @@ def creep_rows(robot: str, hold_s: float) -> list[tuple[str, ...]]:
 def touch_rows(robot: str) -> list[tuple[str, ...]]:
     """Rows of the third table."""
     rows: list[tuple[str, ...]] = []
-    for speed in (0.05, 0.12, 0.2, 0.3):
+    for pitch, speed in itertools.product((0.0, 60.0), (0.05, 0.12, 0.2, 0.3)):
         bench = Bench(robot)
         bench.base = np.array((-1.05, 0.0, 0.0))
         bench.point = np.array((-0.25, 0.0, TABLE_HEIGHT + 0.25))
-        bench.width = 0.0
+        bench.width, bench.pitch = 0.0, math.radians(pitch)
         bench.steps(4.0)
         bench.env.world.on_furniture = meter = Meter()
         while not bench.env.world.on_furniture.force and bench.point[2] > TABLE_HEIGHT - 0.1:
@@ -193,7 +196,7 @@ def touch_rows(robot: str) -> list[tuple[str, ...]]:
             f"{meter.impulse:.2f}",
             f"{1e3 * meter.slide:.2f}",
         )
-        rows.append((f"{speed}", *figures, "yes" if is_gentle(meter) else "no"))
+        rows.append((f"{pitch:.0f}", f"{speed}", *figures, "yes" if is_gentle(meter) else "no"))
     return rows
 
 

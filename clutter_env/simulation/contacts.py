@@ -42,6 +42,11 @@ class Contacts(NamedTuple):
     touched: frozenset[int]
     gripped: tuple[frozenset[int], ...]
 
+    @property
+    def is_pressing(self) -> bool:
+        """Whether the robot, or what it moves, touches anything on which it must not press hard."""
+        return bool(self.of_robot or self.of_self or self.of_moved or self.between_parts)
+
 
 NO_CONTACTS = Contacts([], [], [], [], [], frozenset(), frozenset(), ())
 
@@ -90,7 +95,7 @@ class ContactReader:
         Their weight presses downwards alone, each group's for itself: pushed against a wall, they press with all of the
         force, and so do they where something else lies on the robot.
         """
-        force = self._normal_force(data, contacts.of_robot) if contacts.of_robot else 0.0
+        force = _normal_force(data, contacts.of_robot) if contacts.of_robot else 0.0
         for numbers, weight in contacts.of_moved:
             pressed, downwards = self._forces_on_furniture(data, contacts, numbers)
             force += pressed - min(max(downwards, 0.0), weight)
@@ -102,20 +107,12 @@ class ContactReader:
         Parts that touch one object, or several that touch each other, press on each other by what cancels of the forces
         that they have on these. The forces of a gripper's fingers count together: its own grip is none.
         """
-        force = self._normal_force(data, contacts.of_self) if contacts.of_self else 0.0
+        force = _normal_force(data, contacts.of_self) if contacts.of_self else 0.0
         for parts in contacts.between_parts:
             nets = [self._net_force(data, contacts, numbers) for numbers in parts]
             whole = [sum(axis) for axis in zip(*nets, strict=True)]
             force += (sum(math.hypot(*net) for net in nets) - math.hypot(*whole)) / 2
         return force
-
-    def _normal_force(self, data: mujoco.MjData, numbers: list[int]) -> float:
-        """[N] Sum of the normal forces of some contacts."""
-        total, force = 0.0, self._force
-        for number in numbers:
-            mujoco.mj_contactForce(self._model, data, number, force)
-            total += force.item(0)
-        return total
 
     def _net_force(self, data: mujoco.MjData, contacts: Contacts, numbers: list[int]) -> list[float]:
         """[N] Sum of the forces (3,) of some contacts on objects, with friction."""
@@ -192,6 +189,19 @@ class ContactReader:
                     group |= grown
                 groups.append(group)
         return groups
+
+
+def _normal_force(data: mujoco.MjData, numbers: list[int]) -> float:
+    """[N] Sum of the normal forces of some contacts: with elliptic cones, the first number that the solver has of each.
+
+    `mujoco.mj_contactForce` says the same of one contact, more slowly.
+    """
+    total, forces, rows = 0.0, data.efc_force, data.contact.efc_address
+    for number in numbers:
+        row = rows.item(number)
+        if row >= 0:  # -1 where the solver has none
+            total += forces.item(row)
+    return total
 
 
 def _gripper_geoms(model: mujoco.MjModel, pads: tuple[int, int]) -> frozenset[int]:

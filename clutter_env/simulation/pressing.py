@@ -53,6 +53,7 @@ class Pressing:
         self.force = self.impulse = self.slide = 0.0
         self._momentum = 0.0
         self._recent: deque[float] = deque(maxlen=_WINDOW_STEPS)
+        self._steps_raised = self._steps_free = 0
 
     @property
     def is_pressed(self) -> bool:
@@ -67,10 +68,15 @@ class Pressing:
         recent = self._recent
         if recent or force != 0.0:
             recent.append(force)
-            mean = sum(recent) / _WINDOW_STEPS
-            self.force = max(self.force, mean)
-            if mean == 0.0:
+            if force > self.force:
+                self._steps_raised = _WINDOW_STEPS
+            if self._steps_raised:  # a window of forces up to the largest mean has no larger one
+                self._steps_raised -= 1
+                self.force = max(self.force, sum(recent) / _WINDOW_STEPS)
+            self._steps_free = 0 if force != 0.0 else self._steps_free + 1
+            if self._steps_free == _WINDOW_STEPS:
                 recent.clear()
+                self._steps_free = 0
         before = self._momentum
         if force > SUSTAINED_FORCE or before > 0.0:
             self._momentum = max(before + (force - SUSTAINED_FORCE) * TIMESTEP, 0.0)
@@ -95,9 +101,12 @@ class Pressing:
     def recall(cls, memory: Sequence[float]) -> Pressing:
         """The one that had this `memory`."""
         pressing = cls()
-        pressing.force, pressing.impulse, pressing.slide, pressing._momentum, *recent = memory
+        force, impulse, slide, momentum, *recent = memory
         if any(recent):
             pressing._recent.extend(recent)
+            pressing._steps_raised = _WINDOW_STEPS
+            pressing._steps_free = next(steps for steps, each in enumerate(reversed(recent)) if each != 0.0)
+        pressing.force, pressing.impulse, pressing.slide, pressing._momentum = force, impulse, slide, momentum
         return pressing
 
 
