@@ -115,9 +115,8 @@ class SuccessMonitor:
     @property
     def total_path(self) -> float:
         """[m] Sum of the paths of the objects that the goal does not name, while they were not carried."""
-        if not self._paths.any():
-            return 0.0
-        return math.fsum(path for slot, path in enumerate(self._paths.tolist()) if slot not in self.named)
+        paths = self._paths.tolist()
+        return math.fsum(path for slot, path in enumerate(paths) if slot not in self.named) if any(paths) else 0.0
 
     def update(self, measurements: Measurements) -> None:
         """Take into account what was measured after one more control step.
