@@ -89,6 +89,8 @@ CASES = {
     "stack of three": ("three", goals.on("b", "a") & goals.on("c", "b"), 2),
     "stack taken down": ("stack", goals.and_(*(goals.on(name, "tray") for name in "abc")), 3),
     "stack turned over": ("stack", goals.on("a", "counter_left") & goals.on("c", "tray") & goals.on("b", "c"), 3),
+    "the first support cleared": ("few", goals.clear("table_top"), 4),
+    "a stack taken off the first support": ("stack", goals.clear("table_top"), 3),
     "stack moved as it stands": (
         "stack",
         goals.on("a", "counter_left") & goals.on("b", "a") & goals.on("c", "b"),
