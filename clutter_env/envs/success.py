@@ -4,7 +4,8 @@ An object may travel only in the air, in the gripper. It is held while both fing
 can carry it. It is carried while it is held, nothing else bears it, and nothing lies on it, in any part of the control
 step; it may brush against what stands beside it. What counts, for each object and since reset:
 
-- fallen: it has toppled or left its support, and is not carried. A lying cylinder has toppled when it stands up.
+- fallen: it has toppled and is not held, or has left its support and is not carried. A lying cylinder has toppled when
+  it stands up.
 - disturbed: the path that it has moved while not carried is longer than `DISTURBED_PATH`. The path is measured in
   chords: a motion counts when it ends one chord away from where the last chord ended. Jitter of an object at rest
   stays within one `CHORD` and never adds up, slow nudging does. Chords of what the robot moves are `FINE_CHORD` long. A

@@ -86,7 +86,7 @@ class Measurements:
 
     Attributes:
         poses: (n, 7) world poses of the objects.
-        is_fallen: (n,) whether each has toppled or is off the table.
+        is_fallen: (n,) whether each has toppled, and is not held, or is off the table, and is not carried.
         is_off: (n,) whether each is below the lowest support: the table top, unless the layout has a lower one.
         grip: what the grippers hold and touch.
         moved: slots of the objects that the robot has touched in any part of the control step, itself or through other
@@ -299,8 +299,9 @@ class World:
         is_off = poses[:, 2] < self._fallen_below
         tilt = poses[:, 4:6] ** 2
         is_fallen = is_off | (np.abs(tilt[:, 0] + tilt[:, 1] - self._placed_tilt) > self._toppled_change)
-        for slot in grip.carried:
-            is_fallen[slot] = False
+        for slot, is_carried in zip(grip.held, grip.is_carried, strict=True):
+            if is_carried or (slot >= 0 and not is_off[slot]):
+                is_fallen[slot] = False
         measurements = Measurements(poses, is_fallen, is_off, grip, moved)
         self._last = content, measurements
         return measurements
