@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from clutter_env.config import CONTROL_HZ
 from clutter_env.errors import StateError
 from clutter_env.scene.layout import TABLE_HEIGHT
+from clutter_env.simulation.pressing import is_gentle
 from clutter_env.simulation.saved_state import Fields
 from clutter_env.simulation.world import Measurements, World
 
@@ -110,12 +111,13 @@ class SuccessMonitor:
     @property
     def is_gentle(self) -> bool:
         """The robot has not pressed hard on furniture, on itself or on the ground."""
-        return self._world.on_furniture.is_gentle and self._world.on_itself.is_gentle
+        return is_gentle(self._world.on_furniture, self._world.on_itself)
 
     @property
     def total_path(self) -> float:
         """[m] Sum of the paths of the objects that the goal does not name, while they were not carried."""
-        return math.fsum(path for slot, path in enumerate(self._paths.tolist()) if slot not in self.named)
+        paths = self._paths.tolist()
+        return math.fsum(path for slot, path in enumerate(paths) if slot not in self.named) if any(paths) else 0.0
 
     def update(self, measurements: Measurements) -> None:
         """Take into account what was measured after one more control step.
