@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from clutter_env.reporting.tables import markdown_table
 from irm import ArmChain, ExactSolver, ReachabilityMap, Status, decide, link_origins
 from irm.kinematics import link_frames
+from irm.reachability_map import FORMAT
 
 Floats = NDArray[np.float64]
 NO, UNKNOWN, YES = (answer.value for answer in (Status.NO, Status.UNKNOWN, Status.YES))
@@ -49,7 +50,7 @@ _HARD = 0.6
 _AT_ONCE = 2_000
 _EMPTY = 5
 """Draws without a configuration after which a set ends: an arm may not reach below its base."""
-_TIMED, _ROUNDS, _REPEATS = 400, 3, 3
+_TIMED, _ROUNDS, _REPEATS = 4_000, 3, 1
 """Poses of each kind, reachable and random, whose answers are timed, in how many processes, and how often in each."""
 _SETS = ("uniform", "limits", "inside", "right angles", "jittered", "straight", "folded", "wrist", "below")
 """The sets of reachable poses."""
@@ -231,9 +232,6 @@ def times(
     for name in arms:
         if (out / f"{name}+times.json").exists():
             continue
-        judge = Judge(wheels, ARMS[name])
-        is_asked = ExactSolver(judge.chain).is_iterative or judge.chain.has_closed_form  # in the other checkout
-        a_map(judge, out / f"{name}+times.npz", is_coarse=not is_asked)
         taken: dict[Path, list[float]] = {here: [], before.resolve(): []}
         for _ in range(_ROUNDS):
             for code, values in taken.items():
@@ -250,8 +248,9 @@ def time_one(
     arm: tyro.conf.Positional[str], wheels: tyro.conf.Positional[Path], out: tyro.conf.Positional[Path]
 ) -> None:
     """Print the CPU time of `decide` for one pose [µs]: half are poses of configurations, half are random."""
-    judge = Judge(wheels, ARMS[arm])
-    rm, rng = ReachabilityMap.load(out / f"{arm}+times.npz", judge.chain), np.random.default_rng(3)
+    judge, rng = Judge(wheels, ARMS[arm]), np.random.default_rng(3)
+    is_asked = ExactSolver(judge.chain).is_iterative or judge.chain.has_closed_form  # in code before 6ba9a4b1
+    rm = a_map(judge, out / f"{arm}+times+{FORMAT.split()[-1]}.npz", is_coarse=not is_asked)
     known = np.array([judge.pose(q) for q in configurations(judge.chain, "uniform", _TIMED, rng)])
     T = np.concatenate([known, random_poses(judge.chain, _TIMED, rng)])
     decide(rm, T[:: _TIMED // 10])
