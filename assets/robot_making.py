@@ -9,7 +9,7 @@ with the same opening; its other joints are held where the file has them.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,7 +20,9 @@ from mujoco import mjtGeom, mjtJoint
 from numpy.typing import NDArray
 
 from assets.mesh_shapes import JointAxis, quaternion_of as _quaternion, shapes_around
+from assets.robot_motors import ASSUMED, Motor, given_limit, motors_of
 from assets.robot_parts import InvalidRobot, rotation_of
+from assets.robot_reading import ARM_LIMITS, BASE_LIMITS, LIFT_LIMITS, footprint
 from assets.robot_shapes import SUNK, lowest_height
 from irm.errors import ChainError
 from irm.model_reading import MARK, LoadedModel, UnreadMesh, arm_joints, load_robot, tip_frame
@@ -31,10 +33,12 @@ Floats = NDArray[np.float64]
 BASE = ("base_x", "base_y", "base_yaw")
 FINGERS = ("left_finger", "right_finger")
 _NAMES = frozenset((*BASE, *FINGERS, "world", "mobile_base", "lift", "pillar", "gripper", "grip"))
-_GAINS = {"base": 20000.0, "lift": 20000.0, "arm": 2500.0, "finger": 2000.0}
-"""[N/m], [N m/rad] of the position servos, which hold the arm within millimetres."""
-_FORCE, _FINGER_FORCE = 1000.0, 60.0
-"""[N], [N m]"""
+_BASE_GAINS = (20000.0, 20000.0, 10000.0)
+"""[N/m], [N/m], [N m/rad] of the base's position servos, as of the robots of the package."""
+_TRACTION, _WHEELS = 0.6 * 9.81, 2 / 3
+"""[N/kg] of rubber wheels in every direction; where they stand, as a share of the base's radius: those of Fetch."""
+_FINGER_GAIN, _FINGER_FORCE = 2000.0, 60.0
+"""[N/m], [N] of a finger, as of Fetch's."""
 _PAD = np.array([0.035, 0.006, 0.012])
 """[m] Half extents of a finger along the approach, the finger motion and across both."""
 _PALM = 0.02
@@ -106,31 +110,37 @@ def make_robot(file: Path, mounting: Mounting) -> MadeRobot:
         InvalidRobot: the file cannot be read, or lacks what the mounting names; the message says what there is.
     """
     try:
-        model, unread = load_robot(file, mounting.mesh_scale)
+        loaded = load_robot(file, mounting.mesh_scale)
+        model = loaded.model
         numbers = arm_joints(model, mounting.base, mounting.tip)
         T_last_tcp = tip_frame(model, int(model.jnt_bodyid[numbers[-1]]), mounting.tip, mounting.approach)
     except ChainError as problem:
         raise InvalidRobot(str(problem)) from problem
     T_last_tcp[:3, :3] = T_last_tcp[:3, :3] @ rotation(0.0, 0.0, mounting.turn)
     T_last_tcp[:3, 3] += mounting.tool * T_last_tcp[:3, 0]
-    maker = _Maker(LoadedModel(model, unread), mounting, numbers)
+    maker = _Maker(loaded, mounting, numbers)
     gripper = maker.bodies[int(model.jnt_bodyid[numbers[-1]])]
     _add_gripper(maker.robot, gripper, T_last_tcp, mounting, max(-mounting.tool, maker.front(T_last_tcp)))
-    lift = [name for name, slides in maker.joints if slides] or ["lift"]
-    _finish(maker.robot, lift[0], [name for name, slides in maker.joints if not slides])
+    _finish_bodies(maker.robot)
     maker.robot.modelname = file.parent.name if file.stem in ("robot", "model", "scene") else file.stem
     try:
         made = maker.robot.compile()
     except ValueError as problem:
         raise InvalidRobot(f"{file}: the robot that was made of it does not compile: {problem}") from problem
+    lift = next((name for name, slides in maker.joints if slides), "lift")
+    motors = motors_of(made, lift, [name for name, slides in maker.joints if not slides], "grip", maker.given)
+    _add_motors(maker.robot, made, motors)
     names = [made.body(body).name for body in range(1, made.nbody)]
     if len(mounting.apart) % 2 or not set(mounting.apart) <= set(names):
         raise InvalidRobot(f"apart={mounting.apart!r} must be bodies, two by two; there are {', '.join(names)}")
     apart = [*maker.touching_in_boxes_alone(made), *zip(mounting.apart[::2], mounting.apart[1::2], strict=True)]
     for one, other in dict.fromkeys([*apart, *maker.neighbours()]):
         maker.robot.add_exclude(bodyname1=one, bodyname2=other)
-    page = {"base_joints": BASE, "tip": "grip", "finger_joints": FINGERS}
+    page: dict[str, Any] = {"base_joints": BASE, "tip": "grip", "finger_joints": FINGERS}
     page |= {"base": mounting.drive} if mounting.drive != "holonomic" else {}
+    arm = [model.joint(k).name for k in numbers if int(model.jnt_type[k]) == int(mjtJoint.mjJNT_HINGE)]
+    fastest = [min(loaded.velocities.get(name, np.inf), ARM_LIMITS[0]) for name in arm]
+    page |= {"max_velocity": (*BASE_LIMITS, LIFT_LIMITS[0], *fastest)} if min(fastest) < ARM_LIMITS[0] else {}
     joints = [model.joint(k).name or f"joint {k}" for k in range(model.njnt) if k not in numbers]
     found = {
         "arm in the file": ", ".join(name for name, slides in maker.joints if not slides),
@@ -138,6 +148,9 @@ def make_robot(file: Path, mounting: Mounting) -> MadeRobot:
         "other joints, left out or held where they are": ", ".join(joints) or "none",
         "gripper": f"two sliding fingers in place of its own; that they open to {mounting.opening} m is said by "
         "--opening alone, and where the grasp is by --tip, --tool and --turn",
+        "torques [N m], forces [N]": ", ".join(
+            f"{name} {motor.limit:.3g}{' (assumed)' if motor.is_assumed else ''}" for name, motor in motors.items()
+        ),
         "shapes": f"boxes, cylinders and capsules in place of {maker.meshes} meshes",
         **maker.notes,
         "touch only as boxes, so not checked": ", ".join(f"{one} and {other}" for one, other in apart) or "none",
@@ -146,7 +159,8 @@ def make_robot(file: Path, mounting: Mounting) -> MadeRobot:
 
 
 class _Maker:
-    """Copies a compiled model's bodies into a new `robot`: `bodies` by their old number, `joints` (name, slides)."""
+    """Copies a compiled model's bodies into a new `robot`: `bodies` by their old number, `joints` (name, slides), and
+    `given`, the limits of their motors by their names."""
 
     def __init__(self, loaded: LoadedModel, mounting: Mounting, numbers: list[int]) -> None:
         self.model, self.mounting, self.numbers = loaded.model, mounting, numbers
@@ -157,6 +171,7 @@ class _Maker:
         self.robot = mujoco.MjSpec()
         self.bodies: dict[int, Any] = {}
         self.joints: list[tuple[str, bool]] = []
+        self.given: dict[str, float] = {}
         self.meshes = 0
         self.robot.compiler.degree, self.robot.compiler.autolimits = False, True
         self.solid = self._solid()
@@ -278,6 +293,8 @@ class _Maker:
                     int(model.jnt_type[k]) == int(mjtJoint.mjJNT_SLIDE),
                 )
                 self.joints.append((name, slides))
+                if (limit := given_limit(model, k)) is not None:
+                    self.given[name] = limit
                 joint = made.add_joint(name=name, type=mjtJoint(int(model.jnt_type[k])), axis=model.jnt_axis[k])
                 joint.pos, joint.ref = model.jnt_pos[k], model.qpos0[model.jnt_qposadr[k]]
                 if model.jnt_limited[k]:
@@ -490,23 +507,31 @@ def _add_gripper(robot: mujoco.MjSpec, wrist: Any, T_wrist_tcp: Floats, mounting
     coupling.data[1], coupling.solref = 1, [0.004, 1]
 
 
-def _finish(robot: mujoco.MjSpec, lift: str, arm: Collection[str]) -> None:
-    """Compensate gravity, set the collision bits, and add a position servo for each joint."""
+def _finish_bodies(robot: mujoco.MjSpec) -> None:
+    """Compensate gravity, and set the collision bits."""
     for body in robot.bodies[1:]:
         body.gravcomp = 1
     for geom in robot.geoms:
         geom.contype, geom.conaffinity = 2, 0
-    kinds = {
-        **dict.fromkeys(BASE, "base"),
-        lift: "lift",
-        **dict.fromkeys(arm, "arm"),
-        **dict.fromkeys(FINGERS, "finger"),
-    }
-    for name, kind in kinds.items():
-        motor = robot.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-        motor.set_to_position(kp=_GAINS[kind], dampratio=1)
-        force = _FINGER_FORCE if kind == "finger" else _FORCE
-        motor.forcerange, motor.forcelimited = [-force, force], True
+
+
+def _add_motors(robot: mujoco.MjSpec, made: mujoco.MjModel, motors: Mapping[str, Motor]) -> None:
+    """A position servo for each joint; in the file's text `ASSUMED` the names of those whose torques are assumed.
+
+    The base pushes as hard as its wheels hold, in whatever direction, and turns with that force at its wheels.
+    """
+    push = _TRACTION * float(made.body_subtreemass[made.body("mobile_base").id])
+    turn = push * _WHEELS * float(footprint(made, "mobile_base")["base_radius"])
+    base = zip(BASE, _BASE_GAINS, (push / np.sqrt(2), push / np.sqrt(2), turn), strict=True)
+    servos = {name: (gain, limit) for name, gain, limit in base}
+    servos |= {name: (motor.stiffness, motor.limit) for name, motor in motors.items()}
+    servos |= dict.fromkeys(FINGERS, (_FINGER_GAIN, _FINGER_FORCE))
+    for name, (gain, limit) in servos.items():
+        actuator = robot.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        actuator.set_to_position(kp=gain, dampratio=1)
+        actuator.forcerange, actuator.forcelimited = [-limit, limit], True
+    if assumed := [name for name, motor in motors.items() if motor.is_assumed]:
+        robot.add_text(name=ASSUMED, data=" ".join(assumed))
 
 
 def _inertia(mass: float, inertia: Any, ipos: Any = (0, 0, 0), iquat: Any = (1, 0, 0, 0)) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from assets import RobotSpec
+from assets.robot_motors import ASSUMED, payload_of
 from assets.robot_reading import collision_geoms
 from assets.robot_shapes import SUNK, lowest_height
 from clutter_env.errors import ConfigError
@@ -52,6 +53,8 @@ _LEVEL = 0.999
 """Smallest cosine between the vertical and the level gripper's z axis."""
 _ABOVE_OBJECTS = 0.28
 """[m] of the TCP at home above the table at least: the highest objects, and the lower end of one that is held."""
+_HEAVIEST = OBJECT_SETS["standard"].mass[1]
+"""[kg] of the standard objects."""
 _METHODS = {
     CLOSED_FORM: "the closed form of Fetch's arm",
     SPHERICAL: "closed form: three axes meet in a point",
@@ -107,10 +110,10 @@ def report_of(robot: RobotSpec, table: float = TABLE_HEIGHT) -> RobotReport:
     except (ConfigError, GeometryError) as problem:
         return RobotReport(robot.name, {}, (str(problem),))
     model, reach = mujoco.MjModel.from_xml_path(str(robot.mjcf_path)), level_reach(robot, table)
-    return RobotReport(robot.name, _facts(robot, reach), tuple(_problems(robot, model, reach, table)), reach)
+    return RobotReport(robot.name, _facts(robot, model, reach), tuple(_problems(robot, model, reach, table)), reach)
 
 
-def _facts(robot: RobotSpec, reach: LevelReach) -> dict[str, str]:
+def _facts(robot: RobotSpec, model: mujoco.MjModel, reach: LevelReach) -> dict[str, str]:
     chain, gripper = ArmChain.from_robot(robot), gripper_clearances(robot)
     tcp, stroke = forward(chain, robot.home)[:3, 3], float(chain.upper[0] - chain.lower[0])
     ahead = {"level": reach.straight_ahead, "tilted by 60°": reach.tilted, "from above": reach.from_above}
@@ -123,11 +126,33 @@ def _facts(robot: RobotSpec, reach: LevelReach) -> dict[str, str]:
         if stroke > _STILL
         else "none",
         "gripper": f"opens to {robot.max_opening:.3f} m, palm {1000 * gripper.palm_reach:.0f} mm behind the TCP",
+        "motors": _motors(robot, model),
         "base": f"{robot.base_drive}, radius {robot.base_radius:.3f} m, height {robot.base_height:.3f} m",
         "home": f"TCP at ({', '.join(f'{value:.3f}' for value in tcp)}) m",
         "grasps at the table, straight ahead": reaches,
         "cameras": ", ".join(robot.cameras) or "none: no image observations",
     }
+
+
+def _motors(robot: RobotSpec, model: mujoco.MjModel) -> str:
+    """What the arm holds stretched out, and which torques are assumed."""
+    held = payload_of(model, robot.drive_joints[3:], robot.tcp_site)
+    if held is None:
+        return "no limits in the file"
+    first = f"{held.joint!r} has {held.limit:.3g} N m"
+    said = f"hold {held.kg:.2g} kg with the arm stretched out ({first})"
+    if held.kg < _HEAVIEST:
+        arm = "the arm alone" if held.kg < 0.0 else f"the arm with the {_HEAVIEST} kg of the heaviest standard object"
+        said = (
+            f"do not hold {arm} stretched out ({first}); where springs or counterweights bear the arm, as gravcomp "
+            f"does in a simulation, they hold {held.weightless_kg:.2g} kg"
+        )
+    texts = [model.text(k).name for k in range(model.ntext)]
+    if ASSUMED not in texts:
+        return said
+    first_byte, size = model.text_adr[texts.index(ASSUMED)], model.text_size[texts.index(ASSUMED)]
+    names = bytes(model.text_data[first_byte : first_byte + size]).rstrip(b"\0").decode()
+    return f"{said}; assumed, since the arm's file gives none: {', '.join(names.split())}"
 
 
 def _problems(robot: RobotSpec, model: mujoco.MjModel, reach: LevelReach, table: float) -> Iterator[str]:
@@ -139,10 +164,6 @@ def _problems(robot: RobotSpec, model: mujoco.MjModel, reach: LevelReach, table:
     pairs = [{int(a), int(b)} for a, b in zip(model.eq_obj1id, model.eq_obj2id, strict=True)]
     if {model.joint(name).id for name in robot.finger_joints} not in pairs:
         yield "no joint equality couples the fingers"
-    bits = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
-    hits = np.flatnonzero(bits & ((model.geom_contype != 2) | (model.geom_conaffinity != 0)))
-    if names := [model.geom(int(geom)).name or f"geom {geom}" for geom in hits]:
-        yield f'geoms without contype="2" conaffinity="0", with which the robot hits itself: {", ".join(names)}'
     pads = [model.geom(name) for name in robot.finger_geoms]
     if soft := [pad.name for pad in pads if pad.condim[0] < 4 or pad.priority[0] < 1]:
         yield f'pads without condim="4" priority="1", from which objects slip: {", ".join(soft)}'
@@ -162,6 +183,12 @@ def _problems(robot: RobotSpec, model: mujoco.MjModel, reach: LevelReach, table:
         yield (
             f"the palm is {where} the TCP, and objects of {1000 * thinnest:.0f} mm radius and more are to be between: "
             f"move the tip ahead; with `robot make`: {1000 * (thinnest - palm):.0f} mm more of --tool"
+        )
+    held = payload_of(model, robot.drive_joints[3:], robot.tcp_site)
+    if held is not None and held.weightless_kg < _HEAVIEST:
+        yield (
+            f"the motors hold {held.weightless_kg:.2g} kg at the TCP, even if nothing but that weighs on them; "
+            f"standard objects weigh up to {_HEAVIEST} kg"
         )
     for name, depth in _below_ground(model):
         yield f"{name!r} is {1000 * depth:.1f} mm below the ground: raise what stands on the base"

@@ -21,6 +21,8 @@ from clutter_env.cli.robot_report import (
     why_no_home,
 )
 from clutter_env.cli.robot_trials import SceneTrials, try_scenes
+from clutter_env.scene.layout import find_layout
+from clutter_env.simulation.model import compile_model
 from irm.chain import ArmChain
 from irm.kinematics import forward
 
@@ -56,7 +58,8 @@ def test_a_good_robot_is_drawn_and_has_no_problem(tmp_path: Path, capsys: pytest
         ('joint1="finger_joint1" joint2="finger_joint2"', 'joint1="joint1" joint2="joint2"', "couples the fingers"),
         ('condim="4"', 'condim="3"', "from which objects slip"),
         ('type="box" size="0.032 0.10 0.034"', 'type="ellipsoid" size="0.032 0.10 0.034"', "is none of"),
-        ('name="link4" class="panda_grey"', 'name="link4" conaffinity="1" class="panda_grey"', "geoms without contype"),
+        ('name="link4" class="panda_grey"', 'name="link4" conaffinity="1" class="panda_grey"', ""),
+        ('forcerange="-12 12"', 'forcerange="-0.2 0.2"', "the motors hold 0.089 kg at the TCP"),
     ],
 )
 def test_faults_of_the_file_are_named(tmp_path: Path, old: str, new: str, hint: str) -> None:
@@ -66,6 +69,29 @@ def test_faults_of_the_file_are_named(tmp_path: Path, old: str, new: str, hint: 
     problems = report_of(replace(PANDA, mjcf=str(tmp_path / "robot.xml"))).problems
     assert hint in "; ".join(problems)
     assert bool(problems) == bool(hint)
+
+
+def test_contact_bits_of_the_file_do_not_matter_to_a_simulation(tmp_path: Path) -> None:
+    """They are set anew: the robot meets what the planner's rule counts."""
+    other = changed_panda(tmp_path, 'name="link4" class', 'name="link4" contype="1" conaffinity="7" class')
+    models = [compile_model(robot, find_layout("paper"), ()) for robot in (PANDA, other)]
+    for bits in ("geom_contype", "geom_conaffinity"):
+        np.testing.assert_array_equal(*(getattr(model, bits) for model in models))
+
+
+@pytest.mark.usefixtures("reach_once")
+def test_an_arm_that_its_motors_do_not_hold_stretched_out_is_named(tmp_path: Path) -> None:
+    """It is no problem of a simulation, in which the arm weighs nothing."""
+    text = PANDA.mjcf_path.read_text().replace('forcerange="-87 87"', 'forcerange="-30 30"')
+    text = text.replace(
+        "<worldbody>", '<custom><text name="assumed_torques" data="joint1 joint2"/></custom><worldbody>'
+    )
+    (tmp_path / "weak.xml").write_text(text)
+    report = report_of(replace(PANDA, mjcf=str(tmp_path / "weak.xml")))
+    assert "do not hold the arm alone stretched out ('joint2' has 30 N m)" in report.facts["motors"]
+    assert report.facts["motors"].endswith("assumed, since the arm's file gives none: joint1, joint2")
+    assert report.problems == ()
+    assert report_of(PANDA).facts["motors"].startswith("hold 3.3 kg with the arm stretched out")
 
 
 @pytest.mark.usefixtures("reach_once")
