@@ -147,11 +147,10 @@ def _motors(robot: RobotSpec, model: mujoco.MjModel) -> str:
             f"do not hold {arm} stretched out ({first}); where springs or counterweights bear the arm, as gravcomp "
             f"does in a simulation, they hold {held.weightless_kg:.2g} kg"
         )
-    texts = [model.text(k).name for k in range(model.ntext)]
-    if ASSUMED not in texts:
+    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TEXT, ASSUMED)
+    if number < 0:
         return said
-    first_byte, size = model.text_adr[texts.index(ASSUMED)], model.text_size[texts.index(ASSUMED)]
-    names = bytes(model.text_data[first_byte : first_byte + size]).rstrip(b"\0").decode()
+    names = bytes(model.text_data)[model.text_adr[number] :].split(b"\0", 1)[0].decode()
     return f"{said}; assumed, since the arm's file gives none: {', '.join(names.split())}"
 
 
