@@ -53,6 +53,8 @@ _BARE = 0.05
 """[m] from a joint to the next one up to which a link between them needs no shape: those of its neighbours meet."""
 _COLUMN = 0.06
 """[m] Radius of what stands for the base of an arm whose file gives it no shape."""
+_TURN_IN_DEGREES = np.radians(6.3)
+"""[rad] A whole turn, rounded, of a file that gives radians, read as degrees."""
 _LEAST_MASS, _LEAST_INERTIA = 1e-3, 1e-6
 """[kg], [kg m²] of a body that the file gives none."""
 
@@ -77,6 +79,7 @@ class Mounting:
         drive: how the base moves: "holonomic", "differential" or "fixed", not at all; the round base is then a
             pedestal as high as the arm's base.
         mesh_scale: by which all meshes are scaled: 0.001 for a file that takes millimetres for metres.
+        radians: whether angles of an MJCF file are radians, although it does not say so.
     """
 
     base: str
@@ -92,6 +95,7 @@ class Mounting:
     apart: tuple[str, ...] = ()
     drive: str = "holonomic"
     mesh_scale: float = 1.0
+    radians: bool = False
 
 
 class MadeRobot(NamedTuple):
@@ -110,9 +114,10 @@ def make_robot(file: Path, mounting: Mounting) -> MadeRobot:
         InvalidRobot: the file cannot be read, or lacks what the mounting names; the message says what there is.
     """
     try:
-        loaded = load_robot(file, mounting.mesh_scale)
+        loaded = load_robot(file, mounting.mesh_scale, mounting.radians)
         model = loaded.model
         numbers = arm_joints(model, mounting.base, mounting.tip)
+        _check_angles(model, numbers)
         T_last_tcp = tip_frame(model, int(model.jnt_bodyid[numbers[-1]]), mounting.tip, mounting.approach)
     except ChainError as problem:
         raise InvalidRobot(str(problem)) from problem
@@ -149,13 +154,26 @@ def make_robot(file: Path, mounting: Mounting) -> MadeRobot:
         "gripper": f"two sliding fingers in place of its own; that they open to {mounting.opening} m is said by "
         "--opening alone, and where the grasp is by --tip, --tool and --turn",
         "torques [N m], forces [N]": ", ".join(
-            f"{name} {motor.limit:.3g}{' (assumed)' if motor.is_assumed else ''}" for name, motor in motors.items()
+            f"{name} {motor.limit:.3g}{' (assumed)' if motor.is_assumed else ''}"
+            for name, motor in motors.items()
+            if name != "lift"
         ),
         "shapes": f"boxes, cylinders and capsules in place of {maker.meshes} meshes",
         **maker.notes,
         "touch only as boxes, so not checked": ", ".join(f"{one} and {other}" for one, other in apart) or "none",
     }
     return MadeRobot(maker.robot.to_xml(), page, found)
+
+
+def _check_angles(model: mujoco.MjModel, numbers: list[int]) -> None:
+    """Raise `InvalidRobot` if all hinges of an arm have ranges that are a turn in radians read as degrees."""
+    hinges = [k for k in numbers if int(model.jnt_type[k]) == int(mjtJoint.mjJNT_HINGE)]
+    widest = float(np.abs(model.jnt_range[hinges]).max())
+    if model.jnt_limited[hinges].all() and widest <= _TURN_IN_DEGREES:
+        raise InvalidRobot(
+            f"the joints of the arm turn by no more than {widest:.3g} rad: the file seems to give radians, without "
+            '<compiler angle="radian"/>; then say --radians'
+        )
 
 
 class _Maker:
@@ -213,18 +231,24 @@ class _Maker:
     def _add_own_base(self, base: Any) -> None:
         """The file's own base on the ground, a lift unless the file has one, and the arm on it.
 
-        What carries the arm's first link goes with the lift, so that it is that link's neighbour.
+        What carries the arm's first link goes with a lift that is added, so that it is that link's neighbour; unless it
+        is the base's only shape, as the chassis on a frame without shapes is.
         """
         model, up = self.model, np.zeros(3)
         stand = int(model.body_parentid[self.first])
         self._add_geoms(base, self.root)
         self.bodies[self.root] = base
-        moved = self.first if stand == self.root else stand
+        moved = self.first if self._has_lift() or self._is_all_of_the_base(stand) else stand
         for child in self._children(self.root):
             self._copy(child, base, besides=moved)
         up[2] = self._raised(base)
         carrier = base if self._has_lift() else self._add_lift(base, np.zeros(3))
         self._copy(moved, carrier, up=up)
+
+    def _is_all_of_the_base(self, stand: int) -> bool:
+        """Whether the base has no shape without a body and what that carries."""
+        left = set(self._below(self.root)) - set(self._below(stand))
+        return not any(self._solid_geoms(body) for body in left if not self._is_left_out(body))
 
     def _raised(self, base: Any) -> float:
         """[m] by which a base and what it carries is raised, because in the file it is below the ground."""
@@ -516,7 +540,8 @@ def _finish_bodies(robot: mujoco.MjSpec) -> None:
 
 
 def _add_motors(robot: mujoco.MjSpec, made: mujoco.MjModel, motors: Mapping[str, Motor]) -> None:
-    """A position servo for each joint; in the file's text `ASSUMED` the names of those whose torques are assumed.
+    """A position servo for each joint; in the file's text `ASSUMED` the names of those whose torques are assumed,
+    but for a lift that was added.
 
     The base pushes as hard as its wheels hold, in whatever direction, and turns with that force at its wheels.
     """
@@ -530,7 +555,7 @@ def _add_motors(robot: mujoco.MjSpec, made: mujoco.MjModel, motors: Mapping[str,
         actuator = robot.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         actuator.set_to_position(kp=gain, dampratio=1)
         actuator.forcerange, actuator.forcelimited = [-limit, limit], True
-    if assumed := [name for name, motor in motors.items() if motor.is_assumed]:
+    if assumed := [name for name, motor in motors.items() if motor.is_assumed and name != "lift"]:
         robot.add_text(name=ASSUMED, data=" ".join(assumed))
 
 

@@ -102,7 +102,7 @@ def motors_of(
     needed, of_object = _moments(model, (lift, *arm), tcp)
     torques = [given.get(name, _MARGIN * bears) for name, bears in zip(arm, needed[1:], strict=True)]
     stiffness = np.maximum(of_object[1:] / _BENT, _LEAST * of_object[1:].max() / _BENT)
-    motors = {lift: Motor(given.get(lift, _MARGIN * needed[0]), _LIFT_STIFFNESS, lift not in given)}
+    motors = {lift: Motor(given.get(lift, _MARGIN * float(needed[0])), _LIFT_STIFFNESS, lift not in given)}
     for name, torque, gain in zip(arm, torques, stiffness.tolist(), strict=True):
         limit = torque if name in given else max(torque, _LEAST * max(torques))
         motors[name] = Motor(float(limit), gain, name not in given)
@@ -118,7 +118,7 @@ def payload_of(model: mujoco.MjModel, joints: Sequence[str], tcp: str) -> Payloa
 
     Args:
         model: of the robot; its base is upright, and its actuators have the names of its joints.
-        joints: names of its lift and arm.
+        joints: names of the arm's joints.
         tcp: name of the site between the finger tips.
     """
     limits = np.array([_limit(model, name) for name in joints])

@@ -158,9 +158,10 @@ def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: 
     }
 
 
-def load_robot(path: Path, mesh_scale: float = 1.0) -> LoadedModel:
+def load_robot(path: Path, mesh_scale: float = 1.0, radians: bool = False) -> LoadedModel:
     """The compiled model of an MJCF or URDF file with all its meshes, each `mesh_scale` times as large as it says.
 
+    With `radians`, angles of an MJCF file are radians, whatever its `<compiler>` says; those of a URDF file always are.
     Which of the two it is the file itself tells, not its name. For a URDF file see `load_urdf`.
 
     Raises:
@@ -172,6 +173,8 @@ def load_robot(path: Path, mesh_scale: float = 1.0) -> LoadedModel:
         spec = mujoco.MjSpec.from_string(text) if text else mujoco.MjSpec.from_file(str(path))
         for mesh in spec.meshes:
             mesh.scale = mesh.scale * mesh_scale
+        if radians:
+            spec.compiler.degree = False
         return LoadedModel(spec.compile(), unread, velocities)
     except ValueError as problem:
         kind = "a URDF" if text else "an MJCF"

@@ -136,7 +136,7 @@ def _facts(robot: RobotSpec, model: mujoco.MjModel, reach: LevelReach) -> dict[s
 
 def _motors(robot: RobotSpec, model: mujoco.MjModel) -> str:
     """What the arm holds stretched out, and which torques are assumed."""
-    held = payload_of(model, robot.drive_joints[3:], robot.tcp_site)
+    held = payload_of(model, robot.arm_joints, robot.tcp_site)
     if held is None:
         return "no limits in the file"
     first = f"{held.joint!r} has {held.limit:.3g} N m"
@@ -183,7 +183,7 @@ def _problems(robot: RobotSpec, model: mujoco.MjModel, reach: LevelReach, table:
             f"the palm is {where} the TCP, and objects of {1000 * thinnest:.0f} mm radius and more are to be between: "
             f"move the tip ahead; with `robot make`: {1000 * (thinnest - palm):.0f} mm more of --tool"
         )
-    held = payload_of(model, robot.drive_joints[3:], robot.tcp_site)
+    held = payload_of(model, robot.arm_joints, robot.tcp_site)
     if held is not None and held.weightless_kg < _HEAVIEST:
         yield (
             f"the motors hold {held.weightless_kg:.2g} kg at the TCP, even if nothing but that weighs on them; "

@@ -382,6 +382,42 @@ def test_a_mesh_that_cannot_be_read_is_refused_with_what_to_do(tmp_path: Path) -
         make_robot(six_links(tmp_path, {4: mesh.format("visual")}, ""), six)
 
 
+def test_a_chassis_on_a_frame_without_shapes_is_the_base(linkage: Path, tmp_path: Path) -> None:
+    """Such a base "had no shape" where its chassis carries the arm, or the arm's lift; it rode on the lift."""
+    text = """<mujoco><worldbody><body name="footprint"><body name="chassis">
+      <geom type="box" size=".3 .2 .1" pos="0 0 .1"/>{}</body></body></worldbody></mujoco>"""
+    torso = """<body name="torso" pos="0 0 .6"><joint name="torso" type="slide" axis="0 0 1" range="0 .3"/>
+      <geom type="box" size=".1 .1 .1" mass="1"/></body>"""
+    mounting = replace(UR5E, base="footprint", tip="arm_wrist_3", on=None, lift=None)
+    for carried, carrier in (("", "chassis"), (torso, "torso")):
+        spec = mujoco.MjSpec.from_string(text.format(carried))
+        arm = mujoco.MjSpec.from_file(str(linkage))
+        spec.body(carrier).add_frame(pos=[0, 0, 0.25]).attach_body(arm.body("base"), "arm_", "")
+        spec.compile()
+        (tmp_path / "rover.xml").write_text(spec.to_xml())
+        made, page, _ = make_robot(tmp_path / "rover.xml", mounting)
+        (tmp_path / "made.xml").write_text(made)
+        robot = RobotSpec.from_mjcf(tmp_path / "made.xml", **page, home=(0.0, *HOME[1:]))
+        assert robot.base_height == pytest.approx(0.2)
+        assert {tuple(np.abs(corner)) for corner in robot.base_outline} == {(0.3, 0.2)}
+        assert robot.chain[0].joint == ("torso" if carried else "lift")
+
+
+def test_radians_that_are_read_as_degrees_are_refused_unless_said(linkage: Path, tmp_path: Path) -> None:
+    """The robot "reached no grasp": its joints turned by 3°."""
+    text = linkage.read_text()
+    assert 'angle="radian"' in text
+    (tmp_path / "degrees.xml").write_text(text.replace('angle="radian"', ""))
+    with pytest.raises(InvalidRobot, match=r"turn by no more than 0.11 rad.*--radians"):
+        make_robot(tmp_path / "degrees.xml", UR5E)
+    made, wanted = (
+        make_robot(file, replace(UR5E, radians=file.stem == "degrees")).mjcf
+        for file in (tmp_path / "degrees.xml", linkage)
+    )
+    ranges = [mujoco.MjModel.from_xml_string(text).jnt_range for text in (made, wanted)]
+    np.testing.assert_allclose(*ranges)
+
+
 def limits_of(model: mujoco.MjModel, joints: Sequence[str]) -> list[float]:
     motors = [model.actuator(name) for name in joints]
     assert all(motor.forcelimited[0] and motor.forcerange[0] == -motor.forcerange[1] for motor in motors)
@@ -469,7 +505,7 @@ def test_the_base_pushes_as_hard_as_its_wheels_hold(linkage: Path) -> None:
 def test_what_published_torques_hold_is_the_published_payload(name: str, published: float) -> None:
     """6 kg of Fetch and 3 kg of the Panda, on their data sheets."""
     own = robot(name)
-    found = payload_of(mujoco.MjModel.from_xml_path(str(own.mjcf_path)), own.drive_joints[3:], own.tcp_site)
+    found = payload_of(mujoco.MjModel.from_xml_path(str(own.mjcf_path)), own.arm_joints, own.tcp_site)
     assert found is not None
     assert published <= found.kg < 1.2 * published
     assert found.weightless_kg > found.kg

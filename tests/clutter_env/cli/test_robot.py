@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -233,3 +234,32 @@ def test_a_robot_is_made_of_an_arm_s_file(tmp_path: Path, capsys: pytest.Capture
     page = json.loads(file.with_suffix(".json").read_text())
     assert report_of(RobotSpec.from_mjcf(file, **page)).problems == ()
     assert file.with_suffix(".png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_a_wrist_with_narrow_limits_may_need_half_a_turn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """No home was found, though two fingers are the same upside down: the Puma's wrist turns by 90° either way."""
+    file, out = tmp_path / "narrow.xml", tmp_path / "made.xml"
+    text = ARM.read_text()
+    for joint, limits in (("shoulder_pan", "2 3.5"), ("wrist_2", "0.2 2.9"), ("wrist_3", "0.9 2.3")):
+        text, changed = re.subn(rf'(name="{joint}" axis="0 0 1" range=)"[^"]*"', rf'\1"{limits}"', text)
+        assert changed == 1
+    file.write_text(text)
+    place = ["--on", "0.15", "0.75", "--lift", "0", "0.4", "--tool", "0.24", "--scenes", "0"]
+    main(["robot", "make", str(file), "--base", "base", "--tip", "wrist_3", *place, "--out", str(out)])
+    text = capsys.readouterr().out
+    assert "no problem found" in text
+    assert "turn: the gripper is turned by half a turn, --turn 3.1416: else" in text
+    page = json.loads(out.with_suffix(".json").read_text())
+    assert 0.9 <= page["home"][-1] <= 2.3
+
+
+def test_no_home_is_no_misuse(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The message ended with "did you mean 'lift'?", of a flag that it advises."""
+    place = ["--on", "0.15", "0.75", "--lift", "0", "0.4", "--tool", "0.24", "--table", "3"]
+    with pytest.raises(SystemExit) as ended:
+        main(["robot", "make", str(ARM), "--base", "base", "--tip", "wrist_3", *place, "--out", str(tmp_path / "m.xml")])
+    assert ended.value.code == 1
+    text = capsys.readouterr().err
+    assert "reaches no grasp on a table of 3.0 m" in text
+    assert "did you mean" not in text
