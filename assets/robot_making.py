@@ -27,7 +27,7 @@ from assets.robot_shapes import SUNK, lowest_height
 from irm.errors import ChainError
 from irm.model_reading import MARK, LoadedModel, UnreadMesh, arm_joints, load_robot, tip_frame
 from irm.rotations import rotation
-from irm.self_contact import CLEARANCE, is_solid
+from irm.self_contact import CLEARANCE, is_solid, link_of_body
 
 Floats = NDArray[np.float64]
 BASE = ("base_x", "base_y", "base_yaw")
@@ -47,6 +47,8 @@ _PAD_CENTRE = -0.02
 """[m] of the fingers along the approach, from the TCP."""
 _SAMPLES = 2000
 """Random configurations in which it is found what touches."""
+_SELDOM = 0.05
+"""Share of them in which bodies do not touch that belong together, as in `irm.self_contact`."""
 _STILL = 1e-3
 """[m] Range of the lift of a robot that has none."""
 _BARE = 0.05
@@ -138,8 +140,9 @@ def make_robot(file: Path, mounting: Mounting) -> MadeRobot:
     names = [made.body(body).name for body in range(1, made.nbody)]
     if len(mounting.apart) % 2 or not set(mounting.apart) <= set(names):
         raise InvalidRobot(f"apart={mounting.apart!r} must be bodies, two by two; there are {', '.join(names)}")
-    apart = [*maker.touching_in_boxes_alone(made), *zip(mounting.apart[::2], mounting.apart[1::2], strict=True)]
-    for one, other in dict.fromkeys([*apart, *maker.neighbours()]):
+    never, always = maker.uncheckable(made)
+    apart = [*never, *zip(mounting.apart[::2], mounting.apart[1::2], strict=True)]
+    for one, other in dict.fromkeys([*apart, *always, *maker.neighbours()]):
         maker.robot.add_exclude(bodyname1=one, bodyname2=other)
     page: dict[str, Any] = {"base_joints": BASE, "tip": "grip", "finger_joints": FINGERS}
     page |= {"base": mounting.drive} if mounting.drive != "holonomic" else {}
@@ -161,6 +164,7 @@ def make_robot(file: Path, mounting: Mounting) -> MadeRobot:
         "shapes": f"boxes, cylinders and capsules in place of {maker.meshes} meshes",
         **maker.notes,
         "touch only as boxes, so not checked": ", ".join(f"{one} and {other}" for one, other in apart) or "none",
+        "touch nearly always, so not checked": ", ".join(f"{one} and {other}" for one, other in always) or "none",
     }
     return MadeRobot(maker.robot.to_xml(), page, found)
 
@@ -174,6 +178,22 @@ def _check_angles(model: mujoco.MjModel, numbers: list[int]) -> None:
             f"the joints of the arm turn by no more than {widest:.3g} rad: the file seems to give radians, without "
             '<compiler angle="radian"/>; then say --radians'
         )
+
+
+class _Uncheckable(NamedTuple):
+    """Names of bodies, two by two, that touch as boxes, but their meshes never; and that touch nearly always."""
+
+    as_boxes: list[tuple[str, str]]
+    always: list[tuple[str, str]]
+
+
+@dataclass
+class _Touches:
+    """Configurations in which two bodies touch, or do not; and whether their meshes touched in one."""
+
+    shapes: int = 0
+    apart: int = 0
+    meshes: bool = False
 
 
 class _Maker:
@@ -431,8 +451,12 @@ class _Maker:
         if stand is not None and stand.name != self.bodies[self.first].parent.name:
             yield stand.name, self.bodies[self.first].name
 
-    def touching_in_boxes_alone(self, made: mujoco.MjModel) -> Iterator[tuple[str, str]]:
-        """Names of bodies, two by two, that touch in some of many random configurations, but their meshes in none."""
+    def uncheckable(self, made: mujoco.MjModel) -> _Uncheckable:
+        """Pairs of bodies of links that are no neighbours, whose contacts say nothing, in many random configurations.
+
+        The rule of `irm.self_contact` leaves out two shapes that nearly always touch. Of a body of several shapes each
+        may touch less often, and one of them always.
+        """
         numbers, names = self.numbers, [name for name, _ in self.joints]
         models = [(made, mujoco.MjData(made)), (self.model, mujoco.MjData(self.model))]
         columns = [[int(made.joint(name).qposadr[0]) for name in names], self.model.jnt_qposadr[numbers]]
@@ -440,14 +464,19 @@ class _Maker:
             old: [np.flatnonzero(made.geom_bodyid == made.body(new.name).id), self._solid_geoms(old)]
             for old, new in self.bodies.items()
         }
-        pairs = dict.fromkeys(itertools.combinations(geoms, 2), False)
+        lift = [] if any(slides for _, slides in self.joints) else ["lift"]
+        links = link_of_body(made, [*lift, *names])
+        link = {old: links[made.body(new.name).id] for old, new in self.bodies.items()}
+        pairs = {
+            pair: _Touches() for pair in itertools.combinations(geoms, 2) if abs(link[pair[0]] - link[pair[1]]) > 1
+        }
         limited = self.model.jnt_limited[numbers].astype(bool)[:, None]
         low, high = np.where(limited, self.model.jnt_range[numbers], (-np.pi, np.pi)).T
         for q in np.random.default_rng(0).uniform(low, high, (_SAMPLES, len(low))):
             for (model, data), column in zip(models, columns, strict=True):
                 data.qpos[column] = q
                 mujoco.mj_kinematics(model, data)
-            for one, other in tuple(pairs):
+            for (one, other), touches in tuple(pairs.items()):
                 touch = (
                     any(
                         mujoco.mj_geomDistance(*world, a, b, 2 * CLEARANCE, None) < CLEARANCE
@@ -456,10 +485,17 @@ class _Maker:
                     for k, world in enumerate(models)
                 )
                 if next(touch):
-                    pairs[one, other] = True
-                    if next(touch):
-                        del pairs[one, other]
-        return ((self.bodies[one].name, self.bodies[other].name) for (one, other), hit in pairs.items() if hit)
+                    touches.shapes += 1
+                    touches.meshes = touches.meshes or next(touch)
+                else:
+                    touches.apart += 1
+                if touches.meshes and touches.apart > _SELDOM * _SAMPLES:
+                    del pairs[one, other]
+        named = {(self.bodies[one].name, self.bodies[other].name): found for (one, other), found in pairs.items()}
+        return _Uncheckable(
+            [pair for pair, found in named.items() if found.shapes and not found.meshes],
+            [pair for pair, found in named.items() if found.meshes],
+        )
 
     def front(self, T_last_tcp: Floats) -> float:
         """[m] How far the shapes of the last link and what is fixed to it reach along the approach, from the TCP."""

@@ -418,6 +418,20 @@ def test_radians_that_are_read_as_degrees_are_refused_unless_said(linkage: Path,
     np.testing.assert_allclose(*ranges)
 
 
+def test_bodies_of_several_shapes_that_always_touch_do_not_count(tmp_path: Path) -> None:
+    """Each shape of the base is touched in some configurations alone, and one of them in all: no configuration was
+    free. The PR2's shoulder touched its upper arm so."""
+    half = '<collision><origin xyz="0 {} 0.4"/><geometry><box size="1 0.5 0.6"/></geometry></collision>'
+    ball = '<collision><origin xyz="0.1 0 0"/><geometry><sphere radius="0.02"/></geometry></collision>'
+    file = six_links(tmp_path, {0: half.format(0.25) + half.format(-0.25), 2: ball}, "")
+    text, _, found = make_robot(file, SIX)
+    assert "l0 and l2" in found["touch nearly always, so not checked"]
+    model = mujoco.MjModel.from_xml_string(text)
+    pairs = {frozenset((int(pair) >> 16, int(pair) & 0xFFFF)) for pair in model.exclude_signature}
+    assert frozenset((model.body("l0").id, model.body("l2").id)) in pairs
+    assert frozenset((model.body("l0").id, model.body("l5").id)) not in pairs
+
+
 def limits_of(model: mujoco.MjModel, joints: Sequence[str]) -> list[float]:
     motors = [model.actuator(name) for name in joints]
     assert all(motor.forcelimited[0] and motor.forcerange[0] == -motor.forcerange[1] for motor in motors)

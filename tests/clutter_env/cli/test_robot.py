@@ -258,7 +258,9 @@ def test_no_home_is_no_misuse(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     """The message ended with "did you mean 'lift'?", of a flag that it advises."""
     place = ["--on", "0.15", "0.75", "--lift", "0", "0.4", "--tool", "0.24", "--table", "3"]
     with pytest.raises(SystemExit) as ended:
-        main(["robot", "make", str(ARM), "--base", "base", "--tip", "wrist_3", *place, "--out", str(tmp_path / "m.xml")])
+        main(
+            ["robot", "make", str(ARM), "--base", "base", "--tip", "wrist_3", *place, "--out", str(tmp_path / "m.xml")]
+        )
     assert ended.value.code == 1
     text = capsys.readouterr().err
     assert "reaches no grasp on a table of 3.0 m" in text
