@@ -204,7 +204,7 @@ ROBOTS = tuple(
             "ur3-gripper",
             "example-robot-data==6.0.0",
             f"{_EXAMPLE}/ur_description/urdf/ur3_gripper.urdf",
-            "--base base_link --tip tool0 --tool 0.12 --on 0.22 0.75 --lift 0 0.4",
+            "--base base_link --tip tool0 --tool 0.12 --on 0.15 0.75 --lift 0 0.4",
         ),
         (
             "ur5-gripper",
@@ -253,7 +253,7 @@ ROBOTS = tuple(
             "tiago-pro",
             "example-robot-data==6.0.0",
             f"{_EXAMPLE}/tiago_pro_description/robots/tiago_pro.urdf",
-            "--base base_footprint --tip gripper_right_base_link --tool 0.16",
+            "--base base_footprint --tip gripper_right_base_link --tool 0.16 --without arm_left_1_link",
         ),
         (
             "vega",

@@ -19,7 +19,7 @@ from assets.robot_motors import ASSUMED, payload_of
 from assets.robot_reading import collision_geoms
 from assets.robot_shapes import SUNK, lowest_height
 from clutter_env.errors import ConfigError
-from clutter_env.scene.layout import TABLE_HEIGHT
+from clutter_env.scene.layout import START_DISTANCE, TABLE_HEIGHT
 from clutter_env.scene.object_sets import OBJECT_SETS
 from clutter_env.simulation.robot_check import check_robot
 from irm import (
@@ -77,6 +77,8 @@ _TOUCHING = 0.002
 """[m] between shapes that touch: the planner's padding."""
 _TRIED = 200
 """Configurations in which it is looked up what touches."""
+_BOARD = 0.05
+"""[m] Thickness of a table."""
 _STILL = 0.002
 """[m] The stroke of a lift that is none."""
 _AXIS = 0.08
@@ -189,6 +191,12 @@ def _problems(robot: RobotSpec, model: mujoco.MjModel, reach: LevelReach, table:
             f"the motors hold {held.weightless_kg:.2g} kg at the TCP, even if nothing but that weighs on them; "
             f"standard objects weigh up to {_HEAVIEST} kg"
         )
+    for name, ahead in _in_the_table(robot, model, table):
+        yield (
+            f"{name!r} does not move with the arm and reaches {ahead:.2f} m ahead at the height of the table, which "
+            f"begins {START_DISTANCE[0]} m ahead of where robots start: leave it out (`robot make --without`), or hold "
+            "it elsewhere"
+        )
     for name, depth in _below_ground(model):
         yield f"{name!r} is {1000 * depth:.1f} mm below the ground: raise what stands on the base"
     if robot.grasp_height < (least := least_grasp_height(robot)):
@@ -197,6 +205,28 @@ def _problems(robot: RobotSpec, model: mujoco.MjModel, reach: LevelReach, table:
     front = max((x for x, _ in robot.base_outline), default=robot.base_radius)
     if farthest < front + 0.3:
         yield "no grasp reaches 0.3 m beyond the base at the table's height"
+
+
+def _in_the_table(robot: RobotSpec, model: mujoco.MjModel, table: float) -> Iterator[tuple[str, float]]:
+    """Bodies that do not move with the arm and are in the table where the robot starts, and how far ahead they are [m].
+
+    A geom counts with the box around it, if that reaches below the table's top but not wholly below its board.
+    """
+    data = mujoco.MjData(model)
+    for joint, value in zip(
+        (*robot.drive_joints[3:], *robot.still_joints), (*robot.home, *robot.still_configuration), strict=True
+    ):
+        data.qpos[model.joint(joint).qposadr] = value
+    mujoco.mj_kinematics(model, data)
+    ahead: dict[str, float] = {}
+    for geom, link in zip(collision_geoms(model, robot), robot.shapes.link.tolist(), strict=True):
+        R, half = data.geom_xmat[geom].reshape(3, 3), model.geom_aabb[geom, 3:]
+        centre, extent = data.geom_xpos[geom] + R @ model.geom_aabb[geom, :3], np.abs(R) @ half
+        low, high = centre[2] - extent[2], centre[2] + extent[2]
+        if link <= 0 and low < table and high > table - _BOARD:
+            name = model.body(model.geom_bodyid[geom]).name
+            ahead[name] = max(ahead.get(name, 0.0), float(centre[0] + extent[0]))
+    return ((name, x) for name, x in ahead.items() if x > START_DISTANCE[0])
 
 
 def _below_ground(model: mujoco.MjModel) -> Iterator[tuple[str, float]]:

@@ -166,6 +166,17 @@ def test_a_base_in_the_ground_is_named_with_the_depth(tmp_path: Path, depth: flo
     assert found == (["'wheel' is 5.3 mm below the ground: raise what stands on the base"] if depth else [])
 
 
+@pytest.mark.usefixtures("reach_once")
+@pytest.mark.parametrize(("x", "z", "is_named"), [(0.7, 0.74, True), (0.7, 0.9, False), (0.4, 0.74, False)])
+def test_what_stands_in_the_table_at_the_start_is_named(tmp_path: Path, x: float, z: float, is_named: bool) -> None:
+    """The second arm of a robot, straight ahead, ended the command with an exception of the planner."""
+    joint = '<joint name="base_x"'
+    arm = f'<body name="arm" gravcomp="1"><geom type="capsule" size="0.03" fromto="0 0.2 {z} {x} 0.2 {z}"/></body>'
+    report = report_of(changed_panda(tmp_path, joint, f"{arm}{joint}"))
+    found = [problem for problem in report.problems if "ahead of where robots start" in problem]
+    assert [problem.partition(" does not")[0] for problem in found] == (["'arm'"] if is_named else [])
+
+
 def test_no_problem_is_found_only_after_scenes_were_executed(
     reach: LevelReach, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
