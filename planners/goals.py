@@ -322,7 +322,14 @@ class Goal:
             return cls(tuple(_fact(list(fact) if isinstance(fact, tuple) else fact, str(goal)) for fact in goal))
         if not isinstance(goal, str):
             raise GoalError(f"{goal!r} is no goal; valid are an object's name, PDDL text, and {_VALID}")
-        return cls.from_pddl(goal) if goal.lstrip().startswith("(") else holding(goal)
+        if goal.lstrip().startswith("("):
+            return cls.from_pddl(goal)
+        kind, *names = goal.split() or [""]
+        if names and kind.lower() in (*_ARGUMENTS, "at", "and"):
+            raise GoalError(
+                f"{goal!r:.200} is no object's name; a fact stands in parentheses: ({kind.lower()} {' '.join(names)})"
+            )
+        return holding(goal)
 
     @property
     def target(self) -> str:
@@ -444,18 +451,30 @@ class Goal:
 
     @classmethod
     def from_pddl(cls, text: str) -> Goal:
-        """The goal of a PDDL text: one fact, or `(and fact fact …)`.
+        """The goal of a PDDL text: one fact, or `(and fact fact …)`, which may be nested; in `(:goal …)` or not.
 
         Facts are `(holding a)`, `(on a place)`, `(inside a region)`, `(clear region)`, `(before a b)`,
         `(at a (x 0.5) (y 0.2) (yaw 1.57) (z 0.83) (tolerance 0.02) (yaw-tolerance 0.1))`, of which x and y are needed,
         and `(holding a (x 0.5) (y 0.2) (z 1.1) (tolerance 0.02))`.
-        A name with blanks or parentheses stands in quotation marks.
+        A name with blanks or parentheses stands in quotation marks. Words of PDDL may be in capitals; names are as the
+        scene has them.
 
         Raises:
-            GoalError: it is none; the message says what is valid.
+            GoalError: it is none, or says what no goal can say here, such as `or`; the message says what is valid.
         """
-        tree = _parse(text)
-        return cls(tuple(_fact(part, text) for part in (tree[1:] if tree[0] == "and" else [tree])))
+        facts: list[Fact] = []
+        left: list[_TREE] = [_parse(text)]
+        while left:
+            match left.pop():
+                case [str(word), tree] if word.lower() == ":goal":
+                    left.append(tree)
+                case [str(word), *parts] if word.lower() == "and":
+                    left += reversed(parts)
+                case [str(word), *_] if word.lower() in _NOT_HERE:
+                    raise GoalError(f"{word.lower()!r} in {text!r:.200}: {_NOT_HERE[word.lower()]}")
+                case tree:
+                    facts.append(_fact(tree, text))
+        return cls(tuple(facts))
 
 
 _VALID = (
@@ -670,24 +689,32 @@ _NUMBERS = ("x", "y", "z", "yaw", "tolerance", "yaw-tolerance")
 _ARGUMENTS = {"holding": (Holding, 1), "on": (On, 2), "inside": (Inside, 2), "clear": (Clear, 1), "before": (Before, 2)}
 
 
+_NOT_HERE = {
+    "or": "all of its facts hold at the end of a plan; plan for each alternative",
+    "imply": "all of its facts hold at the end of a plan",
+    "not": "a goal says where objects are to be; that none is in a region says (clear region)",
+    "forall": "write one fact for each object",
+    "exists": "name the object that it is to be",
+}
+"""Words of PDDL that a goal does not have, and what to do."""
 _WORD = r'[^\s()";]+'
 
 
 def _parse(text: str) -> list[_TREE]:
-    """The expression of a text: words, and lists of them at most three deep, as an `at` in an `and` is."""
+    """The expression of a text: words, and lists of them."""
     if not isinstance(text, str):
         raise GoalError(f"{text!r:.100} is no text")
     outer: list[_TREE] = []
     open_lists = [outer]
     for word in re.findall(rf'"[^"]*"|[()"]|{_WORD}', re.sub(r'("[^"]*")|;.*', r"\1", text)):
-        if word == "(" and len(open_lists) <= 3:
+        if word == "(":
             inner: list[_TREE] = []
             open_lists[-1].append(inner)
             open_lists.append(inner)
         elif word == ")" and len(open_lists) > 1:
             open_lists.pop()
         elif word in '()"':
-            raise GoalError(f"{text!r:.200} is no goal: parentheses do not match, or are more than three deep")
+            raise GoalError(f"{text!r:.200} is no goal: parentheses do not match")
         else:
             open_lists[-1].append(word.strip('"'))
     match outer:
@@ -696,8 +723,19 @@ def _parse(text: str) -> list[_TREE]:
     raise GoalError(f"{text!r:.200} is no goal: parentheses do not match, or it is empty; valid are {_VALID}")
 
 
+def _shown(tree: _TREE) -> str:
+    """The expression as text, what is deeper in it left out."""
+    if isinstance(tree, str):
+        return tree
+    return f"({' '.join(part if isinstance(part, str) else '(…)' for part in tree)})"
+
+
 def _fact(tree: _TREE, text: str) -> Fact:
     """A fact; raises `GoalError`."""
+    if isinstance(tree, list) and tree and isinstance(tree[0], str):
+        tree = [tree[0].lower(), *tree[1:]]
+        if any(isinstance(part, str) and part.startswith("?") for part in tree):
+            raise GoalError(f"{_shown(tree):.100} in {text!r:.200}: no variables here; write one fact for each object")
     match tree:
         case ["at" | "holding" as kind, str(name), *given] if kind == "at" or given:
             numbers: dict[str, float] = {}
@@ -710,7 +748,7 @@ def _fact(tree: _TREE, text: str) -> Fact:
                             raise GoalError(f"{value!r} in {text!r:.200} is no number") from None
                     case _:
                         raise GoalError(
-                            f"{part!r:.100} in {text!r:.200}: valid are {_NUMBERS}, each once, as in (x 0.5)"
+                            f"{_shown(part):.100} in {text!r:.200}: valid are {_NUMBERS}, each once, as in (x 0.5)"
                         )
             needed = {"x", "y"} if kind == "at" else {"x", "y", "z"}
             if kind == "at" and needed <= numbers.keys():
@@ -723,4 +761,4 @@ def _fact(tree: _TREE, text: str) -> Fact:
         case [str(kind), *names] if kind in _ARGUMENTS and len(names) == _ARGUMENTS[kind][1]:
             if all(isinstance(name, str) for name in names):
                 return _ARGUMENTS[kind][0](*names)
-    raise GoalError(f"{tree!r:.100} in {text!r:.200} is no fact; valid are {_VALID}")
+    raise GoalError(f"{_shown(tree):.100} in {text!r:.200} is no fact; valid are {_VALID}")

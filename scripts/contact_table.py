@@ -7,8 +7,8 @@ Four tables for one robot:
 - slip: an object hangs in the level gripper, and the squeeze is slowly reduced. It should slip where friction carries
   no more than the weight: at m g / 2 μ for each finger.
 - creep: the same with the full squeeze, for 30 s.
-- touch: the closed hand meets the table at some speed, the arm stops, and is withdrawn. The effective mass is that of
-  the arm along the vertical, from its inertia matrix.
+- touch: the closed hand meets the table at some speed, level or with the fingers pointing down at 60°, the arm stops,
+  and is withdrawn. The effective mass is that of the arm along the vertical, from its inertia matrix.
 - press: base and arm push on for half a second against the table.
 """
 
@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.reporting.tables import markdown_table
 from clutter_env.scene.layout import TABLE_HEIGHT
-from clutter_env.simulation.pressing import Pressing
+from clutter_env.simulation.control import JointController
+from clutter_env.simulation.pressing import Pressing, is_gentle
 
 _HEIGHT = 1.1
 """[m] of the gripper above the ground while it holds something."""
@@ -37,29 +38,47 @@ _TRACTION = 0.6
 """Friction of wheels on the ground."""
 
 
-def main(robot: str = "fetch", hold_s: float = 30.0) -> None:
+def main(
+    robot: str = "fetch",
+    hold_s: float = 30.0,
+    only_touch: bool = False,
+    damping: tuple[float, ...] = (),
+    armature: tuple[float, ...] = (),
+) -> None:
     """Measure and print.
 
     Args:
         robot: a name.
         hold_s: how long a hold is watched [s].
+        only_touch: print the third table alone.
+        damping: of the arm's motors in that table, from the shoulder [N m s/rad]; that of the robot by default.
+        armature: reflected inertia of these motors, likewise [kg m²].
     """
+    rows = [[*row] for row in touch_rows(robot, damping, armature)]
+    touch = markdown_table(TOUCH, rows)
+    if only_touch:
+        print(touch)
+        return
     rows = [[*row] for row in slip_rows(robot)]
     print(markdown_table(["friction", "mass kg", "m g / 2 μ, N", "slips at, N", "ratio"], rows))
     rows = [[*row] for row in creep_rows(robot, hold_s)]
     print(markdown_table(["mass kg", f"creep in {hold_s:.0f} s, mm"], rows))
-    rows = [[*row] for row in touch_rows(robot)]
-    head = [
-        "speed m/s",
-        "effective mass kg",
-        "peak N",
-        "largest mean of 0.1 s, N",
-        "impulse beyond 50 N, N s",
-        "gentle",
-    ]
-    print(markdown_table(head, rows))
+    print(touch)
     rows = [[*row] for row in press_rows(robot)]
     print(markdown_table(["pushed by", "mean of 0.5 s, N", "traction, N", "largest share of a motor's limit"], rows))
+
+
+TOUCH = [
+    "fingers point down by, °",
+    "speed m/s",
+    "effective mass kg",
+    "peak N",
+    "largest mean of 0.1 s, N",
+    "impulse beyond 50 N, N s",
+    "slide of a table of 10 kg, mm",
+    "gentle",
+]
+"""Head of the third table."""
 
 
 class Meter(Pressing):
@@ -84,12 +103,25 @@ class Bench:
         self.model.geom_friction[self.index.object_geoms, 0] = friction
         self.base = np.array((-1.5, 0.0, 0.0))
         self.point = np.array((self.base[0] + 0.75, 0.0, _HEIGHT))
-        self.width, self.mass = self.env.robot.max_opening, mass
+        self.width, self.mass, self.pitch = self.env.robot.max_opening, mass, 0.0
         self.steps(8.0)
 
+    def change_motors(self, damping: tuple[float, ...], armature: tuple[float, ...]) -> None:
+        """Give the arm's motors another damping and inertia, unless these are empty; the robot stands still."""
+        if damping:
+            self.model.actuator_biasprm[self.index.drive_actuators[4:], 2] = np.negative(damping)
+        if armature:
+            self.model.dof_armature[self.index.drive_dof[4:]] = armature
+            mujoco.mj_setConst(self.model, mujoco.MjData(self.model))
+        if damping or armature:
+            world = self.env.world
+            world.controller = JointController(self.model, self.index, self.env.robot)
+            world.controller.reset(self.data)
+
     def step(self) -> None:
-        """One control step towards base, point and width."""
-        pose = np.eye(4)
+        """One control step towards base, point, pitch and width."""
+        pose, cosine, sine = np.eye(4), math.cos(self.pitch), math.sin(self.pitch)
+        pose[:3, :3] = [[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]]
         pose[:3, 3] = self.point
         self.env.step(self.env.ee_action(self.base, pose, self.width))
 
@@ -167,14 +199,15 @@ def creep_rows(robot: str, hold_s: float) -> list[tuple[str, ...]]:
     return rows
 
 
-def touch_rows(robot: str) -> list[tuple[str, ...]]:
+def touch_rows(robot: str, damping: tuple[float, ...] = (), armature: tuple[float, ...] = ()) -> list[tuple[str, ...]]:
     """Rows of the third table."""
     rows: list[tuple[str, ...]] = []
-    for speed in (0.05, 0.12, 0.2, 0.3):
+    for pitch, speed in (*((0.0, speed) for speed in (0.05, 0.12, 0.2, 0.3)), (60.0, 0.05), (60.0, 0.12)):
         bench = Bench(robot)
+        bench.change_motors(damping, armature)
         bench.base = np.array((-1.05, 0.0, 0.0))
         bench.point = np.array((-0.25, 0.0, TABLE_HEIGHT + 0.25))
-        bench.width = 0.0
+        bench.width, bench.pitch = 0.0, math.radians(pitch)
         bench.steps(4.0)
         bench.env.world.on_furniture = meter = Meter()
         while not bench.env.world.on_furniture.force and bench.point[2] > TABLE_HEIGHT - 0.1:
@@ -185,8 +218,14 @@ def touch_rows(robot: str) -> list[tuple[str, ...]]:
         for _ in range(10):
             bench.point = start + (0.0, 0.0, 0.05)
             bench.step()
-        figures = f"{mass:.1f}", f"{meter.peak:.0f}", f"{meter.force:.0f}", f"{meter.impulse:.2f}"
-        rows.append((f"{speed}", *figures, "yes" if meter.is_gentle else "no"))
+        figures = (
+            f"{mass:.1f}",
+            f"{meter.peak:.0f}",
+            f"{meter.force:.0f}",
+            f"{meter.impulse:.2f}",
+            f"{1e3 * meter.slide:.2f}",
+        )
+        rows.append((f"{pitch:.0f}", f"{speed}", *figures, "yes" if is_gentle(meter) else "no"))
     return rows
 
 

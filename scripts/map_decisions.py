@@ -1,6 +1,7 @@
 """How often `query` leaves a random gripper pose undecided, by default and with `exact=True`, and how long both take.
 
-    OMP_NUM_THREADS=1 python scripts/map_decisions.py --robots fetch pr2_left panda_mobile --queries 120
+    OMP_NUM_THREADS=1 python scripts/map_decisions.py --robots fetch pr2 panda_mobile --queries 120
+    python scripts/map_decisions.py --robots --arms puma560 "widowx ai" --wheels wheels   # arms of adversarial_truth.py
 
 Poses: random heights, pitches and rolls, in a window of yaws of ± 0.13 rad, so that none is on a ring of the map. Times
 are CPU times of one thread; "certain" are the queries that the map answers by itself.
@@ -9,27 +10,32 @@ are CPU times of one thread; "certain" are the queries that the map answers by i
 from __future__ import annotations
 
 import time
+from pathlib import Path
 
 import numpy as np
 import tyro
+from adversarial_truth import ARMS  # type: ignore[import-not-found]  # beside this file
+from map_truth import Judge  # type: ignore[import-not-found]
 
+from assets import RobotSpec
 from clutter_env.cli.robot import robot_by_name
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.reporting.tables import markdown_table
-from irm import InverseReachabilityMap, cached_map
+from irm import ArmChain, InverseReachabilityMap, cached_map
 from irm.answers import Status
 
 WINDOW = 0.13
 """[rad] on both sides of the approach yaw."""
+_COMPILING = 20
+"""Queries that are asked first and not counted: they compile and load kernels."""
 
 
-def measure(name: str, queries: int, seed: int, voxel: float) -> list[str]:
+def measure(name: str, robot: RobotSpec | ArmChain, queries: int, seed: int, voxel: float) -> list[str]:
     """A row of the table."""
-    rm = cached_map(robot_by_name(name), progress=progress_bar, voxel=voxel)
+    rm = cached_map(robot, progress=progress_bar, voxel=voxel)
     inverse_map, grid, rng = InverseReachabilityMap(rm), rm.grid, np.random.default_rng(seed)
     unknown, times, certain = {False: 0, None: 0, True: 0}, {None: list[float](), True: list[float]()}, []
-    inverse_map.query((0.0, 0.0, 0.8), exact=True)  # compiles
-    for _ in range(queries):
+    for count in range(queries + _COMPILING):
         pitch, roll, yaw = rng.uniform(-np.pi / 2, np.pi / 2), *rng.uniform(-np.pi, np.pi, 2)
         point = 0.0, 0.0, rng.uniform(grid.bottom, grid.top - 1e-6)
         how = {"pitch": pitch, "roll": roll, "yaw_range": (yaw - WINDOW, yaw + WINDOW)}
@@ -37,6 +43,8 @@ def measure(name: str, queries: int, seed: int, voxel: float) -> list[str]:
             start = time.process_time_ns()
             found = inverse_map.query(point, exact=exact, **how)
             spent = (time.process_time_ns() - start) * 1e-3
+            if count < _COMPILING:
+                continue
             unknown[exact] += found.status is Status.UNKNOWN
             if exact is not False:
                 times[exact].append(spent)
@@ -47,7 +55,9 @@ def measure(name: str, queries: int, seed: int, voxel: float) -> list[str]:
 
 
 def main(
-    robots: tuple[str, ...] = ("fetch", "pr2_left", "panda_mobile"),
+    robots: tuple[str, ...] = ("fetch", "pr2", "panda_mobile"),
+    arms: tuple[str, ...] = (),
+    wheels: Path = Path("wheels"),
     queries: int = 120,
     seed: int = 0,
     voxel: float = 0.05,
@@ -56,13 +66,17 @@ def main(
 
     Args:
         robots: names of robots.
+        arms: names of arms of `adversarial_truth.py`.
+        wheels: folder in which their packages were unpacked.
         queries: random poses of each.
         seed: of the poses.
         voxel: edge of the map's cells [m].
     """
     head = ["robot", "UNKNOWN by the map alone", "by default", "with `exact=True`", "certain by the map"]
     head += ["mean of these [µs]", "mean of all, default [µs]", "`exact=True` [µs]"]
-    print(markdown_table(head, [measure(name, queries, seed, voxel) for name in robots]))
+    found = {name: robot_by_name(name) for name in robots}
+    found |= {name: Judge(wheels, ARMS[name]).chain for name in arms}
+    print(markdown_table(head, [measure(name, robot, queries, seed, voxel) for name, robot in found.items()]))
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ import gymnasium as gym
 import pytest
 
 import clutter_env
+import irm
 from assets import FETCH, RobotSpec, robot
 from clutter_env.cli.main import COMMANDS, read
 from clutter_env.config import EnvConfig
@@ -267,3 +268,9 @@ def test_tables_of_keywords_layouts_rewards_and_robots_are_complete() -> None:
     limit = gym.spec("clutter_env/Retrieve-o15-v0").max_episode_steps
     assert limit == 400 + 220 * 15 == clutter_env.time_limit(15)
     assert "400 + 220 N" in PAGES["docs/retrieve.md"]
+
+
+def test_the_page_of_irm_names_what_it_offers() -> None:
+    """Constants aside."""
+    offered = {name for name in irm.__all__ if callable(getattr(irm, name))}
+    assert set(re.findall(r"^::: irm\.(\w+)$", PAGES["docs/api/irm.md"], re.MULTILINE)) == offered

@@ -237,7 +237,8 @@ class ClutteredRetrieval3DEnv(ConstantObjectKinDEREnv):
             "while it was not carried (`path`), all objects but the target together no more than 0.10 m "
             "(`total_path`), and neither on furniture nor on itself has the robot pressed with more than 50 N in the "
             "mean of 0.1 s (`furniture_force`, `self_force`), or with an impulse of more than 1 N s beyond that "
-            "(`furniture_impulse`, `self_impulse`). clutter-env's Retrieve decides, and runs the physics in MuJoCo.\n"
+            "(`furniture_impulse`, `self_impulse`), or so that a table of 10 kg would slide by more than 0.005 m in "
+            "all (`total_slide`). clutter-env's Retrieve decides, and runs the physics in MuJoCo.\n"
         )
 
     def _create_variant_markdown_description(self) -> str:

@@ -30,7 +30,7 @@ from clutter_env.scene.household import as_household
 from clutter_env.scene.layout import LAYOUTS, TABLE, Layout
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.control import STILL, ControlState, checked_action, checked_vector
-from clutter_env.simulation.pressing import REMEMBERED, Pressing
+from clutter_env.simulation.pressing import REMEMBERED, Pressing, total_slide
 from clutter_env.simulation.robot_check import check_robot
 from clutter_env.simulation.saved_state import (
     Fields,
@@ -413,9 +413,11 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             is_carried=tuple(gripped.flags("is_carried", grippers).tolist()),
             is_touching=bool(gripped.flags("is_touching")),
         )
+        if any(slot < 0 and is_carried for slot, is_carried in zip(grip.held, grip.is_carried, strict=True)):
+            raise StateError("memory grip: is_carried of the state must be false where nothing is held")
         pressing = memory.numbers("pressing", (2, REMEMBERED), 0.0).tolist()
         if not all(map(Pressing.is_memory, pressing)):
-            raise StateError("memory: pressing of the state has present forces above its largest ones")
+            raise StateError("memory: pressing of the state has forces, impulses and slides that do not agree")
         check_generator(self.np_random, memory["rng"])
         watched = checked_memory(memory["monitor"], scene.num_objects, grippers)
         bookkeeping = self._read_memory(memory["task"], scene)
@@ -571,6 +573,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             "furniture_impulse": self.world.on_furniture.impulse,
             "self_force": self.world.on_itself.force,
             "self_impulse": self.world.on_itself.impulse,
+            "total_slide": total_slide(self.world.on_furniture, self.world.on_itself),
             "total_path": monitor.total_path,
             "unstable": self.world.is_unstable,
             "ik_failures": self._end_effector.failures if self._end_effector else 0,

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -19,12 +20,15 @@ from assets import RobotSpec
 from clutter_env.envs.reward import MOST, REACH_SCALE
 from clutter_env.envs.success import HOLD_STEPS
 from clutter_env.errors import StateError
+from clutter_env.scene.household import KINDS
 from clutter_env.scene.layout import Layout, furniture, supports_of
 from clutter_env.scene.table_scene import TableScene, object_name
+from clutter_env.simulation.model import kind_model
 from clutter_env.simulation.saved_state import Fields
 from clutter_env.simulation.world import Measurements, World, start_poses
 from planners.goals import At, Before, Clear, Fact, Goal, GoalError, Holding, Inside, On, Region, occupants
 from planners.scene import AsideObject, Body, HeldObject, RobotState, Scene, StaticObstacle
+from planners.scene.mujoco_reading import movable_body
 
 Array = NDArray[np.float64]
 
@@ -252,9 +256,11 @@ def start_scene(robot: RobotSpec, layout: Layout, scene: TableScene, regions: Se
     """
     state = RobotState(scene.base, np.array(robot.home), robot.max_finger_position)
     bodies = [
-        Body(object_name(slot), "box" if is_box else "cylinder", half_extents, pose[:3], pose[3:])
-        for slot, (is_box, half_extents, pose) in enumerate(
-            zip(scene.is_box, scene.half_extents, start_poses(scene), strict=True)
+        replace(_household_body(shape), name=object_name(slot)).at(pose[:3], pose[3:])
+        if shape in KINDS
+        else Body(object_name(slot), "box" if shape == "box" else "cylinder", half_extents, pose[:3], pose[3:])
+        for slot, (shape, half_extents, pose) in enumerate(
+            zip(scene.shapes, scene.half_extents, start_poses(scene), strict=True)
         )
     ]
     obstacles = [
@@ -263,6 +269,12 @@ def start_scene(robot: RobotSpec, layout: Layout, scene: TableScene, regions: Se
     found = Scene(robot, state, tuple(bodies), tuple(obstacles), supports=supports_of(layout), regions=tuple(regions))
     goal.check(found)
     return found
+
+
+@cache
+def _household_body(kind: str) -> Body:
+    """A household object as the planner reads it from a simulation, which has its pieces in a frame at their middle."""
+    return movable_body(kind_model(kind), 1)
 
 
 @dataclass(frozen=True)

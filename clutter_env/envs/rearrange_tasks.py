@@ -25,6 +25,8 @@ Rng: TypeAlias = np.random.Generator
 
 PLACE_HALF = 0.06
 """[m] Half of a side of a place of "set": 25 mm are left on each side of the largest random object."""
+_SIDE_GAP = 0.005
+"""[m] left on each side of an object in a place of "set" at least."""
 PLACE_PITCH = 0.16
 """[m] between the centres of neighbouring places: fingers fit between objects that stand in both."""
 MOST_CYCLED = 6
@@ -80,9 +82,14 @@ def _sort(rng: Rng, layout: Layout, scene: TableScene) -> DrawnGoal:
 
 
 def _set(rng: Rng, layout: Layout, scene: TableScene) -> DrawnGoal:
-    """Half of the objects into places of a grid, a place of its own for each; others may stand there at the start."""
-    count = (scene.num_objects + 1) // 2
-    grid = _places(layout)
+    """Half of the objects into places of a grid, a place of its own for each; others may stand there at the start.
+
+    What is wider than a place is never chosen.
+    """
+    fitting = np.flatnonzero((scene.standing_extents[:, :2] <= PLACE_HALF - _SIDE_GAP).all(axis=1))
+    count, grid = min((scene.num_objects + 1) // 2, len(fitting)), _places(layout)
+    if not count:
+        raise OptionError(f"task 'set': no object is narrower than a place, which is {2 * PLACE_HALF:.2f} m wide")
     if len(grid) < count:
         raise OptionError(f"task 'set': layout {layout.name!r} has {len(grid)} places, fewer than {count} objects")
     half = (PLACE_HALF, PLACE_HALF)
@@ -90,7 +97,7 @@ def _set(rng: Rng, layout: Layout, scene: TableScene) -> DrawnGoal:
         Region(f"place_{number:02d}", grid[cell][0], grid[cell][1:], half)
         for number, cell in enumerate(np.sort(rng.choice(len(grid), count, replace=False)))
     ]
-    chosen = rng.choice(scene.num_objects, count, replace=False)
+    chosen = rng.choice(fitting, count, replace=False)
     facts = [goals.inside(object_name(int(slot)), region.name) for slot, region in zip(chosen, regions, strict=True)]
     return DrawnGoal(goals.and_(*facts), tuple(regions))
 

@@ -73,6 +73,8 @@ class RetrieveEnv(ClutterTaskEnv):
     - `furniture_force`, `self_force` (float): [N] largest mean force over 0.1 s of the robot, or of what it moves, on
       furniture; of the robot on itself and on the ground.
     - `furniture_impulse`, `self_impulse` (float): [N s] largest impulse of these forces beyond 50 N.
+    - `total_slide` (float): [m] by which all of these forces together would slide a table of 10 kg; see
+      `simulation.pressing`.
     - `total_path` (float): [m] moved by all objects but the target, while not carried.
     - `unstable` (bool): MuJoCo has warned since reset; the episode is truncated.
     - `ik_failures` (int): failures of differential inverse kinematics since reset, 0 in "joint" mode.

@@ -4,7 +4,8 @@ An object may travel only in the air, in the gripper. It is held while both fing
 can carry it. It is carried while it is held, nothing else bears it, and nothing lies on it, in any part of the control
 step; it may brush against what stands beside it. What counts, for each object and since reset:
 
-- fallen: it has toppled or left its support, and is not carried. A lying cylinder has toppled when it stands up.
+- fallen: it has toppled and is not held, or has left its support and is not carried. A lying cylinder has toppled when
+  it stands up.
 - disturbed: the path that it has moved while not carried is longer than `DISTURBED_PATH`. The path is measured in
   chords: a motion counts when it ends one chord away from where the last chord ended. Jitter of an object at rest
   stays within one `CHORD` and never adds up, slow nudging does. Chords of what the robot moves are `FINE_CHORD` long. A
@@ -29,6 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from clutter_env.config import CONTROL_HZ
 from clutter_env.errors import StateError
 from clutter_env.scene.layout import TABLE_HEIGHT
+from clutter_env.simulation.pressing import is_gentle
 from clutter_env.simulation.saved_state import Fields
 from clutter_env.simulation.world import Measurements, World
 
@@ -109,12 +111,13 @@ class SuccessMonitor:
     @property
     def is_gentle(self) -> bool:
         """The robot has not pressed hard on furniture, on itself or on the ground."""
-        return self._world.on_furniture.is_gentle and self._world.on_itself.is_gentle
+        return is_gentle(self._world.on_furniture, self._world.on_itself)
 
     @property
     def total_path(self) -> float:
         """[m] Sum of the paths of the objects that the goal does not name, while they were not carried."""
-        return math.fsum(path for slot, path in enumerate(self._paths.tolist()) if slot not in self.named)
+        paths = self._paths.tolist()
+        return math.fsum(path for slot, path in enumerate(paths) if slot not in self.named) if any(paths) else 0.0
 
     def update(self, measurements: Measurements) -> None:
         """Take into account what was measured after one more control step.

@@ -18,6 +18,9 @@ from clutter_env.policies.registry import PolicyTraits
 MOVED = 0.05
 """[m] An object that ends farther than this from its initial position has been moved."""
 
+_PRESSING = ("furniture_force", "self_force", "furniture_impulse", "self_impulse", "total_slide")
+"""Entries of the info, in the order of the fields."""
+
 Watch = Callable[[gym.Env[Any, Any], AnyPolicy], None]
 """Called with the environment and the policy after the reset and after every step of an episode."""
 
@@ -41,6 +44,7 @@ class Score:
         furniture_force, self_force: the robot's largest mean force over 0.1 s on the furniture, and on itself and the
             ground [N].
         furniture_impulse, self_impulse: its largest impulse beyond 50 N on these [N s].
+        total_slide: by which all of these forces together would slide a table of 10 kg [m].
         total_path: moved by all objects that the goal does not name, while not carried [m].
         skills, refused: numbers of skills tried, and of those that the motion layer refused; 0 for policies that do not
             act by skills.
@@ -61,6 +65,7 @@ class Score:
     self_force: float
     furniture_impulse: float
     self_impulse: float
+    total_slide: float
     total_path: float
     skills: int
     refused: int
@@ -73,8 +78,8 @@ class Score:
     @classmethod
     def of_crash(cls, seed: int, cause: str) -> Score:
         """The score of a policy that raised an exception: a failed episode."""
-        forces = (0.0, 0.0, 0.0, 0.0)
-        return cls(seed, False, False, 0, 0.0, 0, 0, 0, 0, *forces, 0.0, 0, 0, f"{cls.CRASHED}{one_line(cause)}", 0.0)
+        pressing = (0.0, 0.0, 0.0, 0.0, 0.0)
+        return cls(seed, False, False, 0, 0.0, 0, 0, 0, 0, *pressing, 0.0, 0, 0, f"{cls.CRASHED}{one_line(cause)}", 0.0)
 
     @property
     def is_crash(self) -> bool:
@@ -147,7 +152,7 @@ def play_scene(
         cleared=int(info["num_cleared"]),
         disturbed=int(info["num_disturbed"]),
         fallen=int(info["num_fallen"]),
-        **{name: float(info[name]) for name in ("furniture_force", "self_force", "furniture_impulse", "self_impulse")},
+        **{name: float(info[name]) for name in _PRESSING},
         total_path=float(info["total_path"]),
         skills=steps if physics_env is not env.unwrapped else 0,
         refused=int(info.get("num_refused", 0)),

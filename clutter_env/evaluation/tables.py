@@ -17,7 +17,7 @@ from clutter_env.reporting.intervals import NO_INTERVAL, Interval, bootstrap, su
 from clutter_env.reporting.tables import NOTHING, markdown_table, number_text
 from clutter_env.suites import Floor, content_digest, suite
 
-FORMAT = 6
+FORMAT = 7
 """Version of the results file."""
 STRATA = ("0", "1", "2", "3 or more", "none", "not proved")
 """Lower bounds; "none": there is no plan; "not proved": fewer clearances than the bound may do."""

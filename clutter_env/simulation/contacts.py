@@ -25,8 +25,9 @@ class Contacts(NamedTuple):
         of_robot: contacts of the robot with furniture.
         of_moved: contacts with furniture of the objects that the robot moves, and their weight [N]: group by group of
             those that touch each other, one of which it touches.
-        of_self: contacts of the robot with itself and the ground, and of what it grips with the rest of the robot.
-        between_hands: contacts with each gripper of an object that several grippers touch, object by object.
+        of_self: contacts of the robot with itself and the ground.
+        between_parts: contacts of each part of the robot with such a group, group by group of those that several parts
+            touch. A gripper is one part, any other body of the robot is one.
         moved: slots of the objects that the robot moves.
         touched: slots of those that it touches itself.
         gripped: slots of those that each gripper touches.
@@ -36,10 +37,15 @@ class Contacts(NamedTuple):
     of_robot: list[int]
     of_moved: list[tuple[list[int], float]]
     of_self: list[int]
-    between_hands: list[list[list[int]]]
+    between_parts: list[list[list[int]]]
     moved: frozenset[int]
     touched: frozenset[int]
     gripped: tuple[frozenset[int], ...]
+
+    @property
+    def is_pressing(self) -> bool:
+        """Whether the robot, or what it moves, touches anything on which it must not press hard."""
+        return bool(self.of_robot or self.of_self or self.of_moved or self.between_parts)
 
 
 NO_CONTACTS = Contacts([], [], [], [], [], frozenset(), frozenset(), ())
@@ -59,6 +65,10 @@ class ContactReader:
         self.slot_of[index.object_geoms] = index.geom_slots.tolist()
         self.grippers = [_gripper_geoms(model, pads) for pads in index.finger_geoms]
         self._kinds, self._force = _kinds_of_geoms(model, index), np.empty(6)
+        self._parts: list[int] = model.body_weldid[model.geom_bodyid].tolist()
+        for number, gripper in enumerate(self.grippers):
+            for geom in gripper:
+                self._parts[geom] = -1 - number
         self._nothing_gripped = (frozenset[int](),) * len(self.grippers)
         self.forget()
 
@@ -85,7 +95,7 @@ class ContactReader:
         Their weight presses downwards alone, each group's for itself: pushed against a wall, they press with all of the
         force, and so do they where something else lies on the robot.
         """
-        force = self._normal_force(data, contacts.of_robot) if contacts.of_robot else 0.0
+        force = _normal_force(data, contacts.of_robot) if contacts.of_robot else 0.0
         for numbers, weight in contacts.of_moved:
             pressed, downwards = self._forces_on_furniture(data, contacts, numbers)
             force += pressed - min(max(downwards, 0.0), weight)
@@ -94,31 +104,27 @@ class ContactReader:
     def self_force(self, data: mujoco.MjData, contacts: Contacts) -> float:
         """[N] with which the robot presses on itself and on the ground.
 
-        Two hands that hold one object press on each other by the force that one of them has beyond its own grip, in
-        which opposite forces cancel.
+        Parts that touch one object, or several that touch each other, press on each other by what cancels of the forces
+        that they have on these. The forces of a gripper's fingers count together: its own grip is none.
         """
-        force = self._normal_force(data, contacts.of_self) if contacts.of_self else 0.0
-        for hands in contacts.between_hands:
-            force += max(self._net_force(data, contacts, numbers) for numbers in hands)
+        force = _normal_force(data, contacts.of_self) if contacts.of_self else 0.0
+        for parts in contacts.between_parts:
+            nets = [self._net_force(data, contacts, numbers) for numbers in parts]
+            whole = [sum(axis) for axis in zip(*nets, strict=True)]
+            force += (sum(math.hypot(*net) for net in nets) - math.hypot(*whole)) / 2
         return force
 
-    def _normal_force(self, data: mujoco.MjData, numbers: list[int]) -> float:
-        """[N] Sum of the normal forces of some contacts."""
-        total, force = 0.0, self._force
-        for number in numbers:
-            mujoco.mj_contactForce(self._model, data, number, force)
-            total += force.item(0)
-        return total
-
-    def _net_force(self, data: mujoco.MjData, contacts: Contacts, numbers: list[int]) -> float:
-        """[N] Size of the sum of the normal forces of some contacts on objects, as vectors."""
+    def _net_force(self, data: mujoco.MjData, contacts: Contacts, numbers: list[int]) -> list[float]:
+        """[N] Sum of the forces (3,) of some contacts on objects, with friction."""
         net, force = [0.0] * 3, self._force
         for number in numbers:
             mujoco.mj_contactForce(self._model, data, number, force)
             sign = 1.0 if self._kinds[contacts.pairs[number][1]] == _OBJECT else -1.0
-            for axis, share in enumerate(data.contact.frame[number, :3].tolist()):
-                net[axis] += sign * share * force.item(0)
-        return math.hypot(*net)
+            frame = data.contact.frame[number].tolist()
+            for row, size in enumerate(force[:3].tolist()):
+                for axis in range(3):
+                    net[axis] += sign * size * frame[3 * row + axis]
+        return net
 
     def _forces_on_furniture(self, data: mujoco.MjData, contacts: Contacts, numbers: list[int]) -> tuple[float, float]:
         """[N] Sum of the normal forces of objects on furniture, and of their parts downwards."""
@@ -148,23 +154,25 @@ class ContactReader:
         gripped = tuple(
             frozenset(slots[k] for k in by_robot if not gripper.isdisjoint(pairs[k])) for gripper in self.grippers
         )
-        between_hands = []
-        for slot in sorted(frozenset().union(*gripped)):
-            hands = [gripper for gripper, held in zip(self.grippers, gripped, strict=True) if slot in held]
-            own = [k for k in by_robot if slots[k] == slot]
-            by_hand = [[k for k in own if not hand.isdisjoint(pairs[k])] for hand in hands]
-            of_self += sorted(set(own).difference(*by_hand))
-            between_hands += [by_hand] if len(hands) > 1 else []
+        between = [self._by_part(pairs, [k for k in by_robot if slots[k] in group]) for group in groups]
         return Contacts(
             pairs,
             of_robot,
             of_moved=[(numbers, weight) for numbers, weight in of_moved if numbers],
             of_self=of_self,
-            between_hands=between_hands,
+            between_parts=[parts for parts in between if len(parts) > 1],
             moved=frozenset().union(*groups),
             touched=touched,
             gripped=gripped,
         )
+
+    def _by_part(self, pairs: list[list[int]], numbers: list[int]) -> list[list[int]]:
+        """Contacts of the robot with objects, part by part of the robot."""
+        parts = dict[int, list[int]]()
+        for number in numbers:
+            one, other = pairs[number]
+            parts.setdefault(self._parts[one if self._kinds[one] == _ROBOT else other], []).append(number)
+        return list(parts.values())
 
     def _weight(self, group: frozenset[int]) -> float:
         """[N] of some objects."""
@@ -181,6 +189,19 @@ class ContactReader:
                     group |= grown
                 groups.append(group)
         return groups
+
+
+def _normal_force(data: mujoco.MjData, numbers: list[int]) -> float:
+    """[N] Sum of the normal forces of some contacts: with elliptic cones, the first number that the solver has of each.
+
+    `mujoco.mj_contactForce` says the same of one contact, more slowly.
+    """
+    total, forces, rows = 0.0, data.efc_force, data.contact.efc_address
+    for number in numbers:
+        row = rows.item(number)
+        if row >= 0:  # -1 where the solver has none
+            total += forces.item(row)
+    return total
 
 
 def _gripper_geoms(model: mujoco.MjModel, pads: tuple[int, int]) -> frozenset[int]:

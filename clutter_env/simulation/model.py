@@ -332,6 +332,13 @@ def _add_lights_and_camera(spec: mujoco.MjSpec, layout: Layout) -> None:
     world.add_camera(name="top", pos=[_TOP_X, 0, height], xyaxes=[0, -1, 0, 1, 0, 0], fovy=45)
 
 
+def kind_model(kind: str) -> mujoco.MjModel:
+    """A model of one household object alone, body 1, as it is in all models."""
+    spec = mujoco.MjSpec()
+    _add_object(spec, 0, kind)
+    return spec.compile()
+
+
 def _add_object(spec: mujoco.MjSpec, index: int, shape: str) -> None:
     """A free body; `apply_scene` gives it its size, mass and place."""
     body = spec.worldbody.add_body(name=object_name(index), pos=[0.0, 0.0, 3.0 + index])

@@ -1,14 +1,19 @@
 """Forces of the robot on furniture, on itself and on the ground, and whether a robot may press so hard.
 
-Two limits, both from a light table of 10 kg that 50 N slide on a smooth floor (friction 0.5):
+Three limits, all from a light table of 10 kg that 50 N slide on a smooth floor (friction 0.5):
 
-- sustained: the mean force over any 0.1 s is at most 50 N. More would push the table away.
-- transient: the impulse beyond 50 N is at most 1 N s. After an impulse J the table of mass m has the speed J / m. Let
-  go of, the floor's friction F stops it after J² / (2 m F). This is one millimetre for J = 1 N s. The impulse is that
-  of the part of the force which friction does not hold, the largest over all intervals of time. Blows do not add up.
+- force: the mean over any 0.1 s is at most 50 N. More would push the table away.
+- impulse: that of the part of the force which friction does not hold is at most 1 N s, the largest over all intervals
+  of time. It is the momentum of the table, which friction brakes as soon as the force is below 50 N.
+- slide: the way of that table, of all contacts of the episode on furniture and on the robot together, is at most 5 mm.
+  What stands on the table has then been moved by one chord, the least motion of an object that counts as one; see
+  `envs.success.CHORD`. Blows that are gentle each add up.
 
-A fingertip that touches a board and is withdrawn stays below both. ISO/TS 15066 treats contact with people alike: it
-permits twice the pressure in the first moments of a contact.
+After a short blow with the impulse J the table has the speed J / m and stops after J² / (2 m · 50 N): 1 mm for 1 N s,
+so five of the hardest blows make 5 mm. While a longer contact lasts, the table slides too.
+
+A fingertip that touches a board and is withdrawn stays below all of them. ISO/TS 15066 treats contact with people
+alike: it permits twice the pressure in the first moments of a contact.
 
 A robot also presses with what it holds or pushes. The force of such objects on furniture counts beyond their weight.
 """
@@ -21,13 +26,17 @@ from collections.abc import Sequence
 from clutter_env.config import TIMESTEP
 
 SUSTAINED_FORCE = 50.0
-"""[N] Largest mean force over `FORCE_WINDOW`."""
+"""[N] Largest mean force over `FORCE_WINDOW`, and the friction of the table."""
 FORCE_WINDOW = 0.1
 """[s]"""
-_TABLE_MASS, _TABLE_SLIDE = 10.0, 1e-3
-"""[kg] of the light table, [m] by which a transient contact may move it."""
-TRANSIENT_IMPULSE = (2 * _TABLE_MASS * SUSTAINED_FORCE * _TABLE_SLIDE) ** 0.5
-"""[N s] Largest impulse beyond `SUSTAINED_FORCE`: 1 N s."""
+_TABLE_MASS = 10.0
+"""[kg]"""
+_SHORT_SLIDE = 1e-3
+"""[m] by which a single short blow may move the table."""
+TRANSIENT_IMPULSE = (2 * _TABLE_MASS * SUSTAINED_FORCE * _SHORT_SLIDE) ** 0.5
+"""[N s] Largest impulse beyond `SUSTAINED_FORCE` in one contact: 1 N s."""
+TOTAL_SLIDE = 5e-3
+"""[m] by which all contacts of an episode together may move the table."""
 _WINDOW_STEPS = round(FORCE_WINDOW / TIMESTEP)
 
 
@@ -37,56 +46,80 @@ class Pressing:
     Attributes:
         force: [N] largest mean over `FORCE_WINDOW` so far.
         impulse: [N s] largest impulse beyond `SUSTAINED_FORCE` so far.
+        slide: [m] by which the table has moved so far.
     """
 
     def __init__(self) -> None:
-        self.force = self.impulse = 0.0
+        self.force = self.impulse = self.slide = 0.0
         self._momentum = 0.0
         self._recent: deque[float] = deque(maxlen=_WINDOW_STEPS)
-
-    @property
-    def is_gentle(self) -> bool:
-        """Whether both limits have been kept."""
-        return self.force <= SUSTAINED_FORCE and self.impulse <= TRANSIENT_IMPULSE
+        self._steps_raised = self._steps_free = 0
 
     @property
     def is_pressed(self) -> bool:
-        """Whether there has been a force within the last `FORCE_WINDOW`; if not, a step without one changes nothing."""
-        return bool(self._recent)
+        """Whether the table moves, or there has been a force within the last `FORCE_WINDOW`.
+
+        If not, a step without a force changes nothing.
+        """
+        return bool(self._recent) or self._momentum > 0.0
 
     def add(self, force: float) -> None:
         """Take the force [N] of one more physics step into account."""
         recent = self._recent
-        if force == 0.0 and not recent:
-            return
-        recent.append(force)
-        mean = sum(recent) / _WINDOW_STEPS
-        self.force = max(self.force, mean)
-        self._momentum = max(self._momentum + (force - SUSTAINED_FORCE) * TIMESTEP, 0.0)
-        self.impulse = max(self.impulse, self._momentum)
-        if mean == 0.0:
-            recent.clear()
+        if recent or force != 0.0:
+            recent.append(force)
+            if force > self.force:
+                self._steps_raised = _WINDOW_STEPS
+            if self._steps_raised:  # a window of forces up to the largest mean has no larger one
+                self._steps_raised -= 1
+                self.force = max(self.force, sum(recent) / _WINDOW_STEPS)
+            self._steps_free = 0 if force != 0.0 else self._steps_free + 1
+            if self._steps_free == _WINDOW_STEPS:
+                recent.clear()
+                self._steps_free = 0
+        before = self._momentum
+        if force > SUSTAINED_FORCE or before > 0.0:
+            self._momentum = max(before + (force - SUSTAINED_FORCE) * TIMESTEP, 0.0)
+            self.impulse = max(self.impulse, self._momentum)
+            self.slide += (before + self._momentum) / 2 / _TABLE_MASS * TIMESTEP
 
     def memory(self) -> list[float]:
-        """The `REMEMBERED` numbers that a saved state must keep: force, impulse, open impulse, forces of the window."""
+        """The `REMEMBERED` numbers that a saved state must keep.
+
+        Force, impulse, slide, the table's momentum [N s], forces of the window.
+        """
         before = [0.0] * (_WINDOW_STEPS - len(self._recent))
-        return [self.force, self.impulse, self._momentum, *before, *self._recent]
+        return [self.force, self.impulse, self.slide, self._momentum, *before, *self._recent]
 
     @staticmethod
     def is_memory(memory: Sequence[float]) -> bool:
         """Whether `REMEMBERED` numbers agree: the largest values are those of the present at least."""
-        force, impulse, momentum, *recent = memory
-        return force >= sum(recent) / _WINDOW_STEPS and impulse >= momentum
+        force, impulse, slide, momentum, *recent = memory
+        return force >= sum(recent) / _WINDOW_STEPS and impulse >= momentum and (impulse > 0.0) == (slide > 0.0)
 
     @classmethod
     def recall(cls, memory: Sequence[float]) -> Pressing:
         """The one that had this `memory`."""
         pressing = cls()
-        pressing.force, pressing.impulse, pressing._momentum, *recent = memory
+        force, impulse, slide, momentum, *recent = memory
         if any(recent):
             pressing._recent.extend(recent)
+            pressing._steps_raised = _WINDOW_STEPS
+            pressing._steps_free = next(steps for steps, each in enumerate(reversed(recent)) if each != 0.0)
+        pressing.force, pressing.impulse, pressing.slide, pressing._momentum = force, impulse, slide, momentum
         return pressing
 
 
-REMEMBERED = 3 + _WINDOW_STEPS
+def total_slide(*pressings: Pressing) -> float:
+    """[m] Sum of the slides in several kinds of contact."""
+    return sum(pressing.slide for pressing in pressings)
+
+
+def is_gentle(*pressings: Pressing) -> bool:
+    """Whether all limits have been kept in these kinds of contact, which share `TOTAL_SLIDE`."""
+    is_each = all(each.force <= SUSTAINED_FORCE and each.impulse <= TRANSIENT_IMPULSE for each in pressings)
+    return is_each and total_slide(*pressings) <= TOTAL_SLIDE
+
+
+REMEMBERED = 4 + _WINDOW_STEPS
 """Numbers in the `memory` of `Pressing`; none is negative."""

@@ -26,7 +26,7 @@ from clutter_env.errors import StateError
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.world import World
 
-_MAGIC = b"clutter-env state 3\n"
+_MAGIC = b"clutter-env state 4\n"
 _MOST_BYTES = 2**24
 """A state of 60 objects has about 10⁵ bytes of JSON; more than this is refused before it fills the memory."""
 _PARTS = ("kind", "scene", "physics", "memory")
@@ -90,7 +90,7 @@ def _decode(state: object) -> Any:
         raise StateError(f"a saved state is bytes from save_state(), not {type(state).__name__}")
     head, digest, body = state[: len(_MAGIC)], state[len(_MAGIC) : len(_MAGIC) + 32], state[len(_MAGIC) + 32 :]
     for version in (1, 2):
-        if head == _MAGIC.replace(b"3", str(version).encode()):
+        if head == _MAGIC.replace(b"4", str(version).encode()):
             raise StateError(f"version 0.{version} saved this state, under another rule of success; save it again")
     if head != _MAGIC or hashlib.sha256(body).digest() != digest:
         raise StateError("these bytes are no saved state of this version, or they are damaged")

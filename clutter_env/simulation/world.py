@@ -86,7 +86,7 @@ class Measurements:
 
     Attributes:
         poses: (n, 7) world poses of the objects.
-        is_fallen: (n,) whether each has toppled or is off the table.
+        is_fallen: (n,) whether each has toppled, and is not held, or is off the table, and is not carried.
         is_off: (n,) whether each is below the lowest support: the table top, unless the layout has a lower one.
         grip: what the grippers hold and touch.
         moved: slots of the objects that the robot has touched in any part of the control step, itself or through other
@@ -234,6 +234,8 @@ class World:
         for coupling in self.index.finger_couplings:
             data.eq_active[coupling] = grip.is_touching
         self._contacts, self._supports, ctrl = [], [], data.ctrl
+        reader, on_furniture, on_itself = self._reader, self.on_furniture, self.on_itself
+        is_pressed = on_furniture.is_pressed or on_itself.is_pressed
         for command in self.controller.advance(data, velocity, grips, grip.is_holding, head):
             ctrl[:] = command
             if self._grip_command:  # thin walls are held with all the force of the fingers
@@ -241,10 +243,16 @@ class World:
                     ctrl[actuator] = ctrl[actuator] or self._grip_command
             for _ in range(PHYSICS_STEPS // SEGMENTS):
                 mujoco.mj_step(model, data)
-                if data.ncon or self.on_furniture.is_pressed or self.on_itself.is_pressed:
-                    contacts = self._reader.read(data)
-                    self.on_furniture.add(self._reader.furniture_force(data, contacts))
-                    self.on_itself.add(self._reader.self_force(data, contacts))
+                if data.ncon:
+                    contacts = reader.read(data)
+                    if is_pressed or contacts.is_pressing:
+                        on_furniture.add(reader.furniture_force(data, contacts))
+                        on_itself.add(reader.self_force(data, contacts))
+                        is_pressed = True
+                elif is_pressed:
+                    on_furniture.add(0.0)
+                    on_itself.add(0.0)
+                    is_pressed = on_furniture.is_pressed or on_itself.is_pressed
             if data.ncon:
                 self._note(contacts)
         # A physics step leaves body and site poses at the positions from which it started.
@@ -291,8 +299,9 @@ class World:
         is_off = poses[:, 2] < self._fallen_below
         tilt = poses[:, 4:6] ** 2
         is_fallen = is_off | (np.abs(tilt[:, 0] + tilt[:, 1] - self._placed_tilt) > self._toppled_change)
-        for slot in grip.carried:
-            is_fallen[slot] = False
+        for slot, is_carried in zip(grip.held, grip.is_carried, strict=True):
+            if is_carried or (slot >= 0 and not is_off[slot]):
+                is_fallen[slot] = False
         measurements = Measurements(poses, is_fallen, is_off, grip, moved)
         self._last = content, measurements
         return measurements

@@ -78,7 +78,7 @@ def fewest_picks(
         expansions: search nodes after which the proof is given up.
         deadline: when to stop.
     """
-    to_move = tuple(dict.fromkeys((*must_move(scene, goal, start), *also)))
+    to_move = _with_what_stands_on(goal, (*must_move(scene, goal, start), *also))
     if not to_move:
         return LowerBound(0, (), (), True, 0)
     if nowhere := without_room(scene, goal, to_move)[0]:
@@ -163,6 +163,15 @@ def must_move(scene: Scene, goal: Goal, start: Scene | None = None) -> tuple[str
         names += occupants(scene, fact.region) if isinstance(fact, Clear) else ()
     names += [name for name in goal.held if name not in scene.held_names]
     return tuple(dict.fromkeys(names))
+
+
+def _with_what_stands_on(goal: Goal, names: Collection[str]) -> tuple[str, ...]:
+    """Names of objects that move, and of those that the goal wants on one of these: they leave it, and come back."""
+    found = dict.fromkeys(names)
+    stacked = [fact for fact in goal.placed if isinstance(fact, On)]
+    while more := [fact.object for fact in stacked if fact.place in found and fact.object not in found]:
+        found |= dict.fromkeys(more)
+    return tuple(found)
 
 
 def order_circle(scene: Scene, goal: Goal, to_move: Collection[str]) -> tuple[str, ...]:

@@ -46,6 +46,9 @@ _LAG = 2
 _OFF_LINE = 0.001
 """[m] A driven configuration farther off the planned lines keeps `CLEARANCE`: base and arm lag when both move."""
 
+_TINY = 1e-12
+"""[m²] The robot rests there."""
+
 
 def merge_phases(
     world: CollisionWorld, phases: Sequence[Trajectory], first: HeldObject | None, last: HeldObject | None
@@ -71,11 +74,11 @@ def merge_phases(
     if not max(len(ramp) - 1, len(phases)) <= count < sum(steps):
         return None
     bounds, states = _bounds(steps, count), timed.states.copy()
-    # The fingers begin to move with the phase in which they did as planned, or at once if they would be late.
-    moving = (k for k, phase in enumerate(phases) if np.ptp(phase.finger_position) > 0.0)
-    for begin in (min(bounds[next(moving, 0)], count + 1 - len(ramp)), 0):
-        states[:, -1] = np.concatenate([np.full(begin, start), ramp, np.full(count + 1 - begin - len(ramp), end)])
-        if held or _may_lag(world, states):
+    # The fingers begin to move with the phase in which they did as planned, or else at once, or as late as they can.
+    moving, latest = (k for k, phase in enumerate(phases) if np.ptp(phase.finger_position) > 0.0), count + 1 - len(ramp)
+    for begin in (min(bounds[next(moving, 0)], latest), 0, latest):
+        states[:, -1] = np.concatenate([np.full(begin, start), ramp, np.full(latest - begin, end)])
+        if held or _fingers_are_free(world, states, np.vstack([phase.states[:, :-1] for phase in phases])):
             break
     else:
         return None
@@ -85,13 +88,25 @@ def merge_phases(
     ]
 
 
-def _may_lag(world: CollisionWorld, states: Array) -> bool:
-    """Whether nothing is hit on the way (n, 12) by fingers that open `_LAG` samples late."""
-    late, robot = states[:-_LAG, -1], world.scene.robot
-    return not any(
-        world.path_hits(states[k + _LAG - 1 : k + _LAG + 1, :-1], robot.opening(late[k]), ignore=1 << SELF_BIT)
-        for k in np.flatnonzero(late < states[-1, -1])
-    )
+def _fingers_are_free(world: CollisionWorld, states: Array, planned: Array) -> bool:
+    """Whether fingers that are not fully open hit nothing on the way (n, 12), up to `_LAG` samples late as they are.
+
+    They are nearer to an object between them than open ones. What is not as planned (m, 11) keeps `CLEARANCE` here too.
+    """
+    X, widths = states[:, :-1], states[:, -1]
+    narrowest = np.array([widths[max(k - _LAG + 1, 0) : k + 2].min() for k in range(len(X) - 1)])
+    narrow = np.flatnonzero(narrowest < widths.max())
+    if not len(narrow):
+        return True
+    changed = np.zeros(len(X), bool)
+    changed[narrow[0] : narrow[-1] + 2] = _is_changed(world, X[narrow[0] : narrow[-1] + 2], planned)
+    clear = world.with_padding(CLEARANCE)
+    for (width, is_changed), part in itertools.groupby(narrow, lambda k: (narrowest[k], changed[k] and changed[k + 1])):
+        steps = list(part)
+        checked, opening = clear if is_changed else world, world.scene.robot.opening(width)
+        if checked.path_hits(X[steps[0] : steps[-1] + 2], opening, ignore=1 << SELF_BIT):
+            return False
+    return True
 
 
 def _bounds(steps: Sequence[int], last: int) -> list[int]:
@@ -166,6 +181,20 @@ class _Checks(NamedTuple):
                 if is_clear and not path_hits(self.free, path, STEP):
                     return path
         return None
+
+
+def _is_changed(world: CollisionWorld, X: Array, planned: Array) -> NDArray[np.bool_]:
+    """Whether each configuration (k, 11) of a motion is driven farther than `_OFF_LINE` from a planned one (n, 11).
+
+    The distance is an upper bound of how far any point of the robot is from where the planned motion takes it.
+    """
+    reach, drives = world.robot.reach, np.abs(np.gradient(X[:, :3], axis=0)).max(axis=1) > SAME_BASE
+    scaled, start, along = X[drives] * reach, planned[:-1] * reach, np.diff(planned, axis=0) * reach
+    lengths = np.maximum((along**2).sum(axis=1), _TINY)
+    share = np.clip((scaled @ along.T - (start * along).sum(axis=1)) / lengths, 0.0, 1.0)
+    nearest = start + share[..., None] * along
+    drives[drives] = np.abs(scaled[:, None] - nearest).sum(axis=2).min(axis=1) > _OFF_LINE
+    return drives
 
 
 def _corners(checks: _Checks, path: Array) -> Array | None:

@@ -125,7 +125,7 @@ def _face_at(scene: Scene, body: Body, fact: At) -> StaticObstacle:
 def reserved_regions(scene: Scene, goal: Goal, besides: str = "") -> tuple[Region, ...]:
     """The regions that are kept for objects of the goal, or clear: no other object is put there.
 
-    The first support is never reserved as a whole: it is where objects are put aside.
+    The first support is reserved as a whole only if it is to be clear: it is where objects are put aside.
 
     Args:
         scene: the world.
@@ -148,7 +148,8 @@ def reserved_regions(scene: Scene, goal: Goal, besides: str = "") -> tuple[Regio
             name = f"place of {fact.object}"
             found[name] = Region(name, place.face.name, tuple(place.location), (half, half))
     around = [] if mine is None else [one for one in found.values() if _contains(one, mine)]
-    return tuple(region for name, region in found.items() if name != scene.support.name and region not in around)
+    is_kept = {*found} - ({scene.support.name} - {*goal.cleared})
+    return tuple(region for name, region in found.items() if name in is_kept and region not in around)
 
 
 def _contains(region: Region, other: Region) -> bool:

@@ -156,7 +156,7 @@ class MovableBodies:
     def of(cls, model: mujoco.MjModel, robot: RobotSpec, movable: Movable = is_object_name) -> MovableBodies:
         """Look them up; raises `SceneError` for a name that is no free body, or a body that cannot be represented."""
         bodies = _movable_ids(model, robot, movable)
-        found = [_object(model, body) for body in bodies]
+        found = [movable_body(model, body) for body in bodies]
         return cls(
             names=tuple(body.name for body in found),
             bodies=np.array(bodies, dtype=np.int64),
@@ -213,8 +213,12 @@ def _movable_ids(model: mujoco.MjModel, robot: RobotSpec, movable: Movable) -> l
     return [body for name, body in free.items() if name in wanted]
 
 
-def _object(model: mujoco.MjModel, body: int) -> Body:
-    """A movable body as the planner has it, in the body's own frame: one cylinder or box, else convex pieces."""
+def movable_body(model: mujoco.MjModel, body: int) -> Body:
+    """A body with a free joint as the planner has it, in its own frame: one cylinder or box, else convex pieces.
+
+    Raises:
+        SceneError: it has other joints, no geom that can touch, or one that cannot be represented.
+    """
     name, touches = str(model.body(body).name), can_touch(model)
     if model.body_jntnum[model.body_rootid == body].sum() > 1:
         raise SceneError(f"movable body {name!r} has joints besides its free joint; {_ADVICE}")

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import importlib
 import inspect
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cache
 from importlib.util import find_spec
 from typing import Any, get_args
 
+from planners.clock import Deadline
 from planners.symbolic.astar import AStar
 from planners.symbolic.problem import (
     GroundAction,
@@ -26,8 +27,12 @@ from planners.symbolic.problem import (
 )
 from planners.symbolic.transitions import InapplicableActionError, update_from_action
 
-ENGINES = ("kairos", "astar", "fast-downward", "up:NAME")
+ENGINES = ("kairos", "astar", "fast-downward", "fast-downward:ff", "up:NAME")
 """Names that `task_planner` knows; NAME is any engine of unified-planning, "fast-downward" short for one of them."""
+
+FF_SEARCHES = ("let(hff,ff(),ehc(hff,preferred=[hff]))", "let(hff,ff(),eager_greedy([hff]))")
+"""FF (Hoffmann 2001) in Fast Downward's words: enforced hill climbing along helpful actions; where that finds no plan,
+greedy best-first search along all actions. Fast Downward is GPL: its users install it, no extra of ours names it."""
 
 _VALID = (
     f"valid names: {', '.join(ENGINES)}; or an object with a method plan(problem, time_limit) that returns a TaskPlan "
@@ -69,6 +74,9 @@ def task_planner(choice: str | TaskPlanner | None = None) -> TaskPlanner:
             return AStar()
         case "fast-downward":
             return UnifiedPlanning("fast-downward", "fast-downward")
+        case "fast-downward:ff":
+            searches = tuple({"fast_downward_search_config": search} for search in FF_SEARCHES)
+            return UnifiedPlanning("fast-downward", "fast-downward:ff", searches)
         case str(name) if name.startswith("up:"):
             return UnifiedPlanning(name.removeprefix("up:"), name)
         case str(name):
@@ -119,10 +127,17 @@ class Kairos:
 class UnifiedPlanning:
     """Any one-shot planner that unified-planning knows by name."""
 
-    def __init__(self, engine: str, name: str) -> None:
-        """Find the engine; raises `MissingEngineError`."""
+    def __init__(self, engine: str, name: str, options: Sequence[Mapping[str, str]] = ({},)) -> None:
+        """Find the engine; raises `MissingEngineError`.
+
+        Args:
+            engine: its name in unified-planning.
+            name: under which its plans are known here.
+            options: parameters of the engine; the next ones are tried where those before find no plan.
+        """
         self.name = name
         self._engine = engine
+        self._options = options
         self._shortcuts = _require("unified_planning.shortcuts", f"'unified-planning[{engine}]'")
         environment = self._shortcuts.get_environment()
         environment.credits_stream = None
@@ -135,15 +150,21 @@ class UnifiedPlanning:
 
     def plan(self, problem: TaskProblem, time_limit: float) -> TaskPlan | NoPlan:
         """A plan for the problem, found within `time_limit` [s]; raises `EngineFailedError`."""
+        deadline = Deadline.after(time_limit)
         parsed = self._reader().parse_problem_string(problem.domain, problem.text())
-        with self._shortcuts.OneshotPlanner(name=self._engine) as engine:
-            result = engine.solve(parsed, timeout=time_limit)
-        if result.plan is not None:
-            steps = result.plan.actions
-            return _spelled((step.action.name, map(str, step.actual_parameters)) for step in steps)
-        if result.status.name in ("UNSOLVABLE_PROVEN", "UNSOLVABLE_INCOMPLETELY", "TIMEOUT"):
-            return NoPlan("unsolvable" if result.status.name == "UNSOLVABLE_PROVEN" else "gave up")
-        raise EngineFailedError(f"{self.name}: {result.status.name}")
+        for options in self._options:
+            if not deadline.remaining:
+                break
+            with self._shortcuts.OneshotPlanner(name=self._engine, params=dict(options)) as engine:
+                result = engine.solve(parsed, timeout=deadline.remaining)
+            if result.plan is not None:
+                steps = result.plan.actions
+                return _spelled((step.action.name, map(str, step.actual_parameters)) for step in steps)
+            if result.status.name == "UNSOLVABLE_PROVEN":
+                return NoPlan("unsolvable")
+            if result.status.name not in ("UNSOLVABLE_INCOMPLETELY", "TIMEOUT"):
+                raise EngineFailedError(f"{self.name}: {result.status.name}")
+        return NoPlan("gave up")
 
 
 def checked_answer(problem: TaskProblem, answer: TaskPlan | NoPlan, planner: TaskPlanner) -> TaskPlan | NoPlan:

@@ -89,6 +89,19 @@ CASES = {
     "stack of three": ("three", goals.on("b", "a") & goals.on("c", "b"), 2),
     "stack taken down": ("stack", goals.and_(*(goals.on(name, "tray") for name in "abc")), 3),
     "stack turned over": ("stack", goals.on("a", "counter_left") & goals.on("c", "tray") & goals.on("b", "c"), 3),
+    "the first support cleared": ("few", goals.clear("table_top"), 4),
+    "a stack taken off the first support": ("stack", goals.clear("table_top"), 3),
+    "stack moved as it stands": (
+        "stack",
+        goals.on("a", "counter_left") & goals.on("b", "a") & goals.on("c", "b"),
+        5,
+    ),
+    "stack moved to a point": (
+        "stack",
+        goals.at("a", (-0.1, 0.72), 0.05) & goals.on("b", "a") & goals.on("c", "b"),
+        5,
+    ),
+    "lower part of a stack moved": ("stack", goals.on("a", "counter_left") & goals.on("b", "a"), 4),
     "one under the top": (
         "stack and one",
         goals.on("a", "table_top") & goals.on("d", "a") & goals.on("c", "d"),

@@ -164,6 +164,47 @@ def test_text_and_back_again() -> None:
 
 
 @pytest.mark.parametrize(
+    "text",
+    [
+        "(AND (On a tray) (HOLDING b))",
+        "(and (and (on a tray)) (and (and (holding b))))",
+        "(:goal (and (on a tray) (holding b)))",
+        "(:GOAL (and (on a tray) (and (holding b) (on a tray))))  ; twice",
+        "(and (and) (on a tray) (holding b))",
+    ],
+)
+def test_the_same_goal_as_other_planners_write_it(text: str) -> None:
+    assert Goal.of(text) == goals.on("a", "tray") & goals.holding("b")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("(or (on a tray) (on a left))", "'or' .* all of its facts"),
+        ("(and (on a tray) (not (on b tray)))", "'not' .* \\(clear region\\)"),
+        ("(forall (?x - object) (on ?x tray))", "'forall' .* one fact for each object"),
+        ("(exists (?x) (on ?x tray))", "'exists' .* name the object"),
+        ("(imply (on a tray) (on b tray))", "'imply' .* all of its facts"),
+        ("on a tray", "parentheses: \\(on a tray\\)"),
+        ("HOLDING a", "parentheses: \\(holding a\\)"),
+        ("(and (on ?x tray))", "no variables here"),
+        ("(and)", "at least one fact"),
+    ],
+)
+def test_what_a_goal_cannot_say_is_named(text: str, said: str) -> None:
+    with pytest.raises(GoalError, match=said):
+        Goal.of(text)
+
+
+def test_deeply_nested_text_is_read_or_refused() -> None:
+    for depth in (40, 3000):
+        deep = "(and " * depth + "(holding b)" + ")" * depth
+        assert Goal.of(deep) == goals.holding("b")
+        with pytest.raises(GoalError, match="parentheses"):
+            Goal.of(deep[:-1])
+
+
+@pytest.mark.parametrize(
     "text", ["", "(", ")", "(and)", "(on a)", "(at a)", "(at a (x 1))", "(at a (x 1) (y b))", "(on a b) (on c d)", "()"]
 )
 def test_text_that_is_no_goal_is_refused(text: str) -> None:

@@ -21,7 +21,7 @@ from clutter_env.simulation.control import STILL
 _POSE = ["x", "y", "z", "qw", "qx", "qy", "qz"]
 _VELOCITY = ["vx", "vy", "vz", "wx", "wy", "wz"]
 _SIZE = ["bb_x", "bb_y", "bb_z"]
-_PRESSING = ["furniture_force", "furniture_impulse", "self_force", "self_impulse"]
+_PRESSING = ["furniture_force", "furniture_impulse", "self_force", "self_impulse", "total_slide"]
 
 
 class Worker:

@@ -17,7 +17,7 @@ import pytest
 import clutter_env
 from clutter_env.bridges.remote import BridgeError, Remote
 from clutter_env.envs.success import DISTURBED_PATH, TOTAL_PATH
-from clutter_env.simulation.pressing import SUSTAINED_FORCE, TRANSIENT_IMPULSE
+from clutter_env.simulation.pressing import SUSTAINED_FORCE, TOTAL_SLIDE, TRANSIENT_IMPULSE
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="the interpreter with this package is a shell script")
 ROOT = Path(clutter_env.__file__).parents[1]
@@ -109,9 +109,11 @@ def test_the_expert_s_success_can_be_read_off_a_state(remote: Remote) -> None:
         robot = numbers(made, answer, "robot", "clutter_robot")
         forces = max(robot["furniture_force"], robot["self_force"])
         impulses = max(robot["furniture_impulse"], robot["self_impulse"])
-        is_gentle = forces <= SUSTAINED_FORCE and impulses <= TRANSIENT_IMPULSE and robot["total_path"] <= TOTAL_PATH
-        is_clean = is_gentle and not any(
-            each["is_fallen"] or each["path"] > DISTURBED_PATH for each in objects.values()
+        is_gentle = forces <= SUSTAINED_FORCE and impulses <= TRANSIENT_IMPULSE and robot["total_slide"] <= TOTAL_SLIDE
+        is_clean = (
+            is_gentle
+            and robot["total_path"] <= TOTAL_PATH
+            and not any(each["is_fallen"] or each["path"] > DISTURBED_PATH for each in objects.values())
         )
         assert info["is_success"] == (is_clean and robot["hold_progress"] == 1)
         assert [name for name, each in objects.items() if each["is_held"]] == [info["held"]] * bool(info["held"])

@@ -19,7 +19,7 @@ from clutter_env.reporting.tables import markdown_table
 from tests.clutter_env.envs.cheats import CHEATS, SCENE, Cheat
 from tests.clutter_env.envs.gentle import GENTLE
 
-_SHOWN = ("furniture_force", "self_force", "total_path")
+_SHOWN = ("furniture_force", "self_force", "total_slide", "total_path")
 
 
 def main(json_file: Path | None = None, beside: Path | None = None) -> None:
@@ -50,7 +50,16 @@ def main(json_file: Path | None = None, beside: Path | None = None) -> None:
         ]
         for number, (name, info) in enumerate(found.items())
     ]
-    head = ["", "behaviour", *(["before"] if before else []), "clean", "N on furniture", "N on itself", "path m"]
+    head = [
+        "",
+        "behaviour",
+        *(["before"] if before else []),
+        "clean",
+        "N on furniture",
+        "N on itself",
+        "slide m",
+        "path m",
+    ]
     print(markdown_table(head, rows), end="")
 
 

@@ -19,6 +19,8 @@ LOW, MIDDLE = 0.055, 0.6 * HEIGHT
 """[m] of the gripper above the table: where a push does not topple, where an object is grasped."""
 TIP = 0.0235
 """[m] by which the pads reach beyond the TCP."""
+TAP = 0.009
+"""[m] above and below the table's top, between which a hand that taps on it is sent."""
 TARGET, OTHER = 0, 1
 
 
@@ -213,6 +215,25 @@ def lean_on_the_table(cheat: Cheat) -> None:
     cheat.leave()
 
 
+def tap_on_the_table(cheat: Cheat) -> None:
+    """The closed hand taps on the table beside the target, 40 times, each time less hard than a single blow may be."""
+    cheat.before(cheat.at(TARGET) - (0, 0.18, 0))
+    cheat.grip(CLOSED)
+    cheat.reach(cheat.point + (PRE_GRASP, 0, 0.07 - MIDDLE), speed=0.05)
+    while not cheat.env.world.on_furniture.is_pressed:
+        cheat.point = cheat.point - (0, 0, 0.0005)
+        cheat.step()
+    touching = cheat.point
+    for _ in range(40):
+        cheat.point = touching + (0, 0, TAP)
+        cheat.wait(0.5)
+        cheat.point = touching - (0, 0, TAP)
+        while not cheat.env.world.on_furniture.is_pressed:
+            cheat.step()
+    cheat.reach(cheat.point + (0, 0, 0.2))
+    cheat.leave()
+
+
 def drive_into_the_table(cheat: Cheat) -> None:
     """The base drives against the table at full speed."""
     start = cheat.base.copy()
@@ -257,6 +278,7 @@ CHEATS: dict[str, Callable[[Cheat], None]] = {
         press_on_the_table,
         press_with_what_is_held,
         lean_on_the_table,
+        tap_on_the_table,
         drive_into_the_table,
         shake_in_the_grip,
         shove_a_row,

@@ -40,6 +40,11 @@ INFO_TYPES = {
     "num_disturbed": int,
     "num_cleared": int,
     "furniture_force": float,
+    "furniture_impulse": float,
+    "self_force": float,
+    "self_impulse": float,
+    "total_slide": float,
+    "total_path": float,
     "unstable": bool,
     "ik_failures": int,
 }

@@ -19,7 +19,7 @@ from clutter_env.envs.success import HOLD_STEPS
 from clutter_env.errors import ConfigError, OptionError, StateError
 from clutter_env.scene.layout import TABLE_HEIGHT
 from clutter_env.scene.object_sets import OBJECT_GAP
-from planners import Scene, goals
+from planners import Planner, Scene, goals
 from planners.goals import At, Region
 
 REST = np.zeros(12, np.float32)
@@ -120,6 +120,24 @@ def test_a_stack_of_three_stands_at_the_start_and_stays(shapes: str) -> None:
         info = idle(env, 40)[-1]
         assert np.abs(env.measurements.poses - before).max() < 0.002
         assert info["num_fallen"] == info["num_disturbed"] == 0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_household_goals_are_judged_by_the_shapes_that_the_planner_has(seed: int) -> None:
+    """A jar of 38 mm radius was judged as a box, whose corners stuck out of its place; a pan was to stand in 12 cm."""
+    env = gym.make("clutter_env/Rearrange-o8-v0", task="set", object_set="household").unwrapped
+    env.reset(seed=seed)
+    read = Scene.from_mujoco(env.model, env.data, env.robot, regions=env.regions)
+    judged = env._goal_monitor._start
+    for one, other in zip(judged.objects, read.objects, strict=True):
+        assert (one.name, one.shape) == (other.name, other.shape)
+        for mine, its in zip(one.placed, other.placed, strict=True):
+            assert mine.shape == its.shape
+            np.testing.assert_allclose(mine.corners, its.corners, atol=1e-9)
+    planner = Planner(env.robot)
+    assert planner.lower_bound(read, env.goal).picks is not None, "the goal is impossible"
+    wide = [body.name for body in judged.objects if min(body.half_extents[:2]) > 0.06]
+    assert not {fact.object for fact in env.goal.placed}.intersection(wide)
 
 
 def test_what_is_stacked_holds_only_while_it_stands_on_it() -> None:

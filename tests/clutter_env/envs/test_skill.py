@@ -56,7 +56,7 @@ def test_the_kinematic_model_agrees_with_physics(kinematic: SkillEnv, physics: S
         one, other = kinematic.step(chosen), physics.step(chosen)
         assert np.abs(one[0] - other[0]).max() < 0.02 / LENGTH_UNIT
         assert one[1:4] == other[1:4]
-        unknown = dict.fromkeys(("num_fallen", "furniture_force", "furniture_impulse", "total_path"), 0)
+        unknown = dict.fromkeys(("num_fallen", "furniture_force", "furniture_impulse", "total_slide", "total_path"), 0)
         assert {**one[4], **unknown} == {**other[4], **unknown}
         assert other[4]["total_path"] < 0.01
     assert other[4]["is_success"]

@@ -20,7 +20,7 @@ def score(seed: int, moved: int | None, *, is_lifted: bool = False) -> Score:
     """A solved scene, or with None an unsolved one."""
     solved = moved is not None
     failure = "" if solved else "time limit"
-    pressed = (0.0, 0.0, 0.0, 0.0)
+    pressed = (0.0, 0.0, 0.0, 0.0, 0.0)
     count = moved or 0
     return Score(seed, solved, solved or is_lifted, 1, 5.0, count, count, 0, 0, *pressed, 0.0, 0, 0, failure, 1.0)
 

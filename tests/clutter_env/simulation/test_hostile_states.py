@@ -17,7 +17,7 @@ import clutter_env  # noqa: F401 - registers the environments
 from clutter_env.envs.base import BaseEnv
 from clutter_env.errors import StateError
 
-MAGIC = b"clutter-env state 3\n"
+MAGIC = b"clutter-env state 4\n"
 BAD_VALUES = (float("nan"), 1e999, -1e300, 10**30, 77, -5, True, None, "0", [], [[]], {}, {"a": 1})
 MANY = 20
 """Lists longer than this are changed at their first, middle and last entries alone."""
@@ -159,11 +159,14 @@ CONTRADICTIONS = {
     "no target": (("scene", "target"), -1),
     "a box that lies on its side": (("scene",), {"is_box": [True] * 5, "is_lying": [True] * 5}),
     "an object in hand that is not there": (("memory", "grip", "held", 0), 77),
+    "nothing that is carried": (("memory", "grip"), {"held": [-1], "is_carried": [True]}),
     "a negative path": (("memory", "monitor", "paths", 0), -1.0),
     "half an object in a hand": (("memory", "monitor", "hands", 0, 0), 0.5),
     "held again before it was not": (("memory", "monitor", "hands", 0, 1), -3.0),
     "a window of forces above the largest mean": (("memory", "pressing", 0, -1), 4000.0),
-    "an open impulse above the largest": (("memory", "pressing", 1, 2), 0.5),
+    "an open impulse above the largest": (("memory", "pressing", 1, 3), 0.5),
+    "a slide without an impulse": (("memory", "pressing", 1, 2), 0.5),
+    "an impulse without a slide": (("memory", "pressing", 1, 1), 0.5),
     "no time": (("physics", "integration", 0), float("nan")),
 }
 

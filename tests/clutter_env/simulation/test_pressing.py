@@ -11,7 +11,15 @@ import pytest
 from clutter_env.config import TIMESTEP
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.scene.layout import Box, Layout
-from clutter_env.simulation.pressing import REMEMBERED, SUSTAINED_FORCE, TRANSIENT_IMPULSE, Pressing
+from clutter_env.simulation.pressing import (
+    REMEMBERED,
+    SUSTAINED_FORCE,
+    TOTAL_SLIDE,
+    TRANSIENT_IMPULSE,
+    Pressing,
+    is_gentle,
+    total_slide,
+)
 from tests.clutter_env.envs.cheats import OTHER, SCENE, Cheat, cylinder
 
 
@@ -22,29 +30,60 @@ def pressed(*forces: float) -> Pressing:
     return pressing
 
 
-def test_the_impulse_limit_moves_a_light_table_by_a_millimetre() -> None:
-    speed = TRANSIENT_IMPULSE / 10.0
-    assert speed**2 / (2 * SUSTAINED_FORCE / 10.0) == pytest.approx(1e-3)
+def test_a_short_blow_slides_the_table_as_its_impulse_says() -> None:
+    """J² / (2 m F) after it, and half of its own duration at its last speed."""
+    for force in (200.0, 300.0, 500.0):
+        impulse = (force - SUSTAINED_FORCE) * TIMESTEP
+        after, during = impulse**2 / (2 * 10.0 * SUSTAINED_FORCE), impulse / 10.0 * TIMESTEP / 2
+        assert pressed(force, *[0.0] * 100).slide == pytest.approx(after + during, rel=0.02)
+    assert pressed(*[50.0] * 500).slide == 0.0
 
 
 def test_a_short_touch_is_gentle_and_a_long_one_is_not() -> None:
-    assert pressed(*[69.0] * 10, *[0.0] * 100).is_gentle
-    assert not pressed(*[69.0] * 250).is_gentle
-    assert pressed(*[50.0] * 500).is_gentle
-    assert not pressed(*[51.0] * 501).is_gentle, "half a second more would not matter: the mean is above the limit"
+    assert is_gentle(pressed(*[69.0] * 10, *[0.0] * 100))
+    assert not is_gentle(pressed(*[69.0] * 250))
+    assert is_gentle(pressed(*[50.0] * 500))
+    assert not is_gentle(pressed(*[51.0] * 501)), "half a second more would not matter: the mean is above the limit"
 
 
 def test_a_blow_is_judged_by_its_impulse() -> None:
     blow = pressed(300.0, 300.0, 300.0, *[0.0] * 100)
     assert blow.force == pytest.approx(900.0 / 50)
     assert blow.impulse == pytest.approx(3 * 250.0 * TIMESTEP)
-    assert not blow.is_gentle
-    assert pressed(300.0, *[0.0] * 100).is_gentle
+    assert not is_gentle(blow)
+    assert is_gentle(pressed(300.0, *[0.0] * 100))
 
 
-def test_several_blows_do_not_add_up_once_the_table_stands() -> None:
-    once = [300.0, *[0.0] * 20]
-    assert pressed(*once * 10).impulse == pytest.approx(pressed(*once).impulse)
+def test_several_blows_add_up() -> None:
+    """Forty taps, each within the limits, move a light table by centimetres."""
+    once = [450.0, *[0.0] * 50]
+    tap, taps = pressed(*once), pressed(*once * 40)
+    assert is_gentle(tap)
+    assert is_gentle(pressed(*once * 4))
+    assert taps.impulse == tap.impulse, "the table stands in between"
+    assert taps.slide == pytest.approx(40 * tap.slide)
+    assert not is_gentle(taps)
+    few = pressed(*once * 4)
+    assert is_gentle(few, tap)
+    assert total_slide(few, few) == pytest.approx(8 * tap.slide)
+    assert not is_gentle(few, few), "blows on furniture and on the robot add up too"
+
+
+def test_a_trembling_press_slides_the_table() -> None:
+    """50 N in the mean, in jerks of 250 N: no other limit is exceeded."""
+    trembling = pressed(*[250.0, 0.0, 0.0, 0.0, 0.0] * 500)
+    assert trembling.force <= SUSTAINED_FORCE
+    assert trembling.impulse <= TRANSIENT_IMPULSE
+    assert trembling.slide > TOTAL_SLIDE
+    assert not is_gentle(trembling)
+
+
+def test_the_table_slides_on_after_a_hard_blow() -> None:
+    """Until friction has stopped it, however long the force is past: 2 m/s stop after 0.4 s and 0.4 m."""
+    blow = pressed(*[2050.0] * 5, *[0.0] * 1000)
+    assert blow.slide == pytest.approx(2.0**2 / (2 * 5.0) + 0.01, rel=0.01)
+    assert not blow.is_pressed
+    assert blow.memory()[3:] == [0.0] * (REMEMBERED - 3)
 
 
 def test_the_mean_is_over_any_window() -> None:

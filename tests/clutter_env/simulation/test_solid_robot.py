@@ -19,6 +19,7 @@ from assets.robot_reading import collision_geoms
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ConfigError
 from clutter_env.simulation.pressing import SUSTAINED_FORCE, Pressing
+from tests.clutter_env.simulation.test_pressing import largest_mean, watch
 
 ROBOTS = ["fetch", "pr2", "panda_mobile"]
 FIRST_LINKS = {frozenset(("r_shoulder_front", "l_shoulder_front"))}
@@ -280,6 +281,55 @@ def test_both_arms_of_a_robot_meet_each_other() -> None:
     assert info["self_force"] > 0.0
 
 
+OVER_THE_BASE = np.array((0.32, -1.17, 1.15, 0.24, 1.1, -2.91, -1.23, 4.38))
+"""Joints of Fetch's torso and arm with which its forearm is level, 12 cm above the base, and its hand beside it."""
+
+
+def over_the_base(*heights: float) -> RetrieveEnv:
+    """Fetch with its forearm above its base, and boxes of these heights [m] between them, one on the other, awake."""
+    env = RetrieveEnv(num_objects=len(heights))
+    boxes = [{"shape": "box", "depth": 0.1, "width": 0.1, "height": height, "mass": 0.1} for height in heights]
+    env.reset(seed=0, options={"objects": [{**box, "position": (0.1, 0.3 * k)} for k, box in enumerate(boxes)]})
+    world, data = env.world, env.data
+    data.qpos[world.index.drive_qpos[3:]] = OVER_THE_BASE
+    world.controller.reset(data)
+    mujoco.mj_kinematics(env.model, data)
+    base = data.geom("base")
+    place = base.xpos + (0.112, -0.07, env.model.geom("base").size[1])
+    for number, height in enumerate(heights):
+        place = place + (0.0, 0.0, height / 2)
+        data.qpos[world.index.object_qpos].reshape(-1, 7)[number] = [*place, 1.0, 0.0, 0.0, 0.0]
+        place = place + (0.0, 0.0, height / 2)
+    wake(env)
+    return env
+
+
+def wake(env: RetrieveEnv) -> None:
+    """Wake all bodies."""
+    kind = mujoco.mjtState.mjSTATE_INTEGRATION
+    state = np.empty(mujoco.mj_stateSize(env.model, kind))
+    mujoco.mj_getState(env.model, env.data, state, kind)
+    mujoco.mj_setState(env.model, env.data, state, kind)
+
+
+@pytest.mark.parametrize("heights", [(0.1,), (0.06, 0.05)])
+def test_what_is_squeezed_between_two_parts_of_the_robot_presses_on_it(
+    heights: tuple[float, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Boxes between forearm and base, which no gripper touches, were booked as 0 N."""
+    env = over_the_base(*heights)
+    q = OVER_THE_BASE.copy()
+    info = drive(env, q, 1.0)
+    assert info["self_force"] == 0.0, "they stand on the base, and nothing else touches them"
+    q[0] -= 0.06
+    forces = watch(monkeypatch, env, env.object_names, ["base"])
+    info = drive(env, q, 2.0)
+    assert largest_mean(forces) > 20.0
+    weight = 9.81 * 0.1 * len(heights)
+    assert info["self_force"] == pytest.approx(largest_mean(forces) - weight, rel=0.05)
+    assert info["furniture_force"] == 0.0
+
+
 def two_hands(env: RetrieveEnv, centre: np.ndarray) -> np.ndarray:
     """Motor targets (4 + n,) with which both hands of PR2 are around `centre` (3,), one 12 cm above the other."""
     model, world, data = env.model, env.world, mujoco.MjData(env.model)
@@ -318,12 +368,9 @@ def test_two_hands_that_hold_one_object_press_on_each_other_only_beyond_their_gr
     data.qpos[world.index.drive_qpos], data.qpos[world.index.finger_qpos] = q, env.robot.max_finger_position
     world.controller.reset(data)
     place = np.array([*centre, np.cos(np.pi / 8), 0.0, 0.0, -np.sin(np.pi / 8)])
-    kind = mujoco.mjtState.mjSTATE_INTEGRATION
     for _ in range(30):  # it is held there, awake, while the fingers close
         data.qpos[world.index.object_qpos], data.qvel[world.index.object_dof] = place, 0.0
-        state = np.empty(mujoco.mj_stateSize(env.model, kind))
-        mujoco.mj_getState(env.model, data, state, kind)
-        mujoco.mj_setState(env.model, data, state, kind)
+        wake(env)
         env.step(env.joint_action(q, [0.0, 0.0]))
     world.on_itself = Pressing()
     for _ in range(20):

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from importlib.util import find_spec
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -28,6 +32,7 @@ NEEDS = {
     "astar": "planners",
     "kairos": "kairos",
     "fast-downward": "up_fast_downward",
+    "fast-downward:ff": "up_fast_downward",
     "up:fast-downward": "up_fast_downward",
 }
 INSTALLED = [name for name, module in NEEDS.items() if find_spec(module) is not None]
@@ -151,12 +156,85 @@ def test_engines_are_chosen_by_name() -> None:
     assert task_planner().name == default_engine()
 
 
-@pytest.mark.parametrize("name", ["kairos", "fast-downward", "up:tamer"])
+@pytest.mark.parametrize("name", ["kairos", "fast-downward", "fast-downward:ff", "up:tamer"])
 def test_a_missing_engine_says_how_to_install_it(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(engines, "find_spec", lambda _: None)
     with pytest.raises(MissingEngineError, match="pip install"):
         task_planner(name)
     assert default_engine() == "astar"
+
+
+STUB = """
+import sys
+search, answers = sys.argv[1], {"let(hff,ff(),ehc": EHC, "let(hff,ff(),eager_greedy": GREEDY}
+print(search, file=open("LOG", "a"))
+print(next(answer for begin, answer in answers.items() if search.startswith(begin)))
+"""
+"""A program in place of Fast Downward: it logs its search and answers with a status of unified-planning or a plan."""
+
+
+def fake_unified_planning(program: Path) -> SimpleNamespace:
+    """As much of unified-planning as `UnifiedPlanning` uses, with an engine that is a program."""
+
+    class Engine:
+        def __init__(self, name: str, params: dict[str, str]) -> None:
+            assert name == "fast-downward"
+            self.search = params["fast_downward_search_config"]
+
+        def __enter__(self) -> Engine:
+            return self
+
+        def __exit__(self, *_: object) -> None: ...
+
+        def solve(self, _: object, timeout: float) -> SimpleNamespace:
+            command = [sys.executable, str(program), self.search]
+            answer = subprocess.run(command, capture_output=True, text=True, timeout=timeout, check=True).stdout.strip()
+            if not answer.startswith("("):
+                return SimpleNamespace(plan=None, status=SimpleNamespace(name=answer))
+            words = [line.strip("()").split() for line in answer.splitlines()]
+            steps = [SimpleNamespace(action=SimpleNamespace(name=w[0]), actual_parameters=w[1:]) for w in words]
+            return SimpleNamespace(plan=SimpleNamespace(actions=steps))
+
+    environment = SimpleNamespace(factory=SimpleNamespace(engines=["fast-downward"]))
+    reader = SimpleNamespace(parse_problem_string=lambda domain, problem: (domain, problem))
+    return SimpleNamespace(get_environment=lambda: environment, OneshotPlanner=Engine, PDDLReader=lambda: reader)
+
+
+@pytest.mark.parametrize(
+    ("ehc", "greedy", "answer", "searches"),
+    [
+        ("PLAN", "INTERNAL_ERROR", 2, 1),
+        ("UNSOLVABLE_INCOMPLETELY", "PLAN", 2, 2),
+        ("UNSOLVABLE_INCOMPLETELY", "UNSOLVABLE_INCOMPLETELY", "gave up", 2),
+        ("UNSOLVABLE_PROVEN", "PLAN", "unsolvable", 1),
+    ],
+)
+def test_ff_climbs_hills_and_then_searches_along_all_actions(
+    ehc: str, greedy: str, answer: int | str, searches: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem, log, program = obstruction_problem("a", {}).pruned(), tmp_path / "log", tmp_path / "downward.py"
+    expected = AStar().plan(problem)
+    assert isinstance(expected, TaskPlan)
+    plan = "\n".join(f"({' '.join((a.name, *a.args)).lower()})" for a in expected.actions)
+    text = STUB.replace("LOG", str(log))
+    for word, status in (("EHC", ehc), ("GREEDY", greedy)):
+        text = text.replace(word, repr(plan if status == "PLAN" else status))
+    program.write_text(text)
+    fake = fake_unified_planning(program)
+    monkeypatch.setattr(engines, "_require", lambda *_: fake)
+    monkeypatch.setattr("importlib.import_module", lambda _: fake)
+    found = task_planner("fast-downward:ff").plan(problem, TIME_LIMIT)
+    assert (found.reason if isinstance(found, NoPlan) else len(found.actions)) == answer
+    assert not isinstance(found, TaskPlan) or found.actions == expected.actions
+    assert len(log.read_text().splitlines()) == searches
+
+
+def test_ff_stops_at_its_time_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    fake = fake_unified_planning(Path("nothing that could run"))
+    monkeypatch.setattr(engines, "_require", lambda *_: fake)
+    monkeypatch.setattr("importlib.import_module", lambda _: fake)
+    problem = obstruction_problem("a", {})
+    assert task_planner("fast-downward:ff").plan(problem, 0.0) == NoPlan("gave up")
 
 
 @pytest.mark.slow

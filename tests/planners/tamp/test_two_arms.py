@@ -160,7 +160,7 @@ def test_two_arms_never_have_a_higher_lower_bound_than_one() -> None:
 
 @pytest.mark.slow
 def test_a_plan_of_two_arms_is_saved_and_drawn(tmp_path: Path) -> None:
-    scene, target = scene_of(100_006)
+    scene, target = scene_of(100_016)
     plan = Planner(BOTH, grasps="side", hold_aside=True).solve(scene, target)
     assert isinstance(plan, Solution)
     assert plan.actions[-1].scene.aside
@@ -178,7 +178,7 @@ def test_a_plan_of_two_arms_is_saved_and_drawn(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["ngr", "dogar", "srivastava"])
 def test_greedy_strategies_plan_with_two_arms(strategy: str) -> None:
-    scene, target = scene_of(100_006)
+    scene, target = scene_of(100_016)
     plan = Planner(BOTH, grasps="side", hold_aside=True).solve(scene, target, strategy)
     assert isinstance(plan, Solution)
     assert plan.clearances, "they do not plan ahead, so nothing is held aside"
@@ -188,7 +188,7 @@ def test_greedy_strategies_plan_with_two_arms(strategy: str) -> None:
 @pytest.mark.parametrize("hold_aside", [False, True])
 def test_plans_of_two_arms_are_free_of_penetration_in_mujoco(hold_aside: bool) -> None:
     arms = set()
-    for seed in (100_000, 100_006):
+    for seed in (100_000, 100_016):
         scene, target = scene_of(seed)
         found = Planner(BOTH, grasps="side", hold_aside=hold_aside).solve(scene, target)
         assert isinstance(found, Solution), found
@@ -216,7 +216,7 @@ def assert_continuous(plan: Solution) -> None:
 @pytest.mark.parametrize(("hold_aside", "cleared"), [(False, 1), (True, 0)])
 def test_an_episode_in_which_both_arms_act_succeeds(hold_aside: bool, cleared: int) -> None:
     env = gym.make("clutter_env/Retrieve-o15-v0", robot=BOTH)
-    _, info = env.reset(seed=100_006)
+    _, info = env.reset(seed=100_016)
     expert = TampExpert(env, grasps="side", config=ExpertConfig(with_floor=False, hold_aside=hold_aside))
     expert.reset(info["target"])
     solution = expert.solution
