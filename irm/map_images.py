@@ -157,9 +157,15 @@ def is_within(images: Images, joint: int, angle: float) -> bool:
 
 @leaf_kernel
 def any_pair_near(placed: Placed, pairs: Integers) -> bool:
-    """Whether one of the pairs (s, 2) of solids that are placed comes nearer than the clearance."""
+    """Whether one of the pairs (s, 2) of solids that are placed comes nearer than the clearance.
+
+    That pair changes places with the first one: in the next configuration, which is a neighbour, it is near as well.
+    """
     for k in range(pairs.shape[0]):
-        if is_pair_near(placed.solids, pairs[k, 0], pairs[k, 1], CLEARANCE, placed.simplex):
+        i, j = pairs[k, 0], pairs[k, 1]
+        if is_pair_near(placed.solids, i, j, CLEARANCE, placed.simplex):
+            pairs[k, 0], pairs[k, 1] = pairs[0, 0], pairs[0, 1]
+            pairs[0, 0], pairs[0, 1] = i, j
             return True
     return False
 

@@ -20,7 +20,7 @@ from map_truth import Judge  # type: ignore[import-not-found]
 from assets import RobotSpec
 from clutter_env.cli.robot import robot_by_name
 from clutter_env.reporting.progress import progress_bar
-from clutter_env.reporting.tables import markdown_table
+from clutter_env.reporting.tables import NOTHING, markdown_table
 from irm import ArmChain, InverseReachabilityMap, cached_map
 from irm.answers import Status
 
@@ -51,7 +51,8 @@ def measure(name: str, robot: RobotSpec | ArmChain, queries: int, seed: int, vox
             if exact is None and found.configurations is None and len(found):
                 certain.append(spent)
     row = [name, *(str(unknown[exact]) for exact in unknown), f"{len(certain)}"]
-    return [*row, f"{np.mean(certain):.0f}", f"{np.mean(times[None]):.0f}", f"{np.mean(times[True]):.0f}"]
+    row.append(f"{np.mean(certain):.0f}" if certain else NOTHING)
+    return [*row, *(f"{np.median(times[exact]):.0f} / {np.mean(times[exact]):.0f}" for exact in (None, True))]
 
 
 def main(
@@ -73,7 +74,7 @@ def main(
         voxel: edge of the map's cells [m].
     """
     head = ["robot", "UNKNOWN by the map alone", "by default", "with `exact=True`", "certain by the map"]
-    head += ["mean of these [µs]", "mean of all, default [µs]", "`exact=True` [µs]"]
+    head += ["mean of these [µs]", "median / mean of all, default [µs]", "`exact=True` [µs]"]
     found = {name: robot_by_name(name) for name in robots}
     found |= {name: Judge(wheels, ARMS[name]).chain for name in arms}
     print(markdown_table(head, [measure(name, robot, queries, seed, voxel) for name, robot in found.items()]))

@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from assets import robot
 from assets.robots import FETCH
 from irm.answers import Status
+from irm.chain import ArmChain
 from irm.errors import ReachabilityError
 from irm.free_space import FreeSpace
 from irm.grid import MapGrid, MapParameters, Orientations, nearest_orientation
@@ -18,10 +20,13 @@ from irm.ik.closed_form import ik_pan
 from irm.ik.numerical import random_seeds
 from irm.ik.solvers import ExactSolver
 from irm.inverse_map import InverseReachabilityMap
-from irm.map_images import images_of
+from irm.kinematics import link_frames
+from irm.map_images import any_pair_near, images_of, touching
 from irm.map_kernels import PAN_SAMPLES, shapes_at_every_roll
 from irm.reachability_map import ReachabilityMap
 from irm.rotations import rotation, rotations, yaw_pitch_roll
+from irm.self_contact import CLEARANCE
+from irm.shapes import is_pair_near, make_placed, place_shapes
 from irm.verification import SelfCollision, tcp_poses
 from tests.irm.arms import ARM, CHAIN, arm_chain, in_base, inverse, jacobian, manipulability, solve
 
@@ -236,3 +241,18 @@ def test_images_of_cells_under_turns_of_the_first_and_the_last_joint_are_reached
     quadrant = 2 * (positions[free, 0] > rm.grid.centre[0]) + (positions[free, 1] > rm.grid.centre[1])
     counts = np.bincount(quadrant, minlength=4)
     assert counts.min() > 0.8 * counts.max()
+
+
+def test_the_pair_that_touched_last_is_tested_first_and_no_pair_is_forgotten():
+    chain, rng = ArmChain.of(robot("panda_mobile")), np.random.default_rng(3)
+    images = images_of(chain, MapGrid.of(chain, MapParameters(voxel=0.2, orientations=26)))
+    pairs = np.concatenate(touching(chain, chain.shapes, images)[:6])
+    before, placed, touches = pairs.copy(), make_placed(chain.shapes), 0
+    for q in random_seeds(chain, 300, 0.0, rng):
+        place_shapes(chain.shapes, placed, *link_frames(chain, q))
+        near = [is_pair_near(placed.solids, *pair, CLEARANCE, placed.simplex) for pair in before.tolist()]
+        assert any_pair_near(placed, pairs) == any(near)
+        touches += any(near)
+        assert not any(near) or pairs[0].tolist() in before[near].tolist()
+    assert touches > 20
+    assert sorted(pairs.tolist()) == sorted(before.tolist())
