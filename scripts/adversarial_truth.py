@@ -285,7 +285,8 @@ def table(out: Path = Path("outputs/adversarial"), before: Path | None = None) -
         open_decide = max((m["decide_unknown"] / max(1, m["free"]), kind) for kind, m in sets.items())
         old = before / f"{name}+random.json" if before else None
         was = json.loads(old.read_text()) if old and old.exists() else None
-        earlier = [json.loads((before / f"{name}+{kind}.json").read_text()) for kind in sets] if was and before else []
+        told = [before / f"{name}+{kind}.json" for kind in sets] if before else []
+        earlier = [json.loads(file.read_text()) for file in told if file.exists()]
         no, unknown, _ = random["reach"]
         share, decided = f"{no / max(1, no + unknown):.2%}", random["decide"][1] / random["poses"]
         spent = json.loads(files["times"].read_text()) if files["times"].exists() else None
@@ -296,7 +297,7 @@ def table(out: Path = Path("outputs/adversarial"), before: Path | None = None) -
         others.append(
             [
                 name,
-                f"{sum(m['no'] for m in earlier)} of {sum(m['poses'] for m in earlier):,}" if was else "",
+                f"{sum(m['no'] for m in earlier)} of {sum(m['poses'] for m in earlier):,}" if earlier else "",
                 f"{was['decide'][1] / was['poses']:.2%}" if was else "",
                 f"{decided:.2%}",
                 f"{was['reach'][0] / max(1, sum(was['reach'][:2])):.2%}" if was else "",
