@@ -759,7 +759,9 @@ def _fact(tree: _TREE, text: str) -> Fact:
             numbers: dict[str, float] = {}
             for part in given:
                 match part:
-                    case [str(key), str(value)] if key in _NUMBERS and key.replace("-", "_") not in numbers:
+                    case [str(key), str() | int() | float() as value] if (
+                        key in _NUMBERS and key.replace("-", "_") not in numbers
+                    ):
                         try:
                             numbers[key.replace("-", "_")] = float(value)
                         except ValueError:
