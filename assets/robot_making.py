@@ -9,7 +9,7 @@ with the same opening; its other joints are held where the file has them.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,21 +20,25 @@ from mujoco import mjtGeom, mjtJoint
 from numpy.typing import NDArray
 
 from assets.mesh_shapes import JointAxis, quaternion_of as _quaternion, shapes_around
+from assets.robot_motors import ASSUMED, Motor, given_limit, motors_of
 from assets.robot_parts import InvalidRobot, rotation_of
+from assets.robot_reading import ARM_LIMITS, BASE_LIMITS, LIFT_LIMITS, footprint
 from assets.robot_shapes import SUNK, lowest_height
 from irm.errors import ChainError
 from irm.model_reading import MARK, LoadedModel, UnreadMesh, arm_joints, load_robot, tip_frame
 from irm.rotations import rotation
-from irm.self_contact import CLEARANCE, is_solid
+from irm.self_contact import CLEARANCE, is_solid, link_of_body
 
 Floats = NDArray[np.float64]
 BASE = ("base_x", "base_y", "base_yaw")
 FINGERS = ("left_finger", "right_finger")
 _NAMES = frozenset((*BASE, *FINGERS, "world", "mobile_base", "lift", "pillar", "gripper", "grip"))
-_GAINS = {"base": 20000.0, "lift": 20000.0, "arm": 2500.0, "finger": 2000.0}
-"""[N/m], [N m/rad] of the position servos, which hold the arm within millimetres."""
-_FORCE, _FINGER_FORCE = 1000.0, 60.0
-"""[N], [N m]"""
+_BASE_GAINS = (20000.0, 20000.0, 10000.0)
+"""[N/m], [N/m], [N m/rad] of the base's position servos, as of the robots of the package."""
+_TRACTION, _WHEELS = 0.6 * 9.81, 2 / 3
+"""[N/kg] of rubber wheels in every direction; where they stand, as a share of the base's radius: those of Fetch."""
+_FINGER_GAIN, _FINGER_FORCE = 2000.0, 60.0
+"""[N/m], [N] of a finger, as of Fetch's."""
 _PAD = np.array([0.035, 0.006, 0.012])
 """[m] Half extents of a finger along the approach, the finger motion and across both."""
 _PALM = 0.02
@@ -43,12 +47,16 @@ _PAD_CENTRE = -0.02
 """[m] of the fingers along the approach, from the TCP."""
 _SAMPLES = 2000
 """Random configurations in which it is found what touches."""
+_SELDOM = 0.05
+"""Share of them in which bodies do not touch that belong together, as in `irm.self_contact`."""
 _STILL = 1e-3
 """[m] Range of the lift of a robot that has none."""
 _BARE = 0.05
 """[m] from a joint to the next one up to which a link between them needs no shape: those of its neighbours meet."""
 _COLUMN = 0.06
 """[m] Radius of what stands for the base of an arm whose file gives it no shape."""
+_TURN_IN_DEGREES = np.radians(6.3)
+"""[rad] A whole turn, rounded, of a file that gives radians, read as degrees."""
 _LEAST_MASS, _LEAST_INERTIA = 1e-3, 1e-6
 """[kg], [kg m²] of a body that the file gives none."""
 
@@ -73,6 +81,7 @@ class Mounting:
         drive: how the base moves: "holonomic", "differential" or "fixed", not at all; the round base is then a
             pedestal as high as the arm's base.
         mesh_scale: by which all meshes are scaled: 0.001 for a file that takes millimetres for metres.
+        radians: whether angles of an MJCF file are radians, although it does not say so.
     """
 
     base: str
@@ -88,6 +97,7 @@ class Mounting:
     apart: tuple[str, ...] = ()
     drive: str = "holonomic"
     mesh_scale: float = 1.0
+    radians: bool = False
 
 
 class MadeRobot(NamedTuple):
@@ -106,31 +116,39 @@ def make_robot(file: Path, mounting: Mounting) -> MadeRobot:
         InvalidRobot: the file cannot be read, or lacks what the mounting names; the message says what there is.
     """
     try:
-        model, unread = load_robot(file, mounting.mesh_scale)
+        loaded = load_robot(file, mounting.mesh_scale, mounting.radians)
+        model = loaded.model
         numbers = arm_joints(model, mounting.base, mounting.tip)
+        _check_angles(model, numbers)
         T_last_tcp = tip_frame(model, int(model.jnt_bodyid[numbers[-1]]), mounting.tip, mounting.approach)
     except ChainError as problem:
         raise InvalidRobot(str(problem)) from problem
     T_last_tcp[:3, :3] = T_last_tcp[:3, :3] @ rotation(0.0, 0.0, mounting.turn)
     T_last_tcp[:3, 3] += mounting.tool * T_last_tcp[:3, 0]
-    maker = _Maker(LoadedModel(model, unread), mounting, numbers)
+    maker = _Maker(loaded, mounting, numbers)
     gripper = maker.bodies[int(model.jnt_bodyid[numbers[-1]])]
     _add_gripper(maker.robot, gripper, T_last_tcp, mounting, max(-mounting.tool, maker.front(T_last_tcp)))
-    lift = [name for name, slides in maker.joints if slides] or ["lift"]
-    _finish(maker.robot, lift[0], [name for name, slides in maker.joints if not slides])
+    _finish_bodies(maker.robot)
     maker.robot.modelname = file.parent.name if file.stem in ("robot", "model", "scene") else file.stem
     try:
         made = maker.robot.compile()
     except ValueError as problem:
         raise InvalidRobot(f"{file}: the robot that was made of it does not compile: {problem}") from problem
+    lift = next((name for name, slides in maker.joints if slides), "lift")
+    motors = motors_of(made, lift, [name for name, slides in maker.joints if not slides], "grip", maker.given)
+    _add_motors(maker.robot, made, motors)
     names = [made.body(body).name for body in range(1, made.nbody)]
     if len(mounting.apart) % 2 or not set(mounting.apart) <= set(names):
         raise InvalidRobot(f"apart={mounting.apart!r} must be bodies, two by two; there are {', '.join(names)}")
-    apart = [*maker.touching_in_boxes_alone(made), *zip(mounting.apart[::2], mounting.apart[1::2], strict=True)]
-    for one, other in dict.fromkeys([*apart, *maker.neighbours()]):
+    never, always = maker.uncheckable(made)
+    apart = [*never, *zip(mounting.apart[::2], mounting.apart[1::2], strict=True)]
+    for one, other in dict.fromkeys([*apart, *always, *maker.neighbours()]):
         maker.robot.add_exclude(bodyname1=one, bodyname2=other)
-    page = {"base_joints": BASE, "tip": "grip", "finger_joints": FINGERS}
+    page: dict[str, Any] = {"base_joints": BASE, "tip": "grip", "finger_joints": FINGERS}
     page |= {"base": mounting.drive} if mounting.drive != "holonomic" else {}
+    arm = [model.joint(k).name for k in numbers if int(model.jnt_type[k]) == int(mjtJoint.mjJNT_HINGE)]
+    fastest = [min(loaded.velocities.get(name, np.inf), ARM_LIMITS[0]) for name in arm]
+    page |= {"max_velocity": (*BASE_LIMITS, LIFT_LIMITS[0], *fastest)} if min(fastest) < ARM_LIMITS[0] else {}
     joints = [model.joint(k).name or f"joint {k}" for k in range(model.njnt) if k not in numbers]
     found = {
         "arm in the file": ", ".join(name for name, slides in maker.joints if not slides),
@@ -138,15 +156,49 @@ def make_robot(file: Path, mounting: Mounting) -> MadeRobot:
         "other joints, left out or held where they are": ", ".join(joints) or "none",
         "gripper": f"two sliding fingers in place of its own; that they open to {mounting.opening} m is said by "
         "--opening alone, and where the grasp is by --tip, --tool and --turn",
+        "torques [N m], forces [N]": ", ".join(
+            f"{name} {motor.limit:.3g}{' (assumed)' if motor.is_assumed else ''}"
+            for name, motor in motors.items()
+            if name != "lift"
+        ),
         "shapes": f"boxes, cylinders and capsules in place of {maker.meshes} meshes",
         **maker.notes,
         "touch only as boxes, so not checked": ", ".join(f"{one} and {other}" for one, other in apart) or "none",
+        "touch nearly always, so not checked": ", ".join(f"{one} and {other}" for one, other in always) or "none",
     }
     return MadeRobot(maker.robot.to_xml(), page, found)
 
 
+def _check_angles(model: mujoco.MjModel, numbers: list[int]) -> None:
+    """Raise `InvalidRobot` if all hinges of an arm have ranges that are a turn in radians read as degrees."""
+    hinges = [k for k in numbers if int(model.jnt_type[k]) == int(mjtJoint.mjJNT_HINGE)]
+    widest = float(np.abs(model.jnt_range[hinges]).max())
+    if model.jnt_limited[hinges].all() and widest <= _TURN_IN_DEGREES:
+        raise InvalidRobot(
+            f"the joints of the arm turn by no more than {widest:.3g} rad: the file seems to give radians, without "
+            '<compiler angle="radian"/>; then say --radians'
+        )
+
+
+class _Uncheckable(NamedTuple):
+    """Names of bodies, two by two, that touch as boxes, but their meshes never; and that touch nearly always."""
+
+    as_boxes: list[tuple[str, str]]
+    always: list[tuple[str, str]]
+
+
+@dataclass
+class _Touches:
+    """Configurations in which two bodies touch, or do not; and whether their meshes touched in one."""
+
+    shapes: int = 0
+    apart: int = 0
+    meshes: bool = False
+
+
 class _Maker:
-    """Copies a compiled model's bodies into a new `robot`: `bodies` by their old number, `joints` (name, slides)."""
+    """Copies a compiled model's bodies into a new `robot`: `bodies` by their old number, `joints` (name, slides), and
+    `given`, the limits of their motors by their names."""
 
     def __init__(self, loaded: LoadedModel, mounting: Mounting, numbers: list[int]) -> None:
         self.model, self.mounting, self.numbers = loaded.model, mounting, numbers
@@ -157,6 +209,7 @@ class _Maker:
         self.robot = mujoco.MjSpec()
         self.bodies: dict[int, Any] = {}
         self.joints: list[tuple[str, bool]] = []
+        self.given: dict[str, float] = {}
         self.meshes = 0
         self.robot.compiler.degree, self.robot.compiler.autolimits = False, True
         self.solid = self._solid()
@@ -198,18 +251,24 @@ class _Maker:
     def _add_own_base(self, base: Any) -> None:
         """The file's own base on the ground, a lift unless the file has one, and the arm on it.
 
-        What carries the arm's first link goes with the lift, so that it is that link's neighbour.
+        What carries the arm's first link goes with a lift that is added, so that it is that link's neighbour; unless it
+        is the base's only shape, as the chassis on a frame without shapes is.
         """
         model, up = self.model, np.zeros(3)
         stand = int(model.body_parentid[self.first])
         self._add_geoms(base, self.root)
         self.bodies[self.root] = base
-        moved = self.first if stand == self.root else stand
+        moved = self.first if self._has_lift() or self._is_all_of_the_base(stand) else stand
         for child in self._children(self.root):
             self._copy(child, base, besides=moved)
         up[2] = self._raised(base)
         carrier = base if self._has_lift() else self._add_lift(base, np.zeros(3))
         self._copy(moved, carrier, up=up)
+
+    def _is_all_of_the_base(self, stand: int) -> bool:
+        """Whether the base has no shape without a body and what that carries."""
+        left = set(self._below(self.root)) - set(self._below(stand))
+        return not any(self._solid_geoms(body) for body in left if not self._is_left_out(body))
 
     def _raised(self, base: Any) -> float:
         """[m] by which a base and what it carries is raised, because in the file it is below the ground."""
@@ -278,6 +337,8 @@ class _Maker:
                     int(model.jnt_type[k]) == int(mjtJoint.mjJNT_SLIDE),
                 )
                 self.joints.append((name, slides))
+                if (limit := given_limit(model, k)) is not None:
+                    self.given[name] = limit
                 joint = made.add_joint(name=name, type=mjtJoint(int(model.jnt_type[k])), axis=model.jnt_axis[k])
                 joint.pos, joint.ref = model.jnt_pos[k], model.qpos0[model.jnt_qposadr[k]]
                 if model.jnt_limited[k]:
@@ -390,8 +451,12 @@ class _Maker:
         if stand is not None and stand.name != self.bodies[self.first].parent.name:
             yield stand.name, self.bodies[self.first].name
 
-    def touching_in_boxes_alone(self, made: mujoco.MjModel) -> Iterator[tuple[str, str]]:
-        """Names of bodies, two by two, that touch in some of many random configurations, but their meshes in none."""
+    def uncheckable(self, made: mujoco.MjModel) -> _Uncheckable:
+        """Pairs of bodies of links that are no neighbours, whose contacts say nothing, in many random configurations.
+
+        The rule of `irm.self_contact` leaves out two shapes that nearly always touch. Of a body of several shapes each
+        may touch less often, and one of them always.
+        """
         numbers, names = self.numbers, [name for name, _ in self.joints]
         models = [(made, mujoco.MjData(made)), (self.model, mujoco.MjData(self.model))]
         columns = [[int(made.joint(name).qposadr[0]) for name in names], self.model.jnt_qposadr[numbers]]
@@ -399,14 +464,19 @@ class _Maker:
             old: [np.flatnonzero(made.geom_bodyid == made.body(new.name).id), self._solid_geoms(old)]
             for old, new in self.bodies.items()
         }
-        pairs = dict.fromkeys(itertools.combinations(geoms, 2), False)
+        lift = [] if any(slides for _, slides in self.joints) else ["lift"]
+        links = link_of_body(made, [*lift, *names])
+        link = {old: links[made.body(new.name).id] for old, new in self.bodies.items()}
+        pairs = {
+            pair: _Touches() for pair in itertools.combinations(geoms, 2) if abs(link[pair[0]] - link[pair[1]]) > 1
+        }
         limited = self.model.jnt_limited[numbers].astype(bool)[:, None]
         low, high = np.where(limited, self.model.jnt_range[numbers], (-np.pi, np.pi)).T
         for q in np.random.default_rng(0).uniform(low, high, (_SAMPLES, len(low))):
             for (model, data), column in zip(models, columns, strict=True):
                 data.qpos[column] = q
                 mujoco.mj_kinematics(model, data)
-            for one, other in tuple(pairs):
+            for (one, other), touches in tuple(pairs.items()):
                 touch = (
                     any(
                         mujoco.mj_geomDistance(*world, a, b, 2 * CLEARANCE, None) < CLEARANCE
@@ -415,10 +485,17 @@ class _Maker:
                     for k, world in enumerate(models)
                 )
                 if next(touch):
-                    pairs[one, other] = True
-                    if next(touch):
-                        del pairs[one, other]
-        return ((self.bodies[one].name, self.bodies[other].name) for (one, other), hit in pairs.items() if hit)
+                    touches.shapes += 1
+                    touches.meshes = touches.meshes or next(touch)
+                else:
+                    touches.apart += 1
+                if touches.meshes and touches.apart > _SELDOM * _SAMPLES:
+                    del pairs[one, other]
+        named = {(self.bodies[one].name, self.bodies[other].name): found for (one, other), found in pairs.items()}
+        return _Uncheckable(
+            [pair for pair, found in named.items() if found.shapes and not found.meshes],
+            [pair for pair, found in named.items() if found.meshes],
+        )
 
     def front(self, T_last_tcp: Floats) -> float:
         """[m] How far the shapes of the last link and what is fixed to it reach along the approach, from the TCP."""
@@ -490,23 +567,32 @@ def _add_gripper(robot: mujoco.MjSpec, wrist: Any, T_wrist_tcp: Floats, mounting
     coupling.data[1], coupling.solref = 1, [0.004, 1]
 
 
-def _finish(robot: mujoco.MjSpec, lift: str, arm: Collection[str]) -> None:
-    """Compensate gravity, set the collision bits, and add a position servo for each joint."""
+def _finish_bodies(robot: mujoco.MjSpec) -> None:
+    """Compensate gravity, and set the collision bits."""
     for body in robot.bodies[1:]:
         body.gravcomp = 1
     for geom in robot.geoms:
         geom.contype, geom.conaffinity = 2, 0
-    kinds = {
-        **dict.fromkeys(BASE, "base"),
-        lift: "lift",
-        **dict.fromkeys(arm, "arm"),
-        **dict.fromkeys(FINGERS, "finger"),
-    }
-    for name, kind in kinds.items():
-        motor = robot.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-        motor.set_to_position(kp=_GAINS[kind], dampratio=1)
-        force = _FINGER_FORCE if kind == "finger" else _FORCE
-        motor.forcerange, motor.forcelimited = [-force, force], True
+
+
+def _add_motors(robot: mujoco.MjSpec, made: mujoco.MjModel, motors: Mapping[str, Motor]) -> None:
+    """A position servo for each joint; in the file's text `ASSUMED` the names of those whose torques are assumed,
+    but for a lift that was added.
+
+    The base pushes as hard as its wheels hold, in whatever direction, and turns with that force at its wheels.
+    """
+    push = _TRACTION * float(made.body_subtreemass[made.body("mobile_base").id])
+    turn = push * _WHEELS * float(footprint(made, "mobile_base")["base_radius"])
+    base = zip(BASE, _BASE_GAINS, (push / np.sqrt(2), push / np.sqrt(2), turn), strict=True)
+    servos = {name: (gain, limit) for name, gain, limit in base}
+    servos |= {name: (motor.stiffness, motor.limit) for name, motor in motors.items()}
+    servos |= dict.fromkeys(FINGERS, (_FINGER_GAIN, _FINGER_FORCE))
+    for name, (gain, limit) in servos.items():
+        actuator = robot.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        actuator.set_to_position(kp=gain, dampratio=1)
+        actuator.forcerange, actuator.forcelimited = [-limit, limit], True
+    if assumed := [name for name, motor in motors.items() if motor.is_assumed and name != "lift"]:
+        robot.add_text(name=ASSUMED, data=" ".join(assumed))
 
 
 def _inertia(mass: float, inertia: Any, ipos: Any = (0, 0, 0), iquat: Any = (1, 0, 0, 0)) -> dict[str, Any]:

@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_BASE_LIMITS = (1.0, 1.0, 1.5)
+BASE_LIMITS = (1.0, 1.0, 1.5)
 """[m/s], [m/s], [rad/s] of the base if nothing else is said; per second, also its accelerations."""
-_LIFT_LIMITS = (0.1, 0.5)
+LIFT_LIMITS = (0.1, 0.5)
 """[m/s], [m/s²] of the lift."""
-_ARM_LIMITS = (1.5, 2.0)
+ARM_LIMITS = (1.5, 2.0)
 """[rad/s], [rad/s²] of the arm's joints."""
 _ROUNDING = 9
 """Decimals that are kept of what is computed."""
@@ -101,10 +101,10 @@ def read_fields(mjcf: str | Path, page: Mapping[str, Any]) -> dict[str, Any]:
         "tcp_site": tip,
         "gripper_body": model.body(model.site(tip).bodyid[0]).name,
         "cameras": tuple(model.camera(number).name for number in range(model.ncam)),
-        "max_velocity": said["max_velocity"] or (*_BASE_LIMITS, _LIFT_LIMITS[0], *[_ARM_LIMITS[0]] * arm_count),
-        "max_acceleration": said["max_acceleration"] or (*_BASE_LIMITS, _LIFT_LIMITS[1], *[_ARM_LIMITS[1]] * arm_count),
+        "max_velocity": said["max_velocity"] or (*BASE_LIMITS, LIFT_LIMITS[0], *[ARM_LIMITS[0]] * arm_count),
+        "max_acceleration": said["max_acceleration"] or (*BASE_LIMITS, LIFT_LIMITS[1], *[ARM_LIMITS[1]] * arm_count),
         **_gripper(model, said["finger_joints"], said["finger_geoms"]),
-        **_footprint(model, base),
+        **footprint(model, base),
     }
 
 
@@ -247,7 +247,7 @@ def _half_extent(model: mujoco.MjModel, data: mujoco.MjData, geom: int, along: F
     return float(np.abs(along @ data.geom_xmat[geom].reshape(3, 3)) @ model.geom_aabb[geom, 3:])
 
 
-def _footprint(model: mujoco.MjModel, base: str) -> dict[str, Any]:
+def footprint(model: mujoco.MjModel, base: str) -> dict[str, Any]:
     """Radius and height of the cylinder about the base's axis that contains its geoms that can touch something.
 
     What is fixed to the base is a part of it. Those geoms count that reach farthest out: what stands on them is

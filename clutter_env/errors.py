@@ -52,6 +52,10 @@ class UsageError(ClutterEnvError):
     """Arguments of a command that do not go together, or name something that there is not."""
 
 
+class NoHome(UsageError, RuntimeError):
+    """No home configuration of a robot is found; the message says why, and what to try."""
+
+
 class LearningError(ClutterEnvError):
     """A wrong argument for data, policies, training or evaluation."""
 

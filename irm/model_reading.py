@@ -92,10 +92,17 @@ class UnreadMesh(NamedTuple):
 
 
 class LoadedModel(NamedTuple):
-    """A compiled model, and the meshes of a URDF file that are not read, by the names of their links."""
+    """A compiled model, and what of a URDF file is not in it.
+
+    Attributes:
+        model: of all that MuJoCo reads.
+        unread: meshes that are not read, by the names of their links.
+        velocities: largest ones of joints by their names [rad/s], [m/s]; those that are not 0.
+    """
 
     model: mujoco.MjModel
     unread: dict[str, UnreadMesh]
+    velocities: dict[str, float]
 
 
 def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: str) -> dict[str, Any]:
@@ -151,21 +158,24 @@ def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: 
     }
 
 
-def load_robot(path: Path, mesh_scale: float = 1.0) -> LoadedModel:
+def load_robot(path: Path, mesh_scale: float = 1.0, radians: bool = False) -> LoadedModel:
     """The compiled model of an MJCF or URDF file with all its meshes, each `mesh_scale` times as large as it says.
 
+    With `radians`, angles of an MJCF file are radians, whatever its `<compiler>` says; those of a URDF file always are.
     Which of the two it is the file itself tells, not its name. For a URDF file see `load_urdf`.
 
     Raises:
         ChainError: it is neither.
         FileNotFoundError: there is no such file.
     """
-    text, unread = _mujoco_urdf(path) if _first_element(path) == "robot" else ("", {})
+    text, unread, velocities = _mujoco_urdf(path) if _first_element(path) == "robot" else ("", {}, {})
     try:
         spec = mujoco.MjSpec.from_string(text) if text else mujoco.MjSpec.from_file(str(path))
         for mesh in spec.meshes:
             mesh.scale = mesh.scale * mesh_scale
-        return LoadedModel(spec.compile(), unread)
+        if radians:
+            spec.compiler.degree = False
+        return LoadedModel(spec.compile(), unread, velocities)
     except ValueError as problem:
         kind = "a URDF" if text else "an MJCF"
         raise ChainError(f"{path} cannot be read as {kind} file: {problem}") from problem
@@ -207,7 +217,7 @@ def load_urdf(path: Path) -> mujoco.MjModel:
         FileNotFoundError: there is no such file.
         ChainError: it is no URDF file.
     """
-    text, unread = _mujoco_urdf(path)
+    text, unread, _ = _mujoco_urdf(path)
     for link, mesh in unread.items():
         _LOG.warning("%s: a mesh of the link %r is no shape: %s", path, link, mesh.reason)
     try:
@@ -227,8 +237,8 @@ def _first_element(path: Path) -> str:
     return found.group(1).decode() if found else ""
 
 
-def _mujoco_urdf(path: Path) -> tuple[str, dict[str, UnreadMesh]]:
-    """The text of a URDF file for MuJoCo, with one kind of shapes for each link; and `LoadedModel.unread`."""
+def _mujoco_urdf(path: Path) -> tuple[str, dict[str, UnreadMesh], dict[str, float]]:
+    """The text of a URDF file for MuJoCo, with one kind of shapes for each link; and what `LoadedModel` has beside."""
     builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
     # Without namespaces, as MuJoCo reads it: a prefix is a part of a name, whether it is bound or not.
     parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
@@ -270,7 +280,16 @@ def _mujoco_urdf(path: Path) -> tuple[str, dict[str, UnreadMesh]]:
                 shape.tag = "collision"
                 kept.append(shape)
         link.extend(kept)
-    return ElementTree.tostring(robot, encoding="unicode"), unread
+    try:
+        given = {
+            joint.get("name", ""): float(limit.get("velocity") or 0.0)
+            for joint in robot.iter("joint")
+            for limit in joint.findall("limit")
+        }
+    except ValueError as problem:
+        raise ChainError(f"{path} cannot be read as a URDF file: a joint's velocity: {problem}") from problem
+    velocities = {joint: velocity for joint, velocity in given.items() if velocity > 0.0}
+    return ElementTree.tostring(robot, encoding="unicode"), unread, velocities
 
 
 def _is_mark(visual: ElementTree.Element) -> bool:

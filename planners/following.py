@@ -64,13 +64,13 @@ class FollowingPlanner(Planner):
         scene: Scene,
         goal: str | Goal,
         strategy: str | Strategy = "lookahead",
-        rng: np.random.Generator | None = None,
+        rng: np.random.Generator | int | None = None,
         time_limit: float | None = None,
         start: Scene | None = None,
     ) -> Solution | Infeasible:
         """Plan for a goal; see the function `solve`."""
         deadline = Deadline.after(time_limit)
-        wanted, rng = Goal.of(goal), rng or np.random.default_rng(0)
+        wanted, drawn = Goal.of(goal), np.random.default_rng(rng or 0)
         plans: list[tuple[_Cost, Solution]] = []
         refusals: list[Infeasible] = []
         orders = tuple(_orders(wanted, scene, start or scene))
@@ -81,7 +81,7 @@ class FollowingPlanner(Planner):
                 break
             left = None if time_limit is None else deadline.remaining
             planner = replace(self, near_home=near_home, by_motion=by_motion)
-            found = Planner.solve(planner, scene, ordered, strategy, rng, left, start)
+            found = Planner.solve(planner, scene, ordered, strategy, drawn, left, start)
             if isinstance(found, Infeasible):
                 refusals.append(found)
             else:

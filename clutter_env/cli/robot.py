@@ -15,20 +15,22 @@ keyword arguments of `RobotSpec.from_mjcf`. Without a `home` in it, `check` sugg
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import tyro
 
 import assets
-from clutter_env.errors import UsageError
+from clutter_env.errors import NoHome, UsageError
 from clutter_env.reporting.files import check_picture, write_json
 
 if TYPE_CHECKING:
     from assets import RobotSpec
+    from assets.robot_making import Mounting
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,8 @@ class Arguments:
     """make: bodies, two by two, that cannot touch, whatever the shapes in place of their meshes do."""
     mesh_scale: float = 1.0
     """make: scale of all meshes: 0.001 for a file that takes millimetres for metres."""
+    radians: bool = False
+    """make: angles of the MJCF file are radians, although it does not say so."""
     drive: Literal["holonomic", "differential", "fixed"] = "holonomic"
     """make: how the base moves; fixed with --on: the arm stands on a pedestal of that --radius."""
 
@@ -127,31 +131,60 @@ def _report(robot: RobotSpec, arguments: Arguments, picture: Path) -> None:
 
 def _make(arguments: Arguments) -> None:
     """Write the robot's file, its page with the best home configuration, and the picture."""
-    from assets.robot_making import Mounting, make_robot
-    from clutter_env.cli.robot_report import home_candidates, least_grasp_height, why_no_home
+    from assets.robot_making import Mounting
 
     if not (arguments.base and arguments.tip):
         raise UsageError("make needs --base, the arm's first body, and --tip, the site or body between the finger tips")
     mounting = Mounting(**{entry.name: getattr(arguments, entry.name) for entry in fields(Mounting)})
-    text, page, found = make_robot(source := Path(arguments.robot), mounting)
+    source = Path(arguments.robot)
     stem = source.parent.name if source.stem in ("robot", "model", "scene") else source.stem
     file = arguments.out or Path("outputs") / f"{stem}.xml"
     file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(text, encoding="utf-8")
-    print("\n".join(f"{name}: {value}" for name, value in found.items()))
+    made = first = _made(source, mounting, file, arguments.table)
+    if not first.has_home:
+        # Two fingers are the same after half a turn of the wrist; narrow limits may leave one of the two.
+        turn = mounting.turn + math.pi
+        turned = _made(source, replace(mounting, turn=turn), file, arguments.table)
+        turned.found["turn"] = f"the gripper is turned by half a turn, --turn {turn:.4f}: else {first.why_no_home}"
+        made = turned if turned.has_home else first
+    file.write_text(made.mjcf, encoding="utf-8")
+    print("\n".join(f"{name}: {value}" for name, value in made.found.items()))
+    if not made.has_home:
+        raise NoHome(f"{file} is written, but no home configuration is found: {made.why_no_home}")
+    write_json(file.with_suffix(".json"), made.page)
+    print(f"written: {file}, {file.with_suffix('.json').name}")
+    _report(assets.RobotSpec.from_mjcf(file, **made.page), arguments, file.with_suffix(".png"))
+
+
+class _Made(NamedTuple):
+    """A robot as of `make_robot`, its page with a home; or why there is none."""
+
+    mjcf: str
+    page: dict[str, Any]
+    found: dict[str, str]
+    why_no_home: str
+
+    @property
+    def has_home(self) -> bool:
+        return not self.why_no_home
+
+
+def _made(source: Path, mounting: Mounting, file: Path, table: float) -> _Made:
+    """The robot of an arm's file, written to a file, with its best home at a table of some height [m]."""
+    from assets.robot_making import make_robot
+    from clutter_env.cli.robot_report import home_candidates, least_grasp_height, why_no_home
+
+    mjcf, page, found = make_robot(source, mounting)
+    file.write_text(mjcf, encoding="utf-8")
     draft = assets.RobotSpec.from_mjcf(file, **page, home=_middle(file, page))
     if (least := least_grasp_height(draft)) > draft.grasp_height:
         page["grasp_height"] = least
-        print(f"grasp_height: {least} m, so that the hand keeps off the table in level grasps")
-    homes = home_candidates(draft, count=1, table_height=arguments.table)
+        found["grasp_height"] = f"{least} m, so that the hand keeps off the table in level grasps"
+    homes = home_candidates(draft, count=1, table_height=table)
     if not homes:
-        raise UsageError(
-            f"{file} is written, but no home configuration is found: {why_no_home(draft, arguments.table)}"
-        )
+        return _Made(mjcf, page, found, why_no_home(draft, table))
     page["home"] = [round(float(value), 6) for value in homes[0].q]
-    write_json(file.with_suffix(".json"), page)
-    print(f"written: {file}, {file.with_suffix('.json').name}")
-    _report(assets.RobotSpec.from_mjcf(file, **page), arguments, file.with_suffix(".png"))
+    return _Made(mjcf, page, found, "")
 
 
 def _middle(file: Path, page: Mapping[str, Any]) -> tuple[float, ...]:

@@ -15,10 +15,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from assets import RobotSpec
+from assets.robot_motors import ASSUMED, payload_of
 from assets.robot_reading import collision_geoms
 from assets.robot_shapes import SUNK, lowest_height
 from clutter_env.errors import ConfigError
-from clutter_env.scene.layout import TABLE_HEIGHT
+from clutter_env.scene.layout import START_DISTANCE, TABLE_HEIGHT
 from clutter_env.scene.object_sets import OBJECT_SETS
 from clutter_env.simulation.robot_check import check_robot
 from irm import (
@@ -52,6 +53,8 @@ _LEVEL = 0.999
 """Smallest cosine between the vertical and the level gripper's z axis."""
 _ABOVE_OBJECTS = 0.28
 """[m] of the TCP at home above the table at least: the highest objects, and the lower end of one that is held."""
+_HEAVIEST = OBJECT_SETS["standard"].mass[1]
+"""[kg] of the standard objects."""
 _METHODS = {
     CLOSED_FORM: "the closed form of Fetch's arm",
     SPHERICAL: "closed form: three axes meet in a point",
@@ -74,6 +77,8 @@ _TOUCHING = 0.002
 """[m] between shapes that touch: the planner's padding."""
 _TRIED = 200
 """Configurations in which it is looked up what touches."""
+_BOARD = 0.05
+"""[m] Thickness of a table."""
 _STILL = 0.002
 """[m] The stroke of a lift that is none."""
 _AXIS = 0.08
@@ -107,10 +112,10 @@ def report_of(robot: RobotSpec, table: float = TABLE_HEIGHT) -> RobotReport:
     except (ConfigError, GeometryError) as problem:
         return RobotReport(robot.name, {}, (str(problem),))
     model, reach = mujoco.MjModel.from_xml_path(str(robot.mjcf_path)), level_reach(robot, table)
-    return RobotReport(robot.name, _facts(robot, reach), tuple(_problems(robot, model, reach, table)), reach)
+    return RobotReport(robot.name, _facts(robot, model, reach), tuple(_problems(robot, model, reach, table)), reach)
 
 
-def _facts(robot: RobotSpec, reach: LevelReach) -> dict[str, str]:
+def _facts(robot: RobotSpec, model: mujoco.MjModel, reach: LevelReach) -> dict[str, str]:
     chain, gripper = ArmChain.from_robot(robot), gripper_clearances(robot)
     tcp, stroke = forward(chain, robot.home)[:3, 3], float(chain.upper[0] - chain.lower[0])
     ahead = {"level": reach.straight_ahead, "tilted by 60°": reach.tilted, "from above": reach.from_above}
@@ -123,11 +128,32 @@ def _facts(robot: RobotSpec, reach: LevelReach) -> dict[str, str]:
         if stroke > _STILL
         else "none",
         "gripper": f"opens to {robot.max_opening:.3f} m, palm {1000 * gripper.palm_reach:.0f} mm behind the TCP",
+        "motors": _motors(robot, model),
         "base": f"{robot.base_drive}, radius {robot.base_radius:.3f} m, height {robot.base_height:.3f} m",
         "home": f"TCP at ({', '.join(f'{value:.3f}' for value in tcp)}) m",
         "grasps at the table, straight ahead": reaches,
         "cameras": ", ".join(robot.cameras) or "none: no image observations",
     }
+
+
+def _motors(robot: RobotSpec, model: mujoco.MjModel) -> str:
+    """What the arm holds stretched out, and which torques are assumed."""
+    held = payload_of(model, robot.arm_joints, robot.tcp_site)
+    if held is None:
+        return "no limits in the file"
+    first = f"{held.joint!r} has {held.limit:.3g} N m"
+    said = f"hold {held.kg:.2g} kg with the arm stretched out ({first})"
+    if held.kg < _HEAVIEST:
+        arm = "the arm alone" if held.kg < 0.0 else f"the arm with the {_HEAVIEST} kg of the heaviest standard object"
+        said = (
+            f"do not hold {arm} stretched out ({first}); where springs or counterweights bear the arm, as gravcomp "
+            f"does in a simulation, they hold {held.weightless_kg:.2g} kg"
+        )
+    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TEXT, ASSUMED)
+    if number < 0:
+        return said
+    names = bytes(model.text_data)[model.text_adr[number] :].split(b"\0", 1)[0].decode()
+    return f"{said}; assumed, since the arm's file gives none: {', '.join(names.split())}"
 
 
 def _problems(robot: RobotSpec, model: mujoco.MjModel, reach: LevelReach, table: float) -> Iterator[str]:
@@ -139,10 +165,6 @@ def _problems(robot: RobotSpec, model: mujoco.MjModel, reach: LevelReach, table:
     pairs = [{int(a), int(b)} for a, b in zip(model.eq_obj1id, model.eq_obj2id, strict=True)]
     if {model.joint(name).id for name in robot.finger_joints} not in pairs:
         yield "no joint equality couples the fingers"
-    bits = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
-    hits = np.flatnonzero(bits & ((model.geom_contype != 2) | (model.geom_conaffinity != 0)))
-    if names := [model.geom(int(geom)).name or f"geom {geom}" for geom in hits]:
-        yield f'geoms without contype="2" conaffinity="0", with which the robot hits itself: {", ".join(names)}'
     pads = [model.geom(name) for name in robot.finger_geoms]
     if soft := [pad.name for pad in pads if pad.condim[0] < 4 or pad.priority[0] < 1]:
         yield f'pads without condim="4" priority="1", from which objects slip: {", ".join(soft)}'
@@ -163,6 +185,18 @@ def _problems(robot: RobotSpec, model: mujoco.MjModel, reach: LevelReach, table:
             f"the palm is {where} the TCP, and objects of {1000 * thinnest:.0f} mm radius and more are to be between: "
             f"move the tip ahead; with `robot make`: {1000 * (thinnest - palm):.0f} mm more of --tool"
         )
+    held = payload_of(model, robot.arm_joints, robot.tcp_site)
+    if held is not None and held.weightless_kg < _HEAVIEST:
+        yield (
+            f"the motors hold {held.weightless_kg:.2g} kg at the TCP, even if nothing but that weighs on them; "
+            f"standard objects weigh up to {_HEAVIEST} kg"
+        )
+    for name, ahead in _in_the_table(robot, model, table):
+        yield (
+            f"{name!r} does not move with the arm and reaches {ahead:.2f} m ahead at the height of the table, which "
+            f"begins {START_DISTANCE[0]} m ahead of where robots start: leave it out (`robot make --without`), or hold "
+            "it elsewhere"
+        )
     for name, depth in _below_ground(model):
         yield f"{name!r} is {1000 * depth:.1f} mm below the ground: raise what stands on the base"
     if robot.grasp_height < (least := least_grasp_height(robot)):
@@ -171,6 +205,28 @@ def _problems(robot: RobotSpec, model: mujoco.MjModel, reach: LevelReach, table:
     front = max((x for x, _ in robot.base_outline), default=robot.base_radius)
     if farthest < front + 0.3:
         yield "no grasp reaches 0.3 m beyond the base at the table's height"
+
+
+def _in_the_table(robot: RobotSpec, model: mujoco.MjModel, table: float) -> Iterator[tuple[str, float]]:
+    """Bodies that do not move with the arm and are in the table where the robot starts, and how far ahead they are [m].
+
+    A geom counts with the box around it, if that reaches below the table's top but not wholly below its board.
+    """
+    data = mujoco.MjData(model)
+    for joint, value in zip(
+        (*robot.drive_joints[3:], *robot.still_joints), (*robot.home, *robot.still_configuration), strict=True
+    ):
+        data.qpos[model.joint(joint).qposadr] = value
+    mujoco.mj_kinematics(model, data)
+    ahead: dict[str, float] = {}
+    for geom, link in zip(collision_geoms(model, robot), robot.shapes.link.tolist(), strict=True):
+        R, half = data.geom_xmat[geom].reshape(3, 3), model.geom_aabb[geom, 3:]
+        centre, extent = data.geom_xpos[geom] + R @ model.geom_aabb[geom, :3], np.abs(R) @ half
+        low, high = centre[2] - extent[2], centre[2] + extent[2]
+        if link <= 0 and low < table and high > table - _BOARD:
+            name = model.body(model.geom_bodyid[geom]).name
+            ahead[name] = max(ahead.get(name, 0.0), float(centre[0] + extent[0]))
+    return ((name, x) for name, x in ahead.items() if x > START_DISTANCE[0])
 
 
 def _below_ground(model: mujoco.MjModel) -> Iterator[tuple[str, float]]:

@@ -36,6 +36,9 @@ CARRY_SCALE = 2.0
 """[1/m] The carrying term falls to a quarter at half a metre from the place."""
 PROGRESS_SCALES = {"reach": 0.2, "grasp": 0.2, "carry": 0.4}
 """Worth of the terms of the progress towards the next fact, each between 0 and 1; the fact itself is worth 1."""
+SETTLING = 0.02
+"""[m] at most from where an object was last carried to where it stands: what it slides while it is put down and let go.
+"""
 _IN_HAND = np.eye(4)
 
 
@@ -77,6 +80,7 @@ class GoalMonitor:
         self._facts = {fact: fact.holds(start, start) for fact in goal.facts}
         self.steps_met, self.moved = 0, list[str]()
         self._lifted: set[str] = set()  # of those in hand now
+        self._left_at: dict[str, tuple[float, float]] = {}  # x, y where each was last carried
         nowhere = Place("held_up", np.zeros(3), np.zeros(2))
         self.places = {world.names.index(fact.object): self._place(fact) for fact in goal.placed}
         self.places |= {world.names.index(name): nowhere for name in goal.held}
@@ -105,9 +109,18 @@ class GoalMonitor:
         return self.steps_met >= HOLD_STEPS
 
     @property
+    def moving(self) -> tuple[str, ...]:
+        """Names of the objects of the goal that do not stand, or are not held, as it wants them at the start."""
+        return tuple(name for name in self.named if name in self._to_carry)
+
+    @property
     def is_carried_out(self) -> bool:
-        """Whether every object that stood elsewhere at the start has been lifted; a short push is no way there."""
-        return self._to_carry.issubset(self.moved)
+        """Whether every object that had to move was carried to where it is; a short push is no way there."""
+        names, places = self._world.names, {name: self._left_at.get(name) for name in self._to_carry}
+        return all(
+            place is not None and math.dist(place, self._poses[names.index(name), :2]) <= SETTLING
+            for name, place in places.items()
+        )
 
     def is_lost(self, measurements: Measurements) -> bool:
         """Whether an object that is to be somewhere has fallen off all supports; what is carried may be lower."""
@@ -129,7 +142,9 @@ class GoalMonitor:
         """Look again at the facts of the objects that have moved, or have been grasped or let go."""
         names, grip = self._world.names, measurements.grip
         self._lifted &= {names[slot] for slot in grip.held if slot >= 0}
-        for name in (names[slot] for slot in grip.carried):
+        for slot in grip.carried:
+            name, (x, y) = names[slot], measurements.poses[slot, :2].tolist()
+            self._left_at[name] = x, y
             if name not in self._lifted:
                 self._lifted.add(name)
                 self.moved += [name] if name not in self.moved[-1:] else []  # a grip may be lost for one step
@@ -234,6 +249,7 @@ class GoalMonitor:
             "facts": list(self._facts.values()),
             "steps_met": self.steps_met,
             "moved": self.moved,
+            "left_at": [[name, *place] for name, place in self._left_at.items()],
         }
 
     @classmethod
@@ -243,6 +259,7 @@ class GoalMonitor:
         monitor._take_over(measurements)
         monitor._facts = dict(zip(monitor._facts, memory.facts, strict=True))
         monitor.steps_met, monitor.moved = memory.steps_met, list(memory.moved)
+        monitor._left_at = dict(memory.left_at)
         monitor._lifted = set(monitor._scene.held_names).intersection(memory.moved[-len(measurements.grip.held) :])
         monitor.unmet = monitor._find_unmet()
         return monitor
@@ -286,6 +303,7 @@ class GoalMemory:
     facts: tuple[bool, ...]
     steps_met: int
     moved: tuple[str, ...]
+    left_at: tuple[tuple[str, tuple[float, float]], ...]
 
     @classmethod
     def read(cls, value: object, num_objects: int) -> GoalMemory:
@@ -294,7 +312,7 @@ class GoalMemory:
         Raises:
             StateError: it is not the memory of a goal for these objects.
         """
-        read = Fields(value, "memory task", ("goal", "regions", "facts", "steps_met", "moved"))
+        read = Fields(value, "memory task", ("goal", "regions", "facts", "steps_met", "moved", "left_at"))
         try:
             goal, regions = Goal.of(read["goal"]), read_regions(read["regions"])
         except GoalError as problem:
@@ -303,7 +321,15 @@ class GoalMemory:
         names = {object_name(slot) for slot in range(num_objects)}
         if not isinstance(moved, list) or not all(isinstance(name, str) and name in names for name in moved):
             raise StateError("memory task: moved of the state must be names of objects")
-        return cls(goal, regions, tuple(facts.tolist()), read.integer("steps_met", 0, 2**31), tuple(moved))
+        left_at = []
+        for row in read["left_at"] if isinstance(read["left_at"], list) else [None]:
+            match row:
+                case [str(name), float(x), float(y)] if name in moved and math.isfinite(x) and math.isfinite(y):
+                    left_at.append((name, (x, y)))
+                case _:
+                    raise StateError("memory task: left_at of the state must be rows of an object that moved, x and y")
+        steps_met = read.integer("steps_met", 0, 2**31)
+        return cls(goal, regions, tuple(facts.tolist()), steps_met, tuple(moved), tuple(left_at))
 
 
 def read_regions(value: object) -> tuple[Region, ...]:

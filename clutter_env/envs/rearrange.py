@@ -249,7 +249,7 @@ class RearrangeEnv(ClutterTaskEnv):
     def _follow(self, monitor: GoalMonitor) -> None:
         """Make this the monitor of the episode, and note what follows from its goal."""
         self._goal_monitor = monitor
-        self._monitor.named = {self.world.names.index(name) for name in monitor.named}
+        self._monitor.named = {self.world.names.index(name) for name in monitor.moving}
         self._rows = np.zeros((self.config.num_objects, GOAL_ROW.size), np.float32)
         for slot, place in monitor.places.items():
             row = self._rows[slot]

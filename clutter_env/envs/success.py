@@ -13,8 +13,8 @@ step; it may brush against what stands beside it. What counts, for each object a
 - cleared: it has been held, moved by more than `DISTURBED_PATH` and put down, and has neither fallen nor been
   disturbed.
 
-The paths of all objects together, those that the goal names apart, have the limit `TOTAL_PATH`. Neither may the robot,
-or what it moves, press hard on the furniture, on the robot or on the ground: see `simulation.pressing`.
+The paths of all objects together, but for those that have to move for the goal, have the limit `TOTAL_PATH`. Neither
+may the robot, or what it moves, press hard on the furniture, on the robot or on the ground: see `simulation.pressing`.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ HOLD_STEPS = round(HOLD_TIME * CONTROL_HZ)
 DISTURBED_PATH = 0.05
 """[m] An object that has moved farther while not in hand is disturbed."""
 TOTAL_PATH = 0.10
-"""[m] Sum of the paths of all objects that the goal does not name, at most: a row of them is not shoved aside."""
+"""[m] Sum of the paths of all objects that need not move for the goal, at most: a row of them is not shoved aside."""
 CHORD, FINE_CHORD = 0.005, 0.0005
 """[m] Length of the chords in which a path is measured, far above the jitter and creep of objects at rest; and of an
 object that the robot touches, itself or through others, where a to and fro within one chord would count nothing."""
@@ -80,7 +80,7 @@ class SuccessMonitor:
         num_disturbed: number of objects that have been disturbed since reset.
         num_cleared: number of objects that have been cleared since reset, the target not counted.
         newly_disturbed: number of objects that were disturbed or fell in the last control step and never before.
-        named: slots of the objects that the goal names; their paths are no part of `total_path`.
+        named: slots of the objects that have to move for the goal; their paths are no part of `total_path`.
     """
 
     def __init__(self, world: World, measurements: Measurements, target: int) -> None:
@@ -115,7 +115,7 @@ class SuccessMonitor:
 
     @property
     def total_path(self) -> float:
-        """[m] Sum of the paths of the objects that the goal does not name, while they were not carried."""
+        """[m] Sum of the paths of the objects that need not move for the goal, while they were not carried."""
         paths = self._paths.tolist()
         return math.fsum(path for slot, path in enumerate(paths) if slot not in self.named) if any(paths) else 0.0
 

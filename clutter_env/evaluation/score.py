@@ -45,7 +45,7 @@ class Score:
             ground [N].
         furniture_impulse, self_impulse: its largest impulse beyond 50 N on these [N s].
         total_slide: by which all of these forces together would slide a table of 10 kg [m].
-        total_path: moved by all objects that the goal does not name, while not carried [m].
+        total_path: moved by all objects that need not move for the goal, while not carried [m].
         skills, refused: numbers of skills tried, and of those that the motion layer refused; 0 for policies that do not
             act by skills.
         failure: "" for success, else why not.

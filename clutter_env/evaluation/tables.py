@@ -55,7 +55,7 @@ class Row:
         moved, cleared, disturbed, fallen: numbers of objects, over all episodes.
         furniture_force, self_force: the robot's largest mean force over 0.1 s in an episode, on the furniture, and on
             itself and the ground [N], over all episodes.
-        total_path: moved by all objects that the goal does not name, while not carried [m], over all episodes.
+        total_path: moved by all objects that need not move for the goal, while not carried [m], over all episodes.
         refused: number of skills refused by the motion layer, over all episodes.
         steps: of the environment.
         sim_s: simulated time [s].

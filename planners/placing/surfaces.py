@@ -46,7 +46,10 @@ def find_supports(scene: Scene, choice: Supports) -> tuple[str, ...]:
     """
     if choice is None:
         return (scene.support.name,)
-    names = scene.supports or (FLOOR,) if choice == "all" else (choice,) if isinstance(choice, str) else tuple(choice)
+    if choice == "all":
+        names = scene.supports or (FLOOR,)
+    else:
+        names = tuple(choice) if isinstance(choice, Iterable) and not isinstance(choice, str) else (choice,)
     unknown = [name for name in names if name not in (*scene.supports, FLOOR)]
     if unknown or not names:
         raise UnknownSupport(

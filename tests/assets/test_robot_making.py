@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,8 +13,11 @@ import pytest
 
 from assets import InvalidRobot, RobotSpec
 from assets.robot_making import Mounting, make_robot
+from assets.robot_motors import PAYLOAD, given_limit, motors_of, payload_of
 from assets.robot_reading import collision_geoms
 from assets.robot_shapes import lowest_height
+from assets.robots import robot
+from clutter_env.scene.object_sets import OBJECT_SETS
 from clutter_env.simulation.robot_check import check_robot
 from irm import ArmChain, SelfCollision, forward
 from irm.chain import BASE
@@ -353,13 +356,13 @@ def test_meshes_are_scaled_as_said(linkage: Path, tmp_path: Path) -> None:
     assert longest[0] == pytest.approx(longest[1], abs=0.01)
 
 
-def six_links(folder: Path, of_link: dict[int, str], of_camera: str) -> Path:
+def six_links(folder: Path, of_link: dict[int, str], of_camera: str, limit: str = 'effort="1" velocity="1"') -> Path:
     """A URDF file of an arm with spheres, where `of_link` says nothing else, and a camera on its fourth link."""
     sphere = '<collision><geometry><sphere radius="0.05"/></geometry></collision>'
     text = "".join(f'<link name="l{k}">{of_link.get(k, sphere)}</link>' for k in range(7))
     for k, axis in enumerate(("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")):
         text += f'<joint name="j{k}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/><axis xyz="{axis}"/>'
-        text += '<origin xyz="0 0 0.2"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
+        text += '<origin xyz="0 0 0.2"/><limit lower="-2" upper="2" ' + limit + "/></joint>"
     text += f'<link name="camera">{of_camera}</link><joint name="c" type="fixed"><parent link="l3"/>'
     (folder / "six.urdf").write_text(f'<robot name="six">{text}<child link="camera"/></joint></robot>')
     return folder / "six.urdf"
@@ -377,6 +380,164 @@ def test_a_mesh_that_cannot_be_read_is_refused_with_what_to_do(tmp_path: Path) -
     assert "trimesh" in found["no shape of camera"]
     with pytest.raises(InvalidRobot, match=r"no shape in the file.*: l4 \(MuJoCo does not read .*'x.glb'"):
         make_robot(six_links(tmp_path, {4: mesh.format("visual")}, ""), six)
+
+
+def test_a_chassis_on_a_frame_without_shapes_is_the_base(linkage: Path, tmp_path: Path) -> None:
+    """Such a base "had no shape" where its chassis carries the arm, or the arm's lift; it rode on the lift."""
+    text = """<mujoco><worldbody><body name="footprint"><body name="chassis">
+      <geom type="box" size=".3 .2 .1" pos="0 0 .1"/>{}</body></body></worldbody></mujoco>"""
+    torso = """<body name="torso" pos="0 0 .6"><joint name="torso" type="slide" axis="0 0 1" range="0 .3"/>
+      <geom type="box" size=".1 .1 .1" mass="1"/></body>"""
+    mounting = replace(UR5E, base="footprint", tip="arm_wrist_3", on=None, lift=None)
+    for carried, carrier in (("", "chassis"), (torso, "torso")):
+        spec = mujoco.MjSpec.from_string(text.format(carried))
+        arm = mujoco.MjSpec.from_file(str(linkage))
+        spec.body(carrier).add_frame(pos=[0, 0, 0.25]).attach_body(arm.body("base"), "arm_", "")
+        spec.compile()
+        (tmp_path / "rover.xml").write_text(spec.to_xml())
+        made, page, _ = make_robot(tmp_path / "rover.xml", mounting)
+        (tmp_path / "made.xml").write_text(made)
+        robot = RobotSpec.from_mjcf(tmp_path / "made.xml", **page, home=(0.0, *HOME[1:]))
+        assert robot.base_height == pytest.approx(0.2)
+        assert {tuple(np.abs(corner)) for corner in robot.base_outline} == {(0.3, 0.2)}
+        assert robot.chain[0].joint == ("torso" if carried else "lift")
+
+
+def test_radians_that_are_read_as_degrees_are_refused_unless_said(linkage: Path, tmp_path: Path) -> None:
+    """The robot "reached no grasp": its joints turned by 3°."""
+    text = linkage.read_text()
+    assert 'angle="radian"' in text
+    (tmp_path / "degrees.xml").write_text(text.replace('angle="radian"', ""))
+    with pytest.raises(InvalidRobot, match=r"turn by no more than 0.11 rad.*--radians"):
+        make_robot(tmp_path / "degrees.xml", UR5E)
+    made, wanted = (
+        make_robot(file, replace(UR5E, radians=file.stem == "degrees")).mjcf
+        for file in (tmp_path / "degrees.xml", linkage)
+    )
+    ranges = [mujoco.MjModel.from_xml_string(text).jnt_range for text in (made, wanted)]
+    np.testing.assert_allclose(*ranges)
+
+
+def test_bodies_of_several_shapes_that_always_touch_do_not_count(tmp_path: Path) -> None:
+    """Each shape of the base is touched in some configurations alone, and one of them in all: no configuration was
+    free. The PR2's shoulder touched its upper arm so."""
+    half = '<collision><origin xyz="0 {} 0.4"/><geometry><box size="1 0.5 0.6"/></geometry></collision>'
+    ball = '<collision><origin xyz="0.1 0 0"/><geometry><sphere radius="0.02"/></geometry></collision>'
+    file = six_links(tmp_path, {0: half.format(0.25) + half.format(-0.25), 2: ball}, "")
+    text, _, found = make_robot(file, SIX)
+    assert "l0 and l2" in found["touch nearly always, so not checked"]
+    model = mujoco.MjModel.from_xml_string(text)
+    pairs = {frozenset((int(pair) >> 16, int(pair) & 0xFFFF)) for pair in model.exclude_signature}
+    assert frozenset((model.body("l0").id, model.body("l2").id)) in pairs
+    assert frozenset((model.body("l0").id, model.body("l5").id)) not in pairs
+
+
+def limits_of(model: mujoco.MjModel, joints: Sequence[str]) -> list[float]:
+    motors = [model.actuator(name) for name in joints]
+    assert all(motor.forcelimited[0] and motor.forcerange[0] == -motor.forcerange[1] for motor in motors)
+    return [float(motor.forcerange[1]) for motor in motors]
+
+
+SIX = Mounting("l0", "l6", on=(0.0, 0.8))
+
+
+def test_efforts_and_velocities_of_a_urdf_file_are_limits(tmp_path: Path) -> None:
+    """All joints had 1000 N m and 1.5 rad/s, whatever the file said."""
+    text, page, found = make_robot(six_links(tmp_path, {}, "", 'effort="17" velocity="0.8"'), SIX)
+    model, arm = mujoco.MjModel.from_xml_string(text), [f"j{k}" for k in range(6)]
+    assert limits_of(model, arm) == [17.0] * 6
+    assert page["max_velocity"] == (1.0, 1.0, 1.5, 0.1, *[0.8] * 6)
+    assert "j0 17, " in found["torques [N m], forces [N]"]
+    assert not any(f"{name} 17 (assumed)" in found["torques [N m], forces [N]"] for name in arm)
+    (tmp_path / "made.xml").write_text(text)
+    assert RobotSpec.from_mjcf(tmp_path / "made.xml", **page, home=(0.0,) * 7).max_velocity == page["max_velocity"]
+
+
+def test_a_velocity_beyond_the_slow_one_is_no_limit(tmp_path: Path) -> None:
+    for limit in ('effort="17" velocity="3"', 'effort="17" velocity="0"', 'effort="17"'):
+        assert "max_velocity" not in make_robot(six_links(tmp_path, {}, "", limit), SIX).page
+    with pytest.raises(InvalidRobot, match=r"velocity.*'fast'"):
+        make_robot(six_links(tmp_path, {}, "", 'velocity="fast"'), SIX)
+
+
+@pytest.mark.parametrize("limit", ['effort="0" velocity="1"', 'velocity="1"'])
+def test_torques_are_assumed_where_the_file_gives_none(tmp_path: Path, limit: str) -> None:
+    """Twice what holds the arm and an object stretched out; the arm weighs 1 kg a link, 0.2 m apart."""
+    mass = '<inertial><mass value="1"/><inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial>'
+    ball = '<collision><geometry><sphere radius="0.05"/></geometry></collision>'
+    file = six_links(tmp_path, dict.fromkeys(range(7), mass + ball), "", limit)
+    text, _, found = make_robot(file, SIX)
+    model, arm = mujoco.MjModel.from_xml_string(text), [f"j{k}" for k in range(6)]
+    torques = limits_of(model, arm)
+    stretched = 9.81 * (0.2 * (1 + 2 + 3 + 4) + (0.5 + 0.25) * 0.8)  # links beyond the second joint, gripper, object
+    assert 1.6 * stretched < torques[1] < 2.4 * stretched
+    assert torques[0] == pytest.approx(torques[1], rel=0.3), "a joint about the vertical has its share"
+    assert torques[5] == pytest.approx(0.1 * max(torques)), "a joint that bears nothing"
+    assert text.count("assumed_torques") == 1
+    assert all(
+        f"{name} {torque:.3g} (assumed)" in found["torques [N m], forces [N]"]
+        for name, torque in zip(arm, torques, strict=True)
+    )
+
+
+@pytest.mark.parametrize(
+    ("actuator", "limit"),
+    [
+        ({"forcerange": [-40, 40], "gear": [2, 0, 0, 0, 0, 0]}, 80.0),
+        ({"ctrlrange": [-3, 3], "gainprm": [10, *[0] * 9], "gear": [2, 0, 0, 0, 0, 0]}, 60.0),
+        ({"ctrlrange": [-3, 3], "forcerange": [-40, 40]}, 3.0),
+        ({"ctrlrange": [-3, 3], "gainprm": [10, *[0] * 9], "biasprm": [0, -10, *[0] * 8]}, None),
+        ({"ctrlrange": [-3, 3], "frc": [-7, 7], "forcerange": [-40, 40], "gear": [9, 0, 0, 0, 0, 0]}, 7.0),
+    ],
+)
+def test_an_actuator_s_limit_is_that_of_the_joint(linkage: Path, actuator: dict, limit: float | None) -> None:
+    """A motor exerts its control times its gain; the control of a position servo is no force."""
+    spec, given = mujoco.MjSpec.from_file(str(linkage)), dict(actuator)
+    joint = spec.joint("elbow")
+    if "frc" in given:
+        joint.actfrcrange, joint.actfrclimited = given.pop("frc"), True
+    motor = spec.add_actuator(name="m", target="elbow", trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    motor.gaintype = mujoco.mjtGain.mjGAIN_FIXED
+    motor.biastype = mujoco.mjtBias.mjBIAS_AFFINE if "biasprm" in given else mujoco.mjtBias.mjBIAS_NONE
+    for name, value in given.items():
+        setattr(motor, name, value)
+    motor.ctrllimited, motor.forcelimited = "ctrlrange" in given, "forcerange" in given
+    model = spec.compile()
+    assert given_limit(model, model.joint("elbow").id) == limit
+
+
+def test_the_base_pushes_as_hard_as_its_wheels_hold(linkage: Path) -> None:
+    """It had 1000 N an axis, and 1000 N m."""
+    model = mujoco.MjModel.from_xml_string(make_robot(linkage, UR5E).mjcf)
+    most = 0.6 * 9.81 * model.body_subtreemass[model.body("mobile_base").id]
+    x, y, yaw = limits_of(model, ("base_x", "base_y", "base_yaw"))
+    assert np.hypot(x, y) == pytest.approx(most, rel=1e-3)
+    assert yaw == pytest.approx(most * UR5E.radius * 2 / 3, rel=1e-3)
+
+
+@pytest.mark.parametrize(("name", "published"), [("fetch", 6.0), ("panda_mobile", 3.0)])
+def test_what_published_torques_hold_is_the_published_payload(name: str, published: float) -> None:
+    """6 kg of Fetch and 3 kg of the Panda, on their data sheets."""
+    own = robot(name)
+    found = payload_of(mujoco.MjModel.from_xml_path(str(own.mjcf_path)), own.arm_joints, own.tcp_site)
+    assert found is not None
+    assert published <= found.kg < 1.2 * published
+    assert found.weightless_kg > found.kg
+
+
+@pytest.mark.parametrize("name", ["fetch", "panda_mobile", "pr2"])
+def test_stiffness_is_like_that_of_published_gains(name: str) -> None:
+    """Within a factor of 2.5, of the joints that bear something."""
+    own = robot(name)
+    model = mujoco.MjModel.from_xml_path(str(own.mjcf_path))
+    motors = motors_of(model, own.torso_joint, own.arm_joints, own.tcp_site, {})
+    ratios = [motors[joint].stiffness / model.actuator(joint).gainprm[0] for joint in own.arm_joints[:-1]]
+    assert min(ratios) > 0.4
+    assert max(ratios) < 2.5
+
+
+def test_the_object_of_the_rule_is_the_heaviest_standard_one() -> None:
+    assert OBJECT_SETS["standard"].mass[1] == PAYLOAD
 
 
 def test_an_arm_s_first_link_may_be_near_what_it_stands_on(linkage: Path) -> None:

@@ -177,6 +177,14 @@ def test_the_same_goal_as_other_planners_write_it(text: str) -> None:
     assert Goal.of(text) == goals.on("a", "tray") & goals.holding("b")
 
 
+def test_a_name_in_quotation_marks_is_no_variable() -> None:
+    goal = goals.on("?a", "?tray") & goals.clear("?left side") & goals.holding("?b", (0.1, 0.2, 0.9))
+    assert Goal.from_pddl(goal.to_pddl()) == goal
+    assert Goal.of('(on "?a" "tray")') == goals.on("?a", "tray")
+    with pytest.raises(GoalError, match="no variables here"):
+        Goal.of('(on "a" ?tray)')
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -226,6 +234,7 @@ def test_text_that_is_no_goal_is_refused(text: str) -> None:
         (goals.on("a", "left") & goals.clear("table_top"), "is to be clear"),
         (goals.on("a", "b") & goals.holding("b"), "is to be held"),
         (goals.at("a", (0.0, -0.2)) & goals.clear("right"), "is to be clear"),
+        (goals.at("a", (-0.1, 0.0)) & goals.clear("table_top"), "is to be clear"),
         (goals.at("a", (50.0, 50.0)), r"no support under \(50.00, 50.00\) m for 'a'; supports: table_top, tray"),
         (goals.inside("a", "beside"), "beside its support 'table_top', which reaches from"),
     ],

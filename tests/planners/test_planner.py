@@ -138,6 +138,17 @@ def test_misuse_is_answered_by_what_is_valid() -> None:
         Planner("fetsch")  # type: ignore[arg-type]  # likewise
 
 
+def test_a_seed_is_a_generator_and_a_start_is_a_scene() -> None:
+    """`rng=3` and `start="x"` ended in an AttributeError."""
+    scene, planner = random_scene(4, 0), Planner(FETCH)
+    one, other = (planner.solve(scene, "object_00", rng=rng) for rng in (3, np.random.default_rng(3)))
+    assert isinstance(one, Solution)
+    assert isinstance(other, Solution)
+    assert one.actions == other.actions
+    with pytest.raises(SceneError, match="is no Scene"):
+        planner.solve(scene, "object_00", start="x")  # type: ignore[arg-type]  # on purpose
+
+
 def test_overlapping_objects_are_named() -> None:
     scene = table_scene(cylinder("object_00", 0.0, 0.0), cylinder("object_01", 0.02, 0.0))
     with pytest.raises(SceneError, match="object_00 and object_01"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,6 +22,8 @@ from clutter_env.cli.robot_report import (
     why_no_home,
 )
 from clutter_env.cli.robot_trials import SceneTrials, try_scenes
+from clutter_env.scene.layout import find_layout
+from clutter_env.simulation.model import compile_model
 from irm.chain import ArmChain
 from irm.kinematics import forward
 
@@ -56,7 +59,8 @@ def test_a_good_robot_is_drawn_and_has_no_problem(tmp_path: Path, capsys: pytest
         ('joint1="finger_joint1" joint2="finger_joint2"', 'joint1="joint1" joint2="joint2"', "couples the fingers"),
         ('condim="4"', 'condim="3"', "from which objects slip"),
         ('type="box" size="0.032 0.10 0.034"', 'type="ellipsoid" size="0.032 0.10 0.034"', "is none of"),
-        ('name="link4" class="panda_grey"', 'name="link4" conaffinity="1" class="panda_grey"', "geoms without contype"),
+        ('name="link4" class="panda_grey"', 'name="link4" conaffinity="1" class="panda_grey"', ""),
+        ('forcerange="-12 12"', 'forcerange="-0.2 0.2"', "the motors hold 0.089 kg at the TCP"),
     ],
 )
 def test_faults_of_the_file_are_named(tmp_path: Path, old: str, new: str, hint: str) -> None:
@@ -66,6 +70,29 @@ def test_faults_of_the_file_are_named(tmp_path: Path, old: str, new: str, hint: 
     problems = report_of(replace(PANDA, mjcf=str(tmp_path / "robot.xml"))).problems
     assert hint in "; ".join(problems)
     assert bool(problems) == bool(hint)
+
+
+def test_contact_bits_of_the_file_do_not_matter_to_a_simulation(tmp_path: Path) -> None:
+    """They are set anew: the robot meets what the planner's rule counts."""
+    other = changed_panda(tmp_path, 'name="link4" class', 'name="link4" contype="1" conaffinity="7" class')
+    models = [compile_model(robot, find_layout("paper"), ()) for robot in (PANDA, other)]
+    for bits in ("geom_contype", "geom_conaffinity"):
+        np.testing.assert_array_equal(*(getattr(model, bits) for model in models))
+
+
+@pytest.mark.usefixtures("reach_once")
+def test_an_arm_that_its_motors_do_not_hold_stretched_out_is_named(tmp_path: Path) -> None:
+    """It is no problem of a simulation, in which the arm weighs nothing."""
+    text = PANDA.mjcf_path.read_text().replace('forcerange="-87 87"', 'forcerange="-30 30"')
+    text = text.replace(
+        "<worldbody>", '<custom><text name="assumed_torques" data="joint1 joint2"/></custom><worldbody>'
+    )
+    (tmp_path / "weak.xml").write_text(text)
+    report = report_of(replace(PANDA, mjcf=str(tmp_path / "weak.xml")))
+    assert "do not hold the arm alone stretched out ('joint2' has 30 N m)" in report.facts["motors"]
+    assert report.facts["motors"].endswith("assumed, since the arm's file gives none: joint1, joint2")
+    assert report.problems == ()
+    assert report_of(PANDA).facts["motors"].startswith("hold 3.3 kg with the arm stretched out")
 
 
 @pytest.mark.usefixtures("reach_once")
@@ -139,6 +166,17 @@ def test_a_base_in_the_ground_is_named_with_the_depth(tmp_path: Path, depth: flo
     assert found == (["'wheel' is 5.3 mm below the ground: raise what stands on the base"] if depth else [])
 
 
+@pytest.mark.usefixtures("reach_once")
+@pytest.mark.parametrize(("x", "z", "is_named"), [(0.7, 0.74, True), (0.7, 0.9, False), (0.4, 0.74, False)])
+def test_what_stands_in_the_table_at_the_start_is_named(tmp_path: Path, x: float, z: float, is_named: bool) -> None:
+    """The second arm of a robot, straight ahead, ended the command with an exception of the planner."""
+    joint = '<joint name="base_x"'
+    arm = f'<body name="arm" gravcomp="1"><geom type="capsule" size="0.03" fromto="0 0.2 {z} {x} 0.2 {z}"/></body>'
+    report = report_of(changed_panda(tmp_path, joint, f"{arm}{joint}"))
+    found = [problem for problem in report.problems if "ahead of where robots start" in problem]
+    assert [problem.partition(" does not")[0] for problem in found] == (["'arm'"] if is_named else [])
+
+
 def test_no_problem_is_found_only_after_scenes_were_executed(
     reach: LevelReach, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -207,3 +245,34 @@ def test_a_robot_is_made_of_an_arm_s_file(tmp_path: Path, capsys: pytest.Capture
     page = json.loads(file.with_suffix(".json").read_text())
     assert report_of(RobotSpec.from_mjcf(file, **page)).problems == ()
     assert file.with_suffix(".png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_a_wrist_with_narrow_limits_may_need_half_a_turn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """No home was found, though two fingers are the same upside down: the Puma's wrist turns by 90° either way."""
+    file, out = tmp_path / "narrow.xml", tmp_path / "made.xml"
+    text = ARM.read_text()
+    for joint, limits in (("shoulder_pan", "2 3.5"), ("wrist_2", "0.2 2.9"), ("wrist_3", "0.9 2.3")):
+        text, changed = re.subn(rf'(name="{joint}" axis="0 0 1" range=)"[^"]*"', rf'\1"{limits}"', text)
+        assert changed == 1
+    file.write_text(text)
+    place = ["--on", "0.15", "0.75", "--lift", "0", "0.4", "--tool", "0.24", "--scenes", "0"]
+    main(["robot", "make", str(file), "--base", "base", "--tip", "wrist_3", *place, "--out", str(out)])
+    text = capsys.readouterr().out
+    assert "no problem found" in text
+    assert "turn: the gripper is turned by half a turn, --turn 3.1416: else" in text
+    page = json.loads(out.with_suffix(".json").read_text())
+    assert 0.9 <= page["home"][-1] <= 2.3
+
+
+def test_no_home_is_no_misuse(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The message ended with "did you mean 'lift'?", of a flag that it advises."""
+    place = ["--on", "0.15", "0.75", "--lift", "0", "0.4", "--tool", "0.24", "--table", "3"]
+    with pytest.raises(SystemExit) as ended:
+        main(
+            ["robot", "make", str(ARM), "--base", "base", "--tip", "wrist_3", *place, "--out", str(tmp_path / "m.xml")]
+        )
+    assert ended.value.code == 1
+    text = capsys.readouterr().err
+    assert "reaches no grasp on a table of 3.0 m" in text
+    assert "did you mean" not in text

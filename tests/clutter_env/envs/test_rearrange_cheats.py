@@ -13,7 +13,7 @@ from clutter_env.envs.rearrange import RearrangeEnv
 from clutter_env.scene.layout import TABLE_HEIGHT
 from planners import goals
 from planners.goals import Goal, Region
-from tests.clutter_env.envs.cheats import LOW, RADIUS, Cheat, cylinder
+from tests.clutter_env.envs.cheats import LOW, RADIUS, TIP, Cheat, cylinder
 from tests.clutter_env.envs.side_grasp import CLOSED, OPEN
 
 ONE, TWO = "object_00", "object_01"
@@ -73,6 +73,15 @@ def push_into_the_place(cheat: Cheat) -> None:
 
 def nudge_into_the_place(cheat: Cheat) -> None:
     """It is pushed 3.5 cm, less than makes an object count as disturbed."""
+    push(cheat, FIRST, 0.035)
+
+
+def lift_by_millimetres_then_nudge(cheat: Cheat) -> None:
+    """It is lifted by 4 mm and set down again, then pushed 3.5 cm."""
+    cheat.grasp(FIRST)
+    cheat.reach(cheat.point + (0, 0, 0.004))
+    cheat.reach(cheat.point - (0, 0, 0.004))
+    cheat.leave()
     push(cheat, FIRST, 0.035)
 
 
@@ -177,6 +186,7 @@ class Case:
 
 FAST = (
     Case(nudge_into_the_place, INSIDE, is_reached=True, place=Y + 0.035),
+    Case(lift_by_millimetres_then_nudge, INSIDE, is_reached=True, place=Y + 0.035),
     Case(nudge_into_the_place, goals.clear("place"), is_reached=True, place=Y - 0.06),
     Case(grip_what_is_in_the_way, goals.clear("place"), place=Y),
     Case(lean_on_it),
@@ -234,4 +244,24 @@ def test_a_drag_in_the_grip_is_a_move_before_which_another_one_should_have_come(
     cheat.drag(SECOND, 0.04)
     carry(cheat, FIRST, -0.2)
     cheat.wait(1.0)
+    assert not cheat.info["is_success"]
+
+
+def test_what_the_goal_names_but_need_not_move_is_not_shoved_about() -> None:
+    """Three objects, in their places from the start, were shoved by 4 cm each: their paths counted nothing."""
+    places = {1: -0.1, 2: 0.1, 3: 0.3}
+    objects = (cylinder(-0.24, -0.3), *(cylinder(-0.24, y) for y in places.values()))
+    regions = tuple(Region(f"place_{slot}", "table_top", (-0.22, y), (0.09, 0.06)) for slot, y in places.items())
+    stays = [goals.inside(f"object_{slot:02d}", f"place_{slot}") for slot in places]
+    cheat = begin(goals.and_(*stays, goals.at(ONE, (-0.24, -0.42))), *objects, regions=regions)
+    for slot in places:
+        there = cheat.at(slot, LOW)
+        cheat.before(there)
+        cheat.grip(CLOSED)
+        cheat.reach(there + (0.04 - TIP - RADIUS, 0, 0), speed=0.03)
+        cheat.leave()
+    carry(cheat, FIRST, -0.42)
+    cheat.wait(1.0)
+    assert cheat.info["lifted"]
+    assert cheat.info["total_path"] > 0.1
     assert not cheat.info["is_success"]

@@ -138,7 +138,7 @@ def test_supports_are_names_that_the_scene_declares() -> None:
     assert find_supports(scene, None) == ("table_top",)
     assert find_supports(scene, "all") == ("table_top", "counter_left")
     assert find_supports(scene, ["counter_left"]) == find_supports(scene, "counter_left") == ("counter_left",)
-    for wrong in (("counter_right",), (), "wall"):
+    for wrong in (("counter_right",), (), "wall", 3):
         with pytest.raises(UnknownSupport, match=r"supports=.*table_top, counter_left"):
             find_supports(scene, wrong)
 
