@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 from adversarial_truth import ARMS  # type: ignore[import-not-found]  # beside this file
-from map_truth import Judge  # type: ignore[import-not-found]
+from map_truth import Judge  # type: ignore[import-not-found]  # beside this file
 
 from assets import RobotSpec
 from clutter_env.cli.robot import robot_by_name

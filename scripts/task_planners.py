@@ -68,7 +68,7 @@ def solve_rows(engines: tuple[str, ...], objects: int, scenes: int, seed: int) -
     for k in range(scenes):
         _, info = env.reset(seed=seed + k)
         for engine, planner in planners.items():
-            scene = Scene.from_mujoco(inner.model, inner.data, inner.robot)  # type: ignore[attr-defined]
+            scene = Scene.from_mujoco(inner.model, inner.data, inner.robot)  # type: ignore[attr-defined]  # Gymnasium
             found = planner.solve(scene, info["target"], rng=np.random.default_rng(0))
             stats, total = found.stats, totals[engine]
             if isinstance(found, Solution):
