@@ -742,9 +742,9 @@ def _parse(text: str) -> list[_TREE]:
 
 def _shown(tree: _TREE) -> str:
     """The expression as text, what is deeper in it left out."""
-    if isinstance(tree, str):
-        return tree
-    return f"({' '.join(part if isinstance(part, str) else '(…)' for part in tree)})"
+    if not isinstance(tree, list):
+        return str(tree)
+    return f"({' '.join('(…)' if isinstance(part, list) else str(part) for part in tree)})"
 
 
 def _fact(tree: _TREE, text: str) -> Fact:

@@ -138,8 +138,11 @@ def test_a_toppled_object_rests_nowhere(scene: Scene) -> None:
 
 def test_a_list_of_facts_is_a_goal_as_task_files_write_it() -> None:
     assert Goal.of([["on", "a", "tray"], ["holding", "b"]]) == Goal.from_pddl("(and (on a tray) (holding b))")
-    with pytest.raises(GoalError, match="is no fact"):
-        Goal.of([["balanced", "a", "5"]])
+    at = goals.at("a", (0.5, -1.0))
+    assert Goal.of([["at", "a", ["x", 0.5], ["y", "-1"]]]) == at
+    for wrong in ([["balanced", "a", "5"]], [None], [0], [[]], [["on", "a", None]], [["at", "a", ["x", [0.5]]]]):
+        with pytest.raises(GoalError, match=r"is no fact|each once"):
+            Goal.of(wrong)  # type: ignore[arg-type]  # on purpose
 
 
 def test_text_and_back_again() -> None:
