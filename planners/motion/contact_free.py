@@ -76,9 +76,10 @@ def merge_phases(
     bounds, states = _bounds(steps, count), timed.states.copy()
     # The fingers begin to move with the phase in which they did as planned, or else at once, or as late as they can.
     moving, latest = (k for k, phase in enumerate(phases) if np.ptp(phase.finger_position) > 0.0), count + 1 - len(ramp)
+    planned = np.vstack([phase.states[:, :-1] for phase in phases])
     for begin in (min(bounds[next(moving, 0)], latest), 0, latest):
         states[:, -1] = np.concatenate([np.full(begin, start), ramp, np.full(latest - begin, end)])
-        if held or _fingers_are_free(world, states, np.vstack([phase.states[:, :-1] for phase in phases])):
+        if held or _fingers_are_free(world, states, planned):
             break
     else:
         return None
