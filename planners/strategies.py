@@ -22,16 +22,11 @@ class StrategyError(ValueError):
     """A `Strategy` has no such field, or a field has no valid value; the message lists the valid ones."""
 
 
-_RENAMED = {"second_moves": "non_monotone"}
-"""Fields of version 0.1 by their names of today."""
-
-
 @dataclass(frozen=True)
 class Strategy:
     """A way to clear: three choices, planning ahead or not, and a budget.
 
-    The strategies of `STRATEGIES` have the same budget; `sets`, `slack`, `variations` and `non_monotone` are part of
-    planning ahead, which is the idea of "lookahead".
+    The strategies of `STRATEGIES` have the same budget; `tries` is part of planning ahead, the idea of "lookahead".
 
     Attributes:
         name: what it is called.
@@ -42,12 +37,7 @@ class Strategy:
         locations: "random" order, or by "priority" (section 3.3): farthest within R_work, then nearest outside it.
         plans_ahead: whether grasps, order and locations of the whole set are chosen before the first motion is
             planned, and the task planner is told what obstructs these grasps.
-        sets: self-clearable sets looked at, one after another, until every object of one finds a location; "greedy"
-            grasps yield one.
-        slack: sets with so many objects more than the fewest are looked at too.
-        variations: other orders and grasps tried for each set.
-        non_monotone: objects put aside provisionally, to be moved again, where no plan is found that moves each object
-            once; only for strategies that plan ahead.
+        tries: moves tried in one look-ahead while the fewest picks decide what is tried next; then as many greedily.
         leaves_cleared: whether an object that was cleared before is cleared again only if nothing else helps.
         attempts: runs of Algorithm 1, with other random choices, before a solve ends without a plan or with a plan that
             clears an object twice.
@@ -64,10 +54,7 @@ class Strategy:
     region: Region
     locations: Locations
     plans_ahead: bool = False
-    sets: int = 1
-    slack: int = 0
-    variations: int = 0
-    non_monotone: int = 0
+    tries: int = 1
     leaves_cleared: bool = True
     attempts: int = 3
     locations_per_level: int = 120
@@ -78,8 +65,7 @@ class Strategy:
         known = [field.name for field in fields(cls)]
         for name in given:
             if name not in known:
-                today = f", it is called {_RENAMED[name]!r} now" if name in _RENAMED else ""
-                raise StrategyError(f"a strategy has no field {name!r}{today}; fields: {', '.join(known)}")
+                raise StrategyError(f"a strategy has no field {name!r}; fields: {', '.join(known)}")
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
@@ -89,23 +75,17 @@ class Strategy:
                 is_valid = isinstance(value, str) and value in choices
                 rule = f"valid values: {', '.join(map(repr, choices))}"
             elif kind is int:
-                least = 0 if name in _MAY_BE_ZERO else 1
-                is_valid = isinstance(value, int) and value >= least
-                rule = f"it must be an integer of at least {least}"
+                is_valid, rule = isinstance(value, int) and value >= 1, "it must be an integer of at least 1"
             else:
                 is_valid, rule = isinstance(value, kind), f"it must be {'a string' if kind is str else 'True or False'}"
             if not is_valid:
                 raise StrategyError(f"strategy {self.name!r}: {name}={value!r} is not valid; {rule}")
 
 
-_MAY_BE_ZERO = ("slack", "variations", "non_monotone")
-
 STRATEGIES = {
     entry.name: entry
     for entry in (
-        Strategy(
-            "lookahead", "smallest", "ngr", "priority", plans_ahead=True, sets=12, slack=2, variations=6, non_monotone=2
-        ),
+        Strategy("lookahead", "smallest", "ngr", "priority", plans_ahead=True, tries=100),
         Strategy("ngr", "greedy", "ngr", "priority"),
         Strategy("dogar", "greedy", "ngr1", "priority"),
         Strategy("srivastava", "greedy", "none", "random"),

@@ -6,22 +6,28 @@ way of those, and so on, such that no object waits for itself. The task planner 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planners.cause import Cause
 from planners.clearing.lower_bound import self_clearable_sets
 from planners.clock import NO_DEADLINE, Deadline
+from planners.collision.world import objects_on
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.motion.arm import tcp_pose
-from planners.placing.placements import PlacementSearch
+from planners.placing.placements import Placement
+from planners.placing.surfaces import KeepClear
 from planners.scene import HeldObject, RobotState, Scene
 from planners.scene.cover import drive_out, driven_out_of
+from planners.scene.masks import FIXED_BITS
 from planners.strategies import Strategy
+
+Grasps: TypeAlias = Callable[[str], Sequence[GraspCandidate]]
+"""Grasps of an object by its name, best first, with what blocks each."""
 
 
 @dataclass(frozen=True)
@@ -61,47 +67,30 @@ class NoCommitment:
 
 
 @dataclass(frozen=True)
-class ClearingProblem:
-    """Inputs of the choice of commitments.
+class ClearancePlan:
+    """Commitments, and a placement for each object to clear; no placements for strategies that do not plan ahead.
 
     Attributes:
-        is_usable: whether a grasp in a scene can be used at all: whether the gripper can leave again. It is asked
-            about few, before placements are looked for.
-        reject: sees to it that an unusable grasp is not offered again as it was.
-        order_by_task_plan: puts the objects to clear in the order in which a task plan clears them.
-        left_alone: objects that stay where they are: no grasp of them is offered.
-        holds_aside: whether the last obstacle may stay in one gripper while another one takes the target.
-        saves_time: whether grasps are chosen that take less time.
-        homeless: what is held and has been found to have no placement at all, whatever it keeps clear of.
+        commitments: a grasp for the target and for every object that must go before it.
+        placements: where objects are put.
+        provisional: the object that is moved again later; once it stands where it is put first, the rest is planned
+            anew. "" for none.
+        aside: the object that stays in a gripper while another one takes the target, "" for none.
+        general: objects that are put down for the goal, where it wants them.
+        until: objects in the order in which they are moved; none for strategies that do not plan ahead.
     """
 
-    candidates: GraspCandidates
-    placements: PlacementSearch
-    scene: Scene
-    target: str
-    strategy: Strategy
-    rng: np.random.Generator
-    deadline: Deadline = NO_DEADLINE
-    is_usable: Callable[[Scene, GraspCandidate], bool] = lambda _scene, _grasp: True
-    reject: Callable[[Scene, GraspCandidate], None] = lambda _scene, _grasp: None
-    order_by_task_plan: Callable[[Commitments], Commitments] = lambda commitments: commitments
-    left_alone: frozenset[str] = frozenset()
-    holds_aside: bool = False
-    saves_time: bool = False
-    homeless: set[str] = field(default_factory=set)
+    commitments: Commitments
+    placements: Mapping[str, Placement] = field(default_factory=lambda: MappingProxyType({}))
+    provisional: str = ""
+    aside: str = ""
+    general: frozenset[str] = frozenset()
+    until: tuple[str, ...] = ()
 
-    def grasps(self, scene: Scene, name: str) -> tuple[GraspCandidate, ...]:
-        """Grasps of that object where it stands, with what blocks each now; best first."""
-        return () if name in self.left_alone else self.candidates.for_object(scene, name)
-
-    def grasps_from(self, scene: Scene, name: str, base: NDArray[np.float64]) -> list[GraspCandidate]:
-        """Grasps of that object from one base pose (3,), best first, whatever is in their way; none under a shelf."""
-        found = () if name in self.left_alone else self.candidates.from_base(scene, name, base)
-        return [grasp for grasp in found if not grasp.drives]
-
-    def free_grasps(self, name: str, removed: int) -> list[GraspCandidate]:
-        """The grasps of an object that are free once those of the mask `removed` are gone."""
-        return [grasp for grasp in self.grasps(self.scene, name) if grasp.blockers & ~removed == 0]
+    def without(self, name: str) -> ClearancePlan:
+        """The plan that remains once that object has been cleared."""
+        kept = MappingProxyType({other: place for other, place in self.placements.items() if other != name})
+        return replace(self, commitments=self.commitments.without(name), placements=kept)
 
 
 def grasped(scene: Scene, grasp: GraspCandidate) -> Scene:
@@ -118,101 +107,91 @@ def grasped(scene: Scene, grasp: GraspCandidate) -> Scene:
     return scene.with_state(state).with_held(held)
 
 
-def greedy_commitments(problem: ClearingProblem) -> Commitments | NoCommitment:
+def commitments_for(
+    grasps: Grasps, scene: Scene, target: str, strategy: Strategy, deadline: Deadline = NO_DEADLINE
+) -> Commitments | NoCommitment:
+    """The commitments of a strategy that does not plan ahead.
+
+    Args:
+        grasps: of an object, by name, best first, with what blocks each.
+        scene: as it is.
+        target: the object wanted.
+        strategy: with "greedy" grasps, or those of the "smallest" self-clearable set.
+        deadline: when to stop.
+    """
+    choose = _greedy if strategy.grasps == "greedy" else _smallest
+    return choose(grasps, scene, target, deadline)
+
+
+def keep_clear(strategy: Strategy, commitments: Commitments, moving: str) -> KeepClear:
+    """The grasps that a cleared object must keep clear of: those of NGR1, of NGR1 + NGR2, or none (eq. 1-3)."""
+    if strategy.region == "none":
+        return KeepClear()
+    target = commitments.grasps.get(commitments.target)
+    if strategy.region == "ngr1":
+        return KeepClear(target)
+    others = (grasp for name, grasp in commitments.grasps.items() if name not in (moving, commitments.target))
+    return KeepClear(target, tuple(others))
+
+
+def with_blockers(candidates: GraspCandidates, scene: Scene, chosen: Iterable[GraspCandidate]) -> list[GraspCandidate]:
+    """The same grasps with what is in their way in a scene."""
+    found = []
+    for grasp in chosen:
+        world = candidates.compiled.world(scene).for_arm(grasp.arm)
+        own = scene.mask({grasp.object, *scene.held_names})
+        hits = world.hits(grasp.base, grasp.q, grasp.opening, ignore=own) & ~FIXED_BITS
+        found.append(replace(grasp, blockers=hits | objects_on(world, grasp.object)))
+    return found
+
+
+def _greedy(grasps: Grasps, scene: Scene, target: str, deadline: Deadline) -> Commitments | NoCommitment:
     """Every object takes the grasp with the fewest objects in its way, whatever else is chosen.
 
     Grasps that would make an object wait for itself are passed over.
     """
-    scene, target, deadline = problem.scene, problem.target, problem.deadline
-    grasps: dict[str, GraspCandidate] = {}
+    chosen: dict[str, GraspCandidate] = {}
     order: list[str] = []
 
     def commit(name: str, waiting: int) -> bool:
         """Commit to a grasp of that object and of all in its way, none of which may block those of `waiting`."""
         waiting |= 1 << scene.index(name)
-        for option in sorted(problem.grasps(scene, name), key=lambda option: option.blockers.bit_count()):
+        for option in sorted(grasps(name), key=lambda option: option.blockers.bit_count()):
             if deadline.is_over:
                 return False
             if option.blockers & waiting:
                 continue
-            kept, kept_order = dict(grasps), list(order)
-            blockers = [blocker for blocker in scene.names_of(option.blockers) if blocker not in grasps]
-            if all(blocker in grasps or commit(blocker, waiting) for blocker in blockers):
-                grasps[name] = option
+            kept, kept_order = dict(chosen), list(order)
+            blockers = [blocker for blocker in scene.names_of(option.blockers) if blocker not in chosen]
+            if all(blocker in chosen or commit(blocker, waiting) for blocker in blockers):
+                chosen[name] = option
                 order.append(name)
                 return True
-            grasps.clear()
-            grasps.update(kept)
+            chosen.clear()
+            chosen.update(kept)
             order[:] = kept_order
         return False
 
     if commit(target, 0):
-        return Commitments(target, tuple(order[:-1]), MappingProxyType(grasps))
+        return Commitments(target, tuple(order[:-1]), MappingProxyType(chosen))
     if deadline.is_over:
         return NoCommitment(Cause.TIME_LIMIT, (target,))
-    reachable = bool(problem.grasps(scene, target))
-    return NoCommitment(Cause.NO_SELF_CLEARABLE_SET if reachable else Cause.UNREACHABLE, (target,))
+    return NoCommitment(Cause.NO_SELF_CLEARABLE_SET if grasps(target) else Cause.UNREACHABLE, (target,))
 
 
-def smallest_commitments(problem: ClearingProblem) -> Iterator[Commitments | NoCommitment]:
-    """Commitments to the smallest self-clearable sets, fewest clearances first, up to the strategy's slack.
-
-    A single `NoCommitment` where there is no self-clearable set.
-    """
-    scene, target = problem.scene, problem.target
+def _smallest(grasps: Grasps, scene: Scene, target: str, deadline: Deadline) -> Commitments | NoCommitment:
+    """The smallest self-clearable set, each object through its best grasp among those that are free by its turn."""
 
     def masks(name: str) -> list[int]:
         """Masks of the objects in the way of each grasp of that object."""
-        return [option.blockers for option in problem.grasps(scene, name)]
+        return [option.blockers for option in grasps(name)]
 
-    slack, deadline = problem.strategy.slack, problem.deadline
-    for found in self_clearable_sets(masks, target, scene.names, slack=slack, deadline=deadline):
-        if found.count is None:
-            yield NoCommitment(Cause(found.cause), (target,))
-            return
-        # Each object takes its best grasp among those that are free by its turn.
-        grasps: dict[str, GraspCandidate] = {}
-        for name in (*found.objects, target):
-            free = problem.free_grasps(name, scene.mask(grasps))
-            grasps[name] = max(free, key=lambda option: option.quality)
-        yield Commitments(target, found.objects, MappingProxyType(grasps))
-
-
-def varied_commitments(
-    problem: ClearingProblem, commitments: Commitments, swept_cells: Callable[[GraspCandidate], int]
-) -> Commitments:
-    """The same objects to clear, in another order drawn at random, through grasps that together sweep little space.
-
-    From the target backwards each object takes, of the grasps free by its turn, the one that adds the fewest cells to
-    what the later ones sweep anyway: the smaller the Negative Goal Region, the more space for what is put aside.
-    """
-    names, order = problem.scene.names, _random_order(problem, commitments)
-    grasps: dict[str, GraspCandidate] = {}
-    swept = 0
-    for turn in reversed(range(len(order))):
-        removed = sum(1 << index for index in order[:turn])
-        free = problem.free_grasps(names[order[turn]], removed)
-        added = [(swept | swept_cells(option)).bit_count() for option in free]
-        best = min(range(len(free)), key=lambda j: (added[j], -free[j].quality))
-        grasps[names[order[turn]]] = free[best]
-        swept |= swept_cells(free[best])
-    return Commitments(commitments.target, tuple(names[i] for i in order[:-1]), MappingProxyType(grasps))
-
-
-def _random_order(problem: ClearingProblem, commitments: Commitments) -> list[int]:
-    """An order in which the objects can be removed, the target last."""
-    scene = problem.scene
-    waiting, last = {scene.index(name) for name in commitments.grasps}, scene.index(commitments.target)
-    order: list[int] = []
-    removed = 0
-    while waiting:
-        ready = [
-            index
-            for index in sorted(waiting)
-            if (index != last or len(waiting) == 1) and problem.free_grasps(scene.names[index], removed)
-        ]
-        index = int(problem.rng.choice(ready))
-        order.append(index)
-        waiting.remove(index)
-        removed |= 1 << index
-    return order
+    found = next(self_clearable_sets(masks, target, scene.names, deadline=deadline))
+    if found.count is None:
+        return NoCommitment(Cause(found.cause), (target,))
+    chosen: dict[str, GraspCandidate] = {}
+    for name in (*found.objects, target):
+        gone = scene.mask(chosen)
+        free = [option for option in grasps(name) if not option.blockers & ~gone]
+        chosen[name] = max(free, key=lambda option: option.quality)
+    return Commitments(target, found.objects, MappingProxyType(chosen))

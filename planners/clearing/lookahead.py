@@ -1,272 +1,467 @@
-"""Planning ahead: the whole sequence is chosen before the first motion: which objects, grasps, order and placements.
+"""Planning ahead: the moves up to the goal are found before the first motion is planned.
 
-Strategies that do not plan ahead commit to grasps only. Planning ahead simulates the clearances one after another, puts
-each object where it obstructs nothing that remains to be done, and turns to other grasps, another order or another set
-of objects where some object finds no placement.
+A best-first search (A*) over scenes. From each, the lower bound says how many picks are left at least, what they take,
+and what must be put aside first. These moves are made first, in thought, each with a grasp and a placement out of the
+way of those that follow. Where an object finds no place, or one that is in the way, other moves are tried; the search
+goes on from the scene from which the fewest picks in all may do.
 """
 
 from __future__ import annotations
 
+import heapq
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from planners.cause import Cause
-from planners.clearing.commitments import (
-    ClearingProblem,
-    Commitments,
-    NoCommitment,
-    grasped,
-    greedy_commitments,
-    smallest_commitments,
-    varied_commitments,
-)
-from planners.clearing.saving_time import held_aside, with_blockers, with_less_time
+from planners.clearing.commitments import ClearancePlan, Commitments, NoCommitment, grasped, with_blockers
+from planners.clearing.goal_bound import LowerBound, fewest_picks, must_move, waits_for
+from planners.clearing.moves import Move, MoveMaker
+from planners.clearing.order_of_moves import Order
+from planners.clearing.quickest import holding_aside
+from planners.goals import At, Inside, On
 from planners.grasping.candidates import GraspCandidate
+from planners.placing.blockers import fewest_in_the_way
+from planners.placing.goal_places import in_the_way, place_of, placed_fact
 from planners.placing.negative_goal_region import SupportGrid, swept_mask
-from planners.placing.placements import Placement
 from planners.placing.surfaces import KeepClear
 from planners.placing.swept_volume import standing_volume
-from planners.scene import RobotState, Scene
-from planners.strategies import Strategy
+from planners.scene import Scene
 
+_WEIGHTS = (1.0, 3.0)
+"""Of the picks that are left at least: at first the fewest picks in all decide, then the search becomes greedy."""
+_ALIKE = 2
+"""Scenes looked at of those to which the same moves lead in another order."""
+_OTHERS = 6
+"""Objects that need not move which are put aside, at most, from one scene."""
 _CELL = 0.02
 """[m] of the cells in which swept space is compared."""
 
 
-@dataclass(frozen=True)
-class ClearancePlan:
-    """Commitments, and a placement for each object to clear; no placements for strategies that do not plan ahead.
+_Pairs: TypeAlias = frozenset[tuple[str, str]]
+
+
+class Step(NamedTuple):
+    """A move that is meant to be made.
 
     Attributes:
-        commitments: a grasp for the target and for every object that must go before it.
-        placements: where objects are put.
-        provisional: the object that is put where it will be in the way later; once it stands there, commitments are
-            chosen anew. "" for none.
-        moves: put-downs until the target can be taken, as far as they are planned.
-        aside: the object that stays in a gripper while another one takes the target, "" for none.
-        general: objects that are put down for the goal, where it wants them.
-        until: objects in the order in which they are moved, for goals that name places.
+        name: of the object.
+        is_general: whether it goes where the goal wants it.
+        grasps: what others keep clear of until then: the grasp that takes it, and the one that puts it down.
     """
 
-    commitments: Commitments
-    placements: Mapping[str, Placement] = field(default_factory=lambda: MappingProxyType({}))
-    provisional: str = ""
-    moves: int = 0
-    aside: str = ""
-    general: frozenset[str] = frozenset()
-    until: tuple[str, ...] = ()
-
-    def without(self, name: str) -> ClearancePlan:
-        """The plan that remains once that object has been cleared."""
-        kept = MappingProxyType({other: place for other, place in self.placements.items() if other != name})
-        moves = max(self.moves - 1, 0)
-        return replace(self, commitments=self.commitments.without(name), placements=kept, moves=moves)
+    name: str
+    is_general: bool
+    grasps: tuple[GraspCandidate, ...] = ()
 
 
-class Turn(NamedTuple):
-    """Before a clearance: the scene, and the commitments to what remains to be done."""
+@dataclass(frozen=True, eq=False)
+class _Situation:
+    """A scene to which moves have led, and what is left to do.
+
+    Attributes:
+        steps: what is meant to be done from here on.
+        left: picks that are left at least.
+        also: names of objects that must move since they are in the way of a place.
+        later: pairs of objects of which the second one goes to its place after the first.
+    """
 
     scene: Scene
-    remaining: Commitments
+    moves: tuple[Move, ...]
+    steps: tuple[Step, ...]
+    left: int
+    also: tuple[str, ...] = ()
+    later: _Pairs = frozenset()
+
+    @property
+    def picks(self) -> int:
+        """Picks so far."""
+        return sum(move.grasp is not None for move in self.moves)
+
+    @property
+    def waiting(self) -> tuple[str, ...]:
+        """Names of the objects that are still to be moved, in order."""
+        return tuple(dict.fromkeys(step.name for step in self.steps))
+
+    @property
+    def key(self) -> object:
+        """The same for situations that differ in the order of their moves alone."""
+        moved = Counter((move.name, move.is_general) for move in self.moves)
+        return frozenset(moved.items()), self.also, self.later
 
 
-def commitments_for(problem: ClearingProblem, rejections: int | None = None) -> ClearancePlan | NoCommitment:
-    """The first commitments of the strategy, or, planned ahead, the first whose objects all find placements.
+_Tries: TypeAlias = Iterator["_Situation | None"]
+"""Moves tried from a situation, one after another; None where one fails."""
+
+
+def look_ahead(maker: MoveMaker, scene: Scene) -> ClearancePlan | NoCommitment:
+    """The moves up to the goal, or up to the first object that is to be moved again.
 
     Args:
-        problem: grasps that cannot be used are rejected on the way, and commitments looked for anew.
-        rejections: how often at most; None for no limit.
+        maker: makes moves for the goal.
+        scene: as it is now.
     """
-    for _ in itertools.count() if rejections is None else range(rejections):
-        found = _plan_or_unusable(problem)
-        if not isinstance(found, tuple):
-            return found
-        for grasp in found:
-            problem.reject(problem.scene, grasp)
-    return NoCommitment(Cause.NO_SELF_CLEARABLE_SET, (problem.target,))
+    search = _Search(maker, scene)
+    first = search.situation(scene)
+    if isinstance(first, NoCommitment):
+        return first
+    for weight in _WEIGHTS:
+        last = _best_first(search, first, weight, maker.strategy.tries)
+        if last is not None:
+            return _as_plan(maker, scene, last.moves)
+        if maker.deadline.is_over:
+            return NoCommitment(Cause.TIME_LIMIT, first.waiting)
+    nowhere = tuple(name for name, _ in search.failed.most_common(1))
+    return NoCommitment(Cause.NO_CLEARANCE_LOCATION, nowhere or first.waiting)
 
 
-def _plan_or_unusable(problem: ClearingProblem) -> ClearancePlan | NoCommitment | tuple[GraspCandidate, ...]:
-    """The plan, why there is none, or those grasps of the first commitments that cannot be used."""
-    without_placement = problem.target
-    for commitments in alternatives(problem):
-        if problem.deadline.is_over:
-            break
-        if isinstance(commitments, NoCommitment):
-            return commitments
-        grasps = commitments.grasps.values()
-        if unusable := tuple(grasp for grasp in grasps if not problem.is_usable(problem.scene, grasp)):
-            return unusable
-        if not problem.strategy.plans_ahead:
-            return ClearancePlan(commitments)
-        commitments = problem.order_by_task_plan(commitments)
-        plan = _simulate_clearances(problem, commitments)
-        if problem.holds_aside and (isinstance(plan, str) or plan.moves) and not problem.scene.held_names:
-            aside = _simulate_holding_aside(problem, commitments)
-            if aside is not None and (isinstance(plan, str) or aside.moves < plan.moves):
-                return aside
-        if not isinstance(plan, str):
-            return plan
-        without_placement = plan
-    if problem.deadline.is_over:
-        return NoCommitment(Cause.TIME_LIMIT, (problem.target,))
-    return NoCommitment(Cause.NO_CLEARANCE_LOCATION, (without_placement,))
+def _best_first(search: _Search, first: _Situation, weight: float, most: int) -> _Situation | None:
+    """The first situation that is popped from which nothing is left to do, after so many tries at most."""
+    queue: list[tuple[float, int, int, _Situation, list[tuple[int, _Tries]]]] = []
+    alike, count = Counter[object](), itertools.count()
+
+    def push(one: _Situation, levels: list[tuple[int, _Tries]]) -> None:
+        """Of equal promise the one with most moves comes first, of these the last found."""
+        rank = one.picks + weight * one.left + levels[0][0]
+        heapq.heappush(queue, (rank, -len(one.moves), -next(count), one, levels))
+
+    push(first, search.levels(first))
+    while queue and most and not search.maker.deadline.is_over:
+        *_, now, levels = heapq.heappop(queue)
+        if not now.steps:
+            return now
+        tried = next(levels[0][1], _NONE_LEFT)
+        levels = levels[1:] if tried is _NONE_LEFT else levels
+        if levels:
+            push(now, levels)
+        if isinstance(tried, _Situation) and alike[tried.key] < _ALIKE:
+            alike[tried.key] += 1
+            push(tried, search.levels(tried))
+        most -= tried is not _NONE_LEFT
+    return None
 
 
-def alternatives(problem: ClearingProblem) -> Iterator[Commitments | NoCommitment]:
-    """Commitments to one set of objects after another, each followed by other orders and grasps for the same objects.
-
-    Greedy strategies yield one.
-    """
-    strategy = problem.strategy
-    sets: Iterator[Commitments | NoCommitment]
-    sets = iter((greedy_commitments(problem),)) if strategy.grasps == "greedy" else smallest_commitments(problem)
-    swept_cells = _swept_cells(problem)
-    for commitments in itertools.islice(sets, strategy.sets):
-        yield commitments
-        if isinstance(commitments, Commitments) and commitments.order:
-            for _ in range(strategy.variations):
-                yield varied_commitments(problem, commitments, swept_cells)
+_NONE_LEFT = object()
 
 
-def _swept_cells(problem: ClearingProblem) -> Callable[[GraspCandidate], int]:
-    """Cells of the space that objects stand in which the robot occupies at each grasp, as bits; cached.
+@dataclass
+class _Search:
+    """One search: the moves tried from each situation; how often each object found no place."""
 
-    It stands for what the grasp sweeps, which would take too long to work out for all grasps that are compared.
-    """
-    world = problem.candidates.compiled.world(problem.scene)
-    grids = [SupportGrid.over(support, _CELL) for support in problem.placements.supports_in(problem.scene)]
-    tallest = max(body.top - body.bottom for body in problem.scene.objects)
-    known: dict[tuple[str, bytes, bytes], int] = {}
+    maker: MoveMaker
+    start: Scene
+    failed: Counter[str] = field(default_factory=Counter)
+    _order: Order | None = None
+    _cells: dict[tuple[str, bytes, bytes], int] = field(default_factory=dict)
 
-    def swept_cells(grasp: GraspCandidate) -> int:
-        """The cells that one grasp sweeps."""
-        if grasp.key not in known:
-            volume = standing_volume(world, grasp)
+    def situation(
+        self,
+        scene: Scene,
+        moves: tuple[Move, ...] = (),
+        also: Collection[str] = (),
+        later: _Pairs = frozenset(),
+    ) -> _Situation | NoCommitment:
+        """The situation in a scene, as the lower bound has it there; grasps that cannot be used are rejected."""
+        maker = self.maker
+        while not maker.deadline.is_over:
+            names = tuple(dict.fromkeys((*(one for one in scene.held_names if one not in maker.goal.held), *also)))
+            bound = fewest_picks(scene, maker.goal, maker.candidates, maker.start, also=names, deadline=maker.deadline)
+            if bound.picks is None:
+                return NoCommitment(Cause(bound.cause), bound.objects or names)
+            to_move = tuple(dict.fromkeys((*must_move(scene, maker.goal, maker.start), *names)))
+            steps = self._steps(scene, bound, moves, to_move, later)
+            chosen = {grasp.key: grasp for step in steps for grasp in step.grasps[:1]}.values()
+            unusable = [grasp for grasp in chosen if not maker.is_usable(scene, grasp)]
+            if not unusable:
+                return _Situation(scene, moves, steps, bound.least, tuple(also), later)
+            for grasp in unusable:
+                maker.reject(scene, grasp)
+        return NoCommitment(Cause.TIME_LIMIT, tuple(also))
+
+    def levels(self, now: _Situation) -> list[tuple[int, _Tries]]:
+        """What is tried from a situation, by the picks that it costs beyond those that are left at least."""
+        return [(0, self._as_meant(now)), (1, self._otherwise(now))]
+
+    def _as_meant(self, now: _Situation) -> _Tries:
+        """The next step, then others before it: out of the way of all that follow; to a place of the goal anyhow."""
+        ready = self._ready(now)
+        for step in ready:
+            if self._may_hold_aside(now, step):
+                yield self._held_aside(now)
+            yield self._made(now, step, is_strict=True)
+        for step in ready:
+            if step.is_general and step.name not in self.maker.goal.held:
+                yield self._made(now, step, is_strict=False)
+
+    def _otherwise(self, now: _Situation) -> _Tries:
+        """What costs a pick more: to put aside what is moved again; to move what need not move."""
+        ready = self._ready(now)
+        yield from self._out_of_places(now)
+        for step in ready:
+            if not step.is_general:
+                yield self._made(now, step, is_strict=False)
+            elif step.name not in self.maker.goal.held:
+                yield self._made(now, step._replace(is_general=False), is_strict=False)
+        for name in itertools.islice(self._others(now), _OTHERS):
+            yield self._made(now, Step(name, False), is_strict=False)
+
+    def _ready(self, now: _Situation) -> list[Step]:
+        """Steps that may come next: the first one of each object; what is in a hand before all others."""
+        goal, waiting = self.maker.goal, now.waiting
+        steps = [next(step for step in now.steps if step.name == name) for name in waiting]
+        if in_hand := [step for step in steps if step.name in now.scene.held_names]:
+            return in_hand[:1]
+        steps = [step for step in steps if not any(b == step.name and a in waiting for a, b in goal.order)]
+        return [step for step in steps if step.name not in goal.held or len(waiting) == 1]
+
+    def _made(self, now: _Situation, step: Step, is_strict: bool) -> _Situation | None:
+        """The situation after a step; None if it cannot be made.
+
+        Strictly, it is out of the way of all that follow, so that these steps stay as they are meant. Otherwise what
+        is left is found out anew.
+        """
+        maker, name, goal = self.maker, step.name, self.maker.goal
+        rest = tuple(one for one in now.steps if one is not step)
+        if name in goal.held:
+            moved = maker.hold(now.scene, name)
+        else:
+            waiting = tuple(dict.fromkeys(one.name for one in rest))
+            following = next((one for one in waiting if one != name), "")
+            moved = None
+            for kept, choices in self._choices(now, step, rest, is_strict):
+                rest = kept
+                moved = maker.put(now.scene, name, step.is_general, choices, waiting, following)
+                if moved is not None:
+                    break
+        if moved is None:
+            self.failed[name] += 1
+            return None
+        moves = (*now.moves, moved.move)
+        if is_strict and (rest or not must_move(moved.scene, goal, maker.start)):
+            left = now.left - (moved.move.grasp is not None)
+            return _Situation(moved.scene, moves, rest, max(left, len(rest) > 0), now.also, now.later)
+        found = self.situation(moved.scene, moves, [one for one in now.also if one != name], now.later)
+        return found if isinstance(found, _Situation) else None
+
+    def _choices(
+        self, now: _Situation, step: Step, rest: tuple[Step, ...], is_strict: bool
+    ) -> Iterator[tuple[tuple[Step, ...], list[KeepClear]]]:
+        """What an object keeps clear of, and what is meant to follow then.
+
+        Strictly: of all grasps that follow; then of others of the same objects that together sweep little space.
+        Otherwise: of those of the next half, of the next one, or of none.
+        """
+        if self.maker.strategy.region == "none":
+            yield rest, [KeepClear()]
+            return
+        others = [one for one in rest if one.name != step.name and one.grasps]
+        if not is_strict:
+            counts = dict.fromkeys(((len(others) + 1) // 2, 1, 0))
+            yield rest, [self._clear_of(others[:count]) for count in counts if count < max(len(others), 1)]
+            return
+        yield rest, [self._clear_of(others)]
+        if others and not step.is_general:
+            rest = self._sweeping_little(now, step.name, rest)
+            yield rest, [self._clear_of([one for one in rest if one.name != step.name])]
+
+    def _clear_of(self, steps: Sequence[Step]) -> KeepClear:
+        """The regions of these steps: NGR1 of what is to be held, NGR2 of what is moved before."""
+        held = [one.grasps[0] for one in steps if one.grasps and one.name in self.maker.goal.held]
+        others = [grasp for one in steps if one.name not in self.maker.goal.held for grasp in one.grasps]
+        return KeepClear(held[0] if held else None, tuple(others))
+
+    def _sweeping_little(self, now: _Situation, moving: str, rest: tuple[Step, ...]) -> tuple[Step, ...]:
+        """The same steps through grasps that together sweep little space, from the last one backwards.
+
+        Each takes, of the grasps that are free by its turn, the one that adds the fewest cells to what the later ones
+        sweep anyway: the smaller the Negative Goal Region, the more space for what is put aside.
+        """
+        scene, chosen, swept = now.scene, list(rest), 0
+        for index in reversed(range(len(rest))):
+            name, is_general, grasps = rest[index]
+            gone = scene.mask({moving, *(one.name for one in rest[:index])})
+            found = self.maker.candidates.for_object(scene, name) if grasps and name != moving else ()
+            free = [grasp for grasp in found if not grasp.blockers & ~gone]
+            if len(grasps) == 1 and free:
+                cells = [swept | self._swept_cells(scene, grasp) for grasp in free]
+                best = min(range(len(free)), key=lambda k: (cells[k].bit_count(), -free[k].quality))
+                chosen[index], swept = Step(name, is_general, (free[best],)), cells[best]
+        return tuple(chosen)
+
+    def _swept_cells(self, scene: Scene, grasp: GraspCandidate) -> int:
+        """The cells of the space in which objects stand that the robot occupies at a grasp, as bits.
+
+        It stands for what the grasp sweeps, which would take too long to work out for all grasps that are compared.
+        """
+        if grasp.key not in self._cells:
+            volume = standing_volume(self.maker.candidates.compiled.world(scene), grasp)
+            tallest = max(body.top - body.bottom for body in scene.objects)
+            grids = [SupportGrid.over(support, _CELL) for support in self.maker.placements.supports_in(scene)]
             cells = np.concatenate([swept_mask(grid, volume, tallest).ravel() for grid in grids])
-            known[grasp.key] = int.from_bytes(np.packbits(cells).tobytes(), "big")
-        return known[grasp.key]
+            self._cells[grasp.key] = int.from_bytes(np.packbits(cells).tobytes(), "big")
+        return self._cells[grasp.key]
 
-    return swept_cells
+    def _out_of_places(self, now: _Situation) -> _Tries:
+        """What stands in the way of a place, or of the robot there, moves too; or, moved already, goes there later."""
+        goal, waiting = self.maker.goal, now.waiting
+        if now.scene.held_names:
+            return
+        facts = [fact for name in waiting if (fact := placed_fact(goal, name))]
+        for fact in (one for one in facts if not (isinstance(one, On) and one.place in waiting)):
+            place = place_of(now.scene, fact)
+            found = in_the_way(now.scene, now.scene.body(fact.object), place, waiting)
+            yield self._moving_these_too(now, fact.object, found or self._in_the_way_of_robot(now, fact))
+
+    def _in_the_way_of_robot(self, now: _Situation, fact: On | Inside | At) -> tuple[str, ...]:
+        """What keeps the robot from putting an object down at its place once those that wait have left."""
+        name, waiting, maker = fact.object, now.waiting, self.maker
+        refuted = self._refuted_by(now, name)
+        if refuted or not self.failed[name]:  # to ask takes as long as to look for a placement
+            return refuted
+        fewest: tuple[str, ...] = ()
+        for grasp in maker.free_grasps(now.scene, name):
+            world = maker.candidates.compiled.world(grasped(now.scene, grasp))
+            leaving = [one for one in waiting if one != name]
+            found = fewest_in_the_way(maker.placements, world, place_of(now.scene, fact), leaving)
+            if found == 0:
+                return ()
+            names = () if found is None else now.scene.names_of(found)
+            fewest = min((one for one in (fewest, names) if one), key=len, default=())
+        return fewest
+
+    def _refuted_by(self, now: _Situation, name: str) -> tuple[str, ...]:
+        """What was in the way when no motion put an object at its place, and has not been moved since."""
+        known = self.maker.not_placed.blockers.get(name, frozenset())
+        return tuple(sorted(known.difference((move.name for move in now.moves), now.waiting)))
+
+    def _moving_these_too(self, now: _Situation, name: str, found: Collection[str]) -> _Situation | None:
+        """The situation in which these move, for a place of an object: from the start on, if they went there before."""
+        too_early = {(name, move.name) for move in now.moves if move.is_general and move.name in found}
+        new = tuple(one for one in found if one not in now.waiting)
+        if too_early and not too_early <= now.later:
+            also = [one for one in new if (name, one) not in too_early]
+            again = self.situation(self.start, (), (*now.also, *also), now.later | too_early)
+        elif new and not too_early:
+            again = self.situation(now.scene, now.moves, (*now.also, *new), now.later)
+        else:
+            return None
+        return again if isinstance(again, _Situation) else None
+
+    def _others(self, now: _Situation) -> Iterator[str]:
+        """Names of objects that need not move, but are in the way of grasps of those that wait, most often first."""
+        scene, candidates, waiting = now.scene, self.maker.candidates, now.waiting
+        masks = [mask for name in waiting if name not in scene.held_names for mask in candidates.blockers(scene, name)]
+        often = Counter(name for mask in masks for name in scene.names_of(mask))
+        for name, _ in often.most_common():
+            if name not in waiting and any(not mask for mask in candidates.blockers(scene, name)):
+                yield name
+
+    def _may_hold_aside(self, now: _Situation, step: Step) -> bool:
+        """Whether only one obstacle is left, which may stay in one gripper while another one takes the target."""
+        is_last = len(now.steps) == 2 and now.steps[1].name in self.maker.goal.held and step is now.steps[0]
+        return self.maker.holds_aside and is_last and not step.is_general and not now.scene.held_names
+
+    def _held_aside(self, now: _Situation) -> _Situation | None:
+        """The end: the last obstacle is held while another arm takes the target; None if that is not found."""
+        (obstacle, *_), (target, *_) = (step.grasps for step in now.steps)
+        found = holding_aside(self.maker.candidates, now.scene, obstacle, target, self.maker.can_take)
+        if found is None:
+            return None
+        scene = grasped(grasped(now.scene, found[0]), found[1])
+        return _Situation(scene, (*now.moves, *(Move(one.object, one, None) for one in found)), (), 0)
+
+    def _steps(
+        self, scene: Scene, bound: LowerBound, moves: tuple[Move, ...], to_move: tuple[str, ...], later: _Pairs
+    ) -> tuple[Step, ...]:
+        """The moves that the lower bound counts, in an order in which each can be made; under a shelf, the shortest."""
+        maker, goal = self.maker, self.maker.goal
+        if self._order is None and not moves:
+            self._order = Order.of(scene, goal, to_move, maker.candidates)
+        if self._order is not None and not scene.held_names:
+            known = maker.not_placed.blockers
+            refuted = {name: known.get(name, frozenset()) - {move.name for move in moves} for name in to_move}
+            found = self._order.steps(scene, to_move, refuted, ())
+            if found:
+                return tuple(Step(*one[:2], tuple(grasp for grasp in one[2:] if grasp is not None)) for one in found)
+        return tuple(_in_turn(maker, scene, bound, to_move, later))
 
 
-def keep_clear(strategy: Strategy, commitments: Commitments, moving: str) -> KeepClear:
-    """The grasps that a cleared object must keep clear of: those of NGR1, of NGR1 + NGR2, or none (eq. 1-3)."""
-    if strategy.region == "none":
-        return KeepClear()
-    target = commitments.grasps.get(commitments.target)
-    if strategy.region == "ngr1":
-        return KeepClear(target)
-    others = (grasp for name, grasp in commitments.grasps.items() if name not in (moving, commitments.target))
-    return KeepClear(target, tuple(others))
+def _in_turn(
+    maker: MoveMaker, scene: Scene, bound: LowerBound, to_move: Collection[str], later: _Pairs
+) -> Iterator[Step]:
+    """The moves that the lower bound counts, each of what is free by its turn, the nearest first."""
+    goal, waits, gone = maker.goal, waits_for(scene, maker.goal, to_move), set[str]()
+    base, in_hand = scene.state.base[:2], scene.held_names
+    first = dict.fromkeys((*(one for one in in_hand if one not in goal.held), *bound.objects))
+    again: list[str] = []  # objects that have been put aside, and go to their places
+
+    def grasps_of(name: str) -> list[GraspCandidate]:
+        """Grasps of an object that is not held, and has not been moved, that are free now."""
+        mask = scene.mask(gone)
+        found = () if name in in_hand else maker.candidates.for_object(scene, name)
+        return [grasp for grasp in found if not grasp.blockers & ~mask]
+
+    def is_too_early(name: str) -> bool:
+        """Whether the goal, or what was found out before, wants another object to be moved before."""
+        pending = {*first, *again}
+        if name in goal.held:
+            return len(pending) > 1
+        before = [a for a, b in (*goal.order, *later) if b == name]
+        return any(one in pending and one != name for one in before)
+
+    def place_is_free(name: str) -> bool:
+        """Whether what must have left before has."""
+        return not waits.get(name, frozenset()) - gone - {name}
+
+    while first or again:
+        ready = [name for name in again if place_is_free(name) and not is_too_early(name)]
+        if ready:
+            again.remove(ready[0])
+            yield Step(ready[0], True)
+            continue
+        free = {name: grasps_of(name) for name in first if not is_too_early(name)}
+        may = [name for name, grasps in free.items() if grasps or name in in_hand]
+        straight = [name for name in may if name in bound.aside or place_is_free(name)]
+        ready = straight or may or [*first]
+        if held_now := [name for name in ready if name in in_hand]:
+            ready = held_now
+        name = min(ready, key=lambda one: float(np.linalg.norm(scene.body(one).position[:2] - base)))
+        del first[name]
+        is_general = placed_fact(goal, name) is not None and place_is_free(name)
+        if placed_fact(goal, name) is not None and not is_general:
+            again.append(name)
+        grasps = sorted(free.get(name, ()), key=lambda grasp: -grasp.quality)[:1]
+        base = grasps[0].base[:2] if grasps else base
+        gone.add(name)
+        yield Step(name, is_general or name in goal.held, tuple(grasps))
 
 
-def simulate_until_stuck(
-    problem: ClearingProblem, commitments: Commitments, names: Sequence[str]
-) -> tuple[list[Turn], dict[str, Placement]]:
-    """Clear objects in order, up to the first that finds no location.
+def _as_plan(maker: MoveMaker, scene: Scene, moves: Sequence[Move]) -> ClearancePlan:
+    """The moves as commitments, up to the first of an object that is moved again later.
 
-    Args:
-        problem: where placements come from.
-        commitments: at the start.
-        names: of the objects.
-
-    Returns:
-        the turns, one more than there are placements; the placements, in order.
+    What is in the way of a grasp is worked out for the scene as it is.
     """
-    turns = [Turn(problem.scene, commitments)]
-    placements: dict[str, Placement] = {}
-    for name in names:
-        scene, remaining = turns[-1]
-        if problem.saves_time and name in remaining.order:
-            remaining = with_less_time(problem, scene, remaining, name)
-            turns[-1] = Turn(scene, remaining)
-        done = simulate_clearance(problem, scene, remaining, name, keep_clear(problem.strategy, remaining, name))
-        if done is None:
-            break
-        placements[name] = done[0]
-        turns.append(Turn(done[1], remaining.without(name)))
-    return turns, placements
-
-
-def simulate_clearance(
-    problem: ClearingProblem, scene: Scene, commitments: Commitments, name: str, keep: KeepClear
-) -> tuple[Placement, Scene] | None:
-    """The first placement of an object that is taken through the grasp committed to, and the scene after it.
-
-    Args:
-        problem: where placements come from.
-        scene: before the clearance; the object may be held already.
-        commitments: its grasp is one of them.
-        name: of the object.
-        keep: what the object must not stand in the way of.
-    """
-    if name in problem.homeless:
-        return None
-    held = scene.holding(name)
-    in_hand = held or grasped(scene, commitments.grasps[name])
-    world = problem.candidates.compiled.world(in_hand)
-    find = partial(problem.placements.find, strategy=problem.strategy, rng=problem.rng, deadline=problem.deadline)
-    placement = next(find(world, keep), None)
-    if placement is None:
-        if held is not None and scene is problem.scene and next(find(world, KeepClear()), None) is None:
-            problem.homeless.add(name)  # so no other commitments help
-        return None
-    state = RobotState(placement.base, in_hand.state.q, in_hand.state.finger_position)
-    return placement, in_hand.with_held(None).with_body(placement.body).with_state(state)
-
-
-def _simulate_clearances(problem: ClearingProblem, commitments: Commitments) -> ClearancePlan | str:
-    """A placement for every object to clear, found by simulating the clearances in order; or the object without one."""
-    names = (*problem.scene.held_names, *commitments.order)
-    turns, placements = simulate_until_stuck(problem, commitments, names)
-    if len(placements) < len(names):
-        return names[len(placements)]
-    if problem.saves_time:
-        last = with_less_time(problem, turns[-1].scene, commitments, commitments.target)
-        commitments = _as_taken(problem, commitments, turns, last.grasps[commitments.target])
-        names = (*problem.scene.held_names, *commitments.order)
-        placements = {name: placements[name] for name in names}
-    return ClearancePlan(commitments, MappingProxyType(placements), moves=len(placements))
-
-
-def _simulate_holding_aside(problem: ClearingProblem, commitments: Commitments) -> ClearancePlan | None:
-    """A plan in which the last obstacle is held while another arm takes the target; None if none is found."""
-    *first, last = commitments.order
-    turns, placements = simulate_until_stuck(problem, commitments, first)
-    if len(placements) < len(first):
-        return None
-    held = held_aside(problem, *turns[-1])
-    if held is None:
-        return None
-    commitments = _as_taken(problem, commitments, turns, *held.grasps.values())
-    placements = {name: placements[name] for name in first if name in commitments.order}
-    return ClearancePlan(commitments, MappingProxyType(placements), moves=len(placements), aside=last)
-
-
-def _as_taken(
-    problem: ClearingProblem, commitments: Commitments, turns: Sequence[Turn], *others: GraspCandidate
-) -> Commitments:
-    """The commitments with the grasps chosen turn by turn and others, to those objects that are in the way of these.
-
-    What is in the way is worked out for the present scene: grasps chosen later may need fewer objects cleared.
-    """
-    taken = dict(commitments.grasps)
-    for turn in turns:
-        taken |= turn.remaining.grasps
-    taken |= {grasp.object: grasp for grasp in others}
-    known = {grasp.object: grasp for grasp in with_blockers(problem, taken.values())}
-    kept, frontier = {commitments.target}, [commitments.target]
-    while frontier:
-        blockers = set(problem.scene.names_of(known[frontier.pop()].blockers)) - kept
-        kept |= blockers
-        frontier += sorted(blockers)
-    order = tuple(name for name in commitments.order if name in kept)
-    grasps = MappingProxyType({name: grasp for name, grasp in known.items() if name in kept})
-    return Commitments(commitments.target, order, grasps)
+    names = [move.name for move in moves]
+    ends = next((index for index, name in enumerate(names) if name in names[index + 1 :]), None)
+    provisional = "" if ends is None else names[ends]
+    made = {move.name: move for move in moves[: None if ends is None else ends + 1]}
+    grasps = with_blockers(maker.candidates, scene, [move.grasp for move in made.values() if move.grasp is not None])
+    in_hand = [move.name for move in made.values() if move.placement is None]
+    target = in_hand[-1] if in_hand else ""
+    return ClearancePlan(
+        Commitments(
+            target,
+            tuple(name for name in made if name != target),
+            MappingProxyType({grasp.object: grasp for grasp in grasps}),
+        ),
+        MappingProxyType({name: move.placement for name, move in made.items() if move.placement is not None}),
+        provisional,
+        aside=in_hand[0] if len(in_hand) > 1 else "",
+        general=frozenset(name for name, move in made.items() if move.is_general),
+        until=tuple(made),
+    )

@@ -161,6 +161,8 @@ class GraspCandidates:
         canonical: whether canonical grasps come first, for robots that act with one arm.
         near_home: only the configuration nearest to home, for end-effector-controlled robots.
         compiled: the compiled scenes, shared with the other users in one solve.
+        refuted: grasps that were found worse than expected.
+        unusable: those of them that the gripper cannot come to, or leave again.
         remembers: whether grasps are kept when other objects have moved: only what these hit is looked at again. Where
             that leaves no free one, and one might be free that was left out as it hit more, grasps are looked for anew.
     """
@@ -171,6 +173,8 @@ class GraspCandidates:
     near_home: bool = False
     compiled: CompiledScenes = field(default_factory=CompiledScenes)
     remembers: bool = False
+    refuted: int = 0
+    unusable: int = 0
     _scene: Scene | None = None
     _views: dict[str, Scene] = field(default_factory=dict)
     _known: dict[_Key, _Known] = field(default_factory=dict)
@@ -223,12 +227,14 @@ class GraspCandidates:
 
     def ban(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Remove that grasp until the scene changes."""
+        self.refuted += 1
         view = self._views_of(scene)[grasp.arm]
         others = [other for other in self._through_arm(view, grasp.object) if other.key != grasp.key]
         self._keep(view, grasp, others)
 
     def obstruct(self, scene: Scene, grasp: GraspCandidate, blockers: int) -> None:
         """Add blockers to that grasp, as a mask: objects that are in the way to it or from it."""
+        self.refuted += 1
         worse, view = replace(grasp, blockers=grasp.blockers | blockers), self._views_of(scene)[grasp.arm]
         known = self._through_arm(view, grasp.object)
         self._keep(view, grasp, [worse if other.key == grasp.key else other for other in known])

@@ -54,7 +54,7 @@ _NEW_EYE = 0.06
 _MISSES = 2
 """Times that a place in line of sight is not seen, for example because it is narrower than a pixel, until views do not
 count it any more."""
-_ASIDE = replace(STRATEGIES["lookahead"], sets=4, slack=1, variations=2, non_monotone=0, attempts=1)
+_ASIDE = replace(STRATEGIES["lookahead"], tries=30, attempts=1)
 """How what is put aside is planned: quickly, since another spot or another object will do."""
 _TRIED = 5
 """Objects for which a plan is tried before another view, or the end, is considered."""

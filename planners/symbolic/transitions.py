@@ -98,7 +98,7 @@ def with_moves(state: SymbolicState, moves: Sequence[Moved]) -> tuple[SymbolicSt
     wanted: list[Atom] = []
     for index, (name, blockers, is_put_down, obstructs) in enumerate(moves):
         add: set[Atom] = {("obstructs", other, grasp_references(name).arm_trajectory, name) for other in blockers}
-        if index:
+        if index and moves[index - 1].is_put_down:
             add.add(("waitsFor", name, moves[index - 1].object))
         if is_put_down:
             location = next_location(state, name)

@@ -82,7 +82,7 @@ def initial_state(search: Search, scene: Scene) -> PlanState | Infeasible:
     """s0: the facts that the scene gives, and what the grasp references stand for."""
     robot = scene.robot
     search.start = search.start or scene
-    if not search.target and search.bound is None:
+    if not search.is_greedy and search.bound is None:
         before = cpu_seconds()
         search.bound = search.motion_layer.lower_bound(scene, search.goal, search.start, not search.hold_aside)
         search.motion_planning_s += cpu_seconds() - before
@@ -93,12 +93,14 @@ def initial_state(search: Search, scene: Scene) -> PlanState | Infeasible:
     if scene.held is not None:
         held = {gripper_symbol(robot, robot.arm_name): scene.held.name, **held}
     grippers = [gripper_symbol(robot, arm) for arm in robot.acting_arms]
-    return bind_grasps(search, symbolic_state(scene.names, held, grippers, held_obstructs=search.target), scene)
+    return bind_grasps(
+        search, symbolic_state(scene.names, held, grippers, held_obstructs=search.target * search.is_greedy), scene
+    )
 
 
 def is_goal(search: Search, state: PlanState) -> bool:
     """Whether s0 satisfies g: the target is held, or the facts of the goal hold by the geometry of the scene."""
-    if search.target:
+    if search.is_greedy:
         return TaskProblem(state.symbols, search.target).is_solved
     return search.goal.holds(as_seen(state.scene), search.start)
 
@@ -142,7 +144,7 @@ def call_task_planning(search: Search, state: PlanState) -> TaskPlan | Infeasibl
     """T = callTaskPlanning(A, s0, g): the task plan, or why there is none."""
     put_down = Counter(action.target for action in search.plan if action.name.startswith("PutDown"))
     is_too_often = put_down.total() - len(search.goal.placed) >= MAX_CLEARANCES
-    is_too_often |= not search.target and max(put_down.values(), default=0) > MAX_ASIDE
+    is_too_often |= not search.is_greedy and max(put_down.values(), default=0) > MAX_ASIDE
     if search.is_late or len(search.history) >= MAX_REPLANS or is_too_often:
         return search.out_of_time(state.scene)
     found = task_plan(search, state)
@@ -215,7 +217,7 @@ def update_initial_state_from_error(
     is_aside_in_hand = state.clearance_plan.aside in state.scene.held_names
     if is_aside_in_hand:
         search.hold_aside = False
-    if is_aside_in_hand or not error.blockers or not search.target:
+    if is_aside_in_hand or not error.blockers or not search.is_greedy:
         return rebind_grasps(search, state.symbols, state.scene)
     obstructed = update_from_error(state.symbols, GraspObstructed(error.action.args[0], error.blockers))
     if error.blockers <= set(state.clearance_plan.commitments.grasps):

@@ -6,10 +6,9 @@ from dataclasses import replace
 
 from assets.robots import RobotSpec
 from planners.cause import Cause
-from planners.clearing.commitments import Commitments, NoCommitment
+from planners.clearing.commitments import ClearancePlan, Commitments, NoCommitment, keep_clear
 from planners.clearing.goal_bound import must_move, order_circle
-from planners.clearing.goal_plan import NotPlaced
-from planners.clearing.lookahead import ClearancePlan, keep_clear
+from planners.clearing.moves import MoveMaker, NotPlaced
 from planners.clock import cpu_seconds
 from planners.goals import Goal, Holding
 from planners.motion.path import BlockedBy, NoPath
@@ -29,7 +28,6 @@ from planners.symbolic.problem import (
 from planners.symbolic.transitions import (
     GraspObstructed,
     Moved,
-    grasp_references,
     reached_by,
     update_from_error,
     with_moves,
@@ -42,33 +40,32 @@ _GRASP_POSE, _PUT_DOWN_POSE = "robot_gp_", "robot_pdp_"
 
 
 def bind_grasps(search: Search, symbols: SymbolicState, scene: Scene) -> PlanState | Infeasible:
-    """Choose what the grasp references stand for; a strategy that plans ahead adds what obstructs these grasps."""
-    if not search.target:
-        return _bind_moves(search, symbols, scene)
-    before, task_planning_before = cpu_seconds(), search.task_planning_s
-
-    def order_by_task_plan(commitments: Commitments) -> Commitments:
-        """The commitments in the order in which the task planner clears."""
-        obstructed = _with_obstructions(search, symbols, scene, commitments)
-        skeleton = task_plan(search, PlanState(obstructed, scene, ClearancePlan(commitments)))
-        if isinstance(skeleton, NoPlan):
-            return commitments
-        picked = [action.args[0] for action in skeleton.actions if action.name == "PickUp"]
-        return replace(commitments, order=tuple(name for name in picked if name in commitments.order))
-
-    symbols = replace(symbols, holds_aside=False)
-    found = search.motion_layer.choose_grasps(
-        search.strategy, scene, search.target, order_by_task_plan, search.clearances, search.hold_aside
-    )
-    # The order comes from the task planner, whose time is counted where it is called.
-    ordering = search.task_planning_s - task_planning_before
-    search.motion_planning_s += cpu_seconds() - before - ordering
-    if search.has_given_up:
-        return search.out_of_time()
+    """Choose what the grasp references stand for; a strategy that plans ahead chooses all moves."""
+    before = cpu_seconds()
+    if search.is_greedy:
+        found = search.motion_layer.choose_grasps(search.strategy, scene, search.target, search.clearances)
+    else:
+        found = search.motion_layer.plan_goal(_maker(search), scene)
+    search.motion_planning_s += cpu_seconds() - before
     if isinstance(found, NoCommitment):
         return refused(search, scene, found)
-    symbols = _with_obstructions(search, symbols, scene, found.commitments)
-    return PlanState(replace(symbols, holds_aside=bool(found.aside)), scene, found)
+    if not search.is_greedy:
+        return _with_moves(search, symbols, scene, found)
+    for name in sorted(_obstructed(symbols) & {*scene.names}):
+        symbols = update_from_error(symbols, GraspObstructed(name, frozenset()))  # forget earlier choices
+    return PlanState(_with_arms(symbols, scene, found.commitments), scene, found)
+
+
+def _obstructed(symbols: SymbolicState) -> set[str]:
+    """Names of the objects of which it is said what obstructs them."""
+    return {name for _, _, _, name in symbols.find("obstructs", None, None, None)}
+
+
+def _maker(search: Search) -> MoveMaker:
+    """The maker of moves for the goal."""
+    assert search.start is not None
+    known = NotPlaced(search.not_placed, search.refused_pitches)
+    return search.motion_layer.maker(search.strategy, search.goal, search.start, known, search.hold_aside)
 
 
 def refused(search: Search, scene: Scene, found: NoCommitment) -> Infeasible:
@@ -98,15 +95,8 @@ def refused(search: Search, scene: Scene, found: NoCommitment) -> Infeasible:
     return search.infeasible(cause, detail, found.objects)
 
 
-def _bind_moves(search: Search, symbols: SymbolicState, scene: Scene) -> PlanState | Infeasible:
-    """Choose the moves for a goal with places, as `bind_grasps` chooses grasps for a target."""
-    before = cpu_seconds()
-    assert search.start is not None
-    known = NotPlaced(search.not_placed, search.refused_pitches)
-    found = search.motion_layer.plan_goal(search.strategy, scene, search.goal, search.start, known)
-    search.motion_planning_s += cpu_seconds() - before
-    if isinstance(found, NoCommitment):
-        return refused(search, scene, found)
+def _with_moves(search: Search, symbols: SymbolicState, scene: Scene, found: ClearancePlan) -> PlanState | Infeasible:
+    """s0 with the moves that are planned, and the facts that are planned for."""
     lacking = () if found.until else search.goal.unmet(as_seen(scene), search.start)
     if lacking:
         unmet = " ".join(Goal((fact,)).to_pddl() for fact in lacking)
@@ -120,7 +110,7 @@ def _bind_moves(search: Search, symbols: SymbolicState, scene: Scene) -> PlanSta
         blocked = (other for other in later if name in blockers.get(other, ()))
         obstructs = "" if name in found.general else next(blocked, (*later, *rest, "")[0])
         moves.append(Moved(name, tuple(sorted(blockers.get(name, ()))), name in found.placements, obstructs))
-    symbols, wanted = with_moves(symbols, moves)
+    symbols, wanted = with_moves(replace(symbols, holds_aside=bool(found.aside)), moves)
     return PlanState(symbols, scene, found, wanted=wanted)
 
 
@@ -132,12 +122,10 @@ def rebind_grasps(search: Search, symbols: SymbolicState, scene: Scene) -> PlanS
 
 
 def task_plan(search: Search, state: PlanState) -> TaskPlan | NoPlan:
-    """The task planner's answer, checked; its time is counted. What is to stay in a hand it does not put down."""
+    """The task planner's answer, checked; its time is counted."""
     before = cpu_seconds()
-    symbols, aside = state.symbols, state.clearance_plan.aside
-    offers = symbols.find("isClearanceLocation", None, aside, None) if aside else ()
-    target = search.target or state.clearance_plan.commitments.target
-    problem = TaskProblem(symbols.changed(remove=offers), target, state.wanted).pruned()
+    target = search.target if search.is_greedy else state.clearance_plan.commitments.target
+    problem = TaskProblem(state.symbols, target, state.wanted).pruned()
     checked = search.answers.get(problem)
     if checked is None:
         time_limit = min(TASK_PLANNING_S, search.motion_layer.deadline.remaining)
@@ -147,17 +135,6 @@ def task_plan(search: Search, state: PlanState) -> TaskPlan | NoPlan:
     search.task_plans += 1
     search.has_given_up |= isinstance(checked, NoPlan) and checked.reason == "gave up"
     return checked
-
-
-def _with_obstructions(search: Search, symbols: SymbolicState, scene: Scene, commitments: Commitments) -> SymbolicState:
-    """Forget what obstructed earlier choices; a strategy that plans ahead says what obstructs these."""
-    symbols = _with_arms(symbols, scene, commitments)
-    blockers = commitments.blockers(scene) if search.strategy.plans_ahead else {}
-    obstructed = {trajectory for _, _, trajectory, _ in symbols.find("obstructs", None, None, None)}
-    for name in scene.names:
-        if blockers.get(name) or grasp_references(name).arm_trajectory in obstructed:
-            symbols = update_from_error(symbols, GraspObstructed(name, frozenset(blockers.get(name, ()))))
-    return symbols
 
 
 def _with_arms(symbols: SymbolicState, scene: Scene, commitments: Commitments) -> SymbolicState:
@@ -209,11 +186,10 @@ def _drive_to_put_down(
     assert scene is not None
     plan = state.clearance_plan
     clear_of = keep_clear(search.strategy, plan.commitments, name)
-    if search.target:
+    if search.is_greedy:
         placements = motion_layer.placements(scene, clear_of, search.strategy, plan.placements.get(name))
     else:
-        assert search.start is not None
-        placements = motion_layer.goal_placements(scene, search.goal, search.start, clear_of, search.strategy, plan)
+        placements = motion_layer.goal_placements(_maker(search), scene, clear_of, plan)
     refuted: list[tuple[Scene, Placement]] = []
     no_drive = ""
     for placement in placements:
@@ -259,7 +235,7 @@ def _pick_up(search: Search, state: PlanState, action: GroundAction, name: str) 
         search.motion_layer.ban(state.scene, grasp)
         return Refutation(action, reason=picked.reason)
     reason = f"{picked.phase}: {', '.join(sorted(picked.blockers))} in the way"
-    if picked.phase == "grasp" and search.target:
+    if picked.phase == "grasp" and search.is_greedy:
         return Refutation(action, frozenset(picked.blockers), reason)
     search.motion_layer.obstruct(state.scene, grasp, picked.blockers)
     return Refutation(action, reason=reason)

@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planners.cause import Cause
-from planners.clearing.commitments import ClearingProblem, Commitments, NoCommitment
+from planners.clearing.commitments import ClearancePlan, NoCommitment, commitments_for
 from planners.clearing.goal_bound import LowerBound, fewest_picks
-from planners.clearing.goal_plan import NotPlaced, goal_plan, placements_of
-from planners.clearing.lookahead import ClearancePlan, commitments_for
-from planners.clearing.non_monotone import non_monotone_plan
+from planners.clearing.lookahead import look_ahead
+from planners.clearing.moves import MoveMaker, NotPlaced
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import CollisionWorld, CompiledScenes
 from planners.context import PlanningContext
-from planners.goals import Goal
+from planners.goals import Goal, holding
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
-from planners.motion.approaches import fewest_blockers, stand_off
+from planners.motion.approaches import stand_off
 from planners.motion.arm import ArmQuery, is_among_objects, is_at_home, plan_arm, plan_home, unwrap_joints
 from planners.motion.base import plan_base
 from planners.motion.contact_free import merge_phases
@@ -71,9 +70,8 @@ class MotionLayer:
     """Answers Algorithm 1's questions for grasps, placements and motions; remembers what motion planning refuted.
 
     `compiled` are the collision worlds of the states so far, `candidates` the grasps known in the present one.
-    `has_refuted` says whether motion planning refuted a grasp. With `checks_at_end` MuJoCo checks motions once, when
+    With `checks_at_end` MuJoCo checks motions once, when
     they are `shortened`; if it refutes one then, `is_refuted` is set, and the plan must be made again without.
-    `unusable` counts the grasps that the gripper could not come to or leave.
     """
 
     context: PlanningContext
@@ -83,52 +81,66 @@ class MotionLayer:
     candidates: GraspCandidates = field(init=False, repr=False)
     placement_search: PlacementSearch = field(init=False, repr=False)
     checks_at_end: bool = False
-    has_refuted: bool = False
     is_refuted: bool = False
-    unusable: int = 0
     _checkers: dict[str, MujocoCollisionChecker] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         self.candidates, self.placement_search = self.context.grasps(self.compiled), self.context.placements()
 
+    @property
+    def has_refuted(self) -> bool:
+        """Whether motion planning refuted a grasp."""
+        return self.candidates.refuted > 0
+
     def choose_grasps(
+        self, strategy: Strategy, scene: Scene, target: str, cleared: Sequence[str]
+    ) -> ClearancePlan | NoCommitment:
+        """Commitments of a strategy that does not plan ahead, to grasps that the gripper can leave again.
+
+        What was `cleared` before is cleared again only if nothing else helps, if the strategy leaves it alone.
+        """
+        maker = self.maker(strategy, holding(target), scene)
+        left_alone = frozenset(cleared) if strategy.leaves_cleared else frozenset[str]()
+        while True:
+            found = commitments_for(
+                lambda name: () if name in left_alone else self.candidates.for_object(scene, name),  # noqa: B023
+                scene,
+                target,
+                strategy,
+                self.deadline,
+            )
+            if isinstance(found, NoCommitment):
+                if left_alone and not self.deadline.is_over:
+                    left_alone = frozenset()
+                    continue
+                return self.explained(scene, found)
+            unusable = [grasp for grasp in found.grasps.values() if not maker.is_usable(scene, grasp)]
+            if not unusable:
+                return ClearancePlan(found)
+            for grasp in unusable:
+                maker.reject(scene, grasp)
+
+    def maker(
         self,
         strategy: Strategy,
-        scene: Scene,
-        target: str,
-        order_by_task_plan: Callable[[Commitments], Commitments],
-        cleared: Sequence[str] = (),
+        goal: Goal,
+        start: Scene,
+        not_placed: NotPlaced | None = None,
         holds_aside: bool = False,
-    ) -> ClearancePlan | NoCommitment:
-        """The strategy's commitments for a scene, to grasps that the gripper can leave again.
-
-        With `holds_aside` the last obstacle may stay in one gripper while another one takes the target. What was
-        `cleared` before is cleared again only if nothing else helps, if the strategy leaves it alone.
-        """
-        problem = ClearingProblem(
+    ) -> MoveMaker:
+        """Maker of moves for a goal, from the grasps and placements known here."""
+        return MoveMaker(
+            goal,
+            start,
+            strategy,
             self.candidates,
             self.placement_search,
-            scene,
-            target,
-            strategy,
             self.rng,
             self.deadline,
-            self.is_usable,
-            self._reject,
-            order_by_task_plan,
-            frozenset(cleared) if strategy.leaves_cleared else frozenset(),
+            not_placed or NotPlaced(),
             holds_aside,
             self.context.saves_time,
         )
-        found = commitments_for(problem)
-        if isinstance(found, NoCommitment) and problem.left_alone and not self.deadline.is_over:
-            problem = replace(problem, left_alone=frozenset())
-            found = commitments_for(problem)
-        if isinstance(found, ClearancePlan):
-            return found
-        if found.cause is Cause.NO_CLEARANCE_LOCATION:
-            return non_monotone_plan(problem, strategy.non_monotone - (len(cleared) - len(set(cleared)))) or found
-        return self.explained(scene, found)
 
     def explained(self, scene: Scene, found: NoCommitment) -> NoCommitment:
         """Why nothing can be committed to, with the cause that lies behind a lack of grasps."""
@@ -139,24 +151,22 @@ class MotionLayer:
         # If motion planning refuted grasps, it is not the grasps alone that leave no commitments.
         return replace(found, cause=Cause.MOTION) if self.has_refuted and found.cause.lies_in_grasps else found
 
-    def plan_goal(
-        self, strategy: Strategy, scene: Scene, goal: Goal, start: Scene, not_placed: NotPlaced
-    ) -> ClearancePlan | NoCommitment:
-        """The moves for a goal with places; see `planners.clearing.goal_plan.goal_plan`."""
-        found = goal_plan(self._problem(strategy, scene), goal, start, not_placed)
+    def plan_goal(self, maker: MoveMaker, scene: Scene) -> ClearancePlan | NoCommitment:
+        """The moves for a goal; see `planners.clearing.lookahead.look_ahead`."""
+        self.candidates.remembers = True
+        found = look_ahead(maker, scene)
         return self.explained(scene, found) if isinstance(found, NoCommitment) else found
 
     def goal_placements(
-        self, scene: Scene, goal: Goal, start: Scene, keep_clear: KeepClear, strategy: Strategy, plan: ClearancePlan
+        self, maker: MoveMaker, scene: Scene, keep_clear: KeepClear, plan: ClearancePlan
     ) -> Iterator[Placement]:
         """Placements of the held object, as it is planned to be moved for a goal: the one planned, then others."""
         assert scene.held is not None
         name = scene.held.name
-        fact = placed_fact(goal, name) if name in plan.general else None
-        keep = replace(keep_clear, reserved=reserved_regions(scene, goal, name if name in plan.general else ""))
-        waiting = plan.commitments.grasps
-        others = placements_of(self._problem(strategy, scene), goal, start, scene, fact, keep, waiting)
-        return itertools.islice(itertools.chain((plan.placements[name],), others), strategy.placements)
+        fact = placed_fact(maker.goal, name) if name in plan.general else None
+        reserved = reserved_regions(scene, maker.goal, name if name in plan.general else "")
+        others = maker.places(scene, fact, replace(keep_clear, reserved=reserved), plan.commitments.grasps)
+        return itertools.islice(itertools.chain((plan.placements[name],), others), maker.strategy.placements)
 
     def lower_bound(self, scene: Scene, goal: Goal, start: Scene, buffers: bool) -> LowerBound:
         """The fewest picks for a goal, by the grasps known here."""
@@ -164,36 +174,8 @@ class MotionLayer:
         self.candidates.remembers = True
         return fewest_picks(scene, goal, self.candidates, start, search=search, buffers=buffers, deadline=deadline)
 
-    def _problem(self, strategy: Strategy, scene: Scene) -> ClearingProblem:
-        search, rng, deadline = self.placement_search, self.rng, self.deadline
-        self.candidates.remembers = True
-        return ClearingProblem(self.candidates, search, scene, "", strategy, rng, deadline)
-
-    def _reject(self, scene: Scene, grasp: GraspCandidate) -> None:
-        """Add to a grasp that is not usable what is in the way of its straight lines, or do not offer it again."""
-        self.unusable += 1
-        world = self.compiled.world(scene).for_arm(grasp.arm)
-        blockers = fewest_blockers(world, grasp.base, grasp.q, grasp.object) if grasp.drives else None
-        if blockers is None:
-            self.ban(scene, grasp)
-        else:
-            self.has_refuted = True
-            self.candidates.obstruct(scene, grasp, blockers)
-
-    def is_usable(self, scene: Scene, grasp: GraspCandidate) -> bool:
-        """Whether the gripper can leave a grasp again; under a shelf also whether it knows all that is in its way.
-
-        In the open, other objects do not count: they can be cleared.
-        """
-        world = self.compiled.world(scene)
-        if not grasp.drives:
-            return self.placement_search.approach(world, grasp) is not None
-        blockers = fewest_blockers(world.for_arm(grasp.arm), grasp.base, grasp.q, grasp.object)
-        return blockers is not None and not blockers & ~grasp.blockers
-
     def ban(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Do not offer a grasp again: no motion leads to it."""
-        self.has_refuted = True
         self.candidates.ban(scene, grasp)
 
     def obstruct(self, scene: Scene, grasp: GraspCandidate, blockers: frozenset[str]) -> None:
@@ -201,7 +183,6 @@ class MotionLayer:
 
         An object that is in the way of its own grasp cannot be cleared for it.
         """
-        self.has_refuted = True
         mask = scene.mask(blockers - {grasp.object})
         if mask & ~grasp.blockers:
             self.candidates.obstruct(scene, grasp, mask)

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from planners.cause import Cause
+from planners.clearing.commitments import ClearancePlan
 from planners.clearing.goal_bound import LowerBound
-from planners.clearing.lookahead import ClearancePlan
 from planners.clock import cpu_seconds
 from planners.goals import Goal
 from planners.motion.arm import tcp_pose
@@ -113,6 +113,11 @@ class Search:
         return self.goal.target
 
     @property
+    def is_greedy(self) -> bool:
+        """Whether grasps for a target are chosen as the paper does, one after another, without planning ahead."""
+        return bool(self.target) and not self.strategy.plans_ahead
+
+    @property
     def is_late(self) -> bool:
         """Whether the time is up."""
         return self.motion_layer.deadline.is_over
@@ -153,6 +158,6 @@ class Search:
             task_planning_s=self.task_planning_s,
             motion_planning_s=self.motion_planning_s,
             total_s=cpu_seconds() - self.started_cpu,
-            unusable=self.motion_layer.unusable,
+            unusable=self.motion_layer.candidates.unusable,
             history=tuple(self.history),
         )

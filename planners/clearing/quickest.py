@@ -1,0 +1,120 @@
+"""Grasps that take less time: from a near base pose, with the arm near home, the next object near too.
+
+`holding_aside` saves a put-down besides: the last obstacle stays in one gripper while another one takes the target. The
+paper forbids that: each of its obstacles is put down before the next object is taken.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from assets.robots import RobotSpec
+from planners.clearing.commitments import grasped
+from planners.grasping.candidates import GraspCandidate, GraspCandidates
+from planners.scene import Scene
+
+Array = NDArray[np.float64]
+
+_TRIED = 8
+"""Grasps of one object that are offered, the quickest first."""
+_PAIRS = 12
+"""Pairs of grasps by two arms that are checked, the quickest first."""
+_BASES = 4
+"""Base poses of the obstacle's grasps from which another arm's grasps of the target are looked for."""
+_START = 0.7
+"""[s] that a base motion takes beside its distance at full speed: it speeds up and slows down."""
+
+
+def quickest_first(
+    candidates: GraspCandidates, scene: Scene, name: str, following: str = ""
+) -> Iterator[GraspCandidate]:
+    """The quickest grasps of an object that hit nothing, quickest first; none where the base drives in and out.
+
+    Args:
+        candidates: where grasps come from.
+        scene: in which the object is taken.
+        name: of the object.
+        following: name of the object that is taken next, "" for none.
+    """
+    gone = scene.mask([name])
+    later = candidates.for_object(scene, following) if following else ()
+    bases = [grasp.base for grasp in later if not grasp.blockers & ~gone]
+
+    def cost(grasp: GraspCandidate) -> float:
+        """[s] to drive there, to take the object and to drive on, about."""
+        onwards = min((_drive_time(scene.robot, grasp.base, base) for base in bases), default=0.0)
+        return _drive_time(scene.robot, scene.state.base, grasp.base) + _arm_time(scene.robot, grasp) + onwards
+
+    found = [*candidates.from_base(scene, name, scene.state.base), *candidates.for_object(scene, name)]
+    free = [grasp for grasp in found if not grasp.blockers and not grasp.drives]
+    return itertools.islice(sorted(free, key=cost), _TRIED)
+
+
+def holding_aside(
+    candidates: GraspCandidates,
+    scene: Scene,
+    obstacle: GraspCandidate,
+    target: GraspCandidate,
+    can_take: Callable[[Scene, GraspCandidate], bool],
+) -> tuple[GraspCandidate, GraspCandidate] | None:
+    """Grasps of the last obstacle and of the target by different arms; None if none are found.
+
+    Args:
+        candidates: where grasps come from.
+        scene: in which all obstacles but the last one are cleared.
+        obstacle, target: the grasps that one arm would take them through.
+        can_take: whether the gripper can come to a grasp in a scene, and leave with the object.
+    """
+    robot = scene.robot
+
+    def cost(pair: tuple[GraspCandidate, GraspCandidate]) -> float:
+        """[s] to take both objects, about."""
+        first, second = pair
+        drives = _drive_time(robot, scene.state.base, first.base) + _drive_time(robot, first.base, second.base, True)
+        return drives + _arm_time(robot, first) + _arm_time(robot, second)
+
+    pairs = sorted(_pairs(candidates, scene, obstacle, target), key=cost)
+    for first, second in itertools.islice(pairs, _PAIRS):
+        if can_take(scene, first) and can_take(grasped(scene, first), second):
+            return first, second
+    return None
+
+
+def _pairs(
+    candidates: GraspCandidates, scene: Scene, obstacle: GraspCandidate, target: GraspCandidate
+) -> Iterator[tuple[GraspCandidate, GraspCandidate]]:
+    """Grasps of the last obstacle, each with those of the target through another arm that are free then."""
+    here = scene.state.base
+
+    def free(chosen: GraspCandidate, gone: int, more: Sequence[GraspCandidate]) -> list[GraspCandidate]:
+        """The grasps of one object that are free once those of the mask `gone` are."""
+        found = (chosen, *candidates.for_object(scene, chosen.object), *more)
+        return [one for one in found if not one.blockers & ~gone and not one.drives]
+
+    firsts = free(obstacle, 0, candidates.from_base(scene, obstacle.object, here))
+    quickest = sorted(firsts, key=lambda one: _drive_time(scene.robot, here, one.base) + _arm_time(scene.robot, one))
+    bases = itertools.islice({one.base.tobytes(): one.base for one in quickest}.values(), _BASES)
+    near = [one for base in bases for one in candidates.from_base(scene, target.object, base)]
+    seconds = free(target, scene.mask([obstacle.object]), near)
+    yield from ((one, other) for one, other in itertools.product(firsts, seconds) if one.arm != other.arm)
+
+
+def _drive_time(robot: RobotSpec, start: Array, end: Array, is_loaded: bool = False) -> float:
+    """[s] that the base takes from one pose (3,) to another, about; 0 if it stays."""
+    away = float(np.hypot(*(end - start)[:2]))
+    turn = abs(float(np.remainder(end[2] - start[2] + np.pi, 2 * np.pi)) - np.pi)
+    yaw_rate = min(robot.max_velocity[2], robot.max_loaded_yaw_rate) if is_loaded else robot.max_velocity[2]
+    longest = max(away / min(robot.max_velocity[:2]), turn / yaw_rate)
+    return longest + _START if longest > 1e-6 else 0.0
+
+
+def _arm_time(robot: RobotSpec, grasp: GraspCandidate) -> float:
+    """[s] that the arm of a grasp takes from its home configuration to the grasp and back at full speed."""
+    spec = robot.using(grasp.arm) if grasp.arm != robot.arm_name else robot
+    turns = np.abs(grasp.q - np.array(spec.home))
+    turns[1:] = np.minimum(turns[1:], np.abs(2 * np.pi - turns[1:]))
+    return 2 * float((turns / np.array(spec.max_velocity[3:])).max())
