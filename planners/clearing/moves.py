@@ -193,14 +193,14 @@ class MoveMaker:
             for _ in range(_TRIED):
                 unblocked = (one for one in find(scene, name) if not one.blockers)
                 free = (one for one in unblocked if (_hold(scene, one) if by_hold else one.pitch) not in seen)
-                grasp = next(free, None)
-                if grasp is None:
+                found = next(free, None)
+                if found is None:
                     break
-                if self.can_take(scene, grasp):
-                    seen |= {grasp.pitch, _hold(scene, grasp)}
-                    yield grasp
+                if self.can_take(scene, found):
+                    seen |= {found.pitch, _hold(scene, found)}
+                    yield found
                 else:
-                    self.reject(scene, grasp)
+                    self.reject(scene, found)
 
     def is_usable(self, scene: Scene, grasp: GraspCandidate) -> bool:
         """Whether the gripper can leave a grasp again; under a shelf also whether it knows all that is in its way.
