@@ -27,12 +27,9 @@ from planners import STRATEGIES
 LOOKAHEAD = STRATEGIES["lookahead"]
 ABLATIONS = {
     # The smallest set is still chosen, but clearances are not simulated before the first motion.
-    "lookahead - look-ahead": Variant(
-        replace(LOOKAHEAD, plans_ahead=False, sets=1, slack=0, variations=0, non_monotone=0)
-    ),
+    "lookahead - look-ahead": Variant(replace(LOOKAHEAD, plans_ahead=False)),
     "lookahead - tilt": Variant(LOOKAHEAD, {"grasps": "side"}),
     "lookahead - counters": Variant(LOOKAHEAD, {"supports": (TABLE,)}),
-    "lookahead - second moves": Variant(replace(LOOKAHEAD, non_monotone=0)),
 }
 ARMS = {
     "lookahead, one arm, less time": Variant(LOOKAHEAD, {"saves_time": True}),

@@ -78,7 +78,7 @@ def fewest_picks(
         expansions: search nodes after which the proof is given up.
         deadline: when to stop.
     """
-    to_move = _with_what_stands_on(goal, (*must_move(scene, goal, start), *also))
+    to_move = with_what_stands_on(goal, (*must_move(scene, goal, start), *also))
     if not to_move:
         return LowerBound(0, (), (), True, 0)
     if nowhere := without_room(scene, goal, to_move)[0]:
@@ -165,7 +165,7 @@ def must_move(scene: Scene, goal: Goal, start: Scene | None = None) -> tuple[str
     return tuple(dict.fromkeys(names))
 
 
-def _with_what_stands_on(goal: Goal, names: Collection[str]) -> tuple[str, ...]:
+def with_what_stands_on(goal: Goal, names: Collection[str]) -> tuple[str, ...]:
     """Names of objects that move, and of those that the goal wants on one of these: they leave it, and come back."""
     found = dict.fromkeys(names)
     stacked = [fact for fact in goal.placed if isinstance(fact, On)]

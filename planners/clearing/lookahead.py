@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import math
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -20,8 +21,8 @@ import numpy as np
 
 from planners.cause import Cause
 from planners.clearing.commitments import ClearancePlan, Commitments, NoCommitment, grasped, with_blockers
-from planners.clearing.goal_bound import LowerBound, fewest_picks, must_move, waits_for
-from planners.clearing.moves import Move, MoveMaker
+from planners.clearing.goal_bound import LowerBound, fewest_picks, must_move, waits_for, with_what_stands_on
+from planners.clearing.moves import Move, Moved, MoveMaker
 from planners.clearing.order_of_moves import Order
 from planners.clearing.quickest import holding_aside
 from planners.goals import At, Inside, On
@@ -33,12 +34,16 @@ from planners.placing.surfaces import KeepClear
 from planners.placing.swept_volume import standing_volume
 from planners.scene import Scene
 
-_WEIGHTS = (1.0, 3.0)
-"""Of the picks that are left at least: at first the fewest picks in all decide, then the search becomes greedy."""
+_GREEDY = 3.0
+"""Weight of the picks that are left at least while no plan is known; then those made and those left count alike."""
+_BETTER = 4
+"""Of the tries, one in so many looks for a plan with fewer picks, once one is found that has more than the bound."""
 _ALIKE = 2
 """Scenes looked at of those to which the same moves lead in another order."""
 _OTHERS = 6
 """Objects that need not move which are put aside, at most, from one scene."""
+_REJECTIONS = 100
+"""Times that grasps which cannot be used are taken out before a scene counts as without a plan."""
 _CELL = 0.02
 """[m] of the cells in which swept space is compared."""
 
@@ -52,12 +57,19 @@ class Step(NamedTuple):
     Attributes:
         name: of the object.
         is_general: whether it goes where the goal wants it.
-        grasps: what others keep clear of until then: the grasp that takes it, and the one that puts it down.
+        taken: the grasp that it is meant to be taken through; None if it is in a hand, or has been moved before.
+        put: the one that puts it down, where that is known.
     """
 
     name: str
     is_general: bool
-    grasps: tuple[GraspCandidate, ...] = ()
+    taken: GraspCandidate | None = None
+    put: GraspCandidate | None = None
+
+    @property
+    def grasps(self) -> tuple[GraspCandidate, ...]:
+        """What others keep clear of until then."""
+        return tuple(grasp for grasp in (self.taken, self.put) if grasp is not None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,39 +122,50 @@ def look_ahead(maker: MoveMaker, scene: Scene) -> ClearancePlan | NoCommitment:
     first = search.situation(scene)
     if isinstance(first, NoCommitment):
         return first
-    for weight in _WEIGHTS:
-        last = _best_first(search, first, weight, maker.strategy.tries)
-        if last is not None:
-            return _as_plan(maker, scene, last.moves)
-        if maker.deadline.is_over:
-            return NoCommitment(Cause.TIME_LIMIT, first.waiting)
+    tries = maker.strategy.tries
+    found = _best_first(search, first, _GREEDY, tries)
+    if found is not None and found.picks > first.left:
+        found = _best_first(search, first, 1.0, tries // _BETTER, found.picks) or found
+    if found is not None:
+        return _as_plan(maker, scene, found.moves)
+    if maker.deadline.is_over:
+        return NoCommitment(Cause.TIME_LIMIT, first.waiting)
     nowhere = tuple(name for name, _ in search.failed.most_common(1))
     return NoCommitment(Cause.NO_CLEARANCE_LOCATION, nowhere or first.waiting)
 
 
-def _best_first(search: _Search, first: _Situation, weight: float, most: int) -> _Situation | None:
-    """The first situation that is popped from which nothing is left to do, after so many tries at most."""
+def _best_first(
+    search: _Search, first: _Situation, weight: float, tries: int, fewer_than: float = math.inf
+) -> _Situation | None:
+    """The first situation that comes up from which nothing is left to do; None after so many tries.
+
+    Args:
+        search: makes the tries.
+        first: where to begin.
+        weight: of the picks that are left at least, beside those made.
+        tries: how many at most.
+        fewer_than: only plans with fewer picks count.
+    """
     queue: list[tuple[float, int, int, _Situation, list[tuple[int, _Tries]]]] = []
     alike, count = Counter[object](), itertools.count()
 
     def push(one: _Situation, levels: list[tuple[int, _Tries]]) -> None:
         """Of equal promise the one with most moves comes first, of these the last found."""
-        rank = one.picks + weight * one.left + levels[0][0]
-        heapq.heappush(queue, (rank, -len(one.moves), -next(count), one, levels))
+        if levels and one.picks + one.left + levels[0][0] < fewer_than:
+            rank = one.picks + weight * one.left + levels[0][0]
+            heapq.heappush(queue, (rank, -len(one.moves), -next(count), one, levels))
 
     push(first, search.levels(first))
-    while queue and most and not search.maker.deadline.is_over:
+    while queue and tries and not search.maker.deadline.is_over:
         *_, now, levels = heapq.heappop(queue)
         if not now.steps:
             return now
         tried = next(levels[0][1], _NONE_LEFT)
-        levels = levels[1:] if tried is _NONE_LEFT else levels
-        if levels:
-            push(now, levels)
+        push(now, levels[1:] if tried is _NONE_LEFT else levels)
         if isinstance(tried, _Situation) and alike[tried.key] < _ALIKE:
             alike[tried.key] += 1
             push(tried, search.levels(tried))
-        most -= tried is not _NONE_LEFT
+        tries -= tried is not _NONE_LEFT
     return None
 
 
@@ -168,20 +191,23 @@ class _Search:
     ) -> _Situation | NoCommitment:
         """The situation in a scene, as the lower bound has it there; grasps that cannot be used are rejected."""
         maker = self.maker
-        while not maker.deadline.is_over:
-            names = tuple(dict.fromkeys((*(one for one in scene.held_names if one not in maker.goal.held), *also)))
+        for _ in range(_REJECTIONS):
+            if maker.deadline.is_over:
+                break
+            names = tuple(dict.fromkeys((*scene.held_names, *also)))
             bound = fewest_picks(scene, maker.goal, maker.candidates, maker.start, also=names, deadline=maker.deadline)
             if bound.picks is None:
                 return NoCommitment(Cause(bound.cause), bound.objects or names)
-            to_move = tuple(dict.fromkeys((*must_move(scene, maker.goal, maker.start), *names)))
+            to_move = with_what_stands_on(maker.goal, (*must_move(scene, maker.goal, maker.start), *names))
             steps = self._steps(scene, bound, moves, to_move, later)
-            chosen = {grasp.key: grasp for step in steps for grasp in step.grasps[:1]}.values()
+            chosen = [step.taken for step in steps if step.taken is not None]
             unusable = [grasp for grasp in chosen if not maker.is_usable(scene, grasp)]
             if not unusable:
                 return _Situation(scene, moves, steps, bound.least, tuple(also), later)
             for grasp in unusable:
                 maker.reject(scene, grasp)
-        return NoCommitment(Cause.TIME_LIMIT, tuple(also))
+        cause = Cause.TIME_LIMIT if maker.deadline.is_over else Cause.NO_SELF_CLEARABLE_SET
+        return NoCommitment(cause, must_move(scene, maker.goal, maker.start))
 
     def levels(self, now: _Situation) -> list[tuple[int, _Tries]]:
         """What is tried from a situation, by the picks that it costs beyond those that are left at least."""
@@ -195,7 +221,7 @@ class _Search:
                 yield self._held_aside(now)
             yield self._made(now, step, is_strict=True)
         for step in ready:
-            if step.is_general and step.name not in self.maker.goal.held:
+            if step.is_general and not self._is_held_up(step):
                 yield self._made(now, step, is_strict=False)
 
     def _otherwise(self, now: _Situation) -> _Tries:
@@ -205,7 +231,7 @@ class _Search:
         for step in ready:
             if not step.is_general:
                 yield self._made(now, step, is_strict=False)
-            elif step.name not in self.maker.goal.held:
+            elif not self._is_held_up(step):
                 yield self._made(now, step._replace(is_general=False), is_strict=False)
         for name in itertools.islice(self._others(now), _OTHERS):
             yield self._made(now, Step(name, False), is_strict=False)
@@ -217,7 +243,11 @@ class _Search:
         if in_hand := [step for step in steps if step.name in now.scene.held_names]:
             return in_hand[:1]
         steps = [step for step in steps if not any(b == step.name and a in waiting for a, b in goal.order)]
-        return [step for step in steps if step.name not in goal.held or len(waiting) == 1]
+        return [step for step in steps if not self._is_held_up(step) or len(waiting) == 1]
+
+    def _is_held_up(self, step: Step) -> bool:
+        """Whether a step is to hold what the goal wants held."""
+        return step.is_general and step.name in self.maker.goal.held
 
     def _made(self, now: _Situation, step: Step, is_strict: bool) -> _Situation | None:
         """The situation after a step; None if it cannot be made.
@@ -227,12 +257,12 @@ class _Search:
         """
         maker, name, goal = self.maker, step.name, self.maker.goal
         rest = tuple(one for one in now.steps if one is not step)
-        if name in goal.held:
+        moved: Moved | None = None
+        if self._is_held_up(step):
             moved = maker.hold(now.scene, name)
-        else:
+        elif not (step.is_general and self._refuted_by(now, name)):
             waiting = tuple(dict.fromkeys(one.name for one in rest))
             following = next((one for one in waiting if one != name), "")
-            moved = None
             for kept, choices in self._choices(now, step, rest, is_strict):
                 rest = kept
                 moved = maker.put(now.scene, name, step.is_general, choices, waiting, following)
@@ -271,7 +301,7 @@ class _Search:
 
     def _clear_of(self, steps: Sequence[Step]) -> KeepClear:
         """The regions of these steps: NGR1 of what is to be held, NGR2 of what is moved before."""
-        held = [one.grasps[0] for one in steps if one.grasps and one.name in self.maker.goal.held]
+        held = [one.taken for one in steps if one.taken is not None and one.name in self.maker.goal.held]
         others = [grasp for one in steps if one.name not in self.maker.goal.held for grasp in one.grasps]
         return KeepClear(held[0] if held else None, tuple(others))
 
@@ -283,14 +313,15 @@ class _Search:
         """
         scene, chosen, swept = now.scene, list(rest), 0
         for index in reversed(range(len(rest))):
-            name, is_general, grasps = rest[index]
+            step = rest[index]
             gone = scene.mask({moving, *(one.name for one in rest[:index])})
-            found = self.maker.candidates.for_object(scene, name) if grasps and name != moving else ()
+            may = step.taken is not None and step.put is None and step.name != moving
+            found = self.maker.candidates.for_object(scene, step.name) if may else ()
             free = [grasp for grasp in found if not grasp.blockers & ~gone]
-            if len(grasps) == 1 and free:
+            if free:
                 cells = [swept | self._swept_cells(scene, grasp) for grasp in free]
                 best = min(range(len(free)), key=lambda k: (cells[k].bit_count(), -free[k].quality))
-                chosen[index], swept = Step(name, is_general, (free[best],)), cells[best]
+                chosen[index], swept = step._replace(taken=free[best]), cells[best]
         return tuple(chosen)
 
     def _swept_cells(self, scene: Scene, grasp: GraspCandidate) -> int:
@@ -320,7 +351,7 @@ class _Search:
     def _in_the_way_of_robot(self, now: _Situation, fact: On | Inside | At) -> tuple[str, ...]:
         """What keeps the robot from putting an object down at its place once those that wait have left."""
         name, waiting, maker = fact.object, now.waiting, self.maker
-        refuted = self._refuted_by(now, name)
+        refuted = tuple(one for one in self._refuted_by(now, name) if one not in waiting)
         if refuted or not self.failed[name]:  # to ask takes as long as to look for a placement
             return refuted
         fewest: tuple[str, ...] = ()
@@ -337,7 +368,7 @@ class _Search:
     def _refuted_by(self, now: _Situation, name: str) -> tuple[str, ...]:
         """What was in the way when no motion put an object at its place, and has not been moved since."""
         known = self.maker.not_placed.blockers.get(name, frozenset())
-        return tuple(sorted(known.difference((move.name for move in now.moves), now.waiting)))
+        return tuple(sorted(known.difference(move.name for move in now.moves)))
 
     def _moving_these_too(self, now: _Situation, name: str, found: Collection[str]) -> _Situation | None:
         """The situation in which these move, for a place of an object: from the start on, if they went there before."""
@@ -368,7 +399,9 @@ class _Search:
 
     def _held_aside(self, now: _Situation) -> _Situation | None:
         """The end: the last obstacle is held while another arm takes the target; None if that is not found."""
-        (obstacle, *_), (target, *_) = (step.grasps for step in now.steps)
+        obstacle, target = (step.taken for step in now.steps)
+        if obstacle is None or target is None:
+            return None
         found = holding_aside(self.maker.candidates, now.scene, obstacle, target, self.maker.can_take)
         if found is None:
             return None
@@ -387,7 +420,7 @@ class _Search:
             refuted = {name: known.get(name, frozenset()) - {move.name for move in moves} for name in to_move}
             found = self._order.steps(scene, to_move, refuted, ())
             if found:
-                return tuple(Step(*one[:2], tuple(grasp for grasp in one[2:] if grasp is not None)) for one in found)
+                return tuple(Step(one.name, one.is_general, one.taken, one.put) for one in found)
         return tuple(_in_turn(maker, scene, bound, to_move, later))
 
 
@@ -397,7 +430,7 @@ def _in_turn(
     """The moves that the lower bound counts, each of what is free by its turn, the nearest first."""
     goal, waits, gone = maker.goal, waits_for(scene, maker.goal, to_move), set[str]()
     base, in_hand = scene.state.base[:2], scene.held_names
-    first = dict.fromkeys((*(one for one in in_hand if one not in goal.held), *bound.objects))
+    first = dict.fromkeys((*in_hand, *bound.objects))
     again: list[str] = []  # objects that have been put aside, and go to their places
 
     def grasps_of(name: str) -> list[GraspCandidate]:
@@ -409,7 +442,7 @@ def _in_turn(
     def is_too_early(name: str) -> bool:
         """Whether the goal, or what was found out before, wants another object to be moved before."""
         pending = {*first, *again}
-        if name in goal.held:
+        if name in goal.held and not (name in first and name in in_hand):
             return len(pending) > 1
         before = [a for a, b in (*goal.order, *later) if b == name]
         return any(one in pending and one != name for one in before)
@@ -432,13 +465,14 @@ def _in_turn(
             ready = held_now
         name = min(ready, key=lambda one: float(np.linalg.norm(scene.body(one).position[:2] - base)))
         del first[name]
-        is_general = placed_fact(goal, name) is not None and place_is_free(name)
-        if placed_fact(goal, name) is not None and not is_general:
+        is_wanted = name in goal.held or placed_fact(goal, name) is not None
+        is_general = is_wanted and (not (first or again) if name in goal.held else place_is_free(name))
+        if is_wanted and not is_general:
             again.append(name)
-        grasps = sorted(free.get(name, ()), key=lambda grasp: -grasp.quality)[:1]
-        base = grasps[0].base[:2] if grasps else base
+        grasp = max(free.get(name, ()), key=lambda grasp: grasp.quality, default=None)
+        base = base if grasp is None else grasp.base[:2]
         gone.add(name)
-        yield Step(name, is_general or name in goal.held, tuple(grasps))
+        yield Step(name, is_general, grasp)
 
 
 def _as_plan(maker: MoveMaker, scene: Scene, moves: Sequence[Move]) -> ClearancePlan:

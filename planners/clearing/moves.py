@@ -100,6 +100,8 @@ class MoveMaker:
 
     def hold(self, scene: Scene, name: str) -> Moved | None:
         """Take an object so that it can be held where the goal wants it; None if no grasp is free."""
+        if name in scene.held_names:
+            return Moved(Move(name, None, None), scene)
         point = next(fact.point for fact in self.goal.facts if isinstance(fact, Holding) and fact.object == name)
         free = self.free_grasps(scene, name)
         grasp = next(free, None)

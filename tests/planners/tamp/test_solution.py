@@ -141,12 +141,11 @@ def write_parts(path: Path, parts: dict[str, Any], header: dict[str, Any]) -> No
 
 @pytest.mark.parametrize("version", [2, 4])
 def test_an_older_plan_file_is_read(tmp_path: Path, version: int) -> None:
-    """In version 2 a strategy's `non_monotone` was called `second_moves`; up to 4 objects had no pieces."""
+    """Up to version 6 a strategy said how sets of objects are looked at; up to 4 objects had no pieces."""
     path = tmp_path / "plan.npz"
     parts, header = parts_of(path)
-    if version == 2:
-        strategy = fields_of(header, "Strategy")
-        strategy["second_moves"] = strategy.pop("non_monotone")
+    strategy = fields_of(header, "Strategy")
+    strategy |= {"sets": 12, "slack": 2, "variations": 6, "second_moves" if version == 2 else "non_monotone": 2}
     bodies = [entry["fields"] for entry in header["objects"] if entry["class"] == "Body"]
     assert [body.pop("pieces") for body in bodies]
     write_parts(path, parts, header | {"version": version})
