@@ -27,6 +27,7 @@ from unittest.mock import patch
 import gymnasium
 import numpy as np
 import tyro
+from numpy.typing import NDArray
 
 import clutter_env  # noqa: F401  registers the environments
 from clutter_env.reporting.files import JsonLines
@@ -35,7 +36,7 @@ from clutter_env.scene.layout import LAYOUTS, SECOND_TABLE, TABLE, TABLE_HEIGHT,
 from clutter_env.scene.object_sets import OBJECT_SETS, capacity
 from planners import Cause, Infeasible, Region, Scene, Solution, goals, lower_bound, solve, warmup
 from planners.clock import cpu_seconds
-from planners.goals import Array, Goal
+from planners.goals import Goal
 
 STATES = ("planned", "proved", "refused", "given up", "time limit", "wrong", "error")
 TASKS = ("sort", "set", "swap", "stack", "fetch", "clear")
@@ -56,6 +57,8 @@ _MOVED = 3
 """Objects that stand on a second support that is to be cleared."""
 _APART = 0.10
 """[m] between objects that are put on a second support, beyond their radii, and from its edge half of that."""
+_SUNK = 0.005
+"""[m] that the foot of an object may be off the face on which it stands: contacts are soft."""
 _COUNTER_MIDDLE = 0.3
 """[m] from the table's edge to the middle of the counter beside it, where a tray stands."""
 
@@ -236,7 +239,7 @@ def _layout(task: str, name: str) -> Layout:
 
 def _clear_region(rng: np.random.Generator, scene: Scene) -> tuple[Scene, Goal]:
     """A rectangle of the table about one of the objects that stand there."""
-    on_table = [one for one in scene.objects if one.bottom < TABLE_HEIGHT + goals.RESTING]
+    on_table = [one for one in scene.objects if one.bottom < TABLE_HEIGHT + _SUNK]
     middle = on_table[rng.integers(len(on_table))].position[:2]
     half = rng.uniform((0.08, 0.10), (0.16, 0.22))
     region = Region("place", TABLE, (float(middle[0]), float(middle[1])), (float(half[0]), float(half[1])))
@@ -251,7 +254,7 @@ def _clear_second(rng: np.random.Generator, scene: Scene) -> tuple[Scene, Goal]:
     """The shelf's upper board, the table in the next room, or a counter; but for the board, objects are put there."""
     name = next(one for one in ("shelf_board", SECOND_TABLE, "counter_left") if one in scene.supports)
     face = scene.support_named(name)
-    there: list[tuple[Array, float]] = []
+    there: list[tuple[NDArray[np.float64], float]] = []
     for body in scene.objects[: _MOVED if name != "shelf_board" else 0]:
         radius = float(np.hypot(*body.half_extents[:2]))
         reach = face.extent[:2] - radius - _APART / 2
