@@ -85,8 +85,8 @@ def test_a_straight_motion_lasts_as_long_as_the_slowest_joint_and_ends_at_rest()
 
 def test_a_configuration_near_home_is_planned_from_as_home_whatever_turns_its_joints_have() -> None:
     home, turned = np.array(FETCH.home), np.array(FETCH.home)
-    free = next(i for i, link in enumerate(FETCH.chain) if link.upper - link.lower > 2 * np.pi)
-    turned[free] += 2 * np.pi
+    free = next(i for i, link in enumerate(FETCH.chain) if home[i] - 2 * np.pi > link.lower)
+    turned[free] -= 2 * np.pi
     np.testing.assert_array_equal(home_of(FETCH, turned + 0.01), turned)
     np.testing.assert_array_equal(planned_from(FETCH, turned + 0.01), turned)
     np.testing.assert_array_equal(planned_from(FETCH, home + 0.01), home)
