@@ -12,7 +12,6 @@ from assets.robots import FETCH, RobotSpec, robot as find_robot
 from planners.cause import Cause
 from planners.clearing.goal_bound import LowerBound, fewest_picks
 from planners.clearing.lower_bound import MAX_EXPANSIONS, ClearanceFloor, self_clearable_sets
-from planners.clearing.order_of_moves import is_under_shelf
 from planners.clock import NO_DEADLINE, Deadline, cpu_seconds
 from planners.collision.ground_map import GroundMap
 from planners.collision.world import SUPPORT_SLACK, CompiledScenes, validate
@@ -284,9 +283,7 @@ class Planner:
                     break
                 bound = search.bound
             outcomes.append(outcome)
-            # The order of moves under a shelf is found without random choices.
-            is_ordered = isinstance(outcome, Solution) and is_under_shelf(scene, goal)
-            is_proved = is_final(outcomes[-1], chosen.near_home) or is_ordered
+            is_proved = is_final(outcomes[-1], chosen.near_home)
             if deadline.is_over or is_proved:
                 break
         best = best_outcome(outcomes, is_proved, deadline)
@@ -330,13 +327,13 @@ def _not_sunk(scene: Scene) -> Scene:
 def is_final(outcome: Solution | Infeasible, near_home: bool) -> bool:
     """Whether another attempt could do no better.
 
-    A plan that clears an object twice, or for a goal with places picks more often than the lower bound, can be improved
-    on. A refusal cannot if it follows from all grasps, as it does with two of the causes; configurations near home only
-    are not all. At a limit there is no time for another attempt.
+    A plan that clears an object twice, or that was made with motions refuted and picks more often than the lower bound,
+    can be improved on. A refusal cannot if it follows from all grasps, as it does with two of the causes; configurations
+    near home only are not all. At a limit there is no time for another attempt.
     """
     if isinstance(outcome, Solution):
         if outcome.bound is not None:
-            return outcome.picks <= outcome.bound.least
+            return outcome.picks <= outcome.bound.least or not outcome.stats.replans
         return not outcome.duplicated
     is_over = outcome.cause in (*_LIMITS, Cause.NO_WAY_FOR_BASE)
     return (outcome.cause.lies_in_grasps and not near_home) or is_over

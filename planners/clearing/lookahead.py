@@ -96,6 +96,13 @@ class _Situation:
         return sum(move.grasp is not None for move in self.moves)
 
     @property
+    def put_aside(self) -> set[str]:
+        """Names of the objects that have been put aside, and not where the goal wants them since."""
+        return {move.name for move in self.moves if not move.is_general} - {
+            move.name for move in self.moves if move.is_general
+        }
+
+    @property
     def waiting(self) -> tuple[str, ...]:
         """Names of the objects that are still to be moved, in order."""
         return tuple(dict.fromkeys(step.name for step in self.steps))
@@ -160,6 +167,11 @@ def _best_first(
         *_, now, levels = heapq.heappop(queue)
         if not now.steps:
             return now
+        informed = search.informed(now)
+        if informed is not now:
+            if informed is not None:
+                push(informed, search.levels(informed))
+            continue
         tried = next(levels[0][1], _NONE_LEFT)
         push(now, levels[1:] if tried is _NONE_LEFT else levels)
         if isinstance(tried, _Situation) and alike[tried.key] < _ALIKE:
@@ -174,11 +186,17 @@ _NONE_LEFT = object()
 
 @dataclass
 class _Search:
-    """One search: the moves tried from each situation; how often each object found no place."""
+    """One search: the moves tried from each situation.
+
+    Attributes:
+        failed: how often each object found no place.
+        in_the_way: of the place of an object, by its name: what stood there from the start on.
+    """
 
     maker: MoveMaker
     start: Scene
     failed: Counter[str] = field(default_factory=Counter)
+    in_the_way: dict[str, tuple[str, ...]] = field(default_factory=dict)
     _order: Order | None = None
     _cells: dict[tuple[str, bytes, bytes], int] = field(default_factory=dict)
 
@@ -199,11 +217,14 @@ class _Search:
             if bound.picks is None:
                 return NoCommitment(Cause(bound.cause), bound.objects or names)
             to_move = with_what_stands_on(maker.goal, (*must_move(scene, maker.goal, maker.start), *names))
-            steps = self._steps(scene, bound, moves, to_move, later)
+            steps = tuple(_in_turn(maker, scene, bound, to_move, later))
+            left, ordered = bound.least, self._ordered(scene, moves, [step.name for step in steps], to_move)
+            if ordered:
+                steps, left = ordered, max(left, len(ordered))
             chosen = [step.taken for step in steps if step.taken is not None]
             unusable = [grasp for grasp in chosen if not maker.is_usable(scene, grasp)]
             if not unusable:
-                return _Situation(scene, moves, steps, bound.least, tuple(also), later)
+                return _Situation(scene, moves, steps, left, tuple(also), later)
             for grasp in unusable:
                 maker.reject(scene, grasp)
         cause = Cause.TIME_LIMIT if maker.deadline.is_over else Cause.NO_SELF_CLEARABLE_SET
@@ -212,6 +233,16 @@ class _Search:
     def levels(self, now: _Situation) -> list[tuple[int, _Tries]]:
         """What is tried from a situation, by the picks that it costs beyond those that are left at least."""
         return [(0, self._as_meant(now)), (1, self._otherwise(now))]
+
+    def informed(self, now: _Situation) -> _Situation | None:
+        """The same situation with what has been found out elsewhere: what else must move for the places of objects."""
+        moved = {move.name for move in now.moves}
+        known = (name for step in now.steps if step.is_general for name in self.in_the_way.get(step.name, ()))
+        new = tuple(dict.fromkeys(name for name in known if name not in moved and name not in now.waiting))
+        if not new:
+            return now
+        found = self.situation(now.scene, now.moves, (*now.also, *new), now.later)
+        return found if isinstance(found, _Situation) else None
 
     def _as_meant(self, now: _Situation) -> _Tries:
         """The next step, then others before it: out of the way of all that follow; to a place of the goal anyhow."""
@@ -229,10 +260,8 @@ class _Search:
         ready = self._ready(now)
         yield from self._out_of_places(now)
         for step in ready:
-            if not step.is_general:
-                yield self._made(now, step, is_strict=False)
-            elif not self._is_held_up(step):
-                yield self._made(now, step._replace(is_general=False), is_strict=False)
+            if not (self._is_held_up(step) or step.name in now.put_aside):
+                yield self._made(now, step if not step.is_general else Step(step.name, False, step.taken), False)
         for name in itertools.islice(self._others(now), _OTHERS):
             yield self._made(now, Step(name, False), is_strict=False)
 
@@ -292,7 +321,9 @@ class _Search:
         others = [one for one in rest if one.name != step.name and one.grasps]
         if not is_strict:
             counts = dict.fromkeys(((len(others) + 1) // 2, 1, 0))
-            yield rest, [self._clear_of(others[:count]) for count in counts if count < max(len(others), 1)]
+            choices = [self._clear_of(others[:count]) for count in counts if count < len(others)]
+            if choices or not step.is_general:
+                yield rest, choices or [KeepClear()]
             return
         yield rest, [self._clear_of(others)]
         if others and not step.is_general:
@@ -378,6 +409,7 @@ class _Search:
             also = [one for one in new if (name, one) not in too_early]
             again = self.situation(self.start, (), (*now.also, *also), now.later | too_early)
         elif new and not too_early:
+            self.in_the_way[name] = new
             again = self.situation(now.scene, now.moves, (*now.also, *new), now.later)
         else:
             return None
@@ -408,20 +440,20 @@ class _Search:
         scene = grasped(grasped(now.scene, found[0]), found[1])
         return _Situation(scene, (*now.moves, *(Move(one.object, one, None) for one in found)), (), 0)
 
-    def _steps(
-        self, scene: Scene, bound: LowerBound, moves: tuple[Move, ...], to_move: tuple[str, ...], later: _Pairs
+    def _ordered(
+        self, scene: Scene, moves: tuple[Move, ...], in_turn: Sequence[str], to_move: Sequence[str]
     ) -> tuple[Step, ...]:
-        """The moves that the lower bound counts, in an order in which each can be made; under a shelf, the shortest."""
-        maker, goal = self.maker, self.maker.goal
+        """The fewest moves under a shelf, where what stands at its place may be in the way of others; none elsewhere."""
+        maker = self.maker
         if self._order is None and not moves:
-            self._order = Order.of(scene, goal, to_move, maker.candidates)
-        if self._order is not None and not scene.held_names:
-            known = maker.not_placed.blockers
-            refuted = {name: known.get(name, frozenset()) - {move.name for move in moves} for name in to_move}
-            found = self._order.steps(scene, to_move, refuted, ())
-            if found:
-                return tuple(Step(one.name, one.is_general, one.taken, one.put) for one in found)
-        return tuple(_in_turn(maker, scene, bound, to_move, later))
+            waiting = [name for name in dict.fromkeys((*in_turn, *to_move)) if name in to_move]
+            self._order = Order.of(scene, maker.goal, waiting, maker.candidates)
+        if self._order is None or scene.held_names:
+            return ()
+        known = maker.not_placed.blockers
+        refuted = {name: known.get(name, frozenset()) - {move.name for move in moves} for name in to_move}
+        found = self._order.steps(scene, to_move, refuted, ())
+        return tuple(Step(one.name, one.is_general, one.taken, one.put) for one in found)
 
 
 def _in_turn(

@@ -73,11 +73,16 @@ class Order:
 
     @classmethod
     def of(cls, scene: Scene, goal: Goal, waiting: Collection[str], candidates: GraspCandidates) -> Order | None:
-        """The order for objects that are to move; None if there is none: see `is_under_shelf`."""
+        """The order for objects that are to move; None if there is none: see `is_under_shelf`.
+
+        Of `waiting` what can be moved first comes first: areas are filled from the far side.
+        """
         if not is_under_shelf(scene, goal) or scene.held_names:
             return None
         ends = {fact.object: scene.body(fact.object) for fact in goal.placed if fact.object not in waiting}
-        for fact in (fact for fact in goal.placed if fact.object in waiting):
+        turn_of = {name: turn for turn, name in enumerate(waiting)}
+        facts = [fact for fact in goal.placed if fact.object in waiting]
+        for fact in sorted(facts, key=lambda fact: turn_of[fact.object]):
             place, body = place_of(scene, fact), scene.body(fact.object)
             if place.below or not body.is_upright:
                 return None
