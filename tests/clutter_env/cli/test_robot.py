@@ -236,6 +236,19 @@ def test_make_says_what_it_needs(capsys: pytest.CaptureFixture[str]) -> None:
         assert message in capsys.readouterr().err
 
 
+def test_a_robot_s_file_is_one_of_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "arm.xml"
+    file.write_text(ARM.read_text())
+    with pytest.raises(SystemExit):
+        main(["robot", "make", str(file), "--base", "base", "--tip", "wrist_3", "--on", "0", "0.7", "--out", str(file)])
+    assert "is the arm's own file" in capsys.readouterr().err
+    for other in ("made", "made.json"):  # its page was written over it
+        with pytest.raises(SystemExit):
+            main(["robot", "make", str(file), "--base", "base", "--tip", "wrist_3", "--out", str(tmp_path / other)])
+        assert "must end with .xml" in capsys.readouterr().err
+    assert file.read_text() == ARM.read_text()
+
+
 @pytest.mark.slow
 def test_a_robot_is_made_of_an_arm_s_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """And its home is one that the check accepts."""
