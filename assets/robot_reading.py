@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
-from functools import cache
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -15,14 +14,11 @@ from scipy.spatial import ConvexHull
 
 from assets.files import path as asset_path
 from assets.robot_parts import ARM_FIELDS, ArmSpec, ChainLink, InvalidRobot, check_names, require
-from irm.chain import ArmChain, frames_of, pose_of
+from irm.chain import ArmChain, JointTable, frames_of, pose_of
 from irm.errors import ChainError
 from irm.model_reading import shapes_of
 from irm.self_contact import is_excluded, is_solid, link_of_body
 from irm.shapes import Shapes, with_pairs
-
-if TYPE_CHECKING:
-    from assets.robot_spec import RobotSpec
 
 Floats = NDArray[np.float64]
 
@@ -124,43 +120,67 @@ def _with_arms(mjcf: str | Path, page: Mapping[str, Any]) -> dict[str, Any]:
     return fields | {"arm_name": active, "idle_arms": tuple(idle)}
 
 
-@cache
-def read_shapes(robot: RobotSpec) -> Shapes:
-    """`RobotSpec.shapes`, read once."""
-    model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+def read_shapes(
+    mjcf: Path,
+    base_body: str,
+    chain: Sequence[ChainLink],
+    fingers: Mapping[str, float],
+    still: Mapping[str, float],
+    idle_joints: Collection[str],
+) -> Shapes:
+    """The collision shapes of a robot, in the frames of base and chain.
+
+    Args:
+        mjcf: its MJCF file.
+        base_body: name of the base's body.
+        chain: torso and arm.
+        fingers: the fingers' joints by name, and how far each goes [m].
+        still: positions of the joints that no action moves, by name [m], [rad].
+        idle_joints: names of the first joints of arms that do not act.
+
+    Raises:
+        InvalidRobot: the file has collision geometry of a kind that is not known, or lacks a joint.
+    """
+    model = mujoco.MjModel.from_xml_path(str(mjcf))
     data = mujoco.MjData(model)
     data.qpos[:] = 0.0
-    for joint, angle in zip(robot.still_joints, robot.still_configuration, strict=True):
-        data.joint(joint).qpos = angle
+    for joint, position in still.items():
+        data.joint(joint).qpos = position
     mujoco.mj_kinematics(model, data)
-    base, (offsets, _, _) = data.body(robot.base_body), frames_of(robot)
+    base, (offsets, _, _) = data.body(base_body), frames_of(JointTable(chain, (0.0, 0.0, 0.0), np.eye(3)))
     places = [np.eye(4)]
     places[0][:3, :3], places[0][:3, 3] = base.xmat.reshape(3, 3), base.xpos
     for place in offsets:
         places.append(places[-1] @ pose_of(place))
-    joints = [_joint(model, link.joint) for link in robot.chain]
-    fingers = {int(model.jnt_bodyid[_joint(model, name)]): robot.max_finger_position for name in robot.finger_joints}
-    geoms, links = collision_geoms(model, robot), link_of_body(model, robot.drive_joints[3:])
+    names = [link.joint for link in chain]
+    of_fingers = {int(model.jnt_bodyid[_joint(model, name)]): farthest for name, farthest in fingers.items()}
+    geoms, links = collision_geoms(model, base_body, names, idle_joints), link_of_body(model, names)
     try:
-        shapes = shapes_of(model, data, geoms, links, places, joints, fingers)
+        shapes = shapes_of(model, data, geoms, links, places, [_joint(model, name) for name in names], of_fingers)
     except ChainError as problem:
         raise InvalidRobot(str(problem)) from problem
     counts = ~is_excluded(model, np.array(geoms)[shapes.pairs])
     return shapes if counts.all() else with_pairs(shapes, shapes.pairs[counts], len(places) - 2)
 
 
-def collision_geoms(model: mujoco.MjModel, robot: RobotSpec) -> list[int]:
-    """Ids of the robot's geoms that can touch something: the gripper's, then others, then those of idle arms."""
-    idle = {int(model.jnt_bodyid[model.joint(arm.joints[0]).id]) for arm in robot.idle_arms}
+def collision_geoms(
+    model: mujoco.MjModel, base_body: str, joints: Sequence[str], idle_joints: Collection[str]
+) -> list[int]:
+    """Ids of a robot's geoms that can touch something: the gripper's, then others, then those of idle arms.
+
+    Args:
+        model: it contains the robot.
+        base_body: name of the base's body.
+        joints: names of the joints of torso and arm.
+        idle_joints: names of the first joints of arms that do not act.
+    """
+    idle = {int(model.jnt_bodyid[model.joint(joint).id]) for joint in idle_joints}
     for body in range(model.nbody):
         if int(model.body_parentid[body]) in idle:
             idle.add(body)
-    base = model.body(robot.base_body).id
+    base = model.body(base_body).id
     of_robot = is_solid(model) & (model.body_rootid[model.geom_bodyid] == base)
-    links, last = (
-        link_of_body(model, robot.drive_joints[3:]),
-        len(robot.chain) - 1,
-    )  # a body may stand after the arm in the file
+    links, last = link_of_body(model, joints), len(joints) - 1  # a body may stand after the arm in the file
 
     def group(geom: int) -> tuple[bool, bool]:
         body = int(model.geom_bodyid[geom])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -214,9 +215,21 @@ class RobotSpec:
         Raises:
             InvalidRobot: the MJCF file has collision geometry of a kind that is not known, or lacks a joint.
         """
-        from assets.robot_reading import read_shapes  # see `from_mjcf`
+        return _shapes_of(self)
 
-        return read_shapes(self)
+    def collision_geoms(self, model: Any) -> list[int]:
+        """Ids of the robot's geoms that can touch something, in a `mujoco.MjModel` that contains the robot.
+
+        The gripper's come first, then others, then those of idle arms.
+        """
+        from assets.robot_reading import collision_geoms  # see `from_mjcf`
+
+        return collision_geoms(model, self.base_body, self.drive_joints[3:], self._idle_joints)
+
+    @property
+    def _idle_joints(self) -> tuple[str, ...]:
+        """Names of the first joints of idle arms."""
+        return tuple(arm.joints[0] for arm in self.idle_arms)
 
     @property
     def map_folder(self) -> Path | None:
@@ -340,6 +353,16 @@ class RobotSpec:
         """
         motors = [(model.joint(name), model.actuator(name)) for name in joints or self.drive_joints]
         return [float((joint.damping.flat[0] - motor.biasprm[2]) / motor.gainprm[0]) for joint, motor in motors]
+
+
+@cache
+def _shapes_of(robot: RobotSpec) -> Shapes:
+    """`RobotSpec.shapes`, read once."""
+    from assets.robot_reading import read_shapes  # see `RobotSpec.from_mjcf`
+
+    fingers = dict.fromkeys(robot.finger_joints, robot.max_finger_position)
+    still = dict(zip(robot.still_joints, robot.still_configuration, strict=True))
+    return read_shapes(robot.mjcf_path, robot.base_body, robot.chain, fingers, still, robot._idle_joints)
 
 
 @dataclass(frozen=True)

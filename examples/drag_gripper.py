@@ -21,7 +21,6 @@ from matplotlib import colormaps
 from numpy.typing import NDArray
 
 from assets import RobotSpec
-from assets.robot_reading import collision_geoms
 from assets.robots import robot as find_robot
 from irm import ArmChain, BasePlacement, InverseReachabilityMap, all_solutions, cached_map, free_angles
 from irm.rotations import world_to_base
@@ -64,7 +63,7 @@ class Viewpoint:
         self.bases = InverseReachabilityMap(cached_map(robot))
         self.model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
         self.data = mujoco.MjData(self.model)
-        self.geoms = collision_geoms(self.model, robot)
+        self.geoms = robot.collision_geoms(self.model)
         self._columns = [self.model.joint(name).qposadr[0] for name in robot.drive_joints]
         self._pairs = np.array(self.geoms)[robot.shapes.pairs].tolist()
 

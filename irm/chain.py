@@ -76,8 +76,8 @@ class JointRow(NamedTuple):
     rotation: NDArray[np.float64] = _NO_TURN
 
 
-class _Table(NamedTuple):
-    """What `frames_of` reads."""
+class JointTable(NamedTuple):
+    """The joints of a chain and its TCP: what `frames_of` reads."""
 
     chain: Sequence[Joint]
     tcp_offset: Sequence[float]
@@ -247,7 +247,7 @@ class ArmChain:
             raise ChainError(f"{name}: an arm has 6 or 7 hinges, after one vertical slide if it stands on a lift")
         if not all(np.isfinite((row.lower, row.upper)).all() and row.lower <= row.upper for row in rows):
             raise ChainError(f"{name}: every joint needs finite limits, the lower one first")
-        table = _Table(tuple(rows), tcp_offset, np.asarray(tcp_rotation, dtype=float))
+        table = JointTable(tuple(rows), tcp_offset, np.asarray(tcp_rotation, dtype=float))
         offsets, axes, tip = frames_of(table)
         if axes[0] != 2 + PRISMATIC or not np.array_equal(rows[0].rotation, np.eye(3)):
             raise ChainError(f"{name}: the lift must slide along the base frame's z axis")
@@ -379,7 +379,7 @@ def pose_of(place: Floats) -> Floats:
     return T
 
 
-def frames_of(robot: Robot | _Table) -> tuple[Floats, NDArray[np.int64], Floats]:
+def frames_of(robot: Robot | JointTable) -> tuple[Floats, NDArray[np.int64], Floats]:
     """Offsets (1 + n, 3 or 12), axes (1 + n,) and tip (3,) or (12,) of a robot's chain, as in `ArmChain`.
 
     A joint about an axis of its own frame keeps that frame; any other is given one with z along its axis.

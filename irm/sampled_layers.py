@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 from irm.chain import ArmChain, ChainArrays, chain_arrays
 from irm.compilation import njit
 from irm.grid import MapGrid, MapParameters, nearest_orientation, orientation_neighbours
+from irm.ik.arm_solver import SolverArrays
 from irm.ik.numerical import approach_pose, random_seeds
-from irm.ik.solvers import ITERATIVE, SolverArrays, arm_solutions, free_angles, solver_arrays
+from irm.ik.solvers import ITERATIVE, arm_solutions, free_angles, solver_arrays
 from irm.kernel_arguments import pointer_to
 from irm.kinematics import arm_jacobian, condition, fk_frames, wrap
 from irm.map_images import (

@@ -1,10 +1,12 @@
-"""Clocks: the deadline that a solve hands down, and CPU time that counts child processes too."""
+"""Clocks: the deadline that a solve hands down, and CPU time, of child processes too where an engine starts some."""
 
 from __future__ import annotations
 
 import math
 import os
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from numbers import Real
 
@@ -48,7 +50,29 @@ class Deadline:
 NO_DEADLINE = Deadline()
 
 
+_of_children = 0.0
+"""[s] of CPU time of the child processes that `children_counted` has seen."""
+
+
 def cpu_seconds() -> float:
-    """[s] of CPU time of this process and of the child processes it has waited for."""
+    """[s] of CPU time of this process, and of the child processes that `children_counted` has seen."""
+    return time.process_time() + _of_children
+
+
+@contextmanager
+def children_counted() -> Iterator[None]:
+    """Let `cpu_seconds` count the child processes that end inside; they are counted for the whole process.
+
+    They are not read with every look at the clock: `os.times` is a system call that can take half a millisecond.
+    """
+    global _of_children
+    before = _children_seconds()
+    try:
+        yield
+    finally:
+        _of_children += _children_seconds() - before
+
+
+def _children_seconds() -> float:
     times = os.times()
-    return time.process_time() + times.children_user + times.children_system
+    return times.children_user + times.children_system

@@ -31,7 +31,7 @@ from planners.expert.interfaces import ControlledEnv as ControlledEnv, controlle
 from planners.expert.monitor import Sensor as Sensor, held_object as held_object
 from planners.expert.report import EpisodeReport as EpisodeReport
 from planners.following import FollowingPlanner as FollowingPlanner
-from planners.goals import Goal as Goal, GoalError as GoalError, Region as Region
+from planners.goals import Goal as Goal
 from planners.grasping.arm_configurations import (
     ConfigurationGrid as ConfigurationGrid,
     GripperPoses as GripperPoses,
@@ -63,6 +63,7 @@ from planners.planner import (
     solve as solve,
     warmup as warmup,
 )
+from planners.regions import GoalError as GoalError, Region as Region
 from planners.scene import (
     Body as Body,
     HeldObject as HeldObject,

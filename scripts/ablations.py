@@ -17,7 +17,7 @@ import numpy as np
 import tyro
 
 from assets import robot as find_robot
-from clutter_env.cli import table
+from clutter_env.cli import table, table_arguments
 from clutter_env.cli.clearance_trials import Record, Trials, Variant
 from clutter_env.reporting.intervals import bootstrap
 from clutter_env.reporting.tables import markdown_table, number_text
@@ -42,7 +42,7 @@ ARMS = {
 
 
 @dataclass(frozen=True)
-class Arguments(table.Arguments):
+class Arguments(table_arguments.Arguments):
     """Those of `clutter-env table`, and which rows are added."""
 
     arms: bool = False

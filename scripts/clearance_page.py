@@ -12,7 +12,7 @@ from pathlib import Path
 
 import tyro
 
-from clutter_env.cli import table
+from clutter_env.cli import table_arguments
 from clutter_env.cli.clearance_picture import draw
 from clutter_env.cli.clearance_tables import Summary, markdown, summarise
 from clutter_env.cli.clearance_trials import Trials
@@ -20,7 +20,7 @@ from clutter_env.cli.main import command_line
 
 
 @dataclass(frozen=True)
-class Arguments(table.Arguments):
+class Arguments(table_arguments.Arguments):
     """Those of `clutter-env table`, and where the page is written."""
 
     page: Path = Path("outputs/clearance_table/page.md")

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import tyro
 
-from clutter_env.cli import table
+from clutter_env.cli import table_arguments
 from clutter_env.cli.clearance_trials import CRASH, Record, Trials
 from clutter_env.reporting.intervals import times
 from clutter_env.reporting.tables import NOTHING, markdown_table
@@ -24,7 +24,7 @@ HEAD += ["whole solve [CPU s]: median (95%)", "causes", "crashed"]
 
 
 @dataclass(frozen=True)
-class Arguments(table.Arguments):
+class Arguments(table_arguments.Arguments):
     """Those of `clutter-env table`, and the layouts."""
 
     layouts: tuple[str, ...] = ("shelf", "two_boards", "cabinet")

@@ -19,7 +19,7 @@ from assets import FETCH
 from clutter_env.reporting.tables import markdown_table
 from planners import Planner, Scene, Solution
 from planners.clock import cpu_seconds
-from planners.symbolic.engines import checked_answer, task_planner
+from planners.symbolic.engines import answer_of, task_planner
 from planners.symbolic.problem import GRIPPER, NoPlan, TaskProblem
 from planners.symbolic.transitions import GraspObstructed, initial_state, update_from_error
 
@@ -49,7 +49,7 @@ def problem_row(engine: str, counts: tuple[int, ...], repeats: int) -> list[str]
             problem, spent = chain_of_obstacles(count, is_star), []
             for _ in range(repeats):
                 start = cpu_seconds()
-                answer = checked_answer(problem, planner.plan(problem, _PLANNING_S), planner)
+                answer = answer_of(planner, problem, _PLANNING_S)
                 spent.append(cpu_seconds() - start)
             length = answer.reason if isinstance(answer, NoPlan) else str(len(answer.actions))
             row.append(f"{1e3 * np.median(spent):.1f} ({length})")

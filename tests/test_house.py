@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -68,15 +69,42 @@ for module, banned in {0!r}:
 
 
 def test_no_import_circle() -> None:
-    """Imports inside functions and by name are counted too; those for types alone are not."""
+    """Imports inside functions, by name and for types alone count too; the methods that draw are the exceptions."""
     modules = {module_name(file): file for file in SOURCES}
     graph = {name: imported(name, tree(file), set(modules)) for name, file in modules.items()}
-    for name in ("planners.tamp.solution", "planners.expert.expert"):  # whose methods hand them to the drawing
-        graph[name] = {other for other in graph[name] if not other.startswith("planners.drawing")}
+    for name, other in drawing_methods():
+        graph[name].remove(other)
     try:
         graphlib.TopologicalSorter(graph).prepare()
     except graphlib.CycleError as circle:
         pytest.fail(" <- ".join(circle.args[1]))
+
+
+def test_nothing_but_the_methods_that_draw_imports_the_drawing() -> None:
+    """In planners; each of these methods has one import, and no other module goes up."""
+    allowed = set(drawing_methods())
+    assert {name for name, _ in allowed} == {"planners.tamp.solution", "planners.expert.expert"}
+    assert all(other.startswith("planners.drawing.") and "*" not in other for _, other in allowed)
+    modules = {module_name(file): file for file in SOURCES}
+    below = {name: file for name, file in modules.items() if name.startswith("planners.") and ".drawing" not in name}
+    found = {
+        (name, other)
+        for name, file in below.items()
+        for other in imported(name, tree(file), set(modules))
+        if other.startswith("planners.drawing")
+    }
+    assert found == allowed
+    for name in {name for name, _ in allowed}:
+        methods = [node for node in ast.walk(tree(modules[name])) if isinstance(node, ast.FunctionDef)]
+        counts = {node.name: sum(isinstance(one, ast.ImportFrom) for one in ast.walk(node)) for node in methods}
+        assert max(counts.values()) == 1, counts
+
+
+def drawing_methods() -> list[tuple[str, str]]:
+    """The exceptions to the layers of planners in pyproject.toml: which module imports which."""
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    layers = next(contract for contract in contracts if contract.get("containers") == ["planners"])
+    return [tuple(line.split(" -> ")) for line in layers["ignore_imports"]]
 
 
 def module_name(file: Path) -> str:
@@ -88,9 +116,7 @@ def imported(name: str, tree: ast.Module, modules: set[str]) -> set[str]:
     """The modules of ours that a module names in its import statements, or as a string to import one from."""
     found = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)}
     found &= modules - set(PACKAGES)
-    blocks = [node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"]
-    for_types = {id(node) for block in blocks for node in block.body}
-    for node in (node for node in ast.walk(tree) if id(node) not in for_types):
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:

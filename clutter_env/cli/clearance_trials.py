@@ -9,12 +9,13 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import gymnasium as gym
 import numpy as np
 
 from assets import RobotSpec, robot as find_robot
+from clutter_env.cli.table_arguments import Arguments
 from clutter_env.config import EnvConfig
 from clutter_env.errors import UsageError
 from clutter_env.parallel import Crash, Killed, run_jobs
@@ -33,9 +34,6 @@ from planners import (
     contacts,
     find_strategy,
 )
-
-if TYPE_CHECKING:
-    from clutter_env.cli.table import Arguments
 
 logger = logging.getLogger(__name__)
 

@@ -7,21 +7,19 @@ from collections.abc import Mapping
 from contextlib import ExitStack, closing
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gymnasium as gym
 from matplotlib.figure import Figure
 
 import clutter_env
-from clutter_env.cli import table
+from clutter_env.cli import table, table_arguments
 from clutter_env.cli.clearance_trials import Trials, let_act
+from clutter_env.cli.episode_arguments import Arguments
 from clutter_env.errors import RenderingUnavailable, UsageError
 from clutter_env.rendering.film import Film
 from clutter_env.reporting.progress import progress_bar, shown_compilation
 from planners import EpisodeReport, GroundAction, Infeasible, Planner, Scene, Solution, TampExpert, format_plan, warmup
-
-if TYPE_CHECKING:
-    from clutter_env.cli.episode import Arguments
 
 assert clutter_env  # registers the environments
 
@@ -214,7 +212,7 @@ def report_rows(report: EpisodeReport, is_success: bool, lifted: bool) -> dict[s
 
 def count_many(arguments: Arguments) -> dict[str, Any]:
     """Play the scenes from a seed on in parallel, as `clutter-env table` does, and print its tables; the episodes."""
-    chosen = table.Arguments(
+    chosen = table_arguments.Arguments(
         objects=(arguments.objects,),
         strategies=(arguments.strategy,),
         scenes=arguments.episodes,

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from assets import RobotSpec
 from assets.robot_motors import ASSUMED, payload_of
-from assets.robot_reading import collision_geoms
 from assets.robot_shapes import SUNK, lowest_height
 from clutter_env.errors import ConfigError
 from clutter_env.scene.layout import START_DISTANCE, TABLE_HEIGHT
@@ -219,7 +218,7 @@ def _in_the_table(robot: RobotSpec, model: mujoco.MjModel, table: float) -> Iter
         data.qpos[model.joint(joint).qposadr] = value
     mujoco.mj_kinematics(model, data)
     ahead: dict[str, float] = {}
-    for geom, link in zip(collision_geoms(model, robot), robot.shapes.link.tolist(), strict=True):
+    for geom, link in zip(robot.collision_geoms(model), robot.shapes.link.tolist(), strict=True):
         R, half = data.geom_xmat[geom].reshape(3, 3), model.geom_aabb[geom, 3:]
         centre, extent = data.geom_xpos[geom] + R @ model.geom_aabb[geom, :3], np.abs(R) @ half
         low, high = centre[2] - extent[2], centre[2] + extent[2]
@@ -381,7 +380,7 @@ def why_no_home(robot: RobotSpec, table: float) -> str:
 def _most_often_touching(robot: RobotSpec, Q: Array) -> str:
     """The three pairs of bodies, the ground among them, that touch most often in configurations (k, 1 + n)."""
     model, counts = mujoco.MjModel.from_xml_path(str(robot.mjcf_path)), Counter[tuple[str, str]]()
-    data, geoms = mujoco.MjData(model), np.array(collision_geoms(model, robot))
+    data, geoms = mujoco.MjData(model), np.array(robot.collision_geoms(model))
     above = geoms[robot.shapes.link >= 0]
     tried = Q[:: 1 + len(Q) // _TRIED]
 

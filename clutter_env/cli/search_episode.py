@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gymnasium as gym
 
 import clutter_env
+from clutter_env.cli.episode_arguments import Arguments
 from clutter_env.cli.expert_episodes import film_of, saved_film
 from clutter_env.rendering.film import LOOKING
 from clutter_env.reporting.progress import progress_bar, shown_compilation
@@ -15,9 +16,6 @@ from planners import SearchExpert, warmup
 from planners.drawing.page.page import write_page
 from planners.drawing.pictures import draw_search
 from planners.expert.report import Recorder
-
-if TYPE_CHECKING:
-    from clutter_env.cli.episode import Arguments
 
 assert clutter_env  # registers the environments
 

@@ -142,7 +142,12 @@ class RearrangeEnv(ClutterTaskEnv):
 
     config: RearrangeConfig
     has_target = _shows_goal = False
-    task_modules = ("clutter_env.envs.goal_monitor", "clutter_env.envs.rearrange_tasks", "planners.goals")
+    task_modules = (
+        "clutter_env.envs.goal_monitor",
+        "clutter_env.envs.rearrange_tasks",
+        "planners.goals",
+        "planners.regions",
+    )
 
     def __init__(self, **keywords: Any) -> None:
         super().__init__(RearrangeConfig.from_keywords(keywords))

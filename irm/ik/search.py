@@ -12,7 +12,7 @@ have a range of its angles as well. At their middles nothing fits exactly; from 
 from __future__ import annotations
 
 from math import ceil, floor, pi
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,15 +20,13 @@ from numpy.typing import NDArray
 from irm.answers import NO, UNKNOWN, YES
 from irm.chain import ChainArrays
 from irm.compilation import njit
+from irm.ik.arm_solver import SolverArrays
 from irm.ik.exclusion import Angle, may_reach_parallel, may_reach_spherical
 from irm.ik.numerical import refine_within
 from irm.ik.ranges import TOLERANCE
 from irm.ik.structure import ITERATIVE, PARALLEL, ParallelArm, SphericalArm
 from irm.ik.structured import parallel_excess, parallel_goal, spherical_excess, spherical_goal
 from irm.ik.subproblems import norm, point
-
-if TYPE_CHECKING:
-    from irm.ik.solvers import SolverArrays
 
 Floats = NDArray[np.float64]
 LARGEST_LIFT, LARGEST_ANGLE = 0.05, 10.0 * pi / 180.0

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from functools import cached_property, lru_cache
 from math import ceil
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +23,7 @@ from irm.answers import NO, UNKNOWN, YES
 from irm.chain import ArmChain, ChainArrays, ChainKey, chain_arrays
 from irm.compilation import njit
 from irm.errors import QueryError
+from irm.ik.arm_solver import SolverArrays
 from irm.ik.closed_form import decide_poses, ik_arm
 from irm.ik.numerical import random_seeds, refine, refine_within
 from irm.ik.outer_reach import are_out_of_reach
@@ -207,28 +207,6 @@ def _solve_from_seeds(
             if refine_within(chain, R, p, low, high, trial):
                 q[n], status[n] = trial, YES
                 break
-
-
-class SolverArrays(NamedTuple):
-    """The solver of one arm, for kernels; the same type for all arms.
-
-    `kind`: CLOSED_FORM, SPHERICAL, PARALLEL or ITERATIVE. `spherical`, `parallel`: structure of the arm; zeros where it
-    has another one. `bounds`: for proofs of NO, the spherical structure, or that of `find_bounds` if the arm has none
-    or another fits it better; zeros for others. `seeds` (m, 1 + n) configurations; m = 0 for arms with a closed form.
-    `free`, `elbow`: joint of the chain whose angle is a parameter, -1 for none, and joint at the elbow.
-    `other_solutions`: address of the kernel for arms that are not CLOSED_FORM, so that a planner for Fetch need not
-    compile it; 0 for those that are.
-    """
-
-    kind: int
-    chain: ChainArrays
-    spherical: SphericalArm
-    bounds: SphericalArm
-    parallel: ParallelArm
-    seeds: Floats
-    free: int
-    elbow: int
-    other_solutions: int = 0
 
 
 _NO_SPHERE = SphericalArm(

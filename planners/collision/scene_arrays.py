@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from assets.robots import RobotSpec
 from irm.chain import BASE, ArmChain
 from irm.gjk import BOX, CYLINDER, ELLIPSOID, HULL, Solids
-from irm.ik.solvers import SolverArrays, solver_arrays
+from irm.ik.arm_solver import SolverArrays
+from irm.ik.solvers import solver_arrays
 from irm.kernel_arguments import packed
 from irm.kinematics import link_frames
 from planners.scene import AsideObject, Body, Scene, Solid

@@ -1,1 +1,6 @@
-"""Pictures and pages of plans and episodes, with matplotlib; imported only by the methods that draw."""
+"""Pictures, pages and files of plans and episodes; above all of planners, which know it in the methods alone that draw.
+
+`pictures`, with matplotlib: `draw_overview` (`Solution.plot`), `draw_plan` (`plot_clearances`), `draw_search`.
+`page.page`: `write_plan_page` (`Solution.to_html`), `write_page` (`TampExpert.to_html`).
+`page.live`: `LivePage` (`TampExpert.live_page`). `mcap_file`: `write_mcap` (`Solution.to_mcap`).
+"""

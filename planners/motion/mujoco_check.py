@@ -15,7 +15,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from assets.robot_reading import collision_geoms
 from assets.robots import RobotSpec
 from irm.self_contact import BASE, link_of_body
 from planners.collision.hit_kernels import unproved_states
@@ -171,7 +170,7 @@ class MujocoCollisionChecker:
         self._in_object = {geom: pose_matrix(*local_pose(model, "geom", geom)) for geom in self._names}
         # Of the robot those pairs count that count for the planner: shapes that touch in nearly every configuration,
         # such as boxes around the meshes of short links, do not.
-        geoms = collision_geoms(model, robot)
+        geoms = robot.collision_geoms(model)
         counted = {frozenset((geoms[one], geoms[other])) for one, other in robot.shapes.pairs.tolist()}
         self._uncounted = set(map(frozenset, itertools.combinations(geoms, 2))) - counted
         self._world = (world or CollisionWorld.from_scene(scene)).with_padding(_NEAR)
@@ -352,4 +351,4 @@ def _gripper_geoms(model: mujoco.MjModel, robot: RobotSpec) -> set[int]:
     """The collision geoms of the active arm's last link: wrist, palm and fingers."""
     links = link_of_body(model, robot.drive_joints[3:])
     last = len(robot.chain) - 1
-    return {geom for geom in collision_geoms(model, robot) if links[int(model.geom_bodyid[geom])] == last}
+    return {geom for geom in robot.collision_geoms(model) if links[int(model.geom_bodyid[geom])] == last}

@@ -16,22 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from planners.goals import (
-    EDGE,
-    RESTING,
-    At,
-    Fact,
-    Goal,
-    Inside,
-    On,
-    Region,
-    footprint,
-    has_yaw,
-    overlap,
-    region_named,
-    region_names,
-)
+from planners.goals import At, Fact, Goal, Inside, On, has_yaw, region_named, region_names
 from planners.placing.locations import stand_at
+from planners.regions import EDGE, RESTING, Region, footprint, overlap
 from planners.scene import Body, Scene, StaticObstacle
 from planners.scene.bodies import resting_ways
 

@@ -20,7 +20,6 @@ from scipy.ndimage import distance_transform_edt
 
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import SUPPORT_SLACK, CollisionWorld
-from planners.goals import EDGE
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits, scan_configurations
 from planners.grasping.base_placement import Placer, facing_bases, farthest_reach
 from planners.grasping.candidates import GraspCandidate
@@ -31,6 +30,7 @@ from planners.placing.locations import in_hand, placement_cells, placement_level
 from planners.placing.negative_goal_region import SweptVolume, is_free
 from planners.placing.surfaces import KeepClear, Surface
 from planners.placing.swept_volume import grasp_volume
+from planners.regions import EDGE
 from planners.scene import Body, Scene, StaticObstacle
 from planners.scene.bodies import release_pitch
 from planners.scene.cover import direction_out, driven_out_of, is_covered

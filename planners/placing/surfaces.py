@@ -9,7 +9,6 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.goals import Region
 from planners.grasping.candidates import GraspCandidate
 from planners.placing.negative_goal_region import (
     NegativeGoalRegion,
@@ -20,6 +19,7 @@ from planners.placing.negative_goal_region import (
     negative_goal_region,
     swept_mask,
 )
+from planners.regions import Region
 from planners.scene import FLOOR, Body, Scene, StaticObstacle
 
 Array: TypeAlias = NDArray[np.float64]

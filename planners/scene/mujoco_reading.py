@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from assets.contacts import paired_name
 from assets.robots import RobotSpec
-from planners.goals import RESTING
+from planners.regions import RESTING
 from planners.scene.bodies import Body, RobotState, Shape, pose_matrix
 from planners.scene.solid import FLOOR, SceneError, Solid, StaticObstacle
 

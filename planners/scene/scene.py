@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from assets.robots import RobotSpec
-from planners.goals import Region
+from planners.regions import Region
 from planners.scene.bodies import (
     AsideObject,
     Body,

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.goals import Region
 from planners.placing.negative_goal_region import SupportGrid, footprint_mask
+from planners.regions import Region
 from planners.scene import Body, Scene
 from planners.search.belief import Belief, beside
 from planners.search.sight import FIXED, Screens, between

@@ -1,6 +1,6 @@
 """Task planners behind one protocol: kairos in process, any engine of unified-planning, and our own A* (`astar`).
 
-Built-in and user-written planners pass the same check of their answers, `checked_answer`.
+Built-in and user-written planners pass the same check of their answers, `checked_answer`; `answer_of` asks them.
 """
 
 from __future__ import annotations
@@ -8,11 +8,12 @@ from __future__ import annotations
 import importlib
 import inspect
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import nullcontext
 from functools import cache
 from importlib.util import find_spec
 from typing import Any, get_args
 
-from planners.clock import Deadline
+from planners.clock import Deadline, children_counted
 from planners.symbolic.astar import AStar
 from planners.symbolic.problem import (
     GroundAction,
@@ -173,6 +174,22 @@ class UnifiedPlanning:
                 said = "; ".join(entry.message.strip() for entry in result.log_messages or ())
                 raise EngineFailedError(f"{self.name}: {result.status.name}{': ' * bool(said)}{said[-_LONGEST:]}")
         return NoPlan("gave up")
+
+
+_IN_PROCESS = (AStar, Kairos)
+"""Task planners that start no process."""
+
+
+def answer_of(planner: TaskPlanner, problem: TaskProblem, time_limit: float) -> TaskPlan | NoPlan:
+    """The answer of a task planner within `time_limit` [s], checked; `cpu_seconds` counts the processes that it starts.
+
+    Without time it is not asked: "gave up". Raises `InvalidAnswerError`, see `checked_answer`.
+    """
+    if time_limit <= 0:
+        return checked_answer(problem, NoPlan("gave up"), planner)
+    with nullcontext() if isinstance(planner, _IN_PROCESS) else children_counted():
+        answer = planner.plan(problem, time_limit)
+    return checked_answer(problem, answer, planner)
 
 
 def checked_answer(problem: TaskProblem, answer: TaskPlan | NoPlan, planner: TaskPlanner) -> TaskPlan | NoPlan:

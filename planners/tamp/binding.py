@@ -16,7 +16,7 @@ from planners.motion.path import BlockedBy, NoPath
 from planners.placing.goal_places import without_room
 from planners.placing.placements import Placement
 from planners.scene import Scene
-from planners.symbolic.engines import checked_answer
+from planners.symbolic.engines import answer_of
 from planners.symbolic.problem import (
     GRIPPER,
     ROBOT_INIT_LOC,
@@ -141,8 +141,7 @@ def task_plan(search: Search, state: PlanState) -> TaskPlan | NoPlan:
     checked = search.answers.get(problem)
     if checked is None:
         time_limit = min(TASK_PLANNING_S, search.motion_layer.deadline.remaining)
-        answer = search.task_planner.plan(problem, time_limit) if time_limit > 0 else NoPlan("gave up")
-        checked = search.answers[problem] = checked_answer(problem, answer, search.task_planner)
+        checked = search.answers[problem] = answer_of(search.task_planner, problem, time_limit)
     search.task_planning_s += cpu_seconds() - before
     search.task_plans += 1
     search.has_given_up |= isinstance(checked, NoPlan) and checked.reason == "gave up"

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-
-if TYPE_CHECKING:
-    from planners.tamp.solution import BoundAction
+from planners.motion.trajectory import Trajectory
+from planners.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -44,7 +43,18 @@ class JointTrajectory:
             getattr(self, name).setflags(write=False)
 
 
-def joint_trajectory(actions: Sequence[BoundAction]) -> JointTrajectory:
+class MotionInScene(Protocol):
+    """A motion and the scene in which it begins, as in `BoundAction`."""
+
+    # fmt: off
+    @property
+    def trajectory(self) -> Trajectory: ...
+    @property
+    def scene(self) -> Scene: ...
+    # fmt: on
+
+
+def joint_trajectory(actions: Sequence[MotionInScene]) -> JointTrajectory:
     """The trajectory of bound actions, in order; raises `ValueError` if there are none.
 
     An arm that does not act is where it was left, at first in its home configuration, its gripper closed.

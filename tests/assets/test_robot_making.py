@@ -14,7 +14,6 @@ import pytest
 from assets import InvalidRobot, RobotSpec
 from assets.robot_making import Mounting, make_robot
 from assets.robot_motors import PAYLOAD, given_limit, motors_of, payload_of
-from assets.robot_reading import collision_geoms
 from assets.robot_shapes import lowest_height
 from assets.robots import robot
 from clutter_env.scene.object_sets import OBJECT_SETS
@@ -78,7 +77,7 @@ def test_boxes_do_not_touch_where_the_meshes_in_their_place_never_do(round_ended
     (tmp_path / "made.xml").write_text(text)
     robot = RobotSpec.from_mjcf(tmp_path / "made.xml", **page, home=(0.0, 0.0, -0.6, 0.9, 0.0, 0.0, 0.0))
     model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
-    geoms = np.array(collision_geoms(model, robot))
+    geoms = np.array(robot.collision_geoms(model))
     bodies = {
         frozenset(model.body(model.geom_bodyid[geom]).name for geom in pair) for pair in geoms[robot.shapes.pairs]
     }

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import assets
-from assets.robot_reading import collision_geoms
 from assets.robots import FETCH
 from irm import ArmChain, InverseReachabilityMap, ReachabilityMap, SelfCollision, Status, classify, decide, forward
 from irm.errors import ChainError
@@ -60,7 +59,7 @@ def test_shapes_count_whatever_their_masks(name):
     for joint in robot.finger_joints:
         data.joint(joint).qpos = robot.max_finger_position
     columns = [int(model.joint(link.joint).qposadr[0]) for link in robot.chain]
-    links, geoms = link_of_body(model, robot.drive_joints[3:]), collision_geoms(model, robot)
+    links, geoms = link_of_body(model, robot.drive_joints[3:]), robot.collision_geoms(model)
     of_geom = {geom: links[int(model.geom_bodyid[geom])] for geom in geoms}
     pairs = [(a, b) for a, b in itertools.combinations(geoms, 2) if abs(of_geom[a] - of_geom[b]) > 1]
     touching = 0

@@ -11,6 +11,7 @@ import pytest
 
 from planners import Body, GoalError, HeldObject, Region, Scene, SceneError, StaticObstacle, goals
 from planners.goals import Goal
+from planners.regions import footprint, overlap
 from tests.planners.pieces import cut_in_two, mug
 from tests.planners.scenes import DEPTH, HEIGHT, WIDTH, cylinder, table_scene
 
@@ -101,10 +102,10 @@ def test_the_footprint_of_pieces_is_their_convex_hull() -> None:
     body = mug(position=(0.1, 0.2, HEIGHT))
     handle, rim = body.position[:2] + (body.half_extents[0], 0.0), body.position[:2] + (0.02, 0.02)
     for point, inside in ((handle, True), (rim, True), (handle + (0.0, 0.02), False)):
-        assert (goals.overlap(goals.footprint(body), point[None]) >= 0) == inside
-    inner = goals.footprint(body, -0.01)
-    assert goals.overlap(goals.footprint(body), inner) > 0.05
-    away = [np.linalg.norm(points - body.position[:2], axis=1) for points in (goals.footprint(body), inner)]
+        assert (overlap(footprint(body), point[None]) >= 0) == inside
+    inner = footprint(body, -0.01)
+    assert overlap(footprint(body), inner) > 0.05
+    away = [np.linalg.norm(points - body.position[:2], axis=1) for points in (footprint(body), inner)]
     assert np.allclose(away[0] - away[1], 0.01)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import os
 import subprocess
 import sys
 import time
@@ -13,9 +14,10 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from planners import Cause, Infeasible, NoPlan, Planner, TaskPlan, solve
-from planners.clock import Deadline, TimeLimitError, cpu_seconds
+from planners import Cause, Infeasible, NoPlan, Planner, Solution, TaskPlan, solve
+from planners.clock import Deadline, TimeLimitError, children_counted, cpu_seconds
 from planners.symbolic.astar import AStar
+from planners.symbolic.engines import default_engine
 from planners.symbolic.problem import TaskProblem
 from tests.planners.clearing.test_lower_bound import random_clutter, sets, smallest
 from tests.planners.scenes import cylinder, random_scene, table_scene
@@ -122,6 +124,28 @@ class External:
         busy = "import time\nwhile time.process_time() < 0.4: pass"
         subprocess.run([sys.executable, "-c", busy], check=True, timeout=time_limit)
         return NoPlan("gave up")
+
+
+def test_the_clock_asks_for_child_processes_around_engines_that_may_start_some(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is read 50 times a solve, and `os.times` is a system call that can take half a millisecond."""
+    asked: list[str] = []
+    times = os.times
+    monkeypatch.setattr(os, "times", lambda: asked.append("") or times())
+    for engine in ("astar", default_engine()):
+        assert isinstance(Planner(FETCH, engine=engine).solve(FREE, "object_00"), Solution)
+    assert not asked
+    assert isinstance(Planner(FETCH, engine=Recorder()).solve(FREE, "object_00"), Solution)
+    assert asked, "what a user's engine starts is not known"
+
+
+def test_cpu_time_of_child_processes_counts_where_it_is_asked_for() -> None:
+    busy = [sys.executable, "-c", "import time\nwhile time.process_time() < 0.2: pass"]
+    before = cpu_seconds()
+    subprocess.run(busy, check=True)
+    assert cpu_seconds() - before < 0.1
+    with children_counted():
+        subprocess.run(busy, check=True)
+    assert 0.2 <= cpu_seconds() - before < 1.0
 
 
 @pytest.mark.parametrize("strategy", ["lookahead", "ngr"])

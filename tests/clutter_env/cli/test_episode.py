@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from clutter_env.cli.episode import Arguments
+from clutter_env.cli.episode_arguments import Arguments
 from clutter_env.cli.expert_episodes import (
     episode_text,
     plan_text,

@@ -15,7 +15,7 @@ from clutter_env.cli.clearance_picture import draw
 from clutter_env.cli.clearance_tables import scene_row, strategy_rows, summarise
 from clutter_env.cli.clearance_trials import ASSESSMENT, CRASH, Record, Trials, _environment
 from clutter_env.cli.main import main
-from clutter_env.cli.table import STRATEGIES, Arguments
+from clutter_env.cli.table_arguments import STRATEGIES, Arguments
 from clutter_env.errors import UsageError
 from planners import Planner
 from scripts.ablations import ABLATIONS

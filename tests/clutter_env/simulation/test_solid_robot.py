@@ -15,7 +15,6 @@ import pytest
 from scipy.optimize import least_squares
 
 from assets import ActingJoints, robot as find_robot, robot_contacts
-from assets.robot_reading import collision_geoms
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ConfigError
 from clutter_env.simulation.pressing import SUSTAINED_FORCE, Pressing
@@ -32,7 +31,7 @@ def counted(name: str) -> set[frozenset[str]]:
     robot, pairs = find_robot(name), set()
     for one in (robot, *(robot.using(arm.name) for arm in robot.idle_arms)):
         model = mujoco.MjModel.from_xml_path(str(one.mjcf_path))
-        names = [model.geom(number).name for number in collision_geoms(model, one)]
+        names = [model.geom(number).name for number in one.collision_geoms(model)]
         pairs |= {frozenset(names[k] for k in pair) for pair in one.shapes.pairs.tolist()}
     return pairs
 
@@ -230,7 +229,7 @@ def test_physics_has_the_pairs_of_the_rule_for_robots_of_files(change: Callable[
         (number[one], number[other]) for one, other in itertools.combinations(own, 2) if can_touch(model, one, other)
     }
     assert met == set(map(tuple, robot_contacts(robot).pairs.tolist()))
-    counted = {frozenset(collision_geoms(alone, robot)[k] for k in pair) for pair in robot.shapes.pairs.tolist()}
+    counted = {frozenset(robot.collision_geoms(alone)[k] for k in pair) for pair in robot.shapes.pairs.tolist()}
     assert met == {tuple(sorted(pair)) for pair in counted}, "and of the planner"
     on_ground = {number[geom] for geom in own if can_touch(model, model.geom("floor").id, geom)}
     assert on_ground == set(robot_contacts(robot).above_ground.tolist())

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from planners.goals import Region, inside, overlap
+from planners.goals import Region, inside
 from planners.placing.goal_places import (
-    footprint,
     in_the_way,
     locations_in,
     of_same_area,
@@ -18,6 +17,7 @@ from planners.placing.goal_places import (
     reserved_regions,
 )
 from planners.placing.locations import stand_at
+from planners.regions import footprint, overlap
 from planners.scene import Body, Scene
 from tests.planners.scenes import cylinder, table_scene
 
