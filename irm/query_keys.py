@@ -374,11 +374,11 @@ def _number(grid: MapGrid, layer: Any, group: int) -> Any:
 def yaw_window(grid: MapGrid, key: Key, yaw_range: tuple[float, float], step: float) -> YawWindow:
     """The window of turns for a checked range of approach yaws.
 
-    For a vertical approach of a wrist that rolls freely it is a full turn: the wrist makes up for the yaw.
+    For an exactly vertical approach of a wrist that rolls freely it is a full turn: the wrist makes up for the yaw.
     """
     orientations, shift = grid.orientations, key.yaw_shift
     samples = int(orientations.count[key.group])
-    if orientations.free_roll and orientations.is_pole(key.group):
+    if orientations.free_roll and key.exact and orientations.is_pole(key.group):
         return YawWindow(-pi, pi, min(step, _POLE_STEP), samples, shift)
     return YawWindow(yaw_range[0] - shift, yaw_range[1] - shift, step, samples, shift)
 

@@ -186,3 +186,11 @@ def test_an_answer_prints_as_a_table_and_shows_one_in_a_notebook(coarse_inverse)
         assert "yaw [rad]" in names
         assert [float(row.split()[0]) for row in rows] == pytest.approx(answer.poses[:, 0], abs=1e-3)
         assert answer._repr_html_().count("<tr>") == 1 + len(answer)
+
+
+def test_an_approach_that_is_nearly_vertical_keeps_to_its_yaws(coarse_inverse):
+    """Nearer to the pole than to a ring, every yaw was tried: bases were certain for poses that were not asked for."""
+    for exact in (None, False, True):
+        found = coarse_inverse.query((0.1, 0.0, 0.8), pitch=1.35, yaw_range=(0.2, 0.4), k=5, exact=exact)
+        assert len(found)
+        assert np.all((found.approach_yaw >= 0.2 - 1e-6) & (found.approach_yaw <= 0.4 + 1e-6))
