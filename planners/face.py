@@ -77,7 +77,8 @@ from planners.scene.cover import BACK as BACK, drive_out as drive_out, heading a
 from planners.scene.insert import insert_robot as insert_robot
 from planners.scene.prepare import Change as Change, Prepared as Prepared, prepare as prepare
 from planners.scene.solid import StaticObstacle as StaticObstacle
-from planners.search.expert import SearchExpert as SearchExpert, SearchReport as SearchReport, SearchStep as SearchStep
+from planners.search.expert import SearchExpert as SearchExpert
+from planners.search.report import SearchReport as SearchReport, SearchStep as SearchStep
 from planners.skills import (
     DIRECTIONS as DIRECTIONS,
     Skill as Skill,

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from itertools import count
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 import clutter_env  # noqa: F401  registers the environments
 from clutter_env.policies.experts import make_expert
+from clutter_env.policies.playing import played
 from clutter_env.policies.protocol import begin_episode
 from clutter_env.policies.registry import PolicyTraits, load_policy
 from clutter_env.rendering.film import save_gif
@@ -101,12 +103,17 @@ def frames(entry: Entry, size: int) -> Iterator[Frame]:
     picture = _front_page(env.unwrapped) if entry.is_front_page else lambda: _image(env, observation)
     # A skill is one step, whose frame is shown for a second.
     repeats, every = (FRAMES_PER_SECOND, 1) if acts_by_skills else (1, entry.steps_per_frame)
-    step, is_over = 0, False
-    while not (is_over or getattr(policy, "done", False)):
-        if step % every == 0:
-            yield from [picture()] * repeats
-        observation, _, terminated, truncated, _ = env.step(policy.act(observation))
-        step, is_over = step + 1, terminated or truncated
+    numbers, taken = count(), list[Frame]()
+
+    def step(action: Any) -> tuple[Any, ...]:
+        if next(numbers) % every == 0:
+            taken.extend([picture()] * repeats)
+        return env.step(action)
+
+    for last in played(policy, step, observation):
+        yield from taken
+        taken.clear()
+        observation = last.observation
     yield picture()
     env.close()
 

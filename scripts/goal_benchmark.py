@@ -27,6 +27,7 @@ import numpy as np
 import tyro
 
 import clutter_env
+from clutter_env.policies.playing import played
 from clutter_env.reporting.files import JsonLines
 from clutter_env.reporting.progress import progress_bar
 from planners import ExpertConfig, Scene, Solution, TampExpert, solve, warmup
@@ -135,11 +136,9 @@ def carried_out(env: Any, time_limit: float, fault: str = "") -> dict[str, Any]:
     tamper, happened, own = FAULTS.get(fault, _nothing), "", (0, 0)
     rng = np.random.default_rng(env.unwrapped.np_random_seed)
     expert.reset()
-    plan, info, is_over = expert.solution, env.unwrapped.info, expert.done
-    steps_since = 0
-    while not is_over:
-        *_, terminated, truncated, info = env.step(expert.act())
-        is_over = terminated or truncated or expert.done
+    plan, info, steps_since = expert.solution, env.unwrapped.info, 0
+    for step in played(expert, env.step):
+        info = step.info
         steps_since += bool(happened)
         happened = happened or tamper(env.unwrapped, expert, rng)
         if 0 < steps_since <= _SETTLED:

@@ -21,6 +21,7 @@ import numpy as np
 import tyro
 
 import clutter_env
+from clutter_env.policies.playing import played
 from clutter_env.reporting.intervals import wilson
 from clutter_env.suites import SuiteScene
 from planners import ExpertConfig, Scene, SearchExpert, TampExpert
@@ -116,25 +117,28 @@ def searched(
     observation, info = scene.reset(env)
     if absent:
         observation["target"][:3] = _GREY
-    expert, steps, is_over = SearchExpert(env, order=order, noise=noise), 0, False
+    expert, steps = SearchExpert(env, order=order, noise=noise), 0
     expert.reset(observation)
-    while not (is_over or expert.done):
-        observation, _, terminated, truncated, info = env.step(expert.act(observation))
-        is_over, steps = truncated or (terminated and not absent), steps + 1
+
+    def step(action: Any) -> tuple[Any, ...]:
+        observation, reward, terminated, truncated, info = env.step(action)
+        return observation, reward, terminated and not absent, truncated, info
+
+    for taken in played(expert, step, observation):
+        info, steps = taken.info, steps + 1
     return expert, info, steps
 
 
 def play(scene: SuiteScene, policy: str, mask_errors: float, depth_noise: float, absent: bool) -> Search:
     """One episode of a scene, by a policy."""
     env: Any = scene.make(mask_errors=mask_errors, depth_noise=depth_noise, **_FRAMES)
-    started, steps, is_over = time.process_time(), 0, False
+    started, steps = time.process_time(), 0
     if policy == "all-knowing":
         _, info = scene.reset(env)
         knowing = TampExpert(env, config=ExpertConfig(planning_s=math.inf))  # figures of a loaded machine, too
         knowing.reset(info["target"])
-        while not (is_over or knowing.done):
-            _, _, terminated, truncated, info = env.step(knowing.act())
-            is_over, steps = terminated or truncated, steps + 1
+        for taken in played(knowing, env.step):
+            info, steps = taken.info, steps + 1
         report = knowing.report
         counts = (report.failure, len(report.clearances), 0)
         times = 0.0, report.planning_s

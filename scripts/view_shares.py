@@ -23,6 +23,7 @@ import clutter_env  # noqa: F401  registers the environments
 from assets import RobotSpec
 from assets.robots import robot as find_robot
 from clutter_env.errors import UsageError
+from clutter_env.policies.playing import played
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.reporting.tables import markdown_table
 from planners import TampExpert
@@ -123,15 +124,10 @@ def view(env: Any, size: int) -> View:
 
 def _path(env: Any, size: int) -> list[View]:
     """Images while the expert takes the target out; none where it finds no plan."""
-    expert, seen, steps = TampExpert(env), [], 0
+    expert = TampExpert(env)
     expert.reset()
-    is_over = False
-    while not (is_over or expert.done):
-        *_, terminated, truncated, _ = env.step(expert.act())
-        is_over, steps = terminated or truncated, steps + 1
-        if steps % _EVERY == 0:
-            seen.append(view(env.unwrapped, size))
-    return seen
+    steps = enumerate(played(expert, env.step), start=1)
+    return [view(env.unwrapped, size) for number, _ in steps if number % _EVERY == 0]
 
 
 def _summary(groups: list[list[View]]) -> tuple[str, ...]:

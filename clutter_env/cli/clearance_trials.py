@@ -19,6 +19,7 @@ from clutter_env.cli.table_arguments import Arguments
 from clutter_env.config import EnvConfig
 from clutter_env.errors import UsageError
 from clutter_env.parallel import Crash, Killed, run_jobs
+from clutter_env.policies.playing import played
 from clutter_env.reporting.files import JsonLines, changes
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.layout import TABLE, find_layout, supports_of
@@ -215,14 +216,10 @@ def let_act(
     `watch` is called after every step with the phase of the motion.
     """
     inner: Any = env.unwrapped
-    info, lifted, is_over = inner.info, False, expert.done
-    while not is_over:
-        action = expert.act()
-        phase = expert.phase
-        _, _, terminated, truncated, info = env.step(action)
-        lifted |= info["lifted"]
-        watch(phase)
-        is_over = terminated or truncated or expert.done
+    info, lifted = inner.info, False
+    for step in played(expert, env.step):
+        info, lifted = step.info, lifted or step.info["lifted"]
+        watch(expert.phase)
     return info, lifted
 
 

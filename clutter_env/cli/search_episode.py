@@ -10,6 +10,7 @@ import gymnasium as gym
 import clutter_env
 from clutter_env.cli.episode_arguments import Arguments
 from clutter_env.cli.expert_episodes import film_of, saved_film
+from clutter_env.policies.playing import played
 from clutter_env.rendering.film import LOOKING
 from clutter_env.reporting.progress import progress_bar, shown_compilation
 from planners import SearchExpert, warmup
@@ -35,19 +36,19 @@ def show_search(arguments: Arguments) -> dict[str, Any]:
     expert.reset(observation)
     recorder = Recorder(inner, info["target"])
     recorder.add_solve(expert.report)
-    is_over, text = False, ""
     with ExitStack() as stack:
         film = film_of(inner, stack) if arguments.film else None
         bar = stack.enter_context(progress_bar(bar_format="{n:.0f} s simulated{postfix}"))
-        while not (is_over or expert.done):
-            action = expert.act(observation)
-            text = expert.phase or LOOKING
-            recorder.add_frame(len(expert.report.steps) - 1, text)
-            observation, _, terminated, truncated, info = env.step(action)
-            is_over = terminated or truncated
+
+        def step(action: Any) -> tuple[Any, ...]:
+            recorder.add_frame(len(expert.report.steps) - 1, expert.phase or LOOKING)
+            return env.step(action)
+
+        for taken in played(expert, step, observation):
+            info = taken.info
             bar.update(1 / env.metadata["render_fps"])
             if film is not None:
-                film.watch(text)
+                film.watch(expert.phase or LOOKING)
         report, is_success = expert.report, bool(info["is_success"])
         rows = {
             "success": "yes, by the environment" if is_success else f"no: {report.failure or 'not clean'}",

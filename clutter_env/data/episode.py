@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from assets import RobotSpec
 from clutter_env.envs.observation import Column, EntryLayout
 from clutter_env.policies.experts import Expert
+from clutter_env.policies.playing import played
 from clutter_env.policies.protocol import begin_episode
 from clutter_env.provenance import provenance
 from clutter_env.simulation.control import STILL
@@ -144,16 +145,15 @@ def record(task: Task, env: gym.Env, expert: Expert, seed: int, options: Mapping
     skills: list[str] = []
     labels: list[StepLabel | None] = []
     terminated = truncated = False
-    while not (terminated or truncated or expert.done):
-        action = np.asarray(expert.act(observation), np.float32)
+    for step in played(expert, lambda action: env.step(np.asarray(action, np.float32)), observation):
         skills.append(expert.skill)
         labels.append(expert.step_label)
-        observation, reward, terminated, truncated, info = env.step(action)
-        actions.append(action)
-        rewards.append(float(reward))
-        observations.append(observation)
-        infos.append(info)
+        actions.append(np.asarray(step.action, np.float32))
+        rewards.append(float(step.reward))
+        observations.append(step.observation)
+        infos.append(step.info)
         states.append(physics_state(env))
+        terminated, truncated = step.terminated, step.truncated
     assert env.action_space.shape is not None
     return Episode(
         task=task,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar
 
 import gymnasium as gym
@@ -12,6 +13,7 @@ import numpy as np
 
 from clutter_env.envs.goal import GoalEnv
 from clutter_env.errors import ActionError
+from clutter_env.policies.playing import played
 from clutter_env.policies.protocol import AnyPolicy, begin_episode
 from clutter_env.policies.registry import PolicyTraits
 
@@ -116,18 +118,13 @@ def play_scene(
     begin_episode(policy, info, env)
     watch(env, policy)
     steps, is_over, terminated = 0, False, False
-    while not (is_over or getattr(policy, "done", False)):
-        action = policy.act(observation)
-        try:
-            observation, _, terminated, truncated, info = env.step(action)
-        except ActionError as problem:  # the traceback shows nothing of the policy's own code
-            traits = getattr(policy, "traits", None)  # of its process
-            place = (traits if isinstance(traits, PolicyTraits) else PolicyTraits.of(policy)).place
-            raise PolicyCrashed(f"{place} returned no valid action: {problem}") from problem
-        steps += 1
+    for step in played(policy, partial(_step, env, policy), observation):
+        steps, info, terminated = steps + 1, step.info, step.terminated
         # A lifted target is a success or can never become one; so is a goal that has been reached.
-        is_over = terminated or truncated or steps == max_steps or (ends_lifted and bool(info["lifted"]))
+        is_over = step.is_over or steps == max_steps or (ends_lifted and bool(info["lifted"]))
         watch(env, policy)
+        if is_over:
+            break
     is_moved = np.linalg.norm(physics_env.measurements.poses[:, :3] - before, axis=1) > MOVED
     is_moved[target : target + 1] = False
     if info["is_success"]:
@@ -159,6 +156,16 @@ def play_scene(
         failure=failure,
         wall_s=time.perf_counter() - started,
     )
+
+
+def _step(env: gym.Env, policy: AnyPolicy, action: Any) -> tuple[Any, ...]:
+    """Step the environment; raises `PolicyCrashed` for what is no valid action."""
+    try:
+        return env.step(action)
+    except ActionError as problem:  # the traceback shows nothing of the policy's own code
+        traits = getattr(policy, "traits", None)  # of its process
+        place = (traits if isinstance(traits, PolicyTraits) else PolicyTraits.of(policy)).place
+        raise PolicyCrashed(f"{place} returned no valid action: {problem}") from problem
 
 
 def one_line(text: Any) -> str:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from planners.drawing.choices import ClearancePicture, DrawnSurface, choices_of, last_picture
 from planners.scene import Body
-from planners.search.expert import SearchStep
+from planners.search.report import SearchStep
 from planners.tamp.solution import Solution
 
 Array = NDArray[np.float64]

@@ -41,11 +41,19 @@ _ROUNDING = 1e-6
 
 
 class Command(NamedTuple):
-    """Set points of one control step: whole-body configuration (11,) [m, rad], gripper opening [m], the arm's name."""
+    """Set points of one control step.
+
+    Attributes:
+        drive: (11,) whole-body configuration [m, rad].
+        opening: of the gripper [m].
+        arm: its name.
+        head: (2,) pan and tilt [rad]; None: as they are.
+    """
 
     drive: Array
     opening: float
     arm: str = ""
+    head: Array | None = None
 
 
 class Executor:

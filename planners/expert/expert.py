@@ -10,47 +10,41 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.scene_arrays import robot_arrays
-from planners.contact import StepLabel, contacts
+from planners.contact import StepLabel
+from planners.expert.actions import Actions
+from planners.expert.actor import AT_START, Actor, Follow, Step, Steps, Wait
 from planners.expert.config import ExpertConfig, ExpertError
 from planners.expert.executor import Command, Executor
 from planners.expert.interfaces import ScenePlanner, controlled_env, planner_for
-from planners.expert.monitor import Sensor, held_object
 from planners.expert.report import EpisodeReport, Recorder, Recording
-from planners.goals import Goal, GoalError, height_below, holding
+from planners.expert.world import PerceivedWorld
+from planners.goals import Goal, GoalError, holding
 from planners.grasping.families import Grasps
-from planners.motion.arm import tcp_pose, unwrap_joints
 from planners.motion.tcp_following import ON_THE_WAY
 from planners.motion.trajectory import CONTROL_STEP
 from planners.placing.surfaces import Supports
 from planners.planner import Planner
-from planners.scene import AsideObject, ParkedArm, RobotState, Scene, SceneError
+from planners.scene import Scene, SceneError
 from planners.strategies import Strategy, find_strategy
-from planners.tamp.solution import Infeasible, Solution
+from planners.tamp.solution import BoundAction, Infeasible, Solution
 
 if TYPE_CHECKING:
     from planners.drawing.page.live import LivePage
 
 Array = NDArray[np.float64]
 
-_AT_START = 2
-"""Control steps at the start of a new plan: it begins at the measured joint angles, not at those commanded last.
-
-The difference together with the first motion would exceed the acceleration limit, and the joint would lag.
-"""
 _AIM = 1 / 3
 """Share of the accuracy of poses by which what is grasped may seem to have moved once the robot has come near: more is
 seen wrongly from where the plan was made, and is planned again from here."""
 _LEAST_AIM = 0.004
 """[m]"""
-_NEAR_HOME = 0.05
-"""[m], [rad]: a configuration this near to home is planned from as if it were home; the controller closes the gap."""
 
 
 class TampExpert:
@@ -113,8 +107,7 @@ class TampExpert:
         )
         self._seed = seed
         self._dt = float(getattr(self._env, "dt", CONTROL_STEP))
-        robot = self._env.robot
-        self._robots = {arm: robot if arm == robot.arm_name else robot.using(arm) for arm in robot.acting_arms}
+        self._world = PerceivedWorld(self._env)
         monitor, accuracy = self._config.monitor, float(getattr(self._env, "pose_accuracy", 0.0))
         self._tolerances = replace(monitor, displacement=monitor.displacement + accuracy, slip=monitor.slip + accuracy)
         if accuracy > 0:
@@ -134,96 +127,65 @@ class TampExpert:
             UnknownObject: no object of that name; the episode before goes on.
             GoalError: the goal means nothing in the scene; the episode before goes on.
         """
-        env, planner = self._env, self._planner
-        try:
-            named = [name for name in ("planning_goal", "goal") if hasattr(type(env), name)]
-            own = getattr(env, named[0]) if named else holding(env.target)
-        except ValueError as error:
-            raise ExpertError(f"reset the environment before the expert: {error}") from error
+        own = self._goal_of_env()
         if goal is None and not isinstance(own, Goal):
-            raise ExpertError(f"the goal of {type(env).__name__} is no planners.goals.Goal; say which: reset(goal)")
-        if isinstance(planner, Planner):
-            planner.warmup()  # compiles kernels before any clock is started
-        scene = self._read_scene()
+            kind = type(self._env).__name__
+            raise ExpertError(f"the goal of {kind} is no planners.goals.Goal; say which: reset(goal)")
+        if isinstance(self._planner, Planner):
+            self._planner.warmup()  # compiles kernels before any clock is started
+        scene = self._world.scene()
         wanted = own if goal is None else Goal.of(goal)
         if wanted.target:
             scene.index(wanted.target)
         wanted.check(scene)
         # From here on this is another episode.
-        self._has_begun, self._done, self._solution = False, False, None
+        self._has_begun, self._solution = False, None
         self._goal, self._start_scene = wanted, scene
         self._rng = np.random.default_rng(self._seed)
-        self._recorder = Recorder(env, wanted.target)
-        model, self._data = self._perceived.model, self._perceived.data
-        self._started = self._now = float(env.data.time)
-        self._sensors = {arm: Sensor(model, self._data, one, env.object_names) for arm, one in self._robots.items()}
-        self._report = EpisodeReport()
-        # While there is an executor, a plan is carried out. Otherwise the robot waits for `_wait` control steps, to
-        # hold the target up or for objects to settle, and what comes next is decided after that.
-        self._executor: Executor | None = None
-        self._wait = 0
+        self._recorder = Recorder(self._env, wanted.target)
+        self._data, self._started = self._world.source.data, self._time
+        self._now, self._sensors = self._started, self._world.sensors()
+        self._report = self._bounded(scene)
         arm = scene.robot.arm_name
-        self._arm_targets = {one.name: np.array(one.home) for one in env.robot.arms}
-        self._last = Command(self._sensors[arm].read().drive, env.robot.opening(scene.state.finger_position), arm)
-        self._arm_targets[arm] = self._last.drive[4:]
-        if self._config.with_floor and wanted.target:
-            before = time.process_time()
-            bounding = planner if isinstance(planner, Planner) else Planner(scene.robot)
-            floor = bounding.clearance_floor(scene, wanted.target)
-            count = floor.count if floor.proved else None
-            self._report = EpisodeReport(floor=count, planning_s=time.process_time() - before)
-        self._plan(scene)
+        last = Command(self._sensors[arm].read().drive, self._env.robot.opening(scene.state.finger_position), arm)
+        self._actions, self._actor = Actions(self._env, last), Actor(last, partial(self._plan, scene))
+        self._actor.decide()
         self._has_begun = True
 
-    def act(self) -> Array:
+    def act(self, observation: Any = None) -> Array:  # noqa: ARG002  of policies that are told what they see
         """The next action; call it once before every step of the environment.
+
+        Args:
+            observation: not used, since the expert reads the simulation; a policy like any other may be given it.
 
         Raises:
             ExpertError: `reset` has not been called since the expert was made or since the environment was reset.
         """
         self._check_begun("act()")
-        now = float(self._env.data.time)
-        if self._perceived.data is not self._data or now < self._now:
+        if self._world.source.data is not self._data or self._time < self._now:
             raise ExpertError("the environment was reset after the expert; call TampExpert.reset() again")
-        self._now = now
-        executor = self._executor
-        if executor is None:
-            self._recorder.add_frame()
-            self._wait -= 1
-            if not self._done and self._wait <= 0:
-                self._check_result()
-            return self._action(self._last)
-        command = executor.advance(self._sensors[executor.arm].read())
-        self._recorder.add_frame(executor.action, executor.phase)
-        if not executor.is_over:
-            return self._action(command)
-        self._report = self._report.with_clearances(executor.cleared)
-        self._executor = None
-        if executor.deviation is None:
-            self._hold()
-        else:
-            deviation = str(executor.deviation)
-            self._note(deviation)
-            if self._may_replan(f"gave up after {self._report.replans} replans; last deviation: {deviation}"):
-                self._wait = self._steps(self._config.settle_s)
-        return self._action(command)
+        self._now = self._time
+        command, executor = self._actor.command(), self._actor.executor
+        self._recorder.add_frame(*(() if executor is None else (executor.action, executor.phase)))
+        self._actor.decide()
+        return self._actions.of(command)
 
     @property
     def done(self) -> bool:
         """Whether the expert has finished or given up."""
         self._check_begun("done")
-        return self._done
+        return self._actor.is_idle
 
     @property
     def report(self) -> EpisodeReport:
         """How the episode went, or how it stands."""
         self._check_begun("report")
-        report, executor = self._report, self._executor
-        if not self._done:
+        report, executor = self._report, self._actor.executor
+        if not self._actor.is_idle:
             report = report.with_clearances([] if executor is None else executor.cleared)
-            report = replace(report, sim_s=float(self._env.data.time) - self._started)
-            is_retrieved, unknown = self._result()
-            if is_retrieved:
+            report = replace(report, sim_s=self._time - self._started)
+            is_reached, unknown = self._world.reaches(self._goal, self._start_scene)
+            if is_reached:
                 is_executed = report.executed or (executor is not None and executor.deviation is None)
                 report = replace(report, executed=is_executed, scored=True, failure="")
             else:
@@ -249,15 +211,15 @@ class TampExpert:
     def phase(self) -> str:
         """Action and phase of the motion, for example "PickUp object_03: lift"; "" while the robot waits."""
         self._check_begun("phase")
-        return "" if self._executor is None else self._executor.phase
+        return self._actor.phase
 
     @property
     def step_label(self) -> StepLabel:
         """Label of the last action: phase, grasp or release, and the keyframe at the end of the phase."""
         self._check_begun("step_label")
-        finger_position = self._env.robot.finger_position(self._last.opening)
-        waiting = StepLabel("", None, np.append(self._last.drive, finger_position))
-        return (self._executor and self._executor.label) or waiting
+        last, executor = self._actor.last, self._actor.executor
+        waiting = StepLabel("", None, np.append(last.drive, self._env.robot.finger_position(last.opening)))
+        return (executor and executor.label) or waiting
 
     @property
     def solution(self) -> Solution | Infeasible | None:
@@ -306,85 +268,122 @@ class TampExpert:
         if not self._has_begun:
             raise ExpertError(f"call TampExpert.reset() before {call}")
 
-    # Steps of the loop.
+    @property
+    def _time(self) -> float:
+        """[s] in the simulation."""
+        return float(self._env.data.time)
 
-    def _plan(self, read: Scene | None = None) -> None:
-        """Solve, as things are or were read, and begin to execute; or end the episode with the reason for failure."""
+    def _goal_of_env(self) -> Any:
+        """The environment's own goal: to plan for, to reach, or its target to be held."""
+        env = self._env
+        try:
+            named = [name for name in ("planning_goal", "goal") if hasattr(type(env), name)]
+            return getattr(env, named[0]) if named else holding(env.target)
+        except ValueError as error:
+            raise ExpertError(f"reset the environment before the expert: {error}") from error
+
+    def _bounded(self, scene: Scene) -> EpisodeReport:
+        """An empty report, with the minimum number of clearances if that is wanted."""
+        if not (self._config.with_floor and self._goal.target):
+            return EpisodeReport()
+        before, planner = time.process_time(), self._planner
+        bounding = planner if isinstance(planner, Planner) else Planner(scene.robot)
+        floor = bounding.clearance_floor(scene, self._goal.target)
+        count = floor.count if floor.proved else None
+        return EpisodeReport(floor=count, planning_s=time.process_time() - before)
+
+    # The phases of an episode. Each returns what the actor does next: nothing at its end.
+
+    def _plan(self, read: Scene | None = None) -> Steps:
+        """Solve, as things are or were read, and execute the plan."""
         before = time.process_time()
         try:
-            scene = read or self._read_scene()
-            goal, planner = self._goal.target or self._goal, self._planner
-            given = scene, goal, self._strategy, self._rng, self._config.planning_s
-            solution = planner.solve(*given, *[self._start_scene] * isinstance(planner, Planner))
-            if isinstance(solution, Infeasible) and (wider := self._with_all_grasps(scene)) is not None:
-                self._note(f"{solution.cause}: {solution.detail}; planned with all grasps")
-                solution = wider.solve(*given, self._start_scene)
+            outcome = self._solved(read or self._world.scene())
         except (SceneError, GoalError) as error:
-            self._end(f"the scene is not valid for planning: {error}")
-            return
-        if not isinstance(solution, Solution | Infeasible):
-            raise ExpertError(f"the planner returned {solution!r:.100}; it must return a Solution or an Infeasible")
-        self._solution = solution
-        self._recorder.add_solve(solution)
-        planned, report = contacts(solution), self._report
-        self._report = replace(
-            report,
-            planned=isinstance(solution, Solution),
-            planning_s=report.planning_s + time.process_time() - before,
-            contacts=report.contacts + len(planned),
-            not_straight=report.not_straight + sum(not contact.is_straight for contact in planned),
+            return self._end(f"the scene is not valid for planning: {error}")
+        self._solution = outcome
+        self._recorder.add_solve(outcome)
+        self._report = self._report.with_solve(outcome, time.process_time() - before)
+        if isinstance(outcome, Infeasible):
+            return self._end(f"{outcome.cause}: {outcome.detail}")
+        return self._execute(outcome.actions) if outcome.actions else self._hold()
+
+    def _execute(self, actions: tuple[BoundAction, ...]) -> Steps:
+        """Follow a plan, and watch how it ends."""
+        env = self._env
+        executor = Executor(
+            actions,
+            env.robot,
+            self._sensors[actions[0].scene.robot.arm_name],
+            self._tolerances,
+            by_tcp=env.control_mode == "ee" or getattr(env, "waits_for_tcp", False),
+            at_start=AT_START if self._report.replans else 0,
+            dt=self._dt,
+            latency=getattr(env, "latency", 0),
+            line_tolerance=getattr(env, "line_tolerance", ON_THE_WAY),
         )
-        if isinstance(solution, Infeasible):
-            self._end(f"{solution.cause}: {solution.detail}")
-        elif not solution.actions:
-            self._hold()
-        else:
-            self._executor = Executor(
-                solution.actions,
-                self._env.robot,
-                self._sensors[solution.actions[0].scene.robot.arm_name],
-                self._tolerances,
-                by_tcp=self._env.control_mode == "ee" or getattr(self._env, "waits_for_tcp", False),
-                at_start=_AT_START if self._report.replans else 0,
-                dt=self._dt,
-                latency=getattr(self._env, "latency", 0),
-                line_tolerance=getattr(self._env, "line_tolerance", ON_THE_WAY),
-            )
+        return [Follow(executor, lambda arm: self._sensors[arm].read()), partial(self._watch, executor)]
 
-    def _with_all_grasps(self, scene: Scene) -> Planner | None:
-        """The planner with all grasps, to plan again once something has toppled: few grasp sets fit what lies."""
-        planner, lies = self._planner, any(not body.is_upright for body in scene.objects)
-        if not (self._report.replans and lies and isinstance(planner, Planner) and planner.grasps != "all"):
-            return None
-        return replace(planner, grasps="all", supports=planner.supports or (scene.support.name,))
+    def _watch(self, executor: Executor) -> Steps:
+        """After a plan: hold the target up; after a deviation let everything settle, and look what has become of it."""
+        self._report = self._report.with_clearances(executor.cleared)
+        if executor.deviation is None:
+            return self._hold()
+        deviation = str(executor.deviation)
+        self._note(deviation)
+        failure = f"gave up after {self._report.replans} replans; last deviation: {deviation}"
+        return self._replan(failure, Wait(self._steps(self._config.settle_s)), self._check)
 
-    def _hold(self) -> None:
+    def _hold(self) -> Steps:
         """The plan is carried out to its end: hold the target up."""
         self._report = replace(self._report, executed=True)
-        self._wait = self._steps(self._config.hold_s)
+        return [Wait(self._steps(self._config.hold_s)), self._check]
 
-    def _check_result(self) -> None:
-        """After waiting: the episode is over if the target is held up; otherwise plan again from how things are now."""
-        is_retrieved, unknown = self._result()
-        if is_retrieved or unknown:
-            self._report = replace(self._report, scored=is_retrieved)
-            self._end(unknown)
-            return
-        if self._report.executed:
-            self._report = replace(self._report, executed=False)
-            self._note("target not held" if self._goal.target else "goal not reached")
-            end = "the target was not held" if self._goal.target else "the goal was not reached"
-            if not self._may_replan(f"{end} at the end of the plan"):
-                return
-        self._plan()
+    def _check(self) -> Steps:
+        """The episode is over if the goal is reached, or nobody can tell; otherwise plan again from how things are."""
+        is_reached, unknown = self._world.reaches(self._goal, self._start_scene)
+        if is_reached or unknown:
+            self._report = replace(self._report, scored=is_reached)
+            return self._end(unknown)
+        if not self._report.executed:
+            return self._plan()
+        self._report = replace(self._report, executed=False)
+        self._note("target not held" if self._goal.target else "goal not reached")
+        end = "the target was not held" if self._goal.target else "the goal was not reached"
+        return self._replan(f"{end} at the end of the plan", self._plan)
 
-    def _may_replan(self, failure: str) -> bool:
-        """Count one more replan, or end the episode with a failure if there were too many."""
+    def _replan(self, failure: str, *steps: Step) -> Steps:
+        """The steps to another plan, which is counted, or the end with a failure if there were too many."""
         if self._report.replans >= self._config.replans:
-            self._end(failure)
-            return False
+            return self._end(failure)
         self._report = replace(self._report, replans=self._report.replans + 1)
-        return True
+        return steps
+
+    def _end(self, failure: str) -> Steps:
+        self._report = replace(self._report, failure=failure, sim_s=self._time - self._started)
+        return []
+
+    # What the phases need.
+
+    def _solved(self, scene: Scene) -> Solution | Infeasible:
+        """The plan for a scene; with all grasps where it has none once something has toppled: few sets fit what lies.
+
+        Raises:
+            SceneError, GoalError: the scene is not valid for planning.
+            ExpertError: the planner returns something else.
+        """
+        planner, start = self._planner, self._start_scene
+        given = scene, self._goal.target or self._goal, self._strategy, self._rng, self._config.planning_s
+        outcome = planner.solve(*given, *[start] * isinstance(planner, Planner))
+        lies = any(not body.is_upright for body in scene.objects)
+        is_limited = isinstance(planner, Planner) and planner.grasps != "all"
+        if isinstance(outcome, Infeasible) and self._report.replans and lies and is_limited:
+            self._note(f"{outcome.cause}: {outcome.detail}; planned with all grasps")
+            wider = replace(planner, grasps="all", supports=planner.supports or (scene.support.name,))
+            outcome = wider.solve(*given, start)
+        if not isinstance(outcome, Solution | Infeasible):
+            raise ExpertError(f"the planner returned {outcome!r:.100}; it must return a Solution or an Infeasible")
+        return outcome
 
     def _steps(self, seconds: float) -> int:
         """Steps in a time [s]; at least one, so that the simulation advances before the next look."""
@@ -393,89 +392,3 @@ class TampExpert:
     def _note(self, deviation: str) -> None:
         self._report = replace(self._report, deviations=(*self._report.deviations, deviation))
         self._recorder.add_note(deviation)
-
-    def _end(self, failure: str) -> None:
-        self._report = replace(self._report, failure=failure, sim_s=float(self._env.data.time) - self._started)
-        self._executor = None
-        self._done = True
-
-    def _action(self, command: Command) -> Array:
-        """The environment's action for a command, in its own control mode."""
-        self._last = command
-        env, robot = self._env, self._env.robot
-        if env.control_mode == "ee":
-            T_world_tcp = tcp_pose(robot, RobotState(command.drive[:3], command.drive[3:], 0.0))
-            return np.asarray(env.ee_action(command.drive[:3], T_world_tcp, command.opening))
-        self._arm_targets[command.arm] = command.drive[4:]
-        if not robot.acts_with_all_arms:
-            return np.asarray(env.joint_action(command.drive, command.opening))
-        # The arms that do not move stay where they were commanded last, their grippers closed.
-        arms = robot.acting_arms
-        q_target = np.concatenate((command.drive[:4], *(self._arm_targets[arm] for arm in arms)))
-        widths = [command.opening if arm == command.arm else robot.opening(0.0) for arm in arms]
-        return np.asarray(env.joint_action(q_target, np.array(widths)))
-
-    # Reading the world.
-
-    def _read_scene(self) -> Scene:
-        """A snapshot with the arm active that is away from home; one near its home is taken to be exactly in it."""
-        scenes = []
-        for arm in self._robots:
-            scene = self._measure(arm, held_object(self._measure(arm)))
-            home = _home_of(scene)
-            q = home if np.abs(scene.state.q - home).max() <= _NEAR_HOME else scene.state.q
-            scenes.append(scene.with_state(RobotState(scene.state.base, q, scene.state.finger_position)))
-        scene = max(scenes, key=lambda one: (not _is_at_home(one), one.held is not None))
-        others = [one for one in scenes if one is not scene]
-        if away := [one.robot.arm_name for one in others if not _is_at_home(one)]:
-            raise SceneError(f"the arms {scene.robot.arm_name} and {', '.join(away)} are both away from home")
-        held = [AsideObject(one.robot.arm_name, one.held) for one in others if one.held is not None]
-        parked = [ParkedArm(one.robot.arm_name, one.state.q[1:]) for one in others]
-        return replace(scene, aside=tuple(held), parked=tuple(parked))
-
-    def _measure(self, arm: str = "", held: str = "") -> Scene:
-        """The scene as it is now, with an arm active and this object in its gripper."""
-        env, robot = self._env, self._robots.get(arm, self._env.robot)
-        known = self._perceived
-        return Scene.from_mujoco(
-            known.model,
-            known.data,
-            robot,
-            held,
-            movable=env.object_names,
-            support=env.support_name,
-            more_supports=getattr(env, "more_supports", None),
-            regions=getattr(env, "regions", ()),
-        )
-
-    @property
-    def _perceived(self) -> Any:
-        """`model` and `data` as the robot knows them: of an environment that says so, not the true ones."""
-        return getattr(self._env, "perceived", self._env)
-
-    def _result(self) -> tuple[bool, str]:
-        """Whether the goal is reached, and why nobody can tell, such as a bin that has been knocked over; "" if so."""
-        try:
-            return self._is_retrieved(), ""
-        except (SceneError, GoalError) as error:
-            return False, f"whether the goal is reached cannot be measured: {error}"
-
-    def _is_retrieved(self) -> bool:
-        """Whether the goal is reached: the target held, high enough above the support that it stood on for success."""
-        in_hand = {arm: held_object(self._measure(arm)) for arm in self._robots}
-        target = self._goal.target
-        if not target:
-            arm, held = next((one for one in in_hand.items() if one[1]), ("", ""))
-            return self._goal.holds(self._measure(arm, held), self._start_scene)
-        stood_at = height_below(self._start_scene, self._start_scene.body(target))
-        height = self._measure().body(target).bottom - stood_at
-        return height > self._env.lift_height and target in in_hand.values()
-
-
-def _home_of(scene: Scene) -> Array:
-    """The home configuration of the active arm, unwrapped to the turns that its joints have now."""
-    return unwrap_joints(robot_arrays(scene.robot), scene.state.q, np.array(scene.robot.home))
-
-
-def _is_at_home(scene: Scene) -> bool:
-    return np.array_equal(scene.state.q, _home_of(scene))

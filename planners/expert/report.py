@@ -9,8 +9,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.contact import contacts
 from planners.expert.interfaces import ControlledEnv
-from planners.tamp.solution import html_table
+from planners.tamp.solution import Infeasible, Solution, html_table
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,17 @@ class EpisodeReport:
 
     def _repr_html_(self) -> str:
         return html_table(str(self))
+
+    def with_solve(self, outcome: Solution | Infeasible, seconds: float) -> EpisodeReport:
+        """The report after a solve that took this CPU time [s]."""
+        planned = contacts(outcome)
+        return replace(
+            self,
+            planned=isinstance(outcome, Solution),
+            planning_s=self.planning_s + seconds,
+            contacts=self.contacts + len(planned),
+            not_straight=self.not_straight + sum(not contact.is_straight for contact in planned),
+        )
 
     def with_clearances(self, names: list[str]) -> EpisodeReport:
         """The report after more clearances."""

@@ -24,7 +24,7 @@ from planners.grasping.base_placement import Placer, placer_of
 from planners.motion.arm import tcp_pose
 from planners.placing.negative_goal_region import SupportGrid
 from planners.scene import RobotState
-from planners.search.expert import SearchReport
+from planners.search.report import SearchReport
 from planners.tamp.solution import BoundAction, Solution
 
 _ALIGNMENT = 4

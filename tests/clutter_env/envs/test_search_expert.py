@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,6 +14,8 @@ import pytest
 import clutter_env
 from planners import ExpertError, SearchExpert
 from planners.cause import Cause
+from planners.expert.actor import Actor
+from planners.expert.executor import Command
 from planners.scene import HeldObject
 from planners.search.options import Prospect, spots
 from planners.search.perception import Description, Seen
@@ -115,7 +118,7 @@ def test_of_several_cameras_the_one_in_the_head_is_aimed() -> None:
     env = gym.make("clutter_env/Search-o5-v0", image_size=16, cameras=("gripper", "head", "top"), visible_fraction=1.0)
     expert = SearchExpert(env)
     expert.reset(env.reset(seed=1)[0])
-    assert expert._cameras == ["head", "gripper", "top"]
+    assert expert._knowledge.cameras == ["head", "gripper", "top"]
 
 
 def test_a_second_episode_begins_where_the_robot_is() -> None:
@@ -123,7 +126,7 @@ def test_a_second_episode_begins_where_the_robot_is() -> None:
     used, fresh = SearchExpert(env), SearchExpert(env)
     given, _ = env.reset(seed=1)
     used.reset(given)
-    used._last = used._reading.drive + 1.0  # as an episode may leave it
+    used._actor.last = Command(used._knowledge.reading.drive + 1.0, 0.0)  # as an episode may leave it
     given, _ = env.reset(seed=2)
     for expert in (used, fresh):
         expert.reset(given)
@@ -136,7 +139,7 @@ def _after_a_look() -> tuple[Any, SearchExpert, dict[str, Any]]:
     expert = SearchExpert(env)
     given, _ = env.reset(seed=1)
     expert.reset(given)
-    expert._run = expert._look([])
+    expert._actor = Actor(expert._actor.last, partial(expert._look, []))
     while not expert.done:
         given, *_ = env.step(expert.act(given))
     return env, expert, given
@@ -145,7 +148,7 @@ def _after_a_look() -> tuple[Any, SearchExpert, dict[str, Any]]:
 def test_it_looks_at_all_supports_where_no_place_is_left() -> None:
     """After a move that made way for the target, in sight by then, nothing was looked at."""
     _, expert, _ = _after_a_look()
-    assert len(expert.report.belief_s) == len(expert._supports)
+    assert len(expert.report.belief_s) == len(expert._knowledge.supports)
 
 
 def test_the_robot_hides_little_of_any_support_that_it_looks_at() -> None:
@@ -154,14 +157,14 @@ def test_the_robot_hides_little_of_any_support_that_it_looks_at() -> None:
     expert = SearchExpert(env)
     given, _ = env.reset(seed=1)
     expert.reset(given)
-    expert._run, hidden = expert._look([]), []
+    expert._actor, hidden = Actor(expert._actor.last, partial(expert._look, [])), []
     while not expert.done:
         updates = len(expert.report.belief_s)
         action = expert.act(given)
         if len(expert.report.belief_s) > updates:
             hidden.append((given["head_segmentation"] == 1).mean())
         given, *_ = env.step(action)
-    assert len(hidden) == len(expert._supports)
+    assert len(hidden) == len(expert._knowledge.supports)
     assert max(hidden) < 0.1
 
 
@@ -169,9 +172,9 @@ def test_for_what_no_grasp_reaches_one_spot_is_planned_with() -> None:
     env = gym.make("clutter_env/Search-o5-v0", image_size=32)
     expert = SearchExpert(env)
     expert.reset(env.reset(seed=1)[0])
-    body = cylinder("seen_00", -0.1, 0.0, radius=0.03).at((-0.1, 0.0, expert._empty.support.top + 0.075))
-    expert._known = (Seen(body, body.position[None], np.zeros(3), 0.0),)
-    for level in expert._belief._levels.values():
+    body = cylinder("seen_00", -0.1, 0.0, radius=0.03).at((-0.1, 0.0, expert._knowledge.empty.support.top + 0.075))
+    expert._knowledge.objects = (Seen(body, body.position[None], np.zeros(3), 0.0),)
+    for level in expert._knowledge.belief._levels.values():
         level.is_unseen[:] = False
     tried: list[str] = []
 
@@ -179,11 +182,11 @@ def test_for_what_no_grasp_reaches_one_spot_is_planned_with() -> None:
         tried.append(scene.regions[0].name)
         return Infeasible(causes[len(tried) > 1], "")
 
-    expert._solved = refuse  # type: ignore[method-assign]  # a planner that refuses
+    expert._decisions.solved = refuse  # type: ignore[method-assign]  # a planner that refuses
     causes = (Cause.MOTION, Cause.UNREACHABLE)
-    assert expert._move(["seen_00"], expert._places()) is None
+    assert expert._decisions.plan_aside(["seen_00"], expert._knowledge.places()) is None
     assert len(tried) == 2
-    assert expert._refusals == {"seen_00": "unreachable"}
+    assert expert._decisions.refusals == {"seen_00": "unreachable"}
 
 
 def test_the_end_of_a_search_says_no_more_than_was_seen(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -192,32 +195,33 @@ def test_the_end_of_a_search_says_no_more_than_was_seen(monkeypatch: pytest.Monk
     expert = SearchExpert(env)
     expert.reset(env.reset(seed=1)[0])
     for name in ("_look", "_go_home"):
-        monkeypatch.setattr(expert, name, lambda *_: iter(()))
-    monkeypatch.setattr(expert, "_ranked", lambda *_: (None, ["seen_00"]))
-    monkeypatch.setattr(expert, "_move", lambda *_: expert._refusals.update(seen_00=Cause.UNREACHABLE))
-    levels = expert._belief._levels
-    left = sum(int(cells.sum()) for cells in expert._places().values())
-    list(expert._search())
+        monkeypatch.setattr(expert, name, lambda *_: [])
+    decisions = expert._decisions
+    monkeypatch.setattr(decisions, "ranked", lambda *_: (None, ["seen_00"]))
+    monkeypatch.setattr(decisions, "plan_aside", lambda *_: decisions.refusals.update(seen_00=Cause.UNREACHABLE))
+    levels = expert._knowledge.belief._levels
+    left = sum(int(cells.sum()) for cells in expert._knowledge.places().values())
+    Actor(Command(np.zeros(11), 0.0), expert._decide).decide()
     assert expert.report.failure.startswith("not found where it can be seen;")
     assert sum(int(word) for word in expert.report.failure.split() if word.isdigit()) == left
     assert expert.report.failure.endswith("places stay hidden by seen_00 (unreachable)")
     for level in levels.values():
         level.is_possible[:] = False
-    list(expert._search())
+    Actor(Command(np.zeros(11), 0.0), expert._decide).decide()
     assert expert.report.failure == "cannot be found"
     expert.report.found = True
-    list(expert._search())
+    Actor(Command(np.zeros(11), 0.0), expert._decide).decide()
     assert expert.report.failure == "lost after it was seen"
 
 
 def test_motions_to_views_are_planned_from_where_the_arm_is() -> None:
     """It went home after each view, for 4 s and up to 20 s where the torso had risen."""
     env, expert, given = _after_a_look()
-    assert not np.allclose(expert._reading.drive[3:], expert._home, atol=0.1)
-    expert._run, expert._done = expert._go_home(), False
+    assert not np.allclose(expert._knowledge.reading.drive[3:], expert._env.robot.home, atol=0.1)
+    expert._actor = Actor(expert._actor.last, expert._go_home)
     while not expert.done:
         given, *_ = env.step(expert.act(given))
-    np.testing.assert_allclose(expert._reading.drive[3:], expert._home, atol=0.02)
+    np.testing.assert_allclose(expert._knowledge.reading.drive[3:], expert._env.robot.home, atol=0.02)
 
 
 def test_of_a_target_seen_as_two_things_the_surer_one_is_planned_with_among_all_others() -> None:
@@ -226,7 +230,7 @@ def test_of_a_target_seen_as_two_things_the_surer_one_is_planned_with_among_all_
     expert.reset(env.reset(seed=1)[0])
     places = {"sliver": (-0.1, 0.0), "target": (-0.1, 0.005), "left": (-0.1, 0.3), "right": (-0.1, -0.3)}
     bodies = [cylinder(name, *place, radius=0.03) for name, place in places.items()]
-    expert._known = tuple(
+    expert._knowledge.objects = tuple(
         Seen(
             body,
             np.zeros((10 if body.name == "sliver" else 100, 3)),
@@ -236,9 +240,9 @@ def test_of_a_target_seen_as_two_things_the_surer_one_is_planned_with_among_all_
         )
         for body in bodies
     )
-    assert expert._scene().names == ("target", "left", "right")
-    assert expert._is_target("target")
-    assert not expert._is_target("sliver")
+    assert expert._knowledge.scene().names == ("target", "left", "right")
+    assert expert._knowledge.is_target("target")
+    assert not expert._knowledge.is_target("sliver")
 
 
 def test_what_is_held_is_not_given_up_though_its_place_is_seen_to_be_empty() -> None:
@@ -246,19 +250,21 @@ def test_what_is_held_is_not_given_up_though_its_place_is_seen_to_be_empty() -> 
     expert = SearchExpert(env)
     expert.reset(env.reset(seed=1)[0])
     body = cylinder("seen_00", -0.1, 0.0, radius=0.03)
-    expert._known = (Seen(body, body.position[None], np.zeros(3), 0.0),)
-    for level in expert._belief._levels.values():
+    expert._knowledge.objects = (Seen(body, body.position[None], np.zeros(3), 0.0),)
+    for level in expert._knowledge.belief._levels.values():
         level.is_unseen[:] = False
-    assert expert._belief.emptied(body) == 1
-    expert._held = HeldObject(body.name, np.eye(4))
-    expert._reading = replace(expert._reading, width=0.06, commanded=0.05)
-    expert._take_in()
-    assert expert._scene().held_names == ("seen_00",)
-    np.testing.assert_allclose(expert._scene().body("seen_00").position, expert._reading.T_world_tcp[:3, 3])
-    expert._reading = replace(expert._reading, width=0.05)  # the fingers press on nothing: it fell
-    expert._carry()
-    assert expert._scene().held_names == ()
-    assert expert._scene().body("seen_00").bottom == pytest.approx(0.0, abs=1e-9)
+    assert expert._knowledge.belief.emptied(body) == 1
+    expert._knowledge.held = HeldObject(body.name, np.eye(4))
+    expert._knowledge.reading = replace(expert._knowledge.reading, width=0.06, commanded=0.05)
+    expert._knowledge.look()
+    assert expert._knowledge.scene().held_names == ("seen_00",)
+    np.testing.assert_allclose(
+        expert._knowledge.scene().body("seen_00").position, expert._knowledge.reading.T_world_tcp[:3, 3]
+    )
+    expert._knowledge.reading = replace(expert._knowledge.reading, width=0.05)  # the fingers press on nothing: it fell
+    expert._knowledge.carry()
+    assert expert._knowledge.scene().held_names == ()
+    assert expert._knowledge.scene().body("seen_00").bottom == pytest.approx(0.0, abs=1e-9)
 
 
 def test_what_hides_more_counts_more_and_a_spot_hides_nothing() -> None:
@@ -288,10 +294,15 @@ def test_motions_between_views_keep_the_limits(turn: float) -> None:
     env = gym.make("clutter_env/Search-o5-v0", image_size=32)
     expert = SearchExpert(env)
     expert.reset(env.reset(seed=1)[0])
-    robot, start = expert._env.robot, expert._reading.drive
+    robot, start = expert._env.robot, expert._knowledge.reading.drive
     goal = start + turn * np.eye(len(start))[4]
-    expert._env = SimpleNamespace(robot=robot, joint_action=lambda drive, *_: drive)
-    commanded = np.array([start, start, *expert._interpolate(goal)])
+    actor = Actor(Command(start, 0.1), partial(expert._move_to, goal))
+    actor.decide()
+    sent = [start, start]
+    while not actor.is_idle:
+        sent.append(actor.command().drive)
+        actor.decide()
+    commanded = np.array(sent)
     np.testing.assert_array_equal(commanded[-1], goal)
     speeds = np.diff(commanded, axis=0) / 0.05
     assert (np.abs(speeds) <= np.array(robot.max_velocity)).all()

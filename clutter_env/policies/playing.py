@@ -1,0 +1,43 @@
+"""The loop over an episode: a policy acts and the environment steps until either says that it is over."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+
+class PlayedStep(NamedTuple):
+    """One step: the action as the policy returned it, and what the environment returned for it."""
+
+    action: Any
+    observation: Any
+    reward: Any
+    terminated: bool
+    truncated: bool
+    info: dict[str, Any]
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the environment has ended the episode."""
+        return self.terminated or self.truncated
+
+
+def played(policy: Any, step: Callable[[Any], tuple[Any, ...]], observation: Any = None) -> Iterator[PlayedStep]:
+    """The steps of an episode, each right after it was taken; who stops iterating cuts the episode off.
+
+    Example:
+        for step in played(expert, env.step):
+            print(expert.phase, step.info["lifted"])
+
+    Args:
+        policy: acts on observations, from its reset on; `planners.TampExpert` does without them. One without `done`
+            never gives up.
+        step: of the environment, which has been reset.
+        observation: of the reset.
+    """
+    is_over = False
+    while not (is_over or getattr(policy, "done", False)):
+        action = policy.act(observation)
+        last = PlayedStep(action, *step(action))
+        observation, is_over = last.observation, last.is_over
+        yield last

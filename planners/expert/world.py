@@ -1,0 +1,90 @@
+"""What the expert knows of its environment: the scene now, what is in which hand, whether the goal is reached."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from planners.expert.actor import home_of, planned_from
+from planners.expert.interfaces import ControlledEnv
+from planners.expert.monitor import Sensor, held_object
+from planners.goals import Goal, GoalError, height_below
+from planners.scene import AsideObject, ParkedArm, RobotState, Scene, SceneError
+
+
+class PerceivedWorld:
+    """An environment as its robot knows it; it is read and never written.
+
+    Attributes:
+        robots: the robot with each of its acting arms active, by the arm's name.
+    """
+
+    def __init__(self, env: ControlledEnv) -> None:
+        self._env, robot = env, env.robot
+        self.robots = {arm: robot if arm == robot.arm_name else robot.using(arm) for arm in robot.acting_arms}
+
+    @property
+    def source(self) -> Any:
+        """`model` and `data` as the robot knows them: of an environment that says so, not the true ones."""
+        return getattr(self._env, "perceived", self._env)
+
+    def sensors(self) -> dict[str, Sensor]:
+        """One for each arm."""
+        model, data, names = self.source.model, self.source.data, self._env.object_names
+        return {arm: Sensor(model, data, robot, names) for arm, robot in self.robots.items()}
+
+    def scene(self) -> Scene:
+        """The scene now, with the arm active that is away from home; one near its home is taken to be exactly in it.
+
+        Raises:
+            SceneError: two arms are away from home, or the scene is not valid.
+        """
+        scenes = []
+        for arm in self.robots:
+            scene = self._measured(arm, held_object(self._measured(arm)))
+            state = scene.state
+            q = planned_from(scene.robot, state.q)
+            scenes.append(scene.with_state(RobotState(state.base, q, state.finger_position)))
+        scene = max(scenes, key=lambda one: (not _is_at_home(one), one.held is not None))
+        others = [one for one in scenes if one is not scene]
+        if away := [one.robot.arm_name for one in others if not _is_at_home(one)]:
+            raise SceneError(f"the arms {scene.robot.arm_name} and {', '.join(away)} are both away from home")
+        held = [AsideObject(one.robot.arm_name, one.held) for one in others if one.held is not None]
+        parked = [ParkedArm(one.robot.arm_name, one.state.q[1:]) for one in others]
+        return replace(scene, aside=tuple(held), parked=tuple(parked))
+
+    def reaches(self, goal: Goal, start: Scene) -> tuple[bool, str]:
+        """Whether a goal is reached, and why nobody can tell, such as a bin that has been knocked over; "" if so.
+
+        A target has to be held, high enough above the support on which it stood at the start.
+        """
+        try:
+            in_hand = {arm: held_object(self._measured(arm)) for arm in self.robots}
+            if not goal.target:
+                arm, held = next((one for one in in_hand.items() if one[1]), ("", ""))
+                return goal.holds(self._measured(arm, held), start), ""
+            stood_at = height_below(start, start.body(goal.target))
+            height = self._measured().body(goal.target).bottom - stood_at
+            return height > self._env.lift_height and goal.target in in_hand.values(), ""
+        except (SceneError, GoalError) as error:
+            return False, f"whether the goal is reached cannot be measured: {error}"
+
+    def _measured(self, arm: str = "", held: str = "") -> Scene:
+        """The scene as it is now, with an arm active and this object in its gripper."""
+        env, known = self._env, self.source
+        return Scene.from_mujoco(
+            known.model,
+            known.data,
+            self.robots.get(arm, env.robot),
+            held,
+            movable=env.object_names,
+            support=env.support_name,
+            more_supports=getattr(env, "more_supports", None),
+            regions=getattr(env, "regions", ()),
+        )
+
+
+def _is_at_home(scene: Scene) -> bool:
+    return np.array_equal(scene.state.q, home_of(scene.robot, scene.state.q))

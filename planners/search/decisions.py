@@ -1,0 +1,232 @@
+"""What a search does next: which view, or which object moved, reveals most per second; and what has been tried."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.collision.world import CollisionWorld
+from planners.expert.actor import straight_seconds
+from planners.goals import Goal, inside
+from planners.motion.base import unwrap_yaw
+from planners.planner import Planner
+from planners.scene import Body, Scene
+from planners.scene.masks import MAX_OBJECTS
+from planners.search.knowledge import Knowledge
+from planners.search.options import Prospect, Viewpoint, spots, viewpoints
+from planners.search.own_shadow import OwnShadow, arms_near
+from planners.strategies import STRATEGIES
+from planners.tamp.solution import BoundAction, Infeasible, Solution
+
+Array = NDArray[np.float64]
+Places = Mapping[str, NDArray[np.bool_]]
+"""Cells at which the target can be, by support."""
+
+ORDERS = ("expected", "random", "front", "shadow")
+"""Ways to choose what is moved: by probability revealed per second, beside views; and three baselines without views."""
+_MOVE_SECONDS = 35.0
+"""[s] that moving an object takes, about."""
+_LOOK_SECONDS = 2.5
+"""[s] that looking takes, about."""
+_LEAST_GAIN = 0.02
+"""Probability that a view must reveal."""
+_NEW_EYE = 0.06
+"""[m] from where the camera was on which a view counts as another one."""
+_MISSES = 2
+"""Times that a place in line of sight is not seen, for example because it is narrower than a pixel, until views do not
+count it any more."""
+_ASIDE = replace(STRATEGIES["lookahead"], sets=4, slack=1, variations=2, non_monotone=0, attempts=1)
+"""How what is put aside is planned: quickly, since another spot or another object will do."""
+_HIDES = 0.05
+"""Share of an image that the robot itself may hide."""
+_SPEED = 0.6
+"""Share of the largest joint velocities and accelerations between viewpoints."""
+_EVERY = 4
+"""Samples of a planned motion from one that is looked at to the next."""
+_LURKING = 0.02
+"""[m] radius of an object that may stand, unseen, where the arm would pass."""
+
+
+class Decisions:
+    """Weighs what an episode's search can do next, and plans for it.
+
+    Attributes:
+        refusals: why an object cannot be put aside, by its name.
+    """
+
+    def __init__(
+        self, knowledge: Knowledge, shadow: OwnShadow, planner: Planner, order: str, rng: np.random.Generator
+    ) -> None:
+        """Begin with nothing tried; `shadow` says what the robot hides of its own view."""
+        self._knowledge, self._shadow, self._planner, self._order, self._rng = knowledge, shadow, planner, order, rng
+        self._home = np.array(knowledge.robot.home)
+        self._aside = self._home.copy()  # torso and arm, the arm where it hides little
+        self._attempted: list[str] = []
+        self.refusals: dict[str, str] = {}
+        self.start_over()
+
+    # What has been tried.
+
+    def start_over(self) -> None:
+        """Something has moved: views may show what they did not before."""
+        self._looked_from: list[Array] = []
+        self._missed = {name: np.zeros(cells.shape, np.int64) for name, cells in self._knowledge.places().items()}
+
+    def count_look(self) -> None:
+        """Images have been taken from here: the places in line of sight that are left should have been seen."""
+        known = self._knowledge
+        self._looked_from.append(known.eye)
+        for name, cells in known.places().items():
+            in_line = Prospect(known.belief, {name: cells}, known.scene(), len(cells.ravel())).masks(known.eye) == 0
+            self._missed[name][cells] += in_line.any(axis=1)
+
+    # What to do next.
+
+    def ranked(self, places: Places, target: str) -> tuple[Viewpoint | None, list[str]]:
+        """The view that reveals most per second, and what should rather be moved, the first to be tried first."""
+        scene = self._knowledge.scene()
+        prospect, world = Prospect(self._knowledge.belief, places, scene), CollisionWorld.from_scene(scene)
+        names, worth = self._ranked_objects(prospect, self._viewpoints(scene, prospect), target)
+        useful: list[Viewpoint] = []
+        if self._order == "expected" and not target:
+            # Places that should have been seen, and were not, are not looked at again before something has moved.
+            fresh = {name: cells & (self._missed[name] < _MISSES) for name, cells in places.items()}
+            share = sum(cells.sum() for cells in fresh.values()) / sum(cells.sum() for cells in places.values())
+            views = self._viewpoints(scene, Prospect(self._knowledge.belief, fresh, scene), float(share))
+            useful = [one for one in views if one.gain >= _LEAST_GAIN and self._is_new(one)]
+        by_rate = sorted(useful, key=lambda one: -one.rate)
+        best = next((one for one in by_rate if self.is_free(self.drive_to(one), world)), None)
+        return best, names if best is None or best.rate < worth / _MOVE_SECONDS else []
+
+    def _ranked_objects(self, prospect: Prospect, views: Sequence[Viewpoint], target: str) -> tuple[list[str], float]:
+        """Names of objects, the first to be moved first, and what moving that one is worth."""
+        names = [body.name for body in prospect.bodies if body.name != target]
+        fresh = [name for name in names if name not in self._attempted]
+        if self._order == "random":
+            return list(self._rng.permutation(fresh)), 0.0
+        if self._order == "front":
+            x = {body.name: body.position[0] - body.half_extents[0] for body in prospect.bodies}
+            return sorted(fresh, key=lambda name: x[name]), 0.0
+        if self._order == "shadow":
+            alone = {body.name: prospect.hidden_by(body, [self._knowledge.eye]) for body in prospect.bodies}
+            return sorted(fresh, key=lambda name: -alone[name]), 0.0
+        # From the viewpoints near to hand, the one from which most would be seen.
+        best: dict[str, float] = dict.fromkeys(names, 0.0)
+        for view in sorted(views, key=lambda one: one.seconds)[:12]:
+            for name, share in prospect.shadows(view.eye).items():
+                if name in best:
+                    best[name] = max(best[name], share * _MOVE_SECONDS / (_MOVE_SECONDS + view.seconds))
+        again = {name: 0.5 ** self._attempted.count(name) for name in names}
+        order = sorted((name for name in names if best[name] > 0), key=lambda name: -best[name] * again[name])
+        return order, best[order[0]] if order else 0.0
+
+    def plan_aside(self, names: Sequence[str], places: Places) -> tuple[str, tuple[BoundAction, ...]] | None:
+        """The first of some objects that can be put aside, and a plan for that; None if there is none."""
+        scene = self._knowledge.scene()
+        prospect = Prospect(self._knowledge.belief, places, scene)
+        views = self._viewpoints(scene, prospect)
+        eyes = [one.eye for one in views[:: max(len(views) // 6, 1)]]
+        for name in names:
+            self.refusals[name] = "no free spot for it has been seen"
+            for region in spots(scene, scene.body(name), self._knowledge.belief, prospect, eyes, self._rng):
+                outcome = self.solved(replace(scene, regions=(region,)), inside(name, region.name))
+                if isinstance(outcome, Solution) and outcome.actions:
+                    self._attempted.append(name)
+                    return name, outcome.actions
+                if isinstance(outcome, Infeasible):
+                    self.refusals[name] = outcome.cause
+                    if outcome.cause.lies_in_grasps:
+                        break  # whatever the spot is
+        return None
+
+    def view_of_unseen(self, actions: Sequence[BoundAction], name: str) -> Viewpoint | None:
+        """The view that shows most of the unseen places that motions to an object pass through; None if there is none.
+
+        Only the "expected" order looks from elsewhere.
+        """
+        if self._order != "expected":
+            return None
+        scene = self._knowledge.scene()
+        prospect = Prospect(self._knowledge.belief, self._knowledge.places(), scene)
+        rows = self._passed_through(actions, prospect.points[:, 0], scene, name)
+        if not rows:
+            return None
+        prospect.points = prospect.points[rows]
+        views = [one for one in self._viewpoints(scene, prospect) if one.gain >= 0.5 and self._is_new(one)]
+        return max(views, key=lambda one: one.rate, default=None)
+
+    def _passed_through(self, actions: Sequence[BoundAction], feet: Array, scene: Scene, name: str) -> list[int]:
+        """Those of some places (m, 3) [m] that motions pass through if something of the target's height stands there.
+
+        Places near the object of a name come first, as many as the collision world has room for.
+        """
+        away, room = feet - scene.body(name).position, MAX_OBJECTS - len(scene.objects)
+        chosen: list[int] = []
+        for index in np.argsort(np.hypot(*away[:, :2].T), kind="stable"):
+            if len(chosen) < room and all(math.dist(feet[index], feet[other]) > 2 * _LURKING for other in chosen):
+                chosen.append(int(index))
+        half = np.array((_LURKING, _LURKING, self._knowledge.target.height / 2))
+        unseen = [Body(f"unseen_{i}", "cylinder", half, feet[i], np.array((1.0, 0, 0, 0))) for i in chosen]
+        world = CollisionWorld.from_scene(replace(scene, objects=(*scene.objects, *unseen), held=None))
+        hit, known = 0, scene.mask(scene.names)
+        for trajectory in (action.trajectory for action in actions):
+            X = np.column_stack((trajectory.base, trajectory.q))[::_EVERY]
+            hit |= world.path_hits(X, self._knowledge.robot.max_opening, ignore=known)
+        return [index for number, index in enumerate(chosen) if hit >> (len(scene.objects) + number) & 1]
+
+    def solved(self, scene: Scene, goal: Goal) -> Solution | Infeasible:
+        """A plan: what is put aside is planned quickly."""
+        return self._planner.solve(scene, goal.target or goal, "lookahead" if goal.target else _ASIDE, self._rng)
+
+    def _viewpoints(self, scene: Scene, prospect: Prospect, share: float = 1.0) -> list[Viewpoint]:
+        """Viewpoints before the support, with what they are worth; the places of a prospect are a share of all."""
+        T = np.linalg.inv(self._knowledge.reading.T_world_base) @ np.append(self._knowledge.eye, 1.0)
+        limits = self._knowledge.robot.chain[0]
+        found = viewpoints(scene, prospect.points, T[:3], (limits.lower + 0.01, limits.upper - 0.01))
+        return [
+            replace(one, gain=share * prospect.gain(one.eye), seconds=_LOOK_SECONDS + self.seconds(self.drive_to(one)))
+            for one in found
+        ]
+
+    def _is_new(self, view: Viewpoint) -> bool:
+        """Whether nothing has been looked at from there since something moved."""
+        return all(math.dist(view.eye, eye) > _NEW_EYE for eye in self._looked_from)
+
+    # Motions there.
+
+    def drive_to(self, view: Viewpoint) -> Array:
+        """The whole-body configuration at a viewpoint, the arm aside."""
+        drive = np.concatenate((view.base, [view.torso], self._aside[1:]))
+        drive[2] = unwrap_yaw(drive[2], self._knowledge.reading.drive[2])
+        return drive
+
+    def arm_aside(self, points: Sequence[Array]) -> Array:
+        """The configuration, maybe the present one, with the arm where it hides little of some points (3,) [m], soonest
+        reached."""
+        known = self._knowledge
+        drive, world, robot = known.reading.drive, CollisionWorld.from_scene(known.scene()), known.robot
+        limits = np.array([(joint.lower, joint.upper) for joint in robot.chain[1:]])
+        arms = [arm for arm in arms_near(self._home[1:]) if (limits[:, 0] < arm).all() and (arm < limits[:, 1]).all()]
+        goals = [drive, *sorted((np.append(drive[:4], arm) for arm in arms), key=self.seconds)]
+        hides: list[float] = []
+        for goal in goals:
+            hides.append(self._shadow.share(goal, points) if self.is_free(goal, world) else 1.0)
+            if hides[-1] <= _HIDES:
+                break
+        best = goals[int(np.argmin(hides))]
+        self._aside[1:] = best[4:]
+        return best
+
+    def is_free(self, goal: Array, world: CollisionWorld | None = None) -> bool:
+        """Whether all joints can move together from where they are to a whole-body configuration."""
+        known = self._knowledge
+        world, motion = world or CollisionWorld.from_scene(known.scene()), np.stack((known.reading.drive, goal))
+        return not world.path_hits(motion, known.robot.max_opening, known.held, first_only=True)
+
+    def seconds(self, goal: Array) -> float:
+        """[s] that the motion to a whole-body configuration takes."""
+        return straight_seconds(self._knowledge.robot, self._knowledge.reading.drive, goal, _SPEED)
