@@ -99,6 +99,19 @@ class Mounting:
     mesh_scale: float = 1.0
     radians: bool = False
 
+    def check(self) -> None:
+        """Raise `InvalidRobot` if a number is not one that a robot can have."""
+        lengths = {"radius": self.radius, "opening": self.opening, "mesh_scale": self.mesh_scale}
+        others = {"turn": (self.turn,), "tool": (self.tool,), "on": self.on or (), "lift": self.lift or ()}
+        wrong = [f"{name} {value:g} must be positive" for name, value in lengths.items() if not 0.0 < value < np.inf]
+        for name, values in others.items():
+            if not np.isfinite(values).all():
+                wrong.append(f"{name} {' '.join(f'{value:g}' for value in values)} must be finite")
+        if self.lift and not self.lift[0] < self.lift[1]:
+            wrong.append(f"lift {self.lift[0]:g} {self.lift[1]:g}: the lower end comes first")
+        if wrong:
+            raise InvalidRobot("; ".join(wrong))
+
 
 class MadeRobot(NamedTuple):
     """The MJCF text of a robot; its page, the keyword arguments of `RobotSpec.from_mjcf` but for `home`; and what was
@@ -115,6 +128,7 @@ def make_robot(file: Path, mounting: Mounting) -> MadeRobot:
     Raises:
         InvalidRobot: the file cannot be read, or lacks what the mounting names; the message says what there is.
     """
+    mounting.check()
     try:
         loaded = load_robot(file, mounting.mesh_scale, mounting.radians)
         model = loaded.model
@@ -123,6 +137,9 @@ def make_robot(file: Path, mounting: Mounting) -> MadeRobot:
         T_last_tcp = tip_frame(model, int(model.jnt_bodyid[numbers[-1]]), mounting.tip, mounting.approach)
     except ChainError as problem:
         raise InvalidRobot(str(problem)) from problem
+    bodies = [model.body(body).name for body in range(1, model.nbody)]
+    if unknown := [name for name in mounting.without if name not in bodies]:
+        raise InvalidRobot(f"there is no body {unknown[0]!r} to leave out; there are {', '.join(bodies)}")
     T_last_tcp[:3, :3] = T_last_tcp[:3, :3] @ rotation(0.0, 0.0, mounting.turn)
     T_last_tcp[:3, 3] += mounting.tool * T_last_tcp[:3, 0]
     maker = _Maker(loaded, mounting, numbers)
@@ -147,12 +164,14 @@ def make_robot(file: Path, mounting: Mounting) -> MadeRobot:
     page: dict[str, Any] = {"base_joints": BASE, "tip": "grip", "finger_joints": FINGERS}
     page |= {"base": mounting.drive} if mounting.drive != "holonomic" else {}
     arm = [model.joint(k).name for k in numbers if int(model.jnt_type[k]) == int(mjtJoint.mjJNT_HINGE)]
+    endless = [model.joint(k).name for k in numbers if not model.jnt_limited[k]]
     fastest = [min(loaded.velocities.get(name, np.inf), ARM_LIMITS[0]) for name in arm]
     page |= {"max_velocity": (*BASE_LIMITS, LIFT_LIMITS[0], *fastest)} if min(fastest) < ARM_LIMITS[0] else {}
     joints = [model.joint(k).name or f"joint {k}" for k in range(model.njnt) if k not in numbers]
     found = {
         "arm in the file": ", ".join(name for name, slides in maker.joints if not slides),
         "lift in the file": ", ".join(name for name, slides in maker.joints if slides) or "none",
+        **({"limits": f"none in the file, so these turn without end: {', '.join(endless)}"} if endless else {}),
         "other joints, left out or held where they are": ", ".join(joints) or "none",
         "gripper": f"two sliding fingers in place of its own; that they open to {mounting.opening} m is said by "
         "--opening alone, and where the grasp is by --tip, --tool and --turn",
@@ -592,7 +611,7 @@ def _add_motors(robot: mujoco.MjSpec, made: mujoco.MjModel, motors: Mapping[str,
         actuator.set_to_position(kp=gain, dampratio=1)
         actuator.forcerange, actuator.forcelimited = [-limit, limit], True
     if assumed := [name for name, motor in motors.items() if motor.is_assumed and name != "lift"]:
-        robot.add_text(name=ASSUMED, data=" ".join(assumed))
+        robot.add_text(name=ASSUMED, data=", ".join(assumed))
 
 
 def _inertia(mass: float, inertia: Any, ipos: Any = (0, 0, 0), iquat: Any = (1, 0, 0, 0)) -> dict[str, Any]:

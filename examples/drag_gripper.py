@@ -108,7 +108,7 @@ def show(viewpoint: Viewpoint, port: int, count: int) -> Any:
     """Start the page; the server of viser."""
     viser = importlib.import_module("viser")
     server = viser.ViserServer(port=port)
-    scene, model, busy = server.scene, viewpoint.model, threading.Lock()
+    scene, model, busy, moved = server.scene, viewpoint.model, threading.Lock(), threading.Event()
     scene.set_up_direction("+z")
     scene.add_grid("/floor", width=6.0, height=6.0, cell_size=0.5)
     gripper = scene.add_transform_controls("/gripper", scale=0.25, position=(0.8, 0.0, 0.8))
@@ -120,25 +120,30 @@ def show(viewpoint: Viewpoint, port: int, count: int) -> Any:
     ]
     shapes = {geom: _add_geom(scene, model, geom) for geom in viewpoint.geoms}
 
+    def answer_it() -> None:
+        T = np.eye(4)
+        rotation = np.empty(9)
+        mujoco.mju_quat2Mat(rotation, np.asarray(gripper.wxyz, dtype=float))
+        T[:3, :3], T[:3, 3] = rotation.reshape(3, 3), gripper.position
+        view = viewpoint.of(T, count, np.array([slider.value for slider in sliders]) if stays.value else None)
+        answer.content = f"**{view.said}**"
+        _draw_bases(scene, view.placement)
+        viewpoint.place(view.base, np.array(viewpoint.robot.home) if view.q is None else view.q)
+        for geom, shape in shapes.items():
+            quaternion = np.empty(4)
+            mujoco.mju_mat2Quat(quaternion, viewpoint.data.geom_xmat[geom])
+            shape.position, shape.wxyz = viewpoint.data.geom_xpos[geom].copy(), quaternion
+            shape.color = _RED if geom in view.touching else _GREY
+
     def update(_event: object = None) -> None:
-        if not busy.acquire(blocking=False):
-            return  # it is still answering; the next event comes while the gripper is dragged
-        try:
-            T = np.eye(4)
-            rotation = np.empty(9)
-            mujoco.mju_quat2Mat(rotation, np.asarray(gripper.wxyz, dtype=float))
-            T[:3, :3], T[:3, 3] = rotation.reshape(3, 3), gripper.position
-            view = viewpoint.of(T, count, np.array([slider.value for slider in sliders]) if stays.value else None)
-            answer.content = f"**{view.said}**"
-            _draw_bases(scene, view.placement)
-            viewpoint.place(view.base, np.array(viewpoint.robot.home) if view.q is None else view.q)
-            for geom, shape in shapes.items():
-                quaternion = np.empty(4)
-                mujoco.mju_mat2Quat(quaternion, viewpoint.data.geom_xmat[geom])
-                shape.position, shape.wxyz = viewpoint.data.geom_xpos[geom].copy(), quaternion
-                shape.color = _RED if geom in view.touching else _GREY
-        finally:
-            busy.release()
+        moved.set()
+        # Events that come while it is answering are answered together, by whoever answers then: the last one counts.
+        while moved.is_set() and busy.acquire(blocking=False):
+            try:
+                moved.clear()
+                answer_it()
+            finally:
+                busy.release()
 
     for control in (gripper, stays, *sliders):
         control.on_update(update)

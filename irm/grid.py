@@ -29,6 +29,9 @@ _MAX_ROLLS = 96
 """Most roll samples: 3.75 degrees, as for the approach axes."""
 _ANGLE_ROUNDING = 1e-6
 """[rad] Two angles closer than this are the same sample."""
+_SHORT_LIFT = 0.2
+"""Share of a voxel's edge. A shorter lift stays at home in the cells, which would else be as thin as it is long; exact
+answers use all of it."""
 _BYTES_PER_CELL = 10
 """Memory that building takes for each cell of the grid: μ, torso height, flags, and two masks."""
 MAX_BYTES = 6 * 2**30
@@ -252,7 +255,7 @@ class MapGrid:
     Attributes:
         voxel: [m] edge of the cells along x and y.
         thickness: [m] of a layer: the voxel's edge, or a little less, so that torso heights one layer apart include
-            both ends of the lift.
+            both ends of the lift, unless that is shorter than a fifth of an edge.
         centre: (2,) x, y of the grid's centre in the base frame [m].
         half: cells from the centre to the edge; the grid is (2 half, 2 half).
         bottom: [m] lower face of the lowest layer.
@@ -296,16 +299,18 @@ class MapGrid:
         torsos: tuple[float, ...] = (low,)
         thickness = voxel
         if parameters.lift:
-            # Layers are as thick as torso samples are apart, at most a voxel's edge, and the samples include both ends
-            # of the lift: so a lift by one sample moves the map of a fixed torso by one layer.
             margin = min(parameters.torso_margin, (upper - lower) / 2)
             low, high = lower + margin, upper - margin
+            torsos = (float(np.clip(chain.home_torso, low, high)),)
+        if high - low >= _SHORT_LIFT * voxel:
+            # Layers are as thick as torso samples are apart, at most a voxel's edge, and the samples include both ends
+            # of the lift: so a lift by one sample moves the map of a fixed torso by one layer.
             steps = int(np.ceil((high - low) / voxel - 1e-9))
-            thickness = (high - low) / steps if steps else voxel
+            thickness = (high - low) / steps
             torsos = (*(low + k * thickness for k in range(steps)), high)
         reach, shoulder = chain.reach, chain.shoulder
-        floor = float(shoulder[2] + torsos[0] - reach)
-        ceiling = float(shoulder[2] + torsos[-1] + reach)
+        floor = float(shoulder[2] + low - reach)
+        ceiling = float(shoulder[2] + high + reach)
         lowest = int(np.floor(max(parameters.heights[0], floor) / thickness + 1e-9))
         highest = int(np.ceil(min(parameters.heights[1], ceiling) / thickness - 1e-9))
         if highest <= lowest:

@@ -305,6 +305,8 @@ class InverseReachabilityMap:
         from irm.several_arms import place_for_arms
 
         options = checked_options(keywords)
+        if not isinstance(arms, Sequence) or not all(isinstance(arm, InverseReachabilityMap) for arm in arms):
+            raise QueryError("arms are a sequence of InverseReachabilityMap, one for each target")
         if arms:
             tables = [arm._table for arm in arms]
             found = place_for_arms(tables, *targets_of(targets, yaw_ranges, pitches, rolls, options), options)

@@ -72,6 +72,11 @@ MARK = 0.015
 """[m] Longest side of what is drawn to mark a frame, and is no part of the robot."""
 _TILTED = 1e-3
 """[rad] of a base frame's z axis off the vertical; files round their angles."""
+_HAIR = 1e-9
+"""[rad], [m] by which limits of a URDF file that are equal are exchanged: MuJoCo drops equal ones without a trace."""
+_MOST_TURNS, _LARGEST_IN_DEGREES = 7.0, 720.0
+"""[rad] Limits between these, of all hinges of an arm, are degrees: no arm turns farther than once each way at every
+joint, and larger numbers stand for no limit."""
 _URDF_COMPILER = {
     "fusestatic": "false",
     # Links without a mass are common in URDF files, and MuJoCo refuses those that move.
@@ -123,6 +128,8 @@ def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: 
     is_site, number = _find_tip(model, tip)
     tip_body = int(model.site_bodyid[number]) if is_site else number
     numbers = _joints_between(model, base_body, tip_body, (base, tip))
+    _check_limits(model, numbers)
+    _check_numbers(model)
     data = mujoco.MjData(model)
     _check_base_is_upright(model, data, base_body)
     data.qpos[model.jnt_qposadr[numbers]] = 0.0
@@ -262,6 +269,7 @@ def _mujoco_urdf(path: Path) -> tuple[str, dict[str, UnreadMesh], dict[str, floa
         compiler = ElementTree.SubElement(extension, "compiler")
     folder = compiler.attrib.pop("meshdir", "")
     compiler.attrib.update(_URDF_COMPILER)
+    _write_limits(robot, path)
     unread: dict[str, UnreadMesh] = {}
     for link in robot.iter("link"):
         kept: list[ElementTree.Element] = []
@@ -290,6 +298,29 @@ def _mujoco_urdf(path: Path) -> tuple[str, dict[str, UnreadMesh], dict[str, floa
         raise ChainError(f"{path} cannot be read as a URDF file: a joint's velocity: {problem}") from problem
     velocities = {joint: velocity for joint, velocity in given.items() if velocity > 0.0}
     return ElementTree.tostring(robot, encoding="unicode"), unread, velocities
+
+
+def _write_limits(robot: ElementTree.Element, path: Path) -> None:
+    """Write both limits of each joint of a URDF file that has one: the other is 0, and MuJoCo would read none.
+
+    Raises:
+        ChainError: a limit is no number.
+    """
+    for joint in robot.iter("joint"):
+        limit = joint.find("limit")
+        if joint.get("type") not in ("revolute", "prismatic") or limit is None:
+            continue
+        given = {side: limit.get(side) for side in ("lower", "upper")}
+        if not any(given.values()):
+            continue
+        try:
+            lower, upper = (float(value or 0.0) for value in given.values())
+        except ValueError as problem:
+            name = joint.get("name", "")
+            raise ChainError(f"{path} cannot be read as a URDF file: a limit of {name!r}: {problem}") from problem
+        if lower == upper:  # refused by `_check_limits` where the joint is one of the arm
+            lower, upper = lower + _HAIR, upper - _HAIR
+        limit.attrib.update(lower=repr(lower), upper=repr(upper))
 
 
 def _is_mark(visual: ElementTree.Element) -> bool:
@@ -322,6 +353,68 @@ def _mesh_file(urdf: Path, name: str, mesh_folder: str) -> Path | str:
     return file
 
 
+def _check_limits(model: mujoco.MjModel, numbers: list[int]) -> None:
+    """Raise `ChainError` if limits of an arm's joints leave no motion, and MuJoCo reads them as none; or if they seem
+    to be degrees."""
+    for k in numbers:
+        lower, upper = (round(float(limit), 6) + 0.0 for limit in model.jnt_range[k])
+        is_given = lower != 0.0 or upper != 0.0 or model.jnt_range[k].any()
+        if is_given and not (np.isfinite((lower, upper)).all() and model.jnt_range[k, 0] < model.jnt_range[k, 1]):
+            raise ChainError(
+                f"the joint {model.joint(k).name!r} has the limits {lower:g} and {upper:g}, which leave it no motion; "
+                "correct them, or make the joint a fixed one, or one without limits (continuous in a URDF file)"
+            )
+    limits = model.jnt_range[[k for k in numbers if model.jnt_limited[k] and not _slides(model, k)]]
+    largest = np.abs(limits).max(axis=1, initial=0.0)
+    if len(largest) > 1 and largest.min() > _MOST_TURNS and largest.max() <= _LARGEST_IN_DEGREES:
+        raise ChainError(
+            f"the joints of the arm turn by up to {largest.max():.4g} rad: the file seems to give degrees where "
+            "radians are read; a URDF file has radians, and an MJCF file with degrees has no "
+            '<compiler angle="radian"/>'
+        )
+
+
+def _check_numbers(model: mujoco.MjModel) -> None:
+    """Raise `ChainError` if a place, size or mass in the file is no number: MuJoCo reads NaN with a warning alone."""
+    geoms = np.concatenate([model.geom_pos, model.geom_quat, model.geom_size], axis=1)
+    bodies = np.concatenate([model.body_pos, model.body_quat, model.body_inertia, model.body_mass[:, None]], axis=1)
+    joints = np.concatenate([model.jnt_pos, model.jnt_axis], axis=1)
+    for numbers, owners in ((bodies, range(model.nbody)), (joints, model.jnt_bodyid), (geoms, model.geom_bodyid)):
+        wrong = np.flatnonzero(~np.isfinite(numbers).all(axis=1))
+        if len(wrong):
+            name = model.body(int(owners[wrong[0]])).name
+            raise ChainError(
+                f"a place, size or mass of {name!r} or of its joint is not a finite number; correct the file"
+            )
+
+
+def _slides(model: mujoco.MjModel, joint: int) -> bool:
+    return int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_SLIDE)
+
+
+def _tied_joints(model: mujoco.MjModel, constraint: int, numbers: list[int]) -> list[int]:
+    """The joints of an arm that an <equality> holds together: of a fixed tendon, or between two bodies of the robot."""
+    kind, one, other = (int(rows[constraint]) for rows in (model.eq_type, model.eq_obj1id, model.eq_obj2id))
+    if kind == int(mujoco.mjtEq.mjEQ_TENDON):
+        wraps = [
+            wrap
+            for tendon in (one, other)
+            if tendon >= 0
+            for wrap in range(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon])
+        ]
+        is_joint = int(mujoco.mjtWrap.mjWRAP_JOINT)
+        tied = {int(model.wrap_objid[wrap]) for wrap in wraps if int(model.wrap_type[wrap]) == is_joint}
+        return [k for k in numbers if k in tied]
+    if kind not in (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)):
+        return []
+    if int(model.eq_objtype[constraint]) == int(mujoco.mjtObj.mjOBJ_SITE):
+        one, other = int(model.site_bodyid[one]), int(model.site_bodyid[other])
+    if model.body_rootid[one] != model.body_rootid[other]:  # such as the body that a mouse drags
+        return []
+    between = {one, *_carriers(model, one)} ^ {other, *_carriers(model, other)}
+    return [k for k in numbers if int(model.jnt_bodyid[k]) in between]
+
+
 def _check_joints_are_free(model: mujoco.MjModel, base: int, numbers: list[int]) -> None:
     """Raise `ChainError` if a joint of the arm follows another one, or if the arm's first joint is left out."""
     hinge, slide = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
@@ -341,6 +434,13 @@ def _check_joints_are_free(model: mujoco.MjModel, base: int, numbers: list[int])
             raise ChainError(
                 f"the joint {model.joint(one).name!r} {leader} (<mimic> in a URDF file, <equality> in an MJCF file), "
                 "and the joints of an arm move freely; choose a base and a tip between which none does"
+            )
+        tied = _tied_joints(model, k, numbers) if model.eq_active0[k] else []
+        if tied:
+            raise ChainError(
+                f"an <equality> of the file ties {', '.join(repr(model.joint(joint).name) for joint in tied)} "
+                "together, and the joints of an arm move freely; choose a base and a tip between which it ties none, "
+                "or take it out of the file"
             )
 
 

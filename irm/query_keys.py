@@ -30,6 +30,9 @@ SEPARATION = 0.1
 """[m] between the bases of one answer, so that the second base is an alternative to the first one."""
 SMALLEST_YAW_STEP = 1e-3
 """[rad]: 6,284 yaws per turn."""
+_FARTHEST = 1e7
+"""[m] from the world's origin along x and y: beyond it the next number is more than 1 nm away, and what is computed
+from a base and a TCP would be wrong."""
 MOST_BASES = 100_000
 """Largest `k`: more than there are bases for one TCP pose on any map of a reasonable size."""
 _ROUNDING = 1e-9
@@ -115,6 +118,8 @@ def _validated(
     asked = QueryOptions(**keywords)
     ranges = _as_range("pitch", pitch), _as_range("roll", roll), None if height is None else _as_range("height", height)
     is_set = height is not None or any(low < high for low, high in ranges[:2])
+    if ranges[0][0] < ranges[0][1] and max(map(abs, ranges[0])) > pi / 2 + _ROUNDING:
+        raise QueryError(f"a range of pitches lies in [-π/2, π/2], not {pitch}")
     if ranges[1][1] - ranges[1][0] > 2 * pi + _ROUNDING:
         raise QueryError(f"a range of rolls is at most a full turn, not {roll}")
     base_yaws = ANY_YAW
@@ -122,7 +127,7 @@ def _validated(
         low, high = as_yaw_range(base_yaw_range)
         base_yaws = BaseYaws(low, high - low) if high - low < 2 * pi - _ROUNDING else ANY_YAW
     separation = _as_number("separation", "[m]", asked.separation)
-    yaw_step = _as_number("yaw_step", "[rad]", asked.yaw_step)
+    yaw_step = min(_as_number("yaw_step", "[rad]", asked.yaw_step), 2 * pi)
     if separation < 0.0:
         raise QueryError(f"separation must be a number ≥ 0 [m], not {separation}")
     if yaw_step < SMALLEST_YAW_STEP:
@@ -175,6 +180,9 @@ def _as_range(name: str, value: Any) -> Range:
     return low, high
 
 
+_TOO_FAR = f"a TCP is at most {_FARTHEST:g} m from the world's origin; give positions in a frame that is nearer"
+
+
 def as_position(position: Iterable[float]) -> tuple[float, float, float]:
     """Three finite numbers; anything else is a `QueryError`."""
     try:
@@ -183,6 +191,8 @@ def as_position(position: Iterable[float]) -> tuple[float, float, float]:
         x = y = z = inf
     if not (isfinite(x) and isfinite(y) and isfinite(z)):
         raise QueryError(f"a TCP position is three finite numbers [m], not {position!r}")
+    if not (-_FARTHEST <= x <= _FARTHEST and -_FARTHEST <= y <= _FARTHEST):
+        raise QueryError(_TOO_FAR)
     return x, y, z
 
 
@@ -217,7 +227,7 @@ def as_positions_and_angles(
     if not len(T):
         raise QueryError("TCP poses are an array (n, 4, 4) with n ≥ 1")
     yaw, pitch, roll = yaw_pitch_roll(T[:, :3, :3]).T
-    return np.ascontiguousarray(T[:, :3, 3]), np.column_stack([yaw, yaw]), pitch, roll
+    return as_positions(T[:, :3, 3]), np.column_stack([yaw, yaw]), pitch, roll
 
 
 def as_positions(positions: ArrayLike) -> Floats:
@@ -228,6 +238,8 @@ def as_positions(positions: ArrayLike) -> Floats:
         raise QueryError(f"TCP positions are an array (n, 3) of finite numbers [m], not {positions!r}") from None
     if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0 or not np.isfinite(points).all():
         raise QueryError(f"TCP positions are an array (n, 3) of finite numbers [m] with n ≥ 1, not {points.shape}")
+    if np.abs(points[:, :2]).max() > _FARTHEST:
+        raise QueryError(_TOO_FAR)
     return points
 
 
@@ -362,11 +374,11 @@ def _number(grid: MapGrid, layer: Any, group: int) -> Any:
 def yaw_window(grid: MapGrid, key: Key, yaw_range: tuple[float, float], step: float) -> YawWindow:
     """The window of turns for a checked range of approach yaws.
 
-    For a vertical approach of a wrist that rolls freely it is a full turn: the wrist makes up for the yaw.
+    For an exactly vertical approach of a wrist that rolls freely it is a full turn: the wrist makes up for the yaw.
     """
     orientations, shift = grid.orientations, key.yaw_shift
     samples = int(orientations.count[key.group])
-    if orientations.free_roll and orientations.is_pole(key.group):
+    if orientations.free_roll and key.exact and orientations.is_pole(key.group):
         return YawWindow(-pi, pi, min(step, _POLE_STEP), samples, shift)
     return YawWindow(yaw_range[0] - shift, yaw_range[1] - shift, step, samples, shift)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import fields, replace
 from typing import Any, NamedTuple, Unpack
 
@@ -12,7 +13,7 @@ from irm.answers import BasePlacement
 from irm.errors import QueryError
 from irm.grid import nearest_orientation
 from irm.inverse_map import InverseReachabilityMap
-from irm.query_keys import FULL_TURN, QueryKeywords
+from irm.query_keys import FULL_TURN, QueryKeywords, as_position, checked_options
 from irm.reachability_map import ReachabilityMap
 from irm.rotations import rotations, world_to_base
 
@@ -32,7 +33,7 @@ class TolerantPlacement(NamedTuple):
 
 def query_tolerant(
     inverse_map: InverseReachabilityMap,
-    position: ArrayLike,
+    position: Iterable[float],
     covariance: ArrayLike,
     rng: np.random.Generator,
     *,
@@ -57,10 +58,10 @@ def query_tolerant(
     Example:
         placement, probability = query_tolerant(bases, cup, np.diag([0.03, 0.03, 0.05]) ** 2, rng, k=5)
     """
-    wanted = int(keywords.get("k", 1))
+    wanted, position = checked_options(keywords, may_be_set=True).k, as_position(position)
     many = keywords.copy()
     many["k"] = _CANDIDATES * wanted
-    found = inverse_map.query(np.asarray(position, dtype=float), yaw_range=yaw_range, **many)
+    found = inverse_map.query(position, yaw_range=yaw_range, **many)
     errors = _errors(covariance, rng)
     one, given = np.ones(len(found)), keywords.get
     pitch = found.pitch if found.pitch is not None else one * np.asarray(given("pitch", 0.0))

@@ -220,8 +220,10 @@ def tcp_poses(positions: ArrayLike, yaw: float, pitch: float = 0.0, roll: float 
         (m, 4, 4).
 
     Raises:
-        QueryError: the positions are not an array of finite numbers.
+        QueryError: the positions are not an array of finite numbers, or an angle is not finite.
     """
+    if not np.isfinite((yaw, pitch, roll)).all():
+        raise QueryError(f"yaw, pitch and roll are finite numbers [rad], not {yaw}, {pitch}, {roll}")
     points = as_positions(positions)
     T = np.tile(np.eye(4), (len(points), 1, 1))
     T[:, :3, :3], T[:, :3, 3] = rotation(yaw, pitch, roll), points
@@ -260,7 +262,7 @@ def verify(
         limit: number of bases to test at most.
 
     Raises:
-        QueryError: `poses_of` returns anything but an array (m, 4, 4) with m ≥ 1, or the map knows no arm.
+        QueryError: `poses_of` returns anything but poses (m, 4, 4) with m ≥ 1, or the map knows no arm.
 
     Example:
         placement = inverse_map.query_path(offsets, target=cup, free_space=floor, k=5)
@@ -277,7 +279,7 @@ def verify(
         T_world_tcp = np.asarray(poses_of(rank), dtype=float)
         if T_world_tcp.ndim != 3 or T_world_tcp.shape[1:] != (4, 4) or len(T_world_tcp) == 0:
             raise QueryError(f"TCP poses of one base are an array (m, 4, 4) with m ≥ 1, not {T_world_tcp.shape}")
-        base = placement.poses[rank]
+        T_world_tcp, base = as_poses(T_world_tcp), placement.poses[rank]
         candidates = [configurations(chain, T, torso_range) for T in world_to_base(base) @ T_world_tcp]
         path = _configuration_path(chain, base, candidates, is_free)
         if len(path) == len(T_world_tcp):

@@ -139,6 +139,10 @@ def _make(arguments: Arguments) -> None:
     source = Path(arguments.robot)
     stem = source.parent.name if source.stem in ("robot", "model", "scene") else source.stem
     file = arguments.out or Path("outputs") / f"{stem}.xml"
+    if file.suffix != ".xml":
+        raise UsageError(f"--out {file} must end with .xml: it is the robot's name, and its page lies beside it")
+    if file.exists() and source.exists() and file.samefile(source):
+        raise UsageError(f"--out {file} is the arm's own file, which would be lost; give the robot another name")
     file.parent.mkdir(parents=True, exist_ok=True)
     made = first = _made(source, mounting, file, arguments.table)
     if not first.has_home:

@@ -152,7 +152,7 @@ def _motors(robot: RobotSpec, model: mujoco.MjModel) -> str:
     if number < 0:
         return said
     names = bytes(model.text_data)[model.text_adr[number] :].split(b"\0", 1)[0].decode()
-    return f"{said}; assumed, since the arm's file gives none: {', '.join(names.split())}"
+    return f"{said}; assumed, since the arm's file gives none: {names}"
 
 
 def _problems(robot: RobotSpec, model: mujoco.MjModel, reach: LevelReach, table: float) -> Iterator[str]:

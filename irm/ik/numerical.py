@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 MAX_STEPS = 25
 """Largest number of Newton-like steps; 6 are usual from a seed in a neighbouring cell."""
 POSITION_TOLERANCE = 1e-5
-"""[m] and [rad]: a pose this close counts as reached."""
+"""[m] and [rad]: a pose this close in each coordinate counts as reached."""
 _STEP_LIMIT = 0.4
 """[rad] or [m]: largest joint motion in one step, so that the linearisation is valid."""
 _DAMPING = 0.05

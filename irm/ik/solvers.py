@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from irm.answers import NO, UNKNOWN, YES
 from irm.chain import ArmChain, ChainArrays, ChainKey, chain_arrays
 from irm.compilation import njit
+from irm.errors import QueryError
 from irm.ik.arm_solver import SolverArrays
 from irm.ik.closed_form import decide_poses, ik_arm
 from irm.ik.numerical import random_seeds, refine, refine_within
@@ -41,6 +42,7 @@ from irm.ik.structure import (
 from irm.ik.structured import parallel_solutions, spherical_solutions
 from irm.kernel_arguments import call_at, kernel_address, layout_of, leaf_kernel, packed
 from irm.kinematics import arm_jacobian, condition, fk_frames
+from irm.rotations import as_poses
 from irm.self_contact import CLEARANCE
 from irm.shapes import Placed, Shapes, any_near, is_free, make_placed, place_shapes
 
@@ -75,11 +77,17 @@ class ExactSolver:
         chain: of an arm of 6 or 7 hinges.
         torso_range: lowest and highest height of its lift [m]; equal if it does not move.
 
+    Raises:
+        QueryError: the heights are not finite numbers, the lower one first; of `solve` and `reach`, the poses are no
+            array (n, 4, 4) of rotations and translations.
+
     Example:
         status, q = ExactSolver(chain).solve(T_base_tcp)
     """
 
     def __init__(self, chain: ArmChain, torso_range: tuple[float, float] | None = None) -> None:
+        if torso_range is not None and not -np.inf < torso_range[0] <= torso_range[1] < np.inf:
+            raise QueryError(f"torso_range is the lowest and the highest height of the lift [m], not {torso_range}")
         self.chain = chain
         self.torso_range = torso_range or (float(chain.lower[0]), float(chain.upper[0]))
         # Numba takes a third of a millisecond to look at such a tuple; a pointer costs nothing.
@@ -90,7 +98,7 @@ class ExactSolver:
         """Whether the arm has none of the structures with closed forms: answers then take milliseconds."""
         return self._arrays.kind == ITERATIVE
 
-    def solve(self, T_base_tcp: Floats) -> tuple[NDArray[np.int8], Floats]:
+    def solve(self, T_base_tcp: ArrayLike) -> tuple[NDArray[np.int8], Floats]:
         """Which poses the arm reaches in a configuration that is free of self-collision.
 
         NO is proved, with a tolerance for rounding in the pose, the limits and the arm's file: the joints do not reach
@@ -103,7 +111,8 @@ class ExactSolver:
         Returns:
             (n,) `Status` values, and (n, 1 + dof) the configuration that reaches each pose; NaN where none is known.
         """
-        status, q = self.reach(T_base_tcp)
+        T = as_poses(T_base_tcp)
+        status, q = self._reach(T)
         rows = np.flatnonzero(status == YES)
         rows = rows[~self._is_free.of(q[rows])]
         if not len(rows):
@@ -114,14 +123,14 @@ class ExactSolver:
             torsos = np.linspace(low, high, int(np.ceil((high - low) / step - _ROUNDING)) + 1)
             angles = free_angles(self.chain, count)
             for n in rows[status[rows] == UNKNOWN]:
-                R, p = T_base_tcp[n, :3, :3].copy(), T_base_tcp[n, :3, 3].copy()
+                R, p = T[n, :3, :3].copy(), T[n, :3, 3].copy()
                 nearest = np.argsort(np.abs(torsos - q[n, 0]), kind="stable")
                 status[n], reached[n] = _find_free(
                     self._arrays, *self._is_free.memory, R, p, torsos[nearest], angles, q[n]
                 )
                 reached[n] /= len(torsos) * len(angles)
         for n in rows[(status[rows] == UNKNOWN) & (reached[rows] < NARROW)]:
-            R, p = T_base_tcp[n, :3, :3].copy(), T_base_tcp[n, :3, 3].copy()
+            R, p = T[n, :3, :3].copy(), T[n, :3, 3].copy()
             seeds = self._seeds[:FREE_SEEDS]
             if _find_free_from(self._arrays.chain, *self._is_free.memory, R, p, low, high, seeds, q[n]):
                 status[n] = YES
@@ -142,9 +151,12 @@ class ExactSolver:
             mu[n] = _improve(self._arrays, *self._is_free.memory, R, p, float(torsos[n]), angles, q[n])
         return q, mu
 
-    def reach(self, T_base_tcp: Floats) -> tuple[NDArray[np.int8], Floats]:
+    def reach(self, T_base_tcp: ArrayLike) -> tuple[NDArray[np.int8], Floats]:
         """The same without regard to self-collision."""
-        T = np.ascontiguousarray(T_base_tcp, dtype=float)
+        return self._reach(as_poses(T_base_tcp))
+
+    def _reach(self, T_base_tcp: Floats) -> tuple[NDArray[np.int8], Floats]:
+        T = np.ascontiguousarray(T_base_tcp)
         status, q = np.full(len(T), UNKNOWN, dtype=np.int8), np.full((len(T), self.chain.size), np.nan)
         low, high = self.torso_range
         if self._arrays.kind == CLOSED_FORM:

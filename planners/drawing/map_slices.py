@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import numbers
 from collections.abc import Sequence
 from typing import Literal
 
@@ -31,17 +32,20 @@ def plot_slices(
         pitch: [rad] of the gripper, one of the map's; all of them if not given.
 
     Raises:
-        ReachabilityError: a height beside the map, or a pitch that it does not have; the message says which it has.
+        ReachabilityError: heights that are no numbers or beside the map, or a pitch that it does not have; the message
+            says which it has.
 
     Example:
         plot_slices(cached_map(FETCH), [0.6, 0.8, 1.0], value="mu", pitch=0.0).savefig("slices.png")
     """
     grid, angles = rm.grid, rm.grid.orientations.angles
     top = grid.bottom + grid.layers * grid.thickness
+    if np.ndim(heights) != 1 or not all(isinstance(height, numbers.Real) for height in heights):
+        raise ReachabilityError(f"heights={heights!r} must be a sequence of numbers [m]")
     wanted = list(heights) or [grid.bottom + (top - grid.bottom) * (k + 1) / 5 for k in range(4)]
-    layers = [math.floor((height - grid.bottom) / grid.thickness) for height in wanted]
-    if not all(0 <= layer < grid.layers for layer in layers):
+    if not all(grid.bottom <= height < top for height in wanted):
         raise ReachabilityError(f"heights={wanted}: the map reaches from {grid.bottom:.2f} to {top:.2f} m")
+    layers = [min(grid.layers - 1, math.floor((height - grid.bottom) / grid.thickness)) for height in wanted]
     if value not in ("index", "mu"):
         raise ReachabilityError(f"value={value!r}; valid: 'index', 'mu'")
     shown = np.full(len(angles), True) if pitch is None else np.abs(angles[:, 1] - pitch) < _SAME_PITCH

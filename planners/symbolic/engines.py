@@ -39,6 +39,8 @@ _VALID = (
     f"valid names: {', '.join(ENGINES)}; or an object with a method plan(problem, time_limit) that returns a TaskPlan "
     "or a NoPlan"
 )
+_LONGEST = 500
+"""Characters of an engine's own words, the last ones, that an error carries."""
 _ACTION_NAMES = {name.lower(): name for name in ("MoveBase", "PickUp", "PutDownGeneral", "PutDownForClearance")}
 
 
@@ -142,9 +144,11 @@ class UnifiedPlanning:
         self._shortcuts = _require("unified_planning.shortcuts", f"'unified-planning[{engine}]'")
         environment = self._shortcuts.get_environment()
         environment.credits_stream = None
-        if engine not in (known := environment.factory.engines):
+        factory = environment.factory
+        known = [one for one in factory.engines if factory.engine(one).is_oneshot_planner()]
+        if engine not in known:
             raise MissingEngineError(
-                f"unified-planning has no engine {engine!r} here; it has: {', '.join(known)}; "
+                f"unified-planning has no engine {engine!r} here that plans; it has: {', '.join(known) or 'none'}; "
                 f"to add one: pip install 'unified-planning[{engine}]' or the engine's own package"
             )
         self._reader = importlib.import_module("unified_planning.io").PDDLReader
@@ -156,15 +160,19 @@ class UnifiedPlanning:
         for options in self._options:
             if not deadline.remaining:
                 break
-            with self._shortcuts.OneshotPlanner(name=self._engine, params=dict(options)) as engine:
-                result = engine.solve(parsed, timeout=deadline.remaining)
+            try:
+                with self._shortcuts.OneshotPlanner(name=self._engine, params=dict(options)) as engine:
+                    result = engine.solve(parsed, timeout=deadline.remaining)
+            except Exception as error:  # engines are other people's, and raise what they like
+                raise EngineFailedError(f"{self.name}: {type(error).__name__}: {error}") from error
             if result.plan is not None:
                 steps = result.plan.actions
                 return _spelled((step.action.name, map(str, step.actual_parameters)) for step in steps)
             if result.status.name == "UNSOLVABLE_PROVEN":
                 return NoPlan("unsolvable")
             if result.status.name not in ("UNSOLVABLE_INCOMPLETELY", "TIMEOUT"):
-                raise EngineFailedError(f"{self.name}: {result.status.name}")
+                said = "; ".join(entry.message.strip() for entry in result.log_messages or ())
+                raise EngineFailedError(f"{self.name}: {result.status.name}{': ' * bool(said)}{said[-_LONGEST:]}")
         return NoPlan("gave up")
 
 

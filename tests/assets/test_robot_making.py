@@ -187,6 +187,14 @@ def test_what_is_named_is_left_out(linkage: Path, tmp_path: Path) -> None:
         ({"tip": "forearm"}, "6 or 7 hinges"),
         ({"on": (0.1, 0.05)}, "higher than 0.1 m"),
         ({"approach": "w"}, "no approach axis 'w'"),
+        ({"without": ("mast",)}, "no body 'mast' to leave out; there are .*forearm"),
+        ({"on": (np.nan, 0.7)}, "on nan 0.7 must be finite"),
+        ({"turn": np.inf}, "turn inf must be finite"),
+        ({"tool": np.nan}, "tool nan must be finite"),
+        ({"radius": 0.0}, "radius 0 must be positive"),
+        ({"opening": -1.0}, "opening -1 must be positive"),
+        ({"mesh_scale": 0.0, "radius": np.nan}, "radius nan must be positive; mesh_scale 0 must be positive"),
+        ({"lift": (0.4, 0.0)}, "lift 0.4 0: the lower end comes first"),
     ],
 )
 def test_what_is_missing_is_named(linkage: Path, wrong: dict, message: str) -> None:
@@ -365,6 +373,13 @@ def six_links(folder: Path, of_link: dict[int, str], of_camera: str, limit: str 
     text += f'<link name="camera">{of_camera}</link><joint name="c" type="fixed"><parent link="l3"/>'
     (folder / "six.urdf").write_text(f'<robot name="six">{text}<child link="camera"/></joint></robot>')
     return folder / "six.urdf"
+
+
+def test_joints_without_limits_are_named(tmp_path: Path) -> None:
+    file = six_links(tmp_path, {}, "")
+    assert "limits" not in make_robot(file, Mounting("l0", "l6", on=(0.0, 0.8))).found
+    file.write_text(file.read_text().replace('lower="-2" upper="2"', "", 2))
+    assert "without end: j0, j1" in make_robot(file, Mounting("l0", "l6", on=(0.0, 0.8))).found["limits"]
 
 
 def test_a_mesh_that_cannot_be_read_is_refused_with_what_to_do(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
+from irm import ExactSolver, query_tolerant, tcp_poses, verify
 from irm.errors import QueryError
 from irm.inverse_map import ClassicalInverseReachabilityMap
 from irm.query_kernels import base_turns
@@ -88,6 +89,69 @@ def test_positions_that_are_no_numbers_are_refused(coarse_inverse):
             query([("a", "b", "c")])
 
 
+def test_positions_so_far_away_that_numbers_are_coarse_are_refused(coarse_inverse, coarse_map):
+    """At 1e17 m every base is the TCP's place, and was certain."""
+    T = np.eye(4)
+    for far in ((1e17, 0.0, 0.9), (0.0, -1e8, 0.9)):
+        T[:3, 3] = far
+        classical = ClassicalInverseReachabilityMap(coarse_map)
+        for query in (coarse_inverse.query, classical.query):
+            for position in (far, T):
+                with pytest.raises(QueryError, match="at most 1e\\+07 m"):
+                    query(position)
+        for query in (coarse_inverse.query_batch, coarse_inverse.query_multi, coarse_inverse.query_path):
+            with pytest.raises(QueryError, match="at most 1e\\+07 m"):
+                query([far])
+        with pytest.raises(QueryError, match="at most 1e\\+07 m"):
+            coarse_inverse.query_batch(T[None])
+    assert len(coarse_inverse.query((5e6, 3e5, 0.9))), "map coordinates"
+
+
+def test_a_step_longer_than_a_turn_is_one(coarse_inverse):
+    """1e300 ended in a division by zero."""
+    turn = coarse_inverse.query(POSITION, yaw_step=2 * np.pi, k=3)
+    np.testing.assert_array_equal(coarse_inverse.query(POSITION, yaw_step=1e300, k=3).poses, turn.poses)
+
+
+def test_a_range_of_pitches_is_one_of_pitches(coarse_inverse):
+    """Its ends were cut, though a single pitch beyond them is refused."""
+    for wrong in ((0.0, 10.0), (-2.0, 0.0), (2.0, 3.0)):
+        with pytest.raises(QueryError, match="range of pitches lies in"):
+            coarse_inverse.query(POSITION, pitch=wrong)
+    assert coarse_inverse.query(POSITION, pitch=(-np.pi / 2, np.pi / 2))
+
+
+def test_arms_are_maps_of_equation_5(coarse_inverse, coarse_map):
+    for arms in (coarse_inverse, (coarse_inverse, ClassicalInverseReachabilityMap(coarse_map)), "ab"):
+        with pytest.raises(QueryError, match="arms are a sequence of InverseReachabilityMap"):
+            coarse_inverse.query_multi([POSITION, POSITION], arms=arms)
+
+
+def test_poses_that_are_none_are_refused_by_the_solver_too(coarse_map):
+    """A reflection was reachable, and rotations alone (n, 3, 3) were out of reach."""
+    solver, mirror = ExactSolver(coarse_map.chain), np.eye(4)
+    mirror[:3, :3], mirror[:3, 3] = np.diag([1.0, 1.0, -1.0]), (0.6, 0.0, 0.8)
+    for solve in (solver.solve, solver.reach):
+        for wrong in (mirror[None], 2 * np.eye(4)[None], np.eye(3)[None], np.full((1, 4, 4), np.nan), np.eye(4), None):
+            with pytest.raises(QueryError):
+                solve(wrong)
+        assert len(solve(np.empty((0, 4, 4)))[0]) == 0
+    for heights in ((1.0, 0.0), (np.nan, 1.0), (0.0, np.inf)):
+        with pytest.raises(QueryError, match="torso_range"):
+            ExactSolver(coarse_map.chain, heights)
+
+
+def test_other_functions_refuse_what_is_no_number(coarse_inverse, coarse_map):
+    rng, small = np.random.default_rng(0), 1e-4 * np.eye(3)
+    for position, keywords in ((np.eye(4), {}), ((0.0, np.nan, 1.0), {}), (POSITION, {"k": "many"})):
+        with pytest.raises(QueryError):
+            query_tolerant(coarse_inverse, position, small, rng, **keywords)
+    with pytest.raises(QueryError, match="finite"):
+        tcp_poses(POSITION, np.nan)
+    with pytest.raises(QueryError, match="finite"):
+        verify(coarse_map, coarse_inverse.query(POSITION), lambda _: np.full((1, 4, 4), np.nan))
+
+
 def test_approach_yaws_cover_the_range_in_steps():
     for (low, high), step in itertools.product([(0.0, 1.0), (-0.2, 0.2), (-np.pi, np.pi)], [0.05, 0.3, 2.0]):
         yaws = base_turns(YawWindow(low, high, step, 4, 0.0))
@@ -122,3 +186,11 @@ def test_an_answer_prints_as_a_table_and_shows_one_in_a_notebook(coarse_inverse)
         assert "yaw [rad]" in names
         assert [float(row.split()[0]) for row in rows] == pytest.approx(answer.poses[:, 0], abs=1e-3)
         assert answer._repr_html_().count("<tr>") == 1 + len(answer)
+
+
+def test_an_approach_that_is_nearly_vertical_keeps_to_its_yaws(coarse_inverse):
+    """Nearer to the pole than to a ring, every yaw was tried: bases were certain for poses that were not asked for."""
+    for exact in (None, False, True):
+        found = coarse_inverse.query((0.1, 0.0, 0.8), pitch=1.35, yaw_range=(0.2, 0.4), k=5, exact=exact)
+        assert len(found)
+        assert np.all((found.approach_yaw >= 0.2 - 1e-6) & (found.approach_yaw <= 0.4 + 1e-6))

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import importlib.util
+import threading
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from assets import FETCH
-from examples.drag_gripper import Viewpoint, show
+from examples.drag_gripper import View, Viewpoint, show
 from irm import Status, tcp_poses
 from planners.motion.arm import tcp_pose
 from planners.scene import RobotState
@@ -39,6 +42,33 @@ def test_what_touches_is_named_where_the_robot_stands(viewpoint: Viewpoint) -> N
     assert "touching: base_link" in view.said
     assert not viewpoint.of(T, 5).touching, "from elsewhere nothing touches"
     assert viewpoint.of(T, 5, np.array([3.0, 0.0, 0.0])).said.endswith("; out of the arm's reach")
+
+
+def test_the_last_place_of_a_drag_is_answered(viewpoint: Viewpoint, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What came while an answer was computed was dropped, the last place too: the page showed another one's bases."""
+    viser = MagicMock()
+    server = viser.ViserServer.return_value
+    gripper = server.scene.add_transform_controls.return_value
+    gripper.wxyz, gripper.position = (1.0, 0.0, 0.0, 0.0), (0.8, 0.0, 0.8)
+    server.gui.add_checkbox.return_value.value = False
+    monkeypatch.setattr("importlib.import_module", lambda _: viser)
+    asked: list[float] = []
+
+    def answer(T_world_tcp: NDArray[np.float64], count: int, _: object = None) -> View:
+        asked.append(float(T_world_tcp[0, 3]))
+        if asked[-1] == 0.6:
+            gripper.position = (0.9, 0.0, 0.8)
+            event = threading.Thread(target=moved, args=(None,))
+            event.start()
+            event.join()
+        return Viewpoint.of(viewpoint, T_world_tcp, count)
+
+    monkeypatch.setattr(viewpoint, "of", answer)
+    show(viewpoint, 0, 5)
+    (moved,) = gripper.on_update.call_args.args
+    gripper.position = (0.6, 0.0, 0.8)
+    moved(None)
+    assert asked == [0.8, 0.6, 0.9]
 
 
 @pytest.mark.skipif(importlib.util.find_spec("viser") is None, reason="viser is not installed")

@@ -331,3 +331,74 @@ def test_a_xacro_file_is_named_as_such(tmp_path):
     assert ArmChain.from_urdf(write(tmp_path, text.replace(MESH, "")), "l0", "tip", "z").size == 7
     with pytest.raises(ChainError, match=r"xacro six\.urdf > robot\.urdf"):
         ArmChain.from_urdf(write(tmp_path, text.replace("<link", include, 1)), "l0", "tip", "z")
+
+
+LIMITS = 'lower="-2" upper="2"'
+
+
+@pytest.mark.parametrize("limits", ["2 -2", "0 0", "1.5 1.5", "nan 1", "-inf inf"])
+def test_limits_that_leave_no_motion_are_refused(tmp_path, limits):
+    """MuJoCo reads equal ones, inverted ones and NaN as none: the joint turned without end."""
+    lower, upper = limits.split()
+    text = urdf().replace(MESH, "")
+    with pytest.raises(ChainError, match=r"'j0' has the limits .* leave it no motion; .*continuous"):
+        ArmChain.from_urdf(write(tmp_path, text.replace(LIMITS, f'lower="{lower}" upper="{upper}"')), "l0", "tip", "z")
+    spec = mujoco.MjSpec.from_file(str(FOLDER / "panda.xml"))
+    if lower != upper or float(lower):  # equal to 0 is MJCF's word for none
+        spec.joint("joint2").range = float(lower), float(upper)
+        with pytest.raises(ChainError, match=r"'joint2' has the limits"):
+            ArmChain.from_mjcf(spec.compile(), "base", "tcp")
+
+
+def test_a_limit_that_a_urdf_file_leaves_out_is_0(tmp_path):
+    """With one of two, MuJoCo read none; a joint without any has none."""
+    text = urdf().replace(MESH, "")
+    chain = ArmChain.from_urdf(write(tmp_path, text.replace(LIMITS, 'upper="1.5"', 1)), "l0", "tip", "z")
+    assert (chain.lower[1], chain.upper[1], chain.upper[2]) == (0.0, 1.5, 2.0)
+    chain = ArmChain.from_urdf(write(tmp_path, text.replace(LIMITS, "", 1)), "l0", "tip", "z")
+    assert (chain.lower[1], chain.upper[1]) == (-2 * np.pi, 2 * np.pi)
+    with pytest.raises(ChainError, match="a limit of 'j0'"):
+        ArmChain.from_urdf(write(tmp_path, text.replace('lower="-2"', 'lower="two"', 1)), "l0", "tip", "z")
+
+
+def test_limits_in_degrees_are_refused(tmp_path):
+    """They were read as radians, so that no joint had a limit that matters."""
+    text = urdf().replace(MESH, "")
+    for degrees, is_refused in ((120, True), (6.2832, False), (1e4, False)):
+        file = write(tmp_path, text.replace(LIMITS, f'lower="-{degrees}" upper="{degrees}"'))
+        if is_refused:
+            with pytest.raises(ChainError, match=r"up to 120 rad: .*degrees"):
+                ArmChain.from_urdf(file, "l0", "tip", "z")
+        else:
+            assert ArmChain.from_urdf(file, "l0", "tip", "z").upper[1] == degrees
+
+
+def test_numbers_that_are_none_are_refused_by_the_name_of_the_body(tmp_path):
+    text = urdf().replace(MESH, "").replace('xyz="0 0 0.2"', 'xyz="0 nan 0.2"', 1)
+    with pytest.raises(ChainError, match=r"of 'l1' .* is not a finite number"):
+        ArmChain.from_urdf(write(tmp_path, text), "l0", "tip", "z")
+
+
+@pytest.mark.parametrize(
+    ("constraint", "tied"),
+    [
+        ('<connect body1="link2" body2="link4" anchor="0 0 0.1"/>', "'joint3', 'joint4'"),
+        ('<weld body1="base" body2="link2"/>', "'joint1', 'joint2'"),
+        ('<tendon tendon1="both"/>', "'joint2', 'joint4'"),
+        ('<weld body1="base" body2="link2" active="false"/>', None),
+        ('<weld body1="link7" body2="dragged"/>', None),
+    ],
+)
+def test_joints_that_a_constraint_ties_together_are_no_joints_of_an_arm(constraint, tied):
+    """Only `<joint>` constraints were seen; loops and tendons were read as free."""
+    tendon = (
+        '<tendon><fixed name="both"><joint joint="joint2" coef="1"/><joint joint="joint4" coef="1"/></fixed></tendon>'
+    )
+    text = (FOLDER / "panda.xml").read_text()
+    text = text.replace("</worldbody>", '<body name="dragged" mocap="true"/></worldbody>' + tendon)
+    model = mujoco.MjModel.from_xml_string(text.replace("</mujoco>", f"<equality>{constraint}</equality></mujoco>"))
+    if tied is None:
+        assert ArmChain.from_mjcf(model, "base", "tcp").size == 8
+    else:
+        with pytest.raises(ChainError, match=f"ties {tied} together"):
+            ArmChain.from_mjcf(model, "base", "tcp")

@@ -20,15 +20,26 @@ from irm.ik.closed_form import ik_pan
 from irm.ik.numerical import random_seeds
 from irm.ik.solvers import ExactSolver
 from irm.inverse_map import InverseReachabilityMap
-from irm.kinematics import link_frames
+from irm.kinematics import forward, link_frames
 from irm.map_images import any_pair_near, images_of, touching
 from irm.map_kernels import PAN_SAMPLES, shapes_at_every_roll
 from irm.reachability_map import ReachabilityMap
 from irm.rotations import rotation, rotations, yaw_pitch_roll
 from irm.self_contact import CLEARANCE
 from irm.shapes import is_pair_near, make_placed, place_shapes
-from irm.verification import SelfCollision, tcp_poses
-from tests.irm.arms import ARM, CHAIN, arm_chain, in_base, inverse, jacobian, manipulability, solve
+from irm.verification import SelfCollision, decide, tcp_poses
+from tests.irm.arms import (
+    ARM,
+    CHAIN,
+    arm_chain,
+    in_base,
+    inverse,
+    jacobian,
+    manipulability,
+    random_configurations,
+    solve,
+)
+from tests.irm.tables import puma560
 
 
 def test_every_pose_of_a_map_has_an_exact_solution_as_good_as_it_says(coarse_map):
@@ -151,6 +162,20 @@ def test_progress_is_shown_by_the_callers_function() -> None:
     assert len(built) == len(ReachabilityMap.build(FETCH, **small))
     with pytest.raises(ReachabilityError, match="progress=True must be None or a function"):
         ReachabilityMap.build(FETCH, progress=True, **small)  # what earlier versions took
+
+
+def test_a_lift_of_a_millimetre_does_not_make_layers_of_a_millimetre():
+    """As robots have that `robot make` makes of an arm without one: their map was to have 1.3 billion cells."""
+    fixed = puma560(9)
+    short = dataclasses.replace(fixed, upper=np.concatenate([[1e-3], fixed.upper[1:]]))
+    how = {"voxel": 0.1, "orientations": 6, "samples": 20_000}
+    rm, other = (ReachabilityMap.build(chain, **how) for chain in (short, fixed))
+    assert rm.grid.shape == other.grid.shape
+    np.testing.assert_array_equal(rm.manipulability, other.manipulability)
+    assert rm.grid.torso_range == (0.0, 1e-3), "of exact answers"
+    q = random_configurations(short, 50, np.random.default_rng(0))
+    assert np.all(decide(rm, np.array([forward(short, row) for row in q])) == Status.YES.value)
+    assert InverseReachabilityMap(rm).query((0.5, 0.0, 0.5), exact=True).status is Status.YES
 
 
 @pytest.mark.parametrize("voxel", [0.02, 0.05, 0.1, 0.5])

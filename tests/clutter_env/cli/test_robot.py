@@ -85,12 +85,12 @@ def test_an_arm_that_its_motors_do_not_hold_stretched_out_is_named(tmp_path: Pat
     """It is no problem of a simulation, in which the arm weighs nothing."""
     text = PANDA.mjcf_path.read_text().replace('forcerange="-87 87"', 'forcerange="-30 30"')
     text = text.replace(
-        "<worldbody>", '<custom><text name="assumed_torques" data="joint1 joint2"/></custom><worldbody>'
+        "<worldbody>", '<custom><text name="assumed_torques" data="joint 1, joint 2"/></custom><worldbody>'
     )
     (tmp_path / "weak.xml").write_text(text)
     report = report_of(replace(PANDA, mjcf=str(tmp_path / "weak.xml")))
     assert "do not hold the arm alone stretched out ('joint2' has 30 N m)" in report.facts["motors"]
-    assert report.facts["motors"].endswith("assumed, since the arm's file gives none: joint1, joint2")
+    assert report.facts["motors"].endswith("assumed, since the arm's file gives none: joint 1, joint 2")
     assert report.problems == ()
     assert report_of(PANDA).facts["motors"].startswith("hold 3.3 kg with the arm stretched out")
 
@@ -234,6 +234,19 @@ def test_make_says_what_it_needs(capsys: pytest.CaptureFixture[str]) -> None:
         with pytest.raises(SystemExit):
             main(["robot", "make", str(ARM), *wrong])
         assert message in capsys.readouterr().err
+
+
+def test_a_robot_s_file_is_one_of_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "arm.xml"
+    file.write_text(ARM.read_text())
+    with pytest.raises(SystemExit):
+        main(["robot", "make", str(file), "--base", "base", "--tip", "wrist_3", "--on", "0", "0.7", "--out", str(file)])
+    assert "is the arm's own file" in capsys.readouterr().err
+    for other in ("made", "made.json"):  # its page was written over it
+        with pytest.raises(SystemExit):
+            main(["robot", "make", str(file), "--base", "base", "--tip", "wrist_3", "--out", str(tmp_path / other)])
+        assert "must end with .xml" in capsys.readouterr().err
+    assert file.read_text() == ARM.read_text()
 
 
 @pytest.mark.slow

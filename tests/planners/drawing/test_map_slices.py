@@ -33,6 +33,9 @@ def test_mu_of_one_pitch_is_the_best_of_its_cells(rm: ReachabilityMap) -> None:
 def test_what_the_map_does_not_have_is_refused(rm: ReachabilityMap) -> None:
     with pytest.raises(ReachabilityError, match="the map reaches from"):
         plot_slices(rm, [3.0])
+    for heights in (0.7, "abc", [np.nan], [[0.7]]):
+        with pytest.raises(ReachabilityError, match="heights="):
+            plot_slices(rm, heights)
     with pytest.raises(ReachabilityError, match=r"which are .*0\.000"):
         plot_slices(rm, pitch=0.3)
     with pytest.raises(ReachabilityError, match="'index', 'mu'"):

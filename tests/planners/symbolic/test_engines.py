@@ -14,6 +14,7 @@ import pytest
 from planners.symbolic import engines
 from planners.symbolic.astar import AStar, LowerBound
 from planners.symbolic.engines import (
+    EngineFailedError,
     MissingEngineError,
     UnknownEngineError,
     checked_answer,
@@ -173,6 +174,9 @@ print(next(answer for begin, answer in answers.items() if search.startswith(begi
 """A program in place of Fast Downward: it logs its search and answers with a status of unified-planning or a plan."""
 
 
+LOG_MESSAGE = SimpleNamespace(message="killed by signal 9\n")
+
+
 def fake_unified_planning(program: Path) -> SimpleNamespace:
     """As much of unified-planning as `UnifiedPlanning` uses, with an engine that is a program."""
 
@@ -190,12 +194,14 @@ def fake_unified_planning(program: Path) -> SimpleNamespace:
             command = [sys.executable, str(program), self.search]
             answer = subprocess.run(command, capture_output=True, text=True, timeout=timeout, check=True).stdout.strip()
             if not answer.startswith("("):
-                return SimpleNamespace(plan=None, status=SimpleNamespace(name=answer))
+                return SimpleNamespace(plan=None, status=SimpleNamespace(name=answer), log_messages=[LOG_MESSAGE])
             words = [line.strip("()").split() for line in answer.splitlines()]
             steps = [SimpleNamespace(action=SimpleNamespace(name=w[0]), actual_parameters=w[1:]) for w in words]
             return SimpleNamespace(plan=SimpleNamespace(actions=steps))
 
-    environment = SimpleNamespace(factory=SimpleNamespace(engines=["fast-downward"]))
+    plans = {"fast-downward": True, "grounder": False}
+    kinds = {name: SimpleNamespace(is_oneshot_planner=lambda name=name: plans[name]) for name in plans}
+    environment = SimpleNamespace(factory=SimpleNamespace(engines=list(plans), engine=kinds.get))
     reader = SimpleNamespace(parse_problem_string=lambda domain, problem: (domain, problem))
     return SimpleNamespace(get_environment=lambda: environment, OneshotPlanner=Engine, PDDLReader=lambda: reader)
 
@@ -227,6 +233,25 @@ def test_ff_climbs_hills_and_then_searches_along_all_actions(
     assert (found.reason if isinstance(found, NoPlan) else len(found.actions)) == answer
     assert not isinstance(found, TaskPlan) or found.actions == expected.actions
     assert len(log.read_text().splitlines()) == searches
+
+
+def test_an_engine_that_breaks_down_or_does_not_plan_is_named_with_its_words(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Engines that raise ended in their own traceback; those that do not plan, in an assertion without a word."""
+    program = tmp_path / "engine.py"
+    fake, problem = fake_unified_planning(program), obstruction_problem("a", {})
+    monkeypatch.setattr(engines, "_require", lambda *_: fake)
+    monkeypatch.setattr("importlib.import_module", lambda _: fake)
+    with pytest.raises(MissingEngineError, match="'grounder' here that plans; it has: fast-downward;"):
+        task_planner("up:grounder")
+    for text, words in (
+        ("raise OSError", "fast-downward:ff: CalledProcessError: "),
+        ("print('MEMOUT')", "MEMOUT: killed"),
+    ):
+        program.write_text(text)
+        with pytest.raises(EngineFailedError, match=words):
+            task_planner("fast-downward:ff").plan(problem, TIME_LIMIT)
 
 
 def test_ff_stops_at_its_time_limit(monkeypatch: pytest.MonkeyPatch) -> None:
