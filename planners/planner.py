@@ -327,9 +327,9 @@ def _not_sunk(scene: Scene) -> Scene:
 def is_final(outcome: Solution | Infeasible, near_home: bool) -> bool:
     """Whether another attempt could do no better.
 
-    A plan that clears an object twice, or that was made with motions refuted and picks more often than the lower bound,
-    can be improved on. A refusal cannot if it follows from all grasps, as it does with two of the causes; configurations
-    near home only are not all. At a limit there is no time for another attempt.
+    A plan can be improved on that clears an object twice, or that has more picks than the lower bound, since motions
+    were refuted. A refusal cannot if it follows from all grasps, as it does with two of the causes; configurations near
+    home only are not all. At a limit there is no time for another attempt.
     """
     if isinstance(outcome, Solution):
         if outcome.bound is not None:

@@ -443,7 +443,7 @@ class _Search:
     def _ordered(
         self, scene: Scene, moves: tuple[Move, ...], in_turn: Sequence[str], to_move: Sequence[str]
     ) -> tuple[Step, ...]:
-        """The fewest moves under a shelf, where what stands at its place may be in the way of others; none elsewhere."""
+        """The fewest moves under a shelf, where what stands at its place may be in the way of others."""
         maker = self.maker
         if self._order is None and not moves:
             waiting = [name for name in dict.fromkeys((*in_turn, *to_move)) if name in to_move]
