@@ -7,7 +7,7 @@ way of those, and so on, such that no object waits for itself. The task planner 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TypeAlias
 
@@ -19,7 +19,6 @@ from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import objects_on
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.motion.arm import tcp_pose
-from planners.placing.placements import Placement
 from planners.placing.surfaces import KeepClear
 from planners.scene import HeldObject, RobotState, Scene
 from planners.scene.cover import drive_out, driven_out_of
@@ -64,33 +63,6 @@ class NoCommitment:
 
     cause: Cause
     objects: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class ClearancePlan:
-    """Commitments, and a placement for each object to clear; no placements for strategies that do not plan ahead.
-
-    Attributes:
-        commitments: a grasp for the target and for every object that must go before it.
-        placements: where objects are put.
-        provisional: the object that is moved again later; once it stands where it is put first, the rest is planned
-            anew. "" for none.
-        aside: the object that stays in a gripper while another one takes the target, "" for none.
-        general: objects that are put down for the goal, where it wants them.
-        until: objects in the order in which they are moved; none for strategies that do not plan ahead.
-    """
-
-    commitments: Commitments
-    placements: Mapping[str, Placement] = field(default_factory=lambda: MappingProxyType({}))
-    provisional: str = ""
-    aside: str = ""
-    general: frozenset[str] = frozenset()
-    until: tuple[str, ...] = ()
-
-    def without(self, name: str) -> ClearancePlan:
-        """The plan that remains once that object has been cleared."""
-        kept = MappingProxyType({other: place for other, place in self.placements.items() if other != name})
-        return replace(self, commitments=self.commitments.without(name), placements=kept)
 
 
 def grasped(scene: Scene, grasp: GraspCandidate) -> Scene:

@@ -14,15 +14,15 @@ import math
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from planners.cause import Cause
-from planners.clearing.commitments import ClearancePlan, Commitments, NoCommitment, grasped, with_blockers
+from planners.clearing.clearance_plan import ClearancePlan, as_plan
+from planners.clearing.commitments import NoCommitment, grasped
 from planners.clearing.goal_bound import LowerBound, fewest_picks, must_move, waits_for, with_what_stands_on
-from planners.clearing.moves import Move, Moved, MoveMaker
+from planners.clearing.moves import Move, MoveMaker
 from planners.clearing.order_of_moves import Order
 from planners.clearing.quickest import holding_aside
 from planners.goals import At, Inside, On
@@ -134,7 +134,7 @@ def look_ahead(maker: MoveMaker, scene: Scene) -> ClearancePlan | NoCommitment:
     if found is not None and found.picks > first.left:
         found = _best_first(search, first, 1.0, tries // _BETTER, found.picks) or found
     if found is not None:
-        return _as_plan(maker, scene, found.moves)
+        return as_plan(maker.candidates, scene, found.moves)
     if maker.deadline.is_over:
         return NoCommitment(Cause.TIME_LIMIT, first.waiting)
     nowhere = tuple(name for name, _ in search.failed.most_common(1))
@@ -286,7 +286,7 @@ class _Search:
         """
         maker, name, goal = self.maker, step.name, self.maker.goal
         rest = tuple(one for one in now.steps if one is not step)
-        moved: Moved | None = None
+        moved: Move | None = None
         if self._is_held_up(step):
             moved = maker.hold(now.scene, name)
         elif not (step.is_general and self._refuted_by(now, name)):
@@ -300,11 +300,11 @@ class _Search:
         if moved is None:
             self.failed[name] += 1
             return None
-        moves = (*now.moves, moved.move)
-        if is_strict and (rest or not must_move(moved.scene, goal, maker.start)):
-            left = now.left - (moved.move.grasp is not None)
-            return _Situation(moved.scene, moves, rest, max(left, len(rest) > 0), now.also, now.later)
-        found = self.situation(moved.scene, moves, [one for one in now.also if one != name], now.later)
+        moves = (*now.moves, moved)
+        if is_strict and (rest or not must_move(moved.after, goal, maker.start)):
+            left = now.left - (moved.grasp is not None)
+            return _Situation(moved.after, moves, rest, max(left, len(rest) > 0), now.also, now.later)
+        found = self.situation(moved.after, moves, [one for one in now.also if one != name], now.later)
         return found if isinstance(found, _Situation) else None
 
     def _choices(
@@ -437,8 +437,10 @@ class _Search:
         found = holding_aside(self.maker.candidates, now.scene, obstacle, target, self.maker.can_take)
         if found is None:
             return None
-        scene = grasped(grasped(now.scene, found[0]), found[1])
-        return _Situation(scene, (*now.moves, *(Move(one.object, one, None) for one in found)), (), 0)
+        first = grasped(now.scene, found[0])
+        both = grasped(first, found[1])
+        ends = (Move(obstacle.object, found[0], None, False, first), Move(target.object, found[1], None, True, both))
+        return _Situation(both, (*now.moves, *ends), (), 0)
 
     def _ordered(
         self, scene: Scene, moves: tuple[Move, ...], in_turn: Sequence[str], to_move: Sequence[str]
@@ -505,29 +507,3 @@ def _in_turn(
         base = base if grasp is None else grasp.base[:2]
         gone.add(name)
         yield Step(name, is_general, grasp)
-
-
-def _as_plan(maker: MoveMaker, scene: Scene, moves: Sequence[Move]) -> ClearancePlan:
-    """The moves as commitments, up to the first of an object that is moved again later.
-
-    What is in the way of a grasp is worked out for the scene as it is.
-    """
-    names = [move.name for move in moves]
-    ends = next((index for index, name in enumerate(names) if name in names[index + 1 :]), None)
-    provisional = "" if ends is None else names[ends]
-    made = {move.name: move for move in moves[: None if ends is None else ends + 1]}
-    grasps = with_blockers(maker.candidates, scene, [move.grasp for move in made.values() if move.grasp is not None])
-    in_hand = [move.name for move in made.values() if move.placement is None]
-    target = in_hand[-1] if in_hand else ""
-    return ClearancePlan(
-        Commitments(
-            target,
-            tuple(name for name in made if name != target),
-            MappingProxyType({grasp.object: grasp for grasp in grasps}),
-        ),
-        MappingProxyType({name: move.placement for name, move in made.items() if move.placement is not None}),
-        provisional,
-        aside=in_hand[0] if len(in_hand) > 1 else "",
-        general=frozenset(name for name, move in made.items() if move.is_general),
-        until=tuple(made),
-    )

@@ -9,7 +9,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,20 +41,16 @@ class Move:
         name: of the object.
         grasp: through which it is taken; None if it is held already.
         placement: where it is put; None if it stays in the hand.
-        is_general: whether it is put where the goal wants it, not just aside.
+        is_general: whether it goes where the goal wants it, not just aside.
+        after: the scene after the move.
+        choice: which of the choices of what to keep clear of it was made with.
     """
 
     name: str
     grasp: GraspCandidate | None
     placement: Placement | None
-    is_general: bool = False
-
-
-class Moved(NamedTuple):
-    """A move, the scene after it, and which of the choices of what to keep clear of it was made with."""
-
-    move: Move
-    scene: Scene
+    is_general: bool
+    after: Scene
     choice: int = 0
 
 
@@ -98,17 +93,17 @@ class MoveMaker:
     holds_aside: bool = False
     saves_time: bool = False
 
-    def hold(self, scene: Scene, name: str) -> Moved | None:
+    def hold(self, scene: Scene, name: str) -> Move | None:
         """Take an object so that it can be held where the goal wants it; None if no grasp is free."""
         if name in scene.held_names:
-            return Moved(Move(name, None, None), scene)
+            return Move(name, None, None, True, scene)
         point = next(fact.point for fact in self.goal.facts if isinstance(fact, Holding) and fact.object == name)
         free = self.free_grasps(scene, name)
         grasp = next(free, None)
         if point is not None and grasp is not None:
             fits = (one for one in itertools.chain((grasp,), free) if self._holds_at(scene, one, np.array(point)))
             grasp = next(fits, grasp)
-        return None if grasp is None else Moved(Move(name, grasp, None), grasped(scene, grasp))
+        return None if grasp is None else Move(name, grasp, None, True, grasped(scene, grasp))
 
     def put(
         self,
@@ -118,7 +113,7 @@ class MoveMaker:
         choices: Sequence[KeepClear],
         waiting: Collection[str],
         following: str = "",
-    ) -> Moved | None:
+    ) -> Move | None:
         """Take an object and put it where the goal wants it, or aside; None if no free grasp leads to a placement.
 
         Args:
@@ -143,7 +138,7 @@ class MoveMaker:
                 if placement is not None:
                     state = RobotState(placement.base, with_it.state.q, with_it.state.finger_position)
                     after = with_it.with_held(None).with_body(placement.body).with_state(state)
-                    return Moved(Move(name, grasp, placement, is_general), after, choice)
+                    return Move(name, grasp, placement, is_general, after, choice)
         return None
 
     def places(

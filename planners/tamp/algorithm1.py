@@ -58,11 +58,7 @@ def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
             motion = call_motion_planning(search, state, action)
             if isinstance(motion, BoundMotion):
                 bind_references(search, state.scene, action, motion)
-                before, state = state, update_initial_state_from_action(state, action, motion)
-                if action.name.startswith("PutDown") and action.object == before.clearance_plan.provisional:
-                    # The object will be in the way later: what follows is chosen anew.
-                    state = rebind_grasps(search, state.symbols, state.scene)
-                    break
+                state = update_initial_state_from_action(state, action, motion)
             else:
                 before = take_back_drive(search, state)
                 state = update_initial_state_from_error(search, before, motion)
@@ -137,7 +133,7 @@ def finish(search: Search, state: PlanState, plan: TaskPlan) -> PlanState | Infe
     if not plan.actions:
         held = search.goal.held
         return search.infeasible(Cause.MOTION, f"no motion of the arm holds {', '.join(held)} where it is to be", held)
-    return rebind_grasps(search, state.symbols, state.scene)
+    return rebind_grasps(search, state.symbols, state.scene, state.clearance_plan)
 
 
 def call_task_planning(search: Search, state: PlanState) -> TaskPlan | Infeasible:

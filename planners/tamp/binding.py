@@ -6,7 +6,8 @@ from dataclasses import replace
 
 from assets.robots import RobotSpec
 from planners.cause import Cause
-from planners.clearing.commitments import ClearancePlan, Commitments, NoCommitment, keep_clear
+from planners.clearing.clearance_plan import ClearancePlan, as_plan
+from planners.clearing.commitments import Commitments, NoCommitment, keep_clear
 from planners.clearing.goal_bound import must_move, order_circle
 from planners.clearing.moves import MoveMaker, NotPlaced
 from planners.clock import cpu_seconds
@@ -39,11 +40,18 @@ from planners.tamp.state import TASK_PLANNING_S, PlanState, Refutation, Search, 
 _GRASP_POSE, _PUT_DOWN_POSE = "robot_gp_", "robot_pdp_"
 
 
-def bind_grasps(search: Search, symbols: SymbolicState, scene: Scene) -> PlanState | Infeasible:
-    """Choose what the grasp references stand for; a strategy that plans ahead chooses all moves."""
+def bind_grasps(
+    search: Search, symbols: SymbolicState, scene: Scene, before_it: ClearancePlan | None = None
+) -> PlanState | Infeasible:
+    """Choose what the grasp references stand for; a strategy that plans ahead chooses all moves.
+
+    The later moves of the plan `before_it` are made as planned if everything stands where it was to stand then.
+    """
     before = cpu_seconds()
     if search.is_greedy:
         found = search.motion_layer.choose_grasps(search.strategy, scene, search.target, search.clearances)
+    elif before_it is not None and before_it.begins_in(scene):
+        found = as_plan(search.motion_layer.candidates, scene, before_it.later)
     else:
         found = search.motion_layer.plan_goal(_maker(search), scene)
     search.motion_planning_s += cpu_seconds() - before
@@ -118,11 +126,13 @@ def _with_moves(search: Search, symbols: SymbolicState, scene: Scene, found: Cle
     return PlanState(symbols, scene, found, wanted=wanted)
 
 
-def rebind_grasps(search: Search, symbols: SymbolicState, scene: Scene) -> PlanState | Infeasible:
-    """Choose anew what the references stand for."""
+def rebind_grasps(
+    search: Search, symbols: SymbolicState, scene: Scene, before_it: ClearancePlan | None = None
+) -> PlanState | Infeasible:
+    """Choose anew what the references stand for; arguments as of `bind_grasps`."""
     # The symbols of base poses are about to be rebound to other poses: the robot is at none of them.
     here = {("robotAt", symbols.robot_at)}
-    return bind_grasps(search, symbols.changed(add={("robotAt", ROBOT_INIT_LOC)}, remove=here), scene)
+    return bind_grasps(search, symbols.changed(add={("robotAt", ROBOT_INIT_LOC)}, remove=here), scene, before_it)
 
 
 def task_plan(search: Search, state: PlanState) -> TaskPlan | NoPlan:

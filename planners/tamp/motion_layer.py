@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.cause import Cause
-from planners.clearing.commitments import ClearancePlan, NoCommitment, commitments_for
+from planners.clearing.clearance_plan import ClearancePlan
+from planners.clearing.commitments import NoCommitment, commitments_for
 from planners.clearing.goal_bound import LowerBound, fewest_picks
 from planners.clearing.lookahead import look_ahead
 from planners.clearing.moves import MoveMaker, NotPlaced

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from planners.cause import Cause
-from planners.clearing.commitments import ClearancePlan
+from planners.clearing.clearance_plan import ClearancePlan
 from planners.clearing.goal_bound import LowerBound
 from planners.clock import cpu_seconds
 from planners.goals import Goal

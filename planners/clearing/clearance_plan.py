@@ -1,0 +1,79 @@
+"""What a planner of moves has decided on, before any motion is planned."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from planners.clearing.commitments import Commitments, with_blockers
+from planners.clearing.moves import Move
+from planners.grasping.candidates import GraspCandidates
+from planners.placing.placements import Placement
+from planners.scene import Scene
+
+_SAME = 0.002
+"""[m] and parts of a rotation by which objects may stand elsewhere than expected: they are let go just above."""
+
+
+@dataclass(frozen=True)
+class ClearancePlan:
+    """Commitments, and a placement for each object to clear; no placements for strategies that do not plan ahead.
+
+    Attributes:
+        commitments: a grasp for the target and for every object that must go before it.
+        placements: where objects are put.
+        aside: the object that stays in a gripper while another one takes the target, "" for none.
+        general: objects that are put down for the goal, where it wants them.
+        until: objects in the order in which they are moved; none for strategies that do not plan ahead.
+        expected: the scene after these moves; None for such strategies.
+        later: moves after these, of which the first moves an object again.
+    """
+
+    commitments: Commitments
+    placements: Mapping[str, Placement] = field(default_factory=lambda: MappingProxyType({}))
+    aside: str = ""
+    general: frozenset[str] = frozenset()
+    until: tuple[str, ...] = ()
+    expected: Scene | None = None
+    later: tuple[Move, ...] = ()
+
+    def without(self, name: str) -> ClearancePlan:
+        """The plan that remains once that object has been cleared."""
+        kept = MappingProxyType({other: place for other, place in self.placements.items() if other != name})
+        return replace(self, commitments=self.commitments.without(name), placements=kept)
+
+    def begins_in(self, scene: Scene) -> bool:
+        """Whether the later moves can be made as planned: whether all objects are where they are expected."""
+        if self.expected is None or not self.later or self.expected.held_names != scene.held_names:
+            return False
+        pairs = zip(self.expected.objects, scene.objects, strict=True)
+        return all(one is other or np.allclose(one.pose, other.pose, atol=_SAME) for one, other in pairs)
+
+
+def as_plan(candidates: GraspCandidates, scene: Scene, moves: Sequence[Move]) -> ClearancePlan:
+    """Moves as commitments, up to the first of an object that is moved again later.
+
+    What is in the way of a grasp is worked out for the scene as it is.
+    """
+    names = [move.name for move in moves]
+    count = next((index + 1 for index, name in enumerate(names) if name in names[index + 1 :]), len(names))
+    made = {move.name: move for move in moves[:count]}
+    grasps = with_blockers(candidates, scene, [move.grasp for move in made.values() if move.grasp is not None])
+    in_hand = [move.name for move in made.values() if move.placement is None]
+    target = in_hand[-1] if in_hand else ""
+    return ClearancePlan(
+        Commitments(
+            target,
+            tuple(name for name in made if name != target),
+            MappingProxyType({grasp.object: grasp for grasp in grasps}),
+        ),
+        MappingProxyType({name: move.placement for name, move in made.items() if move.placement is not None}),
+        aside=in_hand[0] if len(in_hand) > 1 else "",
+        general=frozenset(name for name, move in made.items() if move.is_general),
+        until=tuple(made),
+        expected=moves[count - 1].after if moves else scene,
+        later=tuple(moves[count:]),
+    )
