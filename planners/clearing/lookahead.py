@@ -129,10 +129,13 @@ def look_ahead(maker: MoveMaker, scene: Scene) -> ClearancePlan | NoCommitment:
     first = search.situation(scene)
     if isinstance(first, NoCommitment):
         return first
+    # Under a shelf, the moves by their order, and those that the lower bound counts: it may do with fewer.
+    by_bound = search.situation(scene, by_order=False)
+    roots = [first, by_bound] if isinstance(by_bound, _Situation) and by_bound.left < first.left else [first]
     tries = maker.strategy.tries
-    found = _best_first(search, first, _GREEDY, tries)
+    found = _best_first(search, roots, _GREEDY, tries)
     if found is not None and found.picks > first.left:
-        found = _best_first(search, first, 1.0, tries // _BETTER, found.picks) or found
+        found = _best_first(search, roots, 1.0, tries // _BETTER, found.picks) or found
     if found is not None:
         return as_plan(maker.candidates, scene, found.moves)
     if maker.deadline.is_over:
@@ -142,13 +145,13 @@ def look_ahead(maker: MoveMaker, scene: Scene) -> ClearancePlan | NoCommitment:
 
 
 def _best_first(
-    search: _Search, first: _Situation, weight: float, tries: int, fewer_than: float = math.inf
+    search: _Search, roots: Sequence[_Situation], weight: float, tries: int, fewer_than: float = math.inf
 ) -> _Situation | None:
     """The first situation that comes up from which nothing is left to do; None after so many tries.
 
     Args:
         search: makes the tries.
-        first: where to begin.
+        roots: where to begin.
         weight: of the picks that are left at least, beside those made.
         tries: how many at most.
         fewer_than: only plans with fewer picks count.
@@ -162,7 +165,8 @@ def _best_first(
             rank = one.picks + weight * one.left + levels[0][0]
             heapq.heappush(queue, (rank, -len(one.moves), -next(count), one, levels))
 
-    push(first, search.levels(first))
+    for root in roots:
+        push(root, search.levels(root))
     while queue and tries and not search.maker.deadline.is_over:
         *_, now, levels = heapq.heappop(queue)
         if not now.steps:
@@ -206,8 +210,12 @@ class _Search:
         moves: tuple[Move, ...] = (),
         also: Collection[str] = (),
         later: _Pairs = frozenset(),
+        by_order: bool = True,
     ) -> _Situation | NoCommitment:
-        """The situation in a scene, as the lower bound has it there; grasps that cannot be used are rejected."""
+        """The situation in a scene, as the lower bound has it there; grasps that cannot be used are rejected.
+
+        `by_order`: whether the moves under a shelf are those of their order.
+        """
         maker = self.maker
         for _ in range(_REJECTIONS):
             if maker.deadline.is_over:
@@ -218,8 +226,8 @@ class _Search:
                 return NoCommitment(Cause(bound.cause), bound.objects or names)
             to_move = with_what_stands_on(maker.goal, (*must_move(scene, maker.goal, maker.start), *names))
             steps = tuple(_in_turn(maker, scene, bound, to_move, later))
-            left, ordered = bound.least, self._ordered(scene, moves, [step.name for step in steps], to_move)
-            if ordered:
+            left = bound.least
+            if by_order and (ordered := self._ordered(scene, moves, [step.name for step in steps], to_move)):
                 steps, left = ordered, max(left, len(ordered))
             chosen = [step.taken for step in steps if step.taken is not None]
             unusable = [grasp for grasp in chosen if not maker.is_usable(scene, grasp)]
@@ -289,7 +297,7 @@ class _Search:
         moved: Move | None = None
         if self._is_held_up(step):
             moved = maker.hold(now.scene, name)
-        elif not (step.is_general and self._refuted_by(now, name)):
+        elif not (step.is_general and self._is_refuted(now, name)):
             waiting = tuple(dict.fromkeys(one.name for one in rest))
             following = next((one for one in waiting if one != name), "")
             for kept, choices in self._choices(now, step, rest, is_strict):
@@ -395,6 +403,11 @@ class _Search:
             names = () if found is None else now.scene.names_of(found)
             fewest = min((one for one in (fewest, names) if one), key=len, default=())
         return fewest
+
+    def _is_refuted(self, now: _Situation, name: str) -> bool:
+        """Whether no motion puts an object at its place as it is held, or as long as something stands where it does."""
+        is_in_vain = name in now.scene.held_names and name in self.maker.not_placed.blockers
+        return is_in_vain or bool(self._refuted_by(now, name))
 
     def _refuted_by(self, now: _Situation, name: str) -> tuple[str, ...]:
         """What was in the way when no motion put an object at its place, and has not been moved since."""
