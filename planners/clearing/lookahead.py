@@ -431,6 +431,8 @@ class _Search:
     def _others(self, now: _Situation) -> Iterator[str]:
         """Names of objects that need not move, but are in the way of grasps of those that wait, most often first."""
         scene, candidates, waiting = now.scene, self.maker.candidates, now.waiting
+        if scene.held_names:
+            return
         masks = [mask for name in waiting if name not in scene.held_names for mask in candidates.blockers(scene, name)]
         often = Counter(name for mask in masks for name in scene.names_of(mask))
         for name, _ in often.most_common():

@@ -11,12 +11,14 @@ import numpy as np
 from assets.robots import FETCH
 from planners import find_strategy
 from planners.cause import Cause
+from planners.clearing import moves
+from planners.clearing.moves import MoveMaker
 from planners.context import PlanningContext
 from planners.goals import holding
 from planners.motion.arm import tcp_pose
 from planners.motion.path import NoPath
 from planners.placing import placements
-from planners.tamp import motion_layer
+from planners.strategies import STRATEGIES
 from planners.tamp.motion_layer import MotionLayer
 from planners.tamp.solution import ReplanRecord
 from planners.tamp.state import Search
@@ -31,6 +33,10 @@ CONTEXT = PlanningContext.of(SCENE.robot, SCENE, grasps="side")
 
 def new_layer() -> MotionLayer:
     return MotionLayer(CONTEXT, np.random.default_rng(0))
+
+
+def new_maker(layer: MotionLayer) -> MoveMaker:
+    return layer.maker(STRATEGIES["lookahead"], holding("object_00"), SCENE)
 
 
 def test_an_object_never_counts_as_in_the_way_of_its_own_grasp() -> None:
@@ -52,13 +58,13 @@ def test_whether_the_gripper_can_leave_a_grasp_is_worked_out_once_for_each_place
     elsewhere = SCENE.with_body(other.at(other.position + [0.0, 0.0, 0.001]))
     moved = SCENE.with_body(own.at(own.position + [0.0, 0.0, 0.001]))
     with patch.object(placements, "planned_approach", wraps=placements.planned_approach) as asked:
-        layer = new_layer()
-        answers = [layer.is_usable(scene, first) for scene in (SCENE, SCENE, elsewhere)]
+        maker = new_maker(new_layer())
+        answers = [maker.is_usable(scene, first) for scene in (SCENE, SCENE, elsewhere)]
         assert asked.call_count == 1
-        assert answers == [new_layer().is_usable(elsewhere, first)] * 3
+        assert answers == [new_maker(new_layer()).is_usable(elsewhere, first)] * 3
         asked.reset_mock()
-        layer.is_usable(SCENE, second)
-        layer.is_usable(moved, first)
+        maker.is_usable(SCENE, second)
+        maker.is_usable(moved, first)
         assert asked.call_count == 2
 
 
@@ -66,10 +72,10 @@ def test_a_grasp_whose_straight_lines_are_blocked_counts_as_refuted_by_motion() 
     """As under a shelf, where they hit more than the grasp does: the lower bound knows nothing of it."""
     layer = new_layer()
     grasp = replace(layer.candidates.for_object(SCENE, "object_00")[0], drives=True)
-    with patch.object(motion_layer, "fewest_blockers", return_value=SCENE.mask(["object_01"])):
-        layer._reject(SCENE, grasp)
+    with patch.object(moves, "fewest_blockers", return_value=SCENE.mask(["object_01"])):
+        new_maker(layer).reject(SCENE, grasp)
     assert layer.has_refuted
-    assert layer.unusable == 1
+    assert layer.candidates.unusable == 1
 
 
 def test_a_refusal_by_penetration_names_bodies_and_depth(tmp_path: Path) -> None:
