@@ -129,9 +129,10 @@ def look_ahead(maker: MoveMaker, scene: Scene) -> ClearancePlan | NoCommitment:
     first = search.situation(scene)
     if isinstance(first, NoCommitment):
         return first
-    # Under a shelf, the moves by their order, and those that the lower bound counts: it may do with fewer.
-    by_bound = search.situation(scene, by_order=False)
-    roots = [first, by_bound] if isinstance(by_bound, _Situation) and by_bound.left < first.left else [first]
+    roots = [first]
+    if search.is_ordered:  # the moves that the lower bound counts may do too, and be fewer
+        by_bound = search.situation(scene, by_order=False)
+        roots += [by_bound] if isinstance(by_bound, _Situation) and by_bound.left < first.left else []
     tries = maker.strategy.tries
     found = _best_first(search, roots, _GREEDY, tries)
     if found is not None and found.picks > first.left:
@@ -237,6 +238,11 @@ class _Search:
                 maker.reject(scene, grasp)
         cause = Cause.TIME_LIMIT if maker.deadline.is_over else Cause.NO_SELF_CLEARABLE_SET
         return NoCommitment(cause, must_move(scene, maker.goal, maker.start))
+
+    @property
+    def is_ordered(self) -> bool:
+        """Whether moves are ordered as under a shelf."""
+        return self._order is not None
 
     def levels(self, now: _Situation) -> list[tuple[int, _Tries]]:
         """What is tried from a situation, by the picks that it costs beyond those that are left at least."""

@@ -92,7 +92,7 @@ def test_every_strategy_tries_as_many_locations(in_hand: Scene, monkeypatch: pyt
     assert len(set(counts.values())) == 1, counts
 
 
-@pytest.mark.parametrize(("field", "value"), [("attempts", 0), ("sets", 1.5), ("slack", -1), ("placements", None)])
+@pytest.mark.parametrize(("field", "value"), [("attempts", 0), ("tries", 1.5), ("tries", -1), ("placements", None)])
 def test_a_budget_that_is_none_is_refused(field: str, value: Any) -> None:
     with pytest.raises(StrategyError, match=f"{field}=.*integer of at least"):
         replace(STRATEGIES["ngr"], **{field: value})
