@@ -212,7 +212,9 @@ def _drive_to_put_down(
         if isinstance(driven, BoundMotion):
             put_down = motion_layer.put_down(driven.scene, placement)
             if isinstance(put_down, BoundMotion):
-                return replace(driven, location=location, put_down=put_down)
+                if motion_layer.can_leave(put_down.scene, scene.state.base):
+                    return replace(driven, location=location, put_down=put_down)
+                no_drive = "; from where it is put down the base cannot drive back"
             refuted.append((driven.scene, placement))
         else:
             no_drive = f"; {driven.reason}"

@@ -266,6 +266,13 @@ class MotionLayer:
             return found
         return self._driven(scene, found, homing)
 
+    def can_leave(self, scene: Scene, base: Array) -> bool:
+        """Whether the base can drive back to where it came from: what was put down may be in the way of the arm."""
+        q, roadmap, world = scene.state.q, self.context.roadmap, self.compiled.world(scene)
+        if isinstance(plan_base(world, scene.state.base, base, q, roadmap=roadmap), WholeBodyPath):
+            return True
+        return isinstance(self.drive(scene, base), BoundMotion)
+
     def _driven(self, scene: Scene, path: WholeBodyPath, homing: WholeBodyPath | None = None) -> BoundMotion | NoPath:
         """The motion along a path on which nothing is taken or put down, after the arm has moved home."""
         trajectory = drive_trajectory(self.compiled.world(scene), path, scene.state, homing)

@@ -37,6 +37,7 @@ from planners.scene import Body, Solid
 from planners.tamp.motion_layer import MotionLayer
 from tests.planners.pieces import bowl, cut_in_two
 from tests.planners.plans import assert_free
+from scripts.goal_measures import drawn
 from tests.planners.scenes import HEIGHT, UPRIGHT, cylinder, random_scene, table_scene
 
 SIDES = ("table_top", "counter_left", "counter_right")
@@ -632,3 +633,12 @@ def test_objects_may_have_any_name() -> None:
     plan = solve(scene, goal)
     assert isinstance(plan, Solution), plan
     assert plan.picks == lower_bound(scene, goal).picks == 4
+
+
+def test_no_put_down_strands_the_base() -> None:
+    """Behind the table, what the arm has just put down is in its way back; from there every later drive was refuted."""
+    it = drawn(49_000_081)
+    found = solve(it.scene, it.goal)
+    assert isinstance(found, Solution), found
+    assert found.end is not None
+    assert it.goal.holds(found.end, it.scene)
