@@ -35,9 +35,9 @@ from planners.motion.path import BlockedBy, NoPath
 from planners.placing.placements import Placement
 from planners.scene import Body, Solid
 from planners.tamp.motion_layer import MotionLayer
+from scripts.goal_measures import drawn
 from tests.planners.pieces import bowl, cut_in_two
 from tests.planners.plans import assert_free
-from scripts.goal_measures import drawn
 from tests.planners.scenes import HEIGHT, UPRIGHT, cylinder, random_scene, table_scene
 
 SIDES = ("table_top", "counter_left", "counter_right")
