@@ -129,14 +129,15 @@ def look_ahead(maker: MoveMaker, scene: Scene) -> ClearancePlan | NoCommitment:
     first = search.situation(scene)
     if isinstance(first, NoCommitment):
         return first
-    roots = [first]
+    tries, found = maker.strategy.tries, None
     if search.is_ordered:  # the moves that the lower bound counts may do too, and be fewer
         by_bound = search.situation(scene, by_order=False)
-        roots += [by_bound] if isinstance(by_bound, _Situation) and by_bound.left < first.left else []
-    tries = maker.strategy.tries
-    found = _best_first(search, roots, _GREEDY, tries)
+        if isinstance(by_bound, _Situation) and by_bound.left < first.left:
+            found = _best_first(search, by_bound, _GREEDY, tries // _BETTER, strictly=True)
+    if found is None:
+        found = _best_first(search, first, _GREEDY, tries)
     if found is not None and found.picks > first.left:
-        found = _best_first(search, roots, 1.0, tries // _BETTER, found.picks) or found
+        found = _best_first(search, first, 1.0, tries // _BETTER, found.picks) or found
     if found is not None:
         return as_plan(maker.candidates, scene, found.moves)
     if maker.deadline.is_over:
@@ -146,16 +147,22 @@ def look_ahead(maker: MoveMaker, scene: Scene) -> ClearancePlan | NoCommitment:
 
 
 def _best_first(
-    search: _Search, roots: Sequence[_Situation], weight: float, tries: int, fewer_than: float = math.inf
+    search: _Search,
+    first: _Situation,
+    weight: float,
+    tries: int,
+    fewer_than: float = math.inf,
+    strictly: bool = False,
 ) -> _Situation | None:
     """The first situation that comes up from which nothing is left to do; None after so many tries.
 
     Args:
         search: makes the tries.
-        roots: where to begin.
+        first: where to begin.
         weight: of the picks that are left at least, beside those made.
         tries: how many at most.
         fewer_than: only plans with fewer picks count.
+        strictly: whether only steps out of the way of all that follow are tried.
     """
     queue: list[tuple[float, int, int, _Situation, list[tuple[int, _Tries]]]] = []
     alike, count = Counter[object](), itertools.count()
@@ -166,8 +173,7 @@ def _best_first(
             rank = one.picks + weight * one.left + levels[0][0]
             heapq.heappush(queue, (rank, -len(one.moves), -next(count), one, levels))
 
-    for root in roots:
-        push(root, search.levels(root))
+    push(first, search.levels(first, strictly))
     while queue and tries and not search.maker.deadline.is_over:
         *_, now, levels = heapq.heappop(queue)
         if not now.steps:
@@ -175,13 +181,13 @@ def _best_first(
         informed = search.informed(now)
         if informed is not now:
             if informed is not None:
-                push(informed, search.levels(informed))
+                push(informed, search.levels(informed, strictly))
             continue
         tried = next(levels[0][1], _NONE_LEFT)
         push(now, levels[1:] if tried is _NONE_LEFT else levels)
         if isinstance(tried, _Situation) and alike[tried.key] < _ALIKE:
             alike[tried.key] += 1
-            push(tried, search.levels(tried))
+            push(tried, search.levels(tried, strictly))
         tries -= tried is not _NONE_LEFT
     return None
 
@@ -244,9 +250,9 @@ class _Search:
         """Whether moves are ordered as under a shelf."""
         return self._order is not None
 
-    def levels(self, now: _Situation) -> list[tuple[int, _Tries]]:
+    def levels(self, now: _Situation, strictly: bool) -> list[tuple[int, _Tries]]:
         """What is tried from a situation, by the picks that it costs beyond those that are left at least."""
-        return [(0, self._as_meant(now)), (1, self._otherwise(now))]
+        return [(0, self._as_meant(now)), *([] if strictly else [(0, self._anyhow(now)), (1, self._otherwise(now))])]
 
     def informed(self, now: _Situation) -> _Situation | None:
         """The same situation with what has been found out elsewhere: what else must move for the places of objects."""
@@ -259,13 +265,15 @@ class _Search:
         return found if isinstance(found, _Situation) else None
 
     def _as_meant(self, now: _Situation) -> _Tries:
-        """The next step, then others before it: out of the way of all that follow; to a place of the goal anyhow."""
-        ready = self._ready(now)
-        for step in ready:
+        """The next step, then others before it, out of the way of all that follow."""
+        for step in self._ready(now):
             if self._may_hold_aside(now, step):
                 yield self._held_aside(now)
             yield self._made(now, step, is_strict=True)
-        for step in ready:
+
+    def _anyhow(self, now: _Situation) -> _Tries:
+        """Steps to places of the goal, though they may be in the way of others."""
+        for step in self._ready(now):
             if step.is_general and not self._is_held_up(step):
                 yield self._made(now, step, is_strict=False)
 
