@@ -54,7 +54,7 @@ class Strategy:
     region: Region
     locations: Locations
     plans_ahead: bool = False
-    tries: int = 1
+    tries: int = 100
     leaves_cleared: bool = True
     attempts: int = 3
     locations_per_level: int = 120
@@ -85,7 +85,7 @@ class Strategy:
 STRATEGIES = {
     entry.name: entry
     for entry in (
-        Strategy("lookahead", "smallest", "ngr", "priority", plans_ahead=True, tries=100),
+        Strategy("lookahead", "smallest", "ngr", "priority", plans_ahead=True),
         Strategy("ngr", "greedy", "ngr", "priority"),
         Strategy("dogar", "greedy", "ngr1", "priority"),
         Strategy("srivastava", "greedy", "none", "random"),

@@ -11,12 +11,12 @@ move objects about otherwise need no fewer.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from graphlib import CycleError, TopologicalSorter
 
 from planners.cause import Cause
-from planners.clearing.lower_bound import MAX_EXPANSIONS, self_clearable_sets
+from planners.clearing.lower_bound import MAX_EXPANSIONS, Blockers, self_clearable_sets
 from planners.clock import NO_DEADLINE, Deadline
 from planners.goals import Before, Clear, Goal, Holding, On, occupants
 from planners.grasping.candidates import GraspCandidates
@@ -89,47 +89,116 @@ def fewest_picks(
     stuck = stuck or tuple(name for name, masks in puts.items() if not masks.ever)
     if stuck:
         return LowerBound(None, stuck, (), True, 0, Cause.UNREACHABLE)
-    if circle := order_circle(scene, goal, to_move):
-        return LowerBound(None, circle, (), True, 0, Cause.NO_SELF_CLEARABLE_SET)
-    waits = {name: scene.mask(names) for name, names in waiting_for.items()}
-    twice = [name for name, mask in waits.items() if buffers and (mask or name in puts)]
-    blocked = [name for name, masks in puts.items() if 0 not in masks.ever]
-    room = MAX_OBJECTS - len(scene.names) - 1
-    twice, blocked = twice[:room], blocked[: max(room - len(twice), 0)]
-    names = (*scene.names, *(f"{_ASIDE}{name}" for name in twice), *(f"{_PUT}{name}" for name in blocked), _GOAL)
-    bit = {name: 1 << index for index, name in enumerate(names)}
-    held, wanted = scene.mask(scene.held_names), scene.mask(to_move)
-    for name in set(to_move) - set(goal.held):
-        wanted |= waits.get(name, 0)
-    earlier = {name: wanted & scene.mask(one for one, other in goal.order if other == name) for name in scene.names}
+    table = PickTable(
+        scene.names,
+        lambda name: candidates.blockers(scene, name),
+        to_move,
+        {name: scene.mask(names) for name, names in waiting_for.items()},
+        puts,
+        {fact.object: fact.place for fact in goal.placed if isinstance(fact, On) and fact.place in to_move},
+        goal.order,
+        goal.held,
+        scene.held_names,
+        buffers,
+    )
+    return table.fewest(expansions, deadline)
 
-    def options(name: str) -> Sequence[int]:
-        """The blockers of each option, what the object waits for among them."""
-        if name == _GOAL:
-            return [wanted & ~held | sum(bit[f"{_PUT}{one}"] for one in blocked)]
-        if name.startswith(_ASIDE):
-            return [0]
-        if name.startswith(_PUT):
-            return [mask & ~held for mask in puts[name.removeprefix(_PUT)].ever]
-        masks = [(mask | earlier[name]) & ~held for mask in candidates.blockers(scene, name)]
-        if name not in twice:
-            return masks
-        hit = puts.get(name, PutDownMasks()).straight if not waits[name] & bit[name] else ()
-        straight = [mask | (waits[name] | other) & ~held for mask in masks for other in hit]
-        return straight + [mask | bit[f"{_ASIDE}{name}"] for mask in masks]
 
-    found = next(self_clearable_sets(options, _GOAL, names, expansions=expansions, deadline=deadline))
-    if found.count is None:
-        cause = found.cause if found.cause == Cause.TIME_LIMIT else Cause.NO_SELF_CLEARABLE_SET
-        return LowerBound(None, to_move, (), found.proved, found.lower_bound, cause, found.expansions)
-    # What is in a hand but not at its end yet is picked again if the hand is needed, or its place is not free.
-    rest = set(to_move) - set(scene.held_names)
-    in_vain = [name for name in scene.held_names if waits.get(name, 0) & ~held or name in puts]
-    again = sum(name in in_vain or (name in goal.held and bool(rest)) for name in scene.held_names)
-    more = (again if buffers else 0) - len(blocked)
-    objects = tuple(name for name in found.objects if name in scene.names)
-    aside = tuple(name.removeprefix(_ASIDE) for name in found.objects if name.startswith(_ASIDE))
-    return LowerBound(found.count + more, objects, aside, found.proved, found.lower_bound + more, "", found.expansions)
+@dataclass(frozen=True)
+class PickTable:
+    """What is in the way of what: bit i of a mask is object i where it stands.
+
+    What is put aside is in nobody's way, nor is what stands at its end; both are free to be taken.
+
+    Attributes:
+        names: of the objects.
+        takes: masks of what is in the way of each grasp of an object, by its name; asked for as they are needed.
+        to_move: names of the objects that must move.
+        waits: masks of what must have left before an object goes straight to its end, by name, of those with an end.
+        puts: what is in the way where an object is let go at its end, if anything is, by name.
+        on: name of the object that an object is to stand on, by its name, of those that move.
+        order: pairs of names: the last move of the first object comes before the first one of the second.
+        hold: names of what is to be held in the end, after all other moves.
+        held: names of what is in a hand.
+        buffers: whether what is put aside must be put down, and so be picked again.
+    """
+
+    names: Sequence[str]
+    takes: Blockers
+    to_move: Sequence[str]
+    waits: Mapping[str, int] = field(default_factory=dict)
+    puts: Mapping[str, PutDownMasks] = field(default_factory=dict)
+    on: Mapping[str, str] = field(default_factory=dict)
+    order: Sequence[tuple[str, str]] = ()
+    hold: Sequence[str] = ()
+    held: Sequence[str] = ()
+    buffers: bool = True
+
+    def _below(self, name: str) -> Iterator[str]:
+        """Names of what is below an object at its end."""
+        while name in self.on:
+            name = self.on[name]
+            yield name
+
+    def fewest(self, expansions: int = MAX_EXPANSIONS, deadline: Deadline = NO_DEADLINE) -> LowerBound:
+        """The fewest picks after which all that must move is where it is to be."""
+        waits, puts, buffers = self.waits, self.puts, self.buffers
+        names_of = {name: [one for k, one in enumerate(self.names) if mask >> k & 1] for name, mask in waits.items()}
+        if circle := circle_of(self.to_move, names_of, self.order, self.held):
+            return LowerBound(None, circle, (), True, 0, Cause.NO_SELF_CLEARABLE_SET)
+        twice = [name for name, mask in waits.items() if buffers and (mask or name in puts)]
+        first = [a for a, _ in self.order if a in waits and a not in self.hold]
+        blocked = list(dict.fromkeys((*first, *(name for name, masks in puts.items() if 0 not in masks.ever))))
+        room = MAX_OBJECTS - len(self.names) - 1
+        twice, blocked = twice[:room], blocked[: max(room - len(twice), 0)]
+        names = (*self.names, *(f"{_ASIDE}{name}" for name in twice), *(f"{_PUT}{name}" for name in blocked), _GOAL)
+        bit = {name: 1 << index for index, name in enumerate(names)}
+        held, wanted = (sum(bit[name] for name in some) for some in (self.held, self.to_move))
+        for name in set(self.to_move) - set(self.hold):
+            wanted |= waits.get(name, 0)
+        put = {name: bit[f"{_PUT}{name}"] for name in blocked}
+        earlier = {name: wanted & sum(bit[a] for a, b in self.order if b == name) for name in self.names}
+        for a, b in self.order:
+            earlier[b] |= put.get(a, 0)
+
+        def options(name: str) -> Sequence[int]:
+            """The blockers of each option, what the object waits for among them."""
+            if name == _GOAL:
+                return [wanted & ~held | sum(put.values())]
+            if name.startswith(_ASIDE):
+                return [0]
+            if name.startswith(_PUT):
+                return put_down(name.removeprefix(_PUT))
+            masks = [(mask | earlier[name]) & ~held for mask in self.takes(name)]
+            if name not in twice:
+                return masks
+            hit = puts.get(name, PutDownMasks()).straight if not waits[name] & bit[name] else ()
+            # What is held in the end comes after all others, what stands on another one after that one.
+            after = [*put] if name in self.hold else [*self._below(name)]
+            last = sum({put.get(one, 0) for one in after})
+            straight = [mask | (waits[name] | other) & ~held | last for mask in masks for other in hit]
+            return straight + [mask | bit[f"{_ASIDE}{name}"] for mask in masks]
+
+        def put_down(name: str) -> list[int]:
+            """What must have happened before an object stands at its end, for each way to let go of it there."""
+            before = waits[name] & ~bit[name] & ~held | sum({put.get(one, 0) for one in self._below(name)})
+            return [mask & ~held | before for mask in puts.get(name, PutDownMasks()).ever]
+
+        found = next(self_clearable_sets(options, _GOAL, names, expansions=expansions, deadline=deadline))
+        if found.count is None:
+            cause = found.cause if found.cause == Cause.TIME_LIMIT else Cause.NO_SELF_CLEARABLE_SET
+            return LowerBound(None, tuple(self.to_move), (), found.proved, found.lower_bound, cause, found.expansions)
+        # What is in a hand but not at its end yet is picked again if the hand is needed, or its place is not free.
+        rest = set(self.to_move) - set(self.held)
+        in_vain = [name for name in self.held if waits.get(name, 0) & ~held or name in puts]
+        again = sum(name in in_vain or (name in self.hold and bool(rest)) for name in self.held)
+        more = (again if buffers else 0) - len(blocked)
+        objects = tuple(name for name in found.objects if name in self.names)
+        aside = tuple(name.removeprefix(_ASIDE) for name in found.objects if name.startswith(_ASIDE))
+        count, least = found.count + more, found.lower_bound + more
+        # If an object need not move, but does, and by the order of the goal before another one: that does not count.
+        is_exact = not any(a in objects and a not in self.to_move for a, _ in self.order)
+        return LowerBound(count, objects, aside, found.proved and is_exact, least, "", found.expansions)
 
 
 def _put_downs(
@@ -175,18 +244,30 @@ def with_what_stands_on(goal: Goal, names: Collection[str]) -> tuple[str, ...]:
 
 
 def order_circle(scene: Scene, goal: Goal, to_move: Collection[str]) -> tuple[str, ...]:
-    """Names of objects whose moves the order of a goal puts in a circle with what must leave before them, if any.
-
-    Times of first and last moves are compared; an object in a hand has made its first move.
-    """
+    """Names of objects whose moves the order of a goal puts in a circle with what must leave before them, if any."""
     waits = waits_for(scene, goal, to_move) if goal.order else {}
-    moving = {*to_move, *(one for name in to_move for one in waits.get(name, ()))} - set(scene.held_names)
+    return circle_of(to_move, waits, goal.order, scene.held_names)
+
+
+def circle_of(
+    to_move: Collection[str],
+    waits: Mapping[str, Collection[str]],
+    order: Collection[tuple[str, str]],
+    held: Collection[str] = (),
+) -> tuple[str, ...]:
+    """Names of objects whose first and last moves wait for each other, () for none.
+
+    Args:
+        to_move: names of what must move.
+        waits: names of what must have left before an object goes straight to its end, by its name.
+        order: pairs of objects: the last move of the first one comes before the first move of the second.
+        held: names of what is in a hand: it has made its first move.
+    """
+    moving = {*to_move, *(one for name in to_move for one in waits.get(name, ()))} - set(held)
     graph = TopologicalSorter[tuple[str, str]]()
     for name in sorted(moving):
-        graph.add(
-            (name, "last"), (name, "first"), *((one, "first") for one in sorted(moving & waits.get(name, frozenset())))
-        )
-        graph.add((name, "first"), *((one, "last") for one, other in goal.order if other == name and one in moving))
+        graph.add((name, "last"), (name, "first"), *((one, "first") for one in sorted(moving & {*waits.get(name, ())})))
+        graph.add((name, "first"), *((one, "last") for one, other in order if other == name and one in moving))
     try:
         graph.prepare()
     except CycleError as error:

@@ -505,14 +505,16 @@ def _in_turn(
     def is_too_early(name: str) -> bool:
         """Whether the goal, or what was found out before, wants another object to be moved before."""
         pending = {*first, *again}
-        if name in goal.held and not (name in first and name in in_hand):
+        if name in goal.held and not (name in first and name in (*in_hand, *bound.aside)):
             return len(pending) > 1
         before = [a for a, b in (*goal.order, *later) if b == name]
         return any(one in pending and one != name for one in before)
 
     def place_is_free(name: str) -> bool:
-        """Whether what must have left before has."""
-        return not waits.get(name, frozenset()) - gone - {name}
+        """Whether what must have left before has, and what it is to stand on is where that is to stand."""
+        fact = placed_fact(goal, name)
+        is_missing = isinstance(fact, On) and (fact.place in first or fact.place in again)
+        return not is_missing and not waits.get(name, frozenset()) - gone - {name}
 
     while first or again:
         ready = [name for name in again if place_is_free(name) and not is_too_early(name)]

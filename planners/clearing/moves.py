@@ -221,6 +221,7 @@ class MoveMaker:
             self.candidates.ban(scene, grasp)
 
     def can_take(self, scene: Scene, grasp: GraspCandidate) -> bool:
+        """Whether the gripper can come to a grasp and leave with the object without hitting anything."""
         world = self.candidates.compiled.world(scene.using(grasp.arm))
         return can_take(world, grasp.base, grasp.q, grasp.object)
 

@@ -466,7 +466,6 @@ ANSWER_FALLS_SHORT = {
     "two on one box": "no clearance location: the middle of the box alone is tried",
     "one in each hand of a stack": "an error: 2 objects to hold, one can be",
     "three that shift in a circle, with two hands": "4 picks",
-    "one to a counter, with two hands": "2 picks, it is put down in between",
     "a place that is walled in": "no way for the base: names no place",
     "a place where something stands that no gripper spans": "no self-clearable set, about a: the wide one is not named",
     "every support cleared of three cans": "no clearance location, but for the grasps: supports are not named",
