@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from planners.goals import At, Fact, Goal, Inside, On, has_yaw, region_named, region_names
+from planners.facts import At, Fact, Inside, On, has_yaw, region_named, region_names, support_at, whole_face
+from planners.goals import Goal
 from planners.placing.locations import stand_at
 from planners.regions import EDGE, RESTING, Region, footprint, overlap
 from planners.scene import Body, Scene, StaticObstacle
@@ -70,7 +71,7 @@ def place_of(scene: Scene, fact: On | Inside | At) -> Place:
     body = scene.body(fact.object)
     if isinstance(fact, At):
         yaw = fact.yaw if has_yaw(body) else None
-        return Place(_face_at(scene, body, fact), location=np.array([fact.x, fact.y]), yaw=yaw)
+        return Place(support_at(scene, fact), location=np.array([fact.x, fact.y]), yaw=yaw)
     name = fact.place if isinstance(fact, On) else fact.region
     if name in (*region_names(scene), *scene.supports):
         area = _region_or_face(scene, name)
@@ -84,13 +85,6 @@ def place_of(scene: Scene, fact: On | Inside | At) -> Place:
     return Place(StaticObstacle.hull(name, other.corners), location=highest[:, :2].mean(axis=0), below=name)
 
 
-def whole_face(face: StaticObstacle) -> Region:
-    """The top face of a support as a region; of a round one, the square around it."""
-    x_axis = face.rotation[:2, 0] if face.shape == "box" else np.array([1.0, 0.0])
-    yaw = float(np.arctan2(x_axis[1], x_axis[0]))
-    return Region(face.name, face.name, tuple(face.position[:2]), tuple(face.half_extents[:2]), yaw)
-
-
 def _near(face: Region, base: Array) -> Region:
     """The part of a face about the robot, if it is as wide as a ground: most of it is too far away to be tried."""
     half, middle, c, s = np.array(face.half_extents), face.local(base), math.cos(face.yaw), math.sin(face.yaw)
@@ -99,14 +93,6 @@ def _near(face: Region, base: Array) -> Region:
     low, high = np.where(is_wide, (low, high), (-half, half))
     centre = face.centre + np.array([[c, -s], [s, c]]) @ (low + high) / 2
     return replace(face, centre=tuple(centre), half_extents=tuple((high - low) / 2))
-
-
-def _face_at(scene: Scene, body: Body, fact: At) -> StaticObstacle:
-    """The support under a pose: the one at the height that it gives, else the one it stands on, else the highest."""
-    point = np.array([fact.x, fact.y])
-    under = [face for face in map(scene.support_named, scene.supports) if face.is_under(point)]
-    bottom = body.bottom if fact.z is None else fact.z - float(body.position[2]) + body.bottom
-    return min(under, key=lambda face: (round(abs(face.top - bottom), 3), -face.top))
 
 
 def reserved_regions(scene: Scene, goal: Goal, besides: str = "") -> tuple[Region, ...]:
