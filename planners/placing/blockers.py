@@ -14,7 +14,7 @@ from planners.grasping.arm_configurations import ArmConfigurations, GripperPoses
 from planners.grasping.candidates import GraspCandidates, gripper_poses
 from planners.grasping.grasp_poses import generate_grasps, opening_around
 from planners.motion.approaches import ContactQuery, fewest_hits
-from planners.placing.goal_places import Place, Yaws, locations_in
+from planners.placing.goal_places import Place, Yaws, locations_in, points_about
 from planners.placing.locations import in_hand, put_down
 from planners.placing.placements import PlacementSearch, can_reach, gripper_poses_at, with_lowered
 from planners.scene import Body, HeldObject, Scene
@@ -113,7 +113,10 @@ def put_down_masks(
         robot, (held, _) = world.scene.robot, in_hand(world.scene)
         bases = search.arms[robot.arm_name].bases(taken, _BASES)[0] if len(taken) else scene.state.base[None]
         straight |= set(map(int, _scan(search, world, wanted, level, gone, bases)[1].hits))
-        hits = gripper_hits(world, wanted, opening_around(robot, body, held), held=held, ignore=gone)
+        # Within the tolerance about the pose, what gripper and object hit is in the way, whatever the arm does.
+        around = [_wanted(world.scene, place, point, (place.yaw,)) for point in points_about(place)]
+        hits = gripper_hits(world, np.concatenate(around), opening_around(robot, body, held), held=held, ignore=gone)
+        straight |= {int(one) for one in hits[len(wanted) :] if not int(one) & FIXED_BITS}
         ever |= {int(one) for one in hits if not int(one) & FIXED_BITS}
     return PutDownMasks(_minimal(straight), (0,) if name in scene.held_names else _minimal(ever))
 

@@ -43,6 +43,11 @@ _AROUND = np.column_stack((np.cos(_TURNS), np.sin(_TURNS)))
 """Directions all around."""
 _NEAR = 1.5
 """[m] from the robot, along the sides of a face that reaches farther than that from its middle."""
+_LEVEL = 0.9999
+"""Cosine of the tilt up to which the top of an object is level."""
+_SHARES, _DIRECTIONS = (0.45, 0.9), 8
+"""Shares of the tolerance about a pose at which an object may stand beside it, and in how many directions: the rest of
+the tolerance is for how exactly it is put down."""
 _TOUCHING = 0.01
 """[m] of an object's height that may lie below a face: contacts are soft, and objects lean."""
 
@@ -53,16 +58,21 @@ class Place:
 
     Attributes:
         face: on whose top; the support, or another object.
-        area: in which its footprint is to lie; None at a pose and on another object.
+        area: in which its footprint is to lie; None at a pose, and on another object unless that has a flat top wide
+            enough for more.
         location: (2,) x, y [m] of its centre; None where an area says it.
+        slack: [m] about the location within which its centre may be, too.
         yaw: [rad] of the object, None for any.
+        within: regions in which the footprint of what goes to a location is to lie, too.
         below: name of the object that it is to stand on, "" for none.
     """
 
     face: StaticObstacle
     area: Region | None = None
     location: Array | None = None
+    slack: float = 0.0
     yaw: float | None = None
+    within: tuple[Region, ...] = ()
     below: str = ""
 
 
@@ -71,7 +81,8 @@ def place_of(scene: Scene, fact: On | Inside | At) -> Place:
     body = scene.body(fact.object)
     if isinstance(fact, At):
         yaw = fact.yaw if has_yaw(body) else None
-        return Place(support_at(scene, fact), location=np.array([fact.x, fact.y]), yaw=yaw)
+        within, point = tuple(_region_or_face(scene, name) for name in fact.within), np.array([fact.x, fact.y])
+        return Place(support_at(scene, fact), location=point, slack=fact.tolerance, yaw=yaw, within=within)
     name = fact.place if isinstance(fact, On) else fact.region
     if name in (*region_names(scene), *scene.supports):
         area = _region_or_face(scene, name)
@@ -80,6 +91,10 @@ def place_of(scene: Scene, fact: On | Inside | At) -> Place:
     other = scene.body(name)
     if other.shape != "pieces":
         face = StaticObstacle(name, other.position, other.half_extents, other.shape, other.rotation)
+        if other.shape == "box" and abs(other.rotation[2, 2]) > _LEVEL:
+            narrow, wide = sorted(other.half_extents[:2])
+            if narrow > inner_radius(body) and wide > 2 * inner_radius(body):
+                return Place(face, whole_face(face), below=name)
         return Place(face, location=other.position[:2], below=name)
     highest = other.corners[other.corners[:, 2] > other.top - _TOUCHING]
     return Place(StaticObstacle.hull(name, other.corners), location=highest[:, :2].mean(axis=0), below=name)
@@ -106,6 +121,8 @@ def reserved_regions(scene: Scene, goal: Goal, besides: str = "") -> tuple[Regio
         besides: name of an object, whose own place is not reserved for others, nor what that lies in.
     """
     own = placed_fact(goal, besides)
+    if isinstance(own, At):
+        return tuple(_rooms_beside(scene, goal, own))
     mine = None if own is None else place_of(scene, own).area
     if own is not None and mine is None:
         return ()
@@ -123,6 +140,22 @@ def reserved_regions(scene: Scene, goal: Goal, besides: str = "") -> tuple[Regio
     around = [] if mine is None else [one for one in found.values() if _contains(one, mine)]
     is_kept = {*found} - ({scene.support.name} - {*goal.cleared})
     return tuple(region for name, region in found.items() if name in is_kept and region not in around)
+
+
+def _rooms_beside(scene: Scene, goal: Goal, own: At) -> Iterator[Region]:
+    """What an object keeps out of at its pose: others whose poses overlap that one have room within their tolerances.
+
+    Each as wide as is covered by the other object wherever it stands, across the line between both.
+    """
+    body = scene.body(own.object)
+    for fact in goal.placed:
+        if not isinstance(fact, At) or fact is own or support_at(scene, fact).name != support_at(scene, own).name:
+            continue
+        radius, away = scene.body(fact.object).radius, np.array((own.x - fact.x, own.y - fact.y))
+        most = _SHARES[-1] * fact.tolerance
+        if np.hypot(*away) < radius + body.radius and radius > most:
+            half, yaw = radius - most, math.atan2(away[1], away[0])
+            yield Region(f"place of {fact.object}", support_at(scene, fact).name, (fact.x, fact.y), (half, half), yaw)
 
 
 def _contains(region: Region, other: Region) -> bool:
@@ -161,12 +194,19 @@ def locations_in(
         pitch: [m] between locations.
     """
     if place.area is None:
-        assert place.location is not None
-        yaw = place.yaw if has_yaw(body) else None
-        yield from ((point, (yaw,)) for point in place.location[None] if allowed(point[None])[0])
+        points = points_about(place)
+        points = points[allowed(points)]
+        for yaws in _yaws_at(place, body):
+            is_within = np.ones(len(points), np.bool_)
+            for area in place.within:
+                is_within &= _fits(points, area, body, (), 0.0, yaws[0])
+            yield from ((point, yaws) for point in points[is_within])
         return
     standing = [one for one in beside(scene, place.face, body) if one.name != body.name]
     staying = [one for one in standing if one.name not in leaving]
+    middle = np.array([place.area.centre])
+    if place.below and not others and allowed(middle)[0] and _fits(middle, place.area, body, standing, 0.0, None)[0]:
+        yield middle[0], (None,)
     points = _grid(place.area, scene.state.base[:2], pitch)
     may_stand = allowed(points)
     for yaws, gap in itertools.product(_ways(place.area, body), _GAPS):
@@ -179,6 +219,45 @@ def locations_in(
     for yaws in _ways(place.area, body):
         fits = may_stand & _fits(points, place.area, body, standing, _GAPS[-1], yaws[0])
         yield from ((point, yaws) for point in points[fits])
+    for yaws in _ways(place.area, body):
+        narrow = _narrow_fits(place.area, body, standing, yaws[0])
+        yield from ((point, yaws) for point in narrow[allowed(narrow)])
+
+
+def points_about(place: Place) -> Array:
+    """(n, 2) [m] where an object at a pose may stand: there, and within the tolerance around, the nearest first."""
+    assert place.location is not None
+    turns = np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS)
+    around = np.column_stack((np.cos(turns), np.sin(turns)))
+    return np.concatenate((np.zeros((1, 2)), *(share * place.slack * around for share in _SHARES))) + place.location
+
+
+def _yaws_at(place: Place, body: Body) -> Iterator[Yaws]:
+    """How an object may be turned at a pose: as that says, else anyhow, else along the sides of where it must lie."""
+    if place.yaw is not None and has_yaw(body):
+        yield (place.yaw,)
+        return
+    yield (None,)
+    for area in place.within:
+        yield from _ways(area, body)[1:]
+
+
+def _narrow_fits(area: Region, body: Body, standing: Sequence[Body], yaw: float | None) -> Array:
+    """Points (n, 2) [m] at which an object just fits in an area that is hardly larger: in its middle and at its sides.
+
+    A grid over the area may have none of them.
+    """
+    room = np.array(area.half_extents) - _half_at(area, body, yaw)
+    if room.min() < -EDGE / 2 or room.min() > PITCH:
+        return np.zeros((0, 2))
+    along = [np.linspace(-one, one, max(3, 2 * round(one / PITCH) + 1)) for one in np.maximum(room, 0.0)]
+    local = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1).reshape(-1, 2)
+    local = local[np.argsort(np.linalg.norm(local, axis=1), kind="stable")]
+    c, s = np.cos(area.yaw), np.sin(area.yaw)
+    points = area.centre + local @ np.array([[c, s], [-s, c]])
+    x, y = area.half_extents
+    wider = replace(area, half_extents=(x + EDGE / 2, y + EDGE / 2))
+    return np.asarray(points[_fits(points, wider, body, standing, _GAPS[-1], yaw)])
 
 
 def _ways(area: Region, body: Body) -> tuple[Yaws, ...]:
@@ -207,7 +286,7 @@ def must_go_first(scene: Scene, body: Body, fact: On | Inside | At) -> tuple[str
     """
     place, radius = place_of(scene, fact), inner_radius(body)
     body = min(resting_ways(body), key=lambda way: way.top - way.bottom)
-    if place.below:
+    if place.below and place.area is None:
         return _on_top(scene, body, place)
     if body.shape == "pieces":
         return ()
@@ -219,7 +298,8 @@ def must_go_first(scene: Scene, body: Body, fact: On | Inside | At) -> tuple[str
     else:
         centre, slack = _grid(place.area, scene.state.base[:2]), EDGE
         slack += float(np.hypot(*(np.array(place.area.half_extents) / (_steps(place.area) - 1))))
-        inner = np.maximum(np.array(place.area.half_extents) - radius + slack, 0.0)
+        inset = 0.0 if _is_by_centre(scene, fact) else radius
+        inner = np.maximum(np.array(place.area.half_extents) - inset + slack, 0.0)
         centre = centre[(np.abs(place.area.local(centre)) <= inner).all(axis=1)]
     return tuple(one.name for one in in_the_way if (distances(centre, one) < radius - slack).all())
 
@@ -252,7 +332,7 @@ def _crowd(scene: Scene, facts: Sequence[On | Inside | At]) -> tuple[str, ...]:
     found: list[tuple[str, float, Region, float]] = []  # the last: [m] of its centre from the area's sides at least
     for fact in facts:
         area, radius = place_of(scene, fact).area, inner_radius(scene.body(fact.object))
-        inset = 0.0 if isinstance(fact, On) and fact.place in scene.supports else radius - EDGE
+        inset = 0.0 if _is_by_centre(scene, fact) else radius - EDGE
         if area is not None and min(area.half_extents) > inset:
             found.append((fact.object, radius, area, inset))
     for one, other in itertools.combinations(found, 2):
@@ -272,6 +352,11 @@ def _crowd(scene: Scene, facts: Sequence[On | Inside | At]) -> tuple[str, ...]:
     return ()
 
 
+def _is_by_centre(scene: Scene, fact: On | Inside | At) -> bool:
+    """Whether an object may reach over the edges of what a fact names: of a support, and of another object."""
+    return isinstance(fact, On) and fact.place in (*scene.supports, *scene.names)
+
+
 def _shrunk(area: Region, inset: float) -> Region:
     x, y = area.half_extents
     return replace(area, half_extents=(x - inset, y - inset))
@@ -283,7 +368,7 @@ def _is_too_large(scene: Scene, fact: On | Inside | At) -> bool:
     Proved: between the angles that are tried, its extents change by less than what they may be too large.
     """
     body, area = scene.body(fact.object), place_of(scene, fact).area
-    if area is None or body.name in scene.held_names or (isinstance(fact, On) and fact.place in scene.supports):
+    if area is None or body.name in scene.held_names or _is_by_centre(scene, fact):
         return False
     angles = np.linspace(0.0, np.pi, 180, endpoint=False)
     for way in resting_ways(body):
@@ -328,18 +413,27 @@ def _falls(scene: Scene, fact: On | Inside | At) -> bool:
 def _overlapping(scene: Scene, goal: Goal, to_move: Collection[str]) -> tuple[str, ...]:
     """Names of two objects that would overlap at the poses of a goal, () if none would: proved.
 
-    One of them must move; the other one overlaps both at its pose and, if it may stay, where it stands. Boxes that may
-    be turned anyhow, and what lies, count as the circle within; of objects of several pieces nothing is claimed.
+    One of them must move; the other one overlaps both at its pose and, if it may stay, where it stands, by more than
+    the tolerances allow. Boxes that may be turned anyhow, and what lies, count as the circle within; of objects of
+    several pieces nothing is claimed.
     """
     facts = [fact for fact in goal.placed if isinstance(fact, At) and scene.body(fact.object).shape != "pieces"]
     for one, other in itertools.permutations(facts, 2):
         if one.object not in to_move or place_of(scene, one).face.name != place_of(scene, other).face.name:
             continue
-        stays = [] if other.object in to_move else [footprint(scene.body(other.object))]
-        there = _least_footprint(scene, one)
-        if all(overlap(there, outline) > 0 for outline in (_least_footprint(scene, other), *stays)):
+        there, slack = _least_footprint(scene, one), _play(scene, one)
+        is_apart = overlap(there, _least_footprint(scene, other)) <= slack + _play(scene, other)
+        may_stay = other.object not in to_move and overlap(there, footprint(scene.body(other.object))) <= slack
+        if not (is_apart or may_stay):
             return one.object, other.object
     return ()
+
+
+def _play(scene: Scene, fact: At) -> float:
+    """[m] by which the outline of an object at a pose may be elsewhere, along any direction, within the tolerances."""
+    body = scene.body(fact.object)
+    turns = body.is_upright and fact.yaw is not None and has_yaw(body)
+    return fact.tolerance + (body.radius * min(fact.yaw_tolerance, np.pi) if turns else 0.0)
 
 
 def _least_footprint(scene: Scene, fact: At) -> Array:
@@ -367,7 +461,7 @@ def in_the_way(scene: Scene, body: Body, place: Place, waiting: Collection[str])
         waiting: names of objects that are to leave anyway.
     """
     body = least_room(body)
-    if place.below:
+    if place.below and place.area is None:
         return tuple(name for name in _on_top(scene, body, place) if name not in waiting)
     standing = [one for one in beside(scene, place.face, body) if one.name != body.name]
     staying = [one for one in standing if one.name not in waiting]
@@ -380,7 +474,9 @@ def in_the_way(scene: Scene, body: Body, place: Place, waiting: Collection[str])
     def fits(others: Sequence[Body]) -> bool:
         """Whether there is room beside these objects."""
         assert place.area is not None
-        return any(_fits(points, place.area, body, others, _GAPS[-1], yaw).any() for yaw, *_ in _ways(place.area, body))
+        area, yaws = place.area, [yaw for yaw, *_ in _ways(place.area, body)]
+        is_on_grid = any(_fits(points, area, body, others, _GAPS[-1], yaw).any() for yaw in yaws)
+        return is_on_grid or any(len(_narrow_fits(area, body, others, yaw)) for yaw in yaws)
 
     if fits(staying):
         return ()
@@ -424,10 +520,9 @@ def _fits(
     points: Array, area: Region, body: Body, standing: Sequence[Body], gap: float, yaw: float | None
 ) -> NDArray[np.bool_]:
     """Whether the box around an object at a yaw, or the circle, lies in an area with a gap [m] to others: (n,)."""
-    half = np.full(2, body.radius)
-    if yaw is not None:
-        half = np.abs(_corners(body, yaw - area.yaw)).max(axis=0)
-    inside = (np.abs(area.local(points)) <= np.array(area.half_extents) - half).all(axis=1)
+    inside: NDArray[np.bool_] = (
+        np.abs(area.local(points)) <= np.array(area.half_extents) - _half_at(area, body, yaw)
+    ).all(axis=1)
     within = math.hypot(*area.half_extents) + body.radius + gap
     for one in standing:
         if math.dist(one.position[:2], area.centre) > within + one.radius:
@@ -435,7 +530,12 @@ def _fits(
         away = np.linalg.norm(points - one.position[:2], axis=1)
         near = np.flatnonzero(inside & (away < body.radius + one.radius + gap))
         inside[near] = _room_beside(points[near], body, yaw, one) >= gap
-    return np.asarray(inside)
+    return inside
+
+
+def _half_at(area: Region, body: Body, yaw: float | None) -> Array:
+    """(2,) [m] half extents, along the sides of an area, of the box around an object at a yaw, or of the circle."""
+    return np.full(2, body.radius) if yaw is None else np.abs(_corners(body, yaw - area.yaw)).max(axis=0)
 
 
 def _corners(body: Body, yaw: float) -> Array:
