@@ -65,10 +65,17 @@ class Holding:
 
 @dataclass(frozen=True)
 class On:
-    """The object rests on a support, on another object, or in a region with its whole footprint."""
+    """The object rests on a support, on another object, or in a region with its whole footprint.
+
+    Attributes:
+        object: its name.
+        place: name of the support, the other object, or the region.
+        pose: where on another object it is to stand: of a goal that says so by other facts.
+    """
 
     object: str
     place: str
+    pose: At | None = field(default=None, repr=False)
 
     def holds(self, scene: Scene, start: Scene | None = None) -> bool:
         """Whether it does; see `Goal.holds`."""
@@ -275,8 +282,7 @@ def support_at(scene: Scene, fact: At) -> StaticObstacle:
     if fact.z is not None:
         bottom = fact.z - float(body.position[2]) + body.bottom
         return min(under, key=lambda face: (round(abs(face.top - bottom), 3), -face.top))
-    height = body.top - body.bottom
-    free = [face for face in under if not _is_filled(scene, np.append(point, face.top), height)] or under
+    free = [face for face in under if not is_filled(scene, np.append(point, face.top), body.top - body.bottom)] or under
     own = scene.support_under(body)
     is_standing = body.name not in scene.held_names and abs(own.top - body.bottom) <= RESTING
     return max(free, key=lambda face: (is_standing and face.name == own.name, face.top))
@@ -288,7 +294,7 @@ def supports_under(scene: Scene, fact: At) -> list[StaticObstacle]:
     return [face for face in map(scene.support_named, scene.supports) if face.is_under(point)]
 
 
-def _is_filled(scene: Scene, point: Array, height: float) -> bool:
+def is_filled(scene: Scene, point: Array, height: float) -> bool:
     """Whether a static obstacle is in the upright line of a height [m] from a point (3,) of a face up."""
     low, high = point[2] + RESTING / 2, point[2] + height
     over = (one for one in scene.static_obstacles if one.lower[2] < high and one.top > low)

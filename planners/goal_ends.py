@@ -15,6 +15,7 @@ from planners.facts import (
     Holding,
     Inside,
     On,
+    is_filled,
     region_named,
     region_names,
     support_at,
@@ -50,7 +51,15 @@ def ends_in(scene: Scene, facts: Sequence[Fact]) -> tuple[Placed, ...]:
         if isinstance(fact, On | Inside | At):
             end = found.setdefault(fact.object, fact)
             found[fact.object] = end if end is fact else _joined(scene, end, fact, facts) or end
-    return tuple(found.values())
+    return tuple(_at_height(scene, fact) if isinstance(fact, At) else fact for fact in found.values())
+
+
+def _at_height(scene: Scene, pose: At) -> At:
+    """A pose with its height where several supports lie one above the other: in a hand, an object stands on none."""
+    if pose.z is not None or len(supports_under(scene, pose)) < 2:
+        return pose
+    body = scene.body(pose.object)
+    return replace(pose, z=support_at(scene, pose).top + float(body.position[2]) - body.bottom)
 
 
 def contradiction_in(scene: Scene, facts: Sequence[Fact]) -> tuple[Fact, Fact] | None:
@@ -154,11 +163,15 @@ def _pose_in(scene: Scene, pose: At, fact: On | Inside, facts: Sequence[Fact]) -
     """A pose that keeps to a place; None if what it allows is not there."""
     place = _place(fact)
     if place in scene.names:
-        return fact if _is_over(scene, pose, place, facts) else None
+        given = fact.pose if isinstance(fact, On) else None
+        nearer = pose if given is None else _nearer(pose, given) or _nearer(given, pose)
+        return On(pose.object, place, nearer) if nearer is not None and _is_over(scene, pose, place, facts) else None
     region = region_named(scene, place) if place in region_names(scene) else None
     face, body = scene.support_named(place if region is None else region.support), scene.body(pose.object)
     if support_at(scene, pose).name != face.name:
-        if pose.z is not None or all(face.name != one.name for one in supports_under(scene, pose)):
+        height = body.top - body.bottom
+        is_free = not is_filled(scene, np.array([pose.x, pose.y, face.top]), height)
+        if pose.z is not None or not (is_free and face.is_under(np.array((pose.x, pose.y)))):
             return None
         pose = replace(pose, z=face.top + float(body.position[2]) - body.bottom)
     if region is None and isinstance(fact, On):
@@ -176,9 +189,10 @@ def _pose_in(scene: Scene, pose: At, fact: On | Inside, facts: Sequence[Fact]) -
 
 
 def _is_over(scene: Scene, pose: At, below: str, facts: Sequence[Fact]) -> bool:
-    """Whether a pose is in the middle of an object, where that one stands or is to stand, within the tolerance."""
+    """Whether a pose is over an object, however it is turned, where that one stands or is to stand."""
     ends = [fact for fact in narrowest(facts) if fact.object == below]
     if ends and not isinstance(ends[0], At):
         return False
-    point = (ends[0].x, ends[0].y) if ends else scene.body(below).position[:2]  # type: ignore[union-attr]
-    return math.dist(point, (pose.x, pose.y)) <= pose.tolerance
+    body = scene.body(below)
+    point = (ends[0].x, ends[0].y) if ends and isinstance(ends[0], At) else body.position[:2]
+    return math.dist(point, (pose.x, pose.y)) <= float(min(body.half_extents[:2]))

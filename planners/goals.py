@@ -62,6 +62,7 @@ class Goal:
         facts: in the order in which they were given, each once.
         placed: of each object the one fact that says most of where it is to stand; of a goal that was read with a
             scene, or by `in_scene`, one that keeps to the others.
+        is_settled: whether `in_scene` has made it.
 
     Raises:
         GoalError: no fact, something that is none, or a name that is no text.
@@ -69,6 +70,7 @@ class Goal:
 
     facts: tuple[Fact, ...]
     placed: tuple[On | Inside | At, ...] = field(default=(), repr=False, compare=False)
+    is_settled: bool = field(default=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         facts = tuple(self.facts) if isinstance(self.facts, Iterable) else (self.facts,)
@@ -160,19 +162,23 @@ class Goal:
         return tuple(fact for fact in self.facts if not fact.holds(scene, start))
 
     def in_scene(self, scene: Scene) -> Goal:
-        """The same goal, names spelled as the scene has them, and what several facts say of one object put together.
+        """The same goal, settled for a scene, in which nothing has been moved yet; one that is settled stays as it is.
 
-        PDDL makes no difference between capitals and small letters: a name that fits one of the scene's so is that one;
-        of two that differ in nothing else, the one that is meant must be spelled exactly. Unknown names stay: `check`
-        names them. So do contradictions.
+        Names are spelled as the scene has them. PDDL makes no difference between capitals and small letters: a name
+        that fits one of the scene's so is that one; of two that differ in nothing else, the one that is meant must be
+        spelled exactly. What several facts say of one object is put together in `placed`, and which support is meant
+        where several lie one above the other: see `planners.facts.support_at`. Unknown names and contradictions stay
+        for `check`.
 
         Raises:
             GoalError: a name fits several of the scene's.
         """
+        if self.is_settled:
+            return self
         goal = Goal(tuple(_spelled(fact, scene) for fact in self.facts))
         if any(goal._unknown_names(scene)) or contradiction_in(scene, goal.facts):
             return goal
-        return replace(goal, placed=ends_in(scene, goal.facts))
+        return replace(goal, placed=ends_in(scene, goal.facts), is_settled=True)
 
     def is_in_order(self, moved: Collection[str]) -> bool:
         """Whether objects that were taken in this order, some perhaps twice, keep to every `before`."""

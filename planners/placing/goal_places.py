@@ -19,7 +19,7 @@ from scipy.spatial import ConvexHull
 from planners.facts import At, Fact, Inside, On, has_yaw, region_named, region_names, support_at, whole_face
 from planners.goals import Goal
 from planners.placing.locations import stand_at
-from planners.regions import EDGE, RESTING, Region, footprint, overlap
+from planners.regions import EDGE, RESTING, RIM, Region, footprint, overlap
 from planners.scene import Body, Scene, StaticObstacle
 from planners.scene.bodies import resting_ways
 
@@ -43,6 +43,8 @@ _AROUND = np.column_stack((np.cos(_TURNS), np.sin(_TURNS)))
 """Directions all around."""
 _NEAR = 1.5
 """[m] from the robot, along the sides of a face that reaches farther than that from its middle."""
+_ABOUT, _REACH_ABOVE = 0.12, 0.5
+"""[m] about a place, and above it, in which static obstacles may be in the way of a gripper."""
 _LEVEL = 0.9999
 """Cosine of the tilt up to which the top of an object is level."""
 _SHARES, _DIRECTIONS = (0.45, 0.9), 8
@@ -89,15 +91,26 @@ def place_of(scene: Scene, fact: On | Inside | At) -> Place:
         is_face = area.name == area.support
         return Place(scene.support_named(area.support), _near(area, scene.state.base[:2]) if is_face else area)
     other = scene.body(name)
+    if isinstance(fact, On) and fact.pose is not None:
+        face, yaw = _top_of(other), fact.pose.yaw if has_yaw(body) else None
+        point = np.array([fact.pose.x, fact.pose.y])
+        return Place(face, location=point, slack=fact.pose.tolerance, yaw=yaw, below=name)
     if other.shape != "pieces":
-        face = StaticObstacle(name, other.position, other.half_extents, other.shape, other.rotation)
+        face = _top_of(other)
         if other.shape == "box" and abs(other.rotation[2, 2]) > _LEVEL:
             narrow, wide = sorted(other.half_extents[:2])
             if narrow > inner_radius(body) and wide > 2 * inner_radius(body):
                 return Place(face, whole_face(face), below=name)
         return Place(face, location=other.position[:2], below=name)
     highest = other.corners[other.corners[:, 2] > other.top - _TOUCHING]
-    return Place(StaticObstacle.hull(name, other.corners), location=highest[:, :2].mean(axis=0), below=name)
+    return Place(_top_of(other), location=highest[:, :2].mean(axis=0), below=name)
+
+
+def _top_of(other: Body) -> StaticObstacle:
+    """An object as what another one stands on."""
+    if other.shape == "pieces":
+        return StaticObstacle.hull(other.name, other.corners)
+    return StaticObstacle(other.name, other.position, other.half_extents, other.shape, other.rotation)
 
 
 def _near(face: Region, base: Array) -> Region:
@@ -310,15 +323,12 @@ def without_room(scene: Scene, goal: Goal, to_move: Collection[str]) -> tuple[tu
     One of those at poses must move. Of objects of several pieces nothing is claimed.
     """
     facts = [fact for fact in goal.placed if fact.object in to_move]
-    for is_no_place, why in (
-        (_is_too_large, "is larger than its place"),
-        (_is_beside, "has its middle beside the support of its region"),
-        (_falls, "would fall: what it is to stand on is hollow there"),
-    ):
-        if without := tuple(fact.object for fact in facts if is_no_place(scene, fact)):
-            return without, f"{', '.join(without)}, however it is put down, {why}"
+    for find_reason in (_why_too_large, _why_beside, _why_falling, _why_in_the_air, _why_in_obstacles):
+        reasons = {fact.object: why for fact in facts if (why := find_reason(scene, fact))}
+        if reasons:
+            return tuple(reasons), "; ".join(f"{name}, however it is put down, {why}" for name, why in reasons.items())
     if poses := _overlapping(scene, goal, to_move):
-        return poses, f"{' and '.join(poses)} overlap at their poses"
+        return poses, f"{' and '.join(poses)} overlap at their poses, by more than the tolerances allow"
     crowd = _crowd(scene, [fact for fact in goal.placed if scene.body(fact.object).shape != "pieces"])
     return crowd, f"however they are put down, {', '.join(crowd)} do not all fit where they are to stand" * bool(crowd)
 
@@ -362,42 +372,44 @@ def _shrunk(area: Region, inset: float) -> Region:
     return replace(area, half_extents=(x - inset, y - inset))
 
 
-def _is_too_large(scene: Scene, fact: On | Inside | At) -> bool:
-    """Whether an object is larger than the area that a fact names, however it is turned, and put down if it lies.
+def _why_too_large(scene: Scene, fact: On | Inside | At) -> str:
+    """Why an object is larger than the area that a fact names, however it is turned and put down; "" if it is not.
 
     Proved: between the angles that are tried, its extents change by less than what they may be too large.
     """
     body, area = scene.body(fact.object), place_of(scene, fact).area
     if area is None or body.name in scene.held_names or _is_by_centre(scene, fact):
-        return False
+        return ""
     angles = np.linspace(0.0, np.pi, 180, endpoint=False)
     for way in resting_ways(body):
         along = np.ptp(footprint(way) @ np.stack((np.cos(angles), np.sin(angles))), axis=0)
         most = 2 * (np.array(area.half_extents) + EDGE) + along.max() * (angles[1] - angles[0])
         if ((along <= most[0]) & (np.roll(along, len(angles) // 2) <= most[1])).any():
-            return False
-    return True
+            return ""
+    return f"is larger than its place, {area.name}"
 
 
-def _is_beside(scene: Scene, fact: On | Inside | At) -> bool:
-    """Whether an object within its region would not have its middle over the support: proved; not of pieces."""
+def _why_beside(scene: Scene, fact: On | Inside | At) -> str:
+    """Why an object within its region would not have its middle over the support: proved; "" if not, or of pieces."""
     body, place = scene.body(fact.object), place_of(scene, fact)
     if place.area is None or place.area.name == place.face.name or body.shape == "pieces":
-        return False
+        return ""
     inset = inner_radius(body) - EDGE
     is_narrow = min(place.area.half_extents) <= inset
-    return not is_narrow and overlap(_shrunk(place.area, inset).corners, place.face.outline) < 0
+    if is_narrow or overlap(_shrunk(place.area, inset).corners, place.face.outline) >= 0:
+        return ""
+    return f"has its middle beside the support of its region, {place.face.name}"
 
 
-def _falls(scene: Scene, fact: On | Inside | At) -> bool:
-    """Whether an object put on another one that stands, and is of pieces, has nothing to rest on: proved.
+def _why_falling(scene: Scene, fact: On | Inside | At) -> str:
+    """Why an object put on another one that stands, and is of pieces, has nothing to rest on: proved; "" if it has.
 
     It would have to stand on what is no lower than the top, on all sides of its middle, in the circle that it covers
     however it is turned. Between the points that are tried, the wall of a cup cannot hide.
     """
     body, place = scene.body(fact.object), place_of(scene, fact)
     if not place.below or scene.body(place.below).shape != "pieces" or not scene.body(place.below).is_upright:
-        return False
+        return ""
     reach = max(way.radius for way in resting_ways(body))
     away = np.linspace(0.0, reach, math.ceil(reach / _WALL) + 1)[:, None, None] * _AROUND
     points = np.append(away, np.zeros((*away.shape[:2], 1)), axis=2).reshape(-1, 3)
@@ -407,7 +419,68 @@ def _falls(scene: Scene, fact: On | Inside | At) -> bool:
         enter, leave, *_ = piece.cut(points, np.tile((0.0, 0.0, 1.0), (len(points), 1)))
         is_held |= (enter < leave) & (leave > place.face.top - RESTING)
     on_sides = away.reshape(-1, 2)[is_held] @ _AROUND.T
-    return bool((on_sides.max(axis=0, initial=-np.inf) < -np.linalg.norm(body.centre_of_mass)).any())
+    if (on_sides.max(axis=0, initial=-np.inf) >= -np.linalg.norm(body.centre_of_mass)).all():
+        return ""
+    return f"would fall: what it is to stand on, {place.below}, is hollow there"
+
+
+def _why_in_the_air(scene: Scene, fact: On | Inside | At) -> str:
+    """Why nothing can be under an object at the height of a pose: proved; "" if something may be.
+
+    Neither a support, within the tolerances, nor all other objects, one on the other on the highest support.
+    """
+    if not isinstance(fact, At) or fact.z is None:
+        return ""
+    body, slack = scene.body(fact.object), max(fact.tolerance, RESTING) + RESTING
+    bottoms = [fact.z - float(way.position[2]) + way.bottom for way in resting_ways(body)]
+    tops = [face.top for face in _supports_about(scene, fact)]
+    tallest = sum(2 * float(np.linalg.norm(one.half_extents)) for one in scene.objects if one.name != body.name)
+    is_near = any(abs(top - bottom) <= slack for top in tops for bottom in bottoms)
+    is_stacked = any(top - slack <= bottom <= top + tallest + slack for top in tops for bottom in bottoms)
+    if is_near or is_stacked:
+        return ""
+    heights = ", ".join(f"{face.name} ({face.top:.2f} m)" for face in _supports_about(scene, fact))
+    return f"has no support at the height of its pose, {bottoms[0]:.2f} m: those there are {heights}"
+
+
+def _why_in_obstacles(scene: Scene, fact: On | Inside | At) -> str:
+    """Why an object at a pose overlaps static obstacles, on whichever support it stands: proved; "" if it need not.
+
+    Of boxes with a vertical axis and objects of one piece.
+    """
+    body = scene.body(fact.object)
+    if not isinstance(fact, At) or body.shape == "pieces":
+        return ""
+    there, slack = _least_footprint(scene, fact), _play(scene, fact)
+    lowest = min(way.top - way.bottom for way in resting_ways(body))
+    boxes = [one for one in scene.static_obstacles if one.shape == "box" and one.has_level_top]
+    boxes = [one for one in boxes if overlap(there, one.outline) > slack]
+    found: dict[str, None] = {}
+    for face in _supports_about(scene, fact):
+        over = [one.name for one in boxes if one.top > face.top + _TOUCHING and one.lower[2] < face.top + lowest]
+        if not over:
+            return ""
+        found |= dict.fromkeys(over)
+    return f"overlaps {', '.join(found)} at its pose"
+
+
+def _supports_about(scene: Scene, fact: At) -> list[StaticObstacle]:
+    """The supports under a pose, or within the tolerance about it."""
+    around = np.concatenate(([(fact.x, fact.y)], (fact.x, fact.y) + fact.tolerance * RIM))
+    return [face for face in map(scene.support_named, scene.supports) if face.is_under(around).any()]
+
+
+def fixed_about(scene: Scene, place: Place) -> tuple[str, ...]:
+    """Names of the static obstacles about a place, or over it, that may keep a gripper out: for words of a refusal."""
+    middle = np.array(place.area.centre) if place.area is not None else place.location
+    assert middle is not None
+    half = 0.0 if place.area is None else math.hypot(*place.area.half_extents)
+    near = (
+        one
+        for one in scene.static_obstacles
+        if place.face.top + _TOUCHING < one.top and one.lower[2] < place.face.top + _REACH_ABOVE
+    )
+    return tuple(one.name for one in near if overlap(one.outline, middle + (half + _ABOUT) * RIM) > 0)
 
 
 def _overlapping(scene: Scene, goal: Goal, to_move: Collection[str]) -> tuple[str, ...]:
@@ -520,9 +593,8 @@ def _fits(
     points: Array, area: Region, body: Body, standing: Sequence[Body], gap: float, yaw: float | None
 ) -> NDArray[np.bool_]:
     """Whether the box around an object at a yaw, or the circle, lies in an area with a gap [m] to others: (n,)."""
-    inside: NDArray[np.bool_] = (
-        np.abs(area.local(points)) <= np.array(area.half_extents) - _half_at(area, body, yaw)
-    ).all(axis=1)
+    most = np.array(area.half_extents) - _half_at(area, body, yaw)
+    inside = np.asarray((np.abs(area.local(points)) <= most).all(axis=1), np.bool_)
     within = math.hypot(*area.half_extents) + body.radius + gap
     for one in standing:
         if math.dist(one.position[:2], area.centre) > within + one.radius:
