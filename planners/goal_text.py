@@ -105,6 +105,21 @@ def without_negations(facts: Sequence[Fact], denied: Sequence[Fact], scene: Scen
     return tuple(found)
 
 
+def says_all(facts: Sequence[Fact], others: Sequence[Fact], scene: Scene | None) -> bool:
+    """Whether facts say all that others do, that a support is clear since all objects are elsewhere among it."""
+    ends = {name: fact for fact in facts if (name := getattr(fact, "object", ""))}
+
+    def is_empty(place: str) -> bool:
+        assert scene is not None
+        return all(name in ends and excludes(scene, ends[name], On(name, place)) for name in scene.names)
+
+    return all(
+        fact in facts
+        or (scene is not None and isinstance(fact, Clear) and fact.region in scene.supports and is_empty(fact.region))
+        for fact in others
+    )
+
+
 def _is_clear_if_empty(scene: Scene, fact: On | Inside) -> bool:
     """Whether a place is clear once no object is there as a fact has it: none overlaps it in part."""
     place = names_in(fact)[1]

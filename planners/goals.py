@@ -43,7 +43,7 @@ from planners.facts import (
     stands_at as stands_at,
 )
 from planners.goal_ends import contradiction_in, ends_in, narrowest
-from planners.goal_text import ARGUMENTS, VALID, domain_of, fact_of, pddl_of, without_negations
+from planners.goal_text import ARGUMENTS, VALID, domain_of, fact_of, pddl_of, says_all, without_negations
 from planners.pddl import Condition, Literal, parse
 from planners.regions import EDGE, RIM, GoalError as GoalError, Region as Region, is_name, overlap
 
@@ -304,8 +304,15 @@ class Goal:
             except GoalError as reason:
                 reasons.append(reason)
         goals = [one for one in left if isinstance(one, Goal)]
-        implied = [one for one in goals if any({*other.facts} < {*one.facts} for other in goals)]
-        possible = [one for one in left if one not in implied]
+        # What asks for more than another alternative, or for as much as an earlier one, is left out.
+        asks_more = [
+            one
+            for k, one in enumerate(goals)
+            for m, other in enumerate(goals)
+            if m != k and says_all(one.facts, other.facts, scene)
+            if m < k or not says_all(other.facts, one.facts, scene)
+        ]
+        possible = [one for one in left if one not in asks_more]
         done = [one for one in goals if scene is not None and one.holds(scene)]
         match done[:1] or possible:
             case [Goal() as goal]:
@@ -313,7 +320,7 @@ class Goal:
             case []:
                 why = str(reasons[0]) if reasons else "there is nothing that it could be true of"
                 raise condition.refused(word, f"no alternative can be: {why}")
-        listed = f"{', or '.join(map(str, [*left][:_SHOWN]))}{', …' * (len(left) > _SHOWN)}"
+        listed = f"{', or '.join(map(str, possible[:_SHOWN]))}{', …' * (len(possible) > _SHOWN)}"
         advice = "name the object that it is to be" if word == "exists" else "plan for each alternative"
         raise condition.refused(
             word, f"it may mean {listed}: a goal says one thing, all of its facts hold at the end of a plan; {advice}"

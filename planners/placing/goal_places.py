@@ -47,9 +47,11 @@ _ABOUT, _REACH_ABOVE = 0.12, 0.5
 """[m] about a place, and above it, in which static obstacles may be in the way of a gripper."""
 _LEVEL = 0.9999
 """Cosine of the tilt up to which the top of an object is level."""
-_SHARES, _DIRECTIONS = (0.45, 0.9), 8
+_SHARES, _DIRECTIONS = (0.4, 0.8), 8
 """Shares of the tolerance about a pose at which an object may stand beside it, and in how many directions: the rest of
 the tolerance is for how exactly it is put down."""
+_LEAST_SHIFT = 0.003
+"""[m] A pose is not shifted by less: so exactly things are put down."""
 _TOUCHING = 0.01
 """[m] of an object's height that may lie below a face: contacts are soft, and objects lean."""
 
@@ -242,7 +244,8 @@ def points_about(place: Place) -> Array:
     assert place.location is not None
     turns = np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS)
     around = np.column_stack((np.cos(turns), np.sin(turns)))
-    return np.concatenate((np.zeros((1, 2)), *(share * place.slack * around for share in _SHARES))) + place.location
+    rings = [share * place.slack * around for share in _SHARES if share * place.slack >= _LEAST_SHIFT]
+    return np.asarray(np.concatenate((np.zeros((1, 2)), *rings)) + place.location)
 
 
 def _yaws_at(place: Place, body: Body) -> Iterator[Yaws]:
@@ -421,7 +424,7 @@ def _why_falling(scene: Scene, fact: On | Inside | At) -> str:
     on_sides = away.reshape(-1, 2)[is_held] @ _AROUND.T
     if (on_sides.max(axis=0, initial=-np.inf) >= -np.linalg.norm(body.centre_of_mass)).all():
         return ""
-    return f"would fall: what it is to stand on, {place.below}, is hollow there"
+    return f"would fall: what it is to stand on is hollow there, {place.below}"
 
 
 def _why_in_the_air(scene: Scene, fact: On | Inside | At) -> str:
