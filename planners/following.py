@@ -70,7 +70,7 @@ class FollowingPlanner(Planner):
     ) -> Solution | Infeasible:
         """Plan for a goal; see the function `solve`."""
         deadline = Deadline.after(time_limit)
-        wanted, drawn = Goal.of(goal), np.random.default_rng(rng or 0)
+        wanted, drawn = Goal.of(goal, scene), np.random.default_rng(rng or 0)
         plans: list[tuple[_Cost, Solution]] = []
         refusals: list[Infeasible] = []
         orders = tuple(_orders(wanted, scene, start or scene))
@@ -120,7 +120,7 @@ def _orders(goal: Goal, scene: Scene, start: Scene) -> Iterator[Goal]:
     for name in names if len(names) > 1 else ():
         others = [other for other in names if other != name]
         for facts in ([Before(name, other) for other in others], [Before(other, name) for other in others]):
-            ordered = Goal(tuple(dict.fromkeys((*goal.facts, *facts))))
+            ordered = replace(goal, facts=(*goal.facts, *facts))
             try:
                 ordered.check(scene)
             except GoalError:  # against the goal's own order, or what stands on what

@@ -13,182 +13,45 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
 from graphlib import CycleError, TopologicalSorter
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planners.regions import EDGE, RESTING, RIM, GoalError as GoalError, Region as Region, footprint, is_name, overlap
+from planners.facts import (
+    LIFTED as LIFTED,
+    TOLERANCE,
+    YAW_TOLERANCE,
+    At as At,
+    Before as Before,
+    Clear as Clear,
+    Fact as Fact,
+    Holding as Holding,
+    Inside as Inside,
+    On as On,
+    has_yaw as has_yaw,
+    height_below as height_below,
+    is_at_rest as is_at_rest,
+    levels_under as levels_under,
+    names_in,
+    occupants as occupants,
+    region_named as region_named,
+    region_names as region_names,
+    stands_at as stands_at,
+)
+from planners.goal_ends import contradiction_in, ends_in, narrowest
+from planners.goal_text import ARGUMENTS, VALID, domain_of, fact_of, pddl_of, says_all, without_negations
+from planners.pddl import Condition, Literal, parse
+from planners.regions import EDGE, RIM, GoalError as GoalError, Region as Region, is_name, overlap
 
 if TYPE_CHECKING:
-    from planners.scene import Body, Scene
+    from planners.scene import Scene
 
-LIFTED = 0.10
-"""[m] above where it stood from which on an object in the gripper counts as held up."""
-TOLERANCE, YAW_TOLERANCE = 0.02, 0.1
-"""[m] and [rad] about a pose, if no other tolerance is given."""
-
-
-@dataclass(frozen=True)
-class Holding:
-    """The object is in a gripper, raised `LIFTED` above where it stood, or with its centre at a point.
-
-    Attributes:
-        object: its name.
-        point: x, y, z [m] of its centre; None for any.
-        tolerance: [m] about the point.
-
-    Raises:
-        GoalError: not three finite numbers, or a tolerance that is not positive.
-    """
-
-    object: str
-    point: tuple[float, float, float] | None = None
-    tolerance: float = TOLERANCE
-
-    def __post_init__(self) -> None:
-        try:
-            if self.point is not None:
-                x, y, z = self.point
-                object.__setattr__(self, "point", (float(x), float(y), float(z)))
-            object.__setattr__(self, "tolerance", TOLERANCE if self.point is None else float(self.tolerance))
-            is_valid = np.isfinite((*(self.point or ()), self.tolerance)).all() and self.tolerance > 0
-        except (TypeError, ValueError, OverflowError):
-            is_valid = False
-        if not is_valid:
-            raise GoalError(f"a point is three finite numbers, its tolerance is positive, not {self!r:.200}")
-
-    def holds(self, scene: Scene, start: Scene | None = None) -> bool:
-        """Whether it is; see `Goal.holds`."""
-        if self.object not in scene.held_names:
-            return False
-        body = scene.body(self.object)
-        if self.point is not None:
-            return bool(np.linalg.norm(body.position - self.point) <= self.tolerance)
-        if start is None:
-            return body.bottom >= height_below(scene, body) + LIFTED - EDGE
-        before = start.body(self.object)
-        stood_at = height_below(start, before) if self.object in start.held_names else before.bottom
-        return body.bottom >= stood_at + LIFTED - EDGE
-
-
-@dataclass(frozen=True)
-class On:
-    """The object rests on a support, on another object, or in a region with its whole footprint."""
-
-    object: str
-    place: str
-
-    def holds(self, scene: Scene, start: Scene | None = None) -> bool:
-        """Whether it does; see `Goal.holds`."""
-        if self.place in region_names(scene):
-            return Inside(self.object, self.place).holds(scene, start)
-        body = scene.body(self.object)
-        if self.place in scene.supports:
-            face = scene.support_named(self.place)
-            return is_at_rest(scene, body, face.top, start) and bool(face.is_under(body.position[:2]))
-        below = scene.body(self.place)
-        is_over = overlap(footprint(below), body.position[None, :2]) >= 0
-        return is_over and self.place not in scene.held_names and is_at_rest(scene, body, below.top, start)
-
-
-@dataclass(frozen=True)
-class Inside:
-    """The object rests within a region, or within the face of a support, with its whole footprint."""
-
-    object: str
-    region: str
-
-    def holds(self, scene: Scene, start: Scene | None = None) -> bool:
-        """Whether it does; see `Goal.holds`."""
-        body = scene.body(self.object)
-        if self.region in region_names(scene):
-            region = region_named(scene, self.region)
-            is_there = region.contains(body) and scene.support_named(region.support).is_under(body.position[:2])
-            return bool(is_there) and is_at_rest(scene, body, scene.support_named(region.support).top, start)
-        face = scene.support_named(self.region)
-        corners = footprint(body, -EDGE)
-        return is_at_rest(scene, body, face.top, start) and bool(face.is_under(corners).all())
-
-
-@dataclass(frozen=True)
-class At:
-    """The object rests at a place.
-
-    Attributes:
-        object: its name.
-        x, y: [m] of its centre.
-        yaw: [rad], None for any; of an upright cylinder it never matters.
-        z: [m] of its centre, None for any: where one support lies above another it says on which of them.
-        tolerance: [m].
-        yaw_tolerance: [rad].
-
-    Raises:
-        GoalError: a number that is not finite, or a tolerance that is not positive.
-    """
-
-    object: str
-    x: float
-    y: float
-    yaw: float | None = None
-    z: float | None = None
-    tolerance: float = TOLERANCE
-    yaw_tolerance: float = YAW_TOLERANCE
-
-    def __post_init__(self) -> None:
-        try:
-            for name in ("x", "y", "yaw", "z", "tolerance", "yaw_tolerance"):
-                if getattr(self, name) is not None:
-                    object.__setattr__(self, name, float(getattr(self, name)))
-            numbers = (self.x, self.y, self.yaw or 0.0, self.z or 0.0, self.tolerance, self.yaw_tolerance)
-            is_valid = np.isfinite(numbers).all() and min(self.tolerance, self.yaw_tolerance) > 0
-        except (TypeError, ValueError, OverflowError):
-            is_valid = False
-        if not is_valid:
-            raise GoalError(f"a place needs finite numbers and positive tolerances, not {self!r:.200}")
-
-    def holds(self, scene: Scene, start: Scene | None = None) -> bool:
-        """Whether it does; see `Goal.holds`."""
-        body = scene.body(self.object)
-        if math.hypot(body.position[0] - self.x, body.position[1] - self.y) > self.tolerance:
-            return False
-        if self.z is not None and abs(float(body.position[2]) - self.z) > max(self.tolerance, RESTING):
-            return False
-        if self.yaw is not None and has_yaw(body):
-            turn = math.remainder(body.yaw - self.yaw, 2 * math.pi)
-            if abs(turn) > self.yaw_tolerance:
-                return False
-        return any(is_at_rest(scene, body, level, start) for level in levels_under(scene, body))
-
-
-@dataclass(frozen=True)
-class Clear:
-    """No object stands in the region, or on the support."""
-
-    region: str
-
-    def holds(self, scene: Scene, start: Scene | None = None) -> bool:  # noqa: ARG002  as of the other facts
-        """Whether none does; see `Goal.holds`."""
-        return not occupants(scene, self.region)
-
-
-@dataclass(frozen=True)
-class Before:
-    """The last move of one object comes before the first one of another; a scene cannot show whether it did."""
-
-    first: str
-    second: str
-
-    def holds(self, scene: Scene, start: Scene | None = None) -> bool:  # noqa: ARG002  as of the other facts
-        """True: it is about the plan; see `Goal.is_in_order`."""
-        return True
-
-
-Fact: TypeAlias = Holding | On | Inside | At | Clear | Before
+_SHOWN = 3
+"""Alternatives that a refusal lists."""
 
 
 @dataclass(frozen=True)
@@ -197,23 +60,29 @@ class Goal:
 
     Attributes:
         facts: in the order in which they were given, each once.
+        placed: of each object the one fact that says most of where it is to stand; of a goal that was read with a
+            scene, or by `in_scene`, one that keeps to the others.
+        is_settled: whether `in_scene` has made it.
 
     Raises:
         GoalError: no fact, something that is none, or a name that is no text.
     """
 
     facts: tuple[Fact, ...]
+    placed: tuple[On | Inside | At, ...] = field(default=(), repr=False, compare=False)
+    is_settled: bool = field(default=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         facts = tuple(self.facts) if isinstance(self.facts, Iterable) else (self.facts,)
         for fact in facts:
             if not isinstance(fact, Fact):
-                raise GoalError(f"{fact!r:.100} is no fact of a goal; valid are {_VALID}")
-            if not all(is_name(name) for name in _names(fact)):
+                raise GoalError(f"{fact!r:.100} is no fact of a goal; valid are {VALID}")
+            if not all(is_name(name) for name in names_in(fact)):
                 raise GoalError(f"names are texts, not empty, without quotation marks; not so in {fact!r:.100}")
         if not facts:
-            raise GoalError(f"a goal needs at least one fact; valid are {_VALID}")
+            raise GoalError(f"a goal needs at least one fact; valid are {VALID}")
         object.__setattr__(self, "facts", tuple(dict.fromkeys(facts)))
+        object.__setattr__(self, "placed", self.placed or narrowest(self.facts))
 
     def __and__(self, other: Goal) -> Goal:
         if not isinstance(other, Goal):
@@ -224,26 +93,29 @@ class Goal:
         return self.to_pddl()
 
     @classmethod
-    def of(cls, goal: str | Goal | Sequence[Sequence[str]]) -> Goal:
+    def of(cls, goal: str | Goal | Sequence[Sequence[str]], scene: Scene | None = None) -> Goal:
         """A goal as it is, of a PDDL text, of a list of facts, `[["on", "a", "tray"]]`, or of a name: it is held.
 
+        With a scene it is the goal there, as of `from_pddl` and `in_scene`.
+
         Raises:
-            GoalError: none of these.
+            GoalError: none of these; with a scene, also what `from_pddl` and `in_scene` raise.
         """
+        if isinstance(goal, str) and goal.lstrip().startswith("("):
+            return cls.from_pddl(goal, scene)
         if isinstance(goal, Goal):
-            return goal
-        if isinstance(goal, list | tuple):
-            return cls(tuple(_fact(list(fact) if isinstance(fact, tuple) else fact, str(goal)) for fact in goal))
-        if not isinstance(goal, str):
-            raise GoalError(f"{goal!r} is no goal; valid are an object's name, PDDL text, and {_VALID}")
-        if goal.lstrip().startswith("("):
-            return cls.from_pddl(goal)
-        kind, *names = goal.split() or [""]
-        if names and kind.lower() in (*_ARGUMENTS, "at", "and"):
-            raise GoalError(
-                f"{goal!r:.200} is no object's name; a fact stands in parentheses: ({kind.lower()} {' '.join(names)})"
-            )
-        return holding(goal)
+            found = goal
+        elif isinstance(goal, list | tuple):
+            found = cls(tuple(fact_of(list(fact) if isinstance(fact, tuple) else fact, str(goal)) for fact in goal))
+        elif not isinstance(goal, str):
+            raise GoalError(f"{goal!r} is no goal; valid are an object's name, PDDL text, and {VALID}")
+        else:
+            kind, *names = goal.split() or [""]
+            if names and kind.lower() in (*ARGUMENTS, "at", "and"):
+                fact = f"({kind.lower()} {' '.join(names)})"
+                raise GoalError(f"{goal!r:.200} is no object's name; a fact stands in parentheses: {fact}")
+            found = holding(goal)
+        return found if scene is None else found.in_scene(scene)
 
     @property
     def target(self) -> str:
@@ -257,11 +129,6 @@ class Goal:
     def held(self) -> tuple[str, ...]:
         """Names of the objects that are to be held."""
         return tuple(fact.object for fact in self.facts if isinstance(fact, Holding))
-
-    @property
-    def placed(self) -> tuple[On | Inside | At, ...]:
-        """The facts that say where objects are to stand."""
-        return tuple(fact for fact in self.facts if isinstance(fact, On | Inside | At))
 
     @property
     def cleared(self) -> tuple[str, ...]:
@@ -294,6 +161,25 @@ class Goal:
         self.check(scene)
         return tuple(fact for fact in self.facts if not fact.holds(scene, start))
 
+    def in_scene(self, scene: Scene) -> Goal:
+        """The same goal, settled for a scene, in which nothing has been moved yet; one that is settled stays as it is.
+
+        Names are spelled as the scene has them. PDDL makes no difference between capitals and small letters: a name
+        that fits one of the scene's so is that one; of two that differ in nothing else, the one that is meant must be
+        spelled exactly. What several facts say of one object is put together in `placed`, and which support is meant
+        where several lie one above the other: see `planners.facts.support_at`. Unknown names and contradictions stay
+        for `check`.
+
+        Raises:
+            GoalError: a name fits several of the scene's.
+        """
+        if self.is_settled:
+            return self
+        goal = Goal(tuple(_spelled(fact, scene) for fact in self.facts))
+        if any(goal._unknown_names(scene)) or contradiction_in(scene, goal.facts):
+            return goal
+        return replace(goal, placed=ends_in(scene, goal.facts), is_settled=True)
+
     def is_in_order(self, moved: Collection[str]) -> bool:
         """Whether objects that were taken in this order, some perhaps twice, keep to every `before`."""
         moves = list(moved)
@@ -306,16 +192,10 @@ class Goal:
         Raises:
             GoalError: it names something that is not there, or contradicts itself; the message says what is valid.
         """
-        objects: dict[str, Collection[str]] = {"objects": scene.names}
-        places: dict[str, Collection[str]] = {"regions": region_names(scene), "supports": scene.supports}
+        for message in self._unknown_names(scene):
+            raise GoalError(message)
         for fact in self.facts:
-            for entry, name in zip(fields(fact), _names(fact), strict=False):
-                kinds = objects
-                if entry.name in ("place", "region"):
-                    kinds = places | objects if isinstance(fact, On) else places
-                if not any(name in names for names in kinds.values()):
-                    valid = "; ".join(f"{kind}: {', '.join(names) or 'none'}" for kind, names in kinds.items())
-                    raise GoalError(f"the goal names {name!r}, which the scene does not have; {valid}")
+            for name in names_in(fact):
                 for region in (one for one in scene.regions if one.name == name):
                     face = scene.support_named(region.support)
                     if overlap(region.corners, face.outline) <= 0:
@@ -328,32 +208,48 @@ class Goal:
             if point is not None and not any(scene.support_named(name).is_under(point) for name in scene.supports):
                 known = ", ".join(scene.supports) or "none"
                 raise GoalError(
-                    f"no support under ({point[0]:.2f}, {point[1]:.2f}) m for {_names(fact)[0]!r}; supports: {known}"
+                    f"no support under ({point[0]:.2f}, {point[1]:.2f}) m for {names_in(fact)[0]!r}; supports: {known}"
                 )
         self._check_contradictions(scene)
 
+    def _unknown_names(self, scene: Scene) -> Iterator[str]:
+        """What is wrong with each name that the scene does not have."""
+        for fact in self.facts:
+            for entry, name in zip(fields(fact), names_in(fact), strict=False):
+                kinds = _kinds(fact, entry.name, scene)
+                if not any(name in names for names in kinds.values()):
+                    valid = "; ".join(f"{kind}: {', '.join(names) or 'none'}" for kind, names in kinds.items())
+                    yield f"the goal names {name!r}, which the scene does not have; {valid}"
+
     def _check_contradictions(self, scene: Scene) -> None:
-        ends = [*self.held, *(fact.object for fact in self.placed)]
-        if twice := sorted({name for name in ends if ends.count(name) > 1}):
-            raise GoalError(f"an object can be held or placed once only; the goal says where twice: {', '.join(twice)}")
-        if len(self.held) > 1:
+        if pair := contradiction_in(scene, self.facts):
+            name, (one, other) = names_in(pair[0])[0], map(pddl_of, pair)
             raise GoalError(
-                f"{len(self.held)} objects to hold ({', '.join(self.held)}); at the end of a plan one can be"
+                "an object can be held or placed once only, where several facts say it in places one within the other; "
+                f"the goal says where twice: {name}: {one} and {other}"
             )
-        places = {fact.object: "" if isinstance(fact, At) else _names(fact)[1] for fact in self.placed}
-        for name, place in places.items():
+        hands = len(scene.robot.acting_arms)
+        if len(self.held) > hands:
+            raise GoalError(
+                f"{len(self.held)} objects to hold ({', '.join(self.held)}); at the end of a plan {hands} can be, one "
+                "in each hand that acts"
+            )
+        ends = [fact for fact in self.facts if isinstance(fact, On | Inside)]
+        places = [(fact.object, names_in(fact)[1]) for fact in ends]
+        for name, place in places:
             if {place, region_named(scene, place).support if place in region_names(scene) else place} & {*self.cleared}:
                 raise GoalError(f"{name!r} is to be at {place!r}, which is to be clear")
             if place in self.held:
                 raise GoalError(f"{name!r} is to stand on {place!r}, which is to be held")
-        for fact, cleared in itertools.product(self.placed, self.cleared):
+        stated = [fact for fact in self.facts if isinstance(fact, On | Inside | At)]
+        for fact, cleared in itertools.product(stated, self.cleared):
             if cleared not in region_names(scene):
                 is_there = isinstance(fact, At) and _is_always_on(scene, fact, cleared)
             else:
                 is_there = _is_always_in(scene, fact, region_named(scene, cleared))
             if is_there:
                 raise GoalError(f"{fact.object!r} is to be where {cleared!r} is, which is to be clear")
-        for edges in (places.items(), self.order):
+        for edges in (places, self.order):
             graph: TopologicalSorter[str] = TopologicalSorter()
             for one, other in edges:
                 graph.add(other, one)
@@ -364,41 +260,120 @@ class Goal:
 
     def to_pddl(self) -> str:
         """The goal as PDDL; `from_pddl` reads it."""
-        texts = [_format(fact) for fact in self.facts]
+        texts = [pddl_of(fact) for fact in self.facts]
         return texts[0] if len(texts) == 1 else f"(and {' '.join(texts)})"
 
     @classmethod
-    def from_pddl(cls, text: str) -> Goal:
+    def from_pddl(cls, text: str, scene: Scene | None = None) -> Goal:
         """The goal of a PDDL text: one fact, or `(and fact fact …)`, which may be nested; in `(:goal …)` or not.
 
         Facts are `(holding a)`, `(on a place)`, `(inside a region)`, `(clear region)`, `(before a b)`,
         `(at a (x 0.5) (y 0.2) (yaw 1.57) (z 0.83) (tolerance 0.02) (yaw-tolerance 0.1))`, of which x and y are needed,
         and `(holding a (x 0.5) (y 0.2) (z 1.1) (tolerance 0.02))`.
-        A name with blanks or parentheses stands in quotation marks. Words of PDDL may be in capitals; names are as the
-        scene has them.
+        A name with blanks or parentheses stands in quotation marks. Words of PDDL may be in capitals.
+
+        `forall` and `exists` range over the scene's objects, or with `?x - support`, `?x - region`, `?x - place` over
+        these. Of the alternatives of `or`, `imply` and `exists` those are left out that contradict the rest of the
+        goal; one must be left, or hold in the scene. `not` needs to follow from the rest, or to say of all objects
+        that none is on a support, which is that it is clear.
+
+        Args:
+            text: the goal.
+            scene: where it is to be; its names may then be in other capitals, see `in_scene`. Without it names are as
+                they are written, and nothing is known of the objects that `forall` and `exists` mean.
 
         Raises:
-            GoalError: it is none, or says what no goal can say here, such as `or`; the message says what is valid.
+            GoalError: it is none, or says what no goal can say here; the message says what is valid.
         """
-        facts: list[Fact] = []
-        left: list[_TREE] = [_parse(text)]
-        while left:
-            match left.pop():
-                case [str(word), tree] if word.lower() == ":goal":
-                    left.append(tree)
-                case [str(word), *parts] if word.lower() == "and":
-                    left += reversed(parts)
-                case [str(word), *_] if word.lower() in _NOT_HERE:
-                    raise GoalError(f"{word.lower()!r} in {text!r:.200}: {_NOT_HERE[word.lower()]}")
-                case tree:
-                    facts.append(_fact(tree, text))
-        return cls(tuple(facts))
+        condition = Condition(text, parse(text), None if scene is None else domain_of(scene))
+        found = [_read(literals, text, scene) for literals in condition.alternatives()]
+        if len(found) == 1 and not condition.choices:
+            return cls(_said(condition, *found[0], scene))
+        word = condition.choices[0] if condition.choices else "="
+        left: dict[Goal | str, None] = {}
+        reasons: list[GoalError] = []
+        for held, denied in found:
+            try:
+                goal = cls(_said(condition, held, denied, scene))
+                if scene is not None:
+                    goal = goal.in_scene(scene)
+                    goal.check(scene)
+                left[goal] = None
+            except _NotSaidError:
+                left[f"(not {pddl_of(denied[0])})"] = None
+            except GoalError as reason:
+                reasons.append(reason)
+        goals = [one for one in left if isinstance(one, Goal)]
+        # What asks for more than another alternative, or for as much as an earlier one, is left out.
+        asks_more = [
+            one
+            for k, one in enumerate(goals)
+            for m, other in enumerate(goals)
+            if m != k and says_all(one.facts, other.facts, scene)
+            if m < k or not says_all(other.facts, one.facts, scene)
+        ]
+        possible = [one for one in left if one not in asks_more]
+        done = [one for one in goals if scene is not None and one.holds(scene)]
+        match done[:1] or possible:
+            case [Goal() as goal]:
+                return goal
+            case []:
+                why = str(reasons[0]) if reasons else "there is nothing that it could be true of"
+                raise condition.refused(word, f"no alternative can be: {why}")
+        listed = f"{', or '.join(map(str, possible[:_SHOWN]))}{', …' * (len(possible) > _SHOWN)}"
+        advice = "name the object that it is to be" if word == "exists" else "plan for each alternative"
+        raise condition.refused(
+            word, f"it may mean {listed}: a goal says one thing, all of its facts hold at the end of a plan; {advice}"
+        )
 
 
-_VALID = (
-    "holding(a), holding(a, point), on(a, place), inside(a, region), at(a, pose), clear(region), before(a, b), "
-    "joined by &"
-)
+class _NotSaidError(GoalError):
+    """That a fact does not hold, which no goal can say."""
+
+
+def _read(literals: Sequence[Literal], text: str, scene: Scene | None) -> tuple[tuple[Fact, ...], tuple[Fact, ...]]:
+    """The facts of one alternative that hold, and those that do not; raises `GoalError`."""
+    facts: tuple[list[Fact], list[Fact]] = [], []
+    for tree, is_negated in literals:
+        fact = fact_of(tree, text)
+        facts[is_negated].append(fact if scene is None else _spelled(fact, scene))
+    if scene is not None and facts[1]:  # what is denied must mean something, too
+        for message in Goal((*facts[0], *facts[1]))._unknown_names(scene):
+            raise GoalError(message)
+    return tuple(facts[0]), tuple(facts[1])
+
+
+def _said(condition: Condition, held: Sequence[Fact], denied: Sequence[Fact], scene: Scene | None) -> tuple[Fact, ...]:
+    """Facts that say that some hold and others do not; raises `GoalError`."""
+    facts = without_negations(held, denied, scene)
+    if facts is None:
+        say = "a goal says where objects are to be; say where, and that none is in a region says (clear region)"
+        raise _NotSaidError(str(condition.refused("not", say)))
+    if denied and not facts:
+        raise condition.refused("not", "it says nothing that a plan is to bring about; name at least one fact")
+    return facts
+
+
+def _kinds(fact: Fact, entry: str, scene: Scene) -> dict[str, Collection[str]]:
+    """The names that may stand in a field of a fact, by what they are of."""
+    objects: dict[str, Collection[str]] = {"objects": scene.names}
+    places: dict[str, Collection[str]] = {"regions": region_names(scene), "supports": scene.supports}
+    if entry not in ("place", "region"):
+        return objects
+    return places | objects if isinstance(fact, On) else places
+
+
+def _spelled(fact: Fact, scene: Scene) -> Fact:
+    """The fact with its names spelled as in the scene; raises `GoalError` if one fits several."""
+    changed: dict[str, Any] = {}
+    for entry, name in zip(fields(fact), names_in(fact), strict=False):
+        valid = [one for names in _kinds(fact, entry.name, scene).values() for one in names]
+        alike = [] if name in valid else [one for one in valid if one.casefold() == name.casefold()]
+        if len(alike) > 1:
+            raise GoalError(f"{name!r} may be {' or '.join(map(repr, alike))}; spell it as the scene does")
+        if alike:
+            changed[entry.name] = alike[0]
+    return replace(fact, **changed) if changed else fact
 
 
 def holding(name: str, point: ArrayLike | None = None, tolerance: float = TOLERANCE) -> Goal:
@@ -461,22 +436,6 @@ def and_(*goals: str | Goal) -> Goal:
     return Goal(tuple(fact for goal in goals for fact in Goal.of(goal).facts))
 
 
-# The geometry of scenes.
-
-
-def region_names(scene: Scene) -> tuple[str, ...]:
-    """The scene's regions."""
-    return tuple(region.name for region in scene.regions)
-
-
-def region_named(scene: Scene, name: str) -> Region:
-    """The region of that name; raises `GoalError`, which lists the known ones."""
-    for region in scene.regions:
-        if region.name == name:
-            return region
-    raise GoalError(f"no region {name!r}; known regions: {', '.join(region_names(scene)) or 'none'}")
-
-
 def _is_always_in(scene: Scene, fact: On | Inside | At, region: Region) -> bool:
     """Whether an object stands partly in a region wherever a fact holds; at a pose it counts as the circle within."""
     body = scene.body(fact.object)
@@ -486,7 +445,7 @@ def _is_always_in(scene: Scene, fact: On | Inside | At, region: Region) -> bool:
         under = [name for name in scene.supports if scene.support_named(name).is_under(point)]
         is_known = body.shape != "pieces" and under == [region.support]
         return bool(is_known and region.touches_disc(point, radius))
-    place = _names(fact)[1]
+    place = names_in(fact)[1]
     areas = [one for one in scene.regions if one.name == place and one.support == region.support]
     return any(region.contains_points(area.corners).all() for area in areas)
 
@@ -496,167 +455,3 @@ def _is_always_on(scene: Scene, fact: At, support: str) -> bool:
     around = np.concatenate(([(fact.x, fact.y)], (fact.x, fact.y) + fact.tolerance * RIM))
     under = {name for name in scene.supports if scene.support_named(name).is_under(around).any()}
     return under == {support} and bool(scene.support_named(support).is_under(around).all())
-
-
-def occupants(scene: Scene, place: str) -> tuple[str, ...]:
-    """Names of the objects that stand in a region, or on a support, directly or on others; held ones stand nowhere."""
-    region = region_named(scene, place) if place in region_names(scene) else None
-    face = scene.support_named(place if region is None else region.support)
-    standing = [body for body in scene.objects if body.name not in scene.held_names]
-    found = [b for b in standing if face.is_under(b.position[:2]) and stands_at(scene, b, face.top)]
-    for below in found:
-        found += [
-            body
-            for body in standing
-            if body not in found
-            and abs(body.bottom - below.top) <= RESTING
-            and overlap(footprint(body), footprint(below)) > 0
-        ]
-    return tuple(body.name for body in found if region is None or region.touches(body))
-
-
-def height_below(scene: Scene, body: Body) -> float:
-    """[m] of the highest level face under the centre of an object, on which it stands or would fall.
-
-    What is held beside the supports is compared with the first one.
-    """
-    under = scene.support_under(body)
-    is_beside = under.name not in scene.supports and body.name in scene.held_names
-    return (scene.support if is_beside else under).top
-
-
-def is_at_rest(scene: Scene, body: Body, level: float, start: Scene | None = None) -> bool:
-    """Whether an object stands on a face at a height [m], upright, or lying as it did at the start."""
-    is_standing = body.is_upright or (start is not None and not start.body(body.name).is_upright)
-    return is_standing and body.name not in scene.held_names and stands_at(scene, body, level)
-
-
-def stands_at(scene: Scene, body: Body, level: float) -> bool:
-    """Whether an object's lowest point is at a face at a height [m], and at no other face under its centre rather."""
-    away = abs(body.bottom - level)
-    return away <= RESTING and all(abs(body.bottom - other) >= away for other in levels_under(scene, body))
-
-
-def levels_under(scene: Scene, body: Body) -> Iterator[float]:
-    """[m] heights of the supports and objects under the centre of an object, within `RESTING` of its lowest point."""
-    for name in scene.supports:
-        face = scene.support_named(name)
-        if abs(face.top - body.bottom) <= RESTING and face.is_under(body.position[:2]):
-            yield face.top
-    for one in scene.objects:
-        is_near = abs(one.top - body.bottom) <= RESTING and one.name not in (body.name, *scene.held_names)
-        if is_near and overlap(footprint(one), body.position[None, :2]) >= 0:
-            yield one.top
-
-
-def has_yaw(body: Body) -> bool:
-    """Whether turning the object about the vertical changes anything: not of an upright cylinder."""
-    return not (body.shape == "cylinder" and body.is_upright)
-
-
-# PDDL.
-
-
-def _names(fact: Fact) -> tuple[str, ...]:
-    return tuple(getattr(fact, entry.name) for entry in fields(fact) if entry.type == "str")
-
-
-def _format(fact: Fact) -> str:
-    numbers: dict[str, float | None] = {}
-    match fact:
-        case At():
-            numbers = {entry.name: getattr(fact, entry.name) for entry in fields(fact) if entry.name != "object"}
-        case Holding(_, (x, y, z), tolerance):
-            numbers = {"x": x, "y": y, "z": z, "tolerance": tolerance}
-    given = (f"({name.replace('_', '-')} {number!r})" for name, number in numbers.items() if number is not None)
-    names = (name if re.fullmatch(rf"(?!\?){_WORD}", name) else f'"{name}"' for name in _names(fact))
-    return f"({' '.join((type(fact).__name__.lower(), *names, *given))})"
-
-
-_TREE: TypeAlias = "str | list[_TREE]"
-_NUMBERS = ("x", "y", "z", "yaw", "tolerance", "yaw-tolerance")
-_ARGUMENTS = {"holding": (Holding, 1), "on": (On, 2), "inside": (Inside, 2), "clear": (Clear, 1), "before": (Before, 2)}
-
-
-_NOT_HERE = {
-    "or": "all of its facts hold at the end of a plan; plan for each alternative",
-    "imply": "all of its facts hold at the end of a plan",
-    "not": "a goal says where objects are to be; that none is in a region says (clear region)",
-    "forall": "write one fact for each object",
-    "exists": "name the object that it is to be",
-}
-"""Words of PDDL that a goal does not have, and what to do."""
-_WORD = r'[^\s()";]+'
-
-
-class _Quoted(str):
-    """A word that stood in quotation marks: a name, also where it begins as a variable does."""
-
-    __slots__ = ()
-
-
-def _parse(text: str) -> list[_TREE]:
-    """The expression of a text: words, and lists of them."""
-    if not isinstance(text, str):
-        raise GoalError(f"{text!r:.100} is no text")
-    outer: list[_TREE] = []
-    open_lists = [outer]
-    for word in re.findall(rf'"[^"]*"|[()"]|{_WORD}', re.sub(r'("[^"]*")|;.*', r"\1", text)):
-        if word == "(":
-            inner: list[_TREE] = []
-            open_lists[-1].append(inner)
-            open_lists.append(inner)
-        elif word == ")" and len(open_lists) > 1:
-            open_lists.pop()
-        elif word in '()"':
-            raise GoalError(f"{text!r:.200} is no goal: parentheses do not match")
-        else:
-            open_lists[-1].append(_Quoted(word[1:-1]) if word[0] == '"' else word)
-    match outer:
-        case [[_, *_] as tree] if len(open_lists) == 1:
-            return tree
-    raise GoalError(f"{text!r:.200} is no goal: parentheses do not match, or it is empty; valid are {_VALID}")
-
-
-def _shown(tree: _TREE) -> str:
-    """The expression as text, what is deeper in it left out."""
-    if not isinstance(tree, list):
-        return str(tree)
-    return f"({' '.join('(…)' if isinstance(part, list) else str(part) for part in tree)})"
-
-
-def _fact(tree: _TREE, text: str) -> Fact:
-    """A fact; raises `GoalError`."""
-    if isinstance(tree, list) and tree and isinstance(tree[0], str):
-        tree = [tree[0].lower(), *tree[1:]]
-        if any(isinstance(part, str) and not isinstance(part, _Quoted) and part.startswith("?") for part in tree):
-            raise GoalError(f"{_shown(tree):.100} in {text!r:.200}: no variables here; write one fact for each object")
-        tree = [str(part) if isinstance(part, str) else part for part in tree]
-    match tree:
-        case ["at" | "holding" as kind, str(name), *given] if kind == "at" or given:
-            numbers: dict[str, float] = {}
-            for part in given:
-                match part:
-                    case [str(key), str() | int() | float() as value] if (
-                        key in _NUMBERS and key.replace("-", "_") not in numbers
-                    ):
-                        try:
-                            numbers[key.replace("-", "_")] = float(value)
-                        except ValueError:
-                            raise GoalError(f"{value!r} in {text!r:.200} is no number") from None
-                    case _:
-                        raise GoalError(
-                            f"{_shown(part):.100} in {text!r:.200}: valid are {_NUMBERS}, each once, as in (x 0.5)"
-                        )
-            needed = {"x", "y"} if kind == "at" else {"x", "y", "z"}
-            if kind == "at" and needed <= numbers.keys():
-                return At(name, **numbers)
-            if kind == "holding" and needed <= numbers.keys() <= needed | {"tolerance"}:
-                x, y, z = (numbers.pop(axis) for axis in "xyz")
-                return Holding(name, (x, y, z), **numbers)
-            valid = "(x …), (y …), (z …), and takes (tolerance …)" if kind == "holding" else "(x …) and (y …)"
-            raise GoalError(f"({kind} {name} …) in {text!r:.200} needs {valid}")
-        case [str(kind), *names] if kind in _ARGUMENTS and len(names) == _ARGUMENTS[kind][1]:
-            if all(isinstance(name, str) for name in names):
-                return _ARGUMENTS[kind][0](*names)
-    raise GoalError(f"{_shown(tree):.100} in {text!r:.200} is no fact; valid are {_VALID}")

@@ -134,7 +134,7 @@ class TampExpert:
         if isinstance(self._planner, Planner):
             self._planner.warmup()  # compiles kernels before any clock is started
         scene = self._world.scene()
-        wanted = own if goal is None else Goal.of(goal)
+        wanted = Goal.of(own if goal is None else goal, scene)
         if wanted.target:
             scene.index(wanted.target)
         wanted.check(scene)

@@ -14,7 +14,7 @@ from planners.grasping.arm_configurations import ArmConfigurations, GripperPoses
 from planners.grasping.candidates import GraspCandidates, gripper_poses
 from planners.grasping.grasp_poses import generate_grasps, opening_around
 from planners.motion.approaches import ContactQuery, fewest_hits
-from planners.placing.goal_places import Place, Yaws, locations_in
+from planners.placing.goal_places import Place, Yaws, locations_in, points_about
 from planners.placing.locations import in_hand, put_down
 from planners.placing.placements import PlacementSearch, can_reach, gripper_poses_at, with_lowered
 from planners.scene import Body, HeldObject, Scene
@@ -50,7 +50,8 @@ def fewest_in_the_way(
     fewest: int | None = None
     for point, yaws in _some_locations(world.scene, place, leaving):
         wanted = _wanted(scene, place, point, yaws)
-        poses, found = _scan(search, lowered, wanted, place.face.top, gone, scene.state.base[None])
+        known = () if fewest is None else (fewest,)
+        poses, found = _scan(search, lowered, wanted, place.face.top, gone, scene.state.base[None], known=known)
         for best in np.argsort(np.bitwise_count(found.hits), kind="stable"):
             if fewest is not None and int(found.hits[best]).bit_count() >= fewest.bit_count():
                 break
@@ -113,8 +114,15 @@ def put_down_masks(
         robot, (held, _) = world.scene.robot, in_hand(world.scene)
         bases = search.arms[robot.arm_name].bases(taken, _BASES)[0] if len(taken) else scene.state.base[None]
         straight |= set(map(int, _scan(search, world, wanted, level, gone, bases)[1].hits))
-        hits = gripper_hits(world, wanted, opening_around(robot, body, held), held=held, ignore=gone)
+        # Anywhere else within the tolerance about the pose, where gripper and object alone have less in the way.
+        beside = [_wanted(world.scene, place, point, (place.yaw,)) for point in points_about(place)[1:]]
+        poses = np.concatenate((wanted, *beside))
+        hits = gripper_hits(world, poses, opening_around(robot, body, held), held=held, ignore=gone)
         ever |= {int(one) for one in hits if not int(one) & FIXED_BITS}
+        free = [k for k in range(len(wanted), len(poses)) if not int(hits[k]) & FIXED_BITS]
+        poses = poses[[k for k in free if not any(mask & ~int(hits[k]) == 0 for mask in straight)]]
+        if len(poses):
+            straight |= set(map(int, _scan(search, world, poses, level, gone, bases, known=straight)[1].hits))
     return PutDownMasks(_minimal(straight), (0,) if name in scene.held_names else _minimal(ever))
 
 
@@ -128,15 +136,17 @@ def _lowered(world: CollisionWorld, place: Place) -> CollisionWorld:
 
 
 def _some_locations(scene: Scene, place: Place, leaving: Collection[str]) -> Iterator[tuple[Array, Yaws]]:
-    """A few locations (2,) of a place at which the held object fits once others have left, and its yaws there."""
+    """A few locations (2,) of a place, or all about a pose, at which the held object fits once others have left, and
+    its yaws there."""
     staying = replace(scene, objects=tuple(one for one in scene.objects if one.name not in leaving))
     looked_at: list[Array] = []
+    apart, most = (_APART, _LOCATIONS) if place.location is None else (0.0, len(points_about(place)))
     everywhere = locations_in(staying, in_hand(scene)[1], place, (), (), lambda every: np.ones(len(every), np.bool_))
     for point, yaws in everywhere:
-        if all(np.hypot(*(point - other)) >= _APART for other in looked_at):
+        if all(np.hypot(*(point - other)) >= apart for other in looked_at):
             yield point, yaws
             looked_at.append(point)
-        if len(looked_at) == _LOCATIONS:
+        if len(looked_at) == most:
             return
 
 
@@ -148,12 +158,13 @@ def _scan(
     ignore: int,
     more_bases: Array,
     first_free: bool = False,
+    known: Collection[int] = (),
 ) -> tuple[GripperPoses, ArmConfigurations]:
     """Arm configurations that let go of the held object at gripper poses (k, 5), and what each of them hits.
 
     It then stands `level` [m] high. From wherever the base may stand, and from more base poses (k, 3); `ignore` is a
     mask of bits that do not count. With `first_free` only those from the first base pose for which some configuration
-    hits nothing.
+    hits nothing; without what hits more than a `known` mask.
     """
     scene, (held, body) = world.scene, in_hand(world.scene)
     robot = scene.robot
@@ -166,7 +177,7 @@ def _scan(
     opening, placed = opening_around(robot, body, held), put_down(scene, wanted[0], level)
     grid = search.grid(robot.arm_name)
     return poses, scan_configurations(
-        world, poses, grid, opening, body=placed, held=held, ignore=ignore, first_free=first_free
+        world, poses, grid, opening, body=placed, held=held, ignore=ignore, first_free=first_free, known=known
     )
 
 

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from planners.goals import At, Fact, Goal, Inside, On, has_yaw, region_named, region_names
+from planners.facts import At, Fact, Inside, On, has_yaw, region_named, region_names, support_at, whole_face
+from planners.goals import Goal
 from planners.placing.locations import stand_at
-from planners.regions import EDGE, RESTING, Region, footprint, overlap
+from planners.regions import EDGE, RESTING, RIM, Region, footprint, overlap
 from planners.scene import Body, Scene, StaticObstacle
 from planners.scene.bodies import resting_ways
 
@@ -42,6 +43,15 @@ _AROUND = np.column_stack((np.cos(_TURNS), np.sin(_TURNS)))
 """Directions all around."""
 _NEAR = 1.5
 """[m] from the robot, along the sides of a face that reaches farther than that from its middle."""
+_ABOUT, _REACH_ABOVE = 0.12, 0.5
+"""[m] about a place, and above it, in which static obstacles may be in the way of a gripper."""
+_LEVEL = 0.9999
+"""Cosine of the tilt up to which the top of an object is level."""
+_SHARES, _DIRECTIONS = (0.4, 0.8), 8
+"""Shares of the tolerance about a pose at which an object may stand beside it, and in how many directions: the rest of
+the tolerance is for how exactly it is put down."""
+_LEAST_SHIFT = 0.003
+"""[m] A pose is not shifted by less: so exactly things are put down."""
 _TOUCHING = 0.01
 """[m] of an object's height that may lie below a face: contacts are soft, and objects lean."""
 
@@ -52,16 +62,21 @@ class Place:
 
     Attributes:
         face: on whose top; the support, or another object.
-        area: in which its footprint is to lie; None at a pose and on another object.
+        area: in which its footprint is to lie; None at a pose, and on another object unless that has a flat top wide
+            enough for more.
         location: (2,) x, y [m] of its centre; None where an area says it.
+        slack: [m] about the location within which its centre may be, too.
         yaw: [rad] of the object, None for any.
+        within: regions in which the footprint of what goes to a location is to lie, too.
         below: name of the object that it is to stand on, "" for none.
     """
 
     face: StaticObstacle
     area: Region | None = None
     location: Array | None = None
+    slack: float = 0.0
     yaw: float | None = None
+    within: tuple[Region, ...] = ()
     below: str = ""
 
 
@@ -70,25 +85,34 @@ def place_of(scene: Scene, fact: On | Inside | At) -> Place:
     body = scene.body(fact.object)
     if isinstance(fact, At):
         yaw = fact.yaw if has_yaw(body) else None
-        return Place(_face_at(scene, body, fact), location=np.array([fact.x, fact.y]), yaw=yaw)
+        within, point = tuple(_region_or_face(scene, name) for name in fact.within), np.array([fact.x, fact.y])
+        return Place(support_at(scene, fact), location=point, slack=fact.tolerance, yaw=yaw, within=within)
     name = fact.place if isinstance(fact, On) else fact.region
     if name in (*region_names(scene), *scene.supports):
         area = _region_or_face(scene, name)
         is_face = area.name == area.support
         return Place(scene.support_named(area.support), _near(area, scene.state.base[:2]) if is_face else area)
     other = scene.body(name)
+    if isinstance(fact, On) and fact.pose is not None:
+        face, yaw = _top_of(other), fact.pose.yaw if has_yaw(body) else None
+        point = np.array([fact.pose.x, fact.pose.y])
+        return Place(face, location=point, slack=fact.pose.tolerance, yaw=yaw, below=name)
     if other.shape != "pieces":
-        face = StaticObstacle(name, other.position, other.half_extents, other.shape, other.rotation)
+        face = _top_of(other)
+        if other.shape == "box" and abs(other.rotation[2, 2]) > _LEVEL:
+            narrow, wide = sorted(other.half_extents[:2])
+            if narrow > inner_radius(body) and wide > 2 * inner_radius(body):
+                return Place(face, whole_face(face), below=name)
         return Place(face, location=other.position[:2], below=name)
     highest = other.corners[other.corners[:, 2] > other.top - _TOUCHING]
-    return Place(StaticObstacle.hull(name, other.corners), location=highest[:, :2].mean(axis=0), below=name)
+    return Place(_top_of(other), location=highest[:, :2].mean(axis=0), below=name)
 
 
-def whole_face(face: StaticObstacle) -> Region:
-    """The top face of a support as a region; of a round one, the square around it."""
-    x_axis = face.rotation[:2, 0] if face.shape == "box" else np.array([1.0, 0.0])
-    yaw = float(np.arctan2(x_axis[1], x_axis[0]))
-    return Region(face.name, face.name, tuple(face.position[:2]), tuple(face.half_extents[:2]), yaw)
+def _top_of(other: Body) -> StaticObstacle:
+    """An object as what another one stands on."""
+    if other.shape == "pieces":
+        return StaticObstacle.hull(other.name, other.corners)
+    return StaticObstacle(other.name, other.position, other.half_extents, other.shape, other.rotation)
 
 
 def _near(face: Region, base: Array) -> Region:
@@ -99,14 +123,6 @@ def _near(face: Region, base: Array) -> Region:
     low, high = np.where(is_wide, (low, high), (-half, half))
     centre = face.centre + np.array([[c, -s], [s, c]]) @ (low + high) / 2
     return replace(face, centre=tuple(centre), half_extents=tuple((high - low) / 2))
-
-
-def _face_at(scene: Scene, body: Body, fact: At) -> StaticObstacle:
-    """The support under a pose: the one at the height that it gives, else the one it stands on, else the highest."""
-    point = np.array([fact.x, fact.y])
-    under = [face for face in map(scene.support_named, scene.supports) if face.is_under(point)]
-    bottom = body.bottom if fact.z is None else fact.z - float(body.position[2]) + body.bottom
-    return min(under, key=lambda face: (round(abs(face.top - bottom), 3), -face.top))
 
 
 def reserved_regions(scene: Scene, goal: Goal, besides: str = "") -> tuple[Region, ...]:
@@ -120,6 +136,8 @@ def reserved_regions(scene: Scene, goal: Goal, besides: str = "") -> tuple[Regio
         besides: name of an object, whose own place is not reserved for others, nor what that lies in.
     """
     own = placed_fact(goal, besides)
+    if isinstance(own, At):
+        return tuple(_rooms_beside(scene, goal, own))
     mine = None if own is None else place_of(scene, own).area
     if own is not None and mine is None:
         return ()
@@ -137,6 +155,22 @@ def reserved_regions(scene: Scene, goal: Goal, besides: str = "") -> tuple[Regio
     around = [] if mine is None else [one for one in found.values() if _contains(one, mine)]
     is_kept = {*found} - ({scene.support.name} - {*goal.cleared})
     return tuple(region for name, region in found.items() if name in is_kept and region not in around)
+
+
+def _rooms_beside(scene: Scene, goal: Goal, own: At) -> Iterator[Region]:
+    """What an object keeps out of at its pose: others whose poses overlap that one have room within their tolerances.
+
+    Each as wide as is covered by the other object wherever it stands, across the line between both.
+    """
+    body = scene.body(own.object)
+    for fact in goal.placed:
+        if not isinstance(fact, At) or fact is own or support_at(scene, fact).name != support_at(scene, own).name:
+            continue
+        radius, away = scene.body(fact.object).radius, np.array((own.x - fact.x, own.y - fact.y))
+        most = _SHARES[-1] * fact.tolerance
+        if np.hypot(*away) < radius + body.radius and radius > most:
+            half, yaw = radius - most, math.atan2(away[1], away[0])
+            yield Region(f"place of {fact.object}", support_at(scene, fact).name, (fact.x, fact.y), (half, half), yaw)
 
 
 def _contains(region: Region, other: Region) -> bool:
@@ -175,12 +209,19 @@ def locations_in(
         pitch: [m] between locations.
     """
     if place.area is None:
-        assert place.location is not None
-        yaw = place.yaw if has_yaw(body) else None
-        yield from ((point, (yaw,)) for point in place.location[None] if allowed(point[None])[0])
+        points = points_about(place)
+        points = points[allowed(points)]
+        for yaws in _yaws_at(place, body):
+            is_within = np.ones(len(points), np.bool_)
+            for area in place.within:
+                is_within &= _fits(points, area, body, (), 0.0, yaws[0])
+            yield from ((point, yaws) for point in points[is_within])
         return
     standing = [one for one in beside(scene, place.face, body) if one.name != body.name]
     staying = [one for one in standing if one.name not in leaving]
+    middle = np.array([place.area.centre])
+    if place.below and not others and allowed(middle)[0] and _fits(middle, place.area, body, standing, 0.0, None)[0]:
+        yield middle[0], (None,)
     points = _grid(place.area, scene.state.base[:2], pitch)
     may_stand = allowed(points)
     for yaws, gap in itertools.product(_ways(place.area, body), _GAPS):
@@ -193,6 +234,46 @@ def locations_in(
     for yaws in _ways(place.area, body):
         fits = may_stand & _fits(points, place.area, body, standing, _GAPS[-1], yaws[0])
         yield from ((point, yaws) for point in points[fits])
+    for yaws in _ways(place.area, body):
+        narrow = _narrow_fits(place.area, body, standing, yaws[0])
+        yield from ((point, yaws) for point in narrow[allowed(narrow)])
+
+
+def points_about(place: Place) -> Array:
+    """(n, 2) [m] where an object at a pose may stand: there, and within the tolerance around, the nearest first."""
+    assert place.location is not None
+    turns = np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS)
+    around = np.column_stack((np.cos(turns), np.sin(turns)))
+    rings = [share * place.slack * around for share in _SHARES if share * place.slack >= _LEAST_SHIFT]
+    return np.asarray(np.concatenate((np.zeros((1, 2)), *rings)) + place.location)
+
+
+def _yaws_at(place: Place, body: Body) -> Iterator[Yaws]:
+    """How an object may be turned at a pose: as that says, else anyhow, else along the sides of where it must lie."""
+    if place.yaw is not None and has_yaw(body):
+        yield (place.yaw,)
+        return
+    yield (None,)
+    for area in place.within:
+        yield from _ways(area, body)[1:]
+
+
+def _narrow_fits(area: Region, body: Body, standing: Sequence[Body], yaw: float | None) -> Array:
+    """Points (n, 2) [m] at which an object just fits in an area that is hardly larger: in its middle and at its sides.
+
+    A grid over the area may have none of them.
+    """
+    room = np.array(area.half_extents) - _half_at(area, body, yaw)
+    if room.min() < -EDGE / 2 or room.min() > PITCH:
+        return np.zeros((0, 2))
+    along = [np.linspace(-one, one, max(3, 2 * round(one / PITCH) + 1)) for one in np.maximum(room, 0.0)]
+    local = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1).reshape(-1, 2)
+    local = local[np.argsort(np.linalg.norm(local, axis=1), kind="stable")]
+    c, s = np.cos(area.yaw), np.sin(area.yaw)
+    points = area.centre + local @ np.array([[c, s], [-s, c]])
+    x, y = area.half_extents
+    wider = replace(area, half_extents=(x + EDGE / 2, y + EDGE / 2))
+    return np.asarray(points[_fits(points, wider, body, standing, _GAPS[-1], yaw)])
 
 
 def _ways(area: Region, body: Body) -> tuple[Yaws, ...]:
@@ -221,7 +302,7 @@ def must_go_first(scene: Scene, body: Body, fact: On | Inside | At) -> tuple[str
     """
     place, radius = place_of(scene, fact), inner_radius(body)
     body = min(resting_ways(body), key=lambda way: way.top - way.bottom)
-    if place.below:
+    if place.below and place.area is None:
         return _on_top(scene, body, place)
     if body.shape == "pieces":
         return ()
@@ -233,7 +314,8 @@ def must_go_first(scene: Scene, body: Body, fact: On | Inside | At) -> tuple[str
     else:
         centre, slack = _grid(place.area, scene.state.base[:2]), EDGE
         slack += float(np.hypot(*(np.array(place.area.half_extents) / (_steps(place.area) - 1))))
-        inner = np.maximum(np.array(place.area.half_extents) - radius + slack, 0.0)
+        inset = 0.0 if _is_by_centre(scene, fact) else radius
+        inner = np.maximum(np.array(place.area.half_extents) - inset + slack, 0.0)
         centre = centre[(np.abs(place.area.local(centre)) <= inner).all(axis=1)]
     return tuple(one.name for one in in_the_way if (distances(centre, one) < radius - slack).all())
 
@@ -244,15 +326,12 @@ def without_room(scene: Scene, goal: Goal, to_move: Collection[str]) -> tuple[tu
     One of those at poses must move. Of objects of several pieces nothing is claimed.
     """
     facts = [fact for fact in goal.placed if fact.object in to_move]
-    for is_no_place, why in (
-        (_is_too_large, "is larger than its place"),
-        (_is_beside, "has its middle beside the support of its region"),
-        (_falls, "would fall: what it is to stand on is hollow there"),
-    ):
-        if without := tuple(fact.object for fact in facts if is_no_place(scene, fact)):
-            return without, f"{', '.join(without)}, however it is put down, {why}"
+    for find_reason in (_why_too_large, _why_beside, _why_falling, _why_in_the_air, _why_in_obstacles):
+        reasons = {fact.object: why for fact in facts if (why := find_reason(scene, fact))}
+        if reasons:
+            return tuple(reasons), "; ".join(f"{name}, however it is put down, {why}" for name, why in reasons.items())
     if poses := _overlapping(scene, goal, to_move):
-        return poses, f"{' and '.join(poses)} overlap at their poses"
+        return poses, f"{' and '.join(poses)} overlap at their poses, by more than the tolerances allow"
     crowd = _crowd(scene, [fact for fact in goal.placed if scene.body(fact.object).shape != "pieces"])
     return crowd, f"however they are put down, {', '.join(crowd)} do not all fit where they are to stand" * bool(crowd)
 
@@ -266,7 +345,7 @@ def _crowd(scene: Scene, facts: Sequence[On | Inside | At]) -> tuple[str, ...]:
     found: list[tuple[str, float, Region, float]] = []  # the last: [m] of its centre from the area's sides at least
     for fact in facts:
         area, radius = place_of(scene, fact).area, inner_radius(scene.body(fact.object))
-        inset = 0.0 if isinstance(fact, On) and fact.place in scene.supports else radius - EDGE
+        inset = 0.0 if _is_by_centre(scene, fact) else radius - EDGE
         if area is not None and min(area.half_extents) > inset:
             found.append((fact.object, radius, area, inset))
     for one, other in itertools.combinations(found, 2):
@@ -286,47 +365,54 @@ def _crowd(scene: Scene, facts: Sequence[On | Inside | At]) -> tuple[str, ...]:
     return ()
 
 
+def _is_by_centre(scene: Scene, fact: On | Inside | At) -> bool:
+    """Whether an object may reach over the edges of what a fact names: of a support, and of another object."""
+    return isinstance(fact, On) and fact.place in (*scene.supports, *scene.names)
+
+
 def _shrunk(area: Region, inset: float) -> Region:
     x, y = area.half_extents
     return replace(area, half_extents=(x - inset, y - inset))
 
 
-def _is_too_large(scene: Scene, fact: On | Inside | At) -> bool:
-    """Whether an object is larger than the area that a fact names, however it is turned, and put down if it lies.
+def _why_too_large(scene: Scene, fact: On | Inside | At) -> str:
+    """Why an object is larger than the area that a fact names, however it is turned and put down; "" if it is not.
 
     Proved: between the angles that are tried, its extents change by less than what they may be too large.
     """
     body, area = scene.body(fact.object), place_of(scene, fact).area
-    if area is None or body.name in scene.held_names or (isinstance(fact, On) and fact.place in scene.supports):
-        return False
+    if area is None or body.name in scene.held_names or _is_by_centre(scene, fact):
+        return ""
     angles = np.linspace(0.0, np.pi, 180, endpoint=False)
     for way in resting_ways(body):
         along = np.ptp(footprint(way) @ np.stack((np.cos(angles), np.sin(angles))), axis=0)
         most = 2 * (np.array(area.half_extents) + EDGE) + along.max() * (angles[1] - angles[0])
         if ((along <= most[0]) & (np.roll(along, len(angles) // 2) <= most[1])).any():
-            return False
-    return True
+            return ""
+    return f"is larger than its place, {area.name}"
 
 
-def _is_beside(scene: Scene, fact: On | Inside | At) -> bool:
-    """Whether an object within its region would not have its middle over the support: proved; not of pieces."""
+def _why_beside(scene: Scene, fact: On | Inside | At) -> str:
+    """Why an object within its region would not have its middle over the support: proved; "" if not, or of pieces."""
     body, place = scene.body(fact.object), place_of(scene, fact)
     if place.area is None or place.area.name == place.face.name or body.shape == "pieces":
-        return False
+        return ""
     inset = inner_radius(body) - EDGE
     is_narrow = min(place.area.half_extents) <= inset
-    return not is_narrow and overlap(_shrunk(place.area, inset).corners, place.face.outline) < 0
+    if is_narrow or overlap(_shrunk(place.area, inset).corners, place.face.outline) >= 0:
+        return ""
+    return f"has its middle beside the support of its region, {place.face.name}"
 
 
-def _falls(scene: Scene, fact: On | Inside | At) -> bool:
-    """Whether an object put on another one that stands, and is of pieces, has nothing to rest on: proved.
+def _why_falling(scene: Scene, fact: On | Inside | At) -> str:
+    """Why an object put on another one that stands, and is of pieces, has nothing to rest on: proved; "" if it has.
 
     It would have to stand on what is no lower than the top, on all sides of its middle, in the circle that it covers
     however it is turned. Between the points that are tried, the wall of a cup cannot hide.
     """
     body, place = scene.body(fact.object), place_of(scene, fact)
     if not place.below or scene.body(place.below).shape != "pieces" or not scene.body(place.below).is_upright:
-        return False
+        return ""
     reach = max(way.radius for way in resting_ways(body))
     away = np.linspace(0.0, reach, math.ceil(reach / _WALL) + 1)[:, None, None] * _AROUND
     points = np.append(away, np.zeros((*away.shape[:2], 1)), axis=2).reshape(-1, 3)
@@ -336,24 +422,94 @@ def _falls(scene: Scene, fact: On | Inside | At) -> bool:
         enter, leave, *_ = piece.cut(points, np.tile((0.0, 0.0, 1.0), (len(points), 1)))
         is_held |= (enter < leave) & (leave > place.face.top - RESTING)
     on_sides = away.reshape(-1, 2)[is_held] @ _AROUND.T
-    return bool((on_sides.max(axis=0, initial=-np.inf) < -np.linalg.norm(body.centre_of_mass)).any())
+    if (on_sides.max(axis=0, initial=-np.inf) >= -np.linalg.norm(body.centre_of_mass)).all():
+        return ""
+    return f"would fall: what it is to stand on is hollow there, {place.below}"
+
+
+def _why_in_the_air(scene: Scene, fact: On | Inside | At) -> str:
+    """Why nothing can be under an object at the height of a pose: proved; "" if something may be.
+
+    Neither a support, within the tolerances, nor all other objects, one on the other on the highest support.
+    """
+    if not isinstance(fact, At) or fact.z is None:
+        return ""
+    body, slack = scene.body(fact.object), max(fact.tolerance, RESTING) + RESTING
+    bottoms = [fact.z - float(way.position[2]) + way.bottom for way in resting_ways(body)]
+    tops = [face.top for face in _supports_about(scene, fact)]
+    tallest = sum(2 * float(np.linalg.norm(one.half_extents)) for one in scene.objects if one.name != body.name)
+    is_near = any(abs(top - bottom) <= slack for top in tops for bottom in bottoms)
+    is_stacked = any(top - slack <= bottom <= top + tallest + slack for top in tops for bottom in bottoms)
+    if is_near or is_stacked:
+        return ""
+    heights = ", ".join(f"{face.name} ({face.top:.2f} m)" for face in _supports_about(scene, fact))
+    return f"has no support at the height of its pose, {bottoms[0]:.2f} m: those there are {heights}"
+
+
+def _why_in_obstacles(scene: Scene, fact: On | Inside | At) -> str:
+    """Why an object at a pose overlaps static obstacles, on whichever support it stands: proved; "" if it need not.
+
+    Of boxes with a vertical axis and objects of one piece.
+    """
+    body = scene.body(fact.object)
+    if not isinstance(fact, At) or body.shape == "pieces":
+        return ""
+    there, slack = _least_footprint(scene, fact), _play(scene, fact)
+    lowest = min(way.top - way.bottom for way in resting_ways(body))
+    boxes = [one for one in scene.static_obstacles if one.shape == "box" and one.has_level_top]
+    boxes = [one for one in boxes if overlap(there, one.outline) > slack]
+    found: dict[str, None] = {}
+    for face in _supports_about(scene, fact):
+        over = [one.name for one in boxes if one.top > face.top + _TOUCHING and one.lower[2] < face.top + lowest]
+        if not over:
+            return ""
+        found |= dict.fromkeys(over)
+    return f"overlaps {', '.join(found)} at its pose"
+
+
+def _supports_about(scene: Scene, fact: At) -> list[StaticObstacle]:
+    """The supports under a pose, or within the tolerance about it."""
+    around = np.concatenate(([(fact.x, fact.y)], (fact.x, fact.y) + fact.tolerance * RIM))
+    return [face for face in map(scene.support_named, scene.supports) if face.is_under(around).any()]
+
+
+def fixed_about(scene: Scene, place: Place) -> tuple[str, ...]:
+    """Names of the static obstacles about a place, or over it, that may keep a gripper out: for words of a refusal."""
+    middle = np.array(place.area.centre) if place.area is not None else place.location
+    assert middle is not None
+    half = 0.0 if place.area is None else math.hypot(*place.area.half_extents)
+    near = (
+        one
+        for one in scene.static_obstacles
+        if place.face.top + _TOUCHING < one.top and one.lower[2] < place.face.top + _REACH_ABOVE
+    )
+    return tuple(one.name for one in near if overlap(one.outline, middle + (half + _ABOUT) * RIM) > 0)
 
 
 def _overlapping(scene: Scene, goal: Goal, to_move: Collection[str]) -> tuple[str, ...]:
     """Names of two objects that would overlap at the poses of a goal, () if none would: proved.
 
-    One of them must move; the other one overlaps both at its pose and, if it may stay, where it stands. Boxes that may
-    be turned anyhow, and what lies, count as the circle within; of objects of several pieces nothing is claimed.
+    One of them must move; the other one overlaps both at its pose and, if it may stay, where it stands, by more than
+    the tolerances allow. Boxes that may be turned anyhow, and what lies, count as the circle within; of objects of
+    several pieces nothing is claimed.
     """
     facts = [fact for fact in goal.placed if isinstance(fact, At) and scene.body(fact.object).shape != "pieces"]
     for one, other in itertools.permutations(facts, 2):
         if one.object not in to_move or place_of(scene, one).face.name != place_of(scene, other).face.name:
             continue
-        stays = [] if other.object in to_move else [footprint(scene.body(other.object))]
-        there = _least_footprint(scene, one)
-        if all(overlap(there, outline) > 0 for outline in (_least_footprint(scene, other), *stays)):
+        there, slack = _least_footprint(scene, one), _play(scene, one)
+        is_apart = overlap(there, _least_footprint(scene, other)) <= slack + _play(scene, other)
+        may_stay = other.object not in to_move and overlap(there, footprint(scene.body(other.object))) <= slack
+        if not (is_apart or may_stay):
             return one.object, other.object
     return ()
+
+
+def _play(scene: Scene, fact: At) -> float:
+    """[m] by which the outline of an object at a pose may be elsewhere, along any direction, within the tolerances."""
+    body = scene.body(fact.object)
+    turns = body.is_upright and fact.yaw is not None and has_yaw(body)
+    return fact.tolerance + (body.radius * min(fact.yaw_tolerance, np.pi) if turns else 0.0)
 
 
 def _least_footprint(scene: Scene, fact: At) -> Array:
@@ -381,7 +537,7 @@ def in_the_way(scene: Scene, body: Body, place: Place, waiting: Collection[str])
         waiting: names of objects that are to leave anyway.
     """
     body = least_room(body)
-    if place.below:
+    if place.below and place.area is None:
         return tuple(name for name in _on_top(scene, body, place) if name not in waiting)
     standing = [one for one in beside(scene, place.face, body) if one.name != body.name]
     staying = [one for one in standing if one.name not in waiting]
@@ -394,7 +550,9 @@ def in_the_way(scene: Scene, body: Body, place: Place, waiting: Collection[str])
     def fits(others: Sequence[Body]) -> bool:
         """Whether there is room beside these objects."""
         assert place.area is not None
-        return any(_fits(points, place.area, body, others, _GAPS[-1], yaw).any() for yaw, *_ in _ways(place.area, body))
+        area, yaws = place.area, [yaw for yaw, *_ in _ways(place.area, body)]
+        is_on_grid = any(_fits(points, area, body, others, _GAPS[-1], yaw).any() for yaw in yaws)
+        return is_on_grid or any(len(_narrow_fits(area, body, others, yaw)) for yaw in yaws)
 
     if fits(staying):
         return ()
@@ -438,10 +596,8 @@ def _fits(
     points: Array, area: Region, body: Body, standing: Sequence[Body], gap: float, yaw: float | None
 ) -> NDArray[np.bool_]:
     """Whether the box around an object at a yaw, or the circle, lies in an area with a gap [m] to others: (n,)."""
-    half = np.full(2, body.radius)
-    if yaw is not None:
-        half = np.abs(_corners(body, yaw - area.yaw)).max(axis=0)
-    inside = (np.abs(area.local(points)) <= np.array(area.half_extents) - half).all(axis=1)
+    most = np.array(area.half_extents) - _half_at(area, body, yaw)
+    inside = np.asarray((np.abs(area.local(points)) <= most).all(axis=1), np.bool_)
     within = math.hypot(*area.half_extents) + body.radius + gap
     for one in standing:
         if math.dist(one.position[:2], area.centre) > within + one.radius:
@@ -449,7 +605,12 @@ def _fits(
         away = np.linalg.norm(points - one.position[:2], axis=1)
         near = np.flatnonzero(inside & (away < body.radius + one.radius + gap))
         inside[near] = _room_beside(points[near], body, yaw, one) >= gap
-    return np.asarray(inside)
+    return inside
+
+
+def _half_at(area: Region, body: Body, yaw: float | None) -> Array:
+    """(2,) [m] half extents, along the sides of an area, of the box around an object at a yaw, or of the circle."""
+    return np.full(2, body.radius) if yaw is None else np.abs(_corners(body, yaw - area.yaw)).max(axis=0)
 
 
 def _corners(body: Body, yaw: float) -> Array:

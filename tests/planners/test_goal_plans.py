@@ -204,7 +204,7 @@ def test_what_keeps_the_robot_from_putting_an_object_down_is_moved_first_and_cou
     """The object fits between its neighbours, which are taller, the gripper around it does not."""
     places = [(0.085 * np.cos(turn), 0.085 * np.sin(turn)) for turn in np.arange(around) * 2 * np.pi / around]
     ring = [cylinder(f"r{k}", x - 0.1, y, 0.03, 0.2) for k, (x, y) in enumerate(places)]
-    scene, goal = table_scene(cylinder("a", -0.2, -0.4, 0.03, 0.1), *ring), goals.at("a", (-0.1, 0.0))
+    scene, goal = table_scene(cylinder("a", -0.2, -0.4, 0.03, 0.1), *ring), goals.at("a", (-0.1, 0.0), 0.003)
     plan, bound = solve(scene, goal), lower_bound(scene, goal)
     assert isinstance(plan, Solution)
     assert plan.end is not None
@@ -222,7 +222,10 @@ def test_a_goal_of_which_the_bound_proves_that_nothing_reaches_it_is_refused_bef
 
 def test_what_must_leave_a_place_may_need_others_to_leave_first() -> None:
     near, far = cylinder("near", 0.148, -0.06, 0.031, 0.146), cylinder("far", 0.191, -0.118, 0.028, 0.126)
-    scene, goal = table_scene(near, far, cylinder("a", 0.286, 0.285, 0.025, 0.184)), goals.at("a", (0.221, -0.076))
+    scene, goal = (
+        table_scene(near, far, cylinder("a", 0.286, 0.285, 0.025, 0.184)),
+        goals.at("a", (0.221, -0.076), 0.003),
+    )
     plan = solve(scene, goal)
     assert isinstance(plan, Solution)
     assert [action.target for action in plan.actions if action.name == "PickUp"] == ["near", "far", "a"]
@@ -383,7 +386,7 @@ def test_poses_at_which_two_objects_overlap_are_refused_by_the_bound(
     """Both were put aside in turn until the planner gave up; cylinders of 35 mm radius."""
     scene, place = scene_of("three"), np.array([0.0, 0.15])
     scene = scene.with_body(cylinder("a", *place, 0.035, 0.08)) if is_there else scene
-    goal = goals.at("a", place) & goals.at("b", place - [apart, 0.0])
+    goal = goals.at("a", place, 0.0005) & goals.at("b", place - [apart, 0.0], 0.0005)
     bound = lower_bound(scene, goal)
     assert (bound.picks is None) == is_refused
     if is_refused:
@@ -591,7 +594,7 @@ def test_room_beside_a_static_block_is_found_however_much_of_the_region_that_tak
 
 @pytest.mark.slow
 def test_what_would_tip_over_the_edge_is_not_put_down_and_the_refusal_says_what_is_lacking() -> None:
-    goal = goals.at("a", (-0.345, 0.0))
+    goal = goals.at("a", (-0.345, 0.0), 0.003)
     refusal = solve(scene_of("three"), goal)
     assert isinstance(refusal, Infeasible)
     assert f"where {goal} wants it" in refusal.detail

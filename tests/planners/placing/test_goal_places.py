@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from planners.goals import Region, inside
+from planners.goals import At, Goal, Region, at, inside, on
 from planners.placing.goal_places import (
+    Place,
+    fixed_about,
     in_the_way,
     locations_in,
     of_same_area,
     place_of,
     reserved_regions,
+    without_room,
 )
 from planners.placing.locations import stand_at
 from planners.regions import footprint, overlap
-from planners.scene import Body, Scene
-from tests.planners.scenes import cylinder, table_scene
+from planners.scene import Body, Scene, StaticObstacle
+from tests.planners.scenes import HEIGHT, UPRIGHT, cylinder, table_scene
 
 Array = NDArray[np.float64]
 GAP = 0.004
@@ -87,3 +91,111 @@ def test_a_region_that_is_there_twice_is_not_kept_from_its_own_object() -> None:
     assert reserved_regions(scene, goal, "a") == ()
     assert reserved_regions(scene, goal, "b") == ()
     assert [one.name for one in of_same_area(scene, goal, "a", ("a", "b"))] == ["b"]  # room is left for it
+
+
+def test_about_a_pose_its_tolerance_is_tried_the_very_pose_first() -> None:
+    scene = table_scene(cylinder("a", 0.2, -0.3))
+    place = place_of(scene, At("a", 0.0, 0.1, tolerance=0.03))
+    points = np.array([point for point, _ in locations_in(scene, scene.body("a"), place, (), (), anywhere)])
+    away = np.linalg.norm(points - (0.0, 0.1), axis=1)
+    assert away[0] == 0.0
+    assert (np.diff(away) > -1e-9).all()
+    assert 0.02 < away[-1] < 0.03
+    exact = place_of(scene, At("a", 0.0, 0.1, tolerance=0.001))
+    assert len(list(locations_in(scene, scene.body("a"), exact, (), (), anywhere))) == 1
+
+
+def test_about_a_pose_in_a_region_only_what_lies_in_the_region_is_tried() -> None:
+    region = Region("tray", "table_top", (0.0, 0.2), (0.06, 0.04), 0.5)
+    scene = replace(table_scene(box("a", 0.2, -0.3, (0.05, 0.02))), regions=(region,))
+    body = scene.body("a")
+    place = place_of(scene, At("a", 0.005, 0.205, tolerance=0.02, within=("tray",)))
+    found = list(locations_in(scene, body, place, (), (), anywhere))
+    assert found
+    for point, yaws in found:
+        for yaw in yaws:
+            assert yaw is not None
+            assert region.contains(stand_at(body, np.append(point, body.bottom), yaw - body.yaw))
+
+
+@pytest.mark.parametrize("yaw", np.linspace(0.0, 3.0, 13))
+@pytest.mark.parametrize("room", [0.0, 0.0002, 0.003, 0.005, 0.009])
+def test_a_region_hardly_larger_than_a_box_has_room_for_it_whatever_its_yaw(yaw: float, room: float) -> None:
+    region = Region("slot", "table_top", (0.03, 0.21), (0.04 + room, 0.02 + room), yaw)
+    scene = replace(table_scene(box("a", -0.2, -0.3, (0.04, 0.02))), regions=(region,))
+    body, fact = scene.body("a"), inside("a", "slot").placed[0]
+    found = list(locations_in(scene, body, place_of(scene, fact), (), (), anywhere))
+    assert found
+    assert in_the_way(scene, body, place_of(scene, fact), ()) == ()
+    for point, yaws in found:
+        for turn in yaws:
+            assert turn is not None
+            assert region.contains(stand_at(body, np.append(point, body.bottom), turn - body.yaw))
+
+
+def test_on_a_wide_flat_object_there_is_room_for_several_and_alone_one_stands_in_the_middle() -> None:
+    wide = Body("wide", "box", np.array([0.08, 0.08, 0.03]), np.array([0.0, 0.2, HEIGHT + 0.03]), UPRIGHT)
+    cans = [cylinder(name, -0.25, y, 0.035, 0.08) for name, y in zip("ab", (-0.3, -0.1), strict=True)]
+    scene = table_scene(wide, *cans)
+    goal = on("a", "wide") & on("b", "wide")
+    place = place_of(scene, goal.placed[0])
+    alone, _ = next(locations_in(scene, cans[0], place, (), (), anywhere))
+    assert np.allclose(alone, (0.0, 0.2))
+    others = of_same_area(scene, goal, "a", ("a", "b"))
+    assert [one.name for one in others] == ["b"]
+    point, _ = next(locations_in(scene, cans[0], place, ("b",), others, anywhere))
+    there = scene.with_body(cans[0].at([*point, wide.top + 0.04]))
+    beside_it, _ = next(locations_in(there, cans[1], place_of(there, goal.placed[1]), (), (), anywhere))
+    assert np.linalg.norm(point - beside_it) > 0.07
+    assert in_the_way(there, cans[1], place, ()) == ()
+    # On one that is no wider than needed, in the middle alone.
+    narrow = replace(wide, half_extents=np.array([0.05, 0.05, 0.03]))
+    assert place_of(scene.with_body(narrow), goal.placed[0]).area is None
+
+
+@pytest.mark.parametrize(
+    ("goal", "words"),
+    [
+        (Goal((At("a", -0.2, 0.2, z=HEIGHT + 0.6),)), r"no support at the height .*table_top \(0.75 m\)"),
+        (Goal((At("a", -0.2, 0.2, z=HEIGHT - 0.3),)), r"no support at the height"),
+        (at("a", (0.0, 0.3), 0.005), "overlaps pillar"),
+        (inside("a", "slit"), "larger than its place, slit"),
+        (at("a", (0.0, 0.0), 0.004) & at("b", (0.05, 0.0), 0.004), "overlap at their poses"),
+        # Within the tolerances there may be room.
+        (at("a", (0.0, 0.0), 0.006) & at("b", (0.05, 0.0), 0.006), ""),
+        (at("a", (0.0, 0.35), 0.02), ""),
+        (Goal((At("a", -0.2, 0.2, z=HEIGHT + 0.09),)), ""),
+        # It may stand on the other one.
+        (Goal((At("a", -0.2, 0.2, z=HEIGHT + 0.24),)), ""),
+    ],
+)
+def test_a_place_at_which_nothing_can_be_is_refused_by_its_name(goal: Goal, words: str) -> None:
+    pillar = StaticObstacle("pillar", np.array([0.0, 0.3, HEIGHT + 0.1]), np.array([0.03, 0.03, 0.1]))
+    scene = table_scene(cylinder("a", -0.2, 0.0), cylinder("b", -0.2, -0.3))
+    slit = Region("slit", "table_top", (0.1, -0.2), (0.02, 0.1))
+    scene = replace(scene, static_obstacles=(*scene.static_obstacles, pillar), regions=(slit,))
+    names, why = without_room(scene, goal, goal_names(goal))
+    assert bool(names) == bool(words)
+    assert re.search(words or "^$", why)
+
+
+def goal_names(goal: Goal) -> list[str]:
+    return [fact.object for fact in goal.placed]
+
+
+def test_what_is_fixed_about_a_place_is_named() -> None:
+    lid = StaticObstacle("lid", np.array([0.0, 0.1, HEIGHT + 0.2]), np.array([0.1, 0.1, 0.005]))
+    wall = StaticObstacle("screen", np.array([0.1, 0.1, HEIGHT + 0.1]), np.array([0.005, 0.1, 0.1]))
+    scene = table_scene(cylinder("a", -0.2, -0.3))
+    scene = replace(scene, static_obstacles=(*scene.static_obstacles, lid, wall))
+    assert fixed_about(scene, Place(scene.support, location=np.array([0.0, 0.1]))) == ("lid", "screen")
+    assert fixed_about(scene, Place(scene.support, location=np.array([-0.2, -0.3]))) == ()
+
+
+def test_poses_that_overlap_leave_each_other_what_their_tolerances_allow() -> None:
+    scene = table_scene(cylinder("a", -0.2, 0.0, 0.035), cylinder("b", -0.2, -0.3, 0.035))
+    goal = at("a", (0.0, 0.0)) & at("b", (0.0, 0.04))
+    (kept,) = reserved_regions(scene, goal, "a")
+    points = np.array([(0.0, -0.016), (0.0, 0.0)])
+    assert kept.touches_disc(points, 0.036).tolist() == [False, True]
+    assert reserved_regions(scene, at("a", (0.0, 0.0)) & at("b", (0.0, 0.08)), "a") == ()
