@@ -99,6 +99,7 @@ def fewest_picks(
         goal.order,
         goal.held,
         scene.held_names,
+        len(scene.robot.acting_arms),
         buffers,
     )
     return table.fewest(expansions, deadline)
@@ -120,6 +121,7 @@ class PickTable:
         order: pairs of names: the last move of the first object comes before the first one of the second.
         hold: names of what is to be held in the end, after all other moves.
         held: names of what is in a hand.
+        hands: how many there are.
         buffers: whether what is put aside must be put down, and so be picked again.
     """
 
@@ -132,6 +134,7 @@ class PickTable:
     order: Sequence[tuple[str, str]] = ()
     hold: Sequence[str] = ()
     held: Sequence[str] = ()
+    hands: int = 1
     buffers: bool = True
 
     def _below(self, name: str) -> Iterator[str]:
@@ -189,7 +192,7 @@ class PickTable:
             cause = found.cause if found.cause == Cause.TIME_LIMIT else Cause.NO_SELF_CLEARABLE_SET
             return LowerBound(None, tuple(self.to_move), (), found.proved, found.lower_bound, cause, found.expansions)
         # What is in a hand but not at its end yet is picked again if the hand is needed, or its place is not free.
-        rest = set(self.to_move) - set(self.held)
+        rest = set(self.to_move) - set(self.held) - (set(self.hold) if len(self.hold) <= self.hands else set())
         in_vain = [name for name in self.held if waits.get(name, 0) & ~held or name in puts]
         again = sum(name in in_vain or (name in self.hold and bool(rest)) for name in self.held)
         more = (again if buffers else 0) - len(blocked)

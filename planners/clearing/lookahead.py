@@ -294,7 +294,8 @@ class _Search:
         if in_hand := [step for step in steps if step.name in now.scene.held_names]:
             return in_hand[:1]
         steps = [step for step in steps if not any(b == step.name and a in waiting for a, b in goal.order)]
-        return [step for step in steps if not self._is_held_up(step) or len(waiting) == 1]
+        is_last = set(waiting) <= set(goal.held)
+        return [step for step in steps if not self._is_held_up(step) or is_last]
 
     def _is_held_up(self, step: Step) -> bool:
         """Whether a step is to hold what the goal wants held."""
@@ -506,7 +507,7 @@ def _in_turn(
         """Whether the goal, or what was found out before, wants another object to be moved before."""
         pending = {*first, *again}
         if name in goal.held and not (name in first and name in (*in_hand, *bound.aside)):
-            return len(pending) > 1
+            return not pending <= set(goal.held)
         before = [a for a, b in (*goal.order, *later) if b == name]
         return any(one in pending and one != name for one in before)
 
@@ -531,7 +532,7 @@ def _in_turn(
         name = min(ready, key=lambda one: float(np.linalg.norm(scene.body(one).position[:2] - base)))
         del first[name]
         is_wanted = name in goal.held or placed_fact(goal, name) is not None
-        is_general = is_wanted and (not (first or again) if name in goal.held else place_is_free(name))
+        is_general = {*first, *again} <= set(goal.held) if name in goal.held else is_wanted and place_is_free(name)
         if is_wanted and not is_general:
             again.append(name)
         grasp = max(free.get(name, ()), key=lambda grasp: grasp.quality, default=None)

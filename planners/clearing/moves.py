@@ -175,9 +175,9 @@ class MoveMaker:
         there. What is found in the way of others is remembered for the scene.
         """
         seen: set[object] = set()
-        candidates = self.candidates
+        candidates, holding = self.candidates, scene.arms_that_hold
         if self.saves_time:
-            quickest = quickest_first(candidates, scene, name, following)
+            quickest = (one for one in quickest_first(candidates, scene, name, following) if one.arm not in holding)
             for grasp in itertools.islice((one for one in quickest if self.can_take(scene, one)), 1):
                 seen |= {grasp.pitch, _hold(scene, grasp)}
                 yield grasp
@@ -188,7 +188,7 @@ class MoveMaker:
         ]
         for find, by_hold in finds[: 3 if is_exact else 2]:
             for _ in range(_TRIED):
-                unblocked = (one for one in find(scene, name) if not one.blockers)
+                unblocked = (one for one in find(scene, name) if not one.blockers and one.arm not in holding)
                 free = (one for one in unblocked if (_hold(scene, one) if by_hold else one.pitch) not in seen)
                 found = next(free, None)
                 if found is None:

@@ -158,6 +158,12 @@ class Scene:
         in_hand = () if self.held is None else (self.held.name,)
         return (*in_hand, *(one.held.name for one in self.aside))
 
+    @property
+    def arms_that_hold(self) -> tuple[str, ...]:
+        """Names of the arms that hold an object."""
+        active = () if self.held is None else (self.robot.arm_name,)
+        return (*active, *(one.arm for one in self.aside))
+
     def mask(self, names: Iterable[str]) -> int:
         """The bits of these objects."""
         return sum({1 << self.index(name) for name in names})
