@@ -448,11 +448,9 @@ BOUND_FALLS_SHORT = {
 }
 """What the bound says instead."""
 ANSWER_FALLS_SHORT = {
-    "one in each hand": "an error: 2 objects to hold, one can be",
     "two that change places, with two hands": "3 picks, with hold_aside too",
     "every support cleared of one can": "no clearance location: nothing is held at the end unless the goal says so",
     "the uppermost held, the one below it gone": "no clearance location for the uppermost one",
-    "one in each hand of a stack": "an error: 2 objects to hold, one can be",
     "three that shift in a circle, with two hands": "4 picks",
     "a place that is walled in": "no way for the base: names no place",
     "a place where something stands that no gripper spans": "no self-clearable set, about a: the wide one is not named",
