@@ -25,7 +25,8 @@ from planners.symbolic.transitions import (
     update_from_action,
     update_from_error,
 )
-from planners.tamp.binding import bind_action, bind_grasps, gripper_symbol, rebind_grasps, refused, task_plan
+from planners.tamp.binding import bind_action, bind_grasps, gripper_symbol, rebind_grasps, task_plan
+from planners.tamp.explain import explain
 from planners.tamp.motion_layer import BoundMotion
 from planners.tamp.solution import BoundAction, Infeasible, ReplanRecord, Solution
 from planners.tamp.state import MAX_ASIDE, MAX_CLEARANCES, MAX_REPLANS, PlanState, Refutation, Search, as_seen
@@ -84,7 +85,7 @@ def initial_state(search: Search, scene: Scene) -> PlanState | Infeasible:
         search.motion_planning_s += cpu_seconds() - before
         if search.bound.picks is None and search.bound.proved:
             none = NoCommitment(Cause(search.bound.cause), search.bound.objects)
-            return refused(search, scene, search.motion_layer.explained(scene, none))
+            return explain(search, scene, none)
     held = {gripper_symbol(robot, one.arm): one.held.name for one in scene.aside}
     if scene.held is not None:
         held = {gripper_symbol(robot, robot.arm_name): scene.held.name, **held}

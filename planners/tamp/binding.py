@@ -8,12 +8,10 @@ from assets.robots import RobotSpec
 from planners.cause import Cause
 from planners.clearing.clearance_plan import ClearancePlan, as_plan
 from planners.clearing.commitments import Commitments, NoCommitment, keep_clear
-from planners.clearing.goal_bound import must_move, order_circle
 from planners.clearing.moves import MoveMaker, NotPlaced
 from planners.clock import cpu_seconds
 from planners.goals import Goal, Holding
 from planners.motion.path import BlockedBy, NoPath
-from planners.placing.goal_places import without_room
 from planners.placing.placements import Placement
 from planners.scene import Scene
 from planners.symbolic.engines import answer_of
@@ -33,6 +31,7 @@ from planners.symbolic.transitions import (
     update_from_error,
     with_moves,
 )
+from planners.tamp.explain import explain
 from planners.tamp.motion_layer import BoundMotion
 from planners.tamp.solution import Infeasible
 from planners.tamp.state import TASK_PLANNING_S, PlanState, Refutation, Search, as_seen
@@ -56,7 +55,7 @@ def bind_grasps(
         found = search.motion_layer.plan_goal(_maker(search), scene)
     search.motion_planning_s += cpu_seconds() - before
     if isinstance(found, NoCommitment):
-        return refused(search, scene, found)
+        return explain(search, scene, found)
     if not search.is_greedy:
         return _with_moves(search, symbols, scene, found)
     for name in sorted(_obstructed(symbols) & {*scene.names}):
@@ -74,37 +73,6 @@ def _maker(search: Search) -> MoveMaker:
     assert search.start is not None
     known = NotPlaced(search.not_placed, search.refused_pitches)
     return search.motion_layer.maker(search.strategy, search.goal, search.start, known, search.hold_aside)
-
-
-def refused(search: Search, scene: Scene, found: NoCommitment) -> Infeasible:
-    """The end of the search where nothing can be committed to, with the evidence in words."""
-    names, context, cause = ", ".join(found.objects), search.motion_layer.context, found.cause
-    too_wide = [reason for name in scene.names if (reason := context.too_wide(scene, name))]
-    if cause is Cause.UNREACHABLE and (of_these := [context.too_wide(scene, name) for name in found.objects])[0]:
-        return search.infeasible(Cause.TOO_WIDE, f"{'; '.join(of_these)}, {context.catalogue}", found.objects)
-    crowd, why = without_room(scene, search.goal, found.objects)
-    if cause is Cause.NO_CLEARANCE_LOCATION and crowd and set(crowd) == set(found.objects):
-        return search.infeasible(cause, f"{why}: proved, for all grasps", found.objects)
-    if cause is Cause.NO_SELF_CLEARABLE_SET and set(found.objects) == {
-        *order_circle(scene, search.goal, must_move(scene, search.goal, search.start))
-    }:
-        return search.infeasible(cause, f"by the order of the goal, {names} wait for each other", found.objects)
-    nowhere = [str(Goal((fact,))) for fact in search.goal.placed if fact.object in found.objects]
-    if cause is Cause.NO_CLEARANCE_LOCATION and nowhere:
-        detail = f"no base pose and arm configuration were found that put {names} where {' '.join(nowhere)} wants it"
-        return search.infeasible(cause, f"{detail}, {context.catalogue}", found.objects)
-    detail = {
-        Cause.UNREACHABLE: context.unreached(scene, found.objects) if cause is Cause.UNREACHABLE else "",
-        Cause.NO_WAY_FOR_BASE: f"from where the robot is, the base cannot drive to where it could take {names}",
-        Cause.NO_SELF_CLEARABLE_SET: f"whatever is removed first, something that must go before {names} is blocked",
-        Cause.MOTION: f"without the grasps that motion planning refuted, there is no way to clear and take {names}",
-        Cause.NO_CLEARANCE_LOCATION: f"no location for {names} that keeps clear of what remains to be done",
-        Cause.TIME_LIMIT: f"the time was up before a way to take {names} was found",
-    }[cause]
-    detail += f", {context.catalogue}"
-    if cause is Cause.NO_SELF_CLEARABLE_SET and too_wide:
-        detail += f"; cannot be taken: {'; '.join(too_wide)}"
-    return search.infeasible(cause, detail, found.objects)
 
 
 def _with_moves(search: Search, symbols: SymbolicState, scene: Scene, found: ClearancePlan) -> PlanState | Infeasible:

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.cause import Cause
 from planners.clearing.clearance_plan import ClearancePlan
 from planners.clearing.commitments import NoCommitment, commitments_for
 from planners.clearing.goal_bound import LowerBound, fewest_picks
@@ -114,7 +113,7 @@ class MotionLayer:
                 if left_alone and not self.deadline.is_over:
                     left_alone = frozenset()
                     continue
-                return self.explained(scene, found)
+                return found
             unusable = [grasp for grasp in found.grasps.values() if not maker.is_usable(scene, grasp)]
             if not unusable:
                 return ClearancePlan(found)
@@ -143,20 +142,10 @@ class MotionLayer:
             self.context.saves_time,
         )
 
-    def explained(self, scene: Scene, found: NoCommitment) -> NoCommitment:
-        """Why nothing can be committed to, with the cause that lies behind a lack of grasps."""
-        if found.cause is Cause.UNREACHABLE and not self.has_refuted:
-            anywhere = self.context.anywhere().grasps(self.compiled)
-            if any(anywhere.for_object(scene, name) for name in found.objects):
-                return replace(found, cause=Cause.NO_WAY_FOR_BASE)
-        # If motion planning refuted grasps, it is not the grasps alone that leave no commitments.
-        return replace(found, cause=Cause.MOTION) if self.has_refuted and found.cause.lies_in_grasps else found
-
     def plan_goal(self, maker: MoveMaker, scene: Scene) -> ClearancePlan | NoCommitment:
         """The moves for a goal; see `planners.clearing.lookahead.look_ahead`."""
         self.candidates.remembers = True
-        found = look_ahead(maker, scene)
-        return self.explained(scene, found) if isinstance(found, NoCommitment) else found
+        return look_ahead(maker, scene)
 
     def goal_placements(
         self, maker: MoveMaker, scene: Scene, keep_clear: KeepClear, plan: ClearancePlan

@@ -1,0 +1,91 @@
+"""Why there is no plan, worked out once a search has ended: the cause, the evidence, and what would have to change."""
+
+from __future__ import annotations
+
+from planners.cause import Cause
+from planners.clearing.commitments import NoCommitment
+from planners.clearing.goal_bound import must_move, order_circle
+from planners.goals import Goal
+from planners.placing.goal_places import without_room
+from planners.scene import Scene
+from planners.tamp.motion_layer import MotionLayer
+from planners.tamp.solution import Infeasible
+from planners.tamp.state import Search
+
+
+def explain(search: Search, scene: Scene, found: NoCommitment) -> Infeasible:
+    """The end of a search in which nothing could be committed to.
+
+    Args:
+        search: what was to be planned, and what has been found out.
+        scene: in which it ended.
+        found: what the choice of moves says.
+    """
+    cause = _cause(search.motion_layer, scene, found)
+    detail = _by_goal(search, scene, cause, found.objects)
+    if detail:
+        return search.infeasible(cause, detail, found.objects)
+    context = search.motion_layer.context
+    too_wide = [context.too_wide(scene, name) for name in found.objects]
+    if cause is Cause.UNREACHABLE and too_wide[0]:
+        return search.infeasible(Cause.TOO_WIDE, f"{'; '.join(too_wide)}, {context.catalogue}", found.objects)
+    return search.infeasible(cause, _by_robot(search, scene, cause, found.objects), found.objects)
+
+
+def _cause(motion_layer: MotionLayer, scene: Scene, found: NoCommitment) -> Cause:
+    """The cause that lies behind a lack of grasps: walls around the base, or motions that were refuted."""
+    if not found.cause.lies_in_grasps:
+        return found.cause
+    if motion_layer.has_refuted:  # it is not the grasps alone that leave no commitments
+        return Cause.MOTION
+    if found.cause is Cause.UNREACHABLE:
+        anywhere = motion_layer.context.anywhere().grasps(motion_layer.compiled)
+        if any(anywhere.for_object(scene, name) for name in found.objects):
+            return Cause.NO_WAY_FOR_BASE
+    return found.cause
+
+
+def _by_goal(search: Search, scene: Scene, cause: Cause, objects: tuple[str, ...]) -> str:
+    """What the goal asks of these objects that cannot be, whatever the robot; "" if that is not proved."""
+    if cause is Cause.NO_CLEARANCE_LOCATION:
+        crowd, why = without_room(scene, search.goal, objects)
+        return f"{why}: proved, for all grasps" if crowd and set(crowd) == set(objects) else ""
+    circle = order_circle(scene, search.goal, must_move(scene, search.goal, search.start))
+    if cause is Cause.NO_SELF_CLEARABLE_SET and set(objects) == {*circle}:
+        return f"by the order of the goal, {', '.join(objects)} wait for each other"
+    return ""
+
+
+def _by_robot(search: Search, scene: Scene, cause: Cause, objects: tuple[str, ...]) -> str:
+    """What the robot cannot do with these objects, with the choices that the answer holds for."""
+    context, names = search.motion_layer.context, ", ".join(objects)
+    match cause:
+        case Cause.UNREACHABLE:
+            detail = context.unreached(scene, objects)
+        case Cause.NO_WAY_FOR_BASE:
+            detail = f"from where the robot is, the base cannot drive to where it could take {names}"
+        case Cause.NO_SELF_CLEARABLE_SET:
+            detail = f"whatever is removed first, something that must go before {names} is blocked"
+        case Cause.MOTION:
+            detail = f"without the grasps that motion planning refuted, there is no way to clear and take {names}"
+        case Cause.NO_CLEARANCE_LOCATION:
+            detail = _without_location(search, scene, objects)
+        case _:
+            detail = f"the time was up before a way to take {names} was found"
+    detail += f", {context.catalogue}"
+    reasons = [reason for name in scene.names if (reason := context.too_wide(scene, name))]
+    if cause is Cause.NO_SELF_CLEARABLE_SET and reasons:
+        detail += f"; cannot be taken: {'; '.join(reasons)}"
+    return detail
+
+
+def _without_location(search: Search, scene: Scene, objects: tuple[str, ...]) -> str:
+    """Where no place was found for objects: those of the goal, or the supports; and the supports that were left out."""
+    names, places = ", ".join(objects), [Goal((fact,)) for fact in search.goal.placed if fact.object in objects]
+    if places:
+        wanted = " ".join(map(str, places))
+        return f"no base pose and arm configuration were found that put {names} where {wanted} wants it"
+    used = search.motion_layer.context.supports
+    detail = f"no location on {', '.join(used)} for {names} that keeps clear of what remains to be done"
+    others = [name for name in scene.supports if name not in used]
+    return f"{detail}; not looked at, since not among the supports chosen: {', '.join(others)}" if others else detail
