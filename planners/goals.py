@@ -288,7 +288,8 @@ class Goal:
         condition = Condition(text, parse(text), None if scene is None else domain_of(scene))
         found = [_read(literals, text, scene) for literals in condition.alternatives()]
         if len(found) == 1 and not condition.choices:
-            return cls(_said(condition, *found[0], scene))
+            goal = cls(_said(condition, *found[0], scene))
+            return goal if scene is None else goal.in_scene(scene)
         word = condition.choices[0] if condition.choices else "="
         left: dict[Goal | str, None] = {}
         reasons: list[GoalError] = []

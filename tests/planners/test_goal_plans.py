@@ -38,7 +38,7 @@ from planners.tamp.motion_layer import MotionLayer
 from scripts.goal_measures import drawn
 from tests.planners.pieces import bowl, cut_in_two
 from tests.planners.plans import assert_free
-from tests.planners.scenes import HEIGHT, UPRIGHT, cylinder, random_scene, table_scene
+from tests.planners.scenes import BOARD_HEIGHT, HEIGHT, UPRIGHT, cylinder, random_scene, shelf_scene, table_scene
 
 SIDES = ("table_top", "counter_left", "counter_right")
 LEFT = Region("left", "counter_left", (-0.15, 0.72), (0.12, 0.12))
@@ -645,3 +645,53 @@ def test_no_put_down_strands_the_base() -> None:
     assert isinstance(found, Solution), found
     assert found.end is not None
     assert it.goal.holds(found.end, it.scene)
+
+
+def reached(scene: Scene, goal: Goal | str) -> Scene:
+    """The end of the plan for a goal, which holds there, with as many picks as the bound."""
+    settled = Goal.of(goal, scene)
+    plan, bound = solve(scene, settled), lower_bound(scene, settled)
+    assert isinstance(plan, Solution), plan
+    assert plan.end is not None
+    assert settled.unmet(plan.end, scene) == ()
+    assert (plan.picks, bound.proved) == (bound.picks, True)
+    return plan.end
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.3, 1.0, 2.0])
+def test_a_box_goes_into_a_slot_that_leaves_it_five_millimetres_whatever_its_yaw(yaw: float) -> None:
+    box = Body("box", "box", np.array([0.04, 0.02, 0.05]), np.array([-0.2, 0.0, HEIGHT + 0.05]), UPRIGHT)
+    slot = Region("slot", "counter_left", (-0.2, 0.72), (0.045, 0.025), yaw)
+    reached(replace(table_scene(box), supports=SIDES, regions=(slot,)), goals.inside("box", "slot"))
+
+
+@pytest.mark.parametrize("apart", [(0.0, 0.06), (0.0, 0.045), (0.03, 0.035), (0.055, 0.0)])
+def test_two_whose_poses_overlap_give_way_to_each_other_within_their_tolerances(apart: tuple[float, float]) -> None:
+    scene, place = scene_of("three"), np.array([-0.15, 0.70])
+    reached(scene, goals.at("a", place, 0.02) & goals.at("b", place + apart, 0.02))
+
+
+def test_a_pose_under_a_board_is_under_it_for_what_stands_there_also_while_it_is_in_the_hand() -> None:
+    scene = shelf_scene(cylinder("a", -0.2, 0.0, 0.035, 0.14))
+    scene = replace(scene, supports=("table_top", "counter_left", "shelf_board"))
+    end = reached(scene, goals.at("a", (-0.22, 0.2)))
+    assert end.body("a").bottom == pytest.approx(HEIGHT, abs=0.005)
+    beside = scene.with_body(scene.body("a").at([-0.15, 0.72, HEIGHT + 0.07]))
+    for goal, is_above in (
+        (goals.at("a", (-0.22, 0.2)), True),
+        (goals.at("a", (-0.22, 0.2)) & goals.on("a", "table_top"), False),
+    ):
+        assert (reached(beside, goal).body("a").bottom > HEIGHT + BOARD_HEIGHT) == is_above
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "(forall (?x - object) (INSIDE ?x Left))",
+        "(and (inside a left) (at a (x -0.15) (y 0.81)))",
+        "(and (or (on a tray) (holding b)) (holding c))",
+        "(not (exists (?x) (on ?x table_top)))",
+    ],
+)
+def test_a_plan_for_text_that_a_scene_makes_a_goal(text: str) -> None:
+    reached(scene_of("three"), text)
