@@ -31,6 +31,7 @@ class Contacts(NamedTuple):
         moved: slots of the objects that the robot moves.
         touched: slots of those that it touches itself.
         gripped: slots of those that each gripper touches.
+        presses_furniture, presses_itself: whether there are contacts with a force on furniture; on the robot or ground.
     """
 
     pairs: list[list[int]]
@@ -41,14 +42,11 @@ class Contacts(NamedTuple):
     moved: frozenset[int]
     touched: frozenset[int]
     gripped: tuple[frozenset[int], ...]
-
-    @property
-    def is_pressing(self) -> bool:
-        """Whether the robot, or what it moves, touches anything on which it must not press hard."""
-        return bool(self.of_robot or self.of_self or self.of_moved or self.between_parts)
+    presses_furniture: bool
+    presses_itself: bool
 
 
-NO_CONTACTS = Contacts([], [], [], [], [], frozenset(), frozenset(), ())
+NO_CONTACTS = Contacts([], [], [], [], [], frozenset(), frozenset(), (), False, False)
 
 
 class ContactReader:
@@ -144,26 +142,31 @@ class ContactReader:
         of_robot = [k for k, kind in enumerate(kinds) if kind == _ROBOT + _FURNITURE]
         of_self = [k for k, kind in enumerate(kinds) if kind in (2 * _ROBOT, _ROBOT)]
         if _ROBOT + _OBJECT not in kinds:
-            return Contacts(pairs, of_robot, [], of_self, [], frozenset(), frozenset(), self._nothing_gripped)
+            none, pressed = frozenset[int](), (bool(of_robot), bool(of_self))
+            return Contacts(pairs, of_robot, [], of_self, [], none, none, self._nothing_gripped, *pressed)
         slots = [max(self.slot_of[one], self.slot_of[other]) for one, other in pairs]
         by_robot = [k for k, kind in enumerate(kinds) if kind == _ROBOT + _OBJECT]
         touched = frozenset(slots[k] for k in by_robot)
         groups = self._groups(touched, [pair for pair, kind in zip(pairs, kinds, strict=True) if kind == 2 * _OBJECT])
         on_furniture = [k for k, kind in enumerate(kinds) if kind == _OBJECT + _FURNITURE]
-        of_moved = [([k for k in on_furniture if slots[k] in group], self._weight(group)) for group in groups]
+        borne = [([k for k in on_furniture if slots[k] in group], self._weight(group)) for group in groups]
+        of_moved = [(numbers, weight) for numbers, weight in borne if numbers]
         gripped = tuple(
             frozenset(slots[k] for k in by_robot if not gripper.isdisjoint(pairs[k])) for gripper in self.grippers
         )
-        between = [self._by_part(pairs, [k for k in by_robot if slots[k] in group]) for group in groups]
+        by_part = [self._by_part(pairs, [k for k in by_robot if slots[k] in group]) for group in groups]
+        between_parts = [parts for parts in by_part if len(parts) > 1]
         return Contacts(
             pairs,
             of_robot,
-            of_moved=[(numbers, weight) for numbers, weight in of_moved if numbers],
+            of_moved=of_moved,
             of_self=of_self,
-            between_parts=[parts for parts in between if len(parts) > 1],
+            between_parts=between_parts,
             moved=frozenset().union(*groups),
             touched=touched,
             gripped=gripped,
+            presses_furniture=bool(of_robot or of_moved),
+            presses_itself=bool(of_self or between_parts),
         )
 
     def _by_part(self, pairs: list[list[int]], numbers: list[int]) -> list[list[int]]:
