@@ -13,6 +13,8 @@ from clutter_env.simulation.model import ModelIndex
 
 _ROBOT, _FURNITURE, _OBJECT = 1, 4, 16
 """Kinds of geoms; 0 of the ground. Two of them in contact have a sum that no other two have."""
+_FEW = 2
+"""Contacts of which `mujoco.mj_contactForce` reads the forces faster than an array of all forces."""
 _GRAVITY = 9.81
 """[m/s²]"""
 
@@ -76,8 +78,10 @@ class ContactReader:
 
     def read(self, data: mujoco.MjData) -> Contacts:
         """The contacts that the last physics step had."""
-        if not data.ncon:
-            return NO_CONTACTS
+        return self.read_some(data) if data.ncon else NO_CONTACTS
+
+    def read_some(self, data: mujoco.MjData) -> Contacts:
+        """The contacts that the last physics step had, if there were any."""
         geoms = data.contact.geom
         if (key := geoms.tobytes()) != self._key:
             self._key, self._last = key, self._sort(geoms.tolist())
@@ -93,7 +97,7 @@ class ContactReader:
         Their weight presses downwards alone, each group's for itself: pushed against a wall, they press with all of the
         force, and so do they where something else lies on the robot.
         """
-        force = _normal_force(data, contacts.of_robot) if contacts.of_robot else 0.0
+        force = self._normal_force(data, contacts.of_robot)
         for numbers, weight in contacts.of_moved:
             pressed, downwards = self._forces_on_furniture(data, contacts, numbers)
             force += pressed - min(max(downwards, 0.0), weight)
@@ -105,12 +109,28 @@ class ContactReader:
         Parts that touch one object, or several that touch each other, press on each other by what cancels of the forces
         that they have on these. The forces of a gripper's fingers count together: its own grip is none.
         """
-        force = _normal_force(data, contacts.of_self) if contacts.of_self else 0.0
+        force = self._normal_force(data, contacts.of_self)
         for parts in contacts.between_parts:
             nets = [self._net_force(data, contacts, numbers) for numbers in parts]
             whole = [sum(axis) for axis in zip(*nets, strict=True)]
             force += (sum(math.hypot(*net) for net in nets) - math.hypot(*whole)) / 2
         return force
+
+    def _normal_force(self, data: mujoco.MjData, numbers: list[int]) -> float:
+        """[N] Sum of the normal forces of some contacts."""
+        total = 0.0
+        if len(numbers) <= _FEW:
+            force = self._force
+            for number in numbers:
+                mujoco.mj_contactForce(self._model, data, number, force)
+                total += force.item(0)
+        else:  # with elliptic cones it is the first number that the solver has of each
+            forces, rows = data.efc_force, data.contact.efc_address
+            for number in numbers:
+                row = rows.item(number)
+                if row >= 0:  # -1 where the solver has none
+                    total += forces.item(row)
+        return total
 
     def _net_force(self, data: mujoco.MjData, contacts: Contacts, numbers: list[int]) -> list[float]:
         """[N] Sum of the forces (3,) of some contacts on objects, with friction."""
@@ -192,19 +212,6 @@ class ContactReader:
                     group |= grown
                 groups.append(group)
         return groups
-
-
-def _normal_force(data: mujoco.MjData, numbers: list[int]) -> float:
-    """[N] Sum of the normal forces of some contacts: with elliptic cones, the first number that the solver has of each.
-
-    `mujoco.mj_contactForce` says the same of one contact, more slowly.
-    """
-    total, forces, rows = 0.0, data.efc_force, data.contact.efc_address
-    for number in numbers:
-        row = rows.item(number)
-        if row >= 0:  # -1 where the solver has none
-            total += forces.item(row)
-    return total
 
 
 def _gripper_geoms(model: mujoco.MjModel, pads: tuple[int, int]) -> frozenset[int]:

@@ -246,7 +246,7 @@ class World:
             for step in range(first, first + _PART_STEPS):
                 mj_step(model, data)
                 if data.ncon:
-                    contacts = reader.read(data)
+                    contacts = reader.read_some(data)
                     if contacts.presses_furniture:
                         on_furniture[step] = reader.furniture_force(data, contacts)
                     if contacts.presses_itself:
