@@ -74,9 +74,13 @@ class EndEffectorController:
         self._home, self._costs = np.array(robot.home), np.full(model.nv, _CONFIGURATION_COST)
         self._costs[0] = _TORSO_COST
         self._stiffness = self._costs**2
+        self._pull = _CONFIGURATION_GAIN * self._stiffness
+        hessian = np.empty((model.nv, model.nv))
+        self._arrays = np.empty((_TWIST, model.nv)), hessian, np.empty(model.nv), hessian.reshape(-1)[:: model.nv + 1]
         self._limit, self._avoidance = _MotionLimit(robot), SelfAvoidance(model, robot)
         self._wanted = mink.SE3.identity().wxyz_xyz.copy()
         self.failures = 0
+        self._last: tuple[bytes, Vector] | None = None
 
     @property
     def wanted(self) -> list[float]:
@@ -100,7 +104,11 @@ class EndEffectorController:
             q: (1 + n,) the joint targets from which the step starts.
             qd: (1 + n,) their velocities.
         """
-        present = self._tcp_at(q)
+        # An arm at rest has the same step again: what comes out depends on these alone, the wanted pose included.
+        given = np.concatenate((twist, q, qd, self._wanted)).tobytes()
+        if self._last is not None and self._last[0] == given:
+            return self._last[1].copy()
+        present, before = self._tcp_at(q), self._wanted.tobytes()
         step = twist * self._max_step
         # Translation and rotation apart, both along the axes of the base: not the screw motion of SE3.exp.
         self._wanted[:4] = _turned(self._wanted[:4], step[3:])
@@ -126,6 +134,7 @@ class EndEffectorController:
             self.failures += 1
             return np.zeros_like(qd)
         velocity: Vector = displacement / CONTROL_STEP
+        self._last = (given, velocity.copy()) if self._wanted.tobytes() == before else None
         return velocity
 
     def twist_towards(self, T_base_tcp: Vector) -> Vector:
@@ -147,14 +156,13 @@ class EndEffectorController:
     def _objective(self, q: Vector) -> tuple[Vector, Vector]:
         """The quadratic and linear parts of the cost of a displacement from `q`, as `mink.build_ik` assembles them."""
         configuration, task = self._configuration, self._frame_task
-        error, jacobian = task.compute_error(configuration), np.empty((_TWIST, len(q)))
+        error, (jacobian, hessian, gradient, diagonal) = task.compute_error(configuration), self._arrays
         mujoco.mju_mulMatMat(jacobian, task.compute_jacobian(configuration), configuration.tcp_jacobian(self._site))
-        hessian, gradient = np.empty((len(q), len(q))), np.empty(len(q))
         mujoco.mju_mulMatTMat(hessian, jacobian, jacobian)
         mujoco.mju_mulMatTVec(gradient, jacobian, error)
         damping = _SOLVER_DAMPING + _FRAME_DAMPING * _FRAME_GAIN**2 * mujoco.mju_dot(error, error)
-        hessian.reshape(-1)[:: len(q) + 1] += self._stiffness + damping
-        return hessian, _FRAME_GAIN * gradient + _CONFIGURATION_GAIN * self._stiffness * (q - self._home)
+        diagonal += self._stiffness + damping
+        return hessian, _FRAME_GAIN * gradient + self._pull * (q - self._home)
 
 
 class _TcpConfiguration(mink.Configuration):  # type: ignore[misc]  # mink is not typed for mypy
@@ -222,11 +230,11 @@ class _MotionLimit:
         """Lowest and highest displacement (1 + n,) of a step from `q` with the velocities `qd`."""
         # From these velocities, up and down, the joint can still stop within the distances to its limits.
         distances = np.maximum(self._ends - self._signs * q, 0.0)
-        stopping = np.sqrt(self._half_squared + self._double * distances) - self._half
-        up, down = np.minimum(stopping, self._fastest)
-        lowest = np.maximum(qd - self._change, -down)
-        highest = np.maximum(np.minimum(qd + self._change, up), lowest)
-        return lowest * CONTROL_STEP, highest * CONTROL_STEP
+        fastest = np.sqrt(self._half_squared + self._double * distances) - self._half
+        np.minimum(fastest, self._fastest, out=fastest)
+        most, down = np.minimum(fastest, self._signs * qd + self._change)
+        lowest = -down
+        return lowest * CONTROL_STEP, np.maximum(most, lowest) * CONTROL_STEP
 
     def inequalities(self, lowest: Vector, highest: Vector, rows: Vector, most: Vector) -> tuple[NDArray[Any], ...]:
         """Bounds on a step's displacement as DAQP takes them: those of `bounds`, and `rows` (k, 1 + n) times it.
