@@ -119,6 +119,7 @@ class JointController:
         self._still_command, self._moving_command = np.zeros((2, model.nu))
         self._still_command[index.still_actuators] = robot.still_configuration
         self._head_actuators = index.still_actuators[: len(robot.head_joints)]  # those of idle arms come after
+        self._actuators = np.concatenate((index.drive_actuators, self._head_actuators, index.finger_actuators))
         self.head_range = [model.joint(name).range.tolist() for name in robot.head_joints]
         self.state = ControlState(
             np.zeros(4 + arm), np.zeros(4 + arm), (0.0,) * self.num_grippers, robot.head_configuration
@@ -255,9 +256,8 @@ class JointController:
         """Motor commands (nu,) of the targets at rest; that of the last state is kept."""
         if state is not self._commanded:
             command = self._still_command.copy()
-            command[self._index.drive_actuators] = state.target
-            command[self._head_actuators] = state.head
-            command[self._index.finger_actuators] = [finger for finger in state.fingers for _ in range(2)]
+            fingers = [finger for finger in state.fingers for _ in range(2)]
+            command[self._actuators] = [*state.target.tolist(), *state.head, *fingers]
             self._commanded, self._command = state, command
         return self._command
 
