@@ -65,8 +65,11 @@ def checked_action(action: ArrayLike, size: int) -> NDArray[np.float32]:
     Raises:
         ActionError: not a finite numeric vector of shape (size,).
     """
-    # `np.clip` has an overhead on short vectors.
-    return np.minimum(np.maximum(checked_vector("the action", action, (size,)), -1.0), 1.0).astype(np.float32)
+    vector = checked_vector("the action", action, (size,))
+    values = vector.tolist()  # NumPy has an overhead on short vectors
+    if max(values) > 1.0 or min(values) < -1.0:
+        vector = np.minimum(np.maximum(vector, -1.0), 1.0)
+    return vector.astype(np.float32)
 
 
 def checked_vector(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Vector:

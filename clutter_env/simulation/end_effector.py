@@ -45,6 +45,7 @@ _SOFT = 8
 
 _TWIST = 6
 """Numbers of the TCP's twist."""
+_NO_TWIST = np.zeros(_TWIST).tobytes()
 _IDENTITY = np.eye(_TWIST)
 
 
@@ -75,12 +76,14 @@ class EndEffectorController:
         self._costs[0] = _TORSO_COST
         self._stiffness = self._costs**2
         self._pull = _CONFIGURATION_GAIN * self._stiffness
-        hessian = np.empty((model.nv, model.nv))
+        # Arrays of a step, made once.
+        hessian, (linear, angular), own = np.empty((model.nv,) * 2), np.empty((2, 3, model.nv)), np.empty((6, model.nv))
+        self._jacobians = linear, angular, own, own[:3], own[3:]
         self._arrays = np.empty((_TWIST, model.nv)), hessian, np.empty(model.nv), hessian.reshape(-1)[:: model.nv + 1]
         self._limit, self._avoidance = _MotionLimit(robot), SelfAvoidance(model, robot)
         self._wanted = mink.SE3.identity().wxyz_xyz.copy()
         self.failures = 0
-        self._last: tuple[bytes, Vector] | None = None
+        self._last: tuple[tuple[bytes, ...], Vector] = (), np.zeros(model.nv)
 
     @property
     def wanted(self) -> list[float]:
@@ -104,11 +107,10 @@ class EndEffectorController:
             q: (1 + n,) the joint targets from which the step starts.
             qd: (1 + n,) their velocities.
         """
-        # An arm at rest has the same step again: what comes out depends on these alone, the wanted pose included.
-        given = np.concatenate((twist, q, qd, self._wanted)).tobytes()
-        if self._last is not None and self._last[0] == given:
+        given = (q.tobytes(), qd.tobytes(), self._wanted.tobytes()) if twist.tobytes() == _NO_TWIST else None
+        if given is not None and given == self._last[0]:  # an arm at rest: the same problem has the same solution
             return self._last[1].copy()
-        present, before = self._tcp_at(q), self._wanted.tobytes()
+        present = self._tcp_at(q)
         step = twist * self._max_step
         # Translation and rotation apart, both along the axes of the base: not the screw motion of SE3.exp.
         self._wanted[:4] = _turned(self._wanted[:4], step[3:])
@@ -134,7 +136,8 @@ class EndEffectorController:
             self.failures += 1
             return np.zeros_like(qd)
         velocity: Vector = displacement / CONTROL_STEP
-        self._last = (given, velocity.copy()) if self._wanted.tobytes() == before else None
+        if given is not None and given[2] == self._wanted.tobytes():
+            self._last = given, velocity.copy()
         return velocity
 
     def twist_towards(self, T_base_tcp: Vector) -> Vector:
@@ -157,29 +160,29 @@ class EndEffectorController:
         """The quadratic and linear parts of the cost of a displacement from `q`, as `mink.build_ik` assembles them."""
         configuration, task = self._configuration, self._frame_task
         error, (jacobian, hessian, gradient, diagonal) = task.compute_error(configuration), self._arrays
-        mujoco.mju_mulMatMat(jacobian, task.compute_jacobian(configuration), configuration.tcp_jacobian(self._site))
+        mujoco.mju_mulMatMat(jacobian, task.compute_jacobian(configuration), self._tcp_jacobian())
         mujoco.mju_mulMatTMat(hessian, jacobian, jacobian)
         mujoco.mju_mulMatTVec(gradient, jacobian, error)
         damping = _SOLVER_DAMPING + _FRAME_DAMPING * _FRAME_GAIN**2 * mujoco.mju_dot(error, error)
         diagonal += self._stiffness + damping
         return hessian, _FRAME_GAIN * gradient + self._pull * (q - self._home)
 
+    def _tcp_jacobian(self) -> Vector:
+        """The Jacobian (6, 1 + n) of the TCP's twist by the joints, both in the frame of the TCP."""
+        data, (linear, angular, own, own_linear, own_angular) = self._configuration.data, self._jacobians
+        mujoco.mj_jacSite(self._configuration.model, data, linear, angular, self._site)
+        rotation = data.site_xmat[self._site].reshape(3, 3)
+        mujoco.mju_mulMatTMat(own_linear, rotation, linear)
+        mujoco.mju_mulMatTMat(own_angular, rotation, angular)
+        return own
+
 
 class _TcpConfiguration(mink.Configuration):  # type: ignore[misc]  # mink is not typed for mypy
-    """A configuration whose frame tasks have the Jacobian by the frame's own twist; that of the joints is apart."""
+    """A configuration whose frame tasks have the Jacobian by the frame's own twist: that of the joints is apart."""
 
     def get_frame_jacobian(self, frame_name: str | int, frame_type: str) -> Vector:  # noqa: ARG002
         """The identity (6, 6), the Jacobian of a twist by itself: mink's product with it is exact in any BLAS."""
         return _IDENTITY
-
-    def tcp_jacobian(self, site: int) -> Vector:
-        """The Jacobian (6, 1 + n) of a site's twist by the joints, both in the frame of the site."""
-        fixed, own = np.empty((2, _TWIST, self.nv))
-        mujoco.mj_jacSite(self.model, self.data, fixed[:3], fixed[3:], site)
-        rotation = self.data.site_xmat[site].reshape(3, 3)
-        mujoco.mju_mulMatTMat(own[:3], rotation, fixed[:3])
-        mujoco.mju_mulMatTMat(own[3:], rotation, fixed[3:])
-        return own
 
 
 class TcpFollower:
