@@ -13,8 +13,6 @@ from clutter_env.simulation.model import ModelIndex
 
 _ROBOT, _FURNITURE, _OBJECT = 1, 4, 16
 """Kinds of geoms; 0 of the ground. Two of them in contact have a sum that no other two have."""
-_FEW = 2
-"""Contacts of which `mujoco.mj_contactForce` reads the forces faster than an array of all forces."""
 _GRAVITY = 9.81
 """[m/s²]"""
 
@@ -118,18 +116,17 @@ class ContactReader:
 
     def _normal_force(self, data: mujoco.MjData, numbers: list[int]) -> float:
         """[N] Sum of the normal forces of some contacts."""
-        total = 0.0
-        if len(numbers) <= _FEW:
-            force = self._force
-            for number in numbers:
-                mujoco.mj_contactForce(self._model, data, number, force)
-                total += force.item(0)
-        else:  # with elliptic cones it is the first number that the solver has of each
-            forces, rows = data.efc_force, data.contact.efc_address
-            for number in numbers:
-                row = rows.item(number)
-                if row >= 0:  # -1 where the solver has none
-                    total += forces.item(row)
+        if not numbers:
+            return 0.0
+        if len(numbers) == 1:  # of more, an array of all forces is read faster
+            mujoco.mj_contactForce(self._model, data, numbers[0], self._force)
+            return self._force.item(0)
+        # With elliptic cones it is the first number that the solver has of each contact.
+        total, forces, rows = 0.0, data.efc_force, data.contact.efc_address
+        for number in numbers:
+            row = rows.item(number)
+            if row >= 0:  # -1 where the solver has none
+                total += forces.item(row)
         return total
 
     def _net_force(self, data: mujoco.MjData, contacts: Contacts, numbers: list[int]) -> list[float]:

@@ -68,7 +68,7 @@ class Pressing:
         if not self.is_pressed and not any(forces):
             return
         recent, largest, momentum = self._recent, self.force, self._momentum  # locals: this runs in every physics step
-        raised, free = self._steps_raised, self._steps_free
+        raised, free, impulse, slide = self._steps_raised, self._steps_free, self.impulse, self.slide
         for force in forces:
             if recent or force != 0.0:
                 recent.append(force)
@@ -84,10 +84,15 @@ class Pressing:
                     recent.clear()
                     free = 0
             if force > SUSTAINED_FORCE or momentum > 0.0:
-                before, momentum = momentum, max(momentum + (force - SUSTAINED_FORCE) * TIMESTEP, 0.0)
-                self.impulse = max(self.impulse, momentum)
-                self.slide += (before + momentum) / 2 / _TABLE_MASS * TIMESTEP
-        self.force, self._momentum, self._steps_raised, self._steps_free = largest, momentum, raised, free
+                before = momentum
+                momentum += (force - SUSTAINED_FORCE) * TIMESTEP
+                if momentum < 0.0:
+                    momentum = 0.0
+                if momentum > impulse:
+                    impulse = momentum
+                slide += (before + momentum) / 2 / _TABLE_MASS * TIMESTEP
+        self.force, self.impulse, self.slide, self._momentum = largest, impulse, slide, momentum
+        self._steps_raised, self._steps_free = raised, free
 
     def memory(self) -> list[float]:
         """The `REMEMBERED` numbers that a saved state must keep.
