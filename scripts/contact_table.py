@@ -15,6 +15,7 @@ Four tables for one robot:
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
@@ -86,10 +87,10 @@ class Meter(Pressing):
 
     peak = 0.0
 
-    def add(self, force: float) -> None:
-        """Take one more physics step into account."""
-        self.peak = max(self.peak, force)
-        super().add(force)
+    def add(self, forces: Sequence[float]) -> None:
+        """Take further physics steps into account."""
+        self.peak = max(self.peak, *forces)
+        super().add(forces)
 
 
 class Bench:

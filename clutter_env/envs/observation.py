@@ -301,7 +301,8 @@ def _poses_in_base(x: float, y: float, yaw: float, poses: Vector) -> Vector:
     c, s, hc, hs = math.cos(yaw), math.sin(yaw), math.cos(yaw / 2), math.sin(yaw / 2)
     relative = np.empty((7, len(poses)))
     mujoco.mju_mulMatMatT(relative, np.array((0.0, 1.0, c, s, -s, hc, hs, -hs)).take(_TURN), poses)
-    relative[0] -= c * x + s * y
-    relative[1] -= c * y - s * x
-    relative[3:] *= np.copysign(1.0, relative[3])
+    across, along, quaternions = relative[0], relative[1], relative[3:]
+    np.subtract(across, c * x + s * y, out=across)
+    np.subtract(along, c * y - s * x, out=along)
+    np.multiply(quaternions, np.copysign(1.0, relative[3]), out=quaternions)
     return relative

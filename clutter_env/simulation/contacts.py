@@ -31,6 +31,7 @@ class Contacts(NamedTuple):
         moved: slots of the objects that the robot moves.
         touched: slots of those that it touches itself.
         gripped: slots of those that each gripper touches.
+        presses_furniture, presses_itself: whether there are contacts with a force on furniture; on the robot or ground.
     """
 
     pairs: list[list[int]]
@@ -41,14 +42,11 @@ class Contacts(NamedTuple):
     moved: frozenset[int]
     touched: frozenset[int]
     gripped: tuple[frozenset[int], ...]
-
-    @property
-    def is_pressing(self) -> bool:
-        """Whether the robot, or what it moves, touches anything on which it must not press hard."""
-        return bool(self.of_robot or self.of_self or self.of_moved or self.between_parts)
+    presses_furniture: bool
+    presses_itself: bool
 
 
-NO_CONTACTS = Contacts([], [], [], [], [], frozenset(), frozenset(), ())
+NO_CONTACTS = Contacts([], [], [], [], [], frozenset(), frozenset(), (), False, False)
 
 
 class ContactReader:
@@ -78,8 +76,10 @@ class ContactReader:
 
     def read(self, data: mujoco.MjData) -> Contacts:
         """The contacts that the last physics step had."""
-        if not data.ncon:
-            return NO_CONTACTS
+        return self.read_some(data) if data.ncon else NO_CONTACTS
+
+    def read_some(self, data: mujoco.MjData) -> Contacts:
+        """The contacts that the last physics step had, if there were any."""
         geoms = data.contact.geom
         if (key := geoms.tobytes()) != self._key:
             self._key, self._last = key, self._sort(geoms.tolist())
@@ -95,7 +95,7 @@ class ContactReader:
         Their weight presses downwards alone, each group's for itself: pushed against a wall, they press with all of the
         force, and so do they where something else lies on the robot.
         """
-        force = _normal_force(data, contacts.of_robot) if contacts.of_robot else 0.0
+        force = self._normal_force(data, contacts.of_robot)
         for numbers, weight in contacts.of_moved:
             pressed, downwards = self._forces_on_furniture(data, contacts, numbers)
             force += pressed - min(max(downwards, 0.0), weight)
@@ -107,12 +107,27 @@ class ContactReader:
         Parts that touch one object, or several that touch each other, press on each other by what cancels of the forces
         that they have on these. The forces of a gripper's fingers count together: its own grip is none.
         """
-        force = _normal_force(data, contacts.of_self) if contacts.of_self else 0.0
+        force = self._normal_force(data, contacts.of_self)
         for parts in contacts.between_parts:
             nets = [self._net_force(data, contacts, numbers) for numbers in parts]
             whole = [sum(axis) for axis in zip(*nets, strict=True)]
             force += (sum(math.hypot(*net) for net in nets) - math.hypot(*whole)) / 2
         return force
+
+    def _normal_force(self, data: mujoco.MjData, numbers: list[int]) -> float:
+        """[N] Sum of the normal forces of some contacts."""
+        if not numbers:
+            return 0.0
+        if len(numbers) == 1:  # of more, an array of all forces is read faster
+            mujoco.mj_contactForce(self._model, data, numbers[0], self._force)
+            return self._force.item(0)
+        # With elliptic cones it is the first number that the solver has of each contact.
+        total, forces, rows = 0.0, data.efc_force, data.contact.efc_address
+        for number in numbers:
+            row = rows.item(number)
+            if row >= 0:  # -1 where the solver has none
+                total += forces.item(row)
+        return total
 
     def _net_force(self, data: mujoco.MjData, contacts: Contacts, numbers: list[int]) -> list[float]:
         """[N] Sum of the forces (3,) of some contacts on objects, with friction."""
@@ -144,26 +159,31 @@ class ContactReader:
         of_robot = [k for k, kind in enumerate(kinds) if kind == _ROBOT + _FURNITURE]
         of_self = [k for k, kind in enumerate(kinds) if kind in (2 * _ROBOT, _ROBOT)]
         if _ROBOT + _OBJECT not in kinds:
-            return Contacts(pairs, of_robot, [], of_self, [], frozenset(), frozenset(), self._nothing_gripped)
+            none, pressed = frozenset[int](), (bool(of_robot), bool(of_self))
+            return Contacts(pairs, of_robot, [], of_self, [], none, none, self._nothing_gripped, *pressed)
         slots = [max(self.slot_of[one], self.slot_of[other]) for one, other in pairs]
         by_robot = [k for k, kind in enumerate(kinds) if kind == _ROBOT + _OBJECT]
         touched = frozenset(slots[k] for k in by_robot)
         groups = self._groups(touched, [pair for pair, kind in zip(pairs, kinds, strict=True) if kind == 2 * _OBJECT])
         on_furniture = [k for k, kind in enumerate(kinds) if kind == _OBJECT + _FURNITURE]
-        of_moved = [([k for k in on_furniture if slots[k] in group], self._weight(group)) for group in groups]
+        borne = [([k for k in on_furniture if slots[k] in group], self._weight(group)) for group in groups]
+        of_moved = [(numbers, weight) for numbers, weight in borne if numbers]
         gripped = tuple(
             frozenset(slots[k] for k in by_robot if not gripper.isdisjoint(pairs[k])) for gripper in self.grippers
         )
-        between = [self._by_part(pairs, [k for k in by_robot if slots[k] in group]) for group in groups]
+        by_part = [self._by_part(pairs, [k for k in by_robot if slots[k] in group]) for group in groups]
+        between_parts = [parts for parts in by_part if len(parts) > 1]
         return Contacts(
             pairs,
             of_robot,
-            of_moved=[(numbers, weight) for numbers, weight in of_moved if numbers],
+            of_moved=of_moved,
             of_self=of_self,
-            between_parts=[parts for parts in between if len(parts) > 1],
+            between_parts=between_parts,
             moved=frozenset().union(*groups),
             touched=touched,
             gripped=gripped,
+            presses_furniture=bool(of_robot or of_moved),
+            presses_itself=bool(of_self or between_parts),
         )
 
     def _by_part(self, pairs: list[list[int]], numbers: list[int]) -> list[list[int]]:
@@ -189,19 +209,6 @@ class ContactReader:
                     group |= grown
                 groups.append(group)
         return groups
-
-
-def _normal_force(data: mujoco.MjData, numbers: list[int]) -> float:
-    """[N] Sum of the normal forces of some contacts: with elliptic cones, the first number that the solver has of each.
-
-    `mujoco.mj_contactForce` says the same of one contact, more slowly.
-    """
-    total, forces, rows = 0.0, data.efc_force, data.contact.efc_address
-    for number in numbers:
-        row = rows.item(number)
-        if row >= 0:  # -1 where the solver has none
-            total += forces.item(row)
-    return total
 
 
 def _gripper_geoms(model: mujoco.MjModel, pads: tuple[int, int]) -> frozenset[int]:

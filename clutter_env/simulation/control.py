@@ -65,8 +65,11 @@ def checked_action(action: ArrayLike, size: int) -> NDArray[np.float32]:
     Raises:
         ActionError: not a finite numeric vector of shape (size,).
     """
-    # `np.clip` has an overhead on short vectors.
-    return np.minimum(np.maximum(checked_vector("the action", action, (size,)), -1.0), 1.0).astype(np.float32)
+    vector = checked_vector("the action", action, (size,))
+    values = vector.tolist()  # NumPy has an overhead on short vectors
+    if max(values) > 1.0 or min(values) < -1.0:
+        vector = np.minimum(np.maximum(vector, -1.0), 1.0)
+    return vector.astype(np.float32)
 
 
 def checked_vector(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Vector:
@@ -119,6 +122,7 @@ class JointController:
         self._still_command, self._moving_command = np.zeros((2, model.nu))
         self._still_command[index.still_actuators] = robot.still_configuration
         self._head_actuators = index.still_actuators[: len(robot.head_joints)]  # those of idle arms come after
+        self._actuators = np.concatenate((index.drive_actuators, self._head_actuators, index.finger_actuators))
         self.head_range = [model.joint(name).range.tolist() for name in robot.head_joints]
         self.state = ControlState(
             np.zeros(4 + arm), np.zeros(4 + arm), (0.0,) * self.num_grippers, robot.head_configuration
@@ -255,9 +259,8 @@ class JointController:
         """Motor commands (nu,) of the targets at rest; that of the last state is kept."""
         if state is not self._commanded:
             command = self._still_command.copy()
-            command[self._index.drive_actuators] = state.target
-            command[self._head_actuators] = state.head
-            command[self._index.finger_actuators] = [finger for finger in state.fingers for _ in range(2)]
+            fingers = [finger for finger in state.fingers for _ in range(2)]
+            command[self._actuators] = [*state.target.tolist(), *state.head, *fingers]
             self._commanded, self._command = state, command
         return self._command
 

@@ -41,7 +41,7 @@ _WINDOW_STEPS = round(FORCE_WINDOW / TIMESTEP)
 
 
 class Pressing:
-    """Force in one kind of contact over an episode; call `add` after every physics step.
+    """Force in one kind of contact over an episode; `add` takes that of every physics step.
 
     Attributes:
         force: [N] largest mean over `FORCE_WINDOW` so far.
@@ -63,25 +63,36 @@ class Pressing:
         """
         return bool(self._recent) or self._momentum > 0.0
 
-    def add(self, force: float) -> None:
-        """Take the force [N] of one more physics step into account."""
-        recent = self._recent
-        if recent or force != 0.0:
-            recent.append(force)
-            if force > self.force:
-                self._steps_raised = _WINDOW_STEPS
-            if self._steps_raised:  # a window of forces up to the largest mean has no larger one
-                self._steps_raised -= 1
-                self.force = max(self.force, sum(recent) / _WINDOW_STEPS)
-            self._steps_free = 0 if force != 0.0 else self._steps_free + 1
-            if self._steps_free == _WINDOW_STEPS:
-                recent.clear()
-                self._steps_free = 0
-        before = self._momentum
-        if force > SUSTAINED_FORCE or before > 0.0:
-            self._momentum = max(before + (force - SUSTAINED_FORCE) * TIMESTEP, 0.0)
-            self.impulse = max(self.impulse, self._momentum)
-            self.slide += (before + self._momentum) / 2 / _TABLE_MASS * TIMESTEP
+    def add(self, forces: Sequence[float]) -> None:
+        """Take the forces [N] of further physics steps, one after the other, into account."""
+        if not self.is_pressed and not any(forces):
+            return
+        recent, largest, momentum = self._recent, self.force, self._momentum  # locals: this runs in every physics step
+        raised, free, impulse, slide = self._steps_raised, self._steps_free, self.impulse, self.slide
+        for force in forces:
+            if recent or force != 0.0:
+                recent.append(force)
+                if force > largest:
+                    raised = _WINDOW_STEPS
+                if raised:  # a window of forces up to the largest mean has no larger one
+                    raised -= 1
+                    mean = sum(recent) / _WINDOW_STEPS
+                    if mean > largest:
+                        largest = mean
+                free = 0 if force != 0.0 else free + 1
+                if free == _WINDOW_STEPS:
+                    recent.clear()
+                    free = 0
+            if force > SUSTAINED_FORCE or momentum > 0.0:
+                before = momentum
+                momentum += (force - SUSTAINED_FORCE) * TIMESTEP
+                if momentum < 0.0:
+                    momentum = 0.0
+                if momentum > impulse:
+                    impulse = momentum
+                slide += (before + momentum) / 2 / _TABLE_MASS * TIMESTEP
+        self.force, self.impulse, self.slide, self._momentum = largest, impulse, slide, momentum
+        self._steps_raised, self._steps_free = raised, free
 
     def memory(self) -> list[float]:
         """The `REMEMBERED` numbers that a saved state must keep.

@@ -34,11 +34,11 @@ class SelfAvoidance:
         first, second = levers[pairs[:, 0]], levers[pairs[:, 1]]
         apart = np.where((first > 0.0) != (second > 0.0), np.maximum(first, second), 0.0)
         brakes = (apart * self._accelerations).sum(axis=1)
-        self._pairs, self._brakes = pairs[brakes > 0.0], brakes[brakes > 0.0]
-        self._geoms, of_pairs = np.unique(self._pairs, return_inverse=True)
-        self._first, self._second = of_pairs.reshape(-1, 2).T
-        self._centres, self._halves = model.geom_aabb[self._geoms, :3], model.geom_aabb[self._geoms, 3:]
-        self._is_off_centre = bool(self._centres.any())
+        counted, self._brakes = pairs[brakes > 0.0], brakes[brakes > 0.0]
+        self._pairs = [(one, other) for one, other in counted.tolist()]
+        self._double_brakes = 2 * self._brakes
+        self._boxes = _Boxes(model, counted)
+        self._none = np.empty((0, model.nv)), np.empty(0)
 
     def inequalities(self, data: mujoco.MjData, qd: Vector, lowest: Vector, highest: Vector) -> tuple[Vector, Vector]:
         """Rows (k, n) and upper bounds (k,) of a step's displacement; k is 0 in most steps.
@@ -51,10 +51,11 @@ class SelfAvoidance:
         """
         rows, bounds = list[Vector](), list[float]()
         for pair, reach in self._near_pairs(data, qd):
-            one, other = self._pairs[pair].tolist()
-            distance = mujoco.mj_geomDistance(self._model, data, one, other, reach, self._segment)
-            if distance >= reach:
+            one, other = self._pairs[pair]
+            # Most pairs are far apart: it takes half as long where no one asks between which points.
+            if mujoco.mj_geomDistance(self._model, data, one, other, reach, None) >= reach:
                 continue
+            distance = mujoco.mj_geomDistance(self._model, data, one, other, reach, self._segment)
             row = self._approach(data, one, other, distance)
             braking = mujoco.mju_dot(np.abs(row), self._accelerations)
             left = max(distance - _DISTANCE, 0.0)
@@ -62,7 +63,7 @@ class SelfAvoidance:
             least = mujoco.mju_dot(np.minimum(row, 0.0), highest) + mujoco.mju_dot(np.maximum(row, 0.0), lowest)
             rows.append(row)
             bounds.append(max(allowed, least))
-        return np.array(rows).reshape(-1, self._model.nv), np.array(bounds)
+        return (np.array(rows), np.array(bounds)) if rows else self._none
 
     def _near_pairs(self, data: mujoco.MjData, qd: Vector) -> list[tuple[int, float]]:
         """Pairs that could meet before the joints have stopped, and the distance [m] within which they could.
@@ -72,30 +73,11 @@ class SelfAvoidance:
         """
         self._before.qpos[:] = data.qpos - qd * CONTROL_STEP
         mujoco.mj_kinematics(self._model, self._before)
-        before, gaps = self._gaps(self._before, data)
+        before, gaps = self._boxes.gaps(self._before, data)
         approach = np.maximum(before - gaps, 0.0) + self._brakes
-        reach = _DISTANCE + approach + approach**2 / (2 * self._brakes)
-        near = np.flatnonzero(gaps < reach)
+        reach = _DISTANCE + approach + approach * approach / self._double_brakes
+        near = (gaps < reach).nonzero()[0]
         return list(zip(near.tolist(), reach[near].tolist(), strict=True))
-
-    def _gaps(self, *states: mujoco.MjData) -> Vector:
-        """Distances (k, p) [m] of the bounding boxes of each pair in k states, negative where they overlap.
-
-        Sums and maxima of three numbers are written out: NumPy's over so short an axis take ten times as long.
-        """
-        axes = np.array([data.geom_xmat for data in states]).take(self._geoms, axis=1).reshape(len(states), -1, 3, 3)
-        boxes = np.empty((len(states), len(self._geoms), 6))  # centres, and half extents along the axes of the base
-        centres = boxes[..., :3]
-        centres[:] = np.array([data.geom_xpos for data in states]).take(self._geoms, axis=1)
-        if self._is_off_centre:
-            offsets = axes * self._centres[:, None]
-            centres += offsets[..., 0] + offsets[..., 1] + offsets[..., 2]
-        halves = np.abs(axes, out=axes) * self._halves[:, None]
-        boxes[..., 3:] = halves[..., 0] + halves[..., 1] + halves[..., 2]
-        first, second = boxes.take(self._first, axis=1), boxes.take(self._second, axis=1)
-        apart = np.abs(first[..., :3] - second[..., :3])
-        apart -= first[..., 3:] + second[..., 3:]
-        return np.maximum(np.maximum(apart[..., 0], apart[..., 1]), apart[..., 2])
 
     def _approach(self, data: mujoco.MjData, one: int, other: int, distance: float) -> Vector:
         """How much nearer (n,) two geoms come by a displacement of each joint."""
@@ -107,6 +89,50 @@ class SelfAvoidance:
         row: Vector = np.empty(self._model.nv)
         mujoco.mju_mulMatTVec(row, self._of_first - self._of_second, direction)
         return row
+
+
+class _Boxes:
+    """Bounding boxes of pairs of shapes, along the axes of the base, in two states.
+
+    Arrays have a row for each coordinate and a column for each shape or pair, and are made once: NumPy takes as long to
+    make small arrays, or to walk through rows of three numbers, as to fill them.
+    """
+
+    def __init__(self, model: mujoco.MjModel, pairs: NDArray[np.int64]) -> None:
+        """Take pairs (p, 2) of geoms of a model."""
+        geoms, of_pairs = np.unique(pairs, return_inverse=True)
+        self._first, self._second = np.ascontiguousarray(of_pairs.reshape(-1, 2).T)
+        centres, halves = model.geom_aabb[geoms, :3].T, model.geom_aabb[geoms, 3:].T
+        self._centres = np.repeat(centres, 3, axis=0) if centres.any() else None
+        self._halves = np.repeat([halves] * 2, 3, axis=1)
+        self._turn_at = 9 * geoms + np.array((0, 3, 6, 1, 4, 7, 2, 5, 8))[:, None]  # columns of rotation matrices
+        self._place_at = 3 * geoms + np.arange(3)[:, None]
+        self._turns = np.empty((2, 9, len(geoms)))
+        self._boxes = np.empty((4, 3, len(geoms)))  # centres in both states, then half extents in both
+        self._of_first, self._of_second = np.empty((2, 12, len(pairs)))
+        self._apart, self._extents = np.empty((2, 6, len(pairs)))
+
+    def gaps(self, *states: mujoco.MjData) -> Vector:
+        """Distances (2, p) [m] of the bounding boxes of each pair in two states, negative where they overlap."""
+        turns, boxes, first, second, apart = self._turns, self._boxes, self._of_first, self._of_second, self._apart
+        for data, turn, centre in zip(states, turns, boxes, strict=False):
+            data.geom_xmat.take(self._turn_at, out=turn, mode="clip")
+            data.geom_xpos.take(self._place_at, out=centre, mode="clip")
+            if self._centres is not None:
+                offsets = turn * self._centres
+                centre += offsets[:3] + offsets[3:6] + offsets[6:]
+        np.abs(turns, out=turns)
+        np.multiply(turns, self._halves, out=turns)
+        halves = boxes[2:]
+        np.add(turns[:, :3], turns[:, 3:6], out=halves)
+        np.add(halves, turns[:, 6:], out=halves)
+        rows = boxes.reshape(12, -1)
+        rows.take(self._first, axis=1, out=first, mode="clip")
+        rows.take(self._second, axis=1, out=second, mode="clip")
+        np.abs(np.subtract(first[:6], second[:6], out=apart), out=apart)
+        np.subtract(apart, np.add(first[6:], second[6:], out=self._extents), out=apart)
+        of_axes = apart.reshape(2, 3, -1)
+        return np.maximum(np.maximum(of_axes[:, 0], of_axes[:, 1]), of_axes[:, 2])
 
 
 def _levers(model: mujoco.MjModel) -> Vector:

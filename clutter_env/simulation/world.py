@@ -42,6 +42,8 @@ _LATERAL = math.sqrt(0.5)
 brushes against neither bears it nor rides on it."""
 _GRAVITY = 9.81
 """[m/s²]"""
+_PART_STEPS = PHYSICS_STEPS // SEGMENTS
+"""Physics steps for each command of the motors."""
 _AWAKE = -(1 + int(mujoco.mjMINAWAKE))
 """Entry of `tree_asleep` of a body that has just moved."""
 _FALLEN_BELOW = 0.01
@@ -234,27 +236,26 @@ class World:
         for coupling in self.index.finger_couplings:
             data.eq_active[coupling] = grip.is_touching
         self._contacts, self._supports, ctrl = [], [], data.ctrl
-        reader, on_furniture, on_itself = self._reader, self.on_furniture, self.on_itself
-        is_pressed = on_furniture.is_pressed or on_itself.is_pressed
+        reader, first, mj_step = self._reader, 0, mujoco.mj_step
+        on_furniture, on_itself = [0.0] * PHYSICS_STEPS, [0.0] * PHYSICS_STEPS  # [N]
         for command in self.controller.advance(data, velocity, grips, grip.is_holding, head):
             ctrl[:] = command
             if self._grip_command:  # thin walls are held with all the force of the fingers
                 for actuator in self.index.finger_actuators:
                     ctrl[actuator] = ctrl[actuator] or self._grip_command
-            for _ in range(PHYSICS_STEPS // SEGMENTS):
-                mujoco.mj_step(model, data)
+            for step in range(first, first + _PART_STEPS):
+                mj_step(model, data)
                 if data.ncon:
-                    contacts = reader.read(data)
-                    if is_pressed or contacts.is_pressing:
-                        on_furniture.add(reader.furniture_force(data, contacts))
-                        on_itself.add(reader.self_force(data, contacts))
-                        is_pressed = True
-                elif is_pressed:
-                    on_furniture.add(0.0)
-                    on_itself.add(0.0)
-                    is_pressed = on_furniture.is_pressed or on_itself.is_pressed
+                    contacts = reader.read_some(data)
+                    if contacts.presses_furniture:
+                        on_furniture[step] = reader.furniture_force(data, contacts)
+                    if contacts.presses_itself:
+                        on_itself[step] = reader.self_force(data, contacts)
             if data.ncon:
                 self._note(contacts)
+            first += _PART_STEPS
+        self.on_furniture.add(on_furniture)
+        self.on_itself.add(on_itself)
         # A physics step leaves body and site poses at the positions from which it started.
         mujoco.mj_kinematics(model, data)
         moved = frozenset().union(*(contacts.moved for contacts in self._contacts))
@@ -266,15 +267,15 @@ class World:
         An object at rest in the gripper or on the arm is about to sleep, with all that lies on it; asleep it would stay
         in the air when the robot lets go of it.
         """
-        data = self.data
         self._contacts.append(contacts)
+        if not contacts.touched:
+            return
         self._supports.append(self._supported(contacts))
-        if contacts.moved:
-            islands, asleep = data.tree_island.tolist(), data.tree_asleep
-            island = islands[self._robot_tree]
-            for tree, (its_island, state) in enumerate(zip(islands, asleep.tolist(), strict=True)):
-                if its_island == island and state < 0:
-                    asleep[tree] = _AWAKE
+        islands, asleep = self.data.tree_island.tolist(), self.data.tree_asleep
+        island = islands[self._robot_tree]
+        for tree, (its_island, state) in enumerate(zip(islands, asleep.tolist(), strict=True)):
+            if its_island == island and state < 0:
+                asleep[tree] = _AWAKE
 
     @property
     def touched(self) -> set[int]:

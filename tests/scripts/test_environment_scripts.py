@@ -13,7 +13,7 @@ from PIL import Image
 from clutter_env.envs.rearrange_tasks import TASKS
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.scene.layout import LAYOUTS
-from scripts import soak
+from scripts import soak, step_cost
 from scripts.layout_pictures import save_images, scene_image
 from scripts.soak import ARM_IDS, TASK_IDS, EnduranceError, run_endurance
 
@@ -57,3 +57,12 @@ def test_layouts_are_rendered_side_by_side(tmp_path: Path) -> None:
     assert not np.array_equal(*images)
     save_images([*images, *images, images[1]], tmp_path / "new" / "layouts.png")
     assert Image.open(tmp_path / "new" / "layouts.png").size == (4 * 48 + 3 * 8, 2 * 60 + 8)
+
+
+@pytest.mark.parametrize("mode", ["joint", "ee"])
+def test_steps_of_a_checkout_are_timed_in_a_process_of_its_own(mode: str) -> None:
+    checkout = step_cost.Checkout(Path(__file__).parents[2], mode, objects=1, steps=3)
+    sampled, at_rest = checkout.play("sampled", 0), checkout.play("at rest", 0)
+    checkout.close()
+    assert sampled.shape == at_rest.shape == (3,)
+    assert min(sampled.min(), at_rest.min()) > 0.0

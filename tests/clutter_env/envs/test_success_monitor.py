@@ -164,11 +164,9 @@ def test_an_object_that_the_gripper_loses_is_disturbed(lost: tuple[float, float,
 def test_pressing_hard_is_not_clean(where: str) -> None:
     table = Table()
     pressing = getattr(table.world, where)
-    for _ in range(200):
-        pressing.add(SUSTAINED_FORCE)
+    pressing.add([SUSTAINED_FORCE] * 200)
     assert table.monitor.is_clean
-    for _ in range(50):
-        pressing.add(SUSTAINED_FORCE + 0.1)
+    pressing.add([SUSTAINED_FORCE + 0.1] * 50)
     assert not table.monitor.is_clean
 
 

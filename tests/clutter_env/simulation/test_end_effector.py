@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import subprocess
 import sys
 
 import mink
+import mujoco
 import numpy as np
 import pytest
 
@@ -20,6 +22,7 @@ from clutter_env.simulation.end_effector import (
     TcpFollower,
     _MotionLimit,
 )
+from clutter_env.simulation.self_avoidance import _Boxes
 
 LOWER = np.array([max(link.lower, -50.0) for link in FETCH.chain])
 UPPER = np.array([min(link.upper, 50.0) for link in FETCH.chain])
@@ -141,3 +144,51 @@ def test_self_avoidance_has_no_pair_that_the_arm_does_not_bring_nearer(name: str
     controller.reset(q)
     controller.joint_velocity(np.full(6, 0.1), q, np.full_like(q, 0.1))
     assert (controller._avoidance._brakes > 0.0).all()
+
+
+def test_an_arm_at_rest_gets_the_velocities_of_a_new_solve() -> None:
+    """Rests of several steps, between motions, from which it moves on; each step beside a controller without a past."""
+    rng, controller, fresh = np.random.default_rng(0), EndEffectorController(FETCH), EndEffectorController(FETCH)
+    q, qd, rests = np.array(FETCH.home), np.zeros(len(FETCH.home)), 0
+    controller.reset(q)
+    for twist in np.repeat(rng.uniform(-1, 1, (8, 6)) * (np.arange(8) % 2)[:, None], 60, axis=0):
+        fresh._last, fresh.wanted = ((), np.zeros_like(q)), controller.wanted
+        known = controller._last
+        velocity = controller.joint_velocity(twist, q, qd)
+        assert velocity.tobytes() == fresh.joint_velocity(twist, q, qd).tobytes()
+        assert controller.wanted == fresh.wanted
+        rests += known is controller._last and not twist.any()
+        q, qd = q + velocity * CONTROL_STEP, velocity.copy()
+        velocity[:] = np.nan  # whoever gets it may write it
+    assert rests > 60
+
+
+def test_gaps_are_those_of_the_shapes_corners() -> None:
+    """Shapes with a centre of their own, such as meshes, too."""
+    arms = "".join(
+        f'<body pos="0.1 0 0.2"><joint axis="{axis}"/><geom type="{kind}" size="0.03 0.05 0.07" pos="0 0.05 0"/>'
+        f'<geom type="mesh" mesh="wedge" pos="0.1 0 0" euler="20 {number} 40"/>'
+        for number, (axis, kind) in enumerate((("0 0 1", "box"), ("0 1 0", "capsule"), ("1 1 0", "cylinder")))
+    )
+    wedge = '<asset><mesh name="wedge" vertex="0 0 0  0.1 0 0  0 0.2 0  0 0 0.05"/></asset>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco>{wedge}<worldbody>{arms}{'</body>' * 3}</worldbody></mujoco>")
+    pairs = np.array(list(itertools.combinations(range(model.ngeom), 2)))
+    rng = np.random.default_rng(0)
+    model.geom_aabb[:, :3] = rng.uniform(-0.1, 0.1, (model.ngeom, 3))
+    boxes, signs = _Boxes(model, pairs), np.array(list(itertools.product((-1, 1), repeat=3)))
+    for _ in range(10):
+        states = [mujoco.MjData(model), mujoco.MjData(model)]
+        for data in states:
+            data.qpos[:] = rng.uniform(-2, 2, model.nq)
+            mujoco.mj_kinematics(model, data)
+        for data, gaps in zip(states, boxes.gaps(*states), strict=True):
+            low, high = np.empty((2, model.ngeom, 3))
+            for geom in range(model.ngeom):
+                corners = (model.geom_aabb[geom, :3] + signs * model.geom_aabb[geom, 3:]) @ data.geom_xmat[
+                    geom
+                ].reshape(3, 3).T
+                low[geom], high[geom] = corners.min(axis=0), corners.max(axis=0)
+            low, high = low + data.geom_xpos, high + data.geom_xpos
+            first, second = pairs.T
+            expected = np.maximum(low[first] - high[second], low[second] - high[first]).max(axis=1)
+            np.testing.assert_allclose(gaps, expected, atol=1e-12)

@@ -26,7 +26,7 @@ from tests.clutter_env.envs.cheats import OTHER, SCENE, Cheat, cylinder
 def pressed(*forces: float) -> Pressing:
     pressing = Pressing()
     for force in forces:
-        pressing.add(force)
+        pressing.add([force])
     return pressing
 
 
@@ -101,8 +101,11 @@ def test_memory_continues_bit_for_bit() -> None:
         assert len(begun.memory()) == REMEMBERED
         rest = Pressing.recall(begun.memory())
         for force in forces[cut:]:
-            rest.add(force)
+            rest.add([force])
         assert rest.memory() == whole.memory()
+        at_once = pressed(*forces[:cut])
+        at_once.add(forces[cut:])
+        assert at_once.memory() == whole.memory(), "one after the other or all together"
 
 
 def watch(
