@@ -190,9 +190,9 @@ class Planner:
 
         `start` is the scene from which the goal counts, as for `Goal.holds`, if something has happened since.
         """
-        wanted = _goal_in(scene, goal)
         if start is not None:
             _robot_of(start)
+        wanted = _goal_in(scene, goal, start)
         chosen = find_strategy(strategy)
         deadline = warm_once(self.robot, self.follower, self._exercise, Deadline.after(time_limit))
         if deadline.is_over:
@@ -301,10 +301,10 @@ def _robot_of(scene: Scene) -> RobotSpec:
     return scene.robot
 
 
-def _goal_in(scene: Scene, goal: str | Goal) -> Goal:
-    """A goal that means something in a scene; raises `UnknownObject` or `GoalError`."""
+def _goal_in(scene: Scene, goal: str | Goal, start: Scene | None = None) -> Goal:
+    """A goal that means something in a scene, as it is read where it began; raises `UnknownObject` or `GoalError`."""
     _robot_of(scene)
-    wanted = Goal.of(goal)
+    wanted = Goal.of(goal, start or scene)
     if wanted.target:
         scene.index(wanted.target)
     wanted.check(scene)
