@@ -73,7 +73,7 @@ def contradiction_in(scene: Scene, facts: Sequence[Fact]) -> tuple[Fact, Fact] |
             continue
         if isinstance(end, Holding) or isinstance(fact, Holding):
             return first, fact
-        joined = _joined(scene, end, fact, facts)  # type: ignore[arg-type]
+        joined = _joined(scene, end, fact, facts)  # type: ignore[arg-type]  # ends alone are joined
         if joined is None:
             return first, fact
         found[fact.object] = (fact if joined is fact else first), joined
