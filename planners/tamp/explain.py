@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from planners.cause import Cause
 from planners.clearing.commitments import NoCommitment
-from planners.clearing.goal_bound import must_move, order_circle
+from planners.clearing.goal_bound import must_move, order_circle, waits_for
 from planners.goals import Goal
-from planners.placing.goal_places import without_room
+from planners.placing.goal_places import fixed_about, place_of, without_room
 from planners.scene import Scene
 from planners.tamp.motion_layer import MotionLayer
 from planners.tamp.solution import Infeasible
@@ -21,15 +21,18 @@ def explain(search: Search, scene: Scene, found: NoCommitment) -> Infeasible:
         scene: in which it ended.
         found: what the choice of moves says.
     """
-    cause = _cause(search.motion_layer, scene, found)
-    detail = _by_goal(search, scene, cause, found.objects)
+    cause, objects = _cause(search.motion_layer, scene, found), found.objects
+    detail = _by_goal(search, scene, cause, objects)
     if detail:
-        return search.infeasible(cause, detail, found.objects)
+        return search.infeasible(cause, detail, objects)
     context = search.motion_layer.context
-    too_wide = [context.too_wide(scene, name) for name in found.objects]
-    if cause is Cause.UNREACHABLE and too_wide[0]:
-        return search.infeasible(Cause.TOO_WIDE, f"{'; '.join(too_wide)}, {context.catalogue}", found.objects)
-    return search.infeasible(cause, _by_robot(search, scene, cause, found.objects), found.objects)
+    if cause is Cause.UNREACHABLE and all(too_wide := [context.too_wide(scene, name) for name in objects]):
+        return search.infeasible(Cause.TOO_WIDE, f"{'; '.join(too_wide)}, {context.catalogue}", objects)
+    if cause is Cause.NO_SELF_CLEARABLE_SET and (wide := _too_wide_to_leave(search, scene, objects)):
+        reasons = "; ".join(context.too_wide(scene, name) for name in wide)
+        detail = f"{', '.join(wide)} must go before {', '.join(objects)}, but: {reasons}, {context.catalogue}"
+        return search.infeasible(Cause.TOO_WIDE, detail, wide)
+    return search.infeasible(cause, _by_robot(search, scene, cause, objects), objects)
 
 
 def _cause(motion_layer: MotionLayer, scene: Scene, found: NoCommitment) -> Cause:
@@ -38,11 +41,23 @@ def _cause(motion_layer: MotionLayer, scene: Scene, found: NoCommitment) -> Caus
         return found.cause
     if motion_layer.has_refuted:  # it is not the grasps alone that leave no commitments
         return Cause.MOTION
-    if found.cause is Cause.UNREACHABLE:
+    if found.cause is Cause.UNREACHABLE and not _can_be_taken(motion_layer, scene, found.objects):
         anywhere = motion_layer.context.anywhere().grasps(motion_layer.compiled)
         if any(anywhere.for_object(scene, name) for name in found.objects):
             return Cause.NO_WAY_FOR_BASE
     return found.cause
+
+
+def _can_be_taken(motion_layer: MotionLayer, scene: Scene, objects: tuple[str, ...]) -> bool:
+    """Whether each of these objects has a grasp, whatever is in its way."""
+    return all(motion_layer.candidates.for_object(scene, name) for name in objects)
+
+
+def _too_wide_to_leave(search: Search, scene: Scene, objects: tuple[str, ...]) -> tuple[str, ...]:
+    """Names of what must leave before these objects come to their ends, and fits in no gripper."""
+    waits = waits_for(scene, search.goal, must_move(scene, search.goal, search.start))
+    before = {one for name in objects for one in waits.get(name, ())}
+    return tuple(name for name in scene.names if name in before and search.motion_layer.context.too_wide(scene, name))
 
 
 def _by_goal(search: Search, scene: Scene, cause: Cause, objects: tuple[str, ...]) -> str:
@@ -60,6 +75,8 @@ def _by_robot(search: Search, scene: Scene, cause: Cause, objects: tuple[str, ..
     """What the robot cannot do with these objects, with the choices that the answer holds for."""
     context, names = search.motion_layer.context, ", ".join(objects)
     match cause:
+        case Cause.UNREACHABLE if _can_be_taken(search.motion_layer, scene, objects):
+            detail = _place_out_of_reach(search, scene, objects)
         case Cause.UNREACHABLE:
             detail = context.unreached(scene, objects)
         case Cause.NO_WAY_FOR_BASE:
@@ -77,6 +94,15 @@ def _by_robot(search: Search, scene: Scene, cause: Cause, objects: tuple[str, ..
     if cause is Cause.NO_SELF_CLEARABLE_SET and reasons:
         detail += f"; cannot be taken: {'; '.join(reasons)}"
     return detail
+
+
+def _place_out_of_reach(search: Search, scene: Scene, objects: tuple[str, ...]) -> str:
+    """What is fixed about the places of objects that can be taken, but not put there."""
+    facts = [fact for fact in search.goal.placed if fact.object in objects]
+    about = dict.fromkeys(name for fact in facts for name in fixed_about(scene, place_of(scene, fact)))
+    wanted = " ".join(str(Goal((fact,))) for fact in facts)
+    detail = f"no free base pose and arm configuration put {', '.join(objects)} at the place of {wanted}"
+    return f"{detail}; fixed about it: {', '.join(about)}" if about else detail
 
 
 def _without_location(search: Search, scene: Scene, objects: tuple[str, ...]) -> str:

@@ -452,8 +452,6 @@ ANSWER_FALLS_SHORT = {
     "every support cleared of one can": "no clearance location: nothing is held at the end unless the goal says so",
     "the uppermost held, the one below it gone": "no clearance location for the uppermost one",
     "three that shift in a circle, with two hands": "4 picks",
-    "a place that is walled in": "no way for the base: names no place",
-    "a place where something stands that no gripper spans": "no self-clearable set, about a: the wide one is not named",
     "every support cleared of three cans": "no clearance location, but for the grasps: supports are not named",
     "an order against what stands on it": "no self-clearable set, about a alone: the order is not named",
     "one held where no arm reaches": "motion: no motion of the arm holds it there",
