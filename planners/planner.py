@@ -274,7 +274,8 @@ class Planner:
             for checks_at_end in (True, False) if chosen.shortens else (False,):
                 draws.bit_generator.state = before
                 layer = MotionLayer(chosen, draws, compiled, deadline, checks_at_end)
-                if known is not None and known.context is chosen:
+                remembers = strategy.plans_ahead or not goal.target  # attempts of the paper know nothing of others
+                if remembers and known is not None and known.context is chosen:
                     layer.candidates, layer.placement_search = known.candidates, known.placement_search
                 known = layer
                 search = Search(goal, strategy, self._task_planner, layer, self.hold_aside, bound, start)
