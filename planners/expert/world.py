@@ -63,8 +63,10 @@ class PerceivedWorld:
         try:
             in_hand = {arm: held_object(self._measured(arm)) for arm in self.robots}
             if not goal.target:
-                arm, held = next((one for one in in_hand.items() if one[1]), ("", ""))
-                return goal.holds(self._measured(arm, held), start), ""
+                held = [self._measured(arm, name) for arm, name in in_hand.items() if name]
+                scene, *others = held or [self._measured()]
+                aside = tuple(AsideObject(one.robot.arm_name, one.held) for one in others if one.held is not None)
+                return goal.holds(replace(scene, aside=aside), start), ""
             stood_at = height_below(start, start.body(goal.target))
             height = self._measured().body(goal.target).bottom - stood_at
             return height > self._env.lift_height and goal.target in in_hand.values(), ""

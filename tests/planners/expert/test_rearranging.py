@@ -9,8 +9,9 @@ import gymnasium
 import pytest
 
 import clutter_env
+from assets import PR2
 from planners import Solution, TampExpert
-from planners.goals import GoalError, on
+from planners.goals import GoalError, holding, on
 from tests.planners.plans import play
 
 assert clutter_env
@@ -80,3 +81,15 @@ def test_the_goals_of_pick_are_reached_on_the_table_and_in_the_air(seed: int, fa
     assert expert.goal.to_pddl().startswith(f"({fact} ")
     assert play(env, expert)["is_success"], expert.report.failure
     assert expert.report.scored
+
+
+def test_two_hands_hold_two_objects() -> None:
+    """Each arm is seen with what it holds: the goal was reached, and the expert planned on."""
+    env = gymnasium.make("clutter_env/Retrieve-o5-v0", robot=PR2.with_all_arms())
+    env.reset(seed=3)
+    expert = TampExpert(env)
+    first, second, *_ = env.unwrapped.object_names
+    expert.reset(goal=holding(first) & holding(second))
+    play(env, expert)
+    assert expert.report.result == "success", expert.report
+    assert not expert.report.replans
