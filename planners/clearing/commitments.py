@@ -47,10 +47,6 @@ class Commitments:
         """Names of what is in the way of each chosen grasp."""
         return {name: scene.names_of(grasp.blockers) for name, grasp in self.grasps.items()}
 
-    def with_grasp(self, grasp: GraspCandidate) -> Commitments:
-        """The same with another grasp of one object."""
-        return replace(self, grasps=MappingProxyType({**self.grasps, grasp.object: grasp}))
-
     def without(self, name: str) -> Commitments:
         """The commitments that remain once that object has been cleared."""
         kept = {other: grasp for other, grasp in self.grasps.items() if other != name}
