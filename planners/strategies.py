@@ -31,13 +31,13 @@ class Strategy:
     Attributes:
         name: what it is called.
         grasps: "greedy" takes, object by object, the grasp with the fewest objects in its way; "smallest" takes the
-            grasps of the smallest self-clearable set.
+            grasps of the smallest self-clearable set; a strategy that plans ahead looks for its own.
         region: what a cleared object must stay out of: "none", "ngr1" (the target's grasp, eq. 1), or "ngr" (also the
             grasps of the obstacles still to be cleared, eq. 3).
         locations: "random" order, or by "priority" (section 3.3): farthest within R_work, then nearest outside it.
         plans_ahead: whether grasps, order and locations of the whole set are chosen before the first motion is
             planned, and the task planner is told what obstructs these grasps.
-        tries: moves tried in one look-ahead while the fewest picks decide what is tried next; then as many greedily.
+        tries: moves tried in one look-ahead until a plan is found; then a quarter as many for one with fewer picks.
         leaves_cleared: whether an object that was cleared before is cleared again only if nothing else helps.
         attempts: runs of Algorithm 1, with other random choices, before a solve ends without a plan or with a plan that
             clears an object twice.

@@ -14,7 +14,7 @@ import math
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from planners.clearing.clearance_plan import ClearancePlan, as_plan
 from planners.clearing.commitments import NoCommitment, grasped
 from planners.clearing.goal_bound import LowerBound, fewest_picks, must_move, waits_for, with_what_stands_on
 from planners.clearing.moves import Move, MoveMaker
-from planners.clearing.order_of_moves import Order
+from planners.clearing.order_of_moves import Order, Step
 from planners.clearing.quickest import holding_aside
 from planners.goals import At, Inside, On
 from planners.grasping.candidates import GraspCandidate
@@ -49,27 +49,6 @@ _CELL = 0.02
 
 
 _Pairs: TypeAlias = frozenset[tuple[str, str]]
-
-
-class Step(NamedTuple):
-    """A move that is meant to be made.
-
-    Attributes:
-        name: of the object.
-        is_general: whether it goes where the goal wants it.
-        taken: the grasp that it is meant to be taken through; None if it is in a hand, or has been moved before.
-        put: the one that puts it down, where that is known.
-    """
-
-    name: str
-    is_general: bool
-    taken: GraspCandidate | None = None
-    put: GraspCandidate | None = None
-
-    @property
-    def grasps(self) -> tuple[GraspCandidate, ...]:
-        """What others keep clear of until then."""
-        return tuple(grasp for grasp in (self.taken, self.put) if grasp is not None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,7 +305,7 @@ class _Search:
         moves = (*now.moves, moved)
         if is_strict and (rest or not must_move(moved.after, goal, maker.start)):
             left = now.left - (moved.grasp is not None)
-            return _Situation(moved.after, moves, rest, max(left, len(rest) > 0), now.also, now.later)
+            return _Situation(moved.after, moves, rest, max(left, 1) if rest else 0, now.also, now.later)
         found = self.situation(moved.after, moves, [one for one in now.also if one != name], now.later)
         return found if isinstance(found, _Situation) else None
 
@@ -356,6 +335,8 @@ class _Search:
     def _clear_of(self, steps: Sequence[Step]) -> KeepClear:
         """The regions of these steps: NGR1 of what is to be held, NGR2 of what is moved before."""
         held = [one.taken for one in steps if one.taken is not None and one.name in self.maker.goal.held]
+        if held and self.maker.strategy.region == "ngr1":
+            return KeepClear(held[0])
         others = [grasp for one in steps if one.name not in self.maker.goal.held for grasp in one.grasps]
         return KeepClear(held[0] if held else None, tuple(others))
 
@@ -484,8 +465,7 @@ class _Search:
             return ()
         known = maker.not_placed.blockers
         refuted = {name: known.get(name, frozenset()) - {move.name for move in moves} for name in to_move}
-        found = self._order.steps(scene, to_move, refuted, ())
-        return tuple(Step(one.name, one.is_general, one.taken, one.put) for one in found)
+        return tuple(self._order.steps(scene, to_move, refuted))
 
 
 def _in_turn(
@@ -519,9 +499,10 @@ def _in_turn(
 
     while first or again:
         ready = [name for name in again if place_is_free(name) and not is_too_early(name)]
-        if ready:
-            again.remove(ready[0])
-            yield Step(ready[0], True)
+        if ready or not first:  # or, if the rest wait for each other, the first of these
+            name = (ready or again)[0]
+            again.remove(name)
+            yield Step(name, True)
             continue
         free = {name: grasps_of(name) for name in first if not is_too_early(name)}
         may = [name for name, grasps in free.items() if grasps or name in in_hand]

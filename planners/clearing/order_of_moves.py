@@ -40,19 +40,24 @@ class Option(NamedTuple):
 
 
 class Step(NamedTuple):
-    """One move of the order.
+    """A move that is meant to be made.
 
     Attributes:
         name: of the object.
         is_general: whether it goes to its end, not just aside.
-        taken: how it is taken; None if it has been put aside by then.
-        put: how it is put down at its end; None if it is put aside.
+        taken: the grasp that it is taken through; None if it is in a hand, or has been put aside by then.
+        put: the one that puts it down at its end, where that is known; None if it is put aside.
     """
 
     name: str
     is_general: bool
-    taken: GraspCandidate | None
-    put: GraspCandidate | None
+    taken: GraspCandidate | None = None
+    put: GraspCandidate | None = None
+
+    @property
+    def grasps(self) -> tuple[GraspCandidate, ...]:
+        """What others keep clear of until then."""
+        return tuple(grasp for grasp in (self.taken, self.put) if grasp is not None)
 
 
 @dataclass(frozen=True)
@@ -100,7 +105,6 @@ class Order:
         scene: Scene,
         waiting: Collection[str],
         in_the_way: Mapping[str, Collection[str]],
-        in_vain: Collection[tuple[str, bool]],
     ) -> list[Step]:
         """The moves from a scene on, [] if none are found.
 
@@ -108,7 +112,6 @@ class Order:
             scene: where objects stand.
             waiting: names of what is to move.
             in_the_way: names of what else must have left before an object is put down at its end, by its name.
-            in_vain: first moves that were refuted, and whether to the end.
         """
         names, n = scene.names, len(scene.names)
         ends = {name: body if name in waiting else scene.body(name) for name, body in self.ends.items()}
@@ -155,7 +158,7 @@ class Order:
                 taken = [one for one in options(name, False) if not one.mask & left] if stands else []
                 if stands and not taken:
                     continue
-                if name in ends and not (stands and name not in waiting) and not (is_first and (name, True) in in_vain):
+                if name in ends and not (stands and name not in waiting):
                     put = [one for one in options(name, True) if not one.mask & left]
                     if stands:
                         # To be put aside only to be taken at another pitch would never end.
@@ -170,7 +173,7 @@ class Order:
                         pair = (None, put[0].grasp) if put else None
                     if pair is not None:
                         yield Step(name, True, pair[0], pair[1]), left | end
-                if stands and not (is_first and (name, False) in in_vain):
+                if stands:
                     yield Step(name, False, taken[0].grasp, None), left
 
         @cache

@@ -142,7 +142,7 @@ class Solution(Stored):
         target: name of the object that the plan takes; "" of a goal with places.
         strategy: the strategy that made the plan.
         goal: what the plan brings about; None in files of older versions: the target is held.
-        bound: of a goal with places: the fewest picks of any plan.
+        bound: the fewest picks of any plan; None of a target with a strategy that does not plan ahead.
         end: the scene at the end, what is held at the pose at which it is held; None in files of older versions.
     """
 

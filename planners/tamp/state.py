@@ -37,7 +37,7 @@ class PlanState:
         scene: the scene they are about.
         clearance_plan: what the grasp references stand for, and where objects are planned to be put.
         put_downs: what the references of put-downs stand for, by location symbol, once the base stands there.
-        wanted: the facts `objectAt` that are planned for: the goal's, up to the first object that is put aside.
+        wanted: the facts `objectAt` that are planned for: the goal's, up to the first object that is to be moved again.
     """
 
     symbols: SymbolicState
@@ -84,8 +84,8 @@ class Search:
 
     `has_given_up`: a call of the task planner reached its time limit; `answers` are those it gave. `hold_aside`: if one
     arm may hold an obstacle while another one takes the target. `start` is the scene before anything was moved, `bound`
-    the lower bound there, of a goal with places. `not_placed`: objects for whose place no motion was found, with what
-    is in the way; `refused_pitches`: and the pitches [rad] of the grasps through which they had been taken.
+    the lower bound there, if moves are planned ahead. `not_placed`: objects for whose place no motion was found, with
+    what is in the way; `refused_pitches`: and the pitches [rad] of the grasps through which they had been taken.
     """
 
     goal: Goal

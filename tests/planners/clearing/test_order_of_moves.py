@@ -23,7 +23,7 @@ def order(scene: Scene, goal: goals.Goal, waiting: list[str]) -> list[tuple[str,
     """The names that move, and whether to their ends."""
     found = Order.of(scene, goal, waiting, PlanningContext.of(scene.robot, scene).grasps())
     assert found is not None
-    return [(step.name, step.is_general) for step in found.steps(scene, waiting, {}, set())]
+    return [(step.name, step.is_general) for step in found.steps(scene, waiting, {})]
 
 
 def test_what_stands_behind_goes_to_its_place_before_what_stands_in_front_of_it() -> None:

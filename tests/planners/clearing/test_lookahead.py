@@ -1,0 +1,54 @@
+"""Planning ahead: the moves that are meant to be made, and what is kept clear for them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+
+from planners import STRATEGIES, Goal, goals, solve
+from planners.clearing.goal_bound import LowerBound
+from planners.clearing.lookahead import _in_turn
+from planners.clearing.moves import MoveMaker
+from planners.context import PlanningContext
+from planners.placing.placements import PlacementSearch
+from planners.scene import Scene
+from planners.tamp.solution import Solution
+from tests.planners.scenes import cylinder, random_scene, table_scene
+
+
+def maker(scene: Scene, goal: Goal) -> MoveMaker:
+    context = PlanningContext.of(scene.robot, scene)
+    rng = np.random.default_rng(0)
+    return MoveMaker(goal, scene, STRATEGIES["lookahead"], context.grasps(), context.placements(), rng)
+
+
+def test_what_waits_for_each_other_is_moved_all_the_same() -> None:
+    """Each of two objects was found in the way of the place of the other one, where a third one stands."""
+    scene = table_scene(cylinder("a", -0.25, 0.2), cylinder("b", -0.25, -0.2), cylinder("c", 0.1, 0.0))
+    goal = goals.at("a", (0.1, 0.01), 0.001) & goals.at("b", (0.1, -0.01), 0.001)
+    later = frozenset({("a", "b"), ("b", "a"), ("a", "c"), ("b", "c")})
+    bound = LowerBound(5, ("a", "b", "c"), ("a", "b"), True, 5)
+    steps = list(_in_turn(maker(scene, goal), scene, bound, ("a", "b"), later))
+    assert [(step.name, step.is_general) for step in steps[:3]] == [("a", False), ("b", False), ("c", False)]
+    assert sorted((step.name, step.is_general) for step in steps[3:]) == [("a", True), ("b", True)]
+
+
+@pytest.mark.parametrize(("region", "keeps"), [("ngr", True), ("ngr1", False)])
+def test_a_strategy_with_ngr1_keeps_the_target_s_grasp_alone_clear(region: str, keeps: bool) -> None:
+    scene = random_scene(25, 0)
+    kept: list[tuple[bool, int]] = []
+    find = PlacementSearch.find
+
+    def recorded(self: PlacementSearch, world: object, keep_clear: object, *args: object, **more: object) -> object:
+        kept.append((keep_clear.target is not None, len(keep_clear.obstacles)))  # type: ignore[attr-defined]  # KeepClear
+        return find(self, world, keep_clear, *args, **more)  # type: ignore[arg-type]  # passed on
+
+    strategy = replace(STRATEGIES["lookahead"], region=region)
+    with patch.object(PlacementSearch, "find", recorded):
+        plans = (solve(scene, name, strategy, grasps="side") for name in scene.names)
+        next(plan for plan in plans if isinstance(plan, Solution) and len(plan.clearances) > 1)
+    assert any(has_target for has_target, _ in kept)
+    assert any(count for _, count in kept) == keeps
