@@ -238,9 +238,9 @@ class Goal:
                 f"the goal says where twice: {name}: {one} and {other}"
             )
         said: dict[str, Fact] = {}
-        for one in self.openings:
-            if (other := said.setdefault(one.opening, one)) is not one:
-                raise GoalError(f"the goal says twice how {one.opening!r} is: {pddl_of(other)} and {pddl_of(one)}")
+        for how in self.openings:
+            if (first := said.setdefault(how.opening, how)) is not how:
+                raise GoalError(f"the goal says twice how {how.opening!r} is: {pddl_of(first)} and {pddl_of(how)}")
         hands = len(scene.robot.acting_arms)
         if len(self.held) > hands:
             raise GoalError(

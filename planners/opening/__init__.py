@@ -1,1 +1,1 @@
-"""Opening: how a hand takes a handle and moves what it opens, and what has to be opened before a goal can be reached."""
+"""Opening: a hand takes a handle and moves what it opens; and what has to be opened before a goal can be reached."""

@@ -6,23 +6,21 @@ where they pass. The rest of planning needs to know no more.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.world import CollisionWorld, are_near
+from planners.collision.opened import STEPS, way
 from planners.regions import Region
 from planners.scene import MAX_OBJECTS, Body, Opening, Pull, Scene, StaticObstacle
-from planners.scene.moving import carried_by, moved
 
 Array = NDArray[np.float64]
 
-_STEPS = 12
-"""Places on the way of what opens at which is looked what it touches."""
 _GAP = 0.004
-"""[m] that what opens keeps from objects on its way, and what is put down keeps from there."""
+"""[m] that what is put down keeps from the way of what opens."""
 _OVER = 0.3
 """[m] above a support up to which something passes in the way of what is put down there."""
 
@@ -63,46 +61,26 @@ def handles_of(scene: Scene, name: str) -> Iterator[tuple[str, ...]]:
         yield (one,)
 
 
-def pulled(scene: Scene, position: float | None = None) -> Scene:
-    """A scene with a handle after it has been pulled, to a position or as far as it is to be."""
-    assert scene.pull is not None
-    to = scene.pull.position if position is None else position
-    return moved(scene, scene.pull.opening, to, besides=[scene.pull.handle])
+def without_handle(twin: Scene, scene: Scene) -> Scene:
+    """The scene at the end of a plan that has taken a handle: what opens as in another scene, objects where they are.
 
-
-def way(opening: Opening, position: float, steps: int = _STEPS) -> Array:
-    """Positions (steps,) on the way to another one, without the present one."""
-    return np.asarray(np.linspace(opening.position, position, steps + 1)[1:])
-
-
-def swept_objects(world: CollisionWorld) -> int:
-    """Mask of the objects that what is pulled would touch on its way, other than those that ride on it."""
-    scene = world.scene
-    assert scene.pull is not None
-    opening = scene.opening(scene.pull.opening)
-    riding = {*carried_by(scene, opening), scene.pull.handle, *scene.held_names}
-    parts = [one for one in scene.static_obstacles if one.name in opening.parts]
-    parts += list(scene.body(scene.pull.handle).placed)  # type: ignore[arg-type]  # solids in the world, as the others
-    others = [body for body in scene.objects if body.name not in riding]
-    mask = 0
-    for position in way(opening, scene.pull.position):
-        T = opening.motion(position)
-        there = [part.moved(T[:3, :3], T[:3, 3]) for part in parts]
-        for body in others:
-            bit = 1 << scene.index(body.name)
-            if not mask & bit and are_near(there, body, _GAP):
-                mask |= bit
-    return mask
+    Args:
+        twin: the scene with the handle at the end of the plan.
+        scene: the one before the plan, with what opens as it is then.
+    """
+    assert twin.pull is not None
+    objects = tuple(one for one in twin.objects if one.name != twin.pull.handle)
+    return replace(scene, objects=objects, state=twin.state, robot=twin.robot, aside=twin.aside, parked=twin.parked)
 
 
 def _swept_regions(scene: Scene, opening: Opening, position: float) -> Iterator[Region]:
     """Where on the supports what opens passes so low that nothing may be put there meanwhile."""
     parts = [one for one in scene.static_obstacles if one.name in opening.parts]
     faces = [scene.support_named(name) for name in scene.supports if name not in opening.parts]
-    steps = 1 if opening.kind == "slide" else _STEPS // 2
+    steps = 1 if opening.kind == "slide" else STEPS // 2
     stops = [opening.position, *way(opening, position, steps)]
     for face in faces:
-        for k, (one, other) in enumerate(zip(stops[:-1], stops[1:], strict=True)):
+        for k, (one, other) in enumerate(itertools.pairwise(stops)):
             low = [part for part in parts if _passes_over(part, face, opening, (one, other))]
             if low:
                 corners = [_corners(part, opening, stop) for part in low for stop in (one, (one + other) / 2, other)]

@@ -451,19 +451,28 @@ def openings_of(
     Raises:
         SceneError: a body with handles that does not open, or a handle that is no part of it.
     """
-    on_robot, openings = robot_bodies(model, robot), []
-    for body in range(1, model.nbody):
-        joint = int(model.body_jntadr[body])
-        if body in on_robot or int(model.body_jntnum[body]) != 1 or int(model.jnt_type[joint]) not in _JOINTS:
-            continue
-        if model.jnt_limited[joint] and _hangs_on_openings(model, int(model.body_parentid[body])):
-            openings.append(_opening(model, data, body, joint, found, handles.get(str(model.body(body).name))))
+    openings = [
+        _opening(model, data, int(model.jnt_bodyid[joint]), joint, found, handles.get(name))
+        for name, joint in opening_joints(model, robot).items()
+    ]
     known = [one.name for one in openings]
     if unknown := [name for name in handles if name not in known]:
         raise SceneError(
             f"handles of {', '.join(unknown)}, which do not open; what opens: {', '.join(known) or 'none'}"
         )
     return tuple(one for one in openings if one.parts)
+
+
+def opening_joints(model: mujoco.MjModel, robot: RobotSpec) -> dict[str, int]:
+    """Ids of the joints of what opens, by the names of the bodies; see `openings_of`."""
+    on_robot, found = robot_bodies(model, robot), dict[str, int]()
+    for body in range(1, model.nbody):
+        joint = int(model.body_jntadr[body])
+        if body in on_robot or int(model.body_jntnum[body]) != 1 or int(model.jnt_type[joint]) not in _JOINTS:
+            continue
+        if model.jnt_limited[joint] and _hangs_on_openings(model, int(model.body_parentid[body])):
+            found[str(model.body(body).name)] = joint
+    return found
 
 
 def _hangs_on_openings(model: mujoco.MjModel, body: int) -> bool:
