@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 from planners.cause import Cause
 from planners.clearing.goal_bound import LowerBound
 from planners.clock import Deadline
-from planners.facts import Closed, Open, Pulled, Turned
+from planners.facts import At, Closed, Holding, Inside, On, Open, Pulled, Turned
 from planners.goals import Goal
-from planners.opening.handle import handles_of, with_handle, without_handle
+from planners.opening.handle import as_if_opened, handles_of, with_handle, without_handle
 from planners.problem import Problem
 from planners.scene import Opening, Scene
 from planners.scene.moving import carried_by, moved
@@ -99,8 +99,12 @@ def needed(asked: Asked, scene: Scene, goal: Goal, start: Scene) -> tuple[str, .
         for some in itertools.combinations(shut, count):
             opened = scene
             for one in some:
-                opened = moved(opened, one.name, opened.opening(one.name).at_share(_FULLY))
-            if _is_possible(asked, opened, goal, start):
+                opened = as_if_opened(opened, one.name, opened.opening(one.name).at_share(_FULLY))
+            # What is named and in its way stands free before it: that it is out of reach has another cause.
+            is_known = {fact.object for fact in goal.facts if isinstance(fact, Holding | On | Inside | At)} <= {
+                *opened.names
+            }
+            if is_known and _is_possible(asked, opened, goal, start):
                 return tuple(one.name for one in some)
     return ()
 
@@ -118,7 +122,7 @@ def lower_bound_through(asked: Asked, scene: Scene, goal: Goal, start: Scene | N
     if rest:
         opened = here
         for name, position in moves:
-            opened = moved(opened, name, position)
+            opened = as_if_opened(opened, name, position)
         names = needed(asked, opened, Goal(rest), began)
         moves += [(name, opened.opening(name).at_share(_FULLY)) for name in names]
     for name, position in moves:
@@ -129,7 +133,7 @@ def lower_bound_through(asked: Asked, scene: Scene, goal: Goal, start: Scene | N
         if best.picks is None:
             return best
         bounds.append(best)
-        here = moved(here, name, position)
+        here = as_if_opened(here, name, position)
     if rest:
         last = asked.problem(here, Goal(rest), began).lower_bound()
         if last.picks is None:
