@@ -202,7 +202,7 @@ class Planner:
 
     def lower_bound(self, scene: Scene, goal: str | Goal, expansions: int = MAX_EXPANSIONS) -> LowerBound:
         """The fewest picks for a goal; see the function `lower_bound`."""
-        wanted = _goal_in(scene, goal)
+        wanted, scene = _goal_in(scene, goal), _not_sunk(scene)
         self.warmup()
         context = PlanningContext.of(self.robot, scene, grasps=self.grasps)
         grasps, search = context.grasps(), context.placements()
@@ -214,6 +214,7 @@ class Planner:
         """The minimum number of clearances; see the function `clearance_floor`."""
         _robot_of(scene)
         scene.index(target)
+        scene = _not_sunk(scene)
         self.warmup()
         context = PlanningContext.of(self.robot, scene, grasps=self.grasps)
         if target in scene.held_names:
