@@ -23,10 +23,10 @@ from planners import (
 )
 from planners.clock import Deadline
 from planners.motion.path import BlockedBy, NoPath
-from planners.planner import best_outcome
 from planners.symbolic.astar import AStar
 from planners.symbolic.problem import TaskProblem
 from planners.tamp import motion_layer
+from planners.tamp.attempts import best_outcome
 from planners.tamp.state import Search
 from tests.planners.scenes import HEIGHT, cylinder, table_scene
 
