@@ -159,12 +159,13 @@ def lower_bound_through(asked: Asked, scene: Scene, goal: Goal, start: Scene | N
     """The fewest picks and pulls of any plan for a goal in a scene in which something opens.
 
     Each thing that must be opened or shut is one pull. An object that is put aside for a pull may be one that has to go
-    for the rest too: so of these the greater number counts as proved, the sum of both as what is to be expected.
+    for the rest too: so the greater number of these counts as proved, the sum of both as what is to be expected.
     """
     began, here = start or scene, scene
     bounds: list[LowerBound] = []
     rest = tuple(fact for fact in goal.facts if fact not in goal.openings)
-    moves = [(fact.opening, fact.position_in(scene)) for fact in goal.openings if not fact.holds(scene)]
+    wanted = [(fact.opening, fact.position_in(scene)) for fact in goal.openings if not fact.holds(scene)]
+    moves = [*wanted]
     if rest:
         opened = here
         for name, position in moves:
@@ -185,9 +186,18 @@ def lower_bound_through(asked: Asked, scene: Scene, goal: Goal, start: Scene | N
         if last.picks is None:
             return last
         bounds.append(last)
-    pulls = len(moves)
-    aside = [bound.least - 1 for bound in bounds[:pulls]]
-    least = pulls + max([*aside, *(bound.least for bound in bounds[pulls:]), 0])
+    return _together(bounds[: len(moves)], bounds[len(moves) :], len(moves) > len(wanted))
+
+
+def _together(pulls: Sequence[LowerBound], others: Sequence[LowerBound], hides: bool) -> LowerBound:
+    """The bound of a plan with parts that pull handles, and others.
+
+    Where something `hides` what is to be moved, one object at least is moved after the pull, besides those put aside
+    for it: nothing reaches it before.
+    """
+    bounds = (*pulls, *others)
+    aside = max((bound.least - 1 for bound in pulls), default=0)
+    least = len(pulls) + max([aside + hides, *(bound.least for bound in others)])
     picks = sum(bound.picks or 0 for bound in bounds)
     objects = tuple(dict.fromkeys(name for bound in bounds for name in bound.objects))
     twice = tuple(name for bound in bounds for name in bound.aside)
@@ -288,8 +298,13 @@ def _one_plan(parts: list[Solution], goal: Goal, as_it_is: Problem | None, asked
         unusable=sum(one.unusable for one in stats),
         history=tuple(record for one in stats for record in one.history),
     )
+    bounds = [(part.bound, part.pulls > 0) for part in parts if part.bound is not None]
+    pulls, others = [one for one, is_pull in bounds if is_pull], [one for one, is_pull in bounds if not is_pull]
+    pulled = {action.target for part in parts for action in part.actions if action.name in ("Open", "Close")}
+    hides = bool(others) and bool(pulled - {fact.opening for fact in goal.openings})
     return replace(
         parts[-1],
+        bound=_together(pulls, others, hides) if len(bounds) == len(parts) else None,
         actions=tuple(action for part in parts for action in part.actions),
         clearances=tuple(name for part in parts for name in part.clearances),
         stats=total,

@@ -125,6 +125,13 @@ def box_world(robot: RobotSpec = FETCH) -> World:
           <geom name="lid_knob" type="box" size="0.012 0.03 0.02" pos="-0.17 0 0.025" mass="0.05"
             friction="1.5 0.01 0.001"/>
         </body>
+      </body>
+      <body name="stove" pos="0.9 -0.35 0.7">
+        <geom name="stove_plate" type="box" size="0.08 0.08 0.01" pos="0 0 0.01"/>
+        <body name="knob" pos="0 0 0.035">
+          <joint name="knob_joint" type="hinge" axis="0 0 1" range="0 2" damping="0.02" frictionloss="0.02"/>
+          <geom name="knob_grip" type="box" size="0.03 0.01 0.015" mass="0.03" friction="1.5 0.01 0.001"/>
+        </body>
       </body>"""
     return _world(parts, robot, [], ["table"], {})
 

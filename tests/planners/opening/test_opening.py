@@ -106,6 +106,12 @@ def test_a_lid_is_raised() -> None:
     assert scene.opening("lid").share > 0.75
 
 
+def test_a_knob_is_turned() -> None:
+    plan, scene = done(box_world(), goals.turned("knob", 1.2))
+    assert moves(plan) == [("Open", "knob")]
+    assert goals.turned("knob", 1.2, tolerance=0.15).holds(scene)
+
+
 def test_a_drawer_is_shut_before_what_was_in_it_is_held() -> None:
     plan, scene = done(drawer_world(), goals.holding("red") & goals.closed("drawer"))
     assert [one for one, _ in moves(plan)] == ["Open", "PickUp", "PutDownGeneral", "Close", "PickUp"]
