@@ -629,3 +629,13 @@ def path_hits(query: CollisionQuery, X: Array, step: float) -> np.uint64:
                 if query.first_only and hits != _NONE:
                     return np.uint64(hits)
     return np.uint64(hits)
+
+
+@njit(cache=True)
+def edges_that_hit(query: CollisionQuery, X: Array, step: float) -> NDArray[np.bool_]:
+    """Which edges of a motion through `X` (k, 3 + n) hit something, both ends included: (k - 1,); see `path_hits`."""
+    found = np.zeros(max(X.shape[0] - 1, 0), np.bool_)
+    if path_hits(query, X, step) != _NONE:
+        for row in range(found.shape[0]):
+            found[row] = path_hits(query, X[row : row + 2], step) != _NONE
+    return found

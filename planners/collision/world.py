@@ -23,6 +23,7 @@ from planners.collision.hit_kernels import (
     Attached,
     CollisionQuery,
     Scratch,
+    edges_that_hit,
     make_scratch,
     many_hits,
     packed_query,
@@ -246,6 +247,11 @@ class CollisionWorld:
         """
         query = self.query(opening, held, ignore, first_only)
         return int(path_hits(query, np.array(X, dtype=float, order="C"), float(step)))
+
+    def edges_that_hit(self, X: ArrayLike, opening: float, ignore: int = 0, step: float = STEP) -> NDArray[np.bool_]:
+        """Which of the straight parts of a motion hit something: (k - 1,); arguments as for `path_hits`."""
+        query = self.query(opening, None, ignore, first_only=True)
+        return np.asarray(edges_that_hit(query, np.array(X, dtype=float, order="C"), float(step)))
 
     def names_of(self, mask: int) -> tuple[str, ...]:
         """What the set bits stand for: names of objects, "a static obstacle", "the robot itself"."""

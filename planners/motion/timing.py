@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable
 from functools import lru_cache
 from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -47,6 +48,8 @@ _STRETCHES = 30
 """Times that a trajectory may be slowed down until its samples keep the limits."""
 
 Array = NDArray[np.float64]
+IsNear: TypeAlias = Callable[[Array], NDArray[np.bool_]]
+"""Which of the straight parts between configurations (k, 11) are near to something: (k - 1,)."""
 
 
 def time_parametrise(
@@ -55,7 +58,7 @@ def time_parametrise(
     finger_position: float,
     phase: Phase,
     is_loaded: bool = False,
-    is_near: Callable[[Array], bool] | None = None,
+    is_near: IsNear | None = None,
 ) -> Trajectory:
     """A trajectory along a polygon of whole-body configurations, at rest at both ends.
 
@@ -65,8 +68,7 @@ def time_parametrise(
         finger_position: [m], constant.
         phase: the phase that this trajectory is.
         is_loaded: whether an object is held: the base then turns at `robot.max_loaded_yaw_rate` at most.
-        is_near: whether a part (k, 11) of the path is so near to something that the robot moves slowly; see
-            `near_walls`.
+        is_near: on which straight parts of a path the robot moves slowly, as it is near something; see `near_walls`.
 
     Returns:
         samples every `CONTROL_STEP`, the last one at rest at the end. Their first differences keep the velocity limits
@@ -91,8 +93,8 @@ def time_parametrise(
         velocity[2] = min(velocity[2], HEADROOM * robot.max_loaded_yaw_rate)
     length, points = _grid(path, velocity)
     is_slow = np.zeros(len(points) - 1, bool)
-    if is_near is not None and is_near(path):
-        is_slow[:] = [is_near(points[k : k + 2]) for k in range(len(points) - 1)]
+    if is_near is not None and is_near(path).any():
+        is_slow = is_near(points)
     speed = _speeds(length, points, acceleration, is_slow)
     clock = np.concatenate([[0.0], np.cumsum(2 * np.diff(length) / (speed[:-1] + speed[1:]))])
     for _ in range(_STRETCHES):
@@ -105,11 +107,11 @@ def time_parametrise(
     return Trajectory.of_states(np.column_stack([samples, np.full(len(samples), finger_position)]), phase)
 
 
-def near_walls(world: CollisionWorld, opening: float) -> Callable[[Array], bool]:
-    """Whether the robot comes nearer than `_NEAR` to a fixed obstacle that is no support along a path (k, 11)."""
+def near_walls(world: CollisionWorld, opening: float) -> IsNear:
+    """On which parts of a path the robot comes nearer than `_NEAR` to a fixed obstacle that is no support."""
     scene = world.scene
     alone = _among(scene.robot, tuple(body for body in scene.static_obstacles if body.name not in scene.supports))
-    return lambda X: bool(alone.path_hits(X, opening, ignore=1 << SELF_BIT, first_only=True))
+    return lambda X: alone.edges_that_hit(X, opening, ignore=1 << SELF_BIT)
 
 
 @lru_cache(maxsize=16)
