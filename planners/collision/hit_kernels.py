@@ -29,6 +29,7 @@ from irm.kernel_arguments import (
     layout_of,
     leaf_kernel,
     packed,
+    with_numbers,
 )
 from irm.kinematics import fk_frames
 from planners.collision.scene_arrays import Obstacles, RobotArrays
@@ -110,8 +111,9 @@ class CollisionQuery(NamedTuple):
 
 def packed_query(query: CollisionQuery) -> CollisionQuery:
     """The query as kernels read it, with the addresses of what they call."""
-    configuration, edge = _addresses(layout_of(query))
-    return packed(query._replace(check_configuration=configuration, check_edge=edge))
+    without = packed(query)
+    configuration, edge = _addresses(layout_of(without))
+    return with_numbers(without, check_configuration=configuration, check_edge=edge)
 
 
 @cache

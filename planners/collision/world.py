@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irm.gjk import CYLINDER, Solids, are_any_within, are_within
-from irm.kernel_arguments import packed
+from irm.kernel_arguments import packed, with_numbers
 from planners.collision.hit_kernels import (
     Attached,
     CollisionQuery,
@@ -208,10 +208,16 @@ class CollisionWorld:
         # Fingers that are commanded to close on the held object stay at its width.
         apart, padding = max(float(opening), carried.width), float(self.padding)
         key = apart, int(active), padding, first_only
-        if key not in carried.queries:
+        if not carried.queries:
             scratch, attached = carried.scratch, carried.attached
             query = CollisionQuery(carried.robot, self.obstacles, attached, scratch, apart, active, padding, first_only)
             carried.queries[key] = packed_query(query)
+        elif key not in carried.queries:
+            # They differ in numbers alone.
+            known = next(iter(carried.queries.values()))
+            carried.queries[key] = with_numbers(
+                known, opening=apart, active=active, padding=padding, first_only=first_only
+            )
         return carried.queries[key]
 
     def hits(
