@@ -17,7 +17,6 @@ from planners.contact import (
     contacts as contacts,
     label_of as label_of,
 )
-from planners.context import ArmsError as ArmsError, PlanningContext as PlanningContext
 from planners.expert.config import (
     ExpertConfig as ExpertConfig,
     ExpertError as ExpertError,
@@ -63,6 +62,7 @@ from planners.planner import (
     solve as solve,
     warmup as warmup,
 )
+from planners.problem import Problem as Problem
 from planners.regions import GoalError as GoalError, Region as Region
 from planners.scene import (
     Body as Body,
@@ -101,3 +101,4 @@ from planners.symbolic.transitions import applicable_actions as applicable_actio
 from planners.tamp.joint_trajectory import JointTrajectory as JointTrajectory
 from planners.tamp.plan_file import PlanFileError as PlanFileError
 from planners.tamp.solution import BoundAction as BoundAction, Infeasible as Infeasible, Solution as Solution
+from planners.workspace import ArmsError as ArmsError, Workspace as Workspace

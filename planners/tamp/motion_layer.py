@@ -11,32 +11,35 @@ from numpy.typing import NDArray
 
 from planners.clearing.clearance_plan import ClearancePlan
 from planners.clearing.commitments import NoCommitment, commitments_for
-from planners.clearing.goal_bound import LowerBound, fewest_picks
+from planners.clearing.goal_bound import LowerBound
 from planners.clearing.lookahead import look_ahead
 from planners.clearing.moves import MoveMaker, NotPlaced
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import CollisionWorld, CompiledScenes
-from planners.context import PlanningContext
 from planners.goals import Goal, holding
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
-from planners.motion.approaches import stand_off
+from planners.motion.approaches import is_handle, stand_off
 from planners.motion.arm import ArmQuery, is_among_objects, is_at_home, plan_arm, plan_home, unwrap_joints
 from planners.motion.base import plan_base
 from planners.motion.contact_free import merge_phases
+from planners.motion.kept import KeptMotions
 from planners.motion.mujoco_check import STEP, TOLERANCE, MujocoCollisionChecker
 from planners.motion.path import NO_WAY, BlockedBy, NoPath, WholeBodyPath, on_base
 from planners.motion.pick_and_place import PickPlaceMotion, plan_pick, plan_place
+from planners.motion.pulling import PullMotion, plan_pull
 from planners.motion.tcp_following import follow
-from planners.motion.timing import drive_trajectory, pick_trajectory, place_trajectory
+from planners.motion.timing import drive_trajectory, pick_trajectory, place_trajectory, pull_trajectory
 from planners.motion.trajectory import Trajectory, is_contact, join, phases_of
 from planners.placing.goal_places import placed_fact, reserved_regions
 from planners.placing.placements import Placement, PlacementSearch, with_lowered
 from planners.placing.surfaces import KeepClear, Surface
-from planners.scene import RobotState, Scene
+from planners.problem import Problem
+from planners.scene import HeldObject, RobotState, Scene, StaticObstacle
 from planners.scene.cover import needs_drive
 from planners.scene.masks import FIXED_BITS
 from planners.strategies import Strategy
 from planners.tamp.solution import BoundAction
+from planners.workspace import Workspace
 
 Array = NDArray[np.float64]
 
@@ -69,23 +72,39 @@ class BoundMotion:
 class MotionLayer:
     """Answers Algorithm 1's questions for grasps, placements and motions; remembers what motion planning refuted.
 
-    `compiled` are the collision worlds of the states so far, `candidates` the grasps known in the present one.
-    With `checks_at_end` MuJoCo checks motions once, when
-    they are `shortened`; if it refutes one then, `is_refuted` is set, and the plan must be made again without.
+    Attributes:
+        workspace: the robot among the static obstacles.
+        rng: for sampling.
+        compiled: the collision worlds of the states so far.
+        deadline: when to stop.
+        motions: those that were planned in scenes before this one, and those that are planned now.
+        candidates: the grasps known in the present state.
+        placement_search: placements, with what grasps sweep.
+        checks_at_end: whether MuJoCo checks motions once, when they are `shortened`.
+        is_refuted: whether it has refuted one then: the plan must be made again without that.
     """
 
-    context: PlanningContext
+    workspace: Workspace
     rng: np.random.Generator
     compiled: CompiledScenes = field(default_factory=CompiledScenes)
     deadline: Deadline = NO_DEADLINE
-    candidates: GraspCandidates = field(init=False, repr=False)
-    placement_search: PlacementSearch = field(init=False, repr=False)
+    motions: KeptMotions = field(default_factory=KeptMotions)
     checks_at_end: bool = False
     is_refuted: bool = False
-    _checkers: dict[str, MujocoCollisionChecker] = field(default_factory=dict, repr=False)
+    candidates: GraspCandidates = field(init=False, repr=False)
+    placement_search: PlacementSearch = field(init=False, repr=False)
+    _checkers: dict[tuple[str, tuple[StaticObstacle, ...]], MujocoCollisionChecker] = field(
+        default_factory=dict, repr=False
+    )
 
     def __post_init__(self) -> None:
-        self.candidates, self.placement_search = self.context.grasps(self.compiled), self.context.placements()
+        self.candidates, self.placement_search = self.workspace.grasps(self.compiled), self.workspace.placements()
+
+    def with_known(self, before: MotionLayer | None) -> MotionLayer:
+        """This one, with the grasps and placements known to another one, if any, in the same workspace."""
+        if before is not None:
+            self.candidates, self.placement_search = before.candidates, before.placement_search
+        return self
 
     @property
     def has_refuted(self) -> bool:
@@ -139,7 +158,7 @@ class MotionLayer:
             self.deadline,
             not_placed or NotPlaced(),
             holds_aside,
-            self.context.saves_time,
+            self.workspace.saves_time,
         )
 
     def plan_goal(self, maker: MoveMaker, scene: Scene) -> ClearancePlan | NoCommitment:
@@ -158,11 +177,11 @@ class MotionLayer:
         others = maker.places(scene, fact, replace(keep_clear, reserved=reserved), plan.commitments.grasps)
         return itertools.islice(itertools.chain((plan.placements[name],), others), maker.strategy.placements)
 
-    def lower_bound(self, scene: Scene, goal: Goal, start: Scene, buffers: bool) -> LowerBound:
-        """The fewest picks for a goal, by the grasps known here."""
-        search, deadline = self.placement_search, self.deadline
-        self.candidates.remembers = True
-        return fewest_picks(scene, goal, self.candidates, start, search=search, buffers=buffers, deadline=deadline)
+    def lower_bound(self, problem: Problem) -> LowerBound:
+        """The fewest picks for a problem; the grasps that were looked at are known here from then on."""
+        found = problem.lower_bound(deadline=self.deadline)
+        self.candidates.learn(problem.candidates)
+        return found
 
     def ban(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Do not offer a grasp again: no motion leads to it."""
@@ -202,7 +221,7 @@ class MotionLayer:
         driven = self.drive(scene, base, home_first=self._next_arm(scene, grasp.arm) is None)
         if driven is NO_WAY:
             for other in self.candidates.for_object(scene, grasp.object):
-                if other is not grasp and self.context.roadmap.excludes(scene.state.base, other.base):
+                if other is not grasp and self.workspace.roadmap.excludes(scene.state.base, other.base):
                     self.ban(scene, other)
         return driven
 
@@ -222,7 +241,7 @@ class MotionLayer:
         world, state = self.compiled.world(scene), scene.state
         for placement in self.placement_search.holding_at(world, point):
             driven = plan_base(
-                world, state.base, placement.base, state.q, held=scene.held, roadmap=self.context.roadmap
+                world, state.base, placement.base, state.q, held=scene.held, roadmap=self.workspace.roadmap
             )
             if isinstance(driven, NoPath):
                 continue
@@ -238,7 +257,7 @@ class MotionLayer:
         """Drive to a base pose in the present configuration; among objects the arm moves home first, if it can."""
         world, state = self.compiled.world(scene), scene.state
         homing = self._home(scene) if home_first or is_among_objects(world, state) else None
-        q, roadmap = state.q if homing is None else homing.end, self.context.roadmap
+        q, roadmap = state.q if homing is None else homing.end, self.workspace.roadmap
         found = plan_base(world, state.base, base, q, held=scene.held, roadmap=roadmap)
         if isinstance(found, NoPath) and homing is None and scene.held is None:
             as_open = scene.robot.opening(state.finger_position)  # fully open it may touch what it does not as it is
@@ -257,7 +276,7 @@ class MotionLayer:
 
     def can_leave(self, scene: Scene, base: Array) -> bool:
         """Whether the base can drive back to where it came from: what was put down may be in the way of the arm."""
-        q, roadmap, world = scene.state.q, self.context.roadmap, self.compiled.world(scene)
+        q, roadmap, world = scene.state.q, self.workspace.roadmap, self.compiled.world(scene)
         if isinstance(plan_base(world, scene.state.base, base, q, roadmap=roadmap), WholeBodyPath):
             return True
         return isinstance(self.drive(scene, base), BoundMotion)
@@ -293,17 +312,36 @@ class MotionLayer:
         if turn is None:
             return NoPath("the other arm is not at home")
         scene, world, start = turn, self.compiled.world(turn), np.concatenate((turn.state.base, turn.state.q))
-        refusal = ""
+        key = ("pick", grasp.key, world.scene.body(grasp.object).pose.tobytes(), start.tobytes(), rises)
+        known, refusal = self.motions.find(key, PickPlaceMotion, world), ""
         for _ in range(_TRIES):
-            motion = plan_pick(world, grasp.base, start, grasp.q, grasp.object, rng=self.rng, rises=rises)
+            motion = known or plan_pick(world, grasp.base, start, grasp.q, grasp.object, rng=self.rng, rises=rises)
             if not isinstance(motion, PickPlaceMotion):
                 return motion
+            self.motions.keep(key, motion, scene, motion.paths)
             refusal = "" if self.checks_at_end else self.refusal(scene, motion.paths)
             if not refusal:
                 trajectory = pick_trajectory(world, motion, scene.state)
                 carrying = scene.with_state(_end_state(motion, trajectory)).with_held(motion.held)
                 return self._followed(scene, BoundMotion(trajectory, carrying), (grasp.object,))
+            known = None
         return NoPath(f"MuJoCo finds penetration: {refusal}")
+
+    def pull(self, scene: Scene, grasp: GraspCandidate) -> BoundMotion | BlockedBy | NoPath:
+        """Take the handle of a scene through a grasp, pull it, and let go; see `planners.motion.pulling`."""
+        turn = self._next_arm(scene, grasp.arm)
+        if turn is None:
+            return NoPath("the other arm is not at home")
+        scene, world, start = turn, self.compiled.world(turn), np.concatenate((turn.state.base, turn.state.q))
+        motion = plan_pull(world, grasp.base, start, grasp.q, rng=self.rng)
+        if not isinstance(motion, PullMotion):
+            return motion
+        refusal = self.refusal(scene, motion.paths[:2]) or self.refusal(motion.after, motion.paths[2:])
+        if refusal:
+            return NoPath(f"MuJoCo finds penetration: {refusal}")
+        trajectory = pull_trajectory(world, motion, scene.state)
+        state = RobotState(motion.home.end_base, motion.home.end, float(trajectory.finger_position[-1]))
+        return self._followed(scene, BoundMotion(trajectory, motion.after.with_state(state)), (grasp.object,))
 
     def put_down(
         self, scene: Scene, placement: Placement, find_blockers: bool = False
@@ -312,13 +350,16 @@ class MotionLayer:
         assert scene.held is not None
         world, held, start = self.compiled.world(scene), scene.held, np.concatenate((scene.state.base, scene.state.q))
         world = with_lowered(world, placement.below) if placement.below else world
-        refusal = ""
+        ends = (placement.base.tobytes(), placement.q.tobytes(), placement.below)
+        key = ("place", scene.robot.arm_name, held.key, *ends, start.tobytes())
+        known, refusal = self.motions.find(key, PickPlaceMotion, world), ""
         for _ in range(_TRIES):
-            motion = plan_place(
+            motion = known or plan_place(
                 world, placement.base, start, placement.q, held, rng=self.rng, find_blockers=find_blockers
             )
             if not isinstance(motion, PickPlaceMotion):
                 return motion
+            self.motions.keep(key, motion, scene, motion.paths)
             released = scene.with_held(None).with_body(motion.body.lowered(placement.drop))
             if not self.checks_at_end:
                 refusal = self.refusal(scene, motion.paths[:2]) or self.refusal(released, motion.paths[2:])
@@ -326,12 +367,13 @@ class MotionLayer:
                 trajectory = place_trajectory(world, motion, scene.state)
                 left = released.with_state(_end_state(motion, trajectory))
                 return self._followed(scene, BoundMotion(trajectory, left, surfaces=placement.surfaces), (held.name,))
+            known = None
         return NoPath(f"MuJoCo finds penetration: {refusal}")
 
     def _followed(self, scene: Scene, bound: BoundMotion, touched: tuple[str, ...]) -> BoundMotion | BlockedBy | NoPath:
         """The same motion; under end-effector control with the joint path that follows it, or why there is none."""
         bound = replace(bound, before=scene)
-        follower = self.context.follower or self.context.controller
+        follower = self.workspace.follower or self.workspace.controller
         if follower is None:
             return bound
         followed = follow(follower, scene.robot, np.array(scene.state.q), bound.trajectory)
@@ -339,7 +381,7 @@ class MotionLayer:
             return NoPath("the TCP cannot follow the trajectory")
         world: CollisionWorld = self.compiled.world(scene).with_padding(0.0)
         hits = followed.hits(world, scene.mask(touched))
-        if self.context.follower is None:
+        if self.workspace.follower is None:
             touches = world.names_of(hits & ~FIXED_BITS)
             return NoPath(f"following the TCP, the arm touches {', '.join(touches)}") if touches else bound
         if hits & FIXED_BITS:
@@ -375,7 +417,9 @@ class MotionLayer:
                 if last.is_clearance and before is not None and run[0][0] == run[-1][0]:
                     # Nothing follows the release with this arm: what it has put down stands there.
                     scene = scene.with_held(None).with_body(after_last.body(last.target))
-                found = merge_phases(self.compiled.world(scene), phases, before, after)
+                elif before is not None and is_handle(scene, before.name):
+                    scene = after_last  # with what has been opened as it is then
+                found = self._merged(scene, phases, before, after)
                 if found is not None and self.is_accepted(scene, [join(found)]):
                     phases = found
                 elif self.checks_at_end and not self.is_accepted(scene, [join(phases)]):
@@ -384,17 +428,35 @@ class MotionLayer:
                 shorter[index].append(phase)
         return tuple(_with_trajectory(action, join(pieces)) for action, pieces in zip(actions, shorter, strict=True))
 
+    def _merged(
+        self, scene: Scene, phases: Sequence[Trajectory], before: HeldObject | None, after: HeldObject | None
+    ) -> list[Trajectory] | None:
+        """The phases as one motion, planned anew or kept; see `merge_phases`."""
+        world, robot = self.compiled.world(scene), scene.robot
+        touched = tuple(None if one is None else one.key for one in (before, after))
+        key = ("merged", robot.arm_name, touched, *(phase.states.tobytes() for phase in phases))
+        found = self.motions.find(key, list, world)
+        if found is None:
+            found = merge_phases(world, phases, before, after)
+            if found is not None:
+                loaded, widest = phases[0].phases[0], max(float(phase.finger_position.max()) for phase in phases)
+                held = loaded.touched if loaded.held else None
+                left_alone = scene.mask(one.name for one in (before, after) if one is not None)
+                X = np.vstack([phase.states[:, :-1] for phase in found])
+                self.motions.keep(key, found, scene, [WholeBodyPath(X, robot.opening(widest), held, left_alone)])
+        return found
+
     def is_accepted(self, scene: Scene, paths: Sequence[WholeBodyPath | Trajectory]) -> bool:
         """Whether MuJoCo finds no penetration on any of the paths."""
         return not self.refusal(scene, paths)
 
     def refusal(self, scene: Scene, paths: Sequence[WholeBodyPath | Trajectory]) -> str:
         """The penetration that MuJoCo finds on one of the paths, with the names of the bodies; "" for none."""
-        arm, world = scene.robot.arm_name, self.compiled.world(scene)
-        if arm not in self._checkers:
-            self._checkers[arm] = MujocoCollisionChecker(scene, world)
-        self._checkers[arm].move_to(scene, world)
-        reports = (self._checkers[arm].deepest_penetration(path, STEP, TOLERANCE) for path in paths)
+        world, among = self.compiled.world(scene), (scene.robot.arm_name, scene.static_obstacles)
+        if among not in self._checkers:
+            self._checkers[among] = MujocoCollisionChecker(scene, world)
+        self._checkers[among].move_to(scene, world)
+        reports = (self._checkers[among].deepest_penetration(path, STEP, TOLERANCE) for path in paths)
         return next((str(report) for report in reports if report.penetration > TOLERANCE), "")
 
 
