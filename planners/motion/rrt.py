@@ -69,7 +69,7 @@ def _write_share(start: Array, target: Array, share: int, parts: int, reached: A
 
 
 @leaf_kernel
-def _advance(query: CollisionQuery, start: Array, target: Array, step: float, reached: Array) -> int:
+def advance(query: CollisionQuery, start: Array, target: Array, step: float, reached: Array) -> int:
     """Move from `start` towards `target` until something is hit; write the last free configuration to `reached`.
 
     Steps are looked at several at once: one by one where something is so near to the middle one that they could hit it.
@@ -199,11 +199,11 @@ def rrt_connect(
         share = min(1.0, _EXTENSION / max(distance, 1e-12))
         for joint in range(d):
             target[joint] = nodes[tree, stem, joint] + share * (target[joint] - nodes[tree, stem, joint])
-        if _advance(query, nodes[tree, stem], target, step, reached):
+        if advance(query, nodes[tree, stem], target, step, reached):
             leaf = _grow(nodes, parents, counts, tree, stem, reached)
             other = 1 - tree
             stem = _nearest(nodes[other], counts[other], reached, weights)
-            outcome = _advance(query, nodes[other, stem], reached, step, link)
+            outcome = advance(query, nodes[other, stem], reached, step, link)
             if outcome == 2:
                 return (
                     _joined(nodes, parents, leaf, stem) if tree == _FROM_START else _joined(nodes, parents, stem, leaf)
