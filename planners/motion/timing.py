@@ -115,6 +115,11 @@ def near_walls(world: CollisionWorld, opening: float) -> IsNear:
     return lambda X: alone.edges_that_hit(X, opening, ignore=1 << SELF_BIT)
 
 
+def _everywhere(X: Array) -> NDArray[np.bool_]:
+    """Near on all parts of a path."""
+    return np.ones(len(X) - 1, np.bool_)
+
+
 @lru_cache(maxsize=16)
 def _among(robot: RobotSpec, walls: tuple[StaticObstacle, ...]) -> CollisionWorld:
     """A robot among walls and nothing else; made once for all phases of a plan."""
@@ -220,13 +225,14 @@ def pull_trajectory(world: CollisionWorld, motion: PullMotion, state: RobotState
         path.configurations[k] for path, k in ((motion.transit, 0), (motion.pull, 0), (motion.pull, -1))
     )
     pull = Phase("pull", 0.0, "", held)
+    pulled = time_parametrise(motion.pull.configurations, robot, 0.0, pull, is_loaded=True, is_near=_everywhere)
     return join(
         [
             _fingers(robot, here, state.finger_position, open_at, Phase("ready", 0.0), 0.0),
             _along(world, motion.transit, open_at, "transit"),
             _along(world, motion.approach, open_at, "approach"),
             _fingers(robot, grasp, open_at, 0.0, Phase("close", 0.0, "", held), SETTLE_TIME),
-            time_parametrise(motion.pull.configurations, robot, 0.0, pull, is_loaded=True, is_near=lambda _: True),
+            pulled,
             _fingers(robot, end, 0.0, leave_at, Phase("open", 0.0, "", held), SETTLE_TIME),
             _along(world, motion.leave, leave_at, "leave"),
             _along(world, motion.home, leave_at, "home"),
