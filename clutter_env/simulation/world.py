@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from assets import ActingJoints, RobotSpec
 from clutter_env.config import PHYSICS_STEPS
 from clutter_env.scene.household import KINDS, HouseholdScene
-from clutter_env.scene.layout import TABLE_HEIGHT, Layout, lowest_support
+from clutter_env.scene.layout import TABLE_HEIGHT, Layout, lowest_support, opening_of
 from clutter_env.scene.table_scene import TableScene, object_name
 from clutter_env.simulation.contacts import ContactReader, Contacts
 from clutter_env.simulation.control import SEGMENTS, JointController
@@ -127,6 +127,7 @@ class World:
     """Physics of one robot, one table and a fixed number of objects; `reset` applies a scene to it.
 
     Attributes:
+        opening: what opens of the furniture, None where nothing does.
         on_furniture: how hard the robot, and what it moves, has pressed on furniture since the reset.
         on_itself: how hard it has pressed on itself and on the ground.
     """
@@ -144,6 +145,7 @@ class World:
     ) -> None:
         self.robot = robot
         self.shapes = shapes
+        self.opening = opening_of(layout)
         self._fallen_below = lowest_support(layout) - _FALLEN_BELOW
         self.model = compile_model(robot, layout, shapes, image_size, show_meshes)
         self.data = mujoco.MjData(self.model)
@@ -180,6 +182,8 @@ class World:
         self._reader.forget()
         self._placed_tilt, self._toppled_change = np.where(scene.is_lying, np.array([_LYING]).T, np.array([_UPRIGHT]).T)
         model, index = self.model, self.index
+        if self.opening is not None:
+            model.dof_frictionloss[index.opening_dof], model.dof_damping[index.opening_dof] = scene.joints.T
         if not scene.num_objects:
             return
         if isinstance(scene, HouseholdScene):  # sizes and masses of each kind are those of the model
@@ -208,6 +212,27 @@ class World:
         self.on_furniture, self.on_itself = Pressing(), Pressing()
         self._contacts, self._supports = [], []
         mujoco.mj_forward(model, data)
+
+    @property
+    def opened(self) -> float:
+        """How far it is open what opens: 0 shut, 1 as far as it goes; 0 where nothing opens."""
+        if self.opening is None:
+            return 0.0
+        return float(self.data.qpos[self.index.opening_qpos[0]]) / self.opening.travel
+
+    @property
+    def drawer_shift(self) -> float:
+        """[m] along x by which a drawer stands out, 0 or negative; 0 where there is none."""
+        if self.opening is None or not self.opening.is_slide:
+            return 0.0
+        return float(self.opening.axis[0] * self.data.qpos[self.index.opening_qpos[0]])
+
+    def are_in_drawer(self, measurements: Measurements) -> NDArray[np.bool_]:
+        """Whether the centre of each object is inside the drawer, which there is: (n,)."""
+        assert self.opening is not None
+        low, high = np.array(self.opening.inside) + (self.drawer_shift, 0.0, 0.0)
+        places = measurements.poses[:, :3]
+        return np.asarray(((low < places) & (places < high)).all(axis=1))
 
     @property
     def is_unstable(self) -> bool:
