@@ -89,7 +89,7 @@ class Opening:
     """A drawer or a door: what moves of the furniture, shut, in the world frame.
 
     Attributes:
-        name: of its body; those of its joint and of its handle's bar begin with it.
+        name: of its body; those of its joint, "_joint", and of the bar of its handle, "_handle", begin with it.
         is_slide: whether it slides, or else turns, about or along its axis.
         origin: (3,) [m] on the axis.
         axis: (3,) along which it slides open, or about which it turns open.
@@ -218,7 +218,7 @@ def _bar(name: str, face: float, y: float, z: float, half_length: float) -> tupl
         Box(f"{name}_handle", (face - _BAR_DISTANCE, y, z), (_BAR_HALF_THICKNESS, _BAR_HALF_WIDTH, half_length)),
         *(
             Box(
-                f"{name}_handle_post_{number}",
+                f"{name}_post_{number}",
                 (face - post, y, z + end * (half_length - _POST_HALF_WIDTH)),
                 (post, _POST_HALF_WIDTH, _POST_HALF_WIDTH),
             )

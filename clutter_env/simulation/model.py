@@ -171,7 +171,7 @@ class ModelIndex:
                     for geom in range(model.ngeom)
                     for name in opening
                     if model.body(model.geom_bodyid[geom]).name == name
-                    and model.geom(geom).name.startswith(f"{name}_handle")
+                    and model.geom(geom).name.startswith((f"{name}_handle", f"{name}_post"))
                 ]
             ),
             object_bodies=slice(first, first + num_objects),

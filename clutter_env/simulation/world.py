@@ -50,6 +50,10 @@ _FALLEN_BELOW = 0.01
 """[m] An object whose centre is so far below the lowest support has left the supports: more than any contact gives way.
 """
 
+SUNK = 1e-6
+"""[m] by which what stands in a drawer starts below its floor's face. Without a contact it would sleep on while the
+drawer slides away under it."""
+
 _TARGET_COLOUR = (0.87, 0.12, 0.10, 1.0)
 _HUES = (0.14, 0.92)
 """Hues of the objects that are not the target: neither red nor the colours of wood."""
@@ -146,6 +150,7 @@ class World:
         self.robot = robot
         self.shapes = shapes
         self.opening = opening_of(layout)
+        self._has_drawer = self.opening is not None and self.opening.is_slide
         self._fallen_below = lowest_support(layout) - _FALLEN_BELOW
         self.model = compile_model(robot, layout, shapes, image_size, show_meshes)
         self.data = mujoco.MjData(self.model)
@@ -194,7 +199,10 @@ class World:
             model.geom_rgba[index.object_geoms] = _palette(scene.num_objects)
         if scene.target >= 0:
             model.geom_rgba[index.object_geoms][index.geom_slots == scene.target] = _TARGET_COLOUR
-        model.qpos0[index.object_qpos] = start_poses(scene).ravel()
+        poses = start_poses(scene)
+        if self._has_drawer:
+            poses[self._are_in_drawer(poses, 0.0), 2] -= SUNK
+        model.qpos0[index.object_qpos] = poses.ravel()
 
     def colour(self, slot: int) -> NDArray[np.float64]:
         """The colour (4,) of the object in a slot, which pictures show; may be written until the next scene."""
@@ -223,16 +231,19 @@ class World:
     @property
     def drawer_shift(self) -> float:
         """[m] along x by which a drawer stands out, 0 or negative; 0 where there is none."""
-        if self.opening is None or not self.opening.is_slide:
+        if self.opening is None or not self._has_drawer:
             return 0.0
         return float(self.opening.axis[0] * self.data.qpos[self.index.opening_qpos[0]])
 
     def are_in_drawer(self, measurements: Measurements) -> NDArray[np.bool_]:
-        """Whether the centre of each object is inside the drawer, which there is: (n,)."""
-        assert self.opening is not None
-        low, high = np.array(self.opening.inside) + (self.drawer_shift, 0.0, 0.0)
-        places = measurements.poses[:, :3]
-        return np.asarray(((low < places) & (places < high)).all(axis=1))
+        """Whether the centre of each object is inside the drawer, where it is now: (n,)."""
+        return self._are_in_drawer(measurements.poses, self.drawer_shift)
+
+    def _are_in_drawer(self, poses: NDArray[np.float64], shift: float) -> NDArray[np.bool_]:
+        if self.opening is None or not self._has_drawer:
+            return np.zeros(len(poses), np.bool_)
+        low, high = np.array(self.opening.inside) + (shift, 0.0, 0.0)
+        return np.asarray(((low < poses[:, :3]) & (poses[:, :3] < high)).all(axis=1))
 
     @property
     def is_unstable(self) -> bool:

@@ -14,6 +14,7 @@ from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ConfigError, OptionError
 from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT, Box, Layout, find_layout, furniture, supports_of
 from clutter_env.scene.object_sets import MAX_OBJECTS, SHAPE_SETS, capacity
+from clutter_env.simulation.world import SUNK
 from planners.scene import Scene
 
 BOX_NAMES = {"table_top", "table_leg_0", "table_leg_1", "table_leg_2", "table_leg_3"}
@@ -89,7 +90,9 @@ def test_objects_stand_still_and_the_robot_is_clear(name: str, shapes: str) -> N
             env.step(rest)
         assert np.array_equal(env.measurements.poses[:, :2], env.world.scene.positions)
         scene = env.world.scene
-        assert np.array_equal(env.measurements.poses[:, 2], TABLE_HEIGHT + scene.levels + scene.half_extents[:, 2])
+        sunk = SUNK * (scene.levels > 0) if LAYOUTS[name].opens == "drawer" else 0.0
+        heights = TABLE_HEIGHT + scene.levels + scene.half_extents[:, 2] - sunk
+        assert np.array_equal(env.measurements.poses[:, 2], heights)
 
 
 def test_refitted_bodies_are_those_of_a_compiled_model() -> None:
