@@ -42,7 +42,7 @@ def drawer_world(
     height: float = 0.68,
     joint: str = "",
 ) -> World:
-    """A drawer with three cans in it, "red" the farthest, and a side table; where it is blocked, two bottles before it."""
+    """A drawer with three cans in it, "red" the farthest, a side table, and, where it is blocked, two bottles."""
     z, travel = height, 0.28
     drawer = f"""
       <body name="drawer" pos="{FRONT} 0 {z}">
