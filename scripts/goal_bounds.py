@@ -21,12 +21,11 @@ from pathlib import Path
 from typing import Annotated, Any
 from unittest.mock import patch
 
-import gymnasium
 import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-import clutter_env  # noqa: F401  registers the environments
+from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.reporting.files import JsonLines
 from clutter_env.reporting.progress import progress_bar
 from planners import STRATEGIES, Region, Scene, Solution, goals, lower_bound, solve, warmup
@@ -145,11 +144,10 @@ def drawn(seed: int) -> tuple[str, str, str, Scene, Goal]:
     rng = np.random.default_rng(seed)
     kind, layout, objects = str(rng.choice([*GOALS])), str(rng.choice(LAYOUTS)), str(rng.choice(OBJECTS))
     count = int(rng.integers(3 if kind == "stack" else 2, 5))
-    env = gymnasium.make(f"clutter_env/Retrieve-o{count}-v0", layout=layout, object_set=objects)
+    env = RetrieveEnv(num_objects=count, layout=layout, object_set=objects)
     while True:
         env.reset(seed=int(rng.integers(2**31)))
-        inner: Any = env.unwrapped
-        scene = drawn_together(rng, Scene.from_mujoco(inner.model, inner.data, inner.robot))
+        scene = drawn_together(rng, Scene.from_mujoco(env.model, env.data, env.robot))
         names = [str(name) for name in rng.permutation(scene.names)]
         scene, goal = GOALS[kind](scene, names)
         if not goal.holds(scene):

@@ -24,12 +24,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-import clutter_env  # noqa: F401  registers the environments
+from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.reporting.files import JsonLines
 from clutter_env.reporting.progress import progress_bar
 from irm.chain import ArmChain
@@ -280,7 +279,7 @@ def drawn(seed: int) -> tuple[str, Scene, Goal]:
 
 
 def _furniture(layout: str, objects: int = 1, seed: int = 0) -> Scene:
-    env: Any = gymnasium.make(f"clutter_env/Retrieve-o{objects}-v0", layout=layout).unwrapped
+    env = RetrieveEnv(num_objects=objects, layout=layout)
     env.reset(seed=seed)
     scene = Scene.from_mujoco(env.model, env.data, env.robot)
     env.close()
