@@ -17,7 +17,6 @@ from planners.contact import (
     contacts as contacts,
     label_of as label_of,
 )
-from planners.context import ArmsError as ArmsError, PlanningContext as PlanningContext
 from planners.expert.config import (
     ExpertConfig as ExpertConfig,
     ExpertError as ExpertError,
@@ -101,3 +100,4 @@ from planners.symbolic.transitions import applicable_actions as applicable_actio
 from planners.tamp.joint_trajectory import JointTrajectory as JointTrajectory
 from planners.tamp.plan_file import PlanFileError as PlanFileError
 from planners.tamp.solution import BoundAction as BoundAction, Infeasible as Infeasible, Solution as Solution
+from planners.workspace import ArmsError as ArmsError, Workspace as Workspace

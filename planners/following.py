@@ -14,13 +14,13 @@ import numpy as np
 
 from planners.clock import Deadline
 from planners.collision.world import CompiledScenes
-from planners.context import PlanningContext
 from planners.goals import Before, Goal, GoalError
 from planners.motion.tcp_following import TcpFollower, follow
 from planners.planner import Planner
 from planners.scene import Scene
 from planners.strategies import Strategy
 from planners.tamp.solution import Infeasible, Solution
+from planners.workspace import Workspace
 
 _Cost: TypeAlias = tuple[bool, bool, int, int, int]
 """Of a plan: whether the controller cannot follow it to its end; whether it takes too long; how many objects it
@@ -54,10 +54,10 @@ class FollowingPlanner(Planner):
     by_motion: bool = False
     steps_left: Callable[[], float] | None = None
 
-    def context(self, scene: Scene) -> PlanningContext:
+    def workspace(self, scene: Scene) -> Workspace:
         """That of `Planner`, near home if so chosen."""
-        context = replace(super().context(scene), controller=self.controller if self.by_motion else None)
-        return context.only_near_home() if self.near_home else context
+        workspace = replace(super().workspace(scene), controller=self.controller if self.by_motion else None)
+        return workspace.only_near_home() if self.near_home else workspace
 
     def solve(
         self,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -10,31 +9,26 @@ import numpy as np
 
 from assets.robots import FETCH, RobotSpec, robot as find_robot
 from planners.cause import Cause
-from planners.clearing.goal_bound import LowerBound, fewest_picks
+from planners.clearing.goal_bound import LowerBound
 from planners.clearing.lower_bound import MAX_EXPANSIONS, ClearanceFloor, self_clearable_sets
-from planners.clock import NO_DEADLINE, Deadline, cpu_seconds
+from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.ground_map import GroundMap
-from planners.collision.world import SUPPORT_SLACK, CompiledScenes, validate
-from planners.context import PlanningContext, check_arms
-from planners.goals import Goal, holding, levels_under
+from planners.collision.world import CompiledScenes
+from planners.goals import Goal, holding
 from planners.grasping.families import Grasps, find_grasp_set
 from planners.motion.base import BaseRoadmap
 from planners.motion.path import on_base
 from planners.motion.tcp_following import TcpFollower
 from planners.placing.surfaces import Supports
-from planners.scene import Scene, SceneError
-from planners.scene.bodies import leans
+from planners.problem import Problem, goal_in, robot_of
+from planners.scene import Scene
 from planners.strategies import STRATEGIES, Strategy, find_strategy
 from planners.symbolic.engines import task_planner
 from planners.symbolic.problem import TaskPlanner
-from planners.tamp.algorithm1 import task_and_motion_plan
-from planners.tamp.motion_layer import MotionLayer
+from planners.tamp.attempts import best_of_attempts
 from planners.tamp.solution import Infeasible, Solution
-from planners.tamp.state import Search
 from planners.warming import warm_once
-
-_LIMITS = (Cause.TIME_LIMIT, Cause.GIVEN_UP)
-"""Causes after which no other attempt is made, and which say nothing of the scene."""
+from planners.workspace import Workspace, check_arms
 
 
 def solve(
@@ -78,7 +72,7 @@ def solve(
         UnknownSupport: the scene declares no support of a name.
         ArmsError: `hold_aside` with a robot that acts with one arm.
     """
-    planner = Planner(_robot_of(scene), grasps=grasps, supports=supports, hold_aside=hold_aside)
+    planner = Planner(robot_of(scene), grasps=grasps, supports=supports, hold_aside=hold_aside)
     return planner.solve(scene, goal, strategy, rng, time_limit)
 
 
@@ -98,7 +92,7 @@ def lower_bound(scene: Scene, goal: str | Goal, expansions: int = MAX_EXPANSIONS
         GoalError: the goal means nothing in the scene, or contradicts itself.
         UnknownGraspSet: no grasp set of that name.
     """
-    return Planner(_robot_of(scene), grasps=grasps).lower_bound(scene, goal, expansions)
+    return Planner(robot_of(scene), grasps=grasps).lower_bound(scene, goal, expansions)
 
 
 def clearance_floor(
@@ -120,7 +114,7 @@ def clearance_floor(
         UnknownObject: no object of that name.
         UnknownGraspSet: neither the name of a grasp set nor families.
     """
-    return Planner(_robot_of(scene), grasps=grasps).clearance_floor(scene, target, expansions)
+    return Planner(robot_of(scene), grasps=grasps).clearance_floor(scene, target, expansions)
 
 
 def warmup(robot: str | RobotSpec = FETCH) -> None:
@@ -191,45 +185,62 @@ class Planner:
         `start` is the scene from which the goal counts, as for `Goal.holds`, if something has happened since.
         """
         if start is not None:
-            _robot_of(start)
-        wanted = _goal_in(scene, goal, start)
-        chosen = find_strategy(strategy)
+            robot_of(start)
+        wanted, chosen = goal_in(scene, goal, start), find_strategy(strategy)
         deadline = warm_once(self.robot, self.follower, self._exercise, Deadline.after(time_limit))
         if deadline.is_over:
             detail = "the time was up before planning began; planners.warmup() loads what a solve needs beforehand"
             return Infeasible(Cause.TIME_LIMIT, detail, target=wanted.target, strategy=chosen, goal=wanted)
-        return self._solve(scene, wanted, chosen, np.random.default_rng(rng or 0), deadline, start)
+        problem = Problem.of(scene, wanted, self.workspace(scene), start=start, hold_aside=self.hold_aside)
+        return best_of_attempts(problem, chosen, self._task_planner, np.random.default_rng(rng or 0), deadline)
+
+    def problem(self, scene: Scene, goal: str | Goal, start: Scene | None = None) -> Problem:
+        """The problem of a goal in a scene, to be kept: for its bound, for solves, and for the scenes that follow.
+
+        The arguments and errors are those of `solve`.
+        """
+        wanted = goal_in(scene, goal, start)
+        self.warmup()
+        return Problem.of(scene, wanted, self.workspace(scene), start=start, hold_aside=self.hold_aside)
+
+    def solve_problem(
+        self,
+        problem: Problem,
+        strategy: str | Strategy = "lookahead",
+        rng: np.random.Generator | int | None = None,
+        time_limit: float | None = None,
+    ) -> Solution | Infeasible:
+        """Plan for a problem that is kept; see the function `solve`."""
+        chosen, drawn = find_strategy(strategy), np.random.default_rng(rng or 0)
+        return best_of_attempts(problem, chosen, self._task_planner, drawn, Deadline.after(time_limit))
 
     def lower_bound(self, scene: Scene, goal: str | Goal, expansions: int = MAX_EXPANSIONS) -> LowerBound:
         """The fewest picks for a goal; see the function `lower_bound`."""
-        wanted = _goal_in(scene, goal)
+        wanted = goal_in(scene, goal)
         self.warmup()
-        context = PlanningContext.of(self.robot, scene, grasps=self.grasps)
-        grasps, search = context.grasps(), context.placements()
-        return fewest_picks(
-            scene, wanted, grasps, scene, search=search, buffers=not self.hold_aside, expansions=expansions
-        )
+        workspace = Workspace.of(self.robot, scene, grasps=self.grasps)
+        return Problem(scene, wanted, scene, workspace, self.hold_aside).lower_bound(expansions)
 
     def clearance_floor(self, scene: Scene, target: str, expansions: int = MAX_EXPANSIONS) -> ClearanceFloor:
         """The minimum number of clearances; see the function `clearance_floor`."""
-        _robot_of(scene)
+        robot_of(scene)
         scene.index(target)
         self.warmup()
-        context = PlanningContext.of(self.robot, scene, grasps=self.grasps)
+        workspace = Workspace.of(self.robot, scene, grasps=self.grasps)
         if target in scene.held_names:
-            return ClearanceFloor(0, (), True, 0, grasps=context.catalogue)
-        blockers = partial(context.grasps().blockers, scene)
+            return ClearanceFloor(0, (), True, 0, grasps=workspace.catalogue)
+        blockers = partial(workspace.grasps().blockers, scene)
         found = next(self_clearable_sets(blockers, target, scene.names, expansions=expansions))
-        is_too_wide = found.cause == Cause.UNREACHABLE and context.too_wide(scene, target)
-        return replace(found, cause=Cause.TOO_WIDE if is_too_wide else found.cause, grasps=context.catalogue)
+        is_too_wide = found.cause == Cause.UNREACHABLE and workspace.too_wide(scene, target)
+        return replace(found, cause=Cause.TOO_WIDE if is_too_wide else found.cause, grasps=workspace.catalogue)
 
     def warmup(self) -> None:
         """Load or compile everything that a solve uses; see the function `warmup`."""
         warm_once(self.robot, self.follower, self._exercise)
 
-    def context(self, scene: Scene) -> PlanningContext:
-        """The context that a solve compiles once for the static obstacles of a scene; raises `UnknownSupport`."""
-        return PlanningContext.of(
+    def workspace(self, scene: Scene) -> Workspace:
+        """The workspace that a solve compiles once for the static obstacles of a scene; raises `UnknownSupport`."""
+        return Workspace.of(
             self.robot,
             scene,
             grasps=self.grasps,
@@ -244,119 +255,9 @@ class Planner:
         """Run what a solve runs; the task planner may be the user's own, so another one takes its place."""
         planner = replace(self, engine="astar", grasps="side", supports=None)
         for name in ("lookahead", "ngr"):
-            planner._solve(scene, holding(target), STRATEGIES[name], np.random.default_rng(0), NO_DEADLINE)
+            problem = Problem.of(scene, holding(target), planner.workspace(scene))
+            rng = np.random.default_rng(0)
+            best_of_attempts(problem, STRATEGIES[name], planner._task_planner, rng, NO_DEADLINE)
         # A drive that no solve in an open scene needs.
         X, world = on_base([scene.state.base, scene.state.base - 0.3], scene.state.q), CompiledScenes().world(scene)
         BaseRoadmap(GroundMap(scene)).search(world, X, 0.0, None, np.random.default_rng(0))
-
-    def _solve(
-        self,
-        scene: Scene,
-        goal: Goal,
-        strategy: Strategy,
-        rng: np.random.Generator,
-        deadline: Deadline,
-        start: Scene | None = None,
-    ) -> Solution | Infeasible:
-        """Run Algorithm 1 several times, with other random choices, until another attempt could do no better."""
-        started, compiled, scene = cpu_seconds(), CompiledScenes(), _not_sunk(scene)
-        validate(compiled.world(scene))
-        context = self.context(scene)
-        # An end-effector-controlled robot first tries configurations near home, where its controller keeps the joints.
-        first = [context.only_near_home()] if self.follower is not None else []
-        outcomes: list[Solution | Infeasible] = []
-        is_proved, known = False, None
-        for attempt, chosen in enumerate([*first, *[context] * strategy.attempts]):
-            draws = np.random.default_rng(attempt) if self.canonical else rng
-            before = draws.bit_generator.state
-            bound = outcomes[-1].bound if outcomes and isinstance(outcomes[-1], Solution) else None
-            # Where motions are shortened, MuJoCo checks them once, afterwards: it hardly ever refutes one.
-            for checks_at_end in (True, False) if chosen.shortens else (False,):
-                draws.bit_generator.state = before
-                layer = MotionLayer(chosen, draws, compiled, deadline, checks_at_end)
-                remembers = strategy.plans_ahead or not goal.target  # attempts of the paper know nothing of others
-                if remembers and known is not None and known.context is chosen:
-                    layer.candidates, layer.placement_search = known.candidates, known.placement_search
-                known = layer
-                search = Search(goal, strategy, self._task_planner, layer, self.hold_aside, bound, start)
-                outcome = task_and_motion_plan(search, scene)
-                if not layer.is_refuted:
-                    break
-                bound = search.bound
-            outcomes.append(outcome)
-            is_proved = is_final(outcomes[-1], chosen.near_home)
-            if deadline.is_over or is_proved:
-                break
-        best = best_outcome(outcomes, is_proved, deadline)
-        leaning = [one.name for one in scene.objects if one.name not in scene.held_names and leans(one)]
-        if isinstance(best, Infeasible) and leaning:
-            best = replace(best, detail=f"{best.detail}; neither upright nor lying: {', '.join(leaning)}")
-        return replace(best, stats=replace(best.stats, total_s=cpu_seconds() - started))
-
-
-def _robot_of(scene: Scene) -> RobotSpec:
-    """The robot of a scene; raises `SceneError` for anything else, such as an environment."""
-    if not isinstance(scene, Scene):
-        advice = "Scene.from_mujoco(env.unwrapped.model, env.unwrapped.data, env.unwrapped.robot)"
-        raise SceneError(f"a {type(scene).__name__} is no Scene; of an environment {advice} is one")
-    return scene.robot
-
-
-def _goal_in(scene: Scene, goal: str | Goal, start: Scene | None = None) -> Goal:
-    """A goal that means something in a scene, as it is read where it began; raises `UnknownObject` or `GoalError`."""
-    _robot_of(scene)
-    wanted = Goal.of(goal, start or scene)
-    if wanted.target:
-        scene.index(wanted.target)
-    wanted.check(scene)
-    return wanted
-
-
-def _not_sunk(scene: Scene) -> Scene:
-    """The scene, objects that press deeper into what they stand on than the planner lets go raised onto it.
-
-    Contacts of simulators are soft, and seen poses are not exact.
-    """
-    for name in sorted(scene.names, key=lambda name: scene.body(name).bottom):
-        body = scene.body(name)
-        sunk = max((level - body.bottom for level in levels_under(scene, body)), default=0.0)
-        if sunk > SUPPORT_SLACK and name not in scene.held_names:
-            scene = scene.with_body(body.at(body.position + [0.0, 0.0, sunk]))
-    return scene
-
-
-def is_final(outcome: Solution | Infeasible, near_home: bool) -> bool:
-    """Whether another attempt could do no better.
-
-    A plan can be improved on that clears an object twice, or that has more picks than the lower bound, since motions
-    were refuted. A refusal cannot if it follows from all grasps, as it does with two of the causes; configurations near
-    home only are not all. At a limit there is no time for another attempt.
-    """
-    if isinstance(outcome, Solution):
-        if outcome.bound is not None:
-            return outcome.picks <= outcome.bound.least or not outcome.stats.replans
-        return not outcome.duplicated
-    is_over = outcome.cause in (*_LIMITS, Cause.NO_WAY_FOR_BASE)
-    return (outcome.cause.lies_in_grasps and not near_home) or is_over
-
-
-def best_outcome(
-    outcomes: Sequence[Solution | Infeasible], is_proved: bool, deadline: Deadline
-) -> Solution | Infeasible:
-    """The plan with the fewest objects cleared twice, of these one with the fewest clearances; or why there is none.
-
-    Once the deadline is over, a refusal that is not proved has the cause "time limit".
-    """
-    plans = [outcome for outcome in outcomes if isinstance(outcome, Solution)]
-    if plans:
-        return min(plans, key=lambda plan: (len(plan.duplicated), len(plan.clearances), plan.picks))
-    refusals = [outcome for outcome in outcomes if isinstance(outcome, Infeasible)]
-    last = refusals[-1]
-    if last.cause in _LIMITS:
-        cause, end = last.cause, last.detail
-    elif deadline.is_over and not is_proved:
-        cause, end = Cause.TIME_LIMIT, f"the time was up in attempt {len(outcomes)}"
-    else:
-        return last
-    reasons = dict.fromkeys(f"{one.cause}: {one.detail}" for one in refusals if one.cause not in _LIMITS)
-    return replace(last, cause=cause, detail="; before that, ".join([end, *reasons]))

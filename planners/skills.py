@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from planners.clearing.commitments import grasped
 from planners.collision.world import CompiledScenes
-from planners.context import PlanningContext
 from planners.grasping.arm_configurations import (
     ConfigurationGrid,
     GripperPoses,
@@ -31,6 +30,7 @@ from planners.scene import Body, Scene
 from planners.strategies import STRATEGIES
 from planners.tamp.motion_layer import BoundMotion, MotionLayer
 from planners.tamp.solution import BoundAction
+from planners.workspace import Workspace
 
 Array = NDArray[np.float64]
 
@@ -73,17 +73,17 @@ class SkillPlanner:
     """Grasps, placements and motions of skills.
 
     Attributes:
-        context: the robot among the static obstacles.
+        workspace: the robot among the static obstacles.
         compiled: scenes compiled so far.
     """
 
-    context: PlanningContext
+    workspace: Workspace
     compiled: CompiledScenes = field(default_factory=CompiledScenes)
 
     @classmethod
     def of(cls, scene: Scene) -> SkillPlanner:
         """For the scene's robot among the scene's static obstacles, for every arrangement of its objects."""
-        return cls(PlanningContext.of(scene.robot, scene, grasps="side"))
+        return cls(Workspace.of(scene.robot, scene, grasps="side"))
 
     def grasps(self, scene: Scene, skill: Skill) -> tuple[GraspCandidate, ...] | SkillFailure:
         """Free grasps for the skill, best first."""
@@ -116,7 +116,7 @@ class SkillPlanner:
         world = self.compiled.world(scene)
         wanted = gripper_poses(grasps)
         opening = max(grasp.opening for grasp in grasps)
-        placer = self.context.arms[scene.robot.arm_name]
+        placer = self.workspace.arms[scene.robot.arm_name]
         bases, index = placer.bases(wanted)
         ignore = scene.mask({body.name})
         poses = GripperPoses(bases, wanted[index])
@@ -134,7 +134,7 @@ class SkillPlanner:
             keep_clear = KeepClear(
                 min(options, key=lambda each: ((each.blockers & ~held).bit_count(), -each.quality), default=None)
             )
-        return self.context.placements().find(self.compiled.world(scene), keep_clear, _CLEARANCE_REGION, rng)
+        return self.workspace.placements().find(self.compiled.world(scene), keep_clear, _CLEARANCE_REGION, rng)
 
     def simulate_kinematically(
         self, scene: Scene, target: str, skill: Skill, rng: np.random.Generator
@@ -159,7 +159,7 @@ class SkillPlanner:
 
         What is put down keeps clear of the target's grasp. Raises `UnknownObject`.
         """
-        motion_layer = MotionLayer(self.context, rng, self.compiled)
+        motion_layer = MotionLayer(self.workspace, rng, self.compiled)
         done: tuple[BoundAction, ...] = ()
         if scene.held is not None:
             emptied = self._put_aside(motion_layer, scene, target)

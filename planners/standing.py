@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.context import PlanningContext
 from planners.grasping.base_placement import MapPlacer
 from planners.scene import Scene
+from planners.workspace import Workspace
 
 _PLACES = 12
 """Base poses that are compared for each object."""
@@ -37,9 +37,9 @@ def standing_place(scene: Scene, wanted: Collection[str] = ()) -> NDArray[np.flo
     """
     scene = replace(scene, robot=scene.robot.fixed())  # under a shelf too the arm reaches from where the base stands
     driving = replace(scene, robot=scene.robot.holonomic())
-    context = PlanningContext.of(scene.robot, scene)
-    arms = {arm: MapPlacer.of_scene(driving.using(arm)).anywhere() for arm in context.arms}
-    candidates = replace(context, arms=arms).grasps()
+    workspace = Workspace.of(scene.robot, scene)
+    arms = {arm: MapPlacer.of_scene(driving.using(arm)).anywhere() for arm in workspace.arms}
+    candidates = replace(workspace, arms=arms).grasps()
     for name in wanted or scene.names:
         bases = [np.round(grasp.base, _DECIMALS) for grasp in candidates.for_object(scene, name)]
         places = [np.array(base) for base in dict.fromkeys(map(tuple, bases))][:_PLACES]

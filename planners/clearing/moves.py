@@ -65,7 +65,17 @@ class NotPlaced:
     """
 
     blockers: Mapping[str, frozenset[str]] = field(default_factory=dict)
-    pitches: Mapping[str, Collection[float]] = field(default_factory=dict)
+    pitches: Mapping[str, frozenset[float]] = field(default_factory=dict)
+
+    def having(self, name: str, blockers: frozenset[str], pitch: float | None) -> NotPlaced:
+        """The same with one more object, taken through a grasp of that pitch [rad], None if it was in the hand."""
+        refused = {} if pitch is None else {name: self.pitches.get(name, frozenset()) | {pitch}}
+        return NotPlaced({**self.blockers, name: blockers}, {**self.pitches, **refused})
+
+    def without_blocker(self, moved: str) -> NotPlaced:
+        """The same after an object has moved: where nothing else was in the way, its place may be free now."""
+        left = {name: names - {moved} for name, names in self.blockers.items()}
+        return NotPlaced({name: names for name, names in left.items() if names}, self.pitches)
 
 
 @dataclass(frozen=True)

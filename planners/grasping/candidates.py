@@ -225,6 +225,14 @@ class GraspCandidates:
         """The same arms and grasp set, with nothing known of any scene."""
         return replace(self, _scene=None, _views={}, _known={}, _merged={})
 
+    def learn(self, other: GraspCandidates) -> None:
+        """Take over what is known elsewhere of objects of which nothing is known here, if no grasp was refuted there.
+
+        From then on what is known is kept when objects move, as with `remembers`.
+        """
+        known = {key: known for key, known in other._known.items() if not known.tried}
+        self._known, self.remembers = {**known, **self._known}, True
+
     def ban(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Remove that grasp until the scene changes."""
         self.refuted += 1

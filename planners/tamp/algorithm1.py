@@ -41,14 +41,13 @@ _CAUSES = {
 """Meaning of a task planner's reasons for the whole solve."""
 
 
-def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
+def task_and_motion_plan(search: Search) -> Solution | Infeasible:
     """Algorithm 1: plan with references, bind the actions one by one to motions, replan where motion planning fails.
 
     Args:
-        search: goal, strategy, task planner and motion layer; its plan F is extended.
-        scene: where to start; the robot in its home configuration.
+        search: problem, strategy, task planner and motion layer; its plan F is extended.
     """
-    state = initial_state(search, scene)
+    state = initial_state(search)
     if isinstance(state, PlanState):
         state = raise_target(search, state)
     while isinstance(state, PlanState) and not is_goal(search, state):
@@ -75,14 +74,14 @@ def task_and_motion_plan(search: Search, scene: Scene) -> Solution | Infeasible:
     return Solution(actions, clearances, search.stats(), search.target, search.strategy, search.goal, search.bound, end)
 
 
-def initial_state(search: Search, scene: Scene) -> PlanState | Infeasible:
+def initial_state(search: Search) -> PlanState | Infeasible:
     """s0: the facts that the scene gives, and what the grasp references stand for."""
+    scene = search.problem.scene
     robot = scene.robot
-    search.start = search.start or scene
-    if not search.is_greedy and search.bound is None:
+    if not search.is_greedy:
         before = cpu_seconds()
-        search.bound = search.motion_layer.lower_bound(scene, search.goal, search.start, not search.hold_aside)
-        search.motion_planning_s += cpu_seconds() - before
+        search.bound = search.motion_layer.lower_bound(search.problem)
+        search.counts.motion_planning_s += cpu_seconds() - before
         if search.bound.picks is None and search.bound.proved:
             none = NoCommitment(Cause(search.bound.cause), search.bound.objects)
             return explain(search, scene, none)
@@ -99,7 +98,7 @@ def is_goal(search: Search, state: PlanState) -> bool:
     """Whether s0 satisfies g: the target is held, or the facts of the goal hold by the geometry of the scene."""
     if search.is_greedy:
         return TaskProblem(state.symbols, search.target).is_solved
-    return search.goal.holds(as_seen(state.scene), search.start)
+    return search.goal.holds(as_seen(state.scene), search.problem.start)
 
 
 def raise_target(search: Search, state: PlanState) -> PlanState:
@@ -110,7 +109,7 @@ def raise_target(search: Search, state: PlanState) -> PlanState:
     to_hold = next((fact for fact in search.goal.facts if isinstance(fact, Holding)), None)
     scene = None if to_hold is None else state.scene.holding(to_hold.object)
     now = as_seen(state.scene)
-    if to_hold is None or scene is None or set(search.goal.unmet(now, search.start)) - {to_hold}:
+    if to_hold is None or scene is None or set(search.goal.unmet(now, search.problem.start)) - {to_hold}:
         return state
     in_hand = now.body(to_hold.object)
     if to_hold.point is not None:
@@ -163,7 +162,7 @@ def call_motion_planning(
     try:
         return bind_action(search, state, action)
     finally:
-        search.motion_planning_s += cpu_seconds() - before
+        search.counts.motion_planning_s += cpu_seconds() - before
 
 
 def bind_references(search: Search, scene: Scene, action: GroundAction, motion: BoundMotion) -> None:
@@ -173,8 +172,7 @@ def bind_references(search: Search, scene: Scene, action: GroundAction, motion: 
     if action.name == "PutDownForClearance" or (action.name == "PutDownGeneral" and search.target):
         search.clearances.append(action.args[0])
     if action.name.startswith("PutDown"):
-        gone = {name: names - {moved} for name, names in search.not_placed.items()}
-        search.not_placed = {name: names for name, names in gone.items() if names}
+        search.not_placed = search.not_placed.without_blocker(moved)
 
 
 def take_back_drive(search: Search, state: PlanState) -> PlanState:
@@ -213,7 +211,7 @@ def update_initial_state_from_error(
         return error
     is_aside_in_hand = state.clearance_plan.aside in state.scene.held_names
     if is_aside_in_hand:
-        search.hold_aside = False
+        search.holds_aside = False
     if is_aside_in_hand or not error.blockers or not search.is_greedy:
         return rebind_grasps(search, state.symbols, state.scene)
     obstructed = update_from_error(state.symbols, GraspObstructed(error.action.args[0], error.blockers))
@@ -224,11 +222,11 @@ def update_initial_state_from_error(
 
 def shorten_plan(search: Search, end: Scene) -> tuple[BoundAction, ...]:
     """F in less simulated time; under end-effector control and in canonical plans the robot rests between actions."""
-    if not search.motion_layer.context.shortens:
+    if not search.motion_layer.workspace.shortens:
         return tuple(search.plan)
     before = cpu_seconds()
     actions = search.motion_layer.shortened(search.plan, end)
-    search.motion_planning_s += cpu_seconds() - before
+    search.counts.motion_planning_s += cpu_seconds() - before
     return actions
 
 

@@ -8,7 +8,7 @@ from assets.robots import RobotSpec
 from planners.cause import Cause
 from planners.clearing.clearance_plan import ClearancePlan, as_plan
 from planners.clearing.commitments import Commitments, NoCommitment, keep_clear
-from planners.clearing.moves import MoveMaker, NotPlaced
+from planners.clearing.moves import MoveMaker
 from planners.clock import cpu_seconds
 from planners.goals import Goal, Holding
 from planners.motion.path import BlockedBy, NoPath
@@ -53,7 +53,7 @@ def bind_grasps(
         found = as_plan(search.motion_layer.candidates, scene, before_it.later)
     else:
         found = search.motion_layer.plan_goal(_maker(search), scene)
-    search.motion_planning_s += cpu_seconds() - before
+    search.counts.motion_planning_s += cpu_seconds() - before
     if isinstance(found, NoCommitment):
         return explain(search, scene, found)
     if not search.is_greedy:
@@ -70,14 +70,13 @@ def _obstructed(symbols: SymbolicState) -> set[str]:
 
 def _maker(search: Search) -> MoveMaker:
     """The maker of moves for the goal."""
-    assert search.start is not None
-    known = NotPlaced(search.not_placed, search.refused_pitches)
-    return search.motion_layer.maker(search.strategy, search.goal, search.start, known, search.hold_aside)
+    goal, start = search.goal, search.problem.start
+    return search.motion_layer.maker(search.strategy, goal, start, search.not_placed, search.holds_aside)
 
 
 def _with_moves(search: Search, symbols: SymbolicState, scene: Scene, found: ClearancePlan) -> PlanState | Infeasible:
     """s0 with the moves that are planned, and the facts that are planned for."""
-    lacking = () if found.until else search.goal.unmet(as_seen(scene), search.start)
+    lacking = () if found.until else search.goal.unmet(as_seen(scene), search.problem.start)
     if lacking:
         unmet = " ".join(Goal((fact,)).to_pddl() for fact in lacking)
         return search.infeasible(Cause.MOTION, f"the plan ends without {unmet}", ())
@@ -112,8 +111,8 @@ def task_plan(search: Search, state: PlanState) -> TaskPlan | NoPlan:
     if checked is None:
         time_limit = min(TASK_PLANNING_S, search.motion_layer.deadline.remaining)
         checked = search.answers[problem] = answer_of(search.task_planner, problem, time_limit)
-    search.task_planning_s += cpu_seconds() - before
-    search.task_plans += 1
+    search.counts.task_planning_s += cpu_seconds() - before
+    search.counts.task_plans += 1
     search.has_given_up |= isinstance(checked, NoPlan) and checked.reason == "gave up"
     return checked
 
@@ -188,12 +187,12 @@ def _drive_to_put_down(
             no_drive = f"; {driven.reason}"
     if search.is_late:
         return search.out_of_time()
-    if name in plan.general and name not in search.not_placed:
+    if name in plan.general and name not in search.not_placed.blockers:
         found = motion_layer.put_down(*refuted[0], find_blockers=True) if refuted else None
-        search.not_placed[name] = found.blockers - {name} if isinstance(found, BlockedBy) else frozenset()
-        if name in plan.commitments.grasps:
-            search.refused_pitches.setdefault(name, set()).add(plan.commitments.grasps[name].pitch)
-        by = f": {', '.join(sorted(search.not_placed[name]))} in the way" if search.not_placed[name] else ""
+        blockers = found.blockers - {name} if isinstance(found, BlockedBy) else frozenset()
+        grasp = plan.commitments.grasps.get(name)
+        search.not_placed = search.not_placed.having(name, blockers, None if grasp is None else grasp.pitch)
+        by = f": {', '.join(sorted(blockers))} in the way" if blockers else ""
         return Refutation(action, reason=f"no motion puts {name} at its place{by}")
     detail = f"no location for {name} that keeps clear of what remains to be done"
     return search.infeasible(Cause.NO_CLEARANCE_LOCATION, detail + no_drive, (name,))
@@ -227,4 +226,4 @@ def _pick_up(search: Search, state: PlanState, action: GroundAction, name: str) 
 def _is_up(search: Search, picked: BoundMotion, name: str) -> bool:
     """Whether an object that is to be held at the end is high enough after a pick; others may be anywhere."""
     is_held_up = Holding(name) in search.goal.facts
-    return not is_held_up or Holding(name).holds(as_seen(picked.scene), search.start)
+    return not is_held_up or Holding(name).holds(as_seen(picked.scene), search.problem.start)

@@ -25,12 +25,12 @@ def explain(search: Search, scene: Scene, found: NoCommitment) -> Infeasible:
     detail = _by_goal(search, scene, cause, objects)
     if detail:
         return search.infeasible(cause, detail, objects)
-    context = search.motion_layer.context
-    if cause is Cause.UNREACHABLE and all(too_wide := [context.too_wide(scene, name) for name in objects]):
-        return search.infeasible(Cause.TOO_WIDE, f"{'; '.join(too_wide)}, {context.catalogue}", objects)
+    workspace = search.motion_layer.workspace
+    if cause is Cause.UNREACHABLE and all(too_wide := [workspace.too_wide(scene, name) for name in objects]):
+        return search.infeasible(Cause.TOO_WIDE, f"{'; '.join(too_wide)}, {workspace.catalogue}", objects)
     if cause is Cause.NO_SELF_CLEARABLE_SET and (wide := _too_wide_to_leave(search, scene, objects)):
-        reasons = "; ".join(context.too_wide(scene, name) for name in wide)
-        detail = f"{', '.join(wide)} must go before {', '.join(objects)}, but: {reasons}, {context.catalogue}"
+        reasons = "; ".join(workspace.too_wide(scene, name) for name in wide)
+        detail = f"{', '.join(wide)} must go before {', '.join(objects)}, but: {reasons}, {workspace.catalogue}"
         return search.infeasible(Cause.TOO_WIDE, detail, wide)
     return search.infeasible(cause, _by_robot(search, scene, cause, objects), objects)
 
@@ -42,7 +42,7 @@ def _cause(motion_layer: MotionLayer, scene: Scene, found: NoCommitment) -> Caus
     if motion_layer.has_refuted:  # it is not the grasps alone that leave no commitments
         return Cause.MOTION
     if found.cause is Cause.UNREACHABLE and not _can_be_taken(motion_layer, scene, found.objects):
-        anywhere = motion_layer.context.anywhere().grasps(motion_layer.compiled)
+        anywhere = motion_layer.workspace.anywhere().grasps(motion_layer.compiled)
         if any(anywhere.for_object(scene, name) for name in found.objects):
             return Cause.NO_WAY_FOR_BASE
     return found.cause
@@ -55,9 +55,9 @@ def _can_be_taken(motion_layer: MotionLayer, scene: Scene, objects: tuple[str, .
 
 def _too_wide_to_leave(search: Search, scene: Scene, objects: tuple[str, ...]) -> tuple[str, ...]:
     """Names of what must leave before these objects come to their ends, and fits in no gripper."""
-    waits = waits_for(scene, search.goal, must_move(scene, search.goal, search.start))
+    waits = waits_for(scene, search.goal, must_move(scene, search.goal, search.problem.start))
     before = {one for name in objects for one in waits.get(name, ())}
-    return tuple(name for name in scene.names if name in before and search.motion_layer.context.too_wide(scene, name))
+    return tuple(name for name in scene.names if name in before and search.motion_layer.workspace.too_wide(scene, name))
 
 
 def _by_goal(search: Search, scene: Scene, cause: Cause, objects: tuple[str, ...]) -> str:
@@ -65,7 +65,7 @@ def _by_goal(search: Search, scene: Scene, cause: Cause, objects: tuple[str, ...
     if cause is Cause.NO_CLEARANCE_LOCATION:
         crowd, why = without_room(scene, search.goal, objects)
         return f"{why}: proved, for all grasps" if crowd and set(crowd) == set(objects) else ""
-    circle = order_circle(scene, search.goal, must_move(scene, search.goal, search.start))
+    circle = order_circle(scene, search.goal, must_move(scene, search.goal, search.problem.start))
     if cause is Cause.NO_SELF_CLEARABLE_SET and set(objects) == {*circle}:
         return f"by the order of the goal, {', '.join(objects)} wait for each other"
     return ""
@@ -73,12 +73,12 @@ def _by_goal(search: Search, scene: Scene, cause: Cause, objects: tuple[str, ...
 
 def _by_robot(search: Search, scene: Scene, cause: Cause, objects: tuple[str, ...]) -> str:
     """What the robot cannot do with these objects, with the choices that the answer holds for."""
-    context, names = search.motion_layer.context, ", ".join(objects)
+    workspace, names = search.motion_layer.workspace, ", ".join(objects)
     match cause:
         case Cause.UNREACHABLE if _can_be_taken(search.motion_layer, scene, objects):
             detail = _place_out_of_reach(search, scene, objects)
         case Cause.UNREACHABLE:
-            detail = context.unreached(scene, objects)
+            detail = workspace.unreached(scene, objects)
         case Cause.NO_WAY_FOR_BASE:
             detail = f"from where the robot is, the base cannot drive to where it could take {names}"
         case Cause.NO_SELF_CLEARABLE_SET:
@@ -89,8 +89,8 @@ def _by_robot(search: Search, scene: Scene, cause: Cause, objects: tuple[str, ..
             detail = _without_location(search, scene, objects)
         case _:
             detail = f"the time was up before a way to take {names} was found"
-    detail += f", {context.catalogue}"
-    reasons = [reason for name in scene.names if (reason := context.too_wide(scene, name))]
+    detail += f", {workspace.catalogue}"
+    reasons = [reason for name in scene.names if (reason := workspace.too_wide(scene, name))]
     if cause is Cause.NO_SELF_CLEARABLE_SET and reasons:
         detail += f"; cannot be taken: {'; '.join(reasons)}"
     return detail
@@ -111,7 +111,7 @@ def _without_location(search: Search, scene: Scene, objects: tuple[str, ...]) ->
     if places:
         wanted = " ".join(map(str, places))
         return f"no base pose and arm configuration were found that put {names} where {wanted} wants it"
-    used = search.motion_layer.context.supports
+    used = search.motion_layer.workspace.supports
     detail = f"no location on {', '.join(used)} for {names} that keeps clear of what remains to be done"
     others = [name for name in scene.supports if name not in used]
     return f"{detail}; not looked at, since not among the supports chosen: {', '.join(others)}" if others else detail

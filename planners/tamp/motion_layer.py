@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from planners.clearing.clearance_plan import ClearancePlan
 from planners.clearing.commitments import NoCommitment, commitments_for
-from planners.clearing.goal_bound import LowerBound, fewest_picks
+from planners.clearing.goal_bound import LowerBound
 from planners.clearing.lookahead import look_ahead
 from planners.clearing.moves import MoveMaker, NotPlaced
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import CollisionWorld, CompiledScenes
-from planners.context import PlanningContext
 from planners.goals import Goal, holding
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.motion.approaches import stand_off
@@ -32,11 +31,13 @@ from planners.motion.trajectory import Trajectory, is_contact, join, phases_of
 from planners.placing.goal_places import placed_fact, reserved_regions
 from planners.placing.placements import Placement, PlacementSearch, with_lowered
 from planners.placing.surfaces import KeepClear, Surface
+from planners.problem import Problem
 from planners.scene import RobotState, Scene
 from planners.scene.cover import needs_drive
 from planners.scene.masks import FIXED_BITS
 from planners.strategies import Strategy
 from planners.tamp.solution import BoundAction
+from planners.workspace import Workspace
 
 Array = NDArray[np.float64]
 
@@ -69,23 +70,35 @@ class BoundMotion:
 class MotionLayer:
     """Answers Algorithm 1's questions for grasps, placements and motions; remembers what motion planning refuted.
 
-    `compiled` are the collision worlds of the states so far, `candidates` the grasps known in the present one.
-    With `checks_at_end` MuJoCo checks motions once, when
-    they are `shortened`; if it refutes one then, `is_refuted` is set, and the plan must be made again without.
+    Attributes:
+        workspace: the robot among the static obstacles.
+        rng: for sampling.
+        compiled: the collision worlds of the states so far.
+        deadline: when to stop.
+        candidates: the grasps known in the present state.
+        placement_search: placements, with what grasps sweep.
+        checks_at_end: whether MuJoCo checks motions once, when they are `shortened`.
+        is_refuted: whether it has refuted one then: the plan must be made again without that.
     """
 
-    context: PlanningContext
+    workspace: Workspace
     rng: np.random.Generator
     compiled: CompiledScenes = field(default_factory=CompiledScenes)
     deadline: Deadline = NO_DEADLINE
-    candidates: GraspCandidates = field(init=False, repr=False)
-    placement_search: PlacementSearch = field(init=False, repr=False)
     checks_at_end: bool = False
     is_refuted: bool = False
+    candidates: GraspCandidates = field(init=False, repr=False)
+    placement_search: PlacementSearch = field(init=False, repr=False)
     _checkers: dict[str, MujocoCollisionChecker] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
-        self.candidates, self.placement_search = self.context.grasps(self.compiled), self.context.placements()
+        self.candidates, self.placement_search = self.workspace.grasps(self.compiled), self.workspace.placements()
+
+    def with_known(self, before: MotionLayer | None) -> MotionLayer:
+        """This one, with the grasps and placements known to another one, if any, in the same workspace."""
+        if before is not None:
+            self.candidates, self.placement_search = before.candidates, before.placement_search
+        return self
 
     @property
     def has_refuted(self) -> bool:
@@ -139,7 +152,7 @@ class MotionLayer:
             self.deadline,
             not_placed or NotPlaced(),
             holds_aside,
-            self.context.saves_time,
+            self.workspace.saves_time,
         )
 
     def plan_goal(self, maker: MoveMaker, scene: Scene) -> ClearancePlan | NoCommitment:
@@ -158,11 +171,11 @@ class MotionLayer:
         others = maker.places(scene, fact, replace(keep_clear, reserved=reserved), plan.commitments.grasps)
         return itertools.islice(itertools.chain((plan.placements[name],), others), maker.strategy.placements)
 
-    def lower_bound(self, scene: Scene, goal: Goal, start: Scene, buffers: bool) -> LowerBound:
-        """The fewest picks for a goal, by the grasps known here."""
-        search, deadline = self.placement_search, self.deadline
-        self.candidates.remembers = True
-        return fewest_picks(scene, goal, self.candidates, start, search=search, buffers=buffers, deadline=deadline)
+    def lower_bound(self, problem: Problem) -> LowerBound:
+        """The fewest picks for a problem; the grasps that were looked at are known here from then on."""
+        found = problem.lower_bound(deadline=self.deadline)
+        self.candidates.learn(problem.candidates)
+        return found
 
     def ban(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Do not offer a grasp again: no motion leads to it."""
@@ -202,7 +215,7 @@ class MotionLayer:
         driven = self.drive(scene, base, home_first=self._next_arm(scene, grasp.arm) is None)
         if driven is NO_WAY:
             for other in self.candidates.for_object(scene, grasp.object):
-                if other is not grasp and self.context.roadmap.excludes(scene.state.base, other.base):
+                if other is not grasp and self.workspace.roadmap.excludes(scene.state.base, other.base):
                     self.ban(scene, other)
         return driven
 
@@ -222,7 +235,7 @@ class MotionLayer:
         world, state = self.compiled.world(scene), scene.state
         for placement in self.placement_search.holding_at(world, point):
             driven = plan_base(
-                world, state.base, placement.base, state.q, held=scene.held, roadmap=self.context.roadmap
+                world, state.base, placement.base, state.q, held=scene.held, roadmap=self.workspace.roadmap
             )
             if isinstance(driven, NoPath):
                 continue
@@ -238,7 +251,7 @@ class MotionLayer:
         """Drive to a base pose in the present configuration; among objects the arm moves home first, if it can."""
         world, state = self.compiled.world(scene), scene.state
         homing = self._home(scene) if home_first or is_among_objects(world, state) else None
-        q, roadmap = state.q if homing is None else homing.end, self.context.roadmap
+        q, roadmap = state.q if homing is None else homing.end, self.workspace.roadmap
         found = plan_base(world, state.base, base, q, held=scene.held, roadmap=roadmap)
         if isinstance(found, NoPath) and homing is None and scene.held is None:
             as_open = scene.robot.opening(state.finger_position)  # fully open it may touch what it does not as it is
@@ -257,7 +270,7 @@ class MotionLayer:
 
     def can_leave(self, scene: Scene, base: Array) -> bool:
         """Whether the base can drive back to where it came from: what was put down may be in the way of the arm."""
-        q, roadmap, world = scene.state.q, self.context.roadmap, self.compiled.world(scene)
+        q, roadmap, world = scene.state.q, self.workspace.roadmap, self.compiled.world(scene)
         if isinstance(plan_base(world, scene.state.base, base, q, roadmap=roadmap), WholeBodyPath):
             return True
         return isinstance(self.drive(scene, base), BoundMotion)
@@ -331,7 +344,7 @@ class MotionLayer:
     def _followed(self, scene: Scene, bound: BoundMotion, touched: tuple[str, ...]) -> BoundMotion | BlockedBy | NoPath:
         """The same motion; under end-effector control with the joint path that follows it, or why there is none."""
         bound = replace(bound, before=scene)
-        follower = self.context.follower or self.context.controller
+        follower = self.workspace.follower or self.workspace.controller
         if follower is None:
             return bound
         followed = follow(follower, scene.robot, np.array(scene.state.q), bound.trajectory)
@@ -339,7 +352,7 @@ class MotionLayer:
             return NoPath("the TCP cannot follow the trajectory")
         world: CollisionWorld = self.compiled.world(scene).with_padding(0.0)
         hits = followed.hits(world, scene.mask(touched))
-        if self.context.follower is None:
+        if self.workspace.follower is None:
             touches = world.names_of(hits & ~FIXED_BITS)
             return NoPath(f"following the TCP, the arm touches {', '.join(touches)}") if touches else bound
         if hits & FIXED_BITS:

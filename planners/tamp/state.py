@@ -11,10 +11,12 @@ from types import MappingProxyType
 from planners.cause import Cause
 from planners.clearing.clearance_plan import ClearancePlan
 from planners.clearing.goal_bound import LowerBound
+from planners.clearing.moves import NotPlaced
 from planners.clock import cpu_seconds
 from planners.goals import Goal
 from planners.motion.arm import tcp_pose
 from planners.motion.path import NO_WAY
+from planners.problem import Problem
 from planners.scene import Scene
 from planners.strategies import Strategy
 from planners.symbolic.problem import Atom, GroundAction, NoPlan, SymbolicState, TaskPlan, TaskPlanner, TaskProblem
@@ -79,38 +81,58 @@ class Refutation:
 
 
 @dataclass
-class Search:
-    """One run of Algorithm 1: what it was given, the plan F so far, and its counts.
+class Counts:
+    """What a run has done so far, and how long it took: calls of the task planner, [s] of CPU time."""
 
-    `has_given_up`: a call of the task planner reached its time limit; `answers` are those it gave. `hold_aside`: if one
-    arm may hold an obstacle while another one takes the target. `start` is the scene before anything was moved, `bound`
-    the lower bound there, if moves are planned ahead. `not_placed`: objects for whose place no motion was found, with
-    what is in the way; `refused_pitches`: and the pitches [rad] of the grasps through which they had been taken.
-    """
-
-    goal: Goal
-    strategy: Strategy
-    task_planner: TaskPlanner
-    motion_layer: MotionLayer
-    hold_aside: bool = False
-    bound: LowerBound | None = None
-    start: Scene | None = None
-    not_placed: dict[str, frozenset[str]] = field(default_factory=dict)
-    refused_pitches: dict[str, set[float]] = field(default_factory=dict)
-    plan: list[BoundAction] = field(default_factory=list)
-    clearances: list[str] = field(default_factory=list)
-    history: list[ReplanRecord] = field(default_factory=list)
     task_plans: int = 0
-    answers: dict[TaskProblem, TaskPlan | NoPlan] = field(default_factory=dict)
-    has_given_up: bool = False
     task_planning_s: float = 0.0
     motion_planning_s: float = 0.0
     started_cpu: float = field(default_factory=cpu_seconds)
 
+
+@dataclass
+class Search:
+    """One run of Algorithm 1: what it was given, the plan F so far, and what it has learnt.
+
+    Attributes:
+        problem, strategy, task_planner, motion_layer: what it was given.
+        holds_aside: whether an obstacle may stay in a hand; no longer, once a motion with it was refuted.
+        bound: the fewest picks, if moves are planned ahead.
+        not_placed: objects for whose places no motion was found.
+        plan: the actions bound so far, F of the paper.
+        clearances: names of the objects put aside, in order.
+        history: the turns of the loop that ended with a refuted action.
+        answers: those that the task planner gave.
+        has_given_up: whether a call of the task planner reached its time limit.
+        counts: calls and times.
+    """
+
+    problem: Problem
+    strategy: Strategy
+    task_planner: TaskPlanner
+    motion_layer: MotionLayer
+    holds_aside: bool = field(init=False)
+    bound: LowerBound | None = None
+    not_placed: NotPlaced = field(default_factory=NotPlaced)
+    plan: list[BoundAction] = field(default_factory=list)
+    clearances: list[str] = field(default_factory=list)
+    history: list[ReplanRecord] = field(default_factory=list)
+    answers: dict[TaskProblem, TaskPlan | NoPlan] = field(default_factory=dict)
+    has_given_up: bool = False
+    counts: Counts = field(default_factory=Counts)
+
+    def __post_init__(self) -> None:
+        self.holds_aside = self.problem.hold_aside
+
+    @property
+    def goal(self) -> Goal:
+        """What is wanted."""
+        return self.problem.goal
+
     @property
     def target(self) -> str:
         """Name of the object that is to be held if that is the whole goal, else ""."""
-        return self.goal.target
+        return self.problem.target
 
     @property
     def is_greedy(self) -> bool:
@@ -146,7 +168,7 @@ class Search:
         counts = f"{len(self.history)} replans and {len(self.clearances)} clearances"
         if self.is_late or self.has_given_up:
             return self.infeasible(Cause.TIME_LIMIT, f"the time was up after {counts}", ())
-        unmet = () if self.target or scene is None else self.goal.unmet(as_seen(scene), self.start)
+        unmet = () if self.target or scene is None else self.goal.unmet(as_seen(scene), self.problem.start)
         without = f", without {' '.join(str(Goal((fact,))) for fact in unmet)}" if unmet else ""
         return self.infeasible(Cause.GIVEN_UP, f"given up after {counts}{without}", ())
 
@@ -154,10 +176,10 @@ class Search:
         """The counts so far."""
         return SolveStats(
             replans=len(self.history),
-            task_plans=self.task_plans,
-            task_planning_s=self.task_planning_s,
-            motion_planning_s=self.motion_planning_s,
-            total_s=cpu_seconds() - self.started_cpu,
+            task_plans=self.counts.task_plans,
+            task_planning_s=self.counts.task_planning_s,
+            motion_planning_s=self.counts.motion_planning_s,
+            total_s=cpu_seconds() - self.counts.started_cpu,
             unusable=self.motion_layer.candidates.unusable,
             history=tuple(self.history),
         )

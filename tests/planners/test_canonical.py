@@ -11,7 +11,6 @@ from assets.robots import FETCH
 from planners.clearing.commitments import grasped
 from planners.collision.world import CollisionWorld
 from planners.contact import Contact, contact_of, contacts, label_of
-from planners.context import PlanningContext
 from planners.grasping.arm_configurations import GripperPoses
 from planners.grasping.base_placement import facing_bases
 from planners.grasping.candidates import GraspCandidate, GraspCandidates, gripper_poses
@@ -25,6 +24,7 @@ from planners.planner import Planner
 from planners.scene import RobotState, Scene
 from planners.strategies import STRATEGIES
 from planners.tamp.solution import Solution
+from planners.workspace import Workspace
 from tests.planners.scenes import cylinder, random_scene, table_scene
 
 PLANNER = Planner(FETCH, grasps="side", canonical=True)
@@ -43,8 +43,8 @@ def plan() -> Solution:
     return next(plan for plan in plans if plan.clearances)
 
 
-def canonical_context(scene: Scene) -> PlanningContext:
-    return PlanningContext.of(scene.robot, scene, grasps="side", canonical=True)
+def canonical_workspace(scene: Scene) -> Workspace:
+    return Workspace.of(scene.robot, scene, grasps="side", canonical=True)
 
 
 def test_random_numbers_do_not_matter() -> None:
@@ -88,7 +88,7 @@ def free_straight(source: GraspCandidates, scene: Scene, name: str) -> list[Gras
 @pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 6))])
 def test_other_grasps_are_chosen_only_where_all_straight_ones_are_blocked(seed: int) -> None:
     scene = random_scene(18, seed)
-    source = canonical_context(scene).grasps()
+    source = canonical_workspace(scene).grasps()
     for name in scene.names:
         candidates = source.for_object(scene, name)
         is_straight_free = bool(free_straight(source, scene, name))
@@ -104,7 +104,7 @@ def is_straight(scene: Scene, grasp: GraspCandidate) -> bool:
 
 def test_a_banned_grasp_gives_way_to_the_next_straight_one_then_to_others() -> None:
     scene = table_scene(cylinder("object_00", 0.0, 0.0))
-    source, offered = canonical_context(scene).grasps(), set()
+    source, offered = canonical_workspace(scene).grasps(), set()
     straight = {grasp.pair for grasp in free_straight(source, scene, "object_00")}
     while is_straight(scene, first := source.for_object(scene, "object_00")[0]):
         offered.add(first.pair)
@@ -143,7 +143,7 @@ def test_the_yaw_of_a_contact_is_the_grippers(yaw: float, pitch: float) -> None:
 
 
 def in_hand(scene: Scene) -> Scene:
-    return grasped(scene, canonical_context(scene).grasps().for_object(scene, "object_00")[0])
+    return grasped(scene, canonical_workspace(scene).grasps().for_object(scene, "object_00")[0])
 
 
 def test_cells_are_a_grid_inside_the_margins() -> None:
@@ -159,7 +159,7 @@ def test_cells_are_a_grid_inside_the_margins() -> None:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_first_placements_are_straight_on_cells_and_do_not_depend_on_random_numbers(seed: int) -> None:
     scene = in_hand(random_scene(8, seed))
-    world, search = CollisionWorld.from_scene(scene), canonical_context(scene).placements()
+    world, search = CollisionWorld.from_scene(scene), canonical_workspace(scene).placements()
     found = [
         list(itertools.islice(search.find(world, KeepClear(), STRATEGIES["lookahead"], np.random.default_rng(rng)), 3))
         for rng in (0, 1)
@@ -173,6 +173,6 @@ def test_the_first_placements_are_straight_on_cells_and_do_not_depend_on_random_
 
 def test_where_no_cell_is_straight_the_placements_of_the_paper_follow(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = in_hand(random_scene(8, 1))
-    world, search = CollisionWorld.from_scene(scene), canonical_context(scene).placements()
+    world, search = CollisionWorld.from_scene(scene), canonical_workspace(scene).placements()
     monkeypatch.setattr(PlacementSearch, "_straight", lambda *_: iter(()))
     assert next(search.find(world, KeepClear(), STRATEGIES["lookahead"], np.random.default_rng(0)), None) is not None

@@ -12,12 +12,12 @@ from planners import Planner, Scene, Solution
 from planners.clearing.commitments import grasped
 from planners.collision.world import CollisionWorld
 from planners.contact import contact_of
-from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidates
 from planners.grasping.families import GRASP_SETS, GraspFamily
 from planners.motion.pick_and_place import PickPlaceMotion, plan_pick
 from planners.scene import Body
 from planners.tamp.solution import BoundAction
+from planners.workspace import Workspace
 from tests.planners.plans import assert_free
 from tests.planners.scenes import HEIGHT, cylinder, random_scene, table_scene
 
@@ -92,9 +92,7 @@ def test_low_objects_are_taken(shape: str, height: float) -> None:
 def test_a_toppled_cylinder_is_lifted_by_every_slanted_family(family: GraspFamily, radius: float) -> None:
     scene = table_scene(lying("object_00", -0.1, 0.0, radius))
     world = CollisionWorld.from_scene(scene)
-    grasps = GraspCandidates(PlanningContext.of(scene.robot, scene).arms, families=(family,)).for_object(
-        scene, "object_00"
-    )
+    grasps = GraspCandidates(Workspace.of(scene.robot, scene).arms, families=(family,)).for_object(scene, "object_00")
     motions = [
         plan_pick(world, grasp.base, FETCH.home, grasp.q, "object_00", rng=np.random.default_rng(0))
         for grasp in grasps[:3]
@@ -105,7 +103,7 @@ def test_a_toppled_cylinder_is_lifted_by_every_slanted_family(family: GraspFamil
 @pytest.mark.parametrize("family", SLANTED, ids=lambda family: family.name)
 def test_a_toppled_obstacle_in_the_gripper_is_put_down_to_rest(family: GraspFamily) -> None:
     scene = table_scene(lying("object_00", -0.1, 0.0), cylinder("object_01", 0.1, -0.3))
-    source = GraspCandidates(PlanningContext.of(scene.robot, scene).arms, families=(family,))
+    source = GraspCandidates(Workspace.of(scene.robot, scene).arms, families=(family,))
     in_hand = grasped(scene, source.for_object(scene, "object_00")[0])
     found = PLANNERS["all"].solve(in_hand, "object_01")
     assert isinstance(found, Solution), found

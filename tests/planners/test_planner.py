@@ -95,7 +95,7 @@ def test_an_object_in_hand_is_put_down_first() -> None:
     scene = table_scene(cylinder("object_00", -0.2, 0.2), cylinder("object_01", 0.0, -0.2))
     first = PLANNER.solve(scene, "object_00")
     assert isinstance(first, Solution)
-    candidates = PLANNER.context(scene).grasps()
+    candidates = PLANNER.workspace(scene).grasps()
     in_hand = grasped(scene, candidates.for_object(scene, "object_00")[0])
     found = PLANNER.solve(in_hand, "object_01")
     assert isinstance(found, Solution), found
@@ -108,7 +108,7 @@ def test_an_object_in_hand_is_put_down_first() -> None:
 def test_a_target_that_is_held_low_is_brought_up() -> None:
     """An arm that stopped on its way home held the target lower than counts as lifted, and the plan was empty."""
     scene = table_scene(cylinder("object_00", -0.2, 0.2), cylinder("object_01", 0.0, -0.2))
-    grasp = PLANNER.context(scene).grasps().for_object(scene, "object_00")[0]
+    grasp = PLANNER.workspace(scene).grasps().for_object(scene, "object_00")[0]
     low = np.array([grasp.q[0] + 0.02, *grasp.q[1:]])
     in_hand = grasped(scene, grasp).with_state(RobotState(grasp.base, low, 0.0))
     found = PLANNER.solve(in_hand, "object_00")

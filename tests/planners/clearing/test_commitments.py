@@ -10,11 +10,11 @@ import pytest
 
 from planners.clearing.commitments import Commitments, NoCommitment, commitments_for, grasped, keep_clear
 from planners.collision.world import CollisionWorld
-from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidates
 from planners.placing.placements import PlacementSearch
 from planners.scene import Scene
 from planners.strategies import STRATEGIES, Strategy
+from planners.workspace import Workspace
 from tests.planners.scenes import random_scene
 
 GREEDY = STRATEGIES["ngr"]
@@ -41,8 +41,8 @@ class Known(NamedTuple):
 def known(request: pytest.FixtureRequest) -> Known:
     """Grasps and placements in a random scene."""
     scene = random_scene(25, request.param)
-    context = PlanningContext.of(scene.robot, scene, grasps="side")
-    return Known(scene, context.grasps(), context.placements())
+    workspace = Workspace.of(scene.robot, scene, grasps="side")
+    return Known(scene, workspace.grasps(), workspace.placements())
 
 
 def test_commitments_can_be_carried_out_in_their_order(known: Known) -> None:

@@ -12,17 +12,17 @@ from planners import STRATEGIES, Goal, goals, solve
 from planners.clearing.goal_bound import LowerBound
 from planners.clearing.lookahead import _in_turn
 from planners.clearing.moves import MoveMaker
-from planners.context import PlanningContext
 from planners.placing.placements import PlacementSearch
 from planners.scene import Scene
 from planners.tamp.solution import Solution
+from planners.workspace import Workspace
 from tests.planners.scenes import cylinder, random_scene, table_scene
 
 
 def maker(scene: Scene, goal: Goal) -> MoveMaker:
-    context = PlanningContext.of(scene.robot, scene)
+    workspace = Workspace.of(scene.robot, scene)
     rng = np.random.default_rng(0)
-    return MoveMaker(goal, scene, STRATEGIES["lookahead"], context.grasps(), context.placements(), rng)
+    return MoveMaker(goal, scene, STRATEGIES["lookahead"], workspace.grasps(), workspace.placements(), rng)
 
 
 def test_what_waits_for_each_other_is_moved_all_the_same() -> None:

@@ -12,8 +12,8 @@ import pytest
 import clutter_env  # noqa: F401  registers the environments
 from planners import Solution, goals, solve
 from planners.clearing.order_of_moves import Order, is_under_shelf
-from planners.context import PlanningContext
 from planners.scene import Scene
+from planners.workspace import Workspace
 from tests.planners.scenes import cylinder, random_shelf, shelf_scene, table_scene
 
 BACK, FRONT = (0.2, 0.0), (-0.2, 0.0)
@@ -21,7 +21,7 @@ BACK, FRONT = (0.2, 0.0), (-0.2, 0.0)
 
 def order(scene: Scene, goal: goals.Goal, waiting: list[str]) -> list[tuple[str, bool]]:
     """The names that move, and whether to their ends."""
-    found = Order.of(scene, goal, waiting, PlanningContext.of(scene.robot, scene).grasps())
+    found = Order.of(scene, goal, waiting, Workspace.of(scene.robot, scene).grasps())
     assert found is not None
     return [(step.name, step.is_general) for step in found.steps(scene, waiting, {})]
 
@@ -56,13 +56,13 @@ def test_goals_on_open_tables_and_with_an_order_of_their_own_are_not_ordered() -
 
 def test_grasps_that_are_kept_are_as_free_as_those_looked_for_anew() -> None:
     scene, rng = random_shelf(6, 3), np.random.default_rng(0)
-    context = PlanningContext.of(scene.robot, scene, grasps="side")
-    kept = replace(context.grasps(), remembers=True)
+    workspace = Workspace.of(scene.robot, scene, grasps="side")
+    kept = replace(workspace.grasps(), remembers=True)
     for _ in range(2):
         for name in scene.names:
             fewest = [
                 min((grasp.blockers.bit_count() for grasp in one.for_object(scene, name)), default=None)
-                for one in (kept, context.grasps())
+                for one in (kept, workspace.grasps())
             ]
             assert fewest[0] == fewest[1]
         moved = scene.objects[rng.integers(len(scene.objects))]

@@ -11,11 +11,11 @@ from assets.robots import FETCH
 from irm.chain import ArmChain
 from planners.clearing.lower_bound import self_clearable_sets
 from planners.collision.world import CollisionWorld
-from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.grasping.families import GRASP_SETS, GraspFamily
 from planners.motion.arm import tcp_pose
 from planners.scene import SELF_BIT, STATIC_BIT, RobotState, Scene
+from planners.workspace import Workspace
 from tests.planners.scenes import cylinder, random_scene, table_scene
 
 SOLID = 1 << STATIC_BIT | 1 << SELF_BIT
@@ -23,7 +23,7 @@ CHAIN = ArmChain.from_robot(FETCH)
 
 
 def candidates(scene: Scene) -> GraspCandidates:
-    return PlanningContext.of(scene.robot, scene, grasps="side").grasps()
+    return Workspace.of(scene.robot, scene, grasps="side").grasps()
 
 
 @pytest.fixture(scope="module", params=[0, pytest.param(1, marks=pytest.mark.slow)])
@@ -34,7 +34,7 @@ def scene(request: pytest.FixtureRequest) -> Scene:
 @pytest.fixture(scope="module")
 def every(scene: Scene) -> dict[str, list[int]]:
     """The blocker masks of the grasps of all objects, each family looked at alone."""
-    arms = PlanningContext.of(scene.robot, scene).arms
+    arms = Workspace.of(scene.robot, scene).arms
     sources = [
         GraspCandidates(arms, families=(family,)) for family in GRASP_SETS["all"] if isinstance(family, GraspFamily)
     ]
@@ -78,7 +78,7 @@ def test_families_are_looked_at_until_a_grasp_is_free(scene: Scene, every: dict[
     """What is not looked at cannot change the floor, and is looked at once the free grasps are removed."""
     for name in scene.names[:6]:
         masks = every[name]
-        source = PlanningContext.of(scene.robot, scene).grasps()
+        source = Workspace.of(scene.robot, scene).grasps()
         least = min((mask.bit_count() for mask in masks), default=None)
         assert least == min((grasp.blockers.bit_count() for grasp in source.for_object(scene, name)), default=None)
         ban_all_free(source, scene, name)
@@ -126,7 +126,7 @@ def test_an_obstructed_grasp_stays_as_it_is_when_others_are_looked_for(scene: Sc
 
 
 def test_the_floor_of_the_lazy_candidates_is_that_of_all_families(scene: Scene, every: dict[str, list[int]]) -> None:
-    lazy = PlanningContext.of(scene.robot, scene).grasps()
+    lazy = Workspace.of(scene.robot, scene).grasps()
     for name in scene.names[:8]:
         found, exact = (
             next(self_clearable_sets(blockers, name, scene.names))

@@ -11,7 +11,6 @@ import pytest
 from assets.robots import FETCH
 from planners import Planner, Solution
 from planners.collision.world import CollisionWorld
-from planners.context import PlanningContext
 from planners.goals import LIFTED
 from planners.motion.approaches import can_put_down, fewest_blockers, planned_approach, stand_off
 from planners.motion.arm import ArmQuery, tcp_pose
@@ -20,6 +19,7 @@ from planners.motion.path import BlockedBy
 from planners.motion.pick_and_place import PickPlaceMotion, _held_heights, plan_pick, plan_place
 from planners.motion.timing import pick_trajectory, place_trajectory
 from planners.scene import HeldObject, RobotState, Scene, UnknownObject
+from planners.workspace import Workspace
 from tests.planners.motion_scenes import grasp_configurations, mixed_scene
 from tests.planners.scenes import cylinder, random_shelf, shelf_scene, table_scene
 
@@ -45,7 +45,7 @@ def under_a_shelf() -> Iterator[tuple[Scene, PickPlaceMotion]]:
     for place in ((-0.2, 0.3), (0.0, -0.1), (0.15, 0.2), (0.25, -0.35)):
         scene = shelf_scene(cylinder("object_00", *place))
         world, rng = CollisionWorld.from_scene(scene), np.random.default_rng(0)
-        for grasp in PlanningContext.of(scene.robot, scene, grasps="side").grasps().for_object(scene, "object_00"):
+        for grasp in Workspace.of(scene.robot, scene, grasps="side").grasps().for_object(scene, "object_00"):
             assert grasp.drives
             start = np.concatenate((stand_off(scene, grasp.base, grasp.q, scene.body("object_00")), scene.state.q))
             motion = plan_pick(world, grasp.base, start, grasp.q, "object_00", rng=rng)
@@ -168,7 +168,7 @@ def test_grasps_know_what_is_in_the_way_out() -> None:
     front, behind = cylinder("object_00", -0.25, 0.0), cylinder("object_01", -0.1, 0.0)
     walls = [cylinder(f"object_{2 + i:02d}", -0.25, y) for i, y in enumerate((-0.3, -0.2, -0.1, 0.1, 0.2, 0.3))]
     scene = shelf_scene(front, behind, *walls)
-    world, candidates = CollisionWorld.from_scene(scene), PlanningContext.of(scene.robot, scene, grasps="side").grasps()
+    world, candidates = CollisionWorld.from_scene(scene), Workspace.of(scene.robot, scene, grasps="side").grasps()
     walled_in = candidates.for_object(scene, "object_01")
     assert walled_in
     for grasp in walled_in:

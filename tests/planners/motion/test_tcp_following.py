@@ -9,7 +9,6 @@ import numpy as np
 from assets.robots import FETCH
 from clutter_env.simulation.end_effector import TcpFollower
 from planners.collision.world import CollisionWorld
-from planners.context import PlanningContext
 from planners.grasping.candidates import GraspCandidate
 from planners.motion.arm import tcp_pose
 from planners.motion.path import BlockedBy
@@ -19,14 +18,15 @@ from planners.motion.timing import pick_trajectory
 from planners.motion.trajectory import Trajectory
 from planners.scene import RobotState, Scene
 from planners.tamp.motion_layer import BoundMotion, MotionLayer
+from planners.workspace import Workspace
 from tests.planners.scenes import cylinder, table_scene
 
 ALONE = table_scene(cylinder("wanted", 0.0, 0.0), cylinder("other", 0.25, 0.4))
 
 
 def motion_layer(scene: Scene) -> MotionLayer:
-    context = PlanningContext.of(scene.robot, scene, grasps="side", follower=TcpFollower(FETCH)).only_near_home()
-    return MotionLayer(context, np.random.default_rng(0))
+    workspace = Workspace.of(scene.robot, scene, grasps="side", follower=TcpFollower(FETCH)).only_near_home()
+    return MotionLayer(workspace, np.random.default_rng(0))
 
 
 def followed_pick() -> tuple[Scene, GraspCandidate, Trajectory]:

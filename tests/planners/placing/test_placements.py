@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from assets.robots import FETCH
 from planners.clearing.commitments import grasped
 from planners.collision.world import CollisionWorld
-from planners.context import PlanningContext
 from planners.goals import Goal, Region, inside
 from planners.motion.approaches import stand_off
 from planners.placing import placements
@@ -27,6 +26,7 @@ from planners.scene import Scene, StaticObstacle
 from planners.scene.masks import FIXED_BITS
 from planners.strategies import STRATEGIES, Strategy, StrategyError
 from planners.tamp.solution import Infeasible, Solution
+from planners.workspace import Workspace
 from tests.planners.scenes import HEIGHT, cylinder, shelf_scene, table_scene
 
 CHOICES = ("name", "grasps", "region", "locations")
@@ -37,13 +37,11 @@ PLANNING_AHEAD = ("plans_ahead", "tries")
 def in_hand() -> Scene:
     """One of two objects of a nearly empty table, grasped."""
     scene = table_scene(cylinder("object_00", -0.2, 0.1), cylinder("object_01", 0.0, -0.3))
-    return grasped(
-        scene, PlanningContext.of(scene.robot, scene, grasps="side").grasps().for_object(scene, "object_00")[0]
-    )
+    return grasped(scene, Workspace.of(scene.robot, scene, grasps="side").grasps().for_object(scene, "object_00")[0])
 
 
 def search(scene: Scene) -> PlacementSearch:
-    return PlanningContext.of(scene.robot, scene, grasps="side").placements()
+    return Workspace.of(scene.robot, scene, grasps="side").placements()
 
 
 def locations_tried(
@@ -146,7 +144,7 @@ def test_supports_are_names_that_the_scene_declares() -> None:
 def test_a_planner_refuses_to_put_objects_nowhere() -> None:
     """It put them where it would have by default."""
     with pytest.raises(UnknownSupport, match=r"supports=\(\) is not valid"):
-        Planner(FETCH, supports=()).context(table_scene())
+        Planner(FETCH, supports=()).workspace(table_scene())
 
 
 def test_locations_of_all_supports_are_tried_level_by_level(in_hand: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -187,11 +185,11 @@ def test_an_object_stands_on_one_support_wholly_and_as_high_as_that(in_hand: Sce
 def test_under_a_shelf_the_drive_in_begins_where_what_is_carried_fits() -> None:
     """Beside a post the gripper comes from the side; the base then stands so near that the board is in the way."""
     scene = shelf_scene(cylinder("object_00", -0.29, -0.15, 0.027, 0.175), cylinder("object_01", -0.3, -0.4, 0.03))
-    context = PlanningContext.of(scene.robot, scene, grasps="side")
-    free = next(one for one in context.grasps().for_object(scene, "object_00") if not one.blockers)
+    workspace = Workspace.of(scene.robot, scene, grasps="side")
+    free = next(one for one in workspace.grasps().for_object(scene, "object_00") if not one.blockers)
     world, outside = CollisionWorld.from_scene(grasped(scene, free)), []
     for x, y in ((-0.21, -0.38), (-0.22, -0.36)):
-        for placement in context.placements().about(world, np.array([x, y, scene.support.top])):
+        for placement in workspace.placements().about(world, np.array([x, y, scene.support.top])):
             outside.append(stand_off(world.scene, placement.base, placement.q, placement.body))
     held, home = world.scene.held, np.array(scene.robot.home)
     assert outside
@@ -208,8 +206,8 @@ def test_under_a_shelf_the_deepest_row_that_the_gripper_reaches_is_filled_first(
     scene = shelf_scene(cylinder("object_00", -0.29, -0.15, 0.027, 0.175))
     region = Region("back to front", scene.support.name, (0.0, 0.0), (0.27, 0.3))
     scene, front = replace(scene, regions=(region,)), -0.2
-    context = PlanningContext.of(scene.robot, scene, grasps="side")
-    carrying = grasped(scene, context.grasps().for_object(scene, "object_00")[0])
+    workspace = Workspace.of(scene.robot, scene, grasps="side")
+    carrying = grasped(scene, workspace.grasps().for_object(scene, "object_00")[0])
 
     def at_the_front(
         _search: PlacementSearch, world: CollisionWorld, location: NDArray[np.float64], _free: object
@@ -220,7 +218,7 @@ def test_under_a_shelf_the_deepest_row_that_the_gripper_reaches_is_filled_first(
 
     monkeypatch.setattr(PlacementSearch, "_held_at", at_the_front)
     place = place_of(scene, inside("object_00", region.name).placed[0])
-    found = next(context.placements().find_at(CollisionWorld.from_scene(carrying), place, KeepClear()), None)
+    found = next(workspace.placements().find_at(CollisionWorld.from_scene(carrying), place, KeepClear()), None)
     assert found is not None
     assert front - 0.02 < found.body.position[0] < front
 

@@ -11,7 +11,6 @@ from assets.robots import FETCH
 from irm.chain import BASE
 from planners.collision.hit_kernels import place_along
 from planners.collision.world import CollisionWorld
-from planners.context import PlanningContext
 from planners.drawing.choices import choices_of
 from planners.grasping.candidates import GraspCandidate
 from planners.motion.approaches import APPROACH_PATTERNS, ContactQuery, planned_approach, trace
@@ -23,6 +22,7 @@ from planners.placing.swept_volume import grasp_volume, path_volume, standing_vo
 from planners.planner import Planner
 from planners.scene import HeldObject, Scene, StaticObstacle
 from planners.tamp.solution import Solution
+from planners.workspace import Workspace
 from tests.planners.scenes import HEIGHT, cylinder, random_scene, table_scene
 
 TALL = 0.2
@@ -32,7 +32,7 @@ BOARD = StaticObstacle("board", np.array([0.0, 0.0, HEIGHT + 0.41]), np.array([0
 def grasps(scene: Scene, name: str) -> list[GraspCandidate]:
     """Grasps of an object along which it can be taken."""
     world = CollisionWorld.from_scene(scene)
-    found = PlanningContext.of(scene.robot, scene, grasps="side").grasps().for_object(scene, name)
+    found = Workspace.of(scene.robot, scene, grasps="side").grasps().for_object(scene, name)
     return [grasp for grasp in found if planned_approach(world, grasp.base, grasp.q, name) is not None]
 
 

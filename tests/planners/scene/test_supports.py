@@ -72,7 +72,7 @@ def test_the_floor_is_a_support_where_there_is_no_other_or_by_its_name() -> None
     bare = replace(_scene((_can("a", -0.4, 0.5, 0.0),)), supports=())
     assert isinstance(Planner(FETCH).solve(bare, "a"), Solution)
     assert bare.support.name == bare.support_named(FLOOR).name == FLOOR
-    assert Planner(FETCH, supports=("high", FLOOR)).context(_scene((), HIGH)).supports == ("high", FLOOR)
+    assert Planner(FETCH, supports=("high", FLOOR)).workspace(_scene((), HIGH)).supports == ("high", FLOOR)
     model, data = kitchen()
     assert "ground" in KITCHEN
     read = Scene.from_mujoco(model, data, FETCH, movable=(), support=SUPPORT, more_supports=(FLOOR,))

@@ -13,26 +13,27 @@ from planners import find_strategy
 from planners.cause import Cause
 from planners.clearing import moves
 from planners.clearing.moves import MoveMaker
-from planners.context import PlanningContext
 from planners.goals import holding
 from planners.motion.arm import tcp_pose
 from planners.motion.path import NoPath
 from planners.placing import placements
+from planners.problem import Problem
 from planners.strategies import STRATEGIES
 from planners.tamp.motion_layer import MotionLayer
 from planners.tamp.solution import ReplanRecord
 from planners.tamp.state import Search
+from planners.workspace import Workspace
 from tests.planners.motion_scenes import arm_path
 from tests.planners.scenes import cylinder, random_scene
 
 SCENE = random_scene(6, 0)
 POST = tuple(tcp_pose(FETCH, SCENE.state)[:2, 3] + [0.0385 - 0.015 + 0.03, -0.008])
 """x, y [m] of a post of 3 cm radius that the closed gripper just touches at home."""
-CONTEXT = PlanningContext.of(SCENE.robot, SCENE, grasps="side")
+WORKSPACE = Workspace.of(SCENE.robot, SCENE, grasps="side")
 
 
 def new_layer() -> MotionLayer:
-    return MotionLayer(CONTEXT, np.random.default_rng(0))
+    return MotionLayer(WORKSPACE, np.random.default_rng(0))
 
 
 def new_maker(layer: MotionLayer) -> MoveMaker:
@@ -103,7 +104,9 @@ def test_a_refusal_by_penetration_names_bodies_and_depth(tmp_path: Path) -> None
 
 def test_refusals_that_differ_in_depth_alone_are_counted_together() -> None:
     strategy = find_strategy("lookahead")
-    search = Search(holding("object_00"), strategy, None, new_layer())  # type: ignore[arg-type]  # it plans nothing
+    layer = new_layer()
+    problem = Problem.of(SCENE, holding("object_00"), layer.workspace)
+    search = Search(problem, strategy, None, layer)  # type: ignore[arg-type]  # it plans nothing
     reasons = ["c and d overlap by 3 mm", "a and b overlap by 1.0 mm", "a and b overlap by 12.5 mm"]
     search.history += [ReplanRecord((), 0, "", (), reason) for reason in reasons]
     assert "2 of 3 refutations: a and b overlap by 1.0 mm" in search.infeasible(Cause.MOTION, "none", ()).detail

@@ -14,12 +14,12 @@ from assets.robots import FETCH, PR2, InvalidRobot
 from planners import ArmsError, ExpertConfig, ExpertError, Planner, Solution, TampExpert, execute
 from planners.collision.hit_kernels import place_along
 from planners.collision.world import CollisionWorld
-from planners.context import PlanningContext
 from planners.drawing.page.page import plan_recording
 from planners.grasping.candidates import GraspCandidates
 from planners.motion.arm import tcp_pose
 from planners.motion.mujoco_check import MujocoCollisionChecker
 from planners.scene import HeldObject, RobotState, Scene
+from planners.workspace import Workspace
 from tests.planners.plans import assert_free, play
 
 BOTH = PR2.with_all_arms()
@@ -129,7 +129,7 @@ class _Pose:
 
 
 def test_both_arms_offer_grasps_fewest_blockers_first(scene: Scene) -> None:
-    together = PlanningContext.of(scene.robot, scene, grasps="side").grasps()
+    together = Workspace.of(scene.robot, scene, grasps="side").grasps()
     by_arm = {arm: GraspCandidates({arm: together.arms[arm]}) for arm in BOTH.acting_arms}
     for name in scene.names[:5]:
         found = together.for_object(scene, name)

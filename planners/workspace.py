@@ -1,7 +1,7 @@
-"""The compiled context of a solve: everything that does not depend on where the objects stand.
+"""The compiled workspace of a solve: everything that does not depend on where the objects stand.
 
 What does depend on it is kept in explicit caches of a state: `GraspCandidates` (grasps, what is in their way, compiled
-collision worlds) and `PlacementSearch` (what grasps sweep). A context makes new ones.
+collision worlds) and `PlacementSearch` (what grasps sweep). A workspace makes new ones.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class ArmsError(ValueError):
 
 
 @dataclass(frozen=True, eq=False)
-class PlanningContext:
+class Workspace:
     """A robot among static obstacles, with the choices that hold for a whole solve.
 
     Attributes:
@@ -71,8 +71,8 @@ class PlanningContext:
         canonical: bool = False,
         follower: TcpFollower | None = None,
         saves_time: bool | None = None,
-    ) -> PlanningContext:
-        """The context of a robot among the static obstacles and supports of a scene, however its objects stand.
+    ) -> Workspace:
+        """The workspace of a robot among the static obstacles and supports of a scene, however its objects stand.
 
         The arguments are those of `planners.solve` and `planners.Planner`; the scene's robot may be anywhere.
 
@@ -97,12 +97,12 @@ class PlanningContext:
         """Whether motions between contacts become one: not under end-effector control, nor in canonical plans."""
         return self.follower is None and not self.canonical
 
-    def only_near_home(self) -> PlanningContext:
+    def only_near_home(self) -> Workspace:
         """The same with arm configurations near home only, from more base poses."""
         arms = {name: arm.with_more(_BASES_NEAR_HOME) for name, arm in self.arms.items()}
         return replace(self, arms=MappingProxyType(arms), near_home=True)
 
-    def anywhere(self) -> PlanningContext:
+    def anywhere(self) -> Workspace:
         """The same as if the base could drive everywhere, through walls too: to find out why there is no grasp."""
         arms = {name: arm.anywhere() for name, arm in self.arms.items()}
         return replace(self, arms=MappingProxyType(arms))

@@ -1,0 +1,156 @@
+"""A planning problem: a goal in a scene, checked, and compiled once for everything that plans for it.
+
+planner = Planner("fetch")
+problem = planner.problem(scene, "object_03")
+planner.lower_bound_of(problem), planner.solve_problem(problem)
+problem = problem.in_scene(changed)  # the objects elsewhere: what did not change is not worked out again
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass, field, replace
+
+from assets.robots import RobotSpec
+from planners.clearing.goal_bound import LowerBound, fewest_picks
+from planners.clearing.lower_bound import MAX_EXPANSIONS
+from planners.clock import NO_DEADLINE, Deadline
+from planners.collision.world import SUPPORT_SLACK, CompiledScenes, validate
+from planners.goals import Goal, levels_under
+from planners.grasping.candidates import GraspCandidates
+from planners.scene import Scene, SceneError
+from planners.workspace import Workspace
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A goal in a scene, with what every layer of planning needs; see `planners.Planner.problem`.
+
+    Attributes:
+        scene: where the robot and the objects are.
+        goal: what is wanted there.
+        start: the scene from which the goal counts: what stood there is to stand, even if it has fallen since.
+        workspace: the robot among the static obstacles, with the choices that hold for a whole solve.
+        hold_aside: whether one arm may hold an obstacle while another one takes the target.
+        compiled: collision worlds of the arrangements looked at so far.
+        candidates: the grasps known in the scene, none of them refuted by a motion. Whoever plans takes a copy.
+    """
+
+    scene: Scene
+    goal: Goal
+    start: Scene
+    workspace: Workspace
+    hold_aside: bool = False
+    compiled: CompiledScenes = field(default_factory=CompiledScenes, repr=False)
+    candidates: GraspCandidates = field(init=False, repr=False)
+    _bounds: dict[int, LowerBound] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        candidates = replace(self.workspace.grasps(self.compiled), remembers=True)
+        object.__setattr__(self, "candidates", candidates)
+
+    @classmethod
+    def of(
+        cls, scene: Scene, goal: Goal, workspace: Workspace, *, start: Scene | None = None, hold_aside: bool = False
+    ) -> Problem:
+        """The problem of a goal that means something in a scene; see `goal_in`.
+
+        Raises:
+            SceneError: objects overlap, or the robot is inside a static obstacle.
+        """
+        compiled, scene = CompiledScenes(), _not_sunk(scene)
+        validate(compiled.world(scene))
+        return cls(scene, goal, start or scene, workspace, hold_aside, compiled)
+
+    @property
+    def target(self) -> str:
+        """Name of the object that is to be held if that is the whole goal, else ""."""
+        return self.goal.target
+
+    def in_scene(self, scene: Scene) -> Problem:
+        """The same goal, from now on, in another scene with the same robot and static obstacles.
+
+        Of grasps known so far what is in their way is looked at again where objects have moved.
+
+        Raises:
+            GoalError, UnknownObject: the goal means nothing in that scene.
+            SceneError: as `of`, or the robot, the static obstacles or the supports are others.
+        """
+        if _fixed(scene) != _fixed(self.scene):
+            raise SceneError("the robot, the static obstacles or the supports are others: ask for a new problem")
+        found = Problem.of(scene, goal_in(scene, self.goal), self.workspace, hold_aside=self.hold_aside)
+        found.candidates.learn(self.candidates)
+        return found
+
+    def near_home(self) -> Problem:
+        """The same with arm configurations near home only."""
+        return replace(self, workspace=self.workspace.only_near_home(), _bounds={})
+
+    def lower_bound(self, expansions: int = MAX_EXPANSIONS, deadline: Deadline = NO_DEADLINE) -> LowerBound:
+        """The fewest picks of any plan; see `planners.clearing.goal_bound`. Asked again, it is remembered."""
+        if expansions not in self._bounds:
+            found = fewest_picks(
+                self.scene,
+                self.goal,
+                self.candidates,
+                self.start,
+                search=self.workspace.placements(),
+                buffers=not self.hold_aside,
+                expansions=expansions,
+                deadline=deadline,
+            )
+            if deadline.is_over:
+                return found
+            self._bounds[expansions] = found
+        return self._bounds[expansions]
+
+
+def goal_in(scene: Scene, goal: str | Goal, start: Scene | None = None) -> Goal:
+    """The goal that a name, a text or a `Goal` stands for in a scene, read where it began.
+
+    Raises:
+        SceneError: not a `Scene`.
+        UnknownObject: no object of that name.
+        GoalError: the goal means nothing in the scene, or contradicts itself.
+    """
+    robot_of(scene)
+    wanted = Goal.of(goal, start or scene)
+    if wanted.target:
+        scene.index(wanted.target)
+    wanted.check(scene)
+    return wanted
+
+
+def robot_of(scene: Scene) -> RobotSpec:
+    """The robot of a scene; raises `SceneError` for anything else, such as an environment."""
+    if not isinstance(scene, Scene):
+        advice = "Scene.from_mujoco(env.unwrapped.model, env.unwrapped.data, env.unwrapped.robot)"
+        raise SceneError(f"a {type(scene).__name__} is no Scene; of an environment {advice} is one")
+    return scene.robot
+
+
+def _not_sunk(scene: Scene) -> Scene:
+    """The scene, objects that press deeper into what they stand on than the planner lets go raised onto it.
+
+    Contacts of simulators are soft, and seen poses are not exact.
+    """
+    for name in sorted(scene.names, key=lambda name: scene.body(name).bottom):
+        body = scene.body(name)
+        sunk = max((level - body.bottom for level in levels_under(scene, body)), default=0.0)
+        if sunk > SUPPORT_SLACK and name not in scene.held_names:
+            scene = scene.with_body(body.at(body.position + [0.0, 0.0, sunk]))
+    return scene
+
+
+def _fixed(scene: Scene) -> Hashable:
+    """What a workspace is compiled for; the base too, where it cannot move."""
+    obstacles = tuple(
+        (
+            one.name,
+            one.shape,
+            *(array.tobytes() for array in (one.position, one.half_extents, one.rotation, one.vertices)),
+        )
+        for one in scene.static_obstacles
+    )
+    base = scene.state.base.tobytes() if scene.robot.base_drive == "fixed" else b""
+    return scene.robot, scene.supports, tuple(obstacles), base

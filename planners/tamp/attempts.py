@@ -1,0 +1,110 @@
+"""Attempts: Algorithm 1 run several times, with other random choices, until another attempt could do no better."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from planners.cause import Cause
+from planners.clock import Deadline, cpu_seconds
+from planners.problem import Problem
+from planners.scene.bodies import leans
+from planners.strategies import Strategy
+from planners.symbolic.problem import TaskPlanner
+from planners.tamp.algorithm1 import task_and_motion_plan
+from planners.tamp.motion_layer import MotionLayer
+from planners.tamp.solution import Infeasible, Solution
+from planners.tamp.state import Search
+
+_LIMITS = (Cause.TIME_LIMIT, Cause.GIVEN_UP)
+"""Causes after which no other attempt is made, and which say nothing of the scene."""
+
+
+def best_of_attempts(
+    problem: Problem, strategy: Strategy, task_planner: TaskPlanner, rng: np.random.Generator, deadline: Deadline
+) -> Solution | Infeasible:
+    """The best plan of the attempts that a strategy makes, or why there is none.
+
+    An end-effector-controlled robot first tries configurations near home, where its controller keeps the joints.
+    """
+    started, workspace = cpu_seconds(), problem.workspace
+    first = [problem.near_home()] if workspace.follower is not None else []
+    outcomes: list[Solution | Infeasible] = []
+    is_proved, known = False, None
+    for number, asked in enumerate([*first, *[problem] * strategy.attempts]):
+        draws = np.random.default_rng(number) if workspace.canonical else rng
+        known = known if known is not None and known.workspace is asked.workspace else None
+        outcome, known = _attempt(asked, strategy, task_planner, draws, deadline, known)
+        outcomes.append(outcome)
+        is_proved = is_final(outcome, asked.workspace.near_home)
+        if deadline.is_over or is_proved:
+            break
+    best = best_outcome(outcomes, is_proved, deadline)
+    scene = problem.scene
+    leaning = [one.name for one in scene.objects if one.name not in scene.held_names and leans(one)]
+    if isinstance(best, Infeasible) and leaning:
+        best = replace(best, detail=f"{best.detail}; neither upright nor lying: {', '.join(leaning)}")
+    return replace(best, stats=replace(best.stats, total_s=cpu_seconds() - started))
+
+
+def _attempt(
+    problem: Problem,
+    strategy: Strategy,
+    task_planner: TaskPlanner,
+    rng: np.random.Generator,
+    deadline: Deadline,
+    known: MotionLayer | None,
+) -> tuple[Solution | Infeasible, MotionLayer]:
+    """One run of Algorithm 1, with what is `known` from the run before it: attempts of the paper know nothing of it.
+
+    Where motions are shortened, MuJoCo checks them once, afterwards: it hardly ever refutes one. If it does, the run is
+    made again, each motion checked as it is made.
+    """
+    before, workspace = rng.bit_generator.state, problem.workspace
+    known = known if strategy.plans_ahead or not problem.target else None
+    layer = MotionLayer(workspace, rng, problem.compiled, deadline, checks_at_end=workspace.shortens).with_known(known)
+    outcome = task_and_motion_plan(Search(problem, strategy, task_planner, layer))
+    if layer.is_refuted:
+        rng.bit_generator.state = before
+        layer = MotionLayer(workspace, rng, problem.compiled, deadline).with_known(known and layer)
+        outcome = task_and_motion_plan(Search(problem, strategy, task_planner, layer))
+    return outcome, layer
+
+
+def is_final(outcome: Solution | Infeasible, near_home: bool) -> bool:
+    """Whether another attempt could do no better.
+
+    A plan can be improved on that clears an object twice, or that has more picks than the lower bound, since motions
+    were refuted. A refusal cannot if it follows from all grasps, as it does with two of the causes; configurations near
+    home only are not all. At a limit there is no time for another attempt.
+    """
+    if isinstance(outcome, Solution):
+        if outcome.bound is not None:
+            return outcome.picks <= outcome.bound.least or not outcome.stats.replans
+        return not outcome.duplicated
+    is_over = outcome.cause in (*_LIMITS, Cause.NO_WAY_FOR_BASE)
+    return (outcome.cause.lies_in_grasps and not near_home) or is_over
+
+
+def best_outcome(
+    outcomes: Sequence[Solution | Infeasible], is_proved: bool, deadline: Deadline
+) -> Solution | Infeasible:
+    """The plan with the fewest objects cleared twice, of these one with the fewest clearances; or why there is none.
+
+    Once the deadline is over, a refusal that is not proved has the cause "time limit".
+    """
+    plans = [outcome for outcome in outcomes if isinstance(outcome, Solution)]
+    if plans:
+        return min(plans, key=lambda plan: (len(plan.duplicated), len(plan.clearances), plan.picks))
+    refusals = [outcome for outcome in outcomes if isinstance(outcome, Infeasible)]
+    last = refusals[-1]
+    if last.cause in _LIMITS:
+        cause, end = last.cause, last.detail
+    elif deadline.is_over and not is_proved:
+        cause, end = Cause.TIME_LIMIT, f"the time was up in attempt {len(outcomes)}"
+    else:
+        return last
+    reasons = dict.fromkeys(f"{one.cause}: {one.detail}" for one in refusals if one.cause not in _LIMITS)
+    return replace(last, cause=cause, detail="; before that, ".join([end, *reasons]))
