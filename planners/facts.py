@@ -186,6 +186,11 @@ class Before:
 
 
 Fact: TypeAlias = Holding | On | Inside | At | Clear | Before
+VALID = (
+    "holding(a), holding(a, point), on(a, place), inside(a, region), at(a, pose), clear(region), before(a, b), "
+    "joined by &"
+)
+"""The facts that there are, in words."""
 
 
 # The geometry of scenes.

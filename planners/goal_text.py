@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
-from planners.facts import At, Before, Clear, Fact, Holding, Inside, On, names_in, occupants, region_names
+from planners.facts import VALID, At, Clear, Fact, Holding, Inside, On, names_in, occupants, region_names
 from planners.goal_ends import excludes
 from planners.pddl import WORD, Quoted, Tree, shown
 from planners.regions import GoalError
@@ -15,14 +15,13 @@ from planners.regions import GoalError
 if TYPE_CHECKING:
     from planners.scene import Scene
 
-VALID = (
-    "holding(a), holding(a, point), on(a, place), inside(a, region), at(a, pose), clear(region), before(a, b), "
-    "joined by &"
-)
-"""The facts that there are."""
 _NUMBERS = ("x", "y", "z", "yaw", "tolerance", "yaw-tolerance")
-ARGUMENTS = {"holding": (Holding, 1), "on": (On, 2), "inside": (Inside, 2), "clear": (Clear, 1), "before": (Before, 2)}
-"""Facts of names alone, and how many."""
+ARGUMENTS: dict[str, tuple[Callable[..., Fact], int]] = {
+    kind.__name__.lower(): (kind, sum(entry.type == "str" for entry in fields(kind)))
+    for kind in get_args(Fact)
+    if kind is not At
+}
+"""Facts that names alone can say, and how many."""
 
 
 def fact_of(tree: Tree, text: str) -> Fact:

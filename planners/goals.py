@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 from planners.facts import (
     LIFTED as LIFTED,
     TOLERANCE,
+    VALID,
     YAW_TOLERANCE,
     At as At,
     Before as Before,
@@ -36,14 +37,14 @@ from planners.facts import (
     height_below as height_below,
     is_at_rest as is_at_rest,
     levels_under as levels_under,
-    names_in,
+    names_in as names_in,
     occupants as occupants,
     region_named as region_named,
     region_names as region_names,
     stands_at as stands_at,
 )
 from planners.goal_ends import contradiction_in, ends_in, narrowest
-from planners.goal_text import ARGUMENTS, VALID, domain_of, fact_of, pddl_of, says_all, without_negations
+from planners.goal_text import ARGUMENTS, domain_of, fact_of, pddl_of, says_all, without_negations
 from planners.pddl import Condition, Literal, parse
 from planners.regions import EDGE, RIM, GoalError as GoalError, Region as Region, is_name, overlap
 
