@@ -7,11 +7,12 @@ proof. What the bound concludes from graphs and packings is then tried out:
 
 - removal: which objects can leave at all, in any order. Every grasp of "all" is scanned anew for each object that is
   left, from a ring of base poses about it in place of those of the reachability map; what is gone is in nobody's way.
-- room: whether the objects fit at their ends together with what can never leave, as circles on a fine grid that are
-  smaller than they are by what the grid may miss.
+- room: whether the objects fit at their ends together with what can never leave, on a fine grid of places, with
+  allowance for what it misses.
 - order: every sequence of moves to the end or aside, by whether the end is free, with the orders of the goal.
 
-A refusal is confirmed if one of these finds no way. Grasps that no family has are not tried.
+A refusal is confirmed if one of these finds no way. Grasps that no family has are not tried. As a control the same is
+asked of the scenes for which there is a plan: none of the three may say no there.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.reporting.files import JsonLines
 from clutter_env.reporting.progress import progress_bar
 from irm.chain import ArmChain
-from planners import Infeasible, Region, Scene, goals, lower_bound, solve, warmup
+from planners import Infeasible, Region, Scene, Solution, goals, lower_bound, solve, warmup
 from planners.collision.world import CollisionWorld
 from planners.goals import At, Before, Clear, Goal, Inside
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits, scan_configurations
@@ -46,11 +47,12 @@ BASES = tuple(itertools.product(np.arange(0.45, 1.0, 0.1), np.arange(24) * (np.p
 """Base poses about a gripper pose: distance [m], direction [rad], and yaw [rad] off the one that faces it."""
 TORSOS, ROLLS = 8, 24
 """Arm configurations tried for each base pose; the planner tries 6 times 18."""
-PITCH = 0.004
-"""[m] between the points of a grid on which an object may stand."""
-SLACK = 0.002 + PITCH
-"""[m] by which objects count as smaller than they are, two of them together: soft contacts, and what the grid misses.
-"""
+PITCH, TURN = 0.002, math.radians(2)
+"""[m] and [rad] between the places on a grid where an object may stand."""
+OUT = 0.002 + PITCH / 2
+"""[m] that an object may stick out of a region: what a goal allows, and what the grid misses."""
+SLACK = 0.001 + PITCH * math.sqrt(2)
+"""[m] that two objects may overlap: soft contacts, and what the grid misses of both."""
 _UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -82,30 +84,31 @@ def main(arguments: Arguments) -> None:
 
 
 def measure(seed: int) -> dict[str, Any]:
-    """One line: whether the scene is refused with a proof, and what confirms that."""
+    """One line: whether the scene is refused with a proof, or planned, and which search finds no way."""
     kind, scene, goal = drawn(seed)
-    row = {"seed": seed, "kind": kind, "count": len(scene.objects), "goal": str(goal), "proved": False}
-    bound = lower_bound(scene, goal)
-    if bound.picks is not None or not bound.proved:
-        return row
-    found = solve(scene, goal)
-    if not isinstance(found, Infeasible):
-        return {**row, "proved": True, "cause": bound.cause, "confirmed": "", "detail": "there is a plan"}
-    return {**row, "proved": True, "cause": found.cause, "detail": found.detail, "confirmed": confirmed(scene, goal)}
+    bound, found, no_way = lower_bound(scene, goal), solve(scene, goal), find_no_way(scene, goal)
+    row = {"seed": seed, "kind": kind, "count": len(scene.objects), "goal": str(goal), "no_way": no_way}
+    row |= {"proved": bound.picks is None and bound.proved, "planned": isinstance(found, Solution)}
+    return row | ({"cause": found.cause, "detail": found.detail} if isinstance(found, Infeasible) else {})
 
 
 def report(rows: Sequence[dict[str, Any]]) -> None:
     """Print a row for each kind of scene, and each proof that is not confirmed."""
-    print("| scenes | drawn | refused, proved | confirmed | by | causes |\n|---|---|---|---|---|---|")
+    columns = "scenes", "drawn", "planned", "of these no way", "refused, proved", "of these no way", "by", "causes"
+    print(f"| {' | '.join(columns)} |\n{'|---' * len(columns)}|")
     for kind in (*KINDS, "all"):
         some = [row for row in rows if kind in (row["kind"], "all")]
-        proved = [row for row in some if row["proved"]]
-        by, causes = Counter(row["confirmed"] or "nothing" for row in proved), Counter(row["cause"] for row in proved)
-        count = sum(bool(row["confirmed"]) for row in proved)
-        print(f"| {kind} | {len(some)} | {len(proved)} | {count} | {_words(by)} | {_words(causes)} |")
+        proved, planned = ([row for row in some if row[state]] for state in ("proved", "planned"))
+        by, causes = Counter(row["no_way"] or "nothing" for row in proved), Counter(row["cause"] for row in proved)
+        counts = len(some), len(planned), *(sum(bool(row["no_way"]) for row in found) for found in (planned, proved))
+        cells = *counts[:3], len(proved), counts[3], _words(by), _words(causes)
+        print(f"| {kind} | {' | '.join(map(str, cells))} |")
     for row in rows:
-        if row["proved"] and not row["confirmed"]:
-            print(f"  not confirmed: {row['seed']} {row['kind']} {row['count']}: {row['cause']}: {row['detail']}")
+        name = f"{row['seed']} {row['kind']} {row['count']}"
+        if row["proved"] and not row["no_way"]:
+            print(f"  not confirmed: {name}: {row['cause']}: {row['detail']}")
+        elif row["planned"] and (row["no_way"] or row["proved"]):
+            print(f"  planned, but no way by {row['no_way'] or 'the bound'}: {name}: {row['goal']}")
 
 
 def _words(counts: Counter[str]) -> str:
@@ -115,7 +118,7 @@ def _words(counts: Counter[str]) -> str:
 # The second search.
 
 
-def confirmed(scene: Scene, goal: Goal) -> str:
+def find_no_way(scene: Scene, goal: Goal) -> str:
     """Which search finds no way: "removal", "room" or "order"; "" if none of them does."""
     wanted = {fact.object for fact in goal.unmet(scene) if not isinstance(fact, Before | Clear)}
     leave = removable(scene, wanted | {name for fact in goal.placed for name in _in_the_way(scene, fact)})
@@ -176,50 +179,73 @@ def least_width(body: Body) -> float:
 
 
 def ends_of(scene: Scene, fact: At | Inside) -> Array:
-    """(n, 2) [m] where the middle of an object may be at its end, whatever else stands there."""
+    """(n, 3) x, y [m] and yaw [rad] where an object may be at its end, whatever else stands there."""
     body = scene.body(fact.object)
     if isinstance(fact, At):
-        steps = np.arange(-fact.tolerance, fact.tolerance + PITCH, PITCH)
-        points = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-        found = points[np.hypot(*points.T) <= fact.tolerance + PITCH] + (fact.x, fact.y)
-        level = scene.support.top
+        found, level = _about(body, fact), scene.support.top
     else:
         region = next(one for one in scene.regions if one.name == fact.region)
         found, level = _within(body, region), scene.support_named(region.support).top
-    radius, height = _inner_radius(body) - SLACK, body.top - body.bottom
+    height = body.top - body.bottom
     for box in scene.static_obstacles:
         if box.lower[2] < level + height - SLACK and box.upper[2] > level + SLACK:
-            beyond = np.maximum(np.abs((found - box.position[:2]) @ box.rotation[:2, :2]) - box.half_extents[:2], 0.0)
-            found = found[np.hypot(*beyond.T) >= radius]
+            away = found[:, :2] - box.position[:2]
+            found = found[_beyond(away @ box.rotation[:2, :2], box.half_extents) >= _inner_radius(body) - SLACK]
     return found
 
 
+def _turns(body: Body) -> Array:
+    return np.arange(0.0, np.pi, TURN) if body.shape == "box" else np.zeros(1)
+
+
+def _about(body: Body, pose: At) -> Array:
+    """Places within the tolerance about a pose."""
+    steps, turns = np.arange(-pose.tolerance, pose.tolerance + PITCH, PITCH), _turns(body)
+    places = np.stack(np.meshgrid(steps, steps, turns), axis=-1).reshape(-1, 3)
+    return places[np.hypot(*places.T[:2]) <= pose.tolerance + PITCH] + (pose.x, pose.y, 0.0)
+
+
 def _within(body: Body, region: Region) -> Array:
-    """(n, 2) [m] middles at which the object lies in a region, turned in some way."""
-    half, points = np.array(region.half_extents) + SLACK, list[Array]()
-    for turn in np.radians(np.arange(0, 180, 5)) if body.shape == "box" else (0.0,):
-        c, s, (x, y) = abs(math.cos(turn)), abs(math.sin(turn)), body.half_extents[:2]
+    """Places at which an object lies in a region."""
+    places, (x, y) = [np.zeros((0, 3))], body.half_extents[:2]
+    for turn in _turns(body):
+        c, s = abs(math.cos(turn)), abs(math.sin(turn))
         own = np.array((c * x + s * y, s * x + c * y)) if body.shape == "box" else np.array((x, x))
-        if (own <= half).all():
-            steps = [np.arange(-room, room + PITCH, PITCH) for room in half - own]
-            points.append(np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 2))
-    if not points:
-        return np.zeros((0, 2))
-    c, s = math.cos(region.yaw), math.sin(region.yaw)
-    return np.unique(np.concatenate(points).round(4), axis=0) @ np.array([[c, s], [-s, c]]) + region.centre
+        room = np.array(region.half_extents) + OUT - own
+        if (room >= 0).all():
+            steps = [np.linspace(-one, one, max(2, math.ceil(2 * one / PITCH))) for one in room]
+            local = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 2)
+            c, s = math.cos(region.yaw), math.sin(region.yaw)
+            points = local @ np.array([[c, s], [-s, c]]) + region.centre
+            places.append(np.column_stack((points, np.full(len(points), turn + region.yaw))))
+    return np.concatenate(places)
 
 
 def _inner_radius(body: Body) -> float:
     return float(body.half_extents[:2].min())
 
 
-def _apart_from(body: Body, points: Array, others: Collection[Body]) -> Array:
-    """The points at which an object overlaps none of others that stand."""
+def _beyond(local: Array, half_extents: Array) -> Array:
+    """(n,) [m] from points (n, 2) in the frame of a box to the box, seen from above."""
+    return np.asarray(np.hypot(*np.maximum(np.abs(local) - half_extents[:2], 0.0).T))
+
+
+def _apart_from(body: Body, places: Array, others: Collection[Body]) -> Array:
+    """The places at which an object overlaps none of others that stand; of two boxes one counts as its inner circle."""
     for other in others:
-        if other.bottom < body.top and other.top > body.bottom and other.name != body.name:
-            least = _inner_radius(body) + _inner_radius(other) - SLACK
-            points = points[np.hypot(*(points - other.position[:2]).T) >= least]
-    return points
+        if other.bottom >= body.top or other.top <= body.bottom or other.name == body.name:
+            continue
+        away = places[:, :2] - other.position[:2]
+        if other.shape == "box":
+            gap = _beyond(away @ other.rotation[:2, :2], other.half_extents) - _inner_radius(body)
+        elif body.shape == "box":
+            c, s = np.cos(places[:, 2]), np.sin(places[:, 2])
+            local = np.column_stack((c * away[:, 0] + s * away[:, 1], c * away[:, 1] - s * away[:, 0]))
+            gap = _beyond(local, body.half_extents) - _inner_radius(other)
+        else:
+            gap = np.hypot(*away.T) - _inner_radius(body) - _inner_radius(other)
+        places = places[gap >= -SLACK]
+    return places
 
 
 def _arrangements(ends: Sequence[tuple[Body, Array]]) -> Iterator[bool]:
@@ -227,9 +253,9 @@ def _arrangements(ends: Sequence[tuple[Body, Array]]) -> Iterator[bool]:
     if not ends:
         yield True
         return
-    (body, points), *rest = ends
-    for point in points:
-        there = body.at([*point, body.position[2]])
+    (body, places), *rest = ends
+    for x, y, yaw in places:
+        there = body.at([x, y, body.position[2]], (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)))
         later = [(other, _apart_from(other, free, [there])) for other, free in rest]
         if all(len(free) for _, free in later):
             yield from _arrangements(later)
