@@ -62,6 +62,7 @@ from planners.planner import (
     solve as solve,
     warmup as warmup,
 )
+from planners.problem import Problem as Problem
 from planners.regions import GoalError as GoalError, Region as Region
 from planners.scene import (
     Body as Body,

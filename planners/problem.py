@@ -18,6 +18,7 @@ from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import SUPPORT_SLACK, CompiledScenes, validate
 from planners.goals import Goal, levels_under
 from planners.grasping.candidates import GraspCandidates
+from planners.motion.kept import KeptMotions
 from planners.scene import Scene, SceneError
 from planners.workspace import Workspace
 
@@ -33,6 +34,7 @@ class Problem:
         workspace: the robot among the static obstacles, with the choices that hold for a whole solve.
         hold_aside: whether one arm may hold an obstacle while another one takes the target.
         compiled: collision worlds of the arrangements looked at so far.
+        motions: those that were planned for it, for the scene that follows, and those of the scene before.
         candidates: the grasps known in the scene, none of them refuted by a motion. Whoever plans takes a copy.
     """
 
@@ -42,6 +44,7 @@ class Problem:
     workspace: Workspace
     hold_aside: bool = False
     compiled: CompiledScenes = field(default_factory=CompiledScenes, repr=False)
+    motions: KeptMotions = field(default_factory=KeptMotions, repr=False)
     candidates: GraspCandidates = field(init=False, repr=False)
     _bounds: dict[int, LowerBound] = field(default_factory=dict, repr=False)
 
@@ -70,16 +73,20 @@ class Problem:
     def in_scene(self, scene: Scene) -> Problem:
         """The same goal, from now on, in another scene with the same robot and static obstacles.
 
-        Of grasps known so far what is in their way is looked at again where objects have moved.
+        Grasps are looked for anew only where something that has moved is in the way, and motions are used again that
+        nothing moved comes near. So the answer comes sooner; its motions may differ from those of a new
+        problem.
 
         Raises:
             GoalError, UnknownObject: the goal means nothing in that scene.
             SceneError: as `of`, or the robot, the static obstacles or the supports are others.
         """
+        robot_of(scene)
         if _fixed(scene) != _fixed(self.scene):
             raise SceneError("the robot, the static obstacles or the supports are others: ask for a new problem")
         found = Problem.of(scene, goal_in(scene, self.goal), self.workspace, hold_aside=self.hold_aside)
-        found.candidates.learn(self.candidates)
+        found = replace(found, motions=self.motions.for_next_scene())
+        found.candidates.learn_for(found.scene, self.candidates)
         return found
 
     def near_home(self) -> Problem:

@@ -226,12 +226,27 @@ class GraspCandidates:
         return replace(self, _scene=None, _views={}, _known={}, _merged={})
 
     def learn(self, other: GraspCandidates) -> None:
-        """Take over what is known elsewhere of objects of which nothing is known here, if no grasp was refuted there.
+        """Take over what is known elsewhere, in the same scene, of objects of which nothing is known here.
 
         From then on what is known is kept when objects move, as with `remembers`.
         """
-        known = {key: known for key, known in other._known.items() if not known.tried}
-        self._known, self.remembers = {**known, **self._known}, True
+        self._known, self.remembers = {**other._known, **self._known}, True
+
+    def learn_for(self, scene: Scene, other: GraspCandidates) -> None:
+        """Take over what is known in another scene, where a new scan would find the same in this one.
+
+        A grasp is left out of a scan if another one hits only a part of what it hits. That stays so while no known
+        grasp hits more than it did: else it may now be the better one, and there is a new scan.
+        """
+        self.remembers, views = True, self._views_of(scene)
+        for key, known in other._known.items():
+            arm, name, _ = key
+            if known.scene is None or known.tried or name not in scene.names or _key(views[arm], name) != key:
+                continue
+            now = self._as_in(views[arm], views[arm].body(name), known)
+            before = {grasp.key: grasp.blockers for grasp in known.candidates}
+            if all(not one.blockers & ~before[one.key] for one in now.candidates):
+                self._known[key] = now
 
     def ban(self, scene: Scene, grasp: GraspCandidate) -> None:
         """Remove that grasp until the scene changes."""
@@ -250,7 +265,7 @@ class GraspCandidates:
     def _views_of(self, scene: Scene) -> dict[str, Scene]:
         """The scene with each arm active; what is known of other arrangements of objects is forgotten."""
         if self._scene is not scene:
-            if self._scene is None or _moved(self._scene, scene):
+            if self._scene is None or scene.moved_since(self._scene):
                 self._known, self._merged = self._known if self.remembers else {}, {}
             self._scene, self._views = scene, {arm: scene.using(arm) for arm in self.arms}
         return self._views
@@ -283,7 +298,7 @@ class GraspCandidates:
     def _as_in(self, scene: Scene, body: Body, known: _Known) -> _Known:
         """What is known of an object's grasps, with what is in their way in another scene."""
         assert known.scene is not None
-        moved = _moved(known.scene, scene)
+        moved = scene.moved_since(known.scene)
         if not moved:
             return known._replace(scene=scene)
         before, on_it = known.candidates, objects_on(self.compiled.world(scene), body.name) & moved
@@ -422,17 +437,3 @@ def _turning_joints(robot: RobotSpec) -> list[int]:
 def best_first(candidates: Iterable[GraspCandidate]) -> tuple[GraspCandidate, ...]:
     """Those with the fewest blockers first, of these the best."""
     return tuple(sorted(candidates, key=lambda grasp: (grasp.blockers.bit_count(), -grasp.quality)))
-
-
-def _moved(one: Scene, other: Scene) -> int:
-    """Mask of the objects that do not have the same poses, or are held in one scene alone; the robot does not matter.
-
-    All, where the scenes do not have the same objects.
-    """
-    if one.names != other.names:
-        return (1 << max(len(one.names), len(other.names))) - 1
-    mask = one.mask(one.held_names) ^ other.mask(other.held_names)
-    for index, (a, b) in enumerate(zip(one.objects, other.objects, strict=True)):
-        if a is not b and not np.array_equal((*a.position, *a.quaternion), (*b.position, *b.quaternion)):
-            mask |= 1 << index
-    return mask

@@ -276,6 +276,11 @@ class HeldObject:
     def __post_init__(self) -> None:
         object.__setattr__(self, "T_tcp_object", frozen(self.T_tcp_object, (4, 4), "T_tcp_object"))
 
+    @property
+    def key(self) -> tuple[str, bytes]:
+        """The same for the same object in the same place between the fingers."""
+        return self.name, self.T_tcp_object.tobytes()
+
     @classmethod
     def grasped(cls, body: Body, T_world_tcp: NDArray[np.float64]) -> HeldObject:
         """An object as fingers at T_world_tcp (4, 4) hold it that close on it where it is."""

@@ -172,6 +172,21 @@ class Scene:
         """The objects whose bits are set; the bits of static obstacles and of the robot are left out."""
         return tuple(body.name for i, body in enumerate(self.objects) if int(mask) >> i & 1)
 
+    def moved_since(self, before: Scene) -> int:
+        """Mask of the objects with other poses than before, or that are held in one scene alone; all, if others exist.
+
+        The robot does not matter.
+        """
+        if self.names != before.names:
+            return (1 << max(len(self.names), len(before.names))) - 1
+        mask = self.mask(self.held_names) ^ before.mask(before.held_names)
+        for index, (now, then) in enumerate(zip(self.objects, before.objects, strict=True)):
+            if now is not then and not np.array_equal(
+                (*now.position, *now.quaternion), (*then.position, *then.quaternion)
+            ):
+                mask |= 1 << index
+        return mask
+
     def with_state(self, state: RobotState) -> Scene:
         """The same scene with the robot elsewhere."""
         return replace(self, state=state)

@@ -62,13 +62,14 @@ def _attempt(
     Where motions are shortened, MuJoCo checks them once, afterwards: it hardly ever refutes one. If it does, the run is
     made again, each motion checked as it is made.
     """
-    before, workspace = rng.bit_generator.state, problem.workspace
-    known = known if strategy.plans_ahead or not problem.target else None
-    layer = MotionLayer(workspace, rng, problem.compiled, deadline, checks_at_end=workspace.shortens).with_known(known)
+    before, workspace, compiled = rng.bit_generator.state, problem.workspace, problem.compiled
+    remembers = strategy.plans_ahead or not problem.target
+    layer = MotionLayer(workspace, rng, compiled, deadline, problem.motions, checks_at_end=workspace.shortens)
+    layer = layer.with_known(known if remembers else None)
     outcome = task_and_motion_plan(Search(problem, strategy, task_planner, layer))
     if layer.is_refuted:
         rng.bit_generator.state = before
-        layer = MotionLayer(workspace, rng, problem.compiled, deadline).with_known(known and layer)
+        layer = MotionLayer(workspace, rng, compiled, deadline).with_known(layer if remembers else None)
         outcome = task_and_motion_plan(Search(problem, strategy, task_planner, layer))
     return outcome, layer
 

@@ -22,6 +22,7 @@ from planners.motion.approaches import stand_off
 from planners.motion.arm import ArmQuery, is_among_objects, is_at_home, plan_arm, plan_home, unwrap_joints
 from planners.motion.base import plan_base
 from planners.motion.contact_free import merge_phases
+from planners.motion.kept import KeptMotions
 from planners.motion.mujoco_check import STEP, TOLERANCE, MujocoCollisionChecker
 from planners.motion.path import NO_WAY, BlockedBy, NoPath, WholeBodyPath, on_base
 from planners.motion.pick_and_place import PickPlaceMotion, plan_pick, plan_place
@@ -32,7 +33,7 @@ from planners.placing.goal_places import placed_fact, reserved_regions
 from planners.placing.placements import Placement, PlacementSearch, with_lowered
 from planners.placing.surfaces import KeepClear, Surface
 from planners.problem import Problem
-from planners.scene import RobotState, Scene
+from planners.scene import HeldObject, RobotState, Scene
 from planners.scene.cover import needs_drive
 from planners.scene.masks import FIXED_BITS
 from planners.strategies import Strategy
@@ -75,6 +76,7 @@ class MotionLayer:
         rng: for sampling.
         compiled: the collision worlds of the states so far.
         deadline: when to stop.
+        motions: those that were planned in scenes before this one, and those that are planned now.
         candidates: the grasps known in the present state.
         placement_search: placements, with what grasps sweep.
         checks_at_end: whether MuJoCo checks motions once, when they are `shortened`.
@@ -85,6 +87,7 @@ class MotionLayer:
     rng: np.random.Generator
     compiled: CompiledScenes = field(default_factory=CompiledScenes)
     deadline: Deadline = NO_DEADLINE
+    motions: KeptMotions = field(default_factory=KeptMotions)
     checks_at_end: bool = False
     is_refuted: bool = False
     candidates: GraspCandidates = field(init=False, repr=False)
@@ -306,16 +309,19 @@ class MotionLayer:
         if turn is None:
             return NoPath("the other arm is not at home")
         scene, world, start = turn, self.compiled.world(turn), np.concatenate((turn.state.base, turn.state.q))
-        refusal = ""
+        key = ("pick", grasp.key, world.scene.body(grasp.object).pose.tobytes(), start.tobytes(), rises)
+        known, refusal = self.motions.find(key, PickPlaceMotion, world), ""
         for _ in range(_TRIES):
-            motion = plan_pick(world, grasp.base, start, grasp.q, grasp.object, rng=self.rng, rises=rises)
+            motion = known or plan_pick(world, grasp.base, start, grasp.q, grasp.object, rng=self.rng, rises=rises)
             if not isinstance(motion, PickPlaceMotion):
                 return motion
+            self.motions.keep(key, motion, scene, motion.paths)
             refusal = "" if self.checks_at_end else self.refusal(scene, motion.paths)
             if not refusal:
                 trajectory = pick_trajectory(world, motion, scene.state)
                 carrying = scene.with_state(_end_state(motion, trajectory)).with_held(motion.held)
                 return self._followed(scene, BoundMotion(trajectory, carrying), (grasp.object,))
+            known = None
         return NoPath(f"MuJoCo finds penetration: {refusal}")
 
     def put_down(
@@ -325,13 +331,16 @@ class MotionLayer:
         assert scene.held is not None
         world, held, start = self.compiled.world(scene), scene.held, np.concatenate((scene.state.base, scene.state.q))
         world = with_lowered(world, placement.below) if placement.below else world
-        refusal = ""
+        ends = (placement.base.tobytes(), placement.q.tobytes(), placement.below)
+        key = ("place", scene.robot.arm_name, held.key, *ends, start.tobytes())
+        known, refusal = self.motions.find(key, PickPlaceMotion, world), ""
         for _ in range(_TRIES):
-            motion = plan_place(
+            motion = known or plan_place(
                 world, placement.base, start, placement.q, held, rng=self.rng, find_blockers=find_blockers
             )
             if not isinstance(motion, PickPlaceMotion):
                 return motion
+            self.motions.keep(key, motion, scene, motion.paths)
             released = scene.with_held(None).with_body(motion.body.lowered(placement.drop))
             if not self.checks_at_end:
                 refusal = self.refusal(scene, motion.paths[:2]) or self.refusal(released, motion.paths[2:])
@@ -339,6 +348,7 @@ class MotionLayer:
                 trajectory = place_trajectory(world, motion, scene.state)
                 left = released.with_state(_end_state(motion, trajectory))
                 return self._followed(scene, BoundMotion(trajectory, left, surfaces=placement.surfaces), (held.name,))
+            known = None
         return NoPath(f"MuJoCo finds penetration: {refusal}")
 
     def _followed(self, scene: Scene, bound: BoundMotion, touched: tuple[str, ...]) -> BoundMotion | BlockedBy | NoPath:
@@ -388,7 +398,7 @@ class MotionLayer:
                 if last.is_clearance and before is not None and run[0][0] == run[-1][0]:
                     # Nothing follows the release with this arm: what it has put down stands there.
                     scene = scene.with_held(None).with_body(after_last.body(last.target))
-                found = merge_phases(self.compiled.world(scene), phases, before, after)
+                found = self._merged(scene, phases, before, after)
                 if found is not None and self.is_accepted(scene, [join(found)]):
                     phases = found
                 elif self.checks_at_end and not self.is_accepted(scene, [join(phases)]):
@@ -396,6 +406,24 @@ class MotionLayer:
             for (index, _), phase in zip(run, phases, strict=True):
                 shorter[index].append(phase)
         return tuple(_with_trajectory(action, join(pieces)) for action, pieces in zip(actions, shorter, strict=True))
+
+    def _merged(
+        self, scene: Scene, phases: Sequence[Trajectory], before: HeldObject | None, after: HeldObject | None
+    ) -> list[Trajectory] | None:
+        """The phases as one motion, planned anew or kept; see `merge_phases`."""
+        world, robot = self.compiled.world(scene), scene.robot
+        touched = tuple(None if one is None else one.key for one in (before, after))
+        key = ("merged", robot.arm_name, touched, *(phase.states.tobytes() for phase in phases))
+        found = self.motions.find(key, list, world)
+        if found is None:
+            found = merge_phases(world, phases, before, after)
+            if found is not None:
+                loaded, widest = phases[0].phases[0], max(float(phase.finger_position.max()) for phase in phases)
+                held = loaded.touched if loaded.held else None
+                left_alone = scene.mask(one.name for one in (before, after) if one is not None)
+                X = np.vstack([phase.states[:, :-1] for phase in found])
+                self.motions.keep(key, found, scene, [WholeBodyPath(X, robot.opening(widest), held, left_alone)])
+        return found
 
     def is_accepted(self, scene: Scene, paths: Sequence[WholeBodyPath | Trajectory]) -> bool:
         """Whether MuJoCo finds no penetration on any of the paths."""

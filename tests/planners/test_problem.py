@@ -1,0 +1,148 @@
+"""A problem that is kept: asked twice it answers the same, and in the scenes that follow it answers as a new one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from assets.robots import FETCH
+from planners import Infeasible, Planner, Problem, Scene, SceneError, Solution, StaticObstacle
+from planners.collision.world import CollisionWorld
+from planners.goals import GoalError, on
+from planners.motion.kept import KeptMotions
+from planners.motion.path import WholeBodyPath, on_base
+from planners.scene import UnknownObject
+from tests.planners.scenes import cylinder, random_scene, table_scene
+
+PLANNER = Planner(FETCH, grasps="side")
+SCENE = random_scene(25, 3)
+TARGET = next(name for name in SCENE.names if (PLANNER.clearance_floor(SCENE, name).count or 0) > 1)
+
+
+def moved(scene: Scene, name: str, x: float, y: float) -> Scene:
+    body = scene.body(name)
+    return scene.with_body(body.at(body.position + [x, y, 0.0]))
+
+
+def shifted_scenes() -> list[Scene]:
+    """The scene, one object in it 5 cm elsewhere, where nothing overlaps."""
+    found = []
+    for name in SCENE.names:
+        for x, y in ((0.05, 0.0), (0.0, 0.05), (-0.05, 0.0), (0.0, -0.05)):
+            scene = moved(SCENE, name, x, y)
+            try:
+                PLANNER.problem(scene, TARGET)
+            except SceneError:
+                continue
+            found.append(scene)
+            break
+    return found
+
+
+def same_motions(one: Solution, other: Solution) -> bool:
+    return [action.name for action in one.actions] == [action.name for action in other.actions] and all(
+        np.array_equal(a.trajectory.states, b.trajectory.states)
+        for a, b in zip(one.actions, other.actions, strict=True)
+    )
+
+
+def test_a_problem_asked_twice_gives_the_same_plan_as_solve() -> None:
+    problem = PLANNER.problem(SCENE, TARGET)
+    plans = [PLANNER.solve_problem(problem), PLANNER.solve_problem(problem), PLANNER.solve(SCENE, TARGET)]
+    first, second, fresh = plans
+    assert isinstance(first, Solution)
+    assert isinstance(second, Solution)
+    assert isinstance(fresh, Solution)
+    assert same_motions(first, second)
+    assert same_motions(first, fresh)
+
+
+def test_the_bound_is_asked_for_once_and_is_that_of_the_plan() -> None:
+    problem = PLANNER.problem(SCENE, TARGET)
+    bound = problem.lower_bound()
+    assert problem.lower_bound() is bound
+    assert bound == PLANNER.lower_bound(SCENE, TARGET)
+    plan = PLANNER.solve_problem(problem)
+    assert isinstance(plan, Solution)
+    assert plan.bound is bound
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_after_a_change_the_picks_are_those_of_a_new_problem(number: int) -> None:
+    scenes = shifted_scenes()
+    scene = scenes[number * len(scenes) // 4]
+    problem = PLANNER.problem(SCENE, TARGET)
+    PLANNER.solve_problem(problem)
+    kept, fresh = PLANNER.solve_problem(problem.in_scene(scene)), PLANNER.solve(scene, TARGET)
+    if isinstance(fresh, Infeasible):
+        assert isinstance(kept, Infeasible)
+        assert kept.cause == fresh.cause
+    else:
+        assert isinstance(kept, Solution)
+        assert kept.picks == fresh.picks
+        assert kept.bound is not None
+        assert kept.bound.picks == (fresh.bound and fresh.bound.picks)
+
+
+@pytest.mark.parametrize(
+    ("seed", "target", "name", "x", "y"),
+    [
+        (3, "object_26", "object_18", 0.0395, 0.0404),
+        (9, "object_18", "object_11", 0.009, 0.011),
+        (35, "object_09", "object_26", -0.075, -0.0341),
+        (38, "object_29", "object_31", -0.0494, -0.0689),
+    ],
+)
+def test_a_grasp_not_worth_keeping_before_counts_where_the_better_one_is_blocked_now(
+    seed: int, target: str, name: str, x: float, y: float
+) -> None:
+    scene = random_scene(35, seed)
+    problem, changed = PLANNER.problem(scene, target), moved(scene, name, x, y)
+    problem.lower_bound()
+    kept, fresh = problem.in_scene(changed).lower_bound(), PLANNER.problem(changed, target).lower_bound()
+    assert fresh.picks is not None
+    assert (kept.picks, kept.least, kept.proved) == (fresh.picks, fresh.least, fresh.proved)
+
+
+def test_paper_strategies_learn_nothing_from_a_problem_that_is_kept() -> None:
+    problem = PLANNER.problem(SCENE, TARGET)
+    PLANNER.solve_problem(problem)
+    kept, fresh = PLANNER.solve_problem(problem, "ngr"), PLANNER.solve(SCENE, TARGET, "ngr")
+    assert isinstance(kept, Solution)
+    assert isinstance(fresh, Solution)
+    assert same_motions(kept, fresh)
+
+
+def test_another_table_another_robot_or_a_goal_that_means_nothing_is_refused() -> None:
+    problem = PLANNER.problem(SCENE, TARGET)
+    post = StaticObstacle("post", np.array([2.0, 0.0, 0.5]), np.array([0.05, 0.5, 0.5]))
+    with pytest.raises(SceneError, match="new problem"):
+        problem.in_scene(replace(SCENE, static_obstacles=(*SCENE.static_obstacles, post)))
+    with pytest.raises(UnknownObject):
+        problem.in_scene(replace(SCENE, objects=tuple(one for one in SCENE.objects if one.name != TARGET)))
+    with pytest.raises(GoalError):
+        PLANNER.problem(SCENE, on(TARGET, "nowhere"))
+    with pytest.raises(SceneError, match="no Scene"):
+        problem.in_scene("scene")  # type: ignore[arg-type]  # what a user may pass by mistake
+    PLANNER.solve_problem(problem)
+
+
+def test_a_motion_is_kept_unless_something_that_moved_comes_near_it() -> None:
+    scene = table_scene(cylinder("object_00", 0.3, 0.4), cylinder("object_01", 0.3, -0.4))
+    state = scene.state
+    X = on_base([state.base, state.base + [0.0, 0.1, 0.0]], state.q)
+    before = KeptMotions()
+    before.keep("drive", "a motion", scene, [WholeBodyPath(X, 0.0)])
+    assert before.find("drive", str, CollisionWorld.from_scene(scene)) is None, "a first solve uses nothing of its own"
+    kept = before.for_next_scene()
+    far, near = (
+        moved(scene, "object_00", 0.0, 0.05),
+        scene.with_body(scene.body("object_00").at([*state.base[:2], 0.2])),
+    )
+    assert kept.find("drive", str, CollisionWorld.from_scene(far)) == "a motion"
+    assert kept.find("drive", str, CollisionWorld.from_scene(near)) is None
+    assert kept.find("drive", int, CollisionWorld.from_scene(far)) is None
+    assert kept.for_next_scene().find("drive", str, CollisionWorld.from_scene(far)) == "a motion", "what was used again"
+    assert isinstance(PLANNER.problem(scene, "object_00"), Problem)
