@@ -16,6 +16,7 @@ class Cause(StrEnum):
         NO_CLEARANCE_LOCATION: an object must be put down, but no location keeps clear of what remains to be done.
         MOTION: grasps exist, but motion planning refuted so many, or objects were put aside so, that no way to clear
             and take the target is left.
+        SPRINGS_SHUT: what must be opened shuts again when nobody holds it.
         TIME_LIMIT: the time limit was reached.
         GIVEN_UP: the limit on replans or put-downs was reached.
     """
@@ -26,6 +27,7 @@ class Cause(StrEnum):
     NO_WAY_FOR_BASE = "no way for the base"
     NO_CLEARANCE_LOCATION = "no clearance location"
     MOTION = "motion"
+    SPRINGS_SHUT = "springs shut"
     TIME_LIMIT = "time limit"
     GIVEN_UP = "given up"
 

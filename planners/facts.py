@@ -18,6 +18,9 @@ LIFTED = 0.10
 """[m] above where it stood from which on an object in the gripper counts as held up."""
 TOLERANCE, YAW_TOLERANCE = 0.02, 0.1
 """[m] and [rad] about a pose, if no other tolerance is given."""
+OPEN_SHARE, AJAR = 0.8, 0.05
+"""Share of its range from which on something counts as open if no other is given; and up to which it counts as shut,
+or may lack of what is wanted."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,15 @@ class Holding:
         before = start.body(self.object)
         stood_at = height_below(start, before) if self.object in start.held_names else before.bottom
         return body.bottom >= stood_at + LIFTED - EDGE
+
+
+@dataclass(frozen=True)
+class Pulled(Holding):
+    """The handle has been pulled, and what it opens with it: of the scene in which it stands among the objects."""
+
+    def holds(self, scene: Scene, start: Scene | None = None) -> bool:
+        """Whether it is elsewhere than at the start; see `Goal.holds`."""
+        return start is not None and scene.body(self.object) is not start.body(self.object)
 
 
 @dataclass(frozen=True)
@@ -185,10 +197,101 @@ class Before:
         return True
 
 
-Fact: TypeAlias = Holding | On | Inside | At | Clear | Before
+@dataclass(frozen=True)
+class Open:
+    """A drawer, door or lid is open.
+
+    Attributes:
+        opening: its name.
+        share: of its range, from 0 (shut) to 1.
+        amount: [m] or [rad] that it is open at least, in place of the share.
+
+    Raises:
+        GoalError: a share that is not between 0 and 1, or an amount that is not positive.
+    """
+
+    opening: str
+    share: float = OPEN_SHARE
+    amount: float | None = None
+
+    def __post_init__(self) -> None:
+        try:
+            object.__setattr__(self, "share", float(self.share))
+            object.__setattr__(self, "amount", None if self.amount is None else float(self.amount))
+            is_valid = 0 < self.share <= 1 and (self.amount is None or 0 < self.amount < math.inf)
+        except (TypeError, ValueError, OverflowError):
+            is_valid = False
+        if not is_valid:
+            raise GoalError(f"a share is above 0 and at most 1, an amount is positive, not {self!r:.200}")
+
+    def position_in(self, scene: Scene) -> float:
+        """[m] or [rad] from which on it holds."""
+        one = scene.opening(self.opening)
+        return one.at_share(self.share if self.amount is None else min(self.amount / abs(one.open - one.shut), 1.0))
+
+    def holds(self, scene: Scene, start: Scene | None = None) -> bool:  # noqa: ARG002  as of the other facts
+        """Whether it is; see `Goal.holds`."""
+        one = scene.opening(self.opening)
+        lacks = (self.position_in(scene) - one.position) * math.copysign(1.0, one.open - one.shut)
+        return lacks <= AJAR * abs(one.open - one.shut)
+
+
+@dataclass(frozen=True)
+class Closed:
+    """A drawer, door or lid is shut, but for `AJAR` of its range."""
+
+    opening: str
+
+    def position_in(self, scene: Scene) -> float:
+        """[m] or [rad] where it is then."""
+        return scene.opening(self.opening).shut
+
+    def holds(self, scene: Scene, start: Scene | None = None) -> bool:  # noqa: ARG002  as of the other facts
+        """Whether it is; see `Goal.holds`."""
+        return scene.opening(self.opening).share <= AJAR
+
+
+@dataclass(frozen=True)
+class Turned:
+    """A knob, or anything else that opens, is at an angle.
+
+    Attributes:
+        opening: its name.
+        angle: [rad], of a slide [m], from where it is shut towards where it is open.
+        tolerance: [rad], [m].
+
+    Raises:
+        GoalError: a number that is not finite, or a tolerance that is not positive.
+    """
+
+    opening: str
+    angle: float
+    tolerance: float = YAW_TOLERANCE
+
+    def __post_init__(self) -> None:
+        try:
+            object.__setattr__(self, "angle", float(self.angle))
+            object.__setattr__(self, "tolerance", float(self.tolerance))
+            is_valid = math.isfinite(self.angle) and 0 < self.tolerance < math.inf
+        except (TypeError, ValueError, OverflowError):
+            is_valid = False
+        if not is_valid:
+            raise GoalError(f"an angle is finite, its tolerance positive, not {self!r:.200}")
+
+    def position_in(self, scene: Scene) -> float:
+        """[m] or [rad] where it is then."""
+        one = scene.opening(self.opening)
+        return one.shut + math.copysign(self.angle, (one.open - one.shut) * self.angle)
+
+    def holds(self, scene: Scene, start: Scene | None = None) -> bool:  # noqa: ARG002  as of the other facts
+        """Whether it is; see `Goal.holds`."""
+        return abs(scene.opening(self.opening).position - self.position_in(scene)) <= self.tolerance
+
+
+Fact: TypeAlias = Holding | On | Inside | At | Clear | Before | Open | Closed | Turned
 VALID = (
     "holding(a), holding(a, point), on(a, place), inside(a, region), at(a, pose), clear(region), before(a, b), "
-    "joined by &"
+    "open_(drawer), closed(drawer), turned(knob, angle), joined by &"
 )
 """The facts that there are, in words."""
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from typing import TYPE_CHECKING, Any, get_args
 
-from planners.facts import VALID, At, Clear, Fact, Holding, Inside, On, names_in, occupants, region_names
+from planners.facts import VALID, At, Clear, Fact, Holding, Inside, On, Open, Turned, names_in, occupants, region_names
 from planners.goal_ends import excludes
 from planners.pddl import WORD, Quoted, Tree, shown
 from planners.regions import GoalError
@@ -19,9 +19,11 @@ _NUMBERS = ("x", "y", "z", "yaw", "tolerance", "yaw-tolerance")
 ARGUMENTS: dict[str, tuple[Callable[..., Fact], int]] = {
     kind.__name__.lower(): (kind, sum(entry.type == "str" for entry in fields(kind)))
     for kind in get_args(Fact)
-    if kind is not At
+    if all(entry.type == "str" for entry in fields(kind) if entry.default is MISSING)
 }
 """Facts that names alone can say, and how many."""
+_AMOUNTS = {"open": (Open, ("share", "amount"), ()), "turned": (Turned, ("angle", "tolerance"), ("angle",))}
+"""Facts of what opens that take numbers: which they may have, and which they need."""
 
 
 def fact_of(tree: Tree, text: str) -> Fact:
@@ -55,6 +57,13 @@ def fact_of(tree: Tree, text: str) -> Fact:
                 return Holding(name, (x, y, z), **numbers)
             valid = "(x …), (y …), (z …), and takes (tolerance …)" if kind == "holding" else "(x …) and (y …)"
             raise GoalError(f"({kind} {name} …) in {text!r:.200} needs {valid}")
+        case [str(kind), str(name), *given] if kind in _AMOUNTS and (given or kind not in ARGUMENTS):
+            made, valid_numbers, required = _AMOUNTS[kind]
+            amounts = {str(part[0]): part[1] for part in given if isinstance(part, list) and len(part) == 2}
+            if len(amounts) == len(given) and {*required} <= amounts.keys() <= {*valid_numbers}:
+                return made(name, **amounts)
+            listed = " ".join(f"({one} …)" for one in valid_numbers)
+            raise GoalError(f"({kind} {name} …) in {text!r:.200} takes {listed}")
         case [str(kind), *names] if kind in ARGUMENTS and len(names) == ARGUMENTS[kind][1]:
             if all(isinstance(name, str) for name in names):
                 return ARGUMENTS[kind][0](*names)
@@ -139,6 +148,10 @@ def pddl_of(fact: Fact) -> str:
             }
         case Holding(_, (x, y, z), tolerance):
             numbers = {"x": x, "y": y, "z": z, "tolerance": tolerance}
+        case Open(_, share, amount):
+            numbers = {"amount": amount} if amount is not None else {"share": share}
+        case Turned(_, angle, tolerance):
+            numbers = {"angle": angle, "tolerance": tolerance}
     given = (f"({name.replace('_', '-')} {number!r})" for name, number in numbers.items() if number is not None)
     names = (name if re.fullmatch(rf"(?!\?){WORD}", name) else f'"{name}"' for name in names_in(fact))
     return f"({' '.join((type(fact).__name__.lower(), *names, *given))})"

@@ -23,16 +23,20 @@ from numpy.typing import ArrayLike
 
 from planners.facts import (
     LIFTED as LIFTED,
+    OPEN_SHARE,
     TOLERANCE,
     VALID,
     YAW_TOLERANCE,
     At as At,
     Before as Before,
     Clear as Clear,
+    Closed as Closed,
     Fact as Fact,
     Holding as Holding,
     Inside as Inside,
     On as On,
+    Open as Open,
+    Turned as Turned,
     has_yaw as has_yaw,
     height_below as height_below,
     is_at_rest as is_at_rest,
@@ -137,6 +141,11 @@ class Goal:
         return tuple(fact.region for fact in self.facts if isinstance(fact, Clear))
 
     @property
+    def openings(self) -> tuple[Open | Closed | Turned, ...]:
+        """The facts about what opens."""
+        return tuple(fact for fact in self.facts if isinstance(fact, Open | Closed | Turned))
+
+    @property
     def order(self) -> tuple[tuple[str, str], ...]:
         """Pairs of objects of which the first one is to be moved before the second."""
         return tuple((fact.first, fact.second) for fact in self.facts if isinstance(fact, Before))
@@ -229,6 +238,10 @@ class Goal:
                 "an object can be held or placed once only, where several facts say it in places one within the other; "
                 f"the goal says where twice: {name}: {one} and {other}"
             )
+        said: dict[str, Fact] = {}
+        for how in self.openings:
+            if (first := said.setdefault(how.opening, how)) is not how:
+                raise GoalError(f"the goal says twice how {how.opening!r} is: {pddl_of(first)} and {pddl_of(how)}")
         hands = len(scene.robot.acting_arms)
         if len(self.held) > hands:
             raise GoalError(
@@ -358,6 +371,8 @@ def _said(condition: Condition, held: Sequence[Fact], denied: Sequence[Fact], sc
 
 def _kinds(fact: Fact, entry: str, scene: Scene) -> dict[str, Collection[str]]:
     """The names that may stand in a field of a fact, by what they are of."""
+    if entry == "opening":
+        return {"what opens": tuple(one.name for one in scene.openings)}
     objects: dict[str, Collection[str]] = {"objects": scene.names}
     places: dict[str, Collection[str]] = {"regions": region_names(scene), "supports": scene.supports}
     if entry not in ("place", "region"):
@@ -431,6 +446,29 @@ def clear(region: str) -> Goal:
 def before(first: str, second: str) -> Goal:
     """The first object is moved before the second, if both are."""
     return Goal((Before(first, second),))
+
+
+def open_(name: str, share: float = OPEN_SHARE, amount: float | None = None) -> Goal:
+    """A drawer, door or lid is open by a share of its range at least, or by an amount [m], [rad].
+
+    Raises:
+        GoalError: a share that is not between 0 and 1, or an amount that is not positive.
+    """
+    return Goal((Open(name, share, amount),))
+
+
+def closed(name: str) -> Goal:
+    """A drawer, door or lid is shut."""
+    return Goal((Closed(name),))
+
+
+def turned(name: str, angle: float, tolerance: float = YAW_TOLERANCE) -> Goal:
+    """A knob is at an angle [rad] from where it is shut, within a tolerance [rad].
+
+    Raises:
+        GoalError: a number that is not finite, or a tolerance that is not positive.
+    """
+    return Goal((Turned(name, angle, tolerance),))
 
 
 def and_(*goals: str | Goal) -> Goal:

@@ -19,6 +19,7 @@ from planners.grasping.families import Grasps, find_grasp_set
 from planners.motion.base import BaseRoadmap
 from planners.motion.path import on_base
 from planners.motion.tcp_following import TcpFollower
+from planners.opening.through import Asked, lower_bound_through, solve_through
 from planners.placing.surfaces import Supports
 from planners.problem import Problem, goal_in, robot_of
 from planners.scene import Scene
@@ -191,8 +192,23 @@ class Planner:
         if deadline.is_over:
             detail = "the time was up before planning began; planners.warmup() loads what a solve needs beforehand"
             return Infeasible(Cause.TIME_LIMIT, detail, target=wanted.target, strategy=chosen, goal=wanted)
-        problem = Problem.of(scene, wanted, self.workspace(scene), start=start, hold_aside=self.hold_aside)
-        return best_of_attempts(problem, chosen, self._task_planner, np.random.default_rng(rng or 0), deadline)
+        drawn = np.random.default_rng(rng or 0)
+        if scene.openings:
+            return solve_through(self._asked(chosen, drawn, deadline), scene, wanted, start)
+        problem = self._problem(scene, wanted, start)
+        return best_of_attempts(problem, chosen, self._task_planner, drawn, deadline)
+
+    def _problem(self, scene: Scene, wanted: Goal, start: Scene | None = None) -> Problem:
+        """The problem of a goal that means something in a scene."""
+        return Problem.of(scene, wanted, self.workspace(scene), start=start, hold_aside=self.hold_aside)
+
+    def _asked(self, strategy: Strategy, rng: np.random.Generator, deadline: Deadline) -> Asked:
+        """The planner as it is asked for the parts of a plan."""
+        return Asked(
+            self._problem,
+            lambda problem: best_of_attempts(problem, strategy, self._task_planner, rng, deadline),
+            deadline,
+        )
 
     def problem(self, scene: Scene, goal: str | Goal, start: Scene | None = None) -> Problem:
         """The problem of a goal in a scene, to be kept: for its bound, for solves, and for the scenes that follow.
@@ -201,7 +217,7 @@ class Planner:
         """
         wanted = goal_in(scene, goal, start)
         self.warmup()
-        return Problem.of(scene, wanted, self.workspace(scene), start=start, hold_aside=self.hold_aside)
+        return self._problem(scene, wanted, start)
 
     def solve_problem(
         self,
@@ -218,6 +234,10 @@ class Planner:
         """The fewest picks for a goal; see the function `lower_bound`."""
         wanted = goal_in(scene, goal)
         self.warmup()
+        if scene.openings:
+            return lower_bound_through(
+                self._asked(STRATEGIES["lookahead"], np.random.default_rng(0), NO_DEADLINE), scene, wanted
+            )
         workspace = Workspace.of(self.robot, scene, grasps=self.grasps)
         return Problem(scene, wanted, scene, workspace, self.hold_aside).lower_bound(expansions)
 

@@ -18,7 +18,7 @@ from graphlib import CycleError, TopologicalSorter
 from planners.cause import Cause
 from planners.clearing.lower_bound import MAX_EXPANSIONS, Blockers, self_clearable_sets
 from planners.clock import NO_DEADLINE, Deadline
-from planners.goals import Before, Clear, Goal, Holding, On, occupants
+from planners.goals import Clear, Goal, On, occupants
 from planners.grasping.candidates import GraspCandidates
 from planners.placing.blockers import PutDownMasks, put_down_masks
 from planners.placing.goal_places import in_the_way, must_go_first, place_of, without_room
@@ -243,7 +243,8 @@ def _put_downs(
 def must_move(scene: Scene, goal: Goal, start: Scene | None = None) -> tuple[str, ...]:
     """Names of the objects that must move for the facts that do not hold; those to be held last."""
     unmet = goal.unmet(scene, start)
-    names = [fact.object for fact in unmet if not isinstance(fact, Clear | Before | Holding)]
+    placed = {fact.object for fact in goal.placed}
+    names = [name for fact in unmet if (name := getattr(fact, "object", "")) in placed]
     for fact in unmet:
         names += occupants(scene, fact.region) if isinstance(fact, Clear) else ()
     names += [name for name in goal.held if name not in scene.held_names]

@@ -38,9 +38,10 @@ from planners.collision.scene_arrays import (
     obstacle_arrays,
     robot_of,
     shrunk_solids,
+    solid_arrays,
     with_object,
 )
-from planners.scene import SELF_BIT, STATIC_BIT, Body, HeldObject, Scene, SceneError
+from planners.scene import SELF_BIT, STATIC_BIT, Body, HeldObject, Scene, SceneError, Solid
 from planners.scene.bodies import release_pitch, up_axis
 
 PADDING = 0.002
@@ -333,6 +334,16 @@ def _stands_on(world: CollisionWorld, body: Body, supporter: Body) -> bool:
     obstacles = world.obstacles
     upper, lower = (obstacles.rows(scene.index(one.name)) for one in (body, supporter))
     return _are_near((obstacles.pieces, upper), (obstacles.pieces, lower), _CONTACT)
+
+
+def are_near(solids: Sequence[Solid], body: Body, gap: float) -> bool:
+    """Whether an object comes as near as `gap` [m] to any of some solids in the world."""
+    lower, upper = body.corners.min(axis=0) - gap, body.corners.max(axis=0) + gap
+    near = [one for one in solids if (one.lower <= upper).all() and (one.upper >= lower).all()]
+    if not near:
+        return False
+    some, others = solid_arrays(near), solid_arrays(body.placed)
+    return _are_near((some, range(len(near))), (others, range(len(body.placed))), gap)
 
 
 def _are_near(some: tuple[Solids, Sequence[int]], others: tuple[Solids, Sequence[int]], padding: float) -> bool:

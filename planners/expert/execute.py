@@ -89,7 +89,8 @@ def execute(
             on_step()
         return False
 
-    sensor = Sensor(model, data, scene.robot, scene.names)
+    handle = "" if scene.pull is None else scene.pull.handle
+    sensor = Sensor(model, data, scene.robot, [name for name in scene.names if name != handle])
     done = follow(solution.actions, scene.robot, sensor, step, config or MonitorConfig())
     return ExecutionResult(done.deviation is None, done.deviation, tuple(done.cleared), float(data.time) - started)
 

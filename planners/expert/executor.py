@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
+from planners.collision.opened import riding
 from planners.contact import StepLabel, contact_of, label_of
 from planners.expert.config import MonitorConfig
 from planners.expert.monitor import Deviation, DeviationKind, Sensor, Snapshot, object_moved, tracking_error
@@ -36,6 +37,8 @@ _LAST_LOOK = 1.0, 0.5
 """[s] before an approach: from when until when the object is looked at again, so that the robot stops before it."""
 _BESIDE = 0.15
 """[m] between the centres of objects that the open gripper touches both where they are seen wrongly."""
+_LACKS = 0.12
+"""Share of its range that what is opened may lack at the end of the pull."""
 _ROUNDING = 1e-6
 """Of a number of samples."""
 
@@ -175,6 +178,7 @@ class Executor:
         while not self._is_at_end and self._tick > (samples := self._samples) + _ROUNDING:
             self._tick -= samples
             self._expected = now
+            self.deviation = self.deviation or _not_opened(self._present, now)
             if self._present.is_clearance:
                 self.cleared.append(self._present.target)
             self.action += 1
@@ -251,7 +255,9 @@ class Executor:
         phase = action.trajectory.phase(self._time)
         deviation = self._check_grip(now, phase.touched if phase.held else None)
         touched = phase.held or (action.target if action.name != "MoveBase" else "")
-        ignore = {touched, *(one.held.name for one in action.scene.aside)} - {""}
+        ignore = {touched, *(one.held.name for one in action.scene.aside)}
+        ignore |= {*riding(action.scene)} if _is_pull(action) else set()
+        ignore &= {*self._names}
         deviation = deviation or object_moved(self._expected, now, self._names, self._config, ignore)
         if deviation is None and self._sent:
             due = self._sent[0].drive
@@ -297,3 +303,18 @@ class Executor:
             return Deviation(DeviationKind.GRASP_MISSED, held.name) if offset > 2 * self._config.slip else None
         slipped_by = float(np.linalg.norm(in_hand - self._grip))
         return Deviation(DeviationKind.SLIPPED, held.name) if slipped_by > self._config.slip else None
+
+
+def _is_pull(action: BoundAction) -> bool:
+    """Whether an action opens or shuts something."""
+    return action.scene.pull is not None and action.target == action.scene.pull.opening
+
+
+def _not_opened(action: BoundAction, now: Snapshot) -> Deviation | None:
+    """Whether what an action was to open or shut is elsewhere at its end: the handle has slipped, or it jams."""
+    pull = action.scene.pull
+    if pull is None or not _is_pull(action) or pull.opening not in now.openings:
+        return None
+    opening = action.scene.opening(pull.opening)
+    lacks = abs(now.openings[pull.opening] - pull.position) / abs(opening.open - opening.shut)
+    return Deviation(DeviationKind.NOT_OPENED, pull.opening) if lacks > _LACKS else None

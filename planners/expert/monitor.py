@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from types import MappingProxyType
 from typing import NamedTuple
 
 import mujoco
@@ -17,7 +18,7 @@ from planners.goals import height_below
 from planners.motion.arm import tcp_pose
 from planners.scene import Scene
 from planners.scene.bodies import pose_matrix
-from planners.scene.mujoco_reading import MovableBodies, RobotJoints
+from planners.scene.mujoco_reading import MovableBodies, RobotJoints, opening_joints
 
 Array = NDArray[np.float64]
 
@@ -33,6 +34,7 @@ class DeviationKind(StrEnum):
     """How the world can deviate from the plan."""
 
     GRASP_MISSED = "grasp missed"
+    NOT_OPENED = "not moved as far as planned"
     SLIPPED = "slipped in the gripper"
     TOPPLED = "toppled"
     OBJECT_MOVED = "moved"
@@ -56,7 +58,8 @@ class Snapshot(NamedTuple):
     """Measurements of one control step.
 
     `positions` (n, 3) [m] of the object centres, `uprightness` (n,) cosines of their tilts, `yaws` (n,) [rad],
-    `T_world_tcp` (4, 4), `drive` (11,) whole-body configuration [m, rad].
+    `T_world_tcp` (4, 4), `drive` (11,) whole-body configuration [m, rad], `openings` [m] or [rad] by the names of what
+    opens.
     """
 
     positions: Array
@@ -64,6 +67,7 @@ class Snapshot(NamedTuple):
     yaws: Array
     T_world_tcp: Array
     drive: Array
+    openings: Mapping[str, float] = MappingProxyType({})
 
     def in_hand(self, index: int) -> Array:
         """(3,) [m] centre of an object in the TCP frame."""
@@ -80,6 +84,8 @@ class Sensor:
         self.names = self._objects.names
         self._joints = RobotJoints.of(model, data, robot)
         self._site = model.site(robot.tcp_site).id
+        joints = opening_joints(model, robot)
+        self._openings = {name: int(model.jnt_qposadr[joint]) for name, joint in joints.items()}
 
     def read(self) -> Snapshot:
         """The present state."""
@@ -87,7 +93,8 @@ class Sensor:
         T = pose_matrix(self._data.site_xpos[self._site], self._data.site_xmat[self._site])
         w, x, y, z = quaternions.T
         yaws = np.arctan2(2 * (x * y + w * z), 1 - 2 * (y**2 + z**2))
-        return Snapshot(positions, 1 - 2 * (x**2 + y**2), yaws, T, self._joints.read(self._data))
+        openings = {name: float(self._data.qpos[at]) for name, at in self._openings.items()}
+        return Snapshot(positions, 1 - 2 * (x**2 + y**2), yaws, T, self._joints.read(self._data), openings)
 
 
 def object_moved(

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from irm.chain import ArmChain
 from irm.kinematics import link_frames
-from planners.collision.world import CompiledScenes, objects_on
+from planners.collision.opened import swept_objects
+from planners.collision.world import CollisionWorld, CompiledScenes, objects_on
 from planners.grasping.arm_configurations import (
     ArmConfigurations,
     ConfigurationGrid,
@@ -32,7 +33,7 @@ from planners.grasping.arm_configurations import (
 )
 from planners.grasping.base_placement import STRAIGHT, TURNED, Placer, facing_bases
 from planners.grasping.families import SIDE, Family, families_for
-from planners.grasping.grasp_poses import GraspPose, generate_grasps
+from planners.grasping.grasp_poses import GraspPose, can_pull, generate_grasps
 from planners.scene import Body, Scene
 from planners.scene.cover import is_covered, needs_drive
 
@@ -301,7 +302,7 @@ class GraspCandidates:
         moved = scene.moved_since(known.scene)
         if not moved:
             return known._replace(scene=scene)
-        before, on_it = known.candidates, objects_on(self.compiled.world(scene), body.name) & moved
+        before, on_it = known.candidates, _moved_with(self.compiled.world(scene), body.name) & moved
         hits = self.hits_among(scene, body.name, before, moved & ~scene.mask({body.name, *scene.held_names}))
         masks = [grasp.blockers & ~moved | on_it | int(mask) for grasp, mask in zip(before, hits, strict=True)]
         if 0 not in masks and any(not grasp.blockers & ~moved for grasp in before):
@@ -395,7 +396,7 @@ class GraspCandidates:
             grid = ConfigurationGrid.near_home(chain) if self.near_home else ConfigurationGrid.over(chain)
         ignore = scene.mask({body.name, *scene.held_names})
         found = scan_configurations(world, poses, grid, opening, body=body, ignore=ignore, known=known)
-        found = found._replace(hits=found.hits | np.uint64(objects_on(world, body.name)))
+        found = found._replace(hits=found.hits | np.uint64(_moved_with(world, body.name)))
         return as_candidates(body.name, poses, opening, found, arm, needs_drive(scene, body.foot))
 
 
@@ -405,9 +406,16 @@ def _wanted(scene: Scene, body: Body, family: Family) -> list[tuple[Array, float
     Those around a cylinder or box are one group: they open as far as the widest of them needs.
     """
     groups: dict[int, list[GraspPose]] = {}
-    for grasp in generate_grasps(body, scene.robot, (family,)):
+    grasps = generate_grasps(body, scene.robot, (family,))
+    for grasp in grasps if scene.pull is None else [one for one in grasps if can_pull(scene, body, one.T_world_tcp)]:
         groups.setdefault(math.ceil(grasp.opening / _OPENINGS) if body.shape == "pieces" else 0, []).append(grasp)
     return [(gripper_poses(group), max(grasp.opening for grasp in group)) for group in groups.values()]
+
+
+def _moved_with(world: CollisionWorld, name: str) -> int:
+    """Mask of the objects that stand on one, or that what a handle pulls would touch: they go first."""
+    pull = world.scene.pull
+    return objects_on(world, name) | (swept_objects(world) if pull is not None and pull.handle == name else 0)
 
 
 def _not_among(poses: GripperPoses, others: GripperPoses) -> GripperPoses:

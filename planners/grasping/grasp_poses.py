@@ -15,7 +15,7 @@ from assets.robots import RobotSpec
 from planners.grasping.antipodal import antipodal_lines
 from planners.grasping.arm_configurations import gripper_arrays, gripper_rotation
 from planners.grasping.families import GRASP_SETS, AntipodalFamily, Family, GraspFamily, families_for
-from planners.scene import Body, HeldObject
+from planners.scene import Body, HeldObject, Scene
 from planners.scene.bodies import pose_matrix
 
 _PALM_CLEARANCE, _PALM_SIDE, _TIP_CLEARANCE, _PAD_CLEARANCE = 0.003, 0.002, 0.0045, 0.0045
@@ -225,3 +225,20 @@ def _pose(body: Body, robot: RobotSpec, family: GraspFamily, yaw: float) -> Arra
 def wrap_to_pi(angles: Array) -> Array:
     """Angles [rad] in (-π, π]."""
     return math.pi - np.mod(math.pi - angles, 2 * math.pi)
+
+
+_AGAINST, _FROM_ABOVE = 0.3, 0.7
+"""Cosines: how much the approach must lead against the pull, or straight down where the pull is level."""
+
+
+def can_pull(scene: Scene, body: Body, T_world_tcp: Array) -> bool:
+    """Whether a gripper at T_world_tcp (4, 4) is on the side of a handle to which it is pulled; of other objects True.
+
+    From there it holds a bar between its fingers or hooks it. From beside it would slip along it, from behind it would
+    be in the way of what it pulls.
+    """
+    if scene.pull is None or body.name != scene.pull.handle:
+        return True
+    direction, approach = scene.opening(scene.pull.opening).direction(body.position), T_world_tcp[:3, 0]
+    is_level = abs(direction[2]) < _FROM_ABOVE
+    return bool(approach @ direction <= -_AGAINST or (is_level and approach[2] <= -_FROM_ABOVE))

@@ -66,6 +66,14 @@ _OVER_RIM = tuple(pattern._replace(name="drive over its rim", up=0.06) for patte
 """The same of a bowl or mug, whose wall the empty gripper has between its fingers: it comes and goes above the rim."""
 
 
+_TO_HANDLES = (
+    ApproachPattern("to the handle", back=0.10, up=0.0, held_up=0.0, held_back=0.0),
+    ApproachPattern("to the handle", back=0.06, up=0.0, held_up=0.0, held_back=0.0),
+    ApproachPattern("to the handle", back=0.04, up=0.06, held_up=0.0, held_back=0.0),
+)
+"""A handle is not lifted: the gripper comes and goes along its approach direction."""
+
+
 @dataclass(frozen=True, eq=False)
 class ContactQuery:
     """A grasp or a release, and the situation around it.
@@ -117,6 +125,8 @@ class ContactQuery:
         grip = body.width_in_gripper(np.linalg.inv(T_world_tcp) @ body.pose)
         opening = min(grip + 2 * scene.robot.finger_gap, scene.robot.max_opening)
         holding = ArmQuery(loaded, there, grip, held, ignore)
+        if is_handle(scene, held.name):
+            holding = ArmQuery(empty, there, grip, None, ignore | scene.mask([held.name]))
         return cls(
             ArmQuery(empty, there, opening, None, ignore), holding, np.asarray(q, float), body, held, T_world_tcp
         )
@@ -129,13 +139,21 @@ class ContactQuery:
     @property
     def patterns(self) -> tuple[ApproachPattern, ...]:
         """All patterns, in the order in which they are tried: driving ones only under a shelf."""
+        if is_handle(self.empty.world.scene, self.held.name):
+            return _TO_HANDLES
         drives = (_DRIVES + _OVER_RIM if self.body.pieces else _DRIVES) if self.is_covered else ()
         return drives + APPROACH_PATTERNS
 
     @property
     def likely_patterns(self) -> tuple[ApproachPattern, ...]:
         """The patterns worth tracing before any free path is planned: those from the front only under a shelf."""
-        return self.patterns if self.is_covered else tuple(one for one in self.patterns if one.up > 0.0)
+        is_any = self.is_covered or is_handle(self.empty.world.scene, self.held.name)
+        return self.patterns if is_any else tuple(one for one in self.patterns if one.up > 0.0)
+
+
+def is_handle(scene: Scene, name: str) -> bool:
+    """Whether an object stands for a handle, which is pulled and not lifted."""
+    return scene.pull is not None and scene.pull.handle == name
 
 
 class Approach(NamedTuple):

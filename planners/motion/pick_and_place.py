@@ -92,6 +92,44 @@ def plan_pick(
     return _plan_around(_FreePaths(query, stand, q_start, False, rng, rises))
 
 
+def plan_reach(
+    world: CollisionWorld,
+    base: ArrayLike,
+    start: ArrayLike,
+    q_grasp: ArrayLike,
+    name: str,
+    *,
+    rng: np.random.Generator,
+) -> tuple[WholeBodyPath, WholeBodyPath, HeldObject] | BlockedBy | NoPath:
+    """Come to a grasp of an object, and no further: of a handle, which is pulled from there.
+
+    Args:
+        world, base, start, q_grasp, name, rng: as for `plan_pick`.
+
+    Returns:
+        the free path and the straight lines until the fingers close, and the object as it is held then; or, as
+        `plan_pick`, what is in the way.
+    """
+    inside, stand, q_start = _split(world, base, start)
+    query = ContactQuery.grasp(world, inside, unwrap_joints(world.robot, q_start, q_grasp), name)
+    free = _FreePaths(query, stand, q_start, False, rng)
+    for find_blockers in (False, True):
+        found: BlockedBy | NoPath = NoPath("no free approach found")
+        for pattern in query.patterns:
+            approach = free_approach(query, pattern) if not find_blockers else trace(query, pattern)
+            if not isinstance(approach, Approach):
+                continue
+            path = free._path(approach, False, find_blockers)
+            if isinstance(path, WholeBodyPath) and not approach.hits:
+                lines = WholeBodyPath(approach.empty, query.empty.opening).reversed()
+                return path, lines, query.held
+            names = frozenset(world.scene.names_of(approach.hits))
+            blockers = names | (path.blockers if isinstance(path, BlockedBy) else frozenset())
+            if blockers and not isinstance(path, NoPath):
+                found = BlockedBy(blockers, approach.phase)
+    return found
+
+
 def plan_place(
     world: CollisionWorld,
     base: ArrayLike,

@@ -23,6 +23,7 @@ from irm.kernel_arguments import leaf_kernel
 from planners.collision.world import CollisionWorld
 from planners.motion.path import WholeBodyPath, cut, interpolate
 from planners.motion.pick_and_place import PickPlaceMotion
+from planners.motion.pulling import PullMotion
 from planners.motion.trajectory import CONTROL_STEP, Phase, Trajectory, join
 from planners.scene import SELF_BIT, HeldObject, RobotState, Scene, StaticObstacle
 
@@ -201,6 +202,32 @@ def place_trajectory(world: CollisionWorld, motion: PickPlaceMotion, state: Robo
             _fingers(robot, release, closed, open_at, Phase("open", 0.0, "", motion.held), SETTLE_TIME),
             _along(world, motion.departure, open_at, "rise"),
             _along(world, motion.retreat, open_at, "retreat"),
+        ]
+    )
+
+
+def pull_trajectory(world: CollisionWorld, motion: PullMotion, state: RobotState) -> Trajectory:
+    """The trajectory of a pull from a state.
+
+    Its phases are "ready", "transit", "approach", "close", "pull", "open", "leave" and "home"; the handle counts as
+    touched from when the fingers close on it until they have opened. It is pulled slowly.
+    """
+    robot, held = world.scene.robot, motion.held
+    open_at, leave_at = (robot.finger_position(path.opening) for path in (motion.transit, motion.leave))
+    here, grasp, end = (
+        path.configurations[k] for path, k in ((motion.transit, 0), (motion.pull, 0), (motion.pull, -1))
+    )
+    pull = Phase("pull", 0.0, "", held)
+    return join(
+        [
+            _fingers(robot, here, state.finger_position, open_at, Phase("ready", 0.0), 0.0),
+            _along(world, motion.transit, open_at, "transit"),
+            _along(world, motion.approach, open_at, "approach"),
+            _fingers(robot, grasp, open_at, 0.0, Phase("close", 0.0, "", held), SETTLE_TIME),
+            time_parametrise(motion.pull.configurations, robot, 0.0, pull, is_loaded=True, is_near=lambda _: True),
+            _fingers(robot, end, 0.0, leave_at, Phase("open", 0.0, "", held), SETTLE_TIME),
+            _along(world, motion.leave, leave_at, "leave"),
+            _along(world, motion.home, leave_at, "home"),
         ]
     )
 

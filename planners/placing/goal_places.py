@@ -154,7 +154,8 @@ def reserved_regions(scene: Scene, goal: Goal, besides: str = "") -> tuple[Regio
             found[name] = Region(name, place.face.name, tuple(place.location), (half, half))
     around = [] if mine is None else [one for one in found.values() if _contains(one, mine)]
     is_kept = {*found} - ({scene.support.name} - {*goal.cleared})
-    return tuple(region for name, region in found.items() if name in is_kept and region not in around)
+    swept = () if scene.pull is None else scene.pull.swept
+    return (*(region for name, region in found.items() if name in is_kept and region not in around), *swept)
 
 
 def _rooms_beside(scene: Scene, goal: Goal, own: At) -> Iterator[Region]:

@@ -2,6 +2,7 @@
 
 from planners.scene.bodies import AsideObject, Body, HeldObject, ParkedArm, RobotState, UnknownObject
 from planners.scene.masks import MAX_OBJECTS, SELF_BIT, STATIC_BIT
+from planners.scene.openings import Opening, Pull, UnknownOpening
 from planners.scene.scene import SUPPORT, Scene
 from planners.scene.solid import FLOOR, SceneError, Solid, StaticObstacle
 
@@ -14,11 +15,14 @@ __all__ = [
     "AsideObject",
     "Body",
     "HeldObject",
+    "Opening",
     "ParkedArm",
+    "Pull",
     "RobotState",
     "Scene",
     "SceneError",
     "Solid",
     "StaticObstacle",
     "UnknownObject",
+    "UnknownOpening",
 ]

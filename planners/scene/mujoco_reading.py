@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
+from types import MappingProxyType
 from typing import Any, Literal, NamedTuple, TypeAlias, TypeVar
 
 import mujoco
@@ -15,6 +16,7 @@ from assets.contacts import paired_name
 from assets.robots import RobotSpec
 from planners.regions import RESTING
 from planners.scene.bodies import Body, RobotState, Shape, pose_matrix
+from planners.scene.openings import JointKind, Opening, is_handle_name
 from planners.scene.solid import FLOOR, SceneError, Solid, StaticObstacle
 
 Array: TypeAlias = NDArray[np.float64]
@@ -36,6 +38,13 @@ _GROUND_TOLERANCE = 0.001
 """[m] An upward horizontal plane no higher than this is the ground, which every scene has."""
 _PLANE = np.array([50.0, 50.0, 0.5])
 """[m] Half extents of the box that stands for a plane: wider than any scene, thicker than any step of a motion."""
+
+_JOINTS: dict[int, JointKind] = {
+    int(mujoco.mjtJoint.mjJNT_SLIDE): "slide",
+    int(mujoco.mjtJoint.mjJNT_HINGE): "hinge",
+}
+_SLENDER = 0.05
+"""[m] Twice the second half extent of a part that may be a handle although its name does not say so."""
 
 
 def is_object_name(name: str) -> bool:
@@ -422,3 +431,92 @@ def _why_none(there: Sequence[StaticObstacle]) -> str:
     if axes:
         return f", which is tilted by {np.degrees(np.arccos(min(max(axes), 1.0))):.2g} degrees"
     return ", which has no flat top: boxes and upright cylinders have one" if there else ""
+
+
+def openings_of(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    robot: RobotSpec,
+    found: Sequence[FoundObstacle],
+    handles: Mapping[str, Sequence[str]] = MappingProxyType({}),
+) -> tuple[Opening, ...]:
+    """What opens: bodies on one slide or hinge with a range, on something that does not move or on such a body.
+
+    Args:
+        model, data: the simulation.
+        robot: whose joints are none.
+        found: the static obstacles, with the names of their bodies.
+        handles: names of the geoms by which a body is taken, by its name.
+
+    Raises:
+        SceneError: a body with handles that does not open, or a handle that is no part of it.
+    """
+    openings = [
+        _opening(model, data, int(model.jnt_bodyid[joint]), joint, found, handles.get(name))
+        for name, joint in opening_joints(model, robot).items()
+    ]
+    known = [one.name for one in openings]
+    if unknown := [name for name in handles if name not in known]:
+        raise SceneError(
+            f"handles of {', '.join(unknown)}, which do not open; what opens: {', '.join(known) or 'none'}"
+        )
+    return tuple(one for one in openings if one.parts)
+
+
+def opening_joints(model: mujoco.MjModel, robot: RobotSpec) -> dict[str, int]:
+    """Ids of the joints of what opens, by the names of the bodies; see `openings_of`."""
+    on_robot, found = robot_bodies(model, robot), dict[str, int]()
+    for body in range(1, model.nbody):
+        joint = int(model.body_jntadr[body])
+        if body in on_robot or int(model.body_jntnum[body]) != 1 or int(model.jnt_type[joint]) not in _JOINTS:
+            continue
+        if model.jnt_limited[joint] and _hangs_on_openings(model, int(model.body_parentid[body])):
+            found[str(model.body(body).name)] = joint
+    return found
+
+
+def _hangs_on_openings(model: mujoco.MjModel, body: int) -> bool:
+    """Whether a body does not move, or moves on slides and hinges alone, one each."""
+    while body:
+        joints = int(model.body_jntnum[body])
+        if joints > 1 or (joints and int(model.jnt_type[model.body_jntadr[body]]) not in _JOINTS):
+            return False
+        body = int(model.body_parentid[body])
+    return True
+
+
+def _opening(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    body: int,
+    joint: int,
+    found: Sequence[FoundObstacle],
+    named: Sequence[str] | None,
+) -> Opening:
+    """A body that opens, as it is now."""
+    along = {str(model.body(one).name) for one in _with_attached(model, [body])}
+    parts = [one for one in found if one.body in along]
+    name, names = str(model.body(body).name), [one.obstacle.name for one in parts]
+    if named is not None and (missing := [one for one in named if one not in names]):
+        raise SceneError(f"{name!r} has no part {', '.join(missing)}; its parts: {', '.join(names) or 'none'}")
+    if named is None:
+        called = [one.obstacle.name for one in parts if is_handle_name(one.obstacle.name) or is_handle_name(one.body)]
+        slender = [one.obstacle for one in parts if 2 * float(np.sort(one.obstacle.half_extents)[1]) <= _SLENDER]
+        named = called or [one.name for one in sorted(slender, key=lambda one: float(one.half_extents.max()))]
+    low, high = map(float, model.jnt_range[joint])
+    at_rest, dof = float(model.qpos0[model.jnt_qposadr[joint]]), int(model.jnt_dofadr[joint])
+    shut, wide = (low, high) if abs(at_rest - low) <= abs(high - at_rest) else (high, low)
+    stretched = (low + high) / 2 - float(model.qpos_spring[model.jnt_qposadr[joint]])
+    return Opening(
+        name,
+        _JOINTS[int(model.jnt_type[joint])],
+        data.xaxis[joint],
+        data.xanchor[joint],
+        float(data.qpos[model.jnt_qposadr[joint]]),
+        shut,
+        wide,
+        tuple(names),
+        tuple(named),
+        float(model.dof_frictionloss[dof]),
+        float(model.jnt_stiffness[joint]) * stretched,
+    )

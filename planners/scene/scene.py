@@ -5,9 +5,10 @@ World frame: z up, the ground at z = 0.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import MappingProxyType
 
 import mujoco
 import numpy as np
@@ -31,10 +32,12 @@ from planners.scene.mujoco_reading import (
     declared_supports,
     find_supports,
     is_object_name,
+    openings_of,
     require_floor,
     robot_state_of,
     static_obstacles_of,
 )
+from planners.scene.openings import Opening, Pull, UnknownOpening
 from planners.scene.solid import FLOOR, SceneError, StaticObstacle
 
 SUPPORT = "table_top"
@@ -61,6 +64,8 @@ class Scene:
         supports: names of the static obstacles on whose level top faces objects may be put, the first of them R_plane
             of the paper; "floor" is the floor, and () the floor alone. Objects may stand anywhere: see `support_under`.
         regions: named rectangles on supports, for goals.
+        openings: drawers, doors, lids and knobs, whose parts are among the static obstacles.
+        pull: a handle that stands among the objects, to be pulled; None in scenes as they are.
 
     Raises:
         SceneError: two objects, static obstacles or regions have the same name, there are too many objects for a mask,
@@ -77,9 +82,11 @@ class Scene:
     aside: tuple[AsideObject, ...] = ()
     parked: tuple[ParkedArm, ...] = ()
     regions: tuple[Region, ...] = ()
+    openings: tuple[Opening, ...] = ()
+    pull: Pull | None = None
 
     def __post_init__(self) -> None:
-        for name in ("objects", "static_obstacles", "supports", "regions"):
+        for name in ("objects", "static_obstacles", "supports", "regions", "openings"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         if len(self.objects) > MAX_OBJECTS:
             raise SceneError(f"{len(self.objects)} objects; at most {MAX_OBJECTS} fit a mask")
@@ -118,6 +125,14 @@ class Scene:
     def body(self, name: str) -> Body:
         """The object of that name; raises `UnknownObject`."""
         return self.objects[self.index(name)]
+
+    def opening(self, name: str) -> Opening:
+        """What opens of that name; raises `UnknownOpening`."""
+        for one in self.openings:
+            if one.name == name:
+                return one
+        known = ", ".join(one.name for one in self.openings) or "none"
+        raise UnknownOpening(f"nothing called {name!r} opens; what does: {known}")
 
     @property
     def support(self) -> StaticObstacle:
@@ -237,11 +252,13 @@ class Scene:
         more_supports: Collection[str] | None = None,
         obstacles: IsObstacle | None = None,
         regions: Iterable[Region] = (),
+        handles: Mapping[str, Sequence[str]] = MappingProxyType({}),
     ) -> Scene:
         """A snapshot of a simulation; neither `model` nor `data` is written.
 
         Each finger counts as commanded to where it is, unless an object is held.
-        What is neither the robot nor movable is a static obstacle where it is now, bodies with joints included.
+        What is neither the robot nor movable is a static obstacle where it is now. Of these, bodies on one slide or
+        hinge with a range open: see `openings`.
 
         Args:
             model: it contains the robot, with the names of `robot`.
@@ -258,6 +275,8 @@ class Scene:
             obstacles: predicate that is asked with `model.geom(id)` for every geom that is neither on the robot nor on
                 a movable body; by default geoms that can touch something are static obstacles.
             regions: named rectangles on supports, for goals.
+            handles: by the name of a body that opens, the names of the geoms by which it is taken; by default those
+                with "handle", "knob", "pull" or "grip" in the name of the geom or its body, else its slender parts.
 
         Raises:
             SceneError: a movable body with joints of its own, a geom that cannot be represented, a name that is
@@ -281,6 +300,7 @@ class Scene:
             tuple(one.obstacle for one in found),
             supports=supports,
             regions=tuple(regions),
+            openings=openings_of(model, data, robot, found, handles),
         )
         if not held:
             return scene

@@ -11,6 +11,7 @@ from planners.clearing.commitments import Commitments, NoCommitment, keep_clear
 from planners.clearing.moves import MoveMaker
 from planners.clock import cpu_seconds
 from planners.goals import Goal, Holding
+from planners.motion.approaches import is_handle
 from planners.motion.path import BlockedBy, NoPath
 from planners.placing.placements import Placement
 from planners.scene import Scene
@@ -205,7 +206,10 @@ def _pick_up(search: Search, state: PlanState, action: GroundAction, name: str) 
     with the grasp, and other grasps are compared with it; a grasp without any motion is not offered again.
     """
     grasp = state.clearance_plan.commitments.grasps[name]
-    picked = search.motion_layer.pick_up(state.scene, grasp)
+    if is_handle(state.scene, name):
+        picked = search.motion_layer.pull(state.scene, grasp)
+    else:
+        picked = search.motion_layer.pick_up(state.scene, grasp)
     is_low = isinstance(picked, BoundMotion) and not _is_up(search, picked, name)
     if is_low:
         picked = search.motion_layer.pick_up(state.scene, grasp, rises=True)

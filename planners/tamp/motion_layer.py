@@ -18,7 +18,7 @@ from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import CollisionWorld, CompiledScenes
 from planners.goals import Goal, holding
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
-from planners.motion.approaches import stand_off
+from planners.motion.approaches import is_handle, stand_off
 from planners.motion.arm import ArmQuery, is_among_objects, is_at_home, plan_arm, plan_home, unwrap_joints
 from planners.motion.base import plan_base
 from planners.motion.contact_free import merge_phases
@@ -26,14 +26,15 @@ from planners.motion.kept import KeptMotions
 from planners.motion.mujoco_check import STEP, TOLERANCE, MujocoCollisionChecker
 from planners.motion.path import NO_WAY, BlockedBy, NoPath, WholeBodyPath, on_base
 from planners.motion.pick_and_place import PickPlaceMotion, plan_pick, plan_place
+from planners.motion.pulling import PullMotion, plan_pull
 from planners.motion.tcp_following import follow
-from planners.motion.timing import drive_trajectory, pick_trajectory, place_trajectory
+from planners.motion.timing import drive_trajectory, pick_trajectory, place_trajectory, pull_trajectory
 from planners.motion.trajectory import Trajectory, is_contact, join, phases_of
 from planners.placing.goal_places import placed_fact, reserved_regions
 from planners.placing.placements import Placement, PlacementSearch, with_lowered
 from planners.placing.surfaces import KeepClear, Surface
 from planners.problem import Problem
-from planners.scene import HeldObject, RobotState, Scene
+from planners.scene import HeldObject, RobotState, Scene, StaticObstacle
 from planners.scene.cover import needs_drive
 from planners.scene.masks import FIXED_BITS
 from planners.strategies import Strategy
@@ -92,7 +93,9 @@ class MotionLayer:
     is_refuted: bool = False
     candidates: GraspCandidates = field(init=False, repr=False)
     placement_search: PlacementSearch = field(init=False, repr=False)
-    _checkers: dict[str, MujocoCollisionChecker] = field(default_factory=dict, repr=False)
+    _checkers: dict[tuple[str, tuple[StaticObstacle, ...]], MujocoCollisionChecker] = field(
+        default_factory=dict, repr=False
+    )
 
     def __post_init__(self) -> None:
         self.candidates, self.placement_search = self.workspace.grasps(self.compiled), self.workspace.placements()
@@ -324,6 +327,22 @@ class MotionLayer:
             known = None
         return NoPath(f"MuJoCo finds penetration: {refusal}")
 
+    def pull(self, scene: Scene, grasp: GraspCandidate) -> BoundMotion | BlockedBy | NoPath:
+        """Take the handle of a scene through a grasp, pull it, and let go; see `planners.motion.pulling`."""
+        turn = self._next_arm(scene, grasp.arm)
+        if turn is None:
+            return NoPath("the other arm is not at home")
+        scene, world, start = turn, self.compiled.world(turn), np.concatenate((turn.state.base, turn.state.q))
+        motion = plan_pull(world, grasp.base, start, grasp.q, rng=self.rng)
+        if not isinstance(motion, PullMotion):
+            return motion
+        refusal = self.refusal(scene, motion.paths[:2]) or self.refusal(motion.after, motion.paths[2:])
+        if refusal:
+            return NoPath(f"MuJoCo finds penetration: {refusal}")
+        trajectory = pull_trajectory(world, motion, scene.state)
+        state = RobotState(motion.home.end_base, motion.home.end, float(trajectory.finger_position[-1]))
+        return self._followed(scene, BoundMotion(trajectory, motion.after.with_state(state)), (grasp.object,))
+
     def put_down(
         self, scene: Scene, placement: Placement, find_blockers: bool = False
     ) -> BoundMotion | BlockedBy | NoPath:
@@ -398,6 +417,8 @@ class MotionLayer:
                 if last.is_clearance and before is not None and run[0][0] == run[-1][0]:
                     # Nothing follows the release with this arm: what it has put down stands there.
                     scene = scene.with_held(None).with_body(after_last.body(last.target))
+                elif before is not None and is_handle(scene, before.name):
+                    scene = after_last  # with what has been opened as it is then
                 found = self._merged(scene, phases, before, after)
                 if found is not None and self.is_accepted(scene, [join(found)]):
                     phases = found
@@ -431,11 +452,11 @@ class MotionLayer:
 
     def refusal(self, scene: Scene, paths: Sequence[WholeBodyPath | Trajectory]) -> str:
         """The penetration that MuJoCo finds on one of the paths, with the names of the bodies; "" for none."""
-        arm, world = scene.robot.arm_name, self.compiled.world(scene)
-        if arm not in self._checkers:
-            self._checkers[arm] = MujocoCollisionChecker(scene, world)
-        self._checkers[arm].move_to(scene, world)
-        reports = (self._checkers[arm].deepest_penetration(path, STEP, TOLERANCE) for path in paths)
+        world, among = self.compiled.world(scene), (scene.robot.arm_name, scene.static_obstacles)
+        if among not in self._checkers:
+            self._checkers[among] = MujocoCollisionChecker(scene, world)
+        self._checkers[among].move_to(scene, world)
+        reports = (self._checkers[among].deepest_penetration(path, STEP, TOLERANCE) for path in paths)
         return next((str(report) for report in reports if report.penetration > TOLERANCE), "")
 
 

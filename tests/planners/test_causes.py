@@ -12,7 +12,7 @@ from assets.robots import FETCH
 from planners import STRATEGIES, Cause, Infeasible, NoPlan, Planner, Solution, TaskPlan, solve
 from planners.clock import Deadline
 from planners.motion.path import BlockedBy, NoPath
-from planners.planner import best_outcome
+from planners.tamp.attempts import best_outcome
 from planners.symbolic.astar import AStar
 from planners.symbolic.problem import TaskProblem
 from planners.tamp import motion_layer

@@ -1,0 +1,254 @@
+"""The motion of a hand with a handle: it stays where it took hold while what it opens slides or turns.
+
+Where the base drives freely and the handle stays level, the base moves with it and the arm is still. Else all joints
+that may move follow the handle by differential inverse kinematics: damped least squares with weights, in small steps,
+each corrected until the hand is there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from assets.robots import RobotSpec
+from planners.collision.opened import STEPS, pulled, riding, way
+from planners.collision.scene_arrays import RobotArrays
+from planners.collision.world import CollisionWorld
+from planners.motion.approaches import ContactQuery, free_approach
+from planners.motion.arm import plan_home, tcp_poses
+from planners.motion.path import BlockedBy, NoPath, WholeBodyPath
+from planners.motion.pick_and_place import plan_reach
+from planners.scene import HeldObject, RobotState, Scene
+from planners.scene.masks import FIXED_BITS
+
+Array = NDArray[np.float64]
+
+_SLIDE_STEP, _TURN_STEP = 0.005, 0.03
+"""[m] and [rad] of what opens between two configurations of the pull."""
+_LEVEL = 1e-6
+"""How far a motion may be from one in the plane, in the entries of a matrix."""
+_STEP = 1e-6
+"""[m], [rad] of the differences from which the Jacobian is worked out."""
+_CORRECTIONS = 8
+"""Corrections of one step."""
+_NEAR = 1e-4, 1e-3
+"""[m] and [rad] from where it is to be at which the hand counts as there."""
+_DAMPING = 1e-4
+"""Of the least squares, in squares of metres and radians."""
+_BASE_WEIGHT, _TORSO_WEIGHT = 0.6, 0.5
+"""How readily base and torso move, beside the arm."""
+_MARGIN = 0.02
+"""[rad] or [m] of a joint's range that is left at its ends."""
+_MOST = 0.2
+"""[rad] or [m] that a joint may move in one step: more is a jump to another posture."""
+
+
+def followed_ways(robot: RobotSpec, arrays: RobotArrays, start: Array, poses: Array) -> Iterator[Array]:
+    """Whole-body configurations (k, 11) in which the hand follows a handle, way by way, the quietest first.
+
+    Args:
+        robot: which one; it says how the base moves.
+        arrays: the same for kernels.
+        start: (11,) base pose, torso and arm when the fingers have closed.
+        poses: (m, 4, 4) of the TCP in the world on the way, the first one at the start.
+
+    Yields:
+        as many configurations as can be followed, the first one the start; m of them if all.
+    """
+    if robot.base_drive == "holonomic":
+        driven = _by_base(start, poses)
+        if driven is not None:
+            yield driven
+    if robot.base_drive != "fixed":
+        yield _by_joints(robot, arrays, start, poses, with_base=True)
+    yield _by_joints(robot, arrays, start, poses, with_base=False)
+
+
+def _by_base(start: Array, poses: Array) -> Array | None:
+    """The base moves rigidly with the hand; None where the hand leaves its height or tilts."""
+    X = np.tile(start, (len(poses), 1))
+    for row, T in zip(X, poses, strict=True):
+        moved = T @ np.linalg.inv(poses[0])
+        if abs(moved[2, 3]) > _LEVEL or abs(moved[2, 2] - 1.0) > _LEVEL:
+            return None
+        row[:2] = moved[:2, :2] @ start[:2] + moved[:2, 3]
+        row[2] = start[2] + np.arctan2(moved[1, 0], moved[0, 0])
+    X[:, 2] = np.unwrap(X[:, 2])
+    return X
+
+
+def _by_joints(robot: RobotSpec, arrays: RobotArrays, start: Array, poses: Array, with_base: bool) -> Array:
+    """All joints follow, the base among them or not; as many configurations as are within limits."""
+    weights = np.ones(len(start))
+    weights[:3], weights[3] = (_BASE_WEIGHT if with_base else 0.0), _TORSO_WEIGHT
+    # Where it starts nearer to a limit than the margin, it may stay there.
+    low, high = np.minimum(start[3:], arrays.lower + _MARGIN), np.maximum(start[3:], arrays.upper - _MARGIN)
+    lower, upper = np.concatenate([np.full(3, -np.inf), low]), np.concatenate([np.full(3, np.inf), high])
+    found = [np.array(start)]
+    for T in poses[1:]:
+        x = _reached(robot, arrays, found[-1], T, weights, lower, upper)
+        if x is None or np.abs(x - found[-1]).max() > _MOST:
+            break
+        found.append(x)
+    return np.array(found)
+
+
+def _reached(
+    robot: RobotSpec, arrays: RobotArrays, x: Array, T: Array, weights: Array, lower: Array, upper: Array
+) -> Array | None:
+    """The configuration near `x` in which the TCP is at T (4, 4); None where limits are in the way."""
+    x, free = x.copy(), weights.copy()
+    for _ in range(_CORRECTIONS):
+        J, here = _jacobian(robot, arrays, x)
+        error = _difference(here, T)
+        if np.linalg.norm(error[:3]) < _NEAR[0] and np.linalg.norm(error[3:]) < _NEAR[1]:
+            return x
+        W = free[:, None] * J.T
+        moved = x + W @ np.linalg.solve(J @ W + _DAMPING * np.eye(6), error)
+        beyond = (moved < lower) | (moved > upper)
+        x, free = np.clip(moved, lower, upper), np.where(beyond, 0.0, free)
+    return None
+
+
+def _jacobian(robot: RobotSpec, arrays: RobotArrays, x: Array) -> tuple[Array, Array]:
+    """Of the TCP in the world (6, 11), linear rows first, and its pose (4, 4); a base goes where its drive can."""
+    varied = np.vstack([x, x + _STEP * np.eye(len(x))])
+    T = tcp_poses(arrays, varied)
+    J = np.empty((6, len(x)))
+    J[:3] = (T[1:, :3, 3] - T[0, :3, 3]).T / _STEP
+    for column, pose in enumerate(T[1:]):
+        J[3:, column] = _rotation_between(T[0, :3, :3], pose[:3, :3]) / _STEP
+    if robot.base_drive == "differential":
+        ahead = np.array([np.cos(x[2]), np.sin(x[2])])
+        J[:, :2] = np.outer(J[:, :2] @ ahead, ahead)
+    return J, T[0]
+
+
+def _difference(here: Array, there: Array) -> Array:
+    """(6,) [m], [rad] from one pose (4, 4) to another one, in the world."""
+    return np.concatenate([there[:3, 3] - here[:3, 3], _rotation_between(here[:3, :3], there[:3, :3])])
+
+
+def _rotation_between(one: Array, other: Array) -> Array:
+    """(3,) [rad] about the axes of the world that turns one rotation matrix into another that is near it."""
+    R = other @ one.T
+    axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
+    sine = float(np.linalg.norm(axis))
+    angle = np.arctan2(sine, (np.trace(R) - 1) / 2)
+    return np.asarray(axis * (angle / sine if sine > 1e-12 else 1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class PullMotion:
+    """A motion that takes a handle, moves what it opens, and lets go.
+
+    Attributes:
+        transit, approach: the free path and the straight lines until the fingers close.
+        pull: the hand with the handle; it is what it holds.
+        leave: straight lines of the open gripper away from the handle.
+        home: the free path of the arm home; a standstill where there is none.
+        held: the handle, as it is held.
+        after: the scene when the fingers have opened.
+    """
+
+    transit: WholeBodyPath
+    approach: WholeBodyPath
+    pull: WholeBodyPath
+    leave: WholeBodyPath
+    home: WholeBodyPath
+    held: HeldObject
+    after: Scene
+
+    @property
+    def paths(self) -> tuple[WholeBodyPath, ...]:
+        """Those on which nothing is held."""
+        return self.transit, self.approach, self.leave, self.home
+
+
+def plan_pull(
+    world: CollisionWorld, base: ArrayLike, start: ArrayLike, q_grasp: ArrayLike, *, rng: np.random.Generator
+) -> PullMotion | BlockedBy | NoPath:
+    """Take the handle of a scene with a grasp, pull it as far as it is to be, let go, and bring the arm home.
+
+    Args:
+        world: the scene, compiled, with a `pull`.
+        base, start, q_grasp, rng: as for `plan_pick`.
+
+    Returns:
+        the motion; what is in its way; or why clearing would not help.
+    """
+    scene = world.scene
+    assert scene.pull is not None
+    reached = plan_reach(world, base, start, q_grasp, scene.pull.handle, rng=rng)
+    if isinstance(reached, BlockedBy | NoPath):
+        return reached
+    transit, approach, held = reached
+    opening, grasp = scene.opening(scene.pull.opening), approach.configurations[-1]
+    T = tcp_poses(world.robot, grasp[None])[0]
+    length = abs(scene.pull.position - opening.position)
+    steps = max(int(np.ceil(length / (_SLIDE_STEP if opening.kind == "slide" else _TURN_STEP))), 2)
+    positions = np.concatenate([[opening.position], way(opening, scene.pull.position, steps)])
+    poses = np.array([opening.motion(position) @ T for position in positions])
+    refused: list[BlockedBy | NoPath] = []
+    for X in followed_ways(scene.robot, world.robot, grasp, poses):
+        if len(X) < len(positions):
+            refused.append(NoPath(f"pull: the arm follows the handle over {len(X) / len(positions):.0%} of its way"))
+            continue
+        blocked = _in_the_way(world, X, positions)
+        if blocked is not None:
+            refused.append(blocked)
+            continue
+        after = pulled(scene).with_state(RobotState(X[-1, :3], X[-1, 3:], scene.robot.finger_position(0.0)))
+        left = _left(CollisionWorld.from_scene(after), held, rng)
+        if isinstance(left, NoPath):
+            refused.append(left)
+            continue
+        return PullMotion(transit, approach, WholeBodyPath(X, 0.0), *left, held, after)
+    objects = [one for one in refused if isinstance(one, BlockedBy)]
+    return min(objects, key=lambda one: len(one.blockers)) if objects else refused[0]
+
+
+def _in_the_way(world: CollisionWorld, X: Array, positions: Array) -> BlockedBy | NoPath | None:
+    """What the robot hits while it pulls: what does not move all along, what moves with the handle place by place."""
+    scene = world.scene
+    assert scene.pull is not None
+    opening, along = scene.opening(scene.pull.opening), riding(scene)
+    moving = {one.name for one in scene.static_obstacles if one.name in opening.parts}
+    gap = scene.body(scene.pull.handle).width_in_gripper(_in_hand(world, X[0]))
+    still = replace(scene, static_obstacles=tuple(one for one in scene.static_obstacles if one.name not in moving))
+    hits = CollisionWorld.from_scene(still).path_hits(X, gap, ignore=scene.mask(along))
+    others = scene.mask(scene.names) & ~scene.mask(along) | scene.mask([scene.pull.handle])
+    parts = tuple(one for one in scene.static_obstacles if one.name in moving)
+    for k in np.unique(np.linspace(0, len(X) - 1, STEPS + 1).round().astype(int))[1:].tolist():
+        there = pulled(replace(scene, static_obstacles=parts), float(positions[k]))
+        hits |= CollisionWorld.from_scene(there).hits(X[k, :3], X[k, 3:], gap, ignore=others)
+    if hits & FIXED_BITS:
+        return NoPath(f"pull: the robot touches {', '.join(world.names_of(hits & FIXED_BITS))}")
+    return BlockedBy(frozenset(scene.names_of(hits)), "pull") if hits else None
+
+
+def _in_hand(world: CollisionWorld, x: Array) -> Array:
+    """T_tcp_handle (4, 4) in a whole-body configuration (11,)."""
+    scene = world.scene
+    assert scene.pull is not None
+    return np.asarray(np.linalg.inv(tcp_poses(world.robot, x[None])[0]) @ scene.body(scene.pull.handle).pose)
+
+
+def _left(
+    world: CollisionWorld, held: HeldObject, rng: np.random.Generator
+) -> tuple[WholeBodyPath, WholeBodyPath] | NoPath:
+    """The paths of the open gripper away from the handle, and of the arm home, where the pull has ended."""
+    state = world.scene.state
+    query = ContactQuery.release(world, state.base, state.q, held)
+    for pattern in query.patterns:
+        approach = free_approach(query, pattern)
+        if approach is not None:
+            leave = WholeBodyPath(approach.empty, query.empty.opening)
+            fingers = world.scene.robot.finger_position(leave.opening)
+            home = plan_home(world, RobotState(leave.end_base, leave.end, fingers), rng)
+            stays = WholeBodyPath(np.repeat(leave.configurations[-1:], 2, axis=0), leave.opening)
+            return leave, home if isinstance(home, WholeBodyPath) else stays
+    return NoPath("pull: the gripper cannot leave the handle where it is pulled to")

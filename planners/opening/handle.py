@@ -1,0 +1,107 @@
+"""The scene in which a handle stands among the objects, so that it is taken as they are: among others in its way.
+
+What is in the way of the drawer or door is in the way of the handle: it blocks all grasps of it, and nothing is put
+where they pass. The rest of planning needs to know no more.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.collision.opened import STEPS, way
+from planners.regions import Region
+from planners.scene import MAX_OBJECTS, Body, Opening, Pull, Scene, StaticObstacle
+
+Array = NDArray[np.float64]
+
+_GAP = 0.004
+"""[m] that what is put down keeps from the way of what opens."""
+_OVER = 0.3
+"""[m] above a support up to which something passes in the way of what is put down there."""
+
+
+def with_handle(scene: Scene, name: str, position: float, handle: tuple[str, ...]) -> Scene | None:
+    """The scene with a handle among its objects, by which something is opened or shut; None if they are too many.
+
+    Args:
+        scene: as it is.
+        name: of what opens.
+        position: [m] or [rad] to which it is to be moved.
+        handle: names of the parts that are the handle.
+    """
+    if len(scene.objects) >= MAX_OBJECTS:
+        return None
+    opening = scene.opening(name)
+    pieces = [one for one in scene.static_obstacles if one.name in handle]
+    body = Body.of_pieces(f"{name}: handle", pieces)
+    rest = tuple(one for one in scene.static_obstacles if one.name not in handle)
+    twin = replace(
+        scene,
+        objects=(*scene.objects, body),
+        static_obstacles=rest,
+        supports=tuple(one for one in scene.supports if one not in handle),
+        pull=Pull(body.name, name, position),
+    )
+    assert twin.pull is not None
+    swept = tuple(_swept_regions(scene, opening, position))
+    return replace(twin, pull=replace(twin.pull, swept=swept))
+
+
+def handles_of(scene: Scene, name: str) -> Iterator[tuple[str, ...]]:
+    """The parts of what opens that are taken by the hand: those whose names say so together, then one by one."""
+    opening = scene.opening(name)
+    if opening.handles:
+        yield opening.handles
+    for one in opening.handles if len(opening.handles) > 1 else ():
+        yield (one,)
+
+
+def without_handle(twin: Scene, scene: Scene) -> Scene:
+    """The scene at the end of a plan that has taken a handle: what opens as in another scene, objects where they are.
+
+    Args:
+        twin: the scene with the handle at the end of the plan.
+        scene: the one before the plan, with what opens as it is then.
+    """
+    assert twin.pull is not None
+    objects = tuple(one for one in twin.objects if one.name != twin.pull.handle)
+    return replace(scene, objects=objects, state=twin.state, robot=twin.robot, aside=twin.aside, parked=twin.parked)
+
+
+def _swept_regions(scene: Scene, opening: Opening, position: float) -> Iterator[Region]:
+    """Where on the supports what opens passes so low that nothing may be put there meanwhile."""
+    parts = [one for one in scene.static_obstacles if one.name in opening.parts]
+    faces = [scene.support_named(name) for name in scene.supports if name not in opening.parts]
+    steps = 1 if opening.kind == "slide" else STEPS // 2
+    stops = [opening.position, *way(opening, position, steps)]
+    for face in faces:
+        for k, (one, other) in enumerate(itertools.pairwise(stops)):
+            low = [part for part in parts if _passes_over(part, face, opening, (one, other))]
+            if low:
+                corners = [_corners(part, opening, stop) for part in low for stop in (one, (one + other) / 2, other)]
+                points = np.concatenate(corners)
+                lower, upper = points.min(axis=0) - _GAP, points.max(axis=0) + _GAP
+                centre, half = (lower + upper) / 2, (upper - lower) / 2
+                yield Region(f"way of {opening.name} {k} over {face.name}", face.name, tuple(centre), tuple(half))
+
+
+def _corners(part: StaticObstacle, opening: Opening, position: float) -> Array:
+    """(k, 2) [m] corners of a part, seen from above, with the opening at a position."""
+    T = opening.motion(position)
+    return np.asarray((part.corners @ T[:3, :3].T + T[:3, 3])[:, :2])
+
+
+def _passes_over(part: StaticObstacle, face: StaticObstacle, opening: Opening, between: tuple[float, float]) -> bool:
+    """Whether a part passes over a support, lower than `_OVER`, between two positions."""
+    for position in between:
+        T = opening.motion(position)
+        there = part.moved(T[:3, :3], T[:3, 3])
+        is_beside = ((there.upper < face.lower) | (there.lower > face.upper))[:2].any()
+        if not is_beside and there.upper[2] > face.top and there.lower[2] < face.top + _OVER:
+            return True
+    return False

@@ -1,0 +1,79 @@
+"""Scenes in which something has been opened or shut: what moves with a drawer or door, and what is in its way."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.regions import RESTING, Region, footprint, overlap
+from planners.scene.bodies import Body
+from planners.scene.openings import Opening
+from planners.scene.scene import Scene
+from planners.scene.solid import StaticObstacle
+
+Array = NDArray[np.float64]
+
+
+def carried_by(scene: Scene, opening: Opening) -> tuple[str, ...]:
+    """Names of the objects that stand on what opens, directly or on each other: they move with it."""
+    faces = [one for one in scene.static_obstacles if one.name in opening.parts]
+    standing = [body for body in scene.objects if body.name not in scene.held_names]
+    found = [body for body in standing if any(_stands_on(body, face) for face in faces)]
+    for below in found:
+        found += [
+            body
+            for body in standing
+            if body not in found
+            and abs(body.bottom - below.top) <= RESTING
+            and overlap(footprint(body), footprint(below)) > 0
+        ]
+    return tuple(body.name for body in found)
+
+
+def _stands_on(body: Body, face: StaticObstacle) -> bool:
+    return abs(body.bottom - face.top) <= RESTING and bool(face.is_under(body.position[:2]))
+
+
+def moved(scene: Scene, name: str, position: float, besides: Collection[str] = ()) -> Scene:
+    """The scene with what opens at a position, and what stands in it moved along.
+
+    Args:
+        scene: the world.
+        name: of what opens.
+        position: [m] or [rad].
+        besides: names of objects that move with it too.
+
+    Raises:
+        UnknownOpening: nothing of that name opens.
+    """
+    opening = scene.opening(name)
+    T = opening.motion(position)
+    R, p = T[:3, :3], T[:3, 3]
+    along = {*carried_by(scene, opening), *besides}
+    parts = frozenset(opening.parts)
+    return replace(
+        scene,
+        static_obstacles=tuple(one.moved(R, p) if one.name in parts else one for one in scene.static_obstacles),
+        objects=tuple(one.at_pose(T @ one.pose) if one.name in along else one for one in scene.objects),
+        openings=tuple(_opening_in(one, opening, position, R, p) for one in scene.openings),
+        regions=tuple(_region_in(one, R, p) if one.support in parts else one for one in scene.regions),
+    )
+
+
+def _opening_in(one: Opening, moving: Opening, position: float, R: Array, p: Array) -> Opening:
+    """What opens after another one has moved: itself at its position, a lever on it elsewhere."""
+    if one.name == moving.name:
+        return replace(one, position=position)
+    if {*one.parts} <= {*moving.parts}:
+        return replace(one, axis=R @ one.axis, point=p + R @ one.point)
+    return one
+
+
+def _region_in(region: Region, R: Array, p: Array) -> Region:
+    """A region on something that has moved about the vertical or not at all about it."""
+    x, y = p[:2] + R[:2, :2] @ np.array(region.centre)
+    return replace(region, centre=(float(x), float(y)), yaw=region.yaw + math.atan2(R[1, 0], R[0, 0]))
