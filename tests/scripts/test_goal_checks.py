@@ -27,7 +27,8 @@ def test_household_scenes_are_played_but_for_those_that_are_cleared() -> None:
 
 
 def test_a_success_has_no_reason_against_it() -> None:
-    info = {"num_fallen": 0, "num_disturbed": 1, "total_path": 0.2, "lifted": True, "is_success": False}
+    info = {"num_fallen": 0, "num_disturbed": 1, "total_path": 0.2, "unmet": 0, "lifted": True, "unstable": False}
+    info |= {"is_success": False}
     why = "an object slid more than 5 cm, objects slid more than 10 cm together"
     assert goal_judges.why_no_success(info, True) == why
     assert goal_judges.why_no_success({**info, "is_success": True}, True) == ""
