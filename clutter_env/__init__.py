@@ -60,6 +60,10 @@ def search_time_limit(num_objects: int) -> int:
     return 1200 + 800 * num_objects
 
 
+OPEN_TIME_LIMIT = 2000
+"""Control steps in an episode of Open: 100 s, for a slow pull, and for objects that must first be put aside."""
+
+
 def skill_budget(num_objects: int) -> int:
     """Skills allowed in an episode of Skill: enough for some mistakes, too few to try every skill."""
     return 4 + num_objects // 5
@@ -89,6 +93,7 @@ for _name, _module, _steps in (
         additional_wrappers=(WrapperSpec("GoalInterface", "clutter_env.envs.goal:GoalInterface", {}),),
     )
 
+register(id="clutter_env/Open-v0", entry_point="clutter_env.envs.opening:OpenEnv", max_episode_steps=OPEN_TIME_LIMIT)
 _register_counts("Rearrange", REARRANGE_COUNTS, rearrange_time_limit)
 _register_counts("Search", SEARCH_COUNTS, search_time_limit)
 _register_counts("Skill", SKILL_OBJECT_COUNTS, skill_budget)

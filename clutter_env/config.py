@@ -141,6 +141,8 @@ class EnvConfig:
 
     def obstruction_problem(self, least: int) -> str:
         """Why targets with at least so many objects in the way cannot be drawn here, "" if they can."""
+        if self.find_layout().opens:
+            return f"layout={self.find_layout().name!r} is shut at the start: no grasp reaches anything"
         if not self.find_object_set().has_side_grasps:
             known = ", ".join(repr(name) for name, entry in OBJECT_SETS.items() if entry.has_side_grasps)
             return f"object_set={self.object_set!r} is too low for side grasps; valid values: {known}"

@@ -21,7 +21,7 @@ from planners.motion.path import on_base
 from planners.motion.tcp_following import TcpFollower
 from planners.opening.through import Asked, lower_bound_through, solve_through
 from planners.placing.surfaces import Supports
-from planners.problem import Problem, goal_in, robot_of
+from planners.problem import Problem, goal_in, not_sunk, robot_of
 from planners.scene import Scene
 from planners.strategies import STRATEGIES, Strategy, find_strategy
 from planners.symbolic.engines import task_planner
@@ -232,7 +232,7 @@ class Planner:
 
     def lower_bound(self, scene: Scene, goal: str | Goal, expansions: int = MAX_EXPANSIONS) -> LowerBound:
         """The fewest picks for a goal; see the function `lower_bound`."""
-        wanted = goal_in(scene, goal)
+        wanted, scene = goal_in(scene, goal), not_sunk(scene)
         self.warmup()
         if scene.openings:
             return lower_bound_through(
@@ -245,6 +245,7 @@ class Planner:
         """The minimum number of clearances; see the function `clearance_floor`."""
         robot_of(scene)
         scene.index(target)
+        scene = not_sunk(scene)
         self.warmup()
         workspace = Workspace.of(self.robot, scene, grasps=self.grasps)
         if target in scene.held_names:

@@ -61,7 +61,7 @@ class Problem:
         Raises:
             SceneError: objects overlap, or the robot is inside a static obstacle.
         """
-        compiled, scene = CompiledScenes(), _not_sunk(scene)
+        compiled, scene = CompiledScenes(), not_sunk(scene)
         validate(compiled.world(scene))
         return cls(scene, goal, start or scene, workspace, hold_aside, compiled)
 
@@ -136,7 +136,7 @@ def robot_of(scene: Scene) -> RobotSpec:
     return scene.robot
 
 
-def _not_sunk(scene: Scene) -> Scene:
+def not_sunk(scene: Scene) -> Scene:
     """The scene, objects that press deeper into what they stand on than the planner lets go raised onto it.
 
     Contacts of simulators are soft, and seen poses are not exact.

@@ -22,12 +22,12 @@ from clutter_env.config import CONTROL_HZ, RENDER_MODES, EnvConfig
 from clutter_env.envs.observation import EntryLayout, Observer
 from clutter_env.envs.reality import Senses
 from clutter_env.envs.reset_options import ResetOptions, draw_scene
-from clutter_env.envs.success import LIFT_HEIGHT, SuccessMonitor, checked_memory
-from clutter_env.errors import ActionError, OptionError, StateError
+from clutter_env.envs.success import LIFT_HEIGHT, OPENED_SHARE, SuccessMonitor, checked_memory
+from clutter_env.errors import ActionError, ConfigError, OptionError, StateError
 from clutter_env.rendering.cameras import EnvRenderer
 from clutter_env.rendering.renderer import has_display
 from clutter_env.scene.household import as_household
-from clutter_env.scene.layout import LAYOUTS, TABLE, Layout
+from clutter_env.scene.layout import LAYOUTS, Layout, supports_of
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.control import STILL, ControlState, checked_action, checked_vector
 from clutter_env.simulation.pressing import REMEMBERED, Pressing, total_slide
@@ -78,6 +78,8 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     has_target: ClassVar[bool] = True
     """Whether one of the objects, if there are any, is the target."""
+    opens: ClassVar[tuple[str | None, ...]] = (None,)
+    """What may open in the layouts of this task: values of `Layout.opens`."""
     _shows_goal: ClassVar[bool] = True
     """Whether the target's goal is part of the observation."""
     task_modules: ClassVar[tuple[str, ...]] = ()
@@ -93,6 +95,9 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         self.render_mode = config.render_mode
         self.robot: RobotSpec = self._find_robot()
         self.layout: Layout = config.find_layout()
+        if self.layout.opens not in self.opens:
+            known = ", ".join(name for name, layout in LAYOUTS.items() if layout.opens in self.opens)
+            raise ConfigError(f"layout={self.layout.name!r} is not one for this environment; valid names: {known}")
         self._rendering = EnvRenderer(config)
         check_robot(self.robot)
         show_meshes = config.render_mode is not None or config.obs_mode != "state"
@@ -244,8 +249,8 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     @property
     def support_name(self) -> str:
-        """Name of the geom on whose top face the objects stand."""
-        return TABLE
+        """Name of the geom on whose top face the objects stand; in a drawer its floor."""
+        return supports_of(self.layout)[0]
 
     @property
     def lift_height(self) -> float:
@@ -384,7 +389,9 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """
         if self._senses:
             raise StateError("states are restored at reality=0")
-        scene, saved_physics, remembered = unpack(state, self._kind, self.has_target)
+        scene, saved_physics, remembered = unpack(
+            state, self._kind, self.has_target, len(self.world.index.opening_qpos)
+        )
         scene = as_household(scene) if self.config.find_object_set().kinds else scene
         world, arm = self._world_for(scene), self._end_effector
         size, grippers = len(world.controller.state.target), world.controller.num_grippers
@@ -575,9 +582,20 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             "self_impulse": self.world.on_itself.impulse,
             "total_slide": total_slide(self.world.on_furniture, self.world.on_itself),
             "total_path": monitor.total_path,
+            **self._opening_info(),
             "unstable": self.world.is_unstable,
             "ik_failures": self._end_effector.failures if self._end_effector else 0,
             **self._rendering.calibration(self.perceived),
+        }
+
+    def _opening_info(self) -> dict[str, Any]:
+        """What the info says of what opens; nothing where nothing does."""
+        opening, qpos = self.world.opening, self.world.index.opening_qpos
+        if opening is None:
+            return {}
+        return {
+            "num_opened": int(self.world.opened >= OPENED_SHARE),
+            "joint_positions": {opening.joint: float(self.data.qpos[qpos[0]])},
         }
 
     def observe_world(self, target: int, hold_progress: float, lift_left: float) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from assets import FETCH, ActingJoints, RobotSpec
 from clutter_env.scene.household import KINDS
+from clutter_env.scene.opening import Opening
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.world import Measurements, World
 
@@ -82,11 +83,12 @@ class EntryLayout(Mapping[str, slice]):
 
 
 def observation_layout(
-    robot: RobotSpec, shows_head: bool = False, shows_kinds: bool = False
+    robot: RobotSpec, shows_head: bool = False, shows_kinds: bool = False, opening: Opening | None = None
 ) -> Mapping[str, EntryLayout]:
     """The layout of the entries "robot", "tcp", "gripper", "objects" (one row of it) and "goal" for a robot.
 
-    With `shows_head` there is "head" too, for one that is commanded; with `shows_kinds` a column of `OBJECT_KINDS`.
+    With `shows_head` there is "head" too, for one that is commanded; with `shows_kinds` a column of `OBJECT_KINDS`;
+    with a drawer or a door "joints".
 
     Of a robot that acts with several arms the joints and grippers of the others follow those of the active one.
     """
@@ -135,6 +137,14 @@ def observation_layout(
             "hold_progress": [Column("hold_progress", "", 1.0)],
         },
     }
+    if opening is not None:
+        unit = "m" if opening.is_slide else "rad"
+        entries["joints"] = {
+            "position": [Column("position", unit, JOINT_BOUND)],
+            "velocity": [Column("velocity", f"{unit}/s", VELOCITY_BOUND)],
+            "opened": [Column("opened", "", 2.0)],
+            "handle": [Column(f"handle_{axis}", *metres) for axis in "xyz"],
+        }
     shown = {name: columns for name, columns in entries.items() if shows_head or name != "head"}
     return MappingProxyType({name: EntryLayout(columns) for name, columns in shown.items()})
 
@@ -185,7 +195,7 @@ Observation = dict[str, NDArray[np.float32]]
 
 
 class Observer:
-    """Makes the vectors of an observation: "robot", "tcp", "gripper" and, where wanted, "head", "objects" and "goal".
+    """Makes the vectors of an observation: "robot", "tcp", "gripper"; "head", "objects", "goal", "joints" where wanted.
 
     Attributes:
         bounds: largest magnitudes of all numbers of an observation, one entry after the other.
@@ -202,8 +212,10 @@ class Observer:
         shows_kinds: bool = False,
     ) -> None:
         self._num_slots, self._shows_kinds = num_slots, shows_kinds
-        self.layout = observation_layout(world.robot, shows_head, shows_kinds)
-        shown = {"head": shows_head, "objects": shows_objects, "goal": shows_goal}
+        opening = world.opening
+        self.layout = observation_layout(world.robot, shows_head, shows_kinds, opening)
+        shown = {"head": shows_head, "objects": shows_objects, "goal": shows_goal, "joints": opening is not None}
+        self._bar = world.model.geom(opening.bar).id if opening is not None else -1
         names = ["robot", "tcp", "gripper", *(name for name, is_shown in shown.items() if is_shown)]
         self._slices = entry_slices(self.layout, names, num_slots)
         rows = {name: num_slots if name == "objects" else 1 for name in names}
@@ -270,6 +282,12 @@ class Observer:
         if self._shows_goal:
             x, y, z, *_ = relative[:, 1 + target].tolist()
             flat[self._slices["goal"]] = [x - tcp[0], y - tcp[1], z - tcp[2], lift_left, hold_progress]
+        if world.opening is not None:
+            x, y, z = data.geom_xpos[self._bar].tolist()
+            x, y = x - base_x, y - base_y
+            handle = cosine * x + sine * y, cosine * y - sine * x, z
+            joint = float(data.qpos[index.opening_qpos[0]]), float(data.qvel[index.opening_dof[0]])
+            flat[self._slices["joints"]] = [*joint, world.opened, *handle]
         np.minimum(np.maximum(flat, self._lowest, out=flat), self.bounds, out=flat)
         return {name: flat[place] for name, place in self._slices.items()}
 

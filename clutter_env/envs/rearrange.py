@@ -141,6 +141,7 @@ class RearrangeEnv(ClutterTaskEnv):
     """
 
     config: RearrangeConfig
+    opens = (None, "door_left", "door_right")
     has_target = _shows_goal = False
     task_modules = (
         "clutter_env.envs.goal_monitor",

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clutter_env.errors import OptionError
-from clutter_env.scene.layout import SECOND_TABLE, TABLE, TABLE_HEIGHT, TRAY, Layout, supports_of
-from clutter_env.scene.object_sets import OBJECT_GAP
+from clutter_env.scene.layout import OBJECT_GAP, SECOND_TABLE, TABLE, TABLE_HEIGHT, TRAY, Layout, supports_of
 from clutter_env.scene.table_scene import TableScene, object_name
 from planners import goals
 from planners.goals import At, Goal, Region

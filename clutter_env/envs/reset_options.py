@@ -15,7 +15,7 @@ from clutter_env.envs.side_approaches import approaches_of
 from clutter_env.errors import OptionError, check_choice, check_integer, check_number
 from clutter_env.scene.layout import Layout
 from clutter_env.scene.obstruction import UNREACHABLE, side_grasps
-from clutter_env.scene.random_scene import sample_base, sample_scene
+from clutter_env.scene.random_scene import sample_base, sample_joints, sample_scene
 from clutter_env.scene.table_scene import TableScene, object_name
 
 MAX_DRAWS = 1000
@@ -168,8 +168,9 @@ def explicit_scene(
     """The scene that the option `objects` describes; the base pose and the target are drawn from `rng`.
 
     Each description is {"shape": "cylinder", "radius", "height", "position": (x, y)} or {"shape": "box", "depth",
-    "width", "height", "position"}, all in metres, with optional "yaw" [rad], "mass" [kg] and "row": 0 for the table, 1
-    for the shelf above it in a layout with two rows. A cylinder with "lying": True lies on its side, its axis along
+    "width", "height", "position"}, all in metres, with optional "yaw" [rad], "mass" [kg] and "row": 0 for the table, or
+    the drawer of a layout that has one, 1 for the shelf above it in a layout with two rows, or the table in the way of
+    the drawer. A cylinder with "lying": True lies on its side, its axis along
     its yaw; its height is then its length.
 
     Raises:
@@ -183,14 +184,18 @@ def explicit_scene(
         **{name: np.array([row[name] for row in rows]) for name in rows[0]},
         base=sample_base(rng, layout),
         target=int(rng.integers(len(rows))),
+        joints=sample_joints(rng, layout),
     )
-    half, heights = np.array([layout.depth, layout.width]) / 2, 2 * scene.standing_extents[:, 2]
+    surfaces, heights = dict(zip(layout.levels, layout.surfaces, strict=True)), 2 * scene.standing_extents[:, 2]
     outlines = [_outline(scene, index) for index in range(scene.num_objects)]
     for index, ((corners, radius), height) in enumerate(zip(outlines, heights, strict=True)):
-        if (np.abs(corners) + radius > half + TOUCH_TOLERANCE).any():
+        surface = surfaces[float(scene.levels[index])]
+        (x, _), half = surface.centre, np.array(surface.half_extents)
+        if (np.abs(corners - surface.centre) + radius > half + TOUCH_TOLERANCE).any():
+            along = f"within ±{half[0]:.3g}" if x == 0 else f"from {x - half[0]:.3g} to {x + half[0]:.3g}"
             raise OptionError(
                 f"{object_name(index)} reaches over the edge of layout {layout.name!r}: "
-                f"x must stay within ±{half[0]:.3g} m and y within ±{half[1]:.3g} m, the object's size included"
+                f"x must stay {along} m and y within ±{half[1]:.3g} m, the object's size included"
             )
         if height > layout.headroom - HEADROOM_MARGIN + TOUCH_TOLERANCE:
             raise OptionError(

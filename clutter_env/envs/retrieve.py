@@ -11,6 +11,7 @@ from clutter_env.envs.reset_options import ResetOptions
 from clutter_env.envs.reward import Way, dense_reward, event_terms, potential, potential_terms
 from clutter_env.envs.success import HOLD_STEPS, LIFT_HEIGHT
 from clutter_env.errors import check_integer
+from clutter_env.scene.layout import OPENS
 from clutter_env.scene.table_scene import TableScene
 
 
@@ -76,6 +77,8 @@ class RetrieveEnv(ClutterTaskEnv):
     - `total_slide` (float): [m] by which all of these forces together would slide a table of 10 kg; see
       `simulation.pressing`.
     - `total_path` (float): [m] moved by all objects but the target, while not carried.
+    - `num_opened` (int), `joint_positions` (dict), in a layout with a drawer or a door: how many are open, 0 or 1; the
+      position of each joint by its name, [m] or [rad].
     - `unstable` (bool): MuJoCo has warned since reset; the episode is truncated.
     - `ik_failures` (int): failures of differential inverse kinematics since reset, 0 in "joint" mode.
 
@@ -92,6 +95,7 @@ class RetrieveEnv(ClutterTaskEnv):
 
     config_type: ClassVar[type[EnvConfig]] = EnvConfig
     """Of the keyword arguments."""
+    opens = OPENS
 
     def __init__(self, **keywords: Any) -> None:
         check_integer("num_objects", keywords.get("num_objects", 1), 1)
@@ -117,4 +121,6 @@ class RetrieveEnv(ClutterTaskEnv):
 
     def _potential_now(self) -> float:
         clearances = self._way.clearances(self.world, self.measurements)
+        if self.world.opening is not None and self.target_slot not in self.measurements.grip.held:
+            clearances += max(1.0 - self.world.opened, 0.0)  # shut, it is one thing that is in the way
         return potential(potential_terms(self.world, self.measurements, self._monitor, clearances))

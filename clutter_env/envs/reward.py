@@ -104,8 +104,12 @@ class Way:
     """What is in the way of the target; it keeps the last estimate, which takes longer than a step."""
 
     def __init__(self, robot: str, layout: Layout) -> None:
-        """Begin for a robot of that full name; for one without a table of side approaches nothing is in the way."""
-        self._approaches = side_approaches(robot) if robot in robots_with_approaches() else None
+        """Begin for a robot of that full name; for one without a table of side approaches nothing is in the way.
+
+        Nor is anything where a drawer or a door opens: these approaches are to objects on tables.
+        """
+        is_known = robot in robots_with_approaches() and layout.opens is None
+        self._approaches = side_approaches(robot) if is_known else None
         self._layout = layout
         self._measured: Measurements | None = None
         self._scene: TableScene | None = None

@@ -106,6 +106,7 @@ class SearchEnv(RetrieveEnv):
 
     config: SearchConfig
     config_type: ClassVar[type[EnvConfig]] = SearchConfig
+    opens = (None,)
 
     def __init__(self, **keywords: Any) -> None:
         super().__init__(**keywords)

@@ -13,6 +13,8 @@ step; it may brush against what stands beside it. What counts, for each object a
 - cleared: it has been held, moved by more than `DISTURBED_PATH` and put down, and has neither fallen nor been
   disturbed.
 
+What stands in a drawer rides in it: its path is measured in the drawer's frame.
+
 The paths of all objects together, but for those that have to move for the goal, have the limit `TOTAL_PATH`. Neither
 may the robot, or what it moves, press hard on the furniture, on the robot or on the ground: see `simulation.pressing`.
 """
@@ -39,6 +41,9 @@ LIFT_HEIGHT = 0.10
 HOLD_TIME = 0.5
 """[s] for which it must stay there, held."""
 HOLD_STEPS = round(HOLD_TIME * CONTROL_HZ)
+
+OPENED_SHARE = 0.8
+"""Share of its range from which a drawer or a door counts as open."""
 
 DISTURBED_PATH = 0.05
 """[m] An object that has moved farther while not in hand is disturbed."""
@@ -88,6 +93,7 @@ class SuccessMonitor:
         count = len(measurements.poses)
         self._world, self._target = world, target
         self.named: Collection[int] = {target} - {-1}
+        self._drawer_at = world.drawer_shift
         self._chord_starts: Array = measurements.poses[:, :3].copy()
         self._paths: Array = np.zeros(count)
         self._is_fallen = np.zeros(count, dtype=np.bool_)
@@ -125,7 +131,8 @@ class SuccessMonitor:
         The same measurements once more, with nothing in hand, change nothing.
         """
         last, self._last = self._last, measurements
-        if measurements is last and not any(hand.steps_not_held for hand in self._hands):
+        is_riding = self._ride(measurements)
+        if measurements is last and not is_riding and not any(hand.steps_not_held for hand in self._hands):
             self.newly_disturbed = 0
             return
         before = self._num_spoilt
@@ -155,6 +162,14 @@ class SuccessMonitor:
         self.newly_disturbed = self._num_spoilt - before
         self._follow_target(measurements)
         self.steps_held = self.steps_held + 1 if self.is_target_carried and self.lift >= LIFT_HEIGHT else 0
+
+    def _ride(self, measurements: Measurements) -> bool:
+        """Take what is in a drawer along with it; whether the drawer has moved."""
+        before, self._drawer_at = self._drawer_at, self._world.drawer_shift
+        if before == self._drawer_at:
+            return False
+        self._chord_starts[self._world.are_in_drawer(measurements), 0] += self._drawer_at - before
+        return True
 
     def memory(self) -> dict[str, Any]:
         """The past that a saved state must keep, as JSON values."""

@@ -19,6 +19,8 @@ _ACROSS = (65.0, -29.0)
 for long."""
 _INTO_SHELF = (30.0, -50.0)
 """[deg] The same from farther in front and above, past the side of a shelf and through its transparent boards."""
+_INTO_CUPBOARD = (38.0, -24.0)
+"""[deg] The same from in front of a door, past it where it is open: its hinges are on the left."""
 ABOVE = (0.0, -90.0)
 """[deg] azimuth and elevation: straight down, the robot below the table."""
 _BASE_RADIUS, _BODY_RADIUS = 0.35, 0.2
@@ -43,7 +45,12 @@ Points = NDArray[np.float64]
 
 def across(layout: Layout) -> tuple[float, float]:
     """Azimuth and elevation [deg] from which most of a layout's objects are seen, and the robot beside them."""
-    return _ACROSS if layout.board_height is None else _INTO_SHELF
+    if layout.board_height is None:
+        return _ACROSS
+    if layout.opens is None:
+        return _INTO_SHELF
+    turn, tilt = _INTO_CUPBOARD
+    return (turn if layout.opens == "door_left" else -turn), tilt
 
 
 def whole_scene(

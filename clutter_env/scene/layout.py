@@ -8,17 +8,32 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from functools import cached_property
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, Literal
 
-from clutter_env.errors import ConfigError, check_number
+from clutter_env.errors import ConfigError, check_choice, check_number
+from clutter_env.scene.opening import (
+    CHEST_TOP,
+    DRAWER_FLOOR,
+    DRAWER_HEADROOM,
+    LEAST_CHEST_DEPTH,
+    Box,
+    Opening,
+    Surface,
+    chest,
+    door,
+    drawer,
+    drawer_surface,
+    way_surface,
+)
 
 TABLE_HEIGHT = 0.75
 """[m] of every table's top face above the ground."""
 
 TABLE = "table_top"
 """Name of the box on which objects stand at the start."""
-_BOARD = "shelf_board"
+_BOARD, _BOARDS = "shelf_board", ("shelf_board", "shelf_board_upper", "shelf_board_top")
 _COUNTERS = ("counter_left", "counter_right")
 _TOP_THICKNESS = 0.04
 _LEG_HALF_WIDTH = 0.025
@@ -42,23 +57,24 @@ LOWEST_SUPPORT = 0.4
 """[m] Height of the lowest face on which objects may be put, above the ground: lower ones are not within reach."""
 SHELF_START_DISTANCE = (0.95, 1.3)
 """[m]; farther away, because the carried gripper is about as high as the shelf."""
+OPENS = (None, "drawer", "door_left", "door_right")
+"""What opens of a layout; a door's side is that of its hinges."""
+OBJECT_GAP, DRAWER_GAP = 0.012, 0.03
+"""[m] between the bounding circles of two objects at least; in a drawer, where they are grasped from above, fingers
+must fit between."""
+_CUPBOARD_MARGINS = 0.02, 0.03
+"""[m] behind a door, and along the panels at its sides, where nothing stands at the start."""
+LONGEST_FRONT = 0.5
+"""[m] of the table in front of a chest: over more of it no arm reaches the handle."""
 START_SIDE_MARGIN = 0.1
 """[m] from the table's side edges, inwards."""
 START_CLEARANCE = 0.4
 """[m] around the base centre's start that stays free: the base and 0.1 m."""
 
 
-class Box(NamedTuple):
-    """An axis-aligned piece of furniture: centre and half extents, each (3,) [m]."""
-
-    name: str
-    position: tuple[float, float, float]
-    half_extents: tuple[float, float, float]
-
-
 @dataclass(frozen=True)
 class Layout:
-    """A table (depth along x, width along y [m]) and how it is enclosed.
+    """A table (depth along x, width along y [m]) and how it is enclosed, and what of it opens.
 
     Example:
         >>> bench = Layout("bench", depth=0.5, width=0.9, is_front_only=False)
@@ -83,6 +99,13 @@ class Layout:
     """Names of the boxes on whose top faces objects may be put, the table's first; None for table and counters."""
     second_board_height: float | None = None
     """[m] from the shelf to a second one above it, None without: objects stand below both."""
+    third_board_height: float | None = None
+    """[m] from the second shelf to a third one above it, None without: objects stand below all three."""
+    opens: str | None = None
+    """What is opened to get at the objects: "drawer", in a chest on the table; "door_left" or "door_right", in front of
+    table and shelves, with hinges on that side; None for nothing."""
+    front: float = 0.0
+    """[m] of the table in front of the chest of a drawer, with objects that stand in the drawer's way."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -92,13 +115,18 @@ class Layout:
             check_number(f"{place}: {name}", getattr(self, name), TABLE_SIZE_RANGE, "m")
         if not isinstance(self.is_front_only, bool):
             raise ConfigError(f"{place}: is_front_only={self.is_front_only!r} must be True or False")
-        for name in ("board_height", "second_board_height"):
+        for name in ("board_height", "second_board_height", "third_board_height"):
             if (height := getattr(self, name)) is not None:
                 check_number(f"{place}: {name}", height, HEADROOM_RANGE, "m")
         if self.second_board_height is not None and self.board_height is None:
             raise ConfigError(f"{place}: second_board_height={self.second_board_height!r} needs a board_height")
+        if self.third_board_height is not None and self.second_board_height is None:
+            raise ConfigError(f"{place}: third_board_height={self.third_board_height!r} needs a second_board_height")
+        self._check_opening(place)
         object.__setattr__(self, "boxes", _checked_boxes(place, self.boxes))
-        names = [box.name for box in furniture(self)]
+        opening = opening_of(self)
+        moving = () if opening is None else (*opening.parts, *opening.handle)
+        names = [box.name for box in (*furniture(self), *moving)]
         for name in names:
             if names.count(name) > 1:
                 raise ConfigError(f"{place}: two boxes are named {name!r}; the names: {', '.join(names)}")
@@ -131,25 +159,74 @@ class Layout:
                 )
             object.__setattr__(self, "supports", chosen)
 
+    def _check_opening(self, place: str) -> None:
+        """Raise ConfigError unless what opens goes together with the rest of the layout."""
+        check_choice(f"{place}: opens", self.opens, OPENS)
+        check_number(f"{place}: front", self.front, (0.0, LONGEST_FRONT), "m")
+        if self.front and self.opens != "drawer":
+            raise ConfigError(
+                f"{place}: front={self.front!r} is the table in front of a drawer; it needs opens='drawer'"
+            )
+        if self.opens and self.supports is not None:
+            raise ConfigError(f"{place}: supports={self.supports!r} are chosen by the layout where something opens")
+        if self.opens == "drawer":
+            if self.board_height is not None:
+                raise ConfigError(f"{place}: board_height={self.board_height!r} does not go with opens='drawer'")
+            if self.depth - self.front < LEAST_CHEST_DEPTH:
+                raise ConfigError(
+                    f"{place}: depth={self.depth!r} leaves less than {LEAST_CHEST_DEPTH} m for the chest of a drawer"
+                )
+        elif self.opens and self.board_height is None:
+            raise ConfigError(f"{place}: opens={self.opens!r} needs a board_height, up to which the door reaches")
+
+    @property
+    def is_fridge(self) -> bool:
+        """Whether there is a door before three boards: the lowest lies on a base in place of a table's legs."""
+        return self.third_board_height is not None and self.opens is not None
+
+    @cached_property
+    def surfaces(self) -> tuple[Surface, ...]:
+        """Where objects stand at the start: table and shelves; a drawer, and the table in its way."""
+        half = self.depth / 2, self.width / 2
+        if self.opens == "drawer":
+            inside = drawer_surface(self.front - half[0], self.width, DRAWER_GAP)
+            return (inside, way_surface(self.front - half[0], OBJECT_GAP)) if self.front else (inside,)
+        if self.opens:
+            half = half[0] - _CUPBOARD_MARGINS[0], half[1] - _CUPBOARD_MARGINS[1]
+        return tuple(Surface(level, (0.0, 0.0), half, self.headroom, OBJECT_GAP) for level in self.levels)
+
+    @property
+    def inside(self) -> tuple[Surface, ...]:
+        """The surfaces but for that in the way of a drawer: one of the objects on them is the target."""
+        return self.surfaces[:1] if self.front else self.surfaces
+
     @property
     def levels(self) -> tuple[float, ...]:
-        """Heights [m] above the table top of the surfaces on which objects stand at the start: 0, and the shelf's."""
+        """Heights [m] above the table top of the surfaces on which objects stand at the start: 0, and the shelves'."""
+        if self.opens == "drawer":
+            return tuple(surface.level for surface in self.surfaces)
         if self.board_height is None or self.second_board_height is None:
             return (0.0,)
-        return 0.0, self.board_height + _PANEL_THICKNESS
+        second = self.board_height + _PANEL_THICKNESS
+        if self.third_board_height is None:
+            return 0.0, second
+        return 0.0, second, second + self.second_board_height + _PANEL_THICKNESS
 
     @property
     def headroom(self) -> float:
         """[m] from a surface on which objects stand to the lowest thing above it; infinite without one."""
+        if self.opens == "drawer":
+            return DRAWER_HEADROOM
         x, y = self.depth / 2, self.width / 2
         above = [box for box in furniture(self) if _overlaps(box, (-x, -y, TABLE_HEIGHT), (x, y, math.inf))]
         over_table = min((box.position[2] - box.half_extents[2] - TABLE_HEIGHT for box in above), default=math.inf)
-        return min(over_table, self.second_board_height or math.inf)
+        return min(over_table, self.second_board_height or math.inf, self.third_board_height or math.inf)
 
     @property
     def start_region(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Lowest and highest x, y [m] of the base centre at the start."""
-        near, far = START_DISTANCE if self.board_height is None else SHELF_START_DISTANCE
+        is_low = self.board_height is None and self.opens is None
+        near, far = START_DISTANCE if is_low else SHELF_START_DISTANCE
         side = self.width / 2 - START_SIDE_MARGIN
         return (-self.depth / 2 - far, -side), (-self.depth / 2 - near, side)
 
@@ -181,9 +258,9 @@ def _overlaps(box: Box, low: tuple[float, ...], high: tuple[float, ...]) -> bool
 
 
 def furniture(layout: Layout) -> tuple[Box, ...]:
-    """All boxes of a layout, on the ground and above the table: the table, what its flags add, and its own `boxes`.
+    """All boxes of a layout that stand still: the table, what its flags add, and its own `boxes`.
 
-    The names are relied on elsewhere.
+    The names are relied on elsewhere. What moves is in `opening_of`.
     """
     x, y, top = layout.depth / 2, layout.width / 2, TABLE_HEIGHT
     leg = _LEG_HALF_WIDTH
@@ -194,6 +271,8 @@ def furniture(layout: Layout) -> tuple[Box, ...]:
         Box(f"table_leg_{i}", (sx * (x - leg), sy * (y - leg), leg_z), (leg, leg, leg_z))
         for i, (sx, sy) in enumerate(corners)
     ]
+    if layout.is_fridge:
+        boxes[1:] = [Box("table_base", (0.0, 0.0, leg_z), (x, y, leg_z))]
     if layout.is_front_only:
         side = _COUNTER_WIDTH / 2
         boxes += [
@@ -206,10 +285,11 @@ def furniture(layout: Layout) -> tuple[Box, ...]:
             ),
         ]
     if layout.board_height is not None:
-        # Side panels just outside the table and one or two shelves across them.
+        # Side panels just outside the table and one to three shelves across them.
         panel, heights = _PANEL_THICKNESS / 2, [layout.board_height]
-        if layout.second_board_height is not None:
-            heights.append(layout.board_height + _PANEL_THICKNESS + layout.second_board_height)
+        for height in (layout.second_board_height, layout.third_board_height):
+            if height is not None:
+                heights.append(heights[-1] + _PANEL_THICKNESS + height)
         z, half_height = TABLE_HEIGHT + heights[-1] / 2, heights[-1] / 2
         boxes += [
             Box("shelf_left", (0.0, y + panel, z), (x, panel, half_height)),
@@ -217,9 +297,24 @@ def furniture(layout: Layout) -> tuple[Box, ...]:
         ]
         boxes += [
             Box(name, (0.0, 0.0, TABLE_HEIGHT + height + panel), (x, y + 2 * panel, panel))
-            for name, height in zip((_BOARD, "shelf_board_upper"), heights, strict=False)
+            for name, height in zip(_BOARDS, heights, strict=False)
         ]
+    if layout.opens == "drawer":
+        boxes += chest(layout.front - x, x, layout.width, TABLE_HEIGHT)
     return (*boxes, *layout.boxes)
+
+
+def opening_of(layout: Layout) -> Opening | None:
+    """What opens of a layout, None where nothing does."""
+    if layout.opens is None:
+        return None
+    front = layout.front - layout.depth / 2
+    if layout.opens == "drawer":
+        return drawer(front, layout.width, TABLE_HEIGHT)
+    side: Literal["left", "right"] = "left" if layout.opens == "door_left" else "right"
+    heights = (layout.board_height, layout.second_board_height, layout.third_board_height)
+    top = TABLE_HEIGHT + sum(height + _PANEL_THICKNESS for height in heights if height is not None)
+    return door(side, front, layout.width + 2 * _PANEL_THICKNESS, TABLE_HEIGHT, top)
 
 
 def top_of(box: Box) -> float:
@@ -228,10 +323,13 @@ def top_of(box: Box) -> float:
 
 
 def supports_of(layout: Layout) -> tuple[str, ...]:
-    """Names of the boxes on whose top faces objects may be put, the table's first."""
+    """Names of the boxes on whose top faces objects may be put, that on which they stand at the start first."""
     if layout.supports is not None:
         return layout.supports
-    names = (TABLE, *_COUNTERS) if len(layout.levels) == 1 else (TABLE, *_COUNTERS, _BOARD)
+    if layout.opens == "drawer":  # of the table, what is in front of the chest
+        names = (CHEST_TOP, *_COUNTERS, TABLE) if layout.front else (CHEST_TOP, *_COUNTERS)
+        return (DRAWER_FLOOR, *(box.name for box in furniture(layout) if box.name in names))
+    names = (TABLE, *_COUNTERS, *_BOARDS[: len(layout.levels) - 1])
     return tuple(box.name for box in furniture(layout) if box.name in names)
 
 
@@ -310,6 +408,18 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
         "two_tables": Layout(
             "two_tables", depth=0.7, width=1.0, boxes=_next_room(), supports=(TABLE, *_COUNTERS, SECOND_TABLE)
         ),
+        "drawer": Layout("drawer", depth=0.42, width=0.54, opens="drawer"),
+        "cupboard": Layout("cupboard", depth=0.4, width=0.5, board_height=0.36, opens="door_left"),
+        "fridge": Layout(
+            "fridge",
+            depth=0.4,
+            width=0.5,
+            board_height=0.3,
+            second_board_height=0.3,
+            third_board_height=0.3,
+            opens="door_right",
+        ),
+        "blocked_drawer": Layout("blocked_drawer", depth=0.74, width=0.54, opens="drawer", front=0.32),
     }
 )
 

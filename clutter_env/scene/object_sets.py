@@ -8,17 +8,18 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from clutter_env.scene.household import KINDS, slot_kinds
-from clutter_env.scene.layout import Layout
+from clutter_env.scene.layout import HEADROOM_RANGE, Layout
+from clutter_env.scene.opening import Surface
 
 Range = tuple[float, float]
 
 SHAPE_SETS = ("cylinder", "box", "mixed")
-OBJECT_GAP = 0.012
-"""[m] between the bounding circles of two objects at least."""
 STANDARD_HEIGHT = 0.20
 """[m] Height up to which objects fit every layout."""
 HEADROOM_LEFT = 0.05
 """[m] between a random object's top and what hangs above the table, at least."""
+_LEFT_IN_DRAWER = 0.025
+"""[m] The same of an object in a drawer that is shut; nothing is grasped there."""
 MAX_OBJECTS = 60
 """Objects in one scene at most, on any table: the planners' bit masks hold no more."""
 _PACKING = 0.46
@@ -57,8 +58,14 @@ class ObjectSet:
     has_side_grasps: bool = True
 
     def heights_on(self, layout: Layout) -> Range:
-        """The range of heights [m], cut off where less than `HEADROOM_LEFT` would remain above the objects."""
+        """The range of heights [m], cut off where less than `HEADROOM_LEFT` would remain above the objects.
+
+        For a drawer, which is lower than all other places, objects that would be too high are made lower alike.
+        """
         low, high = self.height
+        if layout.headroom < HEADROOM_RANGE[0]:
+            scale = min((layout.headroom - _LEFT_IN_DRAWER) / high, 1.0)
+            return scale * low, scale * high
         if high <= STANDARD_HEIGHT:
             return low, high
         limit = max(layout.headroom - HEADROOM_LEFT, STANDARD_HEIGHT)
@@ -102,18 +109,29 @@ def slot_shapes(shapes: str, count: int, objects: ObjectSet = OBJECT_SETS["stand
 
 
 def capacity(layout: Layout, shapes: str, objects: ObjectSet = OBJECT_SETS["standard"]) -> int:
-    """Number of objects of these shapes that random placement reliably puts on the table."""
-    cylinder, depth = sum(objects.radius), sum(objects.half_depth)
-    box = math.hypot(depth, sum(objects.half_width))
+    """Number of objects of these shapes that random placement reliably puts on the table.
+
+    In the way of a drawer there is one of them at least.
+    """
+    inside = sum(_capacity_of(surface, shapes, objects) for surface in layout.inside)
+    return min(inside + (1 if layout.front and inside else 0), MAX_OBJECTS)
+
+
+def _capacity_of(surface: Surface, shapes: str, objects: ObjectSet) -> int:
+    """The same of one surface."""
+    depth, width = (2 * half for half in surface.half_extents)
+    cylinder, length = sum(objects.radius), sum(objects.half_depth)
+    box = math.hypot(length, sum(objects.half_width))
     if objects.are_cylinders_lying:
-        cylinder = math.hypot(depth, cylinder)
+        cylinder = math.hypot(length, cylinder)
     if objects.kinds:
-        widest = [2 * math.hypot(*KINDS[kind].half_extents[:2]) + OBJECT_GAP for kind in objects.kinds]
-        square = sum(width**2 for width in widest) / len(widest)
-        in_one_row = int(_PACKING_WIDEST_FIRST * layout.depth * layout.width / (math.pi / 4 * square))
-        return min(in_one_row * len(layout.levels), MAX_OBJECTS)
-    diameter = {"cylinder": cylinder, "box": box, "mixed": (cylinder + box) / 2}[shapes] + OBJECT_GAP
+        kinds = [KINDS[kind].half_extents for kind in objects.kinds]
+        if max(2 * half[2] for half in kinds) > surface.headroom:
+            return 0
+        widest = [2 * math.hypot(*half[:2]) + surface.gap for half in kinds]
+        square = sum(each**2 for each in widest) / len(widest)
+        return int(_PACKING_WIDEST_FIRST * depth * width / (math.pi / 4 * square))
+    diameter = {"cylinder": cylinder, "box": box, "mixed": (cylinder + box) / 2}[shapes] + surface.gap
     overhang = diameter / 2 - objects.edge_margin
-    area = (layout.depth + 2 * overhang) * (layout.width + 2 * overhang)
-    in_one_row = int(_PACKING * area / (math.pi / 4 * diameter**2))
-    return min(in_one_row * len(layout.levels), MAX_OBJECTS)
+    area = (depth + 2 * overhang) * (width + 2 * overhang)
+    return int(_PACKING * area / (math.pi / 4 * diameter**2))

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from clutter_env.errors import OptionError
 from clutter_env.scene.household import KINDS, HouseholdScene, slot_kinds
-from clutter_env.scene.layout import Layout
-from clutter_env.scene.object_sets import OBJECT_GAP, OBJECT_SETS, ObjectSet, slot_shapes
+from clutter_env.scene.layout import OBJECT_GAP, Layout
+from clutter_env.scene.object_sets import OBJECT_SETS, ObjectSet, slot_shapes
+from clutter_env.scene.opening import DAMPING_RANGE, FRICTION_RANGE, Surface
 from clutter_env.scene.table_scene import TableScene
 
 _FEW, _MANY = 8, 128
@@ -24,6 +25,8 @@ _EASY = 11
 _MAX_BATCHES = 200
 _MAX_RESTARTS = 50
 
+MOST_IN_THE_WAY = 2
+"""Objects in the way of a drawer at most."""
 START_YAW = 0.5
 """[rad] either side of facing the table."""
 
@@ -57,14 +60,14 @@ def sample_scene(
         radii = np.where(is_box | is_lying, np.hypot(half_depth, half_width), half_width)
         half_extents = np.column_stack((half_depth, half_width, half_height))
         half_extents = np.where(is_lying[:, None], half_extents[:, ::-1], half_extents)
-    rows = np.arange(num_objects) % len(layout.levels)
+    rows = _rows(rng, layout, num_objects)
     positions = np.zeros((num_objects, 2))
-    for row in range(len(layout.levels)):  # those of one row have to keep apart
+    for row, surface in enumerate(layout.surfaces):  # those of one row have to keep apart
         here = np.flatnonzero(rows == row)
         if objects.kinds:
             here = here[np.argsort(-radii[here], kind="stable")]  # the widest first: they find space last
         margin = radii[here] if objects.kinds else objects.edge_margin
-        positions[here] = _place(rng, layout, radii[here], margin)
+        positions[here] = _place(rng, layout, surface, radii[here], margin)
     return (HouseholdScene if objects.kinds else TableScene)(
         half_extents=half_extents,
         is_box=is_box,
@@ -72,9 +75,10 @@ def sample_scene(
         yaws=np.where(is_box | is_lying, rng.uniform(-math.pi, math.pi, num_objects), 0.0),
         masses=np.array([kind.mass for kind in kinds]) if objects.kinds else rng.uniform(*objects.mass, num_objects),
         base=sample_base(rng, layout),
-        target=int(rng.integers(num_objects)) if num_objects else -1,
+        target=_target(rng, np.flatnonzero(rows < len(layout.inside))),
         is_lying=is_lying,
         levels=np.array(layout.levels)[rows],
+        joints=sample_joints(rng, layout),
     )
 
 
@@ -86,32 +90,59 @@ def sample_base(rng: np.random.Generator, layout: Layout) -> NDArray[np.float64]
     return base
 
 
+def sample_joints(rng: np.random.Generator, layout: Layout) -> NDArray[np.float64]:
+    """Dry friction and damping (k, 2) of the joint of what opens, see `opening`; none and nothing drawn without."""
+    if layout.opens is None:
+        return np.zeros((0, 2))
+    low, high = np.array((FRICTION_RANGE, DAMPING_RANGE)).T
+    return np.asarray(rng.uniform(low, high, (1, 2)))
+
+
+def _rows(rng: np.random.Generator, layout: Layout, num_objects: int) -> NDArray[np.int64]:
+    """Index (n,) of the surface on which each object stands: all in turn, or few of them in the way of a drawer."""
+    if not layout.front:
+        return np.arange(num_objects) % len(layout.surfaces)
+    rows = np.zeros(num_objects, dtype=np.int64)
+    count = min(int(rng.integers(1, MOST_IN_THE_WAY + 1)), max(num_objects - 1, 0))
+    rows[rng.permutation(num_objects)[:count]] = 1
+    return rows
+
+
+def _target(rng: np.random.Generator, slots: NDArray[np.intp]) -> int:
+    """One of these slots, -1 without any."""
+    return int(slots[rng.integers(len(slots))]) if len(slots) else -1
+
+
 def _place(
-    rng: np.random.Generator, layout: Layout, radii: NDArray[np.float64], margin: float | NDArray[np.float64]
+    rng: np.random.Generator,
+    layout: Layout,
+    surface: Surface,
+    radii: NDArray[np.float64],
+    margin: float | NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Positions (n, 2) of circles that keep `OBJECT_GAP` apart, uniform over what is free.
+    """Positions (n, 2) of circles that keep the surface's gap apart, uniform over what is free.
 
     `margin` [m], one or (n,), is that of their centres to the edges.
     """
     for _ in range(_MAX_RESTARTS):
-        positions = _place_once(rng, layout, radii, margin)
+        positions = _place_once(rng, surface, radii, margin)
         if positions is not None:
-            return positions
+            return positions + surface.centre
     raise OptionError(f"no space for {len(radii)} objects on layout {layout.name!r}; ask for fewer")
 
 
 def _place_once(
-    rng: np.random.Generator, layout: Layout, radii: NDArray[np.float64], margin: float | NDArray[np.float64]
+    rng: np.random.Generator, surface: Surface, radii: NDArray[np.float64], margin: float | NDArray[np.float64]
 ) -> NDArray[np.float64] | None:
     """One attempt, object by object; None when the next object found no space."""
     margins = np.broadcast_to(margin, len(radii)).tolist()
     circles: list[tuple[float, float, float]] = []
     widest = float(radii.max(initial=0.0))
     for index, radius in enumerate(radii.tolist()):
-        half_size = layout.depth / 2 - margins[index], layout.width / 2 - margins[index]
+        half_size = surface.half_extents[0] - margins[index], surface.half_extents[1] - margins[index]
         for _ in range(_MAX_BATCHES):
             draws = rng.random((_FEW if index < _EASY else _MANY, 2))
-            centre = _first_free(draws, half_size, circles, radius + OBJECT_GAP, widest)
+            centre = _first_free(draws, half_size, circles, radius + surface.gap, widest)
             if centre is not None:
                 circles.append((*centre, radius))
                 break

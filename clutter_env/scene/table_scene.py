@@ -16,7 +16,8 @@ class TableScene:
     `half_extents` (n, 3) [m] (a cylinder: radius, radius, half height), `is_box` (n,), `positions` (n, 2) [m] on the
     table, `yaws` (n,) [rad], `masses` (n,) [kg], `base` (3,) x [m], y [m], yaw [rad], `target` an index, -1 without
     one, `is_lying` (n,) whether an object is a cylinder on its side, its axis along its yaw, `levels` (n,) [m] the
-    height above the table of the surface that each object stands on: 0, the default, for the table itself.
+    height above the table of the surface that each object stands on: 0, the default, for the table itself, `joints`
+    (k, 2) the dry friction and the damping of each joint of what opens, see `opening`; none is the default.
     """
 
     half_extents: NDArray[np.float64]
@@ -28,11 +29,12 @@ class TableScene:
     target: int
     is_lying: NDArray[np.bool_]
     levels: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    joints: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
 
     def __post_init__(self) -> None:
         if not len(self.levels):
             object.__setattr__(self, "levels", np.zeros(len(self.yaws)))
-        measures = (self.half_extents, self.positions, self.yaws, self.masses, self.base, self.levels)
+        measures = (self.half_extents, self.positions, self.yaws, self.masses, self.base, self.levels, self.joints)
         for array in (*measures, self.is_box, self.is_lying):
             array.setflags(write=False)
 

@@ -22,7 +22,7 @@ class Contacts(NamedTuple):
 
     Attributes:
         pairs: the two geoms of each contact.
-        of_robot: contacts of the robot with furniture.
+        of_robot: contacts of the robot with furniture, but for those of its fingers with handles.
         of_moved: contacts with furniture of the objects that the robot moves, and their weight [N]: group by group of
             those that touch each other, one of which it touches.
         of_self: contacts of the robot with itself and the ground.
@@ -63,6 +63,8 @@ class ContactReader:
         self.slot_of[index.object_geoms] = index.geom_slots.tolist()
         self.grippers = [_gripper_geoms(model, pads) for pads in index.finger_geoms]
         self._kinds, self._force = _kinds_of_geoms(model, index), np.empty(6)
+        self._handles = frozenset(index.handles.tolist())
+        self._fingers = _finger_geoms(model, index)
         self._parts: list[int] = model.body_weldid[model.geom_bodyid].tolist()
         for number, gripper in enumerate(self.grippers):
             for geom in gripper:
@@ -157,6 +159,8 @@ class ContactReader:
         kind_of = self._kinds
         kinds = [kind_of[one] + kind_of[other] for one, other in pairs]  # faster than arrays of so few contacts
         of_robot = [k for k, kind in enumerate(kinds) if kind == _ROBOT + _FURNITURE]
+        if self._handles and of_robot:  # where furniture is to be grasped
+            of_robot = [k for k in of_robot if not self._is_on_handle(pairs[k])]
         of_self = [k for k, kind in enumerate(kinds) if kind in (2 * _ROBOT, _ROBOT)]
         if _ROBOT + _OBJECT not in kinds:
             none, pressed = frozenset[int](), (bool(of_robot), bool(of_self))
@@ -185,6 +189,11 @@ class ContactReader:
             presses_furniture=bool(of_robot or of_moved),
             presses_itself=bool(of_self or between_parts),
         )
+
+    def _is_on_handle(self, pair: list[int]) -> bool:
+        """Whether a contact is that of a finger with a handle."""
+        one, other = pair
+        return (one in self._handles and other in self._fingers) or (other in self._handles and one in self._fingers)
 
     def _by_part(self, pairs: list[list[int]], numbers: list[int]) -> list[list[int]]:
         """Contacts of the robot with objects, part by part of the robot."""
@@ -218,10 +227,17 @@ def _gripper_geoms(model: mujoco.MjModel, pads: tuple[int, int]) -> frozenset[in
     return frozenset(np.flatnonzero(np.isin(model.geom_bodyid, list(bodies))).tolist())
 
 
+def _finger_geoms(model: mujoco.MjModel, index: ModelIndex) -> frozenset[int]:
+    """The geoms of the fingers of all grippers: of the bodies of their pads."""
+    bodies = {int(model.geom_bodyid[pad]) for pads in index.finger_geoms for pad in pads}
+    return frozenset(np.flatnonzero(np.isin(model.geom_bodyid, list(bodies))).tolist())
+
+
 def _kinds_of_geoms(model: mujoco.MjModel, index: ModelIndex) -> list[int]:
     """The kind of each geom."""
     kinds: NDArray[np.int8] = np.zeros(model.ngeom, np.int8)
     is_static = model.body_weldid[model.geom_bodyid] == 0
+    is_static |= np.isin(model.geom_bodyid, model.jnt_bodyid[np.isin(model.jnt_qposadr, index.opening_qpos)])
     kinds[is_static & (model.geom_type != int(mujoco.mjtGeom.mjGEOM_PLANE))] = _FURNITURE
     kinds[model.body_rootid[model.geom_bodyid] == model.body_rootid[index.base_body]] = _ROBOT
     kinds[index.object_geoms] = _OBJECT

@@ -18,7 +18,8 @@ from assets import ActingJoints, RobotSpec, paired_name, robot_contacts
 from clutter_env.config import TIMESTEP
 from clutter_env.errors import ConfigError
 from clutter_env.scene.household import KINDS, Kind
-from clutter_env.scene.layout import TABLE_HEIGHT, Layout, furniture, supports_of
+from clutter_env.scene.layout import TABLE_HEIGHT, Layout, furniture, opening_of, supports_of
+from clutter_env.scene.opening import DOOR, DRAWER, Opening
 from clutter_env.scene.table_scene import object_name
 
 PARKED_X = -3.0
@@ -62,7 +63,16 @@ _FURNITURE_COLOURS = {
     "shelf": (0.66, 0.54, 0.41, 1.0),
     "partition": (0.90, 0.90, 0.88, 0.35),
     "second": (0.80, 0.68, 0.53, 1.0),
+    "chest": (0.78, 0.70, 0.58, 1.0),
 }
+_FRONT_COLOUR, _HANDLE_COLOUR, _INSIDE_COLOUR = (
+    (0.47, 0.60, 0.62, 1.0),
+    (0.22, 0.23, 0.25, 1.0),
+    (0.86, 0.82, 0.74, 1.0),
+)
+"""Colours of what opens: in front, its handle, and the inside of a drawer."""
+_OPENING_DENSITY = 300.0
+"""[kg/m³] of doors and drawers: light wood, or panels that are hollow."""
 TRAY_COLOURS = {
     "tray_red": (0.80, 0.25, 0.22, 1.0),
     "tray_green": (0.30, 0.62, 0.33, 1.0),
@@ -71,6 +81,9 @@ TRAY_COLOURS = {
 """Colours of the trays of layout "trays", and of the objects that belong in them."""
 _OTHER_COLOUR = (0.72, 0.74, 0.76, 1.0)
 """Colour of furniture that a layout brings itself."""
+_FRIDGE_COLOUR, _FRIDGE_DOOR = (0.88, 0.90, 0.92, 1.0), (0.78, 0.82, 0.85, 1.0)
+_GLASS_ALPHA = 0.45
+"""Opacity of the boards behind a door, which are seen from in front."""
 _SHELVES_ALPHA = 0.2
 """Opacity of the shelves above objects, which share it, seen from above."""
 _TOP_X = -0.45
@@ -83,6 +96,7 @@ _TRACTION, _GRAVITY = 0.6, 9.81
 """Friction of rubber wheels on a floor; [m/s²]."""
 _ANCHORED = 1e7
 """[kg], [kg m²] Armature of the joints of a base that does not move: it is to the arm what the ground is."""
+_BODY = mujoco.mjtObj.mjOBJ_BODY
 _EXTENT = 2.0
 """[m] MuJoCo's measure of the scene, which scales the camera's near and far planes (0.02 m and 100 m)."""
 
@@ -104,6 +118,11 @@ class ModelIndex:
     """The equality constraints that make the fingers move alike."""
     still_qpos: NDArray[np.intp]
     still_actuators: NDArray[np.intp]
+    opening_qpos: NDArray[np.intp]
+    opening_dof: NDArray[np.intp]
+    """Of the joints of what opens."""
+    handles: NDArray[np.intp]
+    """The geoms of its handles: bars and posts."""
     object_bodies: slice
     object_geoms: slice
     """Of all objects, one after the other."""
@@ -130,6 +149,7 @@ class ModelIndex:
         acting = ActingJoints.of(robot)
         finger_joints = tuple(name for pair in acting.finger_joints for name in pair)
         fingers = [model.joint(name).id for name in finger_joints]
+        opening = [name for name in (DRAWER, DOOR) if mujoco.mj_name2id(model, _BODY, name) >= 0]
         is_joint = model.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)
         return cls(
             base_body=model.body(robot.base_body).id,
@@ -143,6 +163,17 @@ class ModelIndex:
             finger_couplings=tuple(np.flatnonzero(is_joint & np.isin(model.eq_obj1id, fingers)).tolist()),
             still_qpos=qpos(robot.still_joints),
             still_actuators=actuators(robot.still_joints),
+            opening_qpos=qpos(tuple(f"{name}_joint" for name in opening)),
+            opening_dof=_frozen([int(model.joint(f"{name}_joint").dofadr[0]) for name in opening]),
+            handles=_frozen(
+                [
+                    geom
+                    for geom in range(model.ngeom)
+                    for name in opening
+                    if model.body(model.geom_bodyid[geom]).name == name
+                    and model.geom(geom).name.startswith((f"{name}_handle", f"{name}_post"))
+                ]
+            ),
             object_bodies=slice(first, first + num_objects),
             object_geoms=slice(first_geom, model.ngeom),
             geom_slots=_frozen((model.geom_bodyid[first_geom:] - first).tolist()),
@@ -195,7 +226,9 @@ def build_spec(robot: RobotSpec, layout: Layout, shapes: tuple[str, ...]) -> muj
     taken = {geom.name for geom in spec.geoms} | {"floor", *(object_name(slot) for slot in range(len(shapes)))}
     if "floor" in {geom.name for geom in spec.geoms}:
         raise ConfigError(f"robot {robot.name!r}: the scene has a ground, 'floor'; leave it out of {robot.mjcf!r}")
-    for box in furniture(layout):
+    opening = opening_of(layout)
+    moving = () if opening is None else (*opening.parts, *opening.handle)
+    for box in (*furniture(layout), *moving):
         if box.name in taken:
             raise ConfigError(
                 f"layout {layout.name!r}: box {box.name!r} has the name of a geom of robot {robot.name!r}, "
@@ -281,8 +314,10 @@ def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
     for box in furniture(layout):
         kind, tray = box.name.partition("_")[0], box.name.partition("_rim")[0]
         colour = list(TRAY_COLOURS.get(tray) or _FURNITURE_COLOURS.get(kind, _OTHER_COLOUR))
+        if layout.is_fridge and kind in ("table", "shelf"):
+            colour = list(_FRIDGE_COLOUR)
         if box.name in boards:
-            colour[3] = _SHELVES_ALPHA / len(boards)
+            colour[3] = _SHELVES_ALPHA / len(boards) if layout.opens is None else _GLASS_ALPHA
         world.add_body().add_geom(
             name=box.name,
             type=mujoco.mjtGeom.mjGEOM_BOX,
@@ -291,6 +326,8 @@ def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
             rgba=colour,
             **_FURNITURE_CONTACT,
         )
+    if (opening := opening_of(layout)) is not None:
+        _add_opening(world, opening, _FRIDGE_DOOR if layout.is_fridge else _FRONT_COLOUR)
     # Planners look in this custom tuple for the geoms on which objects may be put.
     names = supports_of(layout)
     spec.add_tuple(
@@ -300,6 +337,31 @@ def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
         objprm=[0.0] * len(names),
     )
     _add_lights_and_camera(spec, layout)
+
+
+def _add_opening(world: mujoco.MjsBody, opening: Opening, front: tuple[float, ...]) -> None:
+    """A drawer or a door on its joint, shut; each reset gives it friction and damping."""
+    body = world.add_body(name=opening.name, pos=opening.origin)
+    body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_INIT
+    body.add_joint(
+        name=opening.joint,
+        type=mujoco.mjtJoint.mjJNT_SLIDE if opening.is_slide else mujoco.mjtJoint.mjJNT_HINGE,
+        axis=opening.axis,
+        range=(0.0, opening.travel),
+        limited=True,
+    )
+    for box in (*opening.parts, *opening.handle):
+        is_handle = box in opening.handle
+        colour = _HANDLE_COLOUR if is_handle else front if box is opening.parts[0] else _INSIDE_COLOUR
+        body.add_geom(
+            name=box.name,
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=[place - origin for place, origin in zip(box.position, opening.origin, strict=True)],
+            size=box.half_extents,
+            rgba=colour,
+            density=_OPENING_DENSITY,
+            **(_OBJECT_CONTACT if is_handle else _FURNITURE_CONTACT),
+        )
 
 
 def _add_lights_and_camera(spec: mujoco.MjSpec, layout: Layout) -> None:

@@ -35,6 +35,8 @@ _LARGEST_HALF_EXTENT = 1.0
 """[m]"""
 _MASS_RANGE = (1e-3, 100.0)
 """[kg]"""
+_LARGEST_JOINT = 100.0
+"""[N], [N m], and with speed: friction and damping of what opens."""
 _PLACE_RANGE = 10.0
 """[m] of start positions from the table's centre, [rad] of start angles."""
 
@@ -49,15 +51,20 @@ def pack(kind: Mapping[str, Any], scene: TableScene, physics: Mapping[str, Any],
         memory: what the environment remembers besides the physics.
     """
     arrays = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in asdict(scene).items()}
+    if not len(scene.joints):
+        del arrays["joints"]
     content = {"kind": kind, "scene": arrays, "physics": physics, "memory": memory}
     body = zlib.compress(json.dumps(content).encode(), level=1)
     return _MAGIC + hashlib.sha256(body).digest() + body
 
 
-def unpack(state: object, kind: dict[str, Any], has_target: bool = True) -> tuple[TableScene, Any, Any]:
+def unpack(
+    state: object, kind: dict[str, Any], has_target: bool = True, num_joints: int = 0
+) -> tuple[TableScene, Any, Any]:
     """Scene, physics and memory from the bytes of `pack`: kind and scene are checked, the others are not yet.
 
-    In a scene with objects one is the target, unless `has_target` is False: then none is.
+    In a scene with objects one is the target, unless `has_target` is False: then none is. `num_joints` is that of what
+    opens.
 
     Raises:
         StateError: not bytes, damaged, of an environment or a MuJoCo version of another kind, or not valid.
@@ -67,7 +74,8 @@ def unpack(state: object, kind: dict[str, Any], has_target: bool = True) -> tupl
     for name, value in kind.items():
         if json.dumps(there[name], sort_keys=True) != json.dumps(value, sort_keys=True):
             raise StateError(f"the state was saved with {name}={there[name]!r}; this one has {value!r}")
-    return _read_scene(content["scene"], kind["num_objects"], has_target), content["physics"], content["memory"]
+    scene = _read_scene(content["scene"], kind["num_objects"], has_target, num_joints)
+    return scene, content["physics"], content["memory"]
 
 
 def check_generator(generator: np.random.Generator, state: Any) -> None:
@@ -104,9 +112,10 @@ def _decode(state: object) -> Any:
         raise StateError(f"the state cannot be decoded: {problem}") from None
 
 
-def _read_scene(value: object, most_objects: int, has_target: bool) -> TableScene:
+def _read_scene(value: object, most_objects: int, has_target: bool, num_joints: int) -> TableScene:
     """The scene in a state of an environment with at most so many objects."""
-    read = Fields(value, "scene", [entry.name for entry in fields(TableScene)])
+    names = [entry.name for entry in fields(TableScene) if num_joints or entry.name != "joints"]
+    read = Fields(value, "scene", names)
     count = len(read["yaws"]) if isinstance(read["yaws"], list) else 0
     if not min(most_objects, 1) <= count <= most_objects:
         raise StateError(
@@ -122,6 +131,7 @@ def _read_scene(value: object, most_objects: int, has_target: bool) -> TableScen
         target=read.integer("target", 0, count - 1) if count and has_target else read.integer("target", -1, -1),
         is_lying=read.flags("is_lying", count),
         levels=read.numbers("levels", (count,), 0.0, _PLACE_RANGE),
+        **({"joints": read.numbers("joints", (num_joints, 2), 0.0, _LARGEST_JOINT)} if num_joints else {}),
     )
     if (scene.is_lying & scene.is_box).any():
         raise StateError("scene: is_lying of the state must be false for a box")

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from assets import ActingJoints, RobotSpec
 from clutter_env.config import PHYSICS_STEPS
 from clutter_env.scene.household import KINDS, HouseholdScene
-from clutter_env.scene.layout import TABLE_HEIGHT, Layout, lowest_support
+from clutter_env.scene.layout import TABLE_HEIGHT, Layout, lowest_support, opening_of
 from clutter_env.scene.table_scene import TableScene, object_name
 from clutter_env.simulation.contacts import ContactReader, Contacts
 from clutter_env.simulation.control import SEGMENTS, JointController
@@ -49,6 +49,10 @@ _AWAKE = -(1 + int(mujoco.mjMINAWAKE))
 _FALLEN_BELOW = 0.01
 """[m] An object whose centre is so far below the lowest support has left the supports: more than any contact gives way.
 """
+
+SUNK = 1e-6
+"""[m] by which what stands in a drawer starts below its floor's face. Without a contact it would sleep on while the
+drawer slides away under it."""
 
 _TARGET_COLOUR = (0.87, 0.12, 0.10, 1.0)
 _HUES = (0.14, 0.92)
@@ -127,6 +131,7 @@ class World:
     """Physics of one robot, one table and a fixed number of objects; `reset` applies a scene to it.
 
     Attributes:
+        opening: what opens of the furniture, None where nothing does.
         on_furniture: how hard the robot, and what it moves, has pressed on furniture since the reset.
         on_itself: how hard it has pressed on itself and on the ground.
     """
@@ -144,6 +149,8 @@ class World:
     ) -> None:
         self.robot = robot
         self.shapes = shapes
+        self.opening = opening_of(layout)
+        self._has_drawer = self.opening is not None and self.opening.is_slide
         self._fallen_below = lowest_support(layout) - _FALLEN_BELOW
         self.model = compile_model(robot, layout, shapes, image_size, show_meshes)
         self.data = mujoco.MjData(self.model)
@@ -180,6 +187,8 @@ class World:
         self._reader.forget()
         self._placed_tilt, self._toppled_change = np.where(scene.is_lying, np.array([_LYING]).T, np.array([_UPRIGHT]).T)
         model, index = self.model, self.index
+        if self.opening is not None:
+            model.dof_frictionloss[index.opening_dof], model.dof_damping[index.opening_dof] = scene.joints.T
         if not scene.num_objects:
             return
         if isinstance(scene, HouseholdScene):  # sizes and masses of each kind are those of the model
@@ -190,7 +199,10 @@ class World:
             model.geom_rgba[index.object_geoms] = _palette(scene.num_objects)
         if scene.target >= 0:
             model.geom_rgba[index.object_geoms][index.geom_slots == scene.target] = _TARGET_COLOUR
-        model.qpos0[index.object_qpos] = start_poses(scene).ravel()
+        poses = start_poses(scene)
+        if self._has_drawer:
+            poses[self._are_in_drawer(poses, 0.0), 2] -= SUNK
+        model.qpos0[index.object_qpos] = poses.ravel()
 
     def colour(self, slot: int) -> NDArray[np.float64]:
         """The colour (4,) of the object in a slot, which pictures show; may be written until the next scene."""
@@ -208,6 +220,30 @@ class World:
         self.on_furniture, self.on_itself = Pressing(), Pressing()
         self._contacts, self._supports = [], []
         mujoco.mj_forward(model, data)
+
+    @property
+    def opened(self) -> float:
+        """How far it is open what opens: 0 shut, 1 as far as it goes; 0 where nothing opens."""
+        if self.opening is None:
+            return 0.0
+        return float(self.data.qpos[self.index.opening_qpos[0]]) / self.opening.travel
+
+    @property
+    def drawer_shift(self) -> float:
+        """[m] along x by which a drawer stands out, 0 or negative; 0 where there is none."""
+        if self.opening is None or not self._has_drawer:
+            return 0.0
+        return float(self.opening.axis[0] * self.data.qpos[self.index.opening_qpos[0]])
+
+    def are_in_drawer(self, measurements: Measurements) -> NDArray[np.bool_]:
+        """Whether the centre of each object is inside the drawer, where it is now: (n,)."""
+        return self._are_in_drawer(measurements.poses, self.drawer_shift)
+
+    def _are_in_drawer(self, poses: NDArray[np.float64], shift: float) -> NDArray[np.bool_]:
+        if self.opening is None or not self._has_drawer:
+            return np.zeros(len(poses), np.bool_)
+        low, high = np.array(self.opening.inside) + (shift, 0.0, 0.0)
+        return np.asarray(((low < poses[:, :3]) & (poses[:, :3] < high)).all(axis=1))
 
     @property
     def is_unstable(self) -> bool:

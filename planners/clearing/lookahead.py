@@ -77,9 +77,8 @@ class _Situation:
     @property
     def put_aside(self) -> set[str]:
         """Names of the objects that have been put aside, and not where the goal wants them since."""
-        return {move.name for move in self.moves if not move.is_general} - {
-            move.name for move in self.moves if move.is_general
-        }
+        last = {move.name: move.is_general for move in self.moves}
+        return {name for name, is_general in last.items() if not is_general}
 
     @property
     def waiting(self) -> tuple[str, ...]:
@@ -248,12 +247,13 @@ class _Search:
         for step in self._ready(now):
             if self._may_hold_aside(now, step):
                 yield self._held_aside(now)
-            yield self._made(now, step, is_strict=True)
+            if not self._stands_on_waiting(now, step):
+                yield self._made(now, step, is_strict=True)
 
     def _anyhow(self, now: _Situation) -> _Tries:
         """Steps to places of the goal, though they may be in the way of others."""
         for step in self._ready(now):
-            if step.is_general and not self._is_held_up(step):
+            if step.is_general and not (self._is_held_up(step) or self._stands_on_waiting(now, step)):
                 yield self._made(now, step, is_strict=False)
 
     def _otherwise(self, now: _Situation) -> _Tries:
@@ -279,6 +279,11 @@ class _Search:
     def _is_held_up(self, step: Step) -> bool:
         """Whether a step is to hold what the goal wants held."""
         return step.is_general and step.name in self.maker.goal.held
+
+    def _stands_on_waiting(self, now: _Situation, step: Step) -> bool:
+        """Whether a step puts an object on another one that is still to be moved, and would have to leave it again."""
+        fact = placed_fact(self.maker.goal, step.name) if step.is_general else None
+        return isinstance(fact, On) and fact.place in now.waiting
 
     def _made(self, now: _Situation, step: Step, is_strict: bool) -> _Situation | None:
         """The situation after a step; None if it cannot be made.

@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irm.gjk import CYLINDER, Solids, are_any_within, are_within
-from irm.kernel_arguments import packed
+from irm.kernel_arguments import packed, with_numbers
 from planners.collision.hit_kernels import (
     Attached,
     CollisionQuery,
     Scratch,
+    edges_that_hit,
     make_scratch,
     many_hits,
     packed_query,
@@ -208,10 +209,16 @@ class CollisionWorld:
         # Fingers that are commanded to close on the held object stay at its width.
         apart, padding = max(float(opening), carried.width), float(self.padding)
         key = apart, int(active), padding, first_only
-        if key not in carried.queries:
+        if not carried.queries:
             scratch, attached = carried.scratch, carried.attached
             query = CollisionQuery(carried.robot, self.obstacles, attached, scratch, apart, active, padding, first_only)
             carried.queries[key] = packed_query(query)
+        elif key not in carried.queries:
+            # They differ in numbers alone.
+            known = next(iter(carried.queries.values()))
+            carried.queries[key] = with_numbers(
+                known, opening=apart, active=active, padding=padding, first_only=first_only
+            )
         return carried.queries[key]
 
     def hits(
@@ -247,6 +254,11 @@ class CollisionWorld:
         """
         query = self.query(opening, held, ignore, first_only)
         return int(path_hits(query, np.array(X, dtype=float, order="C"), float(step)))
+
+    def edges_that_hit(self, X: ArrayLike, opening: float, ignore: int = 0, step: float = STEP) -> NDArray[np.bool_]:
+        """Which of the straight parts of a motion hit something: (k - 1,); arguments as for `path_hits`."""
+        query = self.query(opening, None, ignore, first_only=True)
+        return np.asarray(edges_that_hit(query, np.array(X, dtype=float, order="C"), float(step)))
 
     def names_of(self, mask: int) -> tuple[str, ...]:
         """What the set bits stand for: names of objects, "a static obstacle", "the robot itself"."""

@@ -31,6 +31,7 @@ from planners.grasping.arm_configurations import (
     hits_of,
     scan_configurations,
 )
+from planners.grasping.bar_grasps import BarFamily, bar_grasps, turned
 from planners.grasping.base_placement import STRAIGHT, TURNED, Placer, facing_bases
 from planners.grasping.families import SIDE, Family, families_for
 from planners.grasping.grasp_poses import GraspPose, can_pull, generate_grasps
@@ -119,7 +120,7 @@ def as_candidates(
 class _Stage(NamedTuple):
     """A family of grasps, and the yaws [rad] that the gripper may have relative to the base."""
 
-    family: Family
+    family: Family | BarFamily
     turns: tuple[float, ...] = _MAP
 
 
@@ -216,7 +217,7 @@ class GraspCandidates:
                 of_family: list[GraspCandidate] = []
                 for wanted, opening in _wanted(view, body, family):
                     poses = self._untried(view, body, GripperPoses(np.tile(base, (len(wanted), 1)), wanted))
-                    of_family += self._scan(view, body, poses, opening)
+                    of_family += self._scan(view, body, poses, opening, family)
                 if of_family:
                     found += of_family
                     break
@@ -278,7 +279,7 @@ class GraspCandidates:
         if known is not None and self.remembers and known.scene is not scene:
             known = self._known[key] = self._as_in(scene, body, known)
         if known is None:
-            known = self._known[key] = _Known((), self._stages(body), scene=scene)
+            known = self._known[key] = _Known((), self._stages(scene, body), scene=scene)
         while known.unseen and not any(grasp.blockers == 0 for grasp in known.candidates):
             found = self._of_stage(scene, body, known.unseen[0], known.candidates)
             known = known._replace(candidates=best_first((*known.candidates, *found)), unseen=known.unseen[1:])
@@ -306,7 +307,7 @@ class GraspCandidates:
         hits = self.hits_among(scene, body.name, before, moved & ~scene.mask({body.name, *scene.held_names}))
         masks = [grasp.blockers & ~moved | on_it | int(mask) for grasp, mask in zip(before, hits, strict=True)]
         if 0 not in masks and any(not grasp.blockers & ~moved for grasp in before):
-            return _Known((), self._stages(body), scene=scene)
+            return _Known((), self._stages(scene, body), scene=scene)
         now = (
             grasp if mask == grasp.blockers else replace(grasp, blockers=mask)
             for grasp, mask in zip(before, masks, strict=True)
@@ -321,16 +322,19 @@ class GraspCandidates:
         self._known[key] = known
         if known.refills < _REFILLS and not any(other.blockers == grasp.blockers for other in candidates):
             kept, body = {other.key for other in candidates}, scene.body(grasp.object)
-            stages = self._stages(body)
+            stages = self._stages(scene, body)
             seen = stages[: len(stages) - len(known.unseen)]
             found = [other for stage in seen for other in self._of_stage(scene, body, stage)]
             new = [other for other in found if other.key not in kept]
             self._known[key] = known._replace(candidates=best_first((*candidates, *new)), refills=known.refills + 1)
 
-    def _stages(self, body: Body) -> tuple[_Stage, ...]:
+    def _stages(self, scene: Scene, body: Body) -> tuple[_Stage, ...]:
         """Where grasps of an object are looked for, in this order."""
         every_turn = (STRAIGHT, TURNED, _MAP) if self.canonical else (_MAP,)
-        return tuple(_Stage(family, turns) for family in families_for(body, self.families) for turns in every_turn)
+        families: tuple[Family | BarFamily, ...] = families_for(body, self.families)
+        if scene.pull is not None and scene.pull.handle == body.name:
+            families = (*families, BarFamily())
+        return tuple(_Stage(family, turns) for family in families for turns in every_turn)
 
     def _of_stage(self, scene: Scene, body: Body, stage: _Stage, known: _Grasps = ()) -> list[GraspCandidate]:
         """Grasps of one stage; under a shelf, where scans take long, none that hits more than a `known` one."""
@@ -339,16 +343,16 @@ class GraspCandidates:
             if stage.turns:
                 bases, index = facing_bases(self.arms[scene.robot.arm_name], wanted, stage.turns)
                 poses = self._untried(scene, body, GripperPoses(bases, wanted[index]))
-                found += self._scan(scene, body, poses, opening, about_home=True)
+                found += self._scan(scene, body, poses, opening, stage.family, about_home=True)
             else:
-                found += self._from_map(scene, body, wanted, opening, known)
+                found += self._from_map(scene, body, wanted, opening, stage.family, known)
         if not self.canonical:
             return found
-        worse, robot = _WORSE * self._stages(body).index(stage), scene.robot
+        worse, robot = _WORSE * self._stages(scene, body).index(stage), scene.robot
         return [replace(grasp, quality=_canonical_quality(grasp.base, grasp.q, robot) - worse) for grasp in found]
 
     def _from_map(
-        self, scene: Scene, body: Body, wanted: Array, opening: float, known: _Grasps
+        self, scene: Scene, body: Body, wanted: Array, opening: float, family: Family | BarFamily, known: _Grasps
     ) -> list[GraspCandidate]:
         """The grasps from base poses of the reachability map."""
         covered, placer = is_covered(scene, body.foot), self.arms[scene.robot.arm_name]
@@ -361,9 +365,9 @@ class GraspCandidates:
             poses = self._untried(scene, body, GripperPoses(bases, wanted[index]))
             if covered:
                 masks = {grasp.blockers for grasp in (*known, *candidates)}
-                candidates += self._scan(scene, body, _not_among(poses, before), opening, known=masks)
+                candidates += self._scan(scene, body, _not_among(poses, before), opening, family, known=masks)
             else:
-                candidates = self._scan(scene, body, poses, opening)
+                candidates = self._scan(scene, body, poses, opening, family)
             before = poses
             if any(not (covered and grasp.blockers) for grasp in candidates):
                 break
@@ -384,6 +388,7 @@ class GraspCandidates:
         body: Body,
         poses: GripperPoses,
         opening: float,
+        family: Family | BarFamily | None = None,
         about_home: bool = False,
         known: Collection[int] = (),
     ) -> list[GraspCandidate]:
@@ -396,17 +401,22 @@ class GraspCandidates:
             grid = ConfigurationGrid.near_home(chain) if self.near_home else ConfigurationGrid.over(chain)
         ignore = scene.mask({body.name, *scene.held_names})
         found = scan_configurations(world, poses, grid, opening, body=body, ignore=ignore, known=known)
+        if isinstance(family, BarFamily):
+            found = turned(world, poses, found, opening, ignore)
         found = found._replace(hits=found.hits | np.uint64(_moved_with(world, body.name)))
         return as_candidates(body.name, poses, opening, found, arm, needs_drive(scene, body.foot))
 
 
-def _wanted(scene: Scene, body: Body, family: Family) -> list[tuple[Array, float]]:
+def _wanted(scene: Scene, body: Body, family: Family | BarFamily) -> list[tuple[Array, float]]:
     """The gripper poses (k, 5) of a family of grasps of an object, in groups with one opening [m] of the gripper each.
 
     Those around a cylinder or box are one group: they open as far as the widest of them needs.
     """
     groups: dict[int, list[GraspPose]] = {}
-    grasps = generate_grasps(body, scene.robot, (family,))
+    if isinstance(family, BarFamily):
+        grasps = bar_grasps(scene, body, scene.robot)
+    else:
+        grasps = generate_grasps(body, scene.robot, (family,))
     for grasp in grasps if scene.pull is None else [one for one in grasps if can_pull(scene, body, one.T_world_tcp)]:
         groups.setdefault(math.ceil(grasp.opening / _OPENINGS) if body.shape == "pieces" else 0, []).append(grasp)
     return [(gripper_poses(group), max(grasp.opening for grasp in group)) for group in groups.values()]

@@ -124,12 +124,10 @@ class ContactQuery:
         T_world_tcp = _tcp_pose(scene, base, q)
         grip = body.width_in_gripper(np.linalg.inv(T_world_tcp) @ body.pose)
         opening = min(grip + 2 * scene.robot.finger_gap, scene.robot.max_opening)
-        holding = ArmQuery(loaded, there, grip, held, ignore)
-        if is_handle(scene, held.name):
-            holding = ArmQuery(empty, there, grip, None, ignore | scene.mask([held.name]))
-        return cls(
-            ArmQuery(empty, there, opening, None, ignore), holding, np.asarray(q, float), body, held, T_world_tcp
-        )
+        coming = ArmQuery(empty, there, opening, None, ignore)
+        # Fingers that close on a handle may touch what holds it to its door: it is moved with it.
+        holding = coming if is_handle(scene, held.name) else ArmQuery(loaded, there, grip, held, ignore)
+        return cls(coming, holding, np.asarray(q, float), body, held, T_world_tcp)
 
     @cached_property
     def is_covered(self) -> bool:

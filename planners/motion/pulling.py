@@ -197,7 +197,7 @@ def plan_pull(
         if len(X) < len(positions):
             refused.append(NoPath(f"pull: the arm follows the handle over {len(X) / len(positions):.0%} of its way"))
             continue
-        blocked = _in_the_way(world, X, positions)
+        blocked = _in_the_way(world, X, positions, approach.opening)
         if blocked is not None:
             refused.append(blocked)
             continue
@@ -211,13 +211,15 @@ def plan_pull(
     return min(objects, key=lambda one: len(one.blockers)) if objects else refused[0]
 
 
-def _in_the_way(world: CollisionWorld, X: Array, positions: Array) -> BlockedBy | NoPath | None:
-    """What the robot hits while it pulls: what does not move all along, what moves with the handle place by place."""
+def _in_the_way(world: CollisionWorld, X: Array, positions: Array, gap: float) -> BlockedBy | NoPath | None:
+    """What the robot hits while it pulls: what does not move all along, what moves with the handle place by place.
+
+    The gripper counts as open by a `gap` [m], as it came: fingers that are closed may touch what holds the handle.
+    """
     scene = world.scene
     assert scene.pull is not None
     opening, along = scene.opening(scene.pull.opening), riding(scene)
     moving = {one.name for one in scene.static_obstacles if one.name in opening.parts}
-    gap = scene.body(scene.pull.handle).width_in_gripper(_in_hand(world, X[0]))
     still = replace(scene, static_obstacles=tuple(one for one in scene.static_obstacles if one.name not in moving))
     hits = CollisionWorld.from_scene(still).path_hits(X, gap, ignore=scene.mask(along))
     others = scene.mask(scene.names) & ~scene.mask(along) | scene.mask([scene.pull.handle])
@@ -228,13 +230,6 @@ def _in_the_way(world: CollisionWorld, X: Array, positions: Array) -> BlockedBy 
     if hits & FIXED_BITS:
         return NoPath(f"pull: the robot touches {', '.join(world.names_of(hits & FIXED_BITS))}")
     return BlockedBy(frozenset(scene.names_of(hits)), "pull") if hits else None
-
-
-def _in_hand(world: CollisionWorld, x: Array) -> Array:
-    """T_tcp_handle (4, 4) in a whole-body configuration (11,)."""
-    scene = world.scene
-    assert scene.pull is not None
-    return np.asarray(np.linalg.inv(tcp_poses(world.robot, x[None])[0]) @ scene.body(scene.pull.handle).pose)
 
 
 def _left(

@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.opened import STEPS, way
+from planners.collision.world import are_near
 from planners.regions import Region
-from planners.scene import MAX_OBJECTS, Body, Opening, Pull, Scene, StaticObstacle
+from planners.scene import MAX_OBJECTS, Body, Opening, Pull, Scene, Solid, StaticObstacle
+from planners.scene.moving import carried_by, moved
 
 Array = NDArray[np.float64]
 
@@ -59,6 +61,20 @@ def handles_of(scene: Scene, name: str) -> Iterator[tuple[str, ...]]:
         yield opening.handles
     for one in opening.handles if len(opening.handles) > 1 else ():
         yield (one,)
+
+
+def as_if_opened(scene: Scene, name: str, position: float) -> Scene:
+    """The scene with what opens at a position, as if what was in its way were gone: to find out what would be possible.
+
+    Raises:
+        UnknownOpening: nothing of that name opens.
+    """
+    parts, there = scene.opening(name).parts, moved(scene, name, position)
+    along = {*carried_by(scene, scene.opening(name))}
+    solids: list[Solid] = [one for one in there.static_obstacles if one.name in parts]
+    solids += [solid for one in there.objects if one.name in along for solid in one.placed]
+    kept = tuple(one for one in there.objects if one.name in along or not are_near(solids, one, 0.0))
+    return replace(there, objects=kept) if len(kept) < len(there.objects) else there
 
 
 def without_handle(twin: Scene, scene: Scene) -> Scene:

@@ -9,13 +9,24 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from planners import STRATEGIES, Cause, Infeasible, NoPlan, Planner, Solution, TaskPlan, solve
+from planners import (
+    STRATEGIES,
+    Cause,
+    Infeasible,
+    NoPlan,
+    Planner,
+    Solution,
+    TaskPlan,
+    clearance_floor,
+    lower_bound,
+    solve,
+)
 from planners.clock import Deadline
 from planners.motion.path import BlockedBy, NoPath
-from planners.tamp.attempts import best_outcome
 from planners.symbolic.astar import AStar
 from planners.symbolic.problem import TaskProblem
 from planners.tamp import motion_layer
+from planners.tamp.attempts import best_outcome
 from planners.tamp.state import Search
 from tests.planners.scenes import HEIGHT, cylinder, table_scene
 
@@ -44,6 +55,15 @@ def test_what_presses_into_its_support_is_taken_all_the_same(tilt: float) -> Non
     aslant = body.at(body.position, [math.cos(tilt / 2), math.sin(tilt / 2), 0.0, 0.0])
     sunk = aslant.at(aslant.position + [0.0, 0.0, HEIGHT - 0.0014 - aslant.bottom])
     assert isinstance(solve(table_scene(sunk), "b"), Solution)
+
+
+def test_the_bound_of_what_presses_into_its_support_is_that_of_the_plan() -> None:
+    """It was "unreachable", with a proof, beside a plan: the gripper was taken to touch the table."""
+    scene = table_scene(cylinder("b", -0.1, 0.0, 0.01, 0.012).at([-0.1, 0.0, HEIGHT + 0.003]))
+    found = solve(scene, "b")
+    assert isinstance(found, Solution)
+    assert lower_bound(scene, "b") == found.bound
+    assert clearance_floor(scene, "b").count == 0
 
 
 def refusal(cause: Cause) -> Infeasible:

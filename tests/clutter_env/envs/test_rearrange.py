@@ -17,8 +17,7 @@ from clutter_env.envs.rearrange_tasks import STACK, TASKS
 from clutter_env.envs.reward import DISCOUNT, MOST
 from clutter_env.envs.success import HOLD_STEPS
 from clutter_env.errors import ConfigError, OptionError, StateError
-from clutter_env.scene.layout import TABLE_HEIGHT
-from clutter_env.scene.object_sets import OBJECT_GAP
+from clutter_env.scene.layout import OBJECT_GAP, TABLE_HEIGHT
 from planners import Planner, Scene, goals
 from planners.goals import At, Region
 

@@ -15,8 +15,8 @@ from clutter_env.envs.observation import OBJECT_FIELDS, OBJECT_KINDS
 from clutter_env.policies.protocol import PolicyError, begin_episode
 from clutter_env.policies.registry import load_policy
 from clutter_env.scene.household import KINDS, HouseholdScene, slot_kinds
-from clutter_env.scene.layout import LAYOUTS
-from clutter_env.scene.object_sets import OBJECT_GAP, OBJECT_SETS, capacity
+from clutter_env.scene.layout import LAYOUTS, OBJECT_GAP
+from clutter_env.scene.object_sets import OBJECT_SETS, capacity
 from clutter_env.scene.random_scene import sample_scene
 from planners import Scene, Solution, generate_grasps, solve
 from planners.grasping.families import GRASP_SETS

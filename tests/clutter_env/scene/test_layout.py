@@ -14,11 +14,13 @@ from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.errors import ConfigError, OptionError
 from clutter_env.scene.layout import LAYOUTS, TABLE_HEIGHT, Box, Layout, find_layout, furniture, supports_of
 from clutter_env.scene.object_sets import MAX_OBJECTS, SHAPE_SETS, capacity
+from clutter_env.simulation.world import SUNK
 from planners.scene import Scene
 
 BOX_NAMES = {"table_top", "table_leg_0", "table_leg_1", "table_leg_2", "table_leg_3"}
 FRONT_NAMES = {"counter_left", "counter_right", "wall"}
 SHELF_NAMES = {"shelf_left", "shelf_right", "shelf_board"}
+CHEST_NAMES = {"chest_left", "chest_right", "chest_back", "chest_top"}
 
 
 def test_every_promised_count_fits_the_default_table() -> None:
@@ -32,6 +34,10 @@ def test_furniture_has_the_names_others_rely_on(name: str) -> None:
     expected = BOX_NAMES | (FRONT_NAMES if layout.is_front_only else set())
     expected |= SHELF_NAMES if layout.board_height else set()
     expected |= {"shelf_board_upper"} if layout.second_board_height else set()
+    expected |= {"shelf_board_top"} if layout.third_board_height else set()
+    expected |= CHEST_NAMES if layout.opens == "drawer" else set()
+    if name == "fridge":
+        expected = {one for one in expected if "leg" not in one} | {"table_base"}
     expected |= {box.name for box in layout.boxes}
     assert set(boxes) == expected
     top = boxes["table_top"]
@@ -46,10 +52,13 @@ def test_furniture_has_the_names_others_rely_on(name: str) -> None:
 def test_the_model_declares_the_supports_of_its_layout(name: str) -> None:
     env = RetrieveEnv(num_objects=1, layout=name)
     others = ("counter_left", "counter_right") if LAYOUTS[name].is_front_only else ()
-    others += ("shelf_board",) if len(LAYOUTS[name].levels) == 2 else ()
-    expected = LAYOUTS[name].supports or ("table_top", *others)
+    boards = {"two_boards": ("shelf_board",), "fridge": ("shelf_board", "shelf_board_upper")}
+    expected = LAYOUTS[name].supports or ("table_top", *others, *boards.get(name, ()))
+    if LAYOUTS[name].opens == "drawer":  # the table, where it is in front of the chest
+        before = ("table_top",) if LAYOUTS[name].front else ()
+        expected = ("drawer_floor", *before, *others, "chest_top")
     assert supports_of(LAYOUTS[name]) == expected
-    assert Scene.from_mujoco(env.model, env.data, env.robot).supports == expected
+    assert Scene.from_mujoco(env.model, env.data, env.robot, support=env.support_name).supports == expected
 
 
 @pytest.mark.parametrize(
@@ -70,7 +79,7 @@ def test_a_layout_of_its_own_with_a_support_of_its_own_goes_through_json() -> No
 
 @pytest.mark.parametrize(("name", "shapes"), [(name, SHAPE_SETS[i % 3]) for i, name in enumerate(LAYOUTS)])
 def test_objects_stand_still_and_the_robot_is_clear(name: str, shapes: str) -> None:
-    env = RetrieveEnv(num_objects=20, layout=name, shapes=shapes)
+    env = RetrieveEnv(num_objects=min(20, capacity(LAYOUTS[name], shapes)), layout=name, shapes=shapes)
     rest = np.zeros(env.action_space.shape)
     rest[-1] = 1.0
     for seed in range(3):
@@ -81,7 +90,9 @@ def test_objects_stand_still_and_the_robot_is_clear(name: str, shapes: str) -> N
             env.step(rest)
         assert np.array_equal(env.measurements.poses[:, :2], env.world.scene.positions)
         scene = env.world.scene
-        assert np.array_equal(env.measurements.poses[:, 2], TABLE_HEIGHT + scene.levels + scene.half_extents[:, 2])
+        sunk = SUNK * (scene.levels > 0) if LAYOUTS[name].opens == "drawer" else 0.0
+        heights = TABLE_HEIGHT + scene.levels + scene.half_extents[:, 2] - sunk
+        assert np.array_equal(env.measurements.poses[:, 2], heights)
 
 
 def test_refitted_bodies_are_those_of_a_compiled_model() -> None:

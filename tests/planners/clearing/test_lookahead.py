@@ -10,8 +10,8 @@ import pytest
 
 from planners import STRATEGIES, Goal, goals, solve
 from planners.clearing.goal_bound import LowerBound
-from planners.clearing.lookahead import _in_turn
-from planners.clearing.moves import MoveMaker
+from planners.clearing.lookahead import _in_turn, _Search, _Situation
+from planners.clearing.moves import Move, MoveMaker
 from planners.placing.placements import PlacementSearch
 from planners.scene import Scene
 from planners.tamp.solution import Solution
@@ -52,3 +52,23 @@ def test_a_strategy_with_ngr1_keeps_the_target_s_grasp_alone_clear(region: str, 
         next(plan for plan in plans if isinstance(plan, Solution) and len(plan.clearances) > 1)
     assert any(has_target for has_target, _ in kept)
     assert any(count for _, count in kept) == keeps
+
+
+@pytest.mark.parametrize(("moves", "expected"), [((True, False), {"a"}), ((False, True), set()), ((False,), {"a"})])
+def test_an_object_is_aside_if_its_last_move_put_it_there(moves: tuple[bool, ...], expected: set[str]) -> None:
+    """One that was at its place before was put aside over and over, until the tries were used up."""
+    scene = table_scene(cylinder("a", -0.2, 0.0))
+    made = tuple(Move("a", None, None, is_general, scene) for is_general in moves)
+    assert _Situation(scene, made, (), 0).put_aside == expected
+
+
+def test_nothing_goes_to_its_place_on_what_is_still_to_be_moved() -> None:
+    """It would have to leave again."""
+    scene = table_scene(cylinder("a", -0.2, -0.2, height=0.06), cylinder("b", -0.2, 0.2, height=0.06))
+    search = _Search(maker(scene, goals.on("a", "b") & goals.at("b", (-0.1, 0.0))), scene)
+    first = search.situation(scene)
+    assert isinstance(first, _Situation)
+    assert {step.name for step in search._ready(first)} == {"a", "b"}
+    tried = [one for _, tries in search.levels(first, strictly=False)[:2] for one in tries if one is not None]
+    assert tried
+    assert all(one.moves[0].name == "b" for one in tried)

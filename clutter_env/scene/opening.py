@@ -1,0 +1,227 @@
+"""Furniture that opens: a drawer in a chest, a door before boards, each on one joint with a bar as its handle.
+
+All of it is shut here, in the world frame of `layout`. A drawer slides towards the robot, a door swings that way about
+the side of its hinges; the joint is 0 where it is shut, and positive opens.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+Point = tuple[float, float, float]
+
+DRAWER, DOOR = "drawer", "door"
+"""Names of the bodies that move."""
+DRAWER_FLOOR = "drawer_floor"
+"""Name of the box on which what lies in a drawer stands."""
+CHEST_TOP = "chest_top"
+"""Name of the box above a drawer."""
+DRAWER_TRAVEL = 0.28
+"""[m]"""
+DOOR_TRAVEL = math.radians(100.0)
+"""[rad]"""
+DRAWER_HEADROOM = 0.15
+"""[m] from the floor of a drawer to what is above it while it is shut."""
+DRAWER_LEVEL = 0.03
+"""[m] of the floor of a drawer above the table on which its chest stands."""
+LEAST_CHEST_DEPTH = 0.39
+"""[m] for the drawer, and a panel behind it."""
+FRICTION_RANGE, DAMPING_RANGE = (0.5, 4.0), (1.0, 5.0)
+"""[N], [N s/m] of a drawer, [N m], [N m s] of a door: dry friction of runners and hinges, and what grows with speed."""
+
+_PANEL = 0.02
+"""[m] Thickness of the panels of a chest, of doors and of a drawer's front."""
+_WALL, _WALL_HEIGHT, _FLOOR = 0.012, 0.08, 0.01
+"""[m] Thickness of a drawer's walls, their height above its floor, and the floor's thickness."""
+_SLIT = 0.004
+"""[m] between what moves and what does not."""
+_DRAWER_LENGTH = 0.34
+"""[m] of a drawer inside."""
+_MARGIN = 0.02
+"""[m] along a drawer's walls and front where nothing stands at the start."""
+_SHOWN = 0.25
+"""[m] from the front, in which all stands that is in a drawer: an open drawer shows it whole."""
+_BAR_HALF_THICKNESS, _BAR_HALF_WIDTH = 0.010, 0.012
+"""[m] of a handle's bar towards the robot, and across, where fingers close on it."""
+_BAR_DISTANCE = 0.05
+"""[m] from the face behind it to the middle of the bar: fingers fit between."""
+_DRAWER_BAR, _LONGEST_BAR = 0.055, 0.12
+"""[m] Half lengths of bars."""
+_BAR_SHARE = 1 / 6
+"""Half length of a door's bar over the height of the door."""
+_BAR_HEIGHT = 0.95
+"""[m] above the ground of the middle of a door's bar, at most."""
+_BAR_MARGIN = 0.05
+"""[m] from the edge of a door to the middle of its bar."""
+_POST_HALF_WIDTH = 0.006
+"""[m] of the two posts that carry a bar."""
+
+
+class Box(NamedTuple):
+    """An axis-aligned piece of furniture: centre and half extents, each (3,) [m]."""
+
+    name: str
+    position: Point
+    half_extents: Point
+
+
+class Surface(NamedTuple):
+    """A rectangle on which objects stand at the start.
+
+    Attributes:
+        level: [m] height above the table top.
+        centre, half_extents: (2,) [m] along x and y.
+        headroom: [m] to the lowest thing above it; infinite without one.
+        gap: [m] between the bounding circles of two objects on it, at least.
+    """
+
+    level: float
+    centre: tuple[float, float]
+    half_extents: tuple[float, float]
+    headroom: float
+    gap: float
+
+
+@dataclass(frozen=True)
+class Opening:
+    """A drawer or a door: what moves of the furniture, shut, in the world frame.
+
+    Attributes:
+        name: of its body; those of its joint, "_joint", and of the bar of its handle, "_handle", begin with it.
+        is_slide: whether it slides, or else turns, about or along its axis.
+        origin: (3,) [m] on the axis.
+        axis: (3,) along which it slides open, or about which it turns open.
+        travel: [m] or [rad] from shut to open.
+        parts: its boxes but for the handle.
+        handle: the bar, and the posts that carry it.
+        inside: (2, 3) [m] lowest and highest corner of the space that moves with it; both are the origin of a door.
+    """
+
+    name: str
+    is_slide: bool
+    origin: Point
+    axis: Point
+    travel: float
+    parts: tuple[Box, ...]
+    handle: tuple[Box, ...]
+    inside: tuple[Point, Point]
+
+    @property
+    def joint(self) -> str:
+        """Name of its joint."""
+        return f"{self.name}_joint"
+
+    @property
+    def bar(self) -> str:
+        """Name of the bar by which it is opened."""
+        return self.handle[0].name
+
+
+def chest(front: float, back: float, width: float, table: float) -> tuple[Box, ...]:
+    """The panels of a chest around a drawer, which stand still.
+
+    Args:
+        front, back: [m] along x.
+        width: [m] outside.
+        table: [m] height of the table on which it stands.
+    """
+    half, middle, half_depth = _PANEL / 2, (front + back) / 2, (back - front) / 2
+    bottom, top = table, table + DRAWER_LEVEL + DRAWER_HEADROOM
+    z, half_height, side = (bottom + top) / 2, (top - bottom) / 2, width / 2 - half
+    return (
+        Box("chest_left", (middle, side, z), (half_depth, half, half_height)),
+        Box("chest_right", (middle, -side, z), (half_depth, half, half_height)),
+        Box("chest_back", (back - half, 0.0, z), (half, width / 2 - _PANEL, half_height)),
+        Box(CHEST_TOP, (middle, 0.0, top + half), (half_depth, width / 2, half)),
+    )
+
+
+def drawer(front: float, width: float, table: float) -> Opening:
+    """The drawer of a `chest`."""
+    half_width, floor = width / 2 - _PANEL - _SLIT, table + DRAWER_LEVEL
+    face = front - _SLIT - _PANEL
+    low, high = table + _SLIT, table + DRAWER_LEVEL + DRAWER_HEADROOM
+    z, half = (low + high) / 2, _PANEL / 2
+    start, end = front - _SLIT, front + _DRAWER_LENGTH + _WALL
+    middle, half_length = (start + end) / 2, (end - start) / 2
+    wall_z, wall_half = floor + _WALL_HEIGHT / 2, _WALL_HEIGHT / 2
+    parts = (
+        Box("drawer_front", (face + half, 0.0, z), (half, width / 2, (high - low) / 2)),
+        Box(DRAWER_FLOOR, (middle, 0.0, floor - _FLOOR / 2), (half_length, half_width, _FLOOR / 2)),
+        *(
+            Box(name, (middle, side * (half_width - _WALL / 2), wall_z), (half_length, _WALL / 2, wall_half))
+            for name, side in (("drawer_left", 1), ("drawer_right", -1))
+        ),
+        Box("drawer_back", (end - _WALL / 2, 0.0, wall_z), (_WALL / 2, half_width - _WALL, wall_half)),
+    )
+    return Opening(
+        DRAWER,
+        is_slide=True,
+        origin=(face + half, 0.0, z),
+        axis=(-1.0, 0.0, 0.0),
+        travel=DRAWER_TRAVEL,
+        parts=parts,
+        handle=_bar(DRAWER, face, 0.0, z, _DRAWER_BAR),
+        inside=((start, -half_width, floor - _FLOOR), (end, half_width, high)),
+    )
+
+
+def drawer_surface(front: float, width: float, gap: float) -> Surface:
+    """Where objects stand in a `drawer`."""
+    half = _SHOWN / 2, width / 2 - _PANEL - _SLIT - _WALL - _MARGIN
+    return Surface(DRAWER_LEVEL, (front - _SLIT + _MARGIN + half[0], 0.0), half, DRAWER_HEADROOM, gap)
+
+
+def way_surface(front: float, gap: float) -> Surface:
+    """Where objects stand on the table that are in the way of a `drawer`: behind them there is room for its handle."""
+    far = front - _SLIT - _PANEL - _BAR_DISTANCE
+    return Surface(0.0, (far - 0.09, 0.0), (0.08, 0.16), math.inf, gap)
+
+
+def door(side: Literal["left", "right"], front: float, width: float, bottom: float, top: float) -> Opening:
+    """A door before boards.
+
+    Args:
+        side: of its hinges, as the robot sees it.
+        front: [m] along x of what it shuts.
+        width: [m]
+        bottom, top: [m] heights above the ground.
+    """
+    sign = 1.0 if side == "left" else -1.0
+    low, high = bottom + _SLIT, top
+    face, z, height = front - _SLIT - _PANEL, (low + high) / 2, high - low
+    hinge = (face, sign * width / 2, z)
+    return Opening(
+        DOOR,
+        is_slide=False,
+        origin=hinge,
+        axis=(0.0, 0.0, -sign),
+        travel=DOOR_TRAVEL,
+        parts=(Box("door_panel", (face + _PANEL / 2, 0.0, z), (_PANEL / 2, width / 2, height / 2)),),
+        handle=_bar(
+            DOOR,
+            face,
+            -sign * (width / 2 - _BAR_MARGIN),
+            min(z, _BAR_HEIGHT),
+            min(_BAR_SHARE * height, _LONGEST_BAR),
+        ),
+        inside=(hinge, hinge),
+    )
+
+
+def _bar(name: str, face: float, y: float, z: float, half_length: float) -> tuple[Box, ...]:
+    """An upright bar in front of a face at x, and the posts at its ends."""
+    post = (_BAR_DISTANCE - _BAR_HALF_THICKNESS) / 2
+    return (
+        Box(f"{name}_handle", (face - _BAR_DISTANCE, y, z), (_BAR_HALF_THICKNESS, _BAR_HALF_WIDTH, half_length)),
+        *(
+            Box(
+                f"{name}_post_{number}",
+                (face - post, y, z + end * (half_length - _POST_HALF_WIDTH)),
+                (post, _POST_HALF_WIDTH, _POST_HALF_WIDTH),
+            )
+            for number, end in enumerate((-1, 1))
+        ),
+    )
