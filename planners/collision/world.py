@@ -378,17 +378,17 @@ def validate(world: CollisionWorld) -> None:
     pairs = [pair for pair in overlaps(world) if not set(scene.held_names) & set(pair)]
     if pairs:
         raise SceneError(f"objects overlap: {', '.join(f'{one} and {other}' for one, other in pairs)}")
-    if _is_inside_static(world):
+    if is_inside_static(world):
         bare = replace(scene, objects=(), held=None, aside=(), static_obstacles=())
         around = ["the ground"]
-        if not _is_inside_static(CollisionWorld.from_scene(bare)):
+        if not is_inside_static(CollisionWorld.from_scene(bare)):
             alone = ((one.name, replace(bare, static_obstacles=(one,))) for one in scene.static_obstacles)
-            around = [name for name, single in alone if _is_inside_static(CollisionWorld.from_scene(single))]
+            around = [name for name, single in alone if is_inside_static(CollisionWorld.from_scene(single))]
         base = np.round(scene.state.base, 3).tolist()
         raise SceneError(f"the robot is inside {' and '.join(around)} at base pose {base}")
 
 
-def _is_inside_static(world: CollisionWorld) -> bool:
+def is_inside_static(world: CollisionWorld) -> bool:
     """Whether the robot, where it stands, overlaps the ground or a static obstacle by more than `OVERLAP`."""
     state, objects = world.scene.state, world.scene.mask(world.scene.names)
     return bool(world.with_padding(-OVERLAP).hits(state.base, state.q, 0.0, ignore=objects) >> STATIC_BIT & 1)
