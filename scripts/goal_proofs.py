@@ -35,7 +35,7 @@ from clutter_env.reporting.progress import progress_bar
 from irm.chain import ArmChain
 from planners import Infeasible, Region, Scene, Solution, goals, lower_bound, solve, warmup
 from planners.collision.world import CollisionWorld
-from planners.goals import At, Before, Clear, Goal, Inside
+from planners.goals import At, Goal, Holding, Inside, On
 from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses, gripper_hits, scan_configurations
 from planners.grasping.families import GRASP_SETS
 from planners.grasping.grasp_poses import generate_grasps
@@ -120,7 +120,7 @@ def _words(counts: Counter[str]) -> str:
 
 def find_no_way(scene: Scene, goal: Goal) -> str:
     """Which search finds no way: "removal", "room" or "order"; "" if none of them does."""
-    wanted = {fact.object for fact in goal.unmet(scene) if not isinstance(fact, Before | Clear)}
+    wanted = {fact.object for fact in goal.unmet(scene) if isinstance(fact, Holding | On | Inside | At)}
     leave = removable(scene, wanted | {name for fact in goal.placed for name in _in_the_way(scene, fact)})
     if not wanted <= leave:
         return "removal"
