@@ -36,7 +36,7 @@ from planners.placing.placements import Placement
 from planners.scene import Body, Solid
 from planners.tamp.motion_layer import MotionLayer
 from scripts.goal_measures import drawn
-from tests.planners.pieces import bowl, cut_in_two
+from tests.planners.pieces import bottle, bowl, cut_in_two
 from tests.planners.plans import assert_free
 from tests.planners.scenes import BOARD_HEIGHT, HEIGHT, UPRIGHT, cylinder, random_scene, shelf_scene, table_scene
 
@@ -695,3 +695,11 @@ def test_a_pose_under_a_board_is_under_it_for_what_stands_there_also_while_it_is
 )
 def test_a_plan_for_text_that_a_scene_makes_a_goal(text: str) -> None:
     reached(scene_of("three"), text)
+
+
+def test_nothing_is_proved_exact_while_something_unproved_stands_at_a_place() -> None:
+    """Of two bottles that change places one is put aside, but of objects of several pieces that is not proved."""
+    bodies = [bottle(name, (-0.1, y, HEIGHT)) for name, y in (("object_00", -0.1), ("object_01", 0.1))]
+    scene = table_scene(*bodies)
+    bound = lower_bound(scene, goals.at("object_00", (-0.1, 0.1)) & goals.at("object_01", (-0.1, -0.1)))
+    assert (bound.picks, bound.least, bound.proved) == (2, 2, False)
