@@ -18,7 +18,7 @@ from clutter_env.scene.opening import (
     DRAWER_FLOOR,
     DRAWER_HEADROOM,
     LEAST_CHEST_DEPTH,
-    Box,
+    Box as Box,
     Opening,
     Surface,
     chest,
@@ -331,8 +331,8 @@ def supports_of(layout: Layout) -> tuple[str, ...]:
     if layout.opens == "drawer":  # of the table, what is in front of the chest
         names = (CHEST_TOP, *_COUNTERS, TABLE) if layout.front else (CHEST_TOP, *_COUNTERS)
         return (DRAWER_FLOOR, *(box.name for box in furniture(layout) if box.name in names))
-    names = (TABLE, *_COUNTERS, *_BOARDS[: len(layout.levels) - 1])
-    return tuple(box.name for box in furniture(layout) if box.name in names)
+    shelves = _BOARDS[: len(layout.levels) - 1]
+    return tuple(box.name for box in furniture(layout) if box.name in (TABLE, *_COUNTERS, *shelves))
 
 
 TRAY = "tray_"
