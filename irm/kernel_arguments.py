@@ -171,6 +171,11 @@ def packed(value: TupleT) -> TupleT:
 class _Packed:
     """A named tuple and its memory as kernels read it; what it holds is kept as long as this is."""
 
+    value: Any
+    words: NDArray[np.uint64]
+    layout: Layout
+    address: int
+
     def __init__(self, value: tuple[Any, ...]) -> None:
         parts, layout = _words_of(value)
         self.value, self.words, self.layout = value, np.concatenate(parts), layout
@@ -186,6 +191,21 @@ class _Packed:
     def __getitem__(self, index: int) -> Any:
         """A field by its number; so the fields can be iterated over too."""
         return self.value[index]
+
+
+def with_numbers(value: TupleT, **numbers: float | np.uint64) -> TupleT:
+    """A packed tuple with other numbers, of the same types, in some of its last fields; much faster than `packed`."""
+    before, copy = cast(_Packed, value), _Packed.__new__(_Packed)
+    fields, of_fields = before.value._fields, before.layout[1]
+    copy.value, copy.words, copy.layout = before.value._replace(**numbers), before.words.copy(), before.layout
+    copy.address, copy._numba_type_ = int(copy.words.__array_interface__["data"][0]), before._numba_type_
+    for name, number in numbers.items():
+        index = fields.index(name)
+        if any(one not in _SCALARS for one in of_fields[index:]) or type(number) is not of_fields[index]:
+            raise TypeError(f"{name} = {number!r} is not a {of_fields[index]} among the last fields")
+        words = copy.words.view(np.float64) if isinstance(number, float) else copy.words
+        words[index - len(fields)] = number
+    return cast(TupleT, copy)
 
 
 def _words_of(value: tuple[Any, ...]) -> tuple[list[NDArray[np.uint64]], Layout]:

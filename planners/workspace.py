@@ -15,6 +15,7 @@ import numpy as np
 from assets.robots import RobotSpec
 from planners.collision.ground_map import GroundMap
 from planners.collision.world import CompiledScenes
+from planners.grasping.bar_grasps import bar_grasps
 from planners.grasping.base_placement import FixedBase, Placer, placer_of
 from planners.grasping.candidates import GraspCandidates
 from planners.grasping.families import Family, Grasps, find_grasp_set, grasp_set_name
@@ -118,6 +119,10 @@ class Workspace:
 
     def too_wide(self, scene: Scene, name: str) -> str:
         """Why no grasp fits around an object with any arm, "" if one does."""
+        if scene.pull is not None and scene.pull.handle == name:
+            views = (scene.using(arm) for arm in self.arms)
+            if any(bar_grasps(view, view.body(name), view.robot) for view in views):
+                return ""
         reasons = [too_wide(scene.body(name), placer.robot, self.families) for placer in self.arms.values()]
         return "" if "" in reasons else reasons[0]
 

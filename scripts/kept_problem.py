@@ -57,7 +57,7 @@ def _scene(objects: int, seed: int) -> tuple[Scene, str]:
     env = gymnasium.make(f"clutter_env/Retrieve-o{objects}-v0", obstructed=True)
     _, info = env.reset(seed=seed)
     world = env.unwrapped
-    scene = Scene.from_mujoco(world.model, world.data, world.robot)  # type: ignore[attr-defined]
+    scene = Scene.from_mujoco(world.model, world.data, world.robot)  # type: ignore[attr-defined]  # it has them
     env.close()
     return scene, info["target"]
 

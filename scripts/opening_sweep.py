@@ -101,7 +101,8 @@ def model_of(case: Case) -> str:
             f'<geom name="front" type="box" size="0.01 {w} 0.08" mass="0.5"/>'
             f'<geom name="bottom" type="box" size="0.16 {w - 0.01} 0.005" pos="0.17 0 -0.07" mass="0.5"/>'
         )
-        body = f'<body name="it" pos="0.9 0 {z}">{joint}{parts}<body pos="-{case.stands_out} 0 0">{handle}</body></body>'
+        at = f"-{case.stands_out} 0 0"
+        body = f'<body name="it" pos="0.9 0 {z}">{joint}{parts}<body pos="{at}">{handle}</body></body>'
     else:
         side = 1 if case.kind == "left" else -1
         torque = case.friction * (case.width - 0.05)

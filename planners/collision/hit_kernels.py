@@ -29,6 +29,7 @@ from irm.kernel_arguments import (
     layout_of,
     leaf_kernel,
     packed,
+    with_numbers,
 )
 from irm.kinematics import fk_frames
 from planners.collision.scene_arrays import Obstacles, RobotArrays
@@ -110,8 +111,9 @@ class CollisionQuery(NamedTuple):
 
 def packed_query(query: CollisionQuery) -> CollisionQuery:
     """The query as kernels read it, with the addresses of what they call."""
-    configuration, edge = _addresses(layout_of(query))
-    return packed(query._replace(check_configuration=configuration, check_edge=edge))
+    without = packed(query)
+    configuration, edge = _addresses(layout_of(without))
+    return with_numbers(without, check_configuration=configuration, check_edge=edge)
 
 
 @cache
@@ -425,7 +427,16 @@ def edge_samples(reach: Array, start: Array, end: Array, step: float) -> int:
 
 
 @leaf_kernel
-def _is_clear_around(query: CollisionQuery, x: Array, opening: float, slack: Array) -> bool:
+def motion_on_edge(reach: Array, start: Array, end: Array, share: float, slack: Array) -> None:
+    """Write how far points of the base and the links move at most (1 + n,) [m] on a share of a straight motion."""
+    far = math.hypot(end[0] - start[0], end[1] - start[1]) + abs(end[2] - start[2]) * reach[2]
+    for link in range(slack.shape[0]):
+        far += abs(end[2 + link] - start[2 + link]) * reach[2 + link] if link > 0 else 0.0
+        slack[link] = far * share
+
+
+@leaf_kernel
+def is_clear_around(query: CollisionQuery, x: Array, opening: float, slack: Array) -> bool:
     """Whether nothing that counts is hit at a configuration (3 + n,), nor where each link has moved by its slack.
 
     `slack` (1 + n,) [m] of the base and the links: what all joints before do, added up; `opening` of the gripper [m].
@@ -499,10 +510,7 @@ def _edge_hits(query: CollisionQuery, start: Array, end: Array, step: float) -> 
     hits = configuration_hits(query, query.active, x[:3], x[3:])
     while 2 * stride < parts:
         stride *= 2
-    far = math.hypot(end[0] - start[0], end[1] - start[1]) + abs(end[2] - start[2]) * reach[2]
-    for link in range(slack.shape[0]):
-        far += abs(end[2 + link] - start[2 + link]) * reach[2 + link] if link > 0 else 0.0
-        slack[link] = far * (_AROUND - 1) / parts
+    motion_on_edge(reach, start, end, (_AROUND - 1) / parts, slack)
     while stride >= 1:
         for i in range(stride, parts, 2 * stride):
             if query.first_only and hits != _NONE:
@@ -510,7 +518,7 @@ def _edge_hits(query: CollisionQuery, start: Array, end: Array, step: float) -> 
             if stride == _AROUND:
                 for joint in range(x.shape[0]):
                     x[joint] = start[joint] + (end[joint] - start[joint]) * i / parts
-                if _is_clear_around(query, x, query.opening, slack):
+                if is_clear_around(query, x, query.opening, slack):
                     continue
             for away in range(_AROUND if stride == _AROUND else 1):
                 hits |= _hits_on_edge(query, start, end, i - away, parts)
@@ -565,7 +573,7 @@ def unproved_states(query: CollisionQuery, states: Array) -> NDArray[np.bool_]:
         first, last = stretches[count, 0], stretches[count, 1]
         middle = (first + last) // 2
         _motion_about(moved[2 * middle + 1], moved[2 * first], moved[2 * last], slack)
-        if _is_clear_around(query, states[middle, :d], gap + 2.0 * states[middle, d], slack):
+        if is_clear_around(query, states[middle, :d], gap + 2.0 * states[middle, d], slack):
             continue
         if last - first == 1:
             unproved[first] = True
@@ -616,7 +624,7 @@ def path_hits(query: CollisionQuery, X: Array, step: float) -> np.uint64:
         middle = (first + last) // 2
         if last > first:
             _motion_about(moved[middle], moved[first], moved[last], slack)
-            is_clear[block] = _is_clear_around(query, points[middle], query.opening, slack)
+            is_clear[block] = is_clear_around(query, points[middle], query.opening, slack)
         if not is_clear[block]:
             hits |= configuration_hits(query, query.active, points[middle, :3], points[middle, 3:])
             if query.first_only and hits != _NONE:
@@ -629,3 +637,13 @@ def path_hits(query: CollisionQuery, X: Array, step: float) -> np.uint64:
                 if query.first_only and hits != _NONE:
                     return np.uint64(hits)
     return np.uint64(hits)
+
+
+@njit(cache=True)
+def edges_that_hit(query: CollisionQuery, X: Array, step: float) -> NDArray[np.bool_]:
+    """Which edges of a motion through `X` (k, 3 + n) hit something, both ends included: (k - 1,); see `path_hits`."""
+    found = np.zeros(max(X.shape[0] - 1, 0), np.bool_)
+    if path_hits(query, X, step) != _NONE:
+        for row in range(found.shape[0]):
+            found[row] = path_hits(query, X[row : row + 2], step) != _NONE
+    return found

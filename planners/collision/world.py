@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irm.gjk import CYLINDER, Solids, are_any_within, are_within
-from irm.kernel_arguments import packed
+from irm.kernel_arguments import packed, with_numbers
 from planners.collision.hit_kernels import (
     Attached,
     CollisionQuery,
     Scratch,
+    edges_that_hit,
     make_scratch,
     many_hits,
     packed_query,
@@ -208,10 +209,16 @@ class CollisionWorld:
         # Fingers that are commanded to close on the held object stay at its width.
         apart, padding = max(float(opening), carried.width), float(self.padding)
         key = apart, int(active), padding, first_only
-        if key not in carried.queries:
+        if not carried.queries:
             scratch, attached = carried.scratch, carried.attached
             query = CollisionQuery(carried.robot, self.obstacles, attached, scratch, apart, active, padding, first_only)
             carried.queries[key] = packed_query(query)
+        elif key not in carried.queries:
+            # They differ in numbers alone.
+            known = next(iter(carried.queries.values()))
+            carried.queries[key] = with_numbers(
+                known, opening=apart, active=active, padding=padding, first_only=first_only
+            )
         return carried.queries[key]
 
     def hits(
@@ -247,6 +254,11 @@ class CollisionWorld:
         """
         query = self.query(opening, held, ignore, first_only)
         return int(path_hits(query, np.array(X, dtype=float, order="C"), float(step)))
+
+    def edges_that_hit(self, X: ArrayLike, opening: float, ignore: int = 0, step: float = STEP) -> NDArray[np.bool_]:
+        """Which of the straight parts of a motion hit something: (k - 1,); arguments as for `path_hits`."""
+        query = self.query(opening, None, ignore, first_only=True)
+        return np.asarray(edges_that_hit(query, np.array(X, dtype=float, order="C"), float(step)))
 
     def names_of(self, mask: int) -> tuple[str, ...]:
         """What the set bits stand for: names of objects, "a static obstacle", "the robot itself"."""
@@ -366,17 +378,17 @@ def validate(world: CollisionWorld) -> None:
     pairs = [pair for pair in overlaps(world) if not set(scene.held_names) & set(pair)]
     if pairs:
         raise SceneError(f"objects overlap: {', '.join(f'{one} and {other}' for one, other in pairs)}")
-    if _is_inside_static(world):
+    if is_inside_static(world):
         bare = replace(scene, objects=(), held=None, aside=(), static_obstacles=())
         around = ["the ground"]
-        if not _is_inside_static(CollisionWorld.from_scene(bare)):
+        if not is_inside_static(CollisionWorld.from_scene(bare)):
             alone = ((one.name, replace(bare, static_obstacles=(one,))) for one in scene.static_obstacles)
-            around = [name for name, single in alone if _is_inside_static(CollisionWorld.from_scene(single))]
+            around = [name for name, single in alone if is_inside_static(CollisionWorld.from_scene(single))]
         base = np.round(scene.state.base, 3).tolist()
         raise SceneError(f"the robot is inside {' and '.join(around)} at base pose {base}")
 
 
-def _is_inside_static(world: CollisionWorld) -> bool:
+def is_inside_static(world: CollisionWorld) -> bool:
     """Whether the robot, where it stands, overlaps the ground or a static obstacle by more than `OVERLAP`."""
     state, objects = world.scene.state, world.scene.mask(world.scene.names)
     return bool(world.with_padding(-OVERLAP).hits(state.base, state.q, 0.0, ignore=objects) >> STATIC_BIT & 1)

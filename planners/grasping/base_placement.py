@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from typing import Any, TypeAlias
 
@@ -148,8 +148,7 @@ class MapPlacer:
     Attributes:
         robot: whose outline must fit too if it is not round.
         map: of the robot.
-        ground: where the base may stand for a level gripper; the lower bounds of the frozen suites rest on it.
-        open_ground: where it may stand for a tilted gripper: not behind walls.
+        scene: its static obstacles, supports and objects say where the base may stand.
         outlines: corners (v, 2) of the obstacles that an outline must fit between.
         ground_map: tells to which base poses the robot cannot drive; these are left out. None: to all.
         per_gripper_pose: base poses returned for each gripper pose at most.
@@ -157,8 +156,7 @@ class MapPlacer:
 
     robot: RobotSpec
     map: InverseReachabilityMap
-    ground: FreeSpace
-    open_ground: FreeSpace
+    scene: Scene = field(repr=False)
     outlines: tuple[Array, ...]
     ground_map: GroundMap | None
     per_gripper_pose: int
@@ -167,15 +165,22 @@ class MapPlacer:
     def of_scene(cls, scene: Scene, per_gripper_pose: int = 3, ground_map: GroundMap | None = None) -> MapPlacer:
         """Base poses for the active arm among the static obstacles of a scene; its map is made if not given."""
         robot, outlines = scene.robot, tuple(one.outline for one in _beside_base(scene))
-        free, in_the_open = free_ground(scene), free_ground(scene, with_shadows=True)
-        return cls(
-            robot, inverse_map(robot), free, in_the_open, outlines, ground_map or GroundMap(scene), per_gripper_pose
-        )
+        return cls(robot, inverse_map(robot), scene, outlines, ground_map or GroundMap(scene), per_gripper_pose)
 
     @cached_property
     def chain(self) -> ArmChain:
         """The joints of torso and arm."""
         return ArmChain.from_robot(self.robot)
+
+    @cached_property
+    def ground(self) -> FreeSpace:
+        """Where the base may stand for a level gripper; the lower bounds of the frozen suites rest on it."""
+        return free_ground(self.scene)
+
+    @cached_property
+    def open_ground(self) -> FreeSpace:
+        """Where it may stand for a tilted gripper: not behind walls."""
+        return free_ground(self.scene, with_shadows=True)
 
     def with_more(self, per_gripper_pose: int) -> MapPlacer:
         """The same with so many base poses for each gripper pose."""

@@ -388,7 +388,7 @@ class GraspCandidates:
         body: Body,
         poses: GripperPoses,
         opening: float,
-        family: Family | BarFamily,
+        family: Family | BarFamily | None = None,
         about_home: bool = False,
         known: Collection[int] = (),
     ) -> list[GraspCandidate]:

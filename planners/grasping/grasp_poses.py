@@ -239,6 +239,9 @@ def can_pull(scene: Scene, body: Body, T_world_tcp: Array) -> bool:
     """
     if scene.pull is None or body.name != scene.pull.handle:
         return True
-    direction, approach = scene.opening(scene.pull.opening).direction(body.position), T_world_tcp[:3, 0]
+    opening, approach = scene.opening(scene.pull.opening), T_world_tcp[:3, 0]
+    direction = opening.direction(body.position)
+    if not direction.any() or opening.is_about(body.position):  # a knob: it turns in the hand
+        return bool(abs(approach @ opening.axis) >= _FROM_ABOVE)
     is_level = abs(direction[2]) < _FROM_ABOVE
     return bool(approach @ direction <= -_AGAINST or (is_level and approach[2] <= -_FROM_ABOVE))

@@ -16,7 +16,14 @@ from numpy.typing import NDArray
 
 from irm.compilation import njit
 from irm.kernel_arguments import copy_row, copy_rows, leaf_kernel
-from planners.collision.hit_kernels import CollisionQuery, configuration_hits, edge_hits, edge_samples
+from planners.collision.hit_kernels import (
+    CollisionQuery,
+    configuration_hits,
+    edge_hits,
+    edge_samples,
+    is_clear_around,
+    motion_on_edge,
+)
 
 Array = NDArray[np.float64]
 _NONE = np.uint64(0)
@@ -26,6 +33,8 @@ _EXTENSION = 0.5
 """[m] that a tree grows towards a random target at once."""
 _LEAST_PROGRESS = 3
 """Steps that a blocked extension must have made to be kept."""
+_AHEAD = 6
+"""Steps that are looked at at once."""
 _NEAR_SPREAD = 0.4
 """[m] Standard deviation of targets drawn about the straight line, each joint weighed by its reach."""
 _ARC_PIECES = 8
@@ -54,20 +63,36 @@ def _nearest(nodes: Array, count: int, target: Array, weights: Array) -> int:
 
 
 @leaf_kernel
-def _advance(query: CollisionQuery, start: Array, target: Array, step: float, reached: Array) -> int:
+def _write_share(start: Array, target: Array, share: int, parts: int, reached: Array) -> None:
+    for joint in range(start.shape[0]):
+        reached[joint] = start[joint] + (target[joint] - start[joint]) * share / parts
+
+
+@leaf_kernel
+def advance(query: CollisionQuery, start: Array, target: Array, step: float, reached: Array) -> int:
     """Move from `start` towards `target` until something is hit; write the last free configuration to `reached`.
+
+    Steps are looked at several at once: one by one where something is so near to the middle one that they could hit it.
 
     Returns:
         0 when blocked at once, 1 on the way, 2 when the target was reached.
     """
-    parts = edge_samples(query.attached.reach, start, target, step)
-    for i in range(1, parts + 1):
-        for joint in range(start.shape[0]):
-            reached[joint] = start[joint] + (target[joint] - start[joint]) * i / parts
-        if configuration_hits(query, query.active, reached[:3], reached[3:]) != _NONE:
-            for joint in range(start.shape[0]):
-                reached[joint] = start[joint] + (target[joint] - start[joint]) * (i - 1) / parts
-            return 1 if i > _LEAST_PROGRESS else 0
+    reach, slack = query.attached.reach, query.scratch.slack
+    parts = edge_samples(reach, start, target, step)
+    for first in range(1, parts + 1, _AHEAD):
+        last = min(first + _AHEAD - 1, parts)
+        middle = (first + last) // 2
+        if last > first:
+            _write_share(start, target, middle, parts, reached)
+            motion_on_edge(reach, start, target, max(middle - first, last - middle) / parts, slack)
+            if is_clear_around(query, reached, query.opening, slack):
+                continue
+        for i in range(first, last + 1):
+            _write_share(start, target, i, parts, reached)
+            if configuration_hits(query, query.active, reached[:3], reached[3:]) != _NONE:
+                _write_share(start, target, i - 1, parts, reached)
+                return 1 if i > _LEAST_PROGRESS else 0
+    _write_share(start, target, parts, parts, reached)
     return 2
 
 
@@ -174,11 +199,11 @@ def rrt_connect(
         share = min(1.0, _EXTENSION / max(distance, 1e-12))
         for joint in range(d):
             target[joint] = nodes[tree, stem, joint] + share * (target[joint] - nodes[tree, stem, joint])
-        if _advance(query, nodes[tree, stem], target, step, reached):
+        if advance(query, nodes[tree, stem], target, step, reached):
             leaf = _grow(nodes, parents, counts, tree, stem, reached)
             other = 1 - tree
             stem = _nearest(nodes[other], counts[other], reached, weights)
-            outcome = _advance(query, nodes[other, stem], reached, step, link)
+            outcome = advance(query, nodes[other, stem], reached, step, link)
             if outcome == 2:
                 return (
                     _joined(nodes, parents, leaf, stem) if tree == _FROM_START else _joined(nodes, parents, stem, leaf)

@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable
 from functools import lru_cache
 from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -48,6 +49,8 @@ _STRETCHES = 30
 """Times that a trajectory may be slowed down until its samples keep the limits."""
 
 Array = NDArray[np.float64]
+IsNear: TypeAlias = Callable[[Array], NDArray[np.bool_]]
+"""Which of the straight parts between configurations (k, 11) are near to something: (k - 1,)."""
 
 
 def time_parametrise(
@@ -56,7 +59,7 @@ def time_parametrise(
     finger_position: float,
     phase: Phase,
     is_loaded: bool = False,
-    is_near: Callable[[Array], bool] | None = None,
+    is_near: IsNear | None = None,
 ) -> Trajectory:
     """A trajectory along a polygon of whole-body configurations, at rest at both ends.
 
@@ -66,8 +69,7 @@ def time_parametrise(
         finger_position: [m], constant.
         phase: the phase that this trajectory is.
         is_loaded: whether an object is held: the base then turns at `robot.max_loaded_yaw_rate` at most.
-        is_near: whether a part (k, 11) of the path is so near to something that the robot moves slowly; see
-            `near_walls`.
+        is_near: on which straight parts of a path the robot moves slowly, as it is near something; see `near_walls`.
 
     Returns:
         samples every `CONTROL_STEP`, the last one at rest at the end. Their first differences keep the velocity limits
@@ -92,8 +94,8 @@ def time_parametrise(
         velocity[2] = min(velocity[2], HEADROOM * robot.max_loaded_yaw_rate)
     length, points = _grid(path, velocity)
     is_slow = np.zeros(len(points) - 1, bool)
-    if is_near is not None and is_near(path):
-        is_slow[:] = [is_near(points[k : k + 2]) for k in range(len(points) - 1)]
+    if is_near is not None and is_near(path).any():
+        is_slow = is_near(points)
     speed = _speeds(length, points, acceleration, is_slow)
     clock = np.concatenate([[0.0], np.cumsum(2 * np.diff(length) / (speed[:-1] + speed[1:]))])
     for _ in range(_STRETCHES):
@@ -106,11 +108,16 @@ def time_parametrise(
     return Trajectory.of_states(np.column_stack([samples, np.full(len(samples), finger_position)]), phase)
 
 
-def near_walls(world: CollisionWorld, opening: float) -> Callable[[Array], bool]:
-    """Whether the robot comes nearer than `_NEAR` to a fixed obstacle that is no support along a path (k, 11)."""
+def near_walls(world: CollisionWorld, opening: float) -> IsNear:
+    """On which parts of a path the robot comes nearer than `_NEAR` to a fixed obstacle that is no support."""
     scene = world.scene
     alone = _among(scene.robot, tuple(body for body in scene.static_obstacles if body.name not in scene.supports))
-    return lambda X: bool(alone.path_hits(X, opening, ignore=1 << SELF_BIT, first_only=True))
+    return lambda X: alone.edges_that_hit(X, opening, ignore=1 << SELF_BIT)
+
+
+def _everywhere(X: Array) -> NDArray[np.bool_]:
+    """Near on all parts of a path."""
+    return np.ones(len(X) - 1, np.bool_)
 
 
 @lru_cache(maxsize=16)
@@ -218,13 +225,14 @@ def pull_trajectory(world: CollisionWorld, motion: PullMotion, state: RobotState
         path.configurations[k] for path, k in ((motion.transit, 0), (motion.pull, 0), (motion.pull, -1))
     )
     pull = Phase("pull", 0.0, "", held)
+    pulled = time_parametrise(motion.pull.configurations, robot, 0.0, pull, is_loaded=True, is_near=_everywhere)
     return join(
         [
             _fingers(robot, here, state.finger_position, open_at, Phase("ready", 0.0), 0.0),
             _along(world, motion.transit, open_at, "transit"),
             _along(world, motion.approach, open_at, "approach"),
             _fingers(robot, grasp, open_at, 0.0, Phase("close", 0.0, "", held), SETTLE_TIME),
-            time_parametrise(motion.pull.configurations, robot, 0.0, pull, is_loaded=True, is_near=lambda _: True),
+            pulled,
             _fingers(robot, end, 0.0, leave_at, Phase("open", 0.0, "", held), SETTLE_TIME),
             _along(world, motion.leave, leave_at, "leave"),
             _along(world, motion.home, leave_at, "home"),

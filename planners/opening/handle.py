@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.opened import STEPS, way
-from planners.collision.world import are_near
+from planners.collision.world import CollisionWorld, are_near, is_inside_static
 from planners.regions import Region
 from planners.scene import MAX_OBJECTS, Body, Opening, Pull, Scene, Solid, StaticObstacle
 from planners.scene.moving import carried_by, moved
@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 
 _GAP = 0.004
 """[m] that what is put down keeps from the way of what opens."""
+_BACK = (0.0, 0.3, 0.6, 0.9, 1.2)
+"""[m] that a robot is farther back where it stands in the way of what opens."""
 _OVER = 0.3
 """[m] above a support up to which something passes in the way of what is put down there."""
 
@@ -66,6 +68,8 @@ def handles_of(scene: Scene, name: str) -> Iterator[tuple[str, ...]]:
 def as_if_opened(scene: Scene, name: str, position: float) -> Scene:
     """The scene with what opens at a position, as if what was in its way were gone: to find out what would be possible.
 
+    A robot that stands where a door will be is farther back.
+
     Raises:
         UnknownOpening: nothing of that name opens.
     """
@@ -74,7 +78,14 @@ def as_if_opened(scene: Scene, name: str, position: float) -> Scene:
     solids: list[Solid] = [one for one in there.static_obstacles if one.name in parts]
     solids += [solid for one in there.objects if one.name in along for solid in one.placed]
     kept = tuple(one for one in there.objects if one.name in along or not are_near(solids, one, 0.0))
-    return replace(there, objects=kept) if len(kept) < len(there.objects) else there
+    there = replace(there, objects=kept) if len(kept) < len(there.objects) else there
+    x, y, yaw = scene.state.base
+    for back in _BACK:
+        base = np.array([x - back * np.cos(yaw), y - back * np.sin(yaw), yaw])
+        farther = there.with_state(replace(scene.state, base=base)) if back else there
+        if not is_inside_static(CollisionWorld.from_scene(farther)):
+            return farther
+    return there
 
 
 def without_handle(twin: Scene, scene: Scene) -> Scene:

@@ -9,13 +9,13 @@ what is in the way of a drawer is put aside as everything else is.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from planners.cause import Cause
 from planners.clearing.goal_bound import LowerBound
 from planners.clock import Deadline
-from planners.facts import At, Closed, Holding, Inside, On, Open, Pulled, Turned
+from planners.facts import At, Closed, Fact, Holding, Inside, On, Open, Pulled, Turned
 from planners.goals import Goal
 from planners.opening.handle import as_if_opened, handles_of, with_handle, without_handle
 from planners.problem import Problem
@@ -53,72 +53,119 @@ def solve_through(asked: Asked, scene: Scene, goal: Goal, start: Scene | None = 
         goal: what is wanted.
         start: the scene from which the goal counts.
     """
-    began, here = start or scene, scene
     parts: list[Solution] = []
-    wanted = [fact for fact in goal.openings if not fact.holds(scene)]
+    for part in _parts(asked, scene, goal, start or scene, parts):
+        if isinstance(part, Infeasible):
+            return _ended(part, goal, parts)
+        parts.append(part)
+    return _one_plan(parts, goal, asked.problem(scene, goal, start) if not parts else None, asked)
+
+
+def _parts(
+    asked: Asked, scene: Scene, goal: Goal, start: Scene, done: Sequence[Solution]
+) -> Iterator[Solution | Infeasible]:
+    """The parts of a plan, one after another; each begins where those `done` by then end."""
+
+    def here() -> Scene:
+        return (done[-1].end if done else None) or scene
+
+    shut = [fact for fact in goal.openings if isinstance(fact, Closed)]
     rest = tuple(fact for fact in goal.facts if fact not in goal.openings)
-    for fact in wanted:
-        if isinstance(fact, Closed):
-            continue
-        found = _moved_to(asked, here, fact.opening, _further(here, fact))
-        if isinstance(found, Infeasible):
-            return _ended(found, goal, parts)
-        here = _joined(parts, found)
-    if rest and not Goal(rest).holds(here, began):
-        left = Goal(rest)
-        for name in needed(asked, here, left, began):
-            opening = here.opening(name)
-            found = _moved_to(asked, here, name, opening.at_share(_FULLY))
-            if isinstance(found, Infeasible):
-                return _ended(found, goal, parts)
-            here = _joined(parts, found)
-        found = asked.solve(asked.problem(here, left, began))
-        if isinstance(found, Infeasible):
-            return _ended(found, goal, parts)
-        here = _joined(parts, found)
-    for shut in goal.openings:
-        if isinstance(shut, Closed) and not shut.holds(here):
-            found = _moved_to(asked, here, shut.opening, here.opening(shut.opening).shut)
-            if isinstance(found, Infeasible):
-                return _ended(found, goal, parts)
-            here = _joined(parts, found)
-    return _one_plan(parts, goal, here, asked)
+    for fact in goal.openings:
+        if not isinstance(fact, Closed) and not fact.holds(here()):
+            yield _moved_to(asked, here(), fact.opening, _further(here(), fact))
+    if rest and not Goal(rest).holds(here(), start):
+        for name in needed(asked, here(), Goal(rest), start):
+            yield _moved_to(asked, here(), name, here().opening(name).at_share(_FULLY))
+        if goal.held and any(not fact.holds(here()) for fact in shut):
+            # What is to be held in the end waits outside: the hand has to shut the door first.
+            yield _put_outside(asked, here(), rest, start)
+            for fact in shut:
+                yield from () if fact.holds(here()) else [_shut(asked, here(), fact)]
+        found = asked.solve(asked.problem(here(), Goal(rest), start))
+        if isinstance(found, Infeasible) and (name := helpful(asked, here(), Goal(rest), start)):
+            yield _moved_to(asked, here(), name, here().opening(name).at_share(_FULLY))
+            found = asked.solve(asked.problem(here(), Goal(rest), start))
+        yield found
+    for fact in shut:
+        if not fact.holds(here()):
+            yield _shut(asked, here(), fact)
+
+
+def _shut(asked: Asked, scene: Scene, fact: Closed) -> Solution | Infeasible:
+    """A plan that shuts something."""
+    return _moved_to(asked, scene, fact.opening, scene.opening(fact.opening).shut)
+
+
+def _put_outside(asked: Asked, scene: Scene, facts: Sequence[Fact], start: Scene) -> Solution | Infeasible:
+    """A plan for facts of a goal in which what is to be held is put on a support that does not move."""
+    moving = {name for one in scene.openings for name in one.parts}
+    ended: Infeasible | None = None
+    for support in (one for one in scene.supports if one not in moving):
+        outside = [On(fact.object, support) if isinstance(fact, Holding) else fact for fact in facts]
+        found = asked.solve(asked.problem(scene, Goal(tuple(outside)).in_scene(scene), start))
+        if isinstance(found, Solution):
+            return found
+        ended = ended or found
+    return ended or Infeasible(Cause.NO_CLEARANCE_LOCATION, "no support but what opens", Goal(tuple(facts)).held)
 
 
 def needed(asked: Asked, scene: Scene, goal: Goal, start: Scene) -> tuple[str, ...]:
     """Names of what must be opened before a goal can be reached: as few as will do; none if nothing helps.
 
-    What is in the way of the goal is proved by the lower bound: that no grasp reaches what must move as the world is.
+    That is what something is to be put into, and what hides something that is to be moved: the lower bound proves that
+    no grasp reaches it as the world is, and that one does with a drawer or door open.
     """
-    if _is_possible(asked, scene, goal, start):
-        return ()
-    shut = sorted(
-        (one for one in scene.openings if one.share < _FULLY / 2), key=lambda one: -_carries(scene, goal, one)
-    )
+    into = {fact.place if isinstance(fact, On) else fact.region for fact in goal.facts if isinstance(fact, On | Inside)}
+    into |= {region.support for region in scene.regions if region.name in into}
+    first = tuple(one.name for one in _shut_ones(scene) if into & {*one.parts})
+    for name in first:
+        scene = as_if_opened(scene, name, scene.opening(name).at_share(_FULLY))
+    if not _is_known(goal, scene) or _is_possible(asked, scene, goal, start):
+        return first
+    shut = sorted(_shut_ones(scene), key=lambda one: not _carries(scene, goal, one))
     for count in range(1, _MOST + 1):
         for some in itertools.combinations(shut, count):
             opened = scene
             for one in some:
                 opened = as_if_opened(opened, one.name, opened.opening(one.name).at_share(_FULLY))
-            # What is named and in its way stands free before it: that it is out of reach has another cause.
-            is_known = {fact.object for fact in goal.facts if isinstance(fact, Holding | On | Inside | At)} <= {
-                *opened.names
-            }
-            if is_known and _is_possible(asked, opened, goal, start):
-                return tuple(one.name for one in some)
-    return ()
+            if _is_known(goal, opened) and _is_possible(asked, opened, goal, start):
+                return (*first, *(one.name for one in some))
+    return first
+
+
+def helpful(asked: Asked, scene: Scene, goal: Goal, start: Scene) -> str:
+    """Name of what must be opened for a goal for which there is no plan as the world is; "" if nothing helps."""
+    for one in sorted(_shut_ones(scene), key=lambda one: not _carries(scene, goal, one)):
+        opened = as_if_opened(scene, one.name, one.at_share(_FULLY))
+        if asked.deadline.is_over or not _is_known(goal, opened):
+            continue
+        if isinstance(asked.solve(asked.problem(opened, goal, start)), Solution):
+            return one.name
+    return ""
+
+
+def _shut_ones(scene: Scene) -> list[Opening]:
+    """What is more shut than open."""
+    return [one for one in scene.openings if one.share < _FULLY / 2]
+
+
+def _is_known(goal: Goal, scene: Scene) -> bool:
+    """Whether all objects of a goal are in a scene: what stood in the way of something may be left out of it."""
+    return {fact.object for fact in goal.facts if isinstance(fact, Holding | On | Inside | At)} <= {*scene.names}
 
 
 def lower_bound_through(asked: Asked, scene: Scene, goal: Goal, start: Scene | None = None) -> LowerBound:
     """The fewest picks and pulls of any plan for a goal in a scene in which something opens.
 
     Each thing that must be opened or shut is one pull. An object that is put aside for a pull may be one that has to go
-    for the rest too: so of these the greater number counts as proved, the sum of both as what is to be expected.
+    for the rest too: so the greater number of these counts as proved, the sum of both as what is to be expected.
     """
     began, here = start or scene, scene
     bounds: list[LowerBound] = []
     rest = tuple(fact for fact in goal.facts if fact not in goal.openings)
-    moves = [(fact.opening, fact.position_in(scene)) for fact in goal.openings if not fact.holds(scene)]
+    wanted = [(fact.opening, fact.position_in(scene)) for fact in goal.openings if not fact.holds(scene)]
+    moves = [*wanted]
     if rest:
         opened = here
         for name, position in moves:
@@ -139,9 +186,18 @@ def lower_bound_through(asked: Asked, scene: Scene, goal: Goal, start: Scene | N
         if last.picks is None:
             return last
         bounds.append(last)
-    pulls = len(moves)
-    aside = [bound.least - 1 for bound in bounds[:pulls]]
-    least = pulls + max([*aside, *(bound.least for bound in bounds[pulls:]), 0])
+    return _together(bounds[: len(moves)], bounds[len(moves) :], len(moves) > len(wanted))
+
+
+def _together(pulls: Sequence[LowerBound], others: Sequence[LowerBound], hides: bool) -> LowerBound:
+    """The bound of a plan with parts that pull handles, and others.
+
+    Where something `hides` what is to be moved, one object at least is moved after the pull, besides those put aside
+    for it: nothing reaches it before.
+    """
+    bounds = (*pulls, *others)
+    aside = max((bound.least - 1 for bound in pulls), default=0)
+    least = len(pulls) + max([aside + hides, *(bound.least for bound in others)])
     picks = sum(bound.picks or 0 for bound in bounds)
     objects = tuple(dict.fromkeys(name for bound in bounds for name in bound.objects))
     twice = tuple(name for bound in bounds for name in bound.aside)
@@ -219,13 +275,6 @@ def _is_pull(action: BoundAction) -> bool:
     return action.name == "PickUp" and pull is not None and action.target == pull.handle
 
 
-def _joined(parts: list[Solution], found: Solution) -> Scene:
-    """The scene after one more part of a plan."""
-    parts.append(found)
-    assert found.end is not None
-    return found.end
-
-
 def _ended(found: Infeasible, goal: Goal, parts: list[Solution]) -> Infeasible:
     """The end of a search in one of its parts."""
     done = tuple(name for part in parts for name in part.clearances)
@@ -235,10 +284,10 @@ def _ended(found: Infeasible, goal: Goal, parts: list[Solution]) -> Infeasible:
     )
 
 
-def _one_plan(parts: list[Solution], goal: Goal, end: Scene, asked: Asked) -> Solution | Infeasible:
-    """The parts as one plan."""
-    if not parts:
-        return asked.solve(asked.problem(end, goal, None))
+def _one_plan(parts: list[Solution], goal: Goal, as_it_is: Problem | None, asked: Asked) -> Solution | Infeasible:
+    """The parts as one plan; without any, that of the problem `as_it_is`: nothing is to be done."""
+    if as_it_is is not None:
+        return asked.solve(as_it_is)
     stats = [part.stats for part in parts]
     total = SolveStats(
         replans=sum(one.replans for one in stats),
@@ -249,12 +298,16 @@ def _one_plan(parts: list[Solution], goal: Goal, end: Scene, asked: Asked) -> So
         unusable=sum(one.unusable for one in stats),
         history=tuple(record for one in stats for record in one.history),
     )
+    bounds = [(part.bound, part.pulls > 0) for part in parts if part.bound is not None]
+    pulls, others = [one for one, is_pull in bounds if is_pull], [one for one, is_pull in bounds if not is_pull]
+    pulled = {action.target for part in parts for action in part.actions if action.name in ("Open", "Close")}
+    hides = bool(others) and bool(pulled - {fact.opening for fact in goal.openings})
     return replace(
         parts[-1],
+        bound=_together(pulls, others, hides) if len(bounds) == len(parts) else None,
         actions=tuple(action for part in parts for action in part.actions),
         clearances=tuple(name for part in parts for name in part.clearances),
         stats=total,
         target=goal.target,
         goal=goal,
-        end=end,
     )

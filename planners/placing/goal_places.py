@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from planners.facts import At, Fact, Inside, On, has_yaw, region_named, region_names, support_at, whole_face
+from planners.facts import At, Inside, On, has_yaw, region_named, region_names, support_at, whole_face
 from planners.goals import Goal
 from planners.placing.locations import stand_at
 from planners.regions import EDGE, RESTING, RIM, Region, footprint, overlap
@@ -88,10 +88,8 @@ def place_of(scene: Scene, fact: On | Inside | At) -> Place:
         within, point = tuple(_region_or_face(scene, name) for name in fact.within), np.array([fact.x, fact.y])
         return Place(support_at(scene, fact), location=point, slack=fact.tolerance, yaw=yaw, within=within)
     name = fact.place if isinstance(fact, On) else fact.region
-    if name in (*region_names(scene), *scene.supports):
-        area = _region_or_face(scene, name)
-        is_face = area.name == area.support
-        return Place(scene.support_named(area.support), _near(area, scene.state.base[:2]) if is_face else area)
+    if _is_area(scene, name):
+        return _area_named(scene, name)
     other = scene.body(name)
     if isinstance(fact, On) and fact.pose is not None:
         face, yaw = _top_of(other), fact.pose.yaw if has_yaw(body) else None
@@ -108,6 +106,27 @@ def place_of(scene: Scene, fact: On | Inside | At) -> Place:
     return Place(_top_of(other), location=highest[:, :2].mean(axis=0), below=name)
 
 
+def _is_area(scene: Scene, name: str) -> bool:
+    return name in (*region_names(scene), *scene.supports)
+
+
+def _area_named(scene: Scene, name: str) -> Place:
+    """The place that a region or a support is for all objects."""
+    area = _region_or_face(scene, name)
+    is_face = area.name == area.support
+    return Place(scene.support_named(area.support), _near(area, scene.state.base[:2]) if is_face else area)
+
+
+def _places_of(scene: Scene, facts: Iterable[On | Inside | At]) -> Iterator[tuple[On | Inside | At, Place]]:
+    """The places that facts name, those of regions and supports made once however many facts name them."""
+    areas: dict[str, Place] = {}
+    for fact in facts:
+        name = "" if isinstance(fact, At) else fact.place if isinstance(fact, On) else fact.region
+        if name not in areas and _is_area(scene, name):
+            areas[name] = _area_named(scene, name)
+        yield fact, areas[name] if name in areas else place_of(scene, fact)
+
+
 def _top_of(other: Body) -> StaticObstacle:
     """An object as what another one stands on."""
     if other.shape == "pieces":
@@ -117,6 +136,8 @@ def _top_of(other: Body) -> StaticObstacle:
 
 def _near(face: Region, base: Array) -> Region:
     """The part of a face about the robot, if it is as wide as a ground: most of it is too far away to be tried."""
+    if max(face.half_extents) <= _NEAR:
+        return face
     half, middle, c, s = np.array(face.half_extents), face.local(base), math.cos(face.yaw), math.sin(face.yaw)
     low, high = np.maximum(-half, middle - _NEAR), np.minimum(half, middle + _NEAR)
     is_wide = (half > _NEAR) & (low < high)
@@ -142,10 +163,7 @@ def reserved_regions(scene: Scene, goal: Goal, besides: str = "") -> tuple[Regio
     if own is not None and mine is None:
         return ()
     found = {name: _region_or_face(scene, name) for name in goal.cleared}
-    for fact in goal.placed:
-        if fact is own:
-            continue
-        place = place_of(scene, fact)
+    for fact, place in _places_of(scene, (one for one in goal.placed if one is not own)):
         if place.area is not None and place.area != mine:
             found[place.area.name] = place.area
         elif place.location is not None and not place.below:
@@ -195,6 +213,7 @@ def locations_in(
     others: Sequence[Body],
     allowed: Callable[[Array], NDArray[np.bool_]],
     pitch: float = PITCH,
+    is_passed_over: Callable[[Array], bool] = lambda _: False,
 ) -> Iterator[tuple[Array, Yaws]]:
     """Locations (2,) [m] of a place at which an object fits, and its yaws there [rad], None for any; best first.
 
@@ -208,6 +227,7 @@ def locations_in(
         others: that are to come there later, for which room is left, if there is room for all.
         allowed: which points (n, 2) may be taken at all.
         pitch: [m] between locations.
+        is_passed_over: whether a location (2,) is not wanted any more when its turn comes: it may be yielded or not.
     """
     if place.area is None:
         points = points_about(place)
@@ -227,11 +247,11 @@ def locations_in(
     may_stand = allowed(points)
     for yaws, gap in itertools.product(_ways(place.area, body), _GAPS):
         free = points[may_stand & _fits(points, place.area, body, standing, gap, yaws[0])]
-        if len(free) and not _has_room(points, place.area, (body, free[0], yaws[0]), staying, others, gap):
+        rest = RoomForOthers(points, place.area, staying, others, gap)
+        if len(free) and not rest.is_left(body, free[0], yaws[0]):
             free = free[:: 1 + len(free) // _TRIED]
-        for point in free:
-            if _has_room(points, place.area, (body, point, yaws[0]), staying, others, gap):
-                yield point, yaws
+        wanted = (point for point in free if not is_passed_over(point))
+        yield from ((point, yaws) for point in wanted if rest.is_left(body, point, yaws[0]))
     for yaws in _ways(place.area, body):
         fits = may_stand & _fits(points, place.area, body, standing, _GAPS[-1], yaws[0])
         yield from ((point, yaws) for point in points[fits])
@@ -344,14 +364,15 @@ def _crowd(scene: Scene, facts: Sequence[On | Inside | At]) -> tuple[str, ...]:
     convex area holds more centres at distances of d than Oler's inequality says (Acta Mathematica 105, 1961).
     """
     found: list[tuple[str, float, Region, float]] = []  # the last: [m] of its centre from the area's sides at least
-    for fact in facts:
-        area, radius = place_of(scene, fact).area, inner_radius(scene.body(fact.object))
+    for fact, place in _places_of(scene, facts):
+        area, radius = place.area, inner_radius(scene.body(fact.object))
         inset = 0.0 if _is_by_centre(scene, fact) else radius - EDGE
         if area is not None and min(area.half_extents) > inset:
             found.append((fact.object, radius, area, inset))
-    for one, other in itertools.combinations(found, 2):
-        corners, corners_2 = (_shrunk(area, inset).corners for _, _, area, inset in (one, other))
-        away = np.linalg.norm(corners[:, None] - corners_2, axis=2).max()
+    corners = [_shrunk(area, inset).corners for _, _, area, inset in found]
+    for k, m in itertools.combinations(range(len(found)), 2):
+        one, other = found[k], found[m]
+        away = np.linalg.norm(corners[k][:, None] - corners[m], axis=2).max()
         if one[2].support == other[2].support and away < one[1] + other[1]:
             return one[0], other[0]
     for area in dict.fromkeys(area for _, _, area, _ in found):
@@ -603,10 +624,19 @@ def _fits(
     for one in standing:
         if math.dist(one.position[:2], area.centre) > within + one.radius:
             continue
-        away = np.linalg.norm(points - one.position[:2], axis=1)
-        near = np.flatnonzero(inside & (away < body.radius + one.radius + gap))
-        inside[near] = _room_beside(points[near], body, yaw, one) >= gap
+        _clear_beside(inside, points, body, yaw, one, gap)
     return inside
+
+
+def _clear_beside(
+    free: NDArray[np.bool_], points: Array, body: Body, yaw: float | None, one: Body, gap: float
+) -> NDArray[np.bool_]:
+    """Of the free points (n,), those at which an object has a gap [m] to another one: written there, and returned."""
+    away = np.linalg.norm(points - one.position[:2], axis=1)
+    near = np.flatnonzero(free & (away < body.radius + one.radius + gap))
+    if len(near):
+        free[near] = _room_beside(points[near], body, yaw, one) >= gap
+    return free
 
 
 def _half_at(area: Region, body: Body, yaw: float | None) -> Array:
@@ -655,30 +685,62 @@ def _distances_to_polygon(points: Array, corners: Array) -> Array:
     return np.where(inside, 0.0, nearest)
 
 
-def _has_room(
-    points: Array,
-    area: Region,
-    first: tuple[Body, Array, float | None],
-    staying: Sequence[Body],
-    others: Sequence[Body],
-    gap: float,
-) -> bool:
-    """Whether the others fit too once an object stands at a point: each at the first free point, the largest first.
+class RoomForOthers:
+    """Whether others fit in an area beside what stays there, once an object stands at a point, for many such points.
 
-    If it stands along the sides, the others may too.
+    Each of them goes to the first free point, the largest first. What is free beside what stays, and beside those that
+    have come before at the same point, is worked out once.
     """
-    if not others:
+
+    def __init__(
+        self, points: Array, area: Region, staying: Sequence[Body], others: Sequence[Body], gap: float
+    ) -> None:
+        """Points (n, 2) of an area, what stays beside it, who comes, and the gap [m] between neighbours."""
+        self.points, self.area, self.staying, self.gap = points, area, staying, gap
+        self.others = sorted(others, key=lambda one: -one.radius)
+        self._free: dict[tuple[int, float | None], NDArray[np.bool_]] = {}
+        self._stood: dict[tuple[int, float | None, int], Body] = {}
+        self._beside: dict[tuple[int, float | None, Body], NDArray[np.bool_]] = {}
+
+    def is_left(self, body: Body, point: Array, yaw: float | None) -> bool:
+        """Whether the others fit too once an object stands at a point; along the sides, if it stands so, they may too.
+
+        Args:
+            body: the object.
+            point: (2,) [m].
+            yaw: [rad] of the object, None for any.
+        """
+        if not self.others:
+            return True
+        first, placed = _standing(body, point, yaw), list[Body]()
+        for k, other in enumerate(self.others):
+            for way, *_ in _ways(self.area, other)[slice(1) if yaw is None else slice(None, None, -1)]:
+                free = self._free_among(k, way, placed)
+                _clear_beside(free, self.points, other, way, first, self.gap)
+                if free.any():
+                    break
+            else:
+                return False
+            placed.append(self._standing(k, way, int(free.argmax())))
         return True
-    placed = [*staying, _standing(*first)]
-    for other in sorted(others, key=lambda one: -one.radius):
-        for yaw, *_ in _ways(area, other)[slice(1) if first[2] is None else slice(None, None, -1)]:
-            free = _fits(points, area, other, placed, gap, yaw)
-            if free.any():
-                break
-        else:
-            return False
-        placed.append(_standing(other, points[int(free.argmax())], yaw))
-    return True
+
+    def _free_among(self, k: int, yaw: float | None, placed: Sequence[Body]) -> NDArray[np.bool_]:
+        """Where one of the others is free at a yaw, beside what stays and those that have come: (n,), a copy."""
+        other, points, gap = self.others[k], self.points, self.gap
+        if (k, yaw) not in self._free:
+            self._free[k, yaw] = _fits(points, self.area, other, self.staying, gap, yaw)
+        free = self._free[k, yaw].copy()
+        for one in placed:
+            if (k, yaw, one) not in self._beside:
+                self._beside[k, yaw, one] = _clear_beside(np.ones(len(points), np.bool_), points, other, yaw, one, gap)
+            free &= self._beside[k, yaw, one]
+        return free
+
+    def _standing(self, k: int, yaw: float | None, at: int) -> Body:
+        """One of the others at a point, the same object whenever it is asked for."""
+        if (k, yaw, at) not in self._stood:
+            self._stood[k, yaw, at] = _standing(self.others[k], self.points[at], yaw)
+        return self._stood[k, yaw, at]
 
 
 def _standing(body: Body, point: Array, yaw: float | None) -> Body:
@@ -695,8 +757,8 @@ def of_same_area(scene: Scene, goal: Goal, name: str, waiting: Collection[str]) 
     """The objects that wait to come to the same area as one of the goal, by whichever name."""
     own = placed_fact(goal, name)
     area = None if own is None else place_of(scene, own).area
-    others: list[Fact] = [fact for fact in goal.placed if fact.object in waiting and fact.object != name]
     if area is None:
         return []
-    areas = ((fact.object, place_of(scene, fact).area) for fact in others if isinstance(fact, On | Inside))
+    others = [fact for fact in goal.placed if fact.object in waiting and fact.object != name]
+    areas = ((fact.object, place.area) for fact, place in _places_of(scene, others) if not isinstance(fact, At))
     return [least_room(scene.body(one)) for one, theirs in areas if theirs is not None and _is_same(theirs, area)]

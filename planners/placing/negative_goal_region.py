@@ -57,11 +57,18 @@ class SupportGrid:
         size = np.array(self.shape) * self.resolution
         return self.x0, self.x0 + float(size[0]), self.y0, self.y0 + float(size[1])
 
-    def centres(self) -> Array:
-        """Centres of all cells, shape (*shape, 2) [m]."""
-        x = self.x0 + (np.arange(self.shape[0]) + 0.5) * self.resolution
-        y = self.y0 + (np.arange(self.shape[1]) + 0.5) * self.resolution
+    def centres(self, cells: tuple[slice, slice] = (slice(None), slice(None))) -> Array:
+        """Centres of all cells, or of some rows and columns, shape (rows, columns, 2) [m]."""
+        x = self.x0 + (np.arange(self.shape[0])[cells[0]] + 0.5) * self.resolution
+        y = self.y0 + (np.arange(self.shape[1])[cells[1]] + 0.5) * self.resolution
         return np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+
+    def cells_about(self, points: Array) -> tuple[slice, slice]:
+        """Rows and columns of the cells in the rectangle around points (k, 2) [m], and next to it."""
+        low = np.floor((points.min(axis=0) - (self.x0, self.y0)) / self.resolution).astype(int) - 1
+        high = np.ceil((points.max(axis=0) - (self.x0, self.y0)) / self.resolution).astype(int) + 1
+        rows, columns = (slice(max(a, 0), max(b, 0)) for a, b in zip(low.tolist(), high.tolist(), strict=True))
+        return rows, columns
 
     def empty(self) -> Mask:
         """A mask with no cell set."""

@@ -205,11 +205,15 @@ class PlacementSearch:
         is_covered_place = is_under_shelf(scene, place)
         middle = np.array((0.0, 0.0) if place.area is None else place.area.centre)
 
+        def is_near_failure(point: Array) -> bool:
+            return any(math.dist(point, other) < _NEAR_FAILURE for other in failed)
+
         def locations() -> Iterator[tuple[Array, Yaws]]:
             found: Iterator[tuple[Array, Yaws]] = iter(())
             for foot, pitch in zip(feet, (PITCH, PITCH, NARROW), strict=False):
                 may_be = partial(allowed, foot=foot)
-                found = itertools.chain(found, locations_in(scene, body, place, leaving, others, may_be, pitch))
+                some = locations_in(scene, body, place, leaving, others, may_be, pitch, is_near_failure)
+                found = itertools.chain(found, some)
             if len(drops) > 1:  # the walls are farthest from the middle
                 found = iter(sorted(found, key=lambda one: math.dist(one[0], middle)))
             for point, yaws in found:
@@ -230,7 +234,7 @@ class PlacementSearch:
             yield from sorted(fitting, key=deepest_first)
 
         for point, yaws in locations():
-            if any(np.hypot(*(point - other)) < _NEAR_FAILURE for other in failed):
+            if is_near_failure(point):
                 continue
             if deadline.is_over or len(failed) >= _FAILURES:
                 return

@@ -114,7 +114,8 @@ class Surface:
         standing = [other for other in beside if other.name != body.name]
         occupied = footprint_mask(grid, standing, _MARGIN) | static_mask(scene, support, grid, height, _MARGIN)
         for region in (one for one in reserved if one.support == support.name):
-            occupied |= region.contains_points(grid.centres())
+            near = grid.cells_about(region.corners)
+            occupied[near] |= region.contains_points(grid.centres(near))
         return cls(support, grid, negative_goal_region(grid, height, target, obstacles), occupied)
 
     @property

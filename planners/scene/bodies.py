@@ -407,14 +407,15 @@ def _resting_directions(pieces: tuple[Solid, ...], middle: tuple[float, ...]) ->
     sides = corners[:, 1:] - corners[:, :1]
     areas = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / 2
     found: list[tuple[float, Array]] = []
-    for normal in normals:
-        is_same = normals @ normal > math.cos(_SAME_FACE)
-        if any(up @ normal < -math.cos(_SAME_FACE) for _, up in found):
+    are_same, is_found = normals @ normals.T > math.cos(_SAME_FACE), np.zeros(len(normals), np.bool_)
+    for side, (normal, is_same) in enumerate(zip(normals, are_same, strict=True)):
+        if is_found[side]:
             continue
         # The face seen along its normal, and the centre of mass above it.
         across = np.linalg.svd(normal[None])[2][1:]
         face = ConvexHull(hull.points[np.unique(hull.simplices[is_same])] @ across.T)
         if (face.equations[:, :2] @ (across @ np.array(middle)) + face.equations[:, 2] < -_ON_FACE).all():
             found.append((float(areas[is_same].sum()), -normal))
+            is_found |= is_same
     found.sort(key=lambda one: (one[1][2] < math.cos(UPRIGHT_TILT), -round(one[0], 9)))
     return np.array([up for _, up in found]).reshape(-1, 3)

@@ -18,6 +18,8 @@ from planners.scene.solid import SceneError, frozen
 Array = NDArray[np.float64]
 JointKind: TypeAlias = Literal["slide", "hinge"]
 
+_KNOB = 0.02
+"""[m] from the hinge up to which a handle turns in its place."""
 _HANDLES = ("handle", "knob", "pull", "grip")
 """Words in the names of what is taken by the hand."""
 
@@ -98,6 +100,11 @@ class Opening:
         T[:3, :3] = np.eye(3) + math.sin(by) * cross + (1 - math.cos(by)) * cross @ cross
         T[:3, 3] = self.point - T[:3, :3] @ self.point
         return T
+
+    def is_about(self, point: Array) -> bool:
+        """Whether a point (3,) [m] is so near to the hinge that it turns in its place, as the middle of a knob."""
+        away = point - self.point
+        return self.kind == "hinge" and float(np.linalg.norm(away - (away @ self.axis) * self.axis)) < _KNOB
 
     def direction(self, point: Array) -> Array:
         """(3,) unit vector in which a point (3,) [m] of it moves when it is opened further; zero on the hinge."""

@@ -267,7 +267,12 @@ class StaticObstacle(Solid):
         away = points - self.position[:2]
         if self.shape == "cylinder" and self.has_level_top:
             return np.asarray(np.hypot(away[..., 0], away[..., 1]) <= self.half_extents[0])
-        corners = self.outline - self.position[:2]
-        sides = np.roll(corners, -1, axis=0) - corners
+        corners, sides = self._sides
         turns = sides[:, 0] * (away[..., 1, None] - corners[:, 1]) - sides[:, 1] * (away[..., 0, None] - corners[:, 0])
         return np.asarray((turns >= 0).all(axis=-1))
+
+    @cached_property
+    def _sides(self) -> tuple[Array, Array]:
+        """(k, 2) [m] corners of its outline, from `position`, and the sides that begin there."""
+        corners = self.outline - self.position[:2]
+        return corners, np.roll(corners, -1, axis=0) - corners

@@ -192,7 +192,9 @@ def _drive_to_put_down(
         found = motion_layer.put_down(*refuted[0], find_blockers=True) if refuted else None
         blockers = found.blockers - {name} if isinstance(found, BlockedBy) else frozenset()
         grasp = plan.commitments.grasps.get(name)
-        search.not_placed = search.not_placed.having(name, blockers, None if grasp is None else grasp.pitch)
+        refused = name, blockers, None if grasp is None else grasp.pitch
+        search.not_placed = search.not_placed.having(*refused)
+        motion_layer.not_placed = motion_layer.not_placed.having(*refused)
         by = f": {', '.join(sorted(blockers))} in the way" if blockers else ""
         return Refutation(action, reason=f"no motion puts {name} at its place{by}")
     detail = f"no location for {name} that keeps clear of what remains to be done"

@@ -78,6 +78,7 @@ class MotionLayer:
         compiled: the collision worlds of the states so far.
         deadline: when to stop.
         motions: those that were planned in scenes before this one, and those that are planned now.
+        not_placed: all objects for whose places no motion was found so far.
         candidates: the grasps known in the present state.
         placement_search: placements, with what grasps sweep.
         checks_at_end: whether MuJoCo checks motions once, when they are `shortened`.
@@ -91,6 +92,7 @@ class MotionLayer:
     motions: KeptMotions = field(default_factory=KeptMotions)
     checks_at_end: bool = False
     is_refuted: bool = False
+    not_placed: NotPlaced = field(default_factory=NotPlaced)
     candidates: GraspCandidates = field(init=False, repr=False)
     placement_search: PlacementSearch = field(init=False, repr=False)
     _checkers: dict[tuple[str, tuple[StaticObstacle, ...]], MujocoCollisionChecker] = field(
@@ -104,6 +106,7 @@ class MotionLayer:
         """This one, with the grasps and placements known to another one, if any, in the same workspace."""
         if before is not None:
             self.candidates, self.placement_search = before.candidates, before.placement_search
+            self.not_placed = before.not_placed
         return self
 
     @property

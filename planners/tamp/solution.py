@@ -142,7 +142,8 @@ class Solution(Stored):
         target: name of the object that the plan takes; "" of a goal with places.
         strategy: the strategy that made the plan.
         goal: what the plan brings about; None in files of older versions: the target is held.
-        bound: the fewest picks of any plan; None of a target with a strategy that does not plan ahead.
+        bound: the fewest picks of any plan, pulls of handles among them; None of a target with a strategy that does not
+            plan ahead.
         end: the scene at the end, what is held at the pose at which it is held; None in files of older versions.
     """
 
@@ -177,6 +178,11 @@ class Solution(Stored):
         return sum(action.name == "PickUp" for action in self.actions)
 
     @property
+    def pulls(self) -> int:
+        """How often something is opened or shut."""
+        return sum(action.name in ("Open", "Close") for action in self.actions)
+
+    @property
     def duration(self) -> float:
         """[s] of simulated time that the motions take."""
         return sum(action.trajectory.duration for action in self.actions)
@@ -192,7 +198,8 @@ class Solution(Stored):
         ]
         rows = {"Actions": str(len(self.actions)), "Simulated duration": f"{self.duration:.1f} s", **self.stats.rows()}
         if self.bound is not None:
-            rows = {"Picks": f"{self.picks}; no plan has fewer than {self.bound.least}", **rows}
+            pulls, together = (f" and {self.pulls} of handles", " together") if self.pulls else ("", "")
+            rows = {"Picks": f"{self.picks}{pulls}; no plan has fewer than {self.bound.least}{together}", **rows}
         return "\n".join([*lines, *(f"{name}: {value}" for name, value in rows.items())])
 
     def _repr_html_(self) -> str:

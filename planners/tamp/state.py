@@ -113,7 +113,7 @@ class Search:
     motion_layer: MotionLayer
     holds_aside: bool = field(init=False)
     bound: LowerBound | None = None
-    not_placed: NotPlaced = field(default_factory=NotPlaced)
+    not_placed: NotPlaced = field(init=False)
     plan: list[BoundAction] = field(default_factory=list)
     clearances: list[str] = field(default_factory=list)
     history: list[ReplanRecord] = field(default_factory=list)
@@ -122,7 +122,7 @@ class Search:
     counts: Counts = field(default_factory=Counts)
 
     def __post_init__(self) -> None:
-        self.holds_aside = self.problem.hold_aside
+        self.holds_aside, self.not_placed = self.problem.hold_aside, self.motion_layer.not_placed
 
     @property
     def goal(self) -> Goal:

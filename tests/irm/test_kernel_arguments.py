@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from irm.compilation import njit
-from irm.kernel_arguments import call_at, kernel_address, layout_of, leaf_kernel, packed, pointer_to
+from irm.kernel_arguments import call_at, kernel_address, layout_of, leaf_kernel, packed, pointer_to, with_numbers
 
 
 class Inner(NamedTuple):
@@ -84,6 +84,42 @@ def test_a_packed_tuple_is_read_as_the_tuple_also_with_packed_and_read_only_part
         assert whole.scale == 0.5
         assert summary_from_python(whole) == both_ways(OUTER)[0]
     assert len(summary_from_python.signatures) == 1
+
+
+class Numbered(NamedTuple):
+    """Numbers of each type behind an array."""
+
+    rows: NDArray[np.float64]
+    mask: np.uint64
+    is_set: bool
+    count: int
+    scale: float
+
+
+@njit
+def numbers_of(values: Numbered) -> tuple[float, float, float, float]:
+    return float(values.mask), 1.0 if values.is_set else 0.0, float(values.count), values.scale + values.rows[1]
+
+
+@pytest.mark.parametrize(
+    "numbers",
+    [{"mask": np.uint64(1 << 50)}, {"is_set": True, "scale": -2.5}, {"count": 12, "is_set": False}, {"scale": np.inf}],
+)
+def test_a_packed_tuple_with_other_numbers_is_one_packed_anew(numbers: dict[str, float]) -> None:
+    before = Numbered(np.arange(2.0), np.uint64(3), False, 5, 0.25)
+    first = packed(before)
+    changed = with_numbers(first, **numbers)
+    assert numbers_of(changed) == numbers_of(packed(before._replace(**numbers)))
+    assert (changed.mask, changed.scale) == (before._replace(**numbers).mask, before._replace(**numbers).scale)
+    assert numbers_of(first) == numbers_of(packed(before))
+    assert len(numbers_of.signatures) == 1
+
+
+def test_other_numbers_are_of_the_same_types_and_behind_all_else() -> None:
+    with pytest.raises(TypeError, match="scale = 1 "):
+        with_numbers(packed(Numbered(np.arange(2.0), np.uint64(3), False, 5, 0.25)), scale=1)
+    with pytest.raises(TypeError, match="first_only = True"):
+        with_numbers(packed(OUTER), first_only=True)
 
 
 def test_a_field_that_kernels_could_not_read_is_refused() -> None:

@@ -208,6 +208,8 @@ def test_checks_are_left_out_along_a_path_only_where_nothing_is_near(seed: int) 
         hits.append(checked_one_by_one(world, X, held, ignore))
         assert world.path_hits(X, OPENING, held, ignore) == hits[-1]
         assert bool(world.path_hits(X, OPENING, held, ignore, first_only=True)) == bool(hits[-1])
+        edges = [bool(checked_one_by_one(world, X[row : row + 2], None, ignore)) for row in range(2)]
+        assert world.edges_that_hit(X, OPENING, ignore).tolist() == edges
     assert 3 < np.count_nonzero(hits) < 21
 
 

@@ -12,11 +12,13 @@ import pytest
 from assets.robots import FETCH
 from irm.chain import ArmChain
 from irm.kinematics import forward
+from planners.collision.hit_kernels import edge_samples
 from planners.collision.straight_lines import trace_straight
 from planners.collision.world import STEP, CollisionWorld
 from planners.motion.arm import ArmQuery, plan_arm, tcp_pose, tcp_poses, unwrap_joints
 from planners.motion.mujoco_check import TOLERANCE, MujocoCollisionChecker
 from planners.motion.path import CLEARANCE, BlockedBy, NoPath, WholeBodyPath, on_base
+from planners.motion.rrt import advance
 from planners.scene import SELF_BIT, Body, RobotState
 from tests.planners.motion_scenes import grasp_configurations, mixed_scene
 from tests.planners.scenes import cylinder, table_scene
@@ -215,3 +217,25 @@ def test_a_robot_near_itself_at_the_start_keeps_away_from_all_else() -> None:
             found.append(not wide.path_hits(path.configurations, opening, None, 1 << SELF_BIT))
     assert len(found) >= 10
     assert np.mean(found) > 0.9
+
+
+@pytest.mark.parametrize("first_step", [0.004, 0.02])
+def test_a_tree_grows_as_far_as_if_each_step_were_checked(first_step: float) -> None:
+    """The slow twin checks one step after another."""
+    world, rng, outcomes = CollisionWorld.from_scene(mixed_scene(18, 0)), np.random.default_rng(0), []
+    query = world.query(0.1, first_only=True)
+    free = [x for base, q, _ in hovers(world, rng, 6) for x in (np.append(base, q),) if not world.hits(base, q, 0.1)]
+    for start in free * 8:
+        target = start + np.append(np.zeros(3), rng.normal(0.0, 0.4, len(HOME)))
+        parts, reached, expected = edge_samples(query.attached.reach, start, target, first_step), start.copy(), 2
+        for i in range(1, parts + 1):
+            x = start + (target - start) * i / parts
+            if world.hits(x[:3], x[3:], 0.1):
+                expected = 1 if i > 3 else 0
+                break
+            reached = x
+        found = np.empty(len(start))
+        outcomes.append(advance(query, start, target, first_step, found))
+        assert outcomes[-1] == expected
+        np.testing.assert_array_equal(found, reached)
+    assert {1, 2} <= set(outcomes)

@@ -42,7 +42,7 @@ def drawer_world(
     height: float = 0.68,
     joint: str = "",
 ) -> World:
-    """A drawer with three cans in it, "red" the farthest, a side table, and two bottles before it where it is blocked."""
+    """A drawer with three cans in it, "red" the farthest, a side table, and, where it is blocked, two bottles."""
     z, travel = height, 0.28
     drawer = f"""
       <body name="drawer" pos="{FRONT} 0 {z}">
@@ -52,7 +52,8 @@ def drawer_world(
         <geom name="drawer_left" type="box" size="0.16 0.006 0.05" pos="0.16 0.186 -0.025" mass="0.2"/>
         <geom name="drawer_right" type="box" size="0.16 0.006 0.05" pos="0.16 -0.186 -0.025" mass="0.2"/>
         <geom name="drawer_back" type="box" size="0.006 0.18 0.05" pos="0.32 0 -0.025" mass="0.2"/>
-        <geom name="drawer_handle" type="box" size="{_HANDLES[handle]}" pos="-0.06 0 0" mass="0.1" friction="1.5 0.01 0.001"/>
+        <geom name="drawer_handle" type="box" size="{_HANDLES[handle]}" pos="-0.06 0 0" mass="0.1"
+          friction="1.5 0.01 0.001"/>
       </body>"""
     box = '<geom name="{0}" type="box" size="{1}" pos="{2}"/>'
     cabinet = "".join(
@@ -77,7 +78,9 @@ def drawer_world(
     return _world(f"{cabinet}{drawer}{free}", robot, movable, supports, {"drawer_joint": out})
 
 
-def cupboard_world(robot: RobotSpec = FETCH, *, hinge: str = "left", handle: str = "upright", angle: float = 0.0) -> World:
+def cupboard_world(
+    robot: RobotSpec = FETCH, *, hinge: str = "left", handle: str = "upright", angle: float = 0.0
+) -> World:
     """A cupboard with a door, three cans behind it, "red" behind the others, and a side table."""
     z, side = 0.9, 1 if hinge == "left" else -1
     door = f"""
@@ -119,7 +122,15 @@ def box_world(robot: RobotSpec = FETCH) -> World:
         <body name="lid" pos="0.1 0 0.115">
           <joint name="lid_joint" type="hinge" axis="0 1 0" range="0 1.7" damping="0.3" frictionloss="0.3"/>
           <geom name="lid_plate" type="box" size="0.1 0.12 0.005" pos="-0.1 0 0" mass="0.1"/>
-          <geom name="lid_knob" type="box" size="0.012 0.03 0.02" pos="-0.17 0 0.025" mass="0.05" friction="1.5 0.01 0.001"/>
+          <geom name="lid_knob" type="box" size="0.012 0.03 0.02" pos="-0.17 0 0.025" mass="0.05"
+            friction="1.5 0.01 0.001"/>
+        </body>
+      </body>
+      <body name="stove" pos="0.9 -0.35 0.7">
+        <geom name="stove_plate" type="box" size="0.08 0.08 0.01" pos="0 0 0.01"/>
+        <body name="knob" pos="0 0 0.035">
+          <joint name="knob_joint" type="hinge" axis="0 0 1" range="0 2" damping="0.02" frictionloss="0.02"/>
+          <geom name="knob_grip" type="box" size="0.03 0.01 0.015" mass="0.03" friction="1.5 0.01 0.001"/>
         </body>
       </body>"""
     return _world(parts, robot, [], ["table"], {})

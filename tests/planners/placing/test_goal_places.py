@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from planners.goals import At, Goal, Region, at, inside, on
 from planners.placing.goal_places import (
     Place,
+    RoomForOthers,
+    distances,
     fixed_about,
     in_the_way,
     locations_in,
@@ -199,3 +201,28 @@ def test_poses_that_overlap_leave_each_other_what_their_tolerances_allow() -> No
     points = np.array([(0.0, -0.016), (0.0, 0.0)])
     assert kept.touches_disc(points, 0.036).tolist() == [False, True]
     assert reserved_regions(scene, at("a", (0.0, 0.0)) & at("b", (0.0, 0.08)), "a") == ()
+
+
+@pytest.mark.parametrize("seed", [0, 2, 3])
+def test_room_for_others_is_what_is_found_by_putting_them_there_one_by_one(seed: int) -> None:
+    """Of upright cylinders, each at the first point that is free, the largest first."""
+    rng, area, gap = np.random.default_rng(seed), Region("tray", "table_top", (0.0, 0.0), (0.115, 0.115)), 0.012
+    grid = np.stack(np.meshgrid(np.linspace(-0.115, 0.115, 16), np.linspace(-0.115, 0.115, 16)), axis=-1).reshape(-1, 2)
+    bodies = [cylinder(f"object_{k}", *rng.uniform(-0.1, 0.1, 2), rng.uniform(0.02, 0.045)) for k in range(6)]
+    body, staying, others = bodies[0], bodies[1:3], sorted(bodies[3:], key=lambda one: -one.radius)
+
+    def is_left(point: Array) -> bool:
+        standing = [*staying, body.at([*point, body.position[2]])]
+        for other in others:
+            inside = (np.abs(grid) <= np.array(area.half_extents) - other.radius).all(axis=1)
+            away = np.min([distances(grid, one) for one in standing], axis=0)
+            free = grid[inside & (away - other.radius >= gap)]
+            if not len(free):
+                return False
+            standing.append(other.at([*free[0], other.position[2]]))
+        return True
+
+    room = RoomForOthers(grid, area, staying, others, gap)
+    expected = [is_left(point) for point in grid]
+    assert [room.is_left(body, point, None) for point in grid] == expected
+    assert 0 < sum(expected) < len(grid)

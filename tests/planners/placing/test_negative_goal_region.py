@@ -20,6 +20,7 @@ from planners.placing.negative_goal_region import (
     negative_goal_region,
     swept_mask,
 )
+from planners.regions import Region
 from planners.scene import Body, StaticObstacle
 
 TABLE = StaticObstacle("table_top", np.array([0.0, 0.0, 0.73]), np.array([0.35, 0.5, 0.02]))
@@ -101,6 +102,17 @@ def test_footprints_are_discs_and_rectangles_grown_by_the_clearance() -> None:
         assert not (footprint_mask(GRID, [body]) & ~grown).any()
         distance = np.linalg.norm(GRID.centres()[grown] - body.position[:2], axis=1)
         assert distance.max() <= body.radius + 0.02 * math.sqrt(2) + GRID.resolution
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_cells_about_a_region_are_all_that_it_contains(seed: int) -> None:
+    """Also where it reaches over the grid, or lies beside it."""
+    rng = np.random.default_rng(seed)
+    for yaw in (0.0, *rng.uniform(-3, 3, 20)):
+        region = Region("tray", "table", tuple(rng.uniform(-0.6, 0.6, 2)), tuple(rng.uniform(0.01, 0.4, 2)), yaw)
+        contained, near = GRID.empty(), GRID.cells_about(region.corners)
+        contained[near] = region.contains_points(GRID.centres(near))
+        np.testing.assert_array_equal(contained, region.contains_points(GRID.centres()))
 
 
 def test_ngr_is_ngr1_and_ngr2() -> None:

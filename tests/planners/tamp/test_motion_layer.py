@@ -110,3 +110,14 @@ def test_refusals_that_differ_in_depth_alone_are_counted_together() -> None:
     reasons = ["c and d overlap by 3 mm", "a and b overlap by 1.0 mm", "a and b overlap by 12.5 mm"]
     search.history += [ReplanRecord((), 0, "", (), reason) for reason in reasons]
     assert "2 of 3 refutations: a and b overlap by 1.0 mm" in search.infeasible(Cause.MOTION, "none", ()).detail
+
+
+def test_an_attempt_knows_for_which_places_the_one_before_found_no_motion() -> None:
+    before, layer = new_layer(), new_layer()
+    before.not_placed = before.not_placed.having("object_00", frozenset({"object_01"}), 0.5)
+    problem = Problem.of(SCENE, holding("object_00"), layer.workspace)
+    search = Search(problem, find_strategy("lookahead"), None, layer.with_known(before))  # type: ignore[arg-type]  # unused
+    assert search.not_placed.blockers == {"object_00": frozenset({"object_01"})}
+    assert search.not_placed.pitches == {"object_00": frozenset({0.5})}
+    search.not_placed = search.not_placed.without_blocker("object_01")
+    assert before.not_placed.blockers, "what moves in one attempt stands again in the next"
