@@ -37,6 +37,8 @@ _CORNER_SHARE = 0.75
 _SLOW = 0.25
 """Share of full speed beside a wall, and its square of the accelerations. At full speed an arm lags by 8 mm and a base
 that brakes overshoots by 5 mm, more than the `PADDING` that is left there."""
+_PULL = 0.5
+"""Share of full speed at which something is opened: its weight and friction stretch the arm."""
 _NEAR = 0.006
 """[m] from what is beside a wall. Above a support, across which the robot moves, it does not hit it."""
 _TINY = 1e-12
@@ -115,9 +117,11 @@ def near_walls(world: CollisionWorld, opening: float) -> IsNear:
     return lambda X: alone.edges_that_hit(X, opening, ignore=1 << SELF_BIT)
 
 
-def _everywhere(X: Array) -> NDArray[np.bool_]:
-    """Near on all parts of a path."""
-    return np.ones(len(X) - 1, np.bool_)
+def _slowed(trajectory: Trajectory, share: float) -> Trajectory:
+    """The same motion at a share of its speed."""
+    at = np.append(np.arange(0.0, len(trajectory.times) - 1, share), len(trajectory.times) - 1)
+    states = interpolate(at, np.arange(len(trajectory.times)), trajectory.states)
+    return Trajectory.of_states(states, trajectory.phases[0])
 
 
 @lru_cache(maxsize=16)
@@ -225,7 +229,7 @@ def pull_trajectory(world: CollisionWorld, motion: PullMotion, state: RobotState
         path.configurations[k] for path, k in ((motion.transit, 0), (motion.pull, 0), (motion.pull, -1))
     )
     pull = Phase("pull", 0.0, "", held)
-    pulled = time_parametrise(motion.pull.configurations, robot, 0.0, pull, is_loaded=True, is_near=_everywhere)
+    pulled = _slowed(time_parametrise(motion.pull.configurations, robot, 0.0, pull, is_loaded=True), _PULL)
     return join(
         [
             _fingers(robot, here, state.finger_position, open_at, Phase("ready", 0.0), 0.0),
