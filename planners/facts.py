@@ -389,7 +389,9 @@ def levels_under(scene: Scene, body: Body) -> Iterator[float]:
         is_near = abs(one.top - body.bottom) <= RESTING and one.name not in (body.name, *scene.held_names)
         if is_near and overlap(footprint(one), body.position[None, :2]) >= 0:
             yield one.top
-        hollow = hollow_of_body(one) if one.shape == "pieces" and one.name not in (body.name, *scene.held_names) else None
+        hollow = (
+            hollow_of_body(one) if one.shape == "pieces" and one.name not in (body.name, *scene.held_names) else None
+        )
         if hollow is not None and abs(hollow.floor - body.bottom) <= RESTING and hollow.contains(body):
             yield hollow.floor
 

@@ -66,8 +66,9 @@ class Hollow:
     @property
     def width(self) -> float:
         """[m] of the mouth, where it is narrowest."""
-        angles = np.arange(36) * (np.pi / 36)
-        return float(np.ptp(self.mouth @ np.stack((np.cos(angles), np.sin(angles))), axis=0).min())
+        sides = np.roll(self.mouth, -1, axis=0) - self.mouth
+        normals = np.column_stack((-sides[:, 1], sides[:, 0])) / np.linalg.norm(sides, axis=1, keepdims=True)
+        return float(np.ptp(self.mouth @ normals.T, axis=0).min())
 
     def contains(self, body: Body) -> bool:
         """Whether an object is inside: between floor and rim, or standing on the floor within the walls.
@@ -193,8 +194,10 @@ def _hollow(name: str, parts: Sequence[Solid], face: Solid | None = None) -> Hol
     heights = _heights(parts, points.reshape(-1, 2)).reshape(points.shape[:2])
     lowest = float(min(one.lower[2] for one in parts)) - 1.0
     heights = np.where(np.isfinite(heights), heights, lowest)
-    heights = np.maximum(heights, grey_closing(np.pad(heights, _GAP, constant_values=lowest), size=_GAP)[_INNER, _INNER])
-    water = _poured(heights)
+    heights = np.maximum(
+        heights, grey_closing(np.pad(heights, _GAP, constant_values=lowest), size=_GAP)[_INNER, _INNER]
+    )
+    water = _poured(heights, heights < lowest + 0.5)
     wet, count = label(water - heights > SHALLOW)
     if not count:
         return None
@@ -232,14 +235,14 @@ def _heights(parts: Sequence[Solid], points: Array) -> Array:
     return found
 
 
-def _poured(heights: Array) -> NDArray[np.float64]:
-    """[m] up to which water would stand on a field of heights (n, m), over whose edges it runs off.
+def _poured(heights: Array, drains: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """[m] up to which water would stand on a field of heights (n, m), off whose edges and through whose drains it runs.
 
     Filling in the order of the heights from the edges inward (Barnes, Lehman & Mulla 2014, algorithm 1).
     """
     rows, columns = heights.shape
     level = heights.tolist()
-    done = np.zeros(heights.shape, np.bool_)
+    done = drains.copy()
     done[[0, -1]] = done[:, [0, -1]] = True
     seen = done.tolist()
     queue = [(level[i][j], i, j) for i, j in np.argwhere(done).tolist()]

@@ -256,7 +256,9 @@ class PlacementSearch:
                     break
             if not has_any and has_room:
                 failed.append(point)
-        hollow = place.hollow or (hollow_about(scene, place.face) if place.area is not None and not place.below else None)
+        hollow = place.hollow or (
+            hollow_about(scene, place.face) if place.area is not None and not place.below else None
+        )
         if hollow is not None and len(drops) == 1:
             for found in self._let_fall(world, place, hollow, allowed, deadline):
                 yield replace(found, surfaces=surfaces, below=place.below)

@@ -25,10 +25,18 @@ class World(NamedTuple):
     data: mujoco.MjData
     robot: RobotSpec
     movable: tuple[str, ...]
+    more_supports: tuple[str, ...] = ()
 
     def scene(self) -> Scene:
         """As it is now."""
-        return Scene.from_mujoco(self.model, self.data, self.robot, movable=self.movable, support="plate")
+        return Scene.from_mujoco(
+            self.model,
+            self.data,
+            self.robot,
+            movable=self.movable,
+            support="plate",
+            more_supports=self.more_supports,
+        )
 
 
 def box_walls(x: float, y: float, height: float, thick: float = 0.004) -> str:
@@ -73,6 +81,7 @@ def container_world(
     more: str = "",
     movable: tuple[str, ...] = ("thing",),
     robot: RobotSpec = FETCH,
+    more_supports: tuple[str, ...] = (),
 ) -> World:
     """A table with a container "basket" and an object "thing" beside it, whose lowest point is `half` below it [m]."""
     text = f"""
@@ -91,4 +100,4 @@ def container_world(
     for joint, value in zip(robot.drive_joints[3:], robot.home, strict=True):
         data.joint(joint).qpos = value
     mujoco.mj_forward(model, data)
-    return World(model, data, robot, (*movable, *(("basket",) if free else ())))
+    return World(model, data, robot, (*movable, *(("basket",) if free else ())), more_supports)
