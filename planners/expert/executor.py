@@ -137,6 +137,14 @@ class Executor:
         return label_of(self._trajectory, self._time, next((found for found in following if found is not None), None))
 
     @property
+    def opening(self) -> str:
+        """Name of what was being opened or shut when the plan stopped, "" for nothing."""
+        if self.deviation is not None and self.deviation.kind is DeviationKind.NOT_OPENED:
+            return self.deviation.object
+        action = self._present
+        return action.target if _is_pull(action) and action.trajectory.phase(self._time).name == "pull" else ""
+
+    @property
     def arm(self) -> str:
         """Name of the arm that moves now, and that was commanded last."""
         return self._present.scene.robot.arm_name

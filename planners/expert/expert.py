@@ -144,6 +144,7 @@ class TampExpert:
         self._rng = np.random.default_rng(self._seed)
         self._recorder = Recorder(self._env, wanted.target)
         self._data, self._started = self._world.source.data, self._time
+        self._world = PerceivedWorld(self._env)
         self._now, self._sensors = self._started, self._world.sensors()
         self._report = self._bounded(scene)
         arm = scene.robot.arm_name
@@ -331,6 +332,8 @@ class TampExpert:
             return self._hold()
         deviation = str(executor.deviation)
         self._note(deviation)
+        if executor.opening:
+            self._world.opened_in_part(executor.opening)
         failure = f"gave up after {self._report.replans} replans; last deviation: {deviation}"
         return self._replan(failure, Wait(self._steps(self._config.settle_s)), self._check)
 
