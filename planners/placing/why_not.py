@@ -98,13 +98,15 @@ def why_not_put(candidates: GraspCandidates, scene: Scene, name: str, place: Pla
         world = _world(hand.scene, place)
         if not (hand.hits(world, fall) | hand.hits(world, fall + _LEAVES)).all():
             return ""
-    tall = min(hand.extent()[0] for hand in hands)
     walls, ceilings = _around(bare, place, body)
     for things, tell in ((ceilings, _under), (walls, _between)):
         if things and _are_enough(hands, falls, place, things):
             return tell(hands, place, hollow, body, _least(hands, falls, place, things))
     both = [*walls, *ceilings]
     if _are_enough(hands, falls, place, both):
+        # A hand from the side does not come over the walls: the one from above counts.
+        over_walls = [hand for hand in hands if not _are_enough([hand], falls, place, walls)] or hands
+        tall = min(hand.extent()[0] for hand in over_walls)
         least = _least(hands, falls, place, both)
         hanging = [one for one in least if one in ceilings]
         standing = [one for one in least if one not in ceilings]
@@ -112,7 +114,7 @@ def why_not_put(candidates: GraspCandidates, scene: Scene, name: str, place: Pla
         over = _names(standing) if hollow is None else f"the walls of {hollow.name}, {1000 * hollow.depth:.0f} mm high,"
         return (
             f"over {over} and under {_names(hanging)}, {1000 * gap:.0f} mm above the floor, a hand that is "
-            f"{1000 * tall:.0f} mm high with {name} has no room to let go of it"
+            f"{1000 * tall:.0f} mm high with {name}, and goes up by {1000 * _LEAVES:.0f} mm to leave, has no room"
         )
     return ""
 

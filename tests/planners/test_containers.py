@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from planners import Infeasible, Solution, execute, goals, solve
@@ -92,3 +94,28 @@ def test_what_is_larger_than_the_inside_is_refused_with_both_sizes() -> None:
     assert isinstance(found, Infeasible)
     assert "thing, however it is put down, is larger than the inside of basket, " in found.detail
     assert "mm: it measures 60 mm or more: proved" in found.detail
+
+
+@pytest.mark.parametrize(
+    ("walls", "shelf", "told"),
+    [
+        (
+            (0.128, 0.25),
+            0.0,
+            r"between the walls of basket, 1\d\d mm apart and 2\d\d mm high, a hand that is \d+ mm wide",
+        ),
+        ((0.19, 0.1), 0.3, r"over the walls of basket, 100 mm high, and under board, 28\d mm above the floor"),
+        ((0.19, 0.1), 0.2, r"over the walls of basket, 100 mm high, and under board, 18\d mm above the floor"),
+    ],
+)
+def test_a_refusal_names_walls_and_ceiling_and_the_hand(walls: tuple[float, float], shelf: float, told: str) -> None:
+    """It said "given up", or that no base pose and arm configuration were found."""
+    wide, high = walls
+    board = f"""<body name="shelf" pos="1.0 0.15 {TABLE + shelf}">
+      <geom name="board" type="box" size="0.2 0.2 0.01"/></body>"""
+    world = container_world(
+        box_walls(wide, wide, high), free=False, object_=LOW_CAN, half=0.038, more=board * (shelf > 0)
+    )
+    found = solve(world.scene(), goals.inside("thing", "basket"), rng=0)
+    assert isinstance(found, Infeasible)
+    assert re.search(told, found.detail), found.detail

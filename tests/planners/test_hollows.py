@@ -114,7 +114,7 @@ def test_names_of_what_is_hollow_may_stand_in_goals_and_no_others() -> None:
     for text in ("(inside thing basket)", "(on thing basket)", "(inside thing BASKET)"):
         Goal.from_pddl(text, scene).check(scene)
     with pytest.raises(
-        GoalError, match="the goal names 'thing', which is not hollow, seen from above; .* hollow: basket"
+        GoalError, match=r"the goal names 'thing', which is not hollow, seen from above; .* hollow: basket"
     ):
         inside("thing", "thing").check(scene)
     with pytest.raises(GoalError, match="hollow: basket"):

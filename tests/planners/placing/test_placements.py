@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Iterator
 from dataclasses import fields, replace
 from typing import Any
@@ -250,7 +251,7 @@ def test_an_object_falls_into_a_bin_whose_walls_keep_the_hand_out(drop: float, h
     solution = solve(scene, goal, grasps="top", rng=np.random.default_rng(0))
     if height > 0.2:
         assert isinstance(solution, Infeasible)
-        assert "between the walls of bin, 120 mm apart and 240 mm high," in solution.detail
+        assert re.search(r"between the walls of bin, 12\d mm apart and \d+ mm high, a hand that is", solution.detail)
         assert "it has room from" in solution.detail
         return
     assert isinstance(solution, Solution)
