@@ -11,6 +11,7 @@ from planners.collision.world import CollisionWorld, objects_on
 from planners.goals import Goal
 from planners.hollows import hollow_of
 from tests.planners.containers import CAN, LOW_CAN, TABLE, World, box_walls, container_world, round_walls
+from tests.planners.opening.furniture import drawer_world
 
 BASKET = box_walls(0.19, 0.19, 0.072)
 SMALL = '<geom type="box" size=".02 .02 .03" mass=".1"/>'
@@ -83,6 +84,25 @@ def test_what_is_in_a_basket_leaves_it_before_the_basket_is_moved_and_comes_back
     assert [name for _, name in moves] == ["thing", "thing", "basket", "basket", "thing", "thing"]
     assert found.end is not None
     assert goal.holds(found.end, within)
+
+
+def test_a_shut_drawer_is_opened_to_put_something_into_it_though_it_is_no_support() -> None:
+    world = drawer_world()._replace(supports=("side_table",))
+    start = world.scene()
+    table = start.support_named("side_table")
+    red = start.body("red")
+    away = start.with_body(red.at((*table.position[:2] + (0.0, 0.1), table.top + red.half_extents[2])))
+    goal = goals.inside("red", "drawer")
+    assert not goal.holds(away)
+    found = solve(away, goal, rng=0)
+    assert isinstance(found, Solution), found
+    assert [action.name for action in found.actions if action.name != "MoveBase"] == [
+        "Open",
+        "PickUp",
+        "PutDownGeneral",
+    ]
+    assert found.end is not None
+    assert goal.holds(found.end, away)
 
 
 def test_what_is_larger_than_the_inside_is_refused_with_both_sizes() -> None:
