@@ -76,6 +76,7 @@ from planners.scene.bodies import release_pitch as release_pitch
 from planners.scene.cover import BACK as BACK, drive_out as drive_out, heading as heading, is_covered as is_covered
 from planners.scene.insert import insert_robot as insert_robot
 from planners.scene.prepare import Change as Change, Prepared as Prepared, prepare as prepare
+from planners.scene.robot_names import robot_prefix as robot_prefix
 from planners.scene.solid import StaticObstacle as StaticObstacle
 from planners.search.expert import SearchExpert as SearchExpert
 from planners.search.report import SearchReport as SearchReport, SearchStep as SearchStep

@@ -21,6 +21,7 @@ from planners.expert.monitor import Deviation, Sensor
 from planners.motion.trajectory import CONTROL_STEP
 from planners.scene.mujoco_reading import RobotJoints
 from planners.scene.prepare import COMMAND_STEP, ghosts
+from planners.scene.robot_names import robot_prefix
 from planners.tamp.solution import BoundAction, Solution
 
 _SEGMENTS = round(CONTROL_STEP / COMMAND_STEP)
@@ -121,7 +122,9 @@ class _Motors:
     """Position actuators of a robot; their commands move linearly within a control step."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec) -> None:
-        names = (*robot.drive_joints, *robot.finger_joints)
+        prefix = robot_prefix(model, robot)
+        drive, fingers = ([prefix + name for name in names] for names in (robot.drive_joints, robot.finger_joints))
+        names = (*drive, *fingers)
         missing = [name for name in names if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name) < 0]
         if missing:
             raise ExpertError(f"the model lacks position actuators of robot {robot.name!r}: {', '.join(missing)}")
@@ -133,14 +136,14 @@ class _Motors:
             )
         self._model, self._data, self._robot = model, data, robot
         self._joints = RobotJoints.of(model, data, robot)
-        self._drive = np.array([model.actuator(name).id for name in robot.drive_joints])
-        self._fingers = np.array([model.actuator(name).id for name in robot.finger_joints])
+        self._drive = np.array([model.actuator(name).id for name in drive])
+        self._fingers = np.array([model.actuator(name).id for name in fingers])
         # Closed beyond 0 the fingers press with all their force; see `prepare`.
         self._closed = min(float(model.actuator_ctrlrange[self._fingers, 0].max()), 0.0)
-        self._feedforward = np.array(robot.velocity_feedforward(model))
+        self._feedforward = np.array(robot.velocity_feedforward(model, tuple(drive)))
         self._last = self._joints.read(data)
-        self._finger = float(np.mean([data.joint(name).qpos[0] for name in robot.finger_joints]))
-        head = [model.actuator(name).id for name in robot.still_joints]
+        self._finger = float(np.mean([data.joint(name).qpos[0] for name in fingers]))
+        head = [model.actuator(prefix + name).id for name in robot.still_joints]
         data.ctrl[head] = robot.still_configuration
 
     def move_to(self, command: Command) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
 from planners.scene.mujoco_reading import can_touch, geom_name, robot_bodies
+from planners.scene.robot_names import robot_prefix
 from planners.scene.solid import SceneError
 
 COMMAND_STEP = 0.01
@@ -183,7 +184,8 @@ def _pulling_tendons(model: mujoco.MjModel) -> NDArray[np.bool_]:
 
 def _full_grips(model: mujoco.MjModel, robot: RobotSpec) -> Iterator[tuple[int, float]]:
     """The position actuators of fingers that press less on thinner objects, and the command [m] that mends it."""
-    for name in robot.finger_joints:
+    prefix = robot_prefix(model, robot)
+    for name in (prefix + finger for finger in robot.finger_joints):
         actuator = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name)
         if actuator < 0 or not (model.actuator_forcelimited[actuator] and model.actuator_ctrllimited[actuator]):
             continue
