@@ -9,7 +9,8 @@ import numpy as np
 
 from assets.robots import FETCH, RobotSpec, robot as find_robot
 from planners.cause import Cause
-from planners.clearing.goal_bound import LowerBound
+from planners.checking import hindrance, sunk
+from planners.clearing.goal_bound import LowerBound, must_move
 from planners.clearing.lower_bound import MAX_EXPANSIONS, ClearanceFloor, self_clearable_sets
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.ground_map import GroundMap
@@ -61,7 +62,8 @@ def solve(
             target. The paper forbids it: there every obstacle is put down.
 
     Returns:
-        The plan with all its motions, or the cause why there is none.
+        The plan with all its motions, or the cause why there is none. Objects of the goal that cannot be carried, or
+        are in the air, are refused before anything is planned; `planners.check` says what is odd about all objects.
 
     Raises:
         UnknownObject: no object of that name.
@@ -74,7 +76,23 @@ def solve(
         ArmsError: `hold_aside` with a robot that acts with one arm.
     """
     planner = Planner(robot_of(scene), grasps=grasps, supports=supports, hold_aside=hold_aside)
-    return planner.solve(scene, goal, strategy, rng, time_limit)
+    wanted, chosen, _ = goal_in(scene, goal), find_strategy(strategy), Deadline.after(time_limit)
+    taken = must_move(scene, wanted)
+    if (found := hindrance(scene, taken)) is not None:
+        cause, findings = found
+        detail, objects = "; ".join(map(str, findings)), tuple(dict.fromkeys(one.object for one in findings))
+        return Infeasible(cause, detail, objects, target=wanted.target, strategy=chosen, goal=wanted)
+    return _with_true_cause(scene, taken, planner.solve(scene, wanted, strategy, rng, time_limit))
+
+
+def _with_true_cause(scene: Scene, taken: tuple[str, ...], found: Solution | Infeasible) -> Solution | Infeasible:
+    """The same result; a refusal that is about objects which are sunk into furniture says so."""
+    if not isinstance(found, Infeasible) or found.cause is Cause.TIME_LIMIT:
+        return found
+    if not (deep := sunk(scene, found.objects or taken)):
+        return found
+    detail = f"{'; '.join(map(str, deep))}; so: {found.cause}, {found.detail}"
+    return replace(found, cause=Cause.NOT_AT_REST, detail=detail)
 
 
 def lower_bound(scene: Scene, goal: str | Goal, expansions: int = MAX_EXPANSIONS, *, grasps: str = "all") -> LowerBound:

@@ -9,12 +9,13 @@ Example:
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
 
 from assets.robots import RobotSpec
+from planners.checking import check
 from planners.expert.config import ExpertError, MonitorConfig
 from planners.expert.executor import Command, Executor
 from planners.expert.monitor import Deviation, Sensor
@@ -38,12 +39,17 @@ class ExecutionResult:
         deviation: the difference between world and plan that stopped it, None without one.
         cleared: names of the objects put aside, in order.
         sim_s: [s] simulated time.
+        why: what was odd from the start about the object that deviated, see `planners.check`; "" if nothing was.
     """
 
     finished: bool
     deviation: Deviation | None
     cleared: tuple[str, ...]
     sim_s: float
+    why: str = field(default="", repr=False)
+
+    def __str__(self) -> str:
+        return f"{self!r}: {self.why}" if self.why else repr(self)
 
 
 def execute(
@@ -93,7 +99,11 @@ def execute(
     handle = "" if scene.pull is None else scene.pull.handle
     sensor = Sensor(model, data, scene.robot, [name for name in scene.names if name != handle])
     done = follow(solution.actions, scene.robot, sensor, step, config or MonitorConfig())
-    return ExecutionResult(done.deviation is None, done.deviation, tuple(done.cleared), float(data.time) - started)
+    cleared, lasted, stopped = tuple(done.cleared), float(data.time) - started, done.deviation
+    if stopped is None:
+        return ExecutionResult(True, None, cleared, lasted)
+    odd = check(scene).about((stopped.object,)) if stopped.object else ()
+    return ExecutionResult(False, stopped, cleared, lasted, "; ".join(map(str, odd)))
 
 
 def follow(

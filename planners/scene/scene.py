@@ -24,6 +24,7 @@ from planners.scene.bodies import (
     UnknownObject,
     pose_matrix,
 )
+from planners.scene.findings import Finding, model_findings
 from planners.scene.masks import MAX_OBJECTS
 from planners.scene.mujoco_reading import (
     IsObstacle,
@@ -72,6 +73,7 @@ class Scene:
         pull: a handle that stands among the objects, to be pulled; None in scenes as they are.
         ground: [m] height of the scene's z = 0 in the model that it was read from: that of the ground, or of the table,
             on which the robot stands. All heights of the scene and of its plans are measured from there.
+        findings: what is odd about the objects that only the model tells; `planners.check` adds the rest.
 
     Raises:
         SceneError: two objects, static obstacles or regions have the same name, there are too many objects for a mask,
@@ -91,6 +93,7 @@ class Scene:
     openings: tuple[Opening, ...] = ()
     pull: Pull | None = None
     ground: float = 0.0
+    findings: tuple[Finding, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("objects", "static_obstacles", "supports", "regions", "openings"):
@@ -316,6 +319,7 @@ class Scene:
             regions=tuple(regions),
             openings=openings_of(model, data, robot, found, handles),
             ground=ground,
+            findings=model_findings(model, robot, bodies.bodies.tolist()),
         )
         if not held:
             return scene
