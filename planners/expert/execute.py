@@ -20,6 +20,7 @@ from planners.expert.config import ExpertError, MonitorConfig
 from planners.expert.executor import Command, Executor
 from planners.expert.monitor import Deviation, Sensor
 from planners.motion.trajectory import CONTROL_STEP
+from planners.scene.findings import Reason
 from planners.scene.mujoco_reading import RobotJoints
 from planners.scene.prepare import COMMAND_STEP, ghosts
 from planners.scene.robot_names import robot_prefix
@@ -39,7 +40,8 @@ class ExecutionResult:
         deviation: the difference between world and plan that stopped it, None without one.
         cleared: names of the objects put aside, in order.
         sim_s: [s] simulated time.
-        why: what was odd from the start about the object that deviated, see `planners.check`; "" if nothing was.
+        why: what was odd from the start about the object that deviated, or was about to fall, see `planners.check`; ""
+            if nothing was.
     """
 
     finished: bool
@@ -102,7 +104,9 @@ def execute(
     cleared, lasted, stopped = tuple(done.cleared), float(data.time) - started, done.deviation
     if stopped is None:
         return ExecutionResult(True, None, cleared, lasted)
-    odd = check(scene).about((stopped.object,)) if stopped.object else ()
+    report = check(scene)
+    # What falls pushes others.
+    odd = report.about((stopped.object,)) or [one for one in report.findings if one.reason is Reason.FLOATING]
     return ExecutionResult(False, stopped, cleared, lasted, "; ".join(map(str, odd)))
 
 

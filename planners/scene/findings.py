@@ -28,6 +28,8 @@ _BORNE = 0.99
 """Share of its weight from which on MuJoCo's `gravcomp` keeps an object in the air."""
 _SLIPPERY = 0.05
 """Friction below which it is the friction, and not the weight, for which fingers cannot hold an object."""
+_NEAR = 0.01
+"""[m] A free body that is farther from everything falls by as much at least."""
 _JOINED = {int(mujoco.mjtEq.mjEQ_WELD): "is welded to", int(mujoco.mjtEq.mjEQ_CONNECT): "is joined (<connect>) to"}
 
 
@@ -98,18 +100,40 @@ class SceneReport:
         return "\n".join(lines) or "nothing odd"
 
 
-def model_findings(model: mujoco.MjModel, robot: RobotSpec, bodies: Iterable[int]) -> tuple[Finding, ...]:
-    """What is odd about some free bodies, by their ids, that only the model tells, and free bodies without a name."""
+def model_findings(
+    model: mujoco.MjModel, robot: RobotSpec, bodies: Iterable[int], data: mujoco.MjData | None = None
+) -> tuple[Finding, ...]:
+    """What is odd that only the model tells: about free bodies without a name, and some of the others, by their ids;
+    in a state of the model also about the rest of the free bodies, which a planner takes as static."""
     chosen = list(bodies)
     found = [*_weights(model, robot, chosen), *_ties(model, chosen)]
     free = set(model.jnt_bodyid[model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE)].tolist())
     for body in sorted(free - robot_bodies(model, robot)):
+        if data is not None and body not in chosen and not _touches(model, data, body):
+            name = str(model.body(body).name)
+            which = name or f"body {body}"
+            text = f"{which}: not movable, but free to fall: nothing is within {1000 * _NEAR:.0f} mm of it"
+            if float(model.body_gravcomp[body]) < _BORNE and not any(_ties(model, [body])):
+                found.append(Finding(Reason.FLOATING, name, 1000 * _NEAR, text))
         if not model.body(body).name:
             geoms = np.flatnonzero(can_touch(model) & (model.body_rootid[model.geom_bodyid] == body)).tolist()
             parts = ", ".join(geom_name(model, geom) for geom in geoms[:3]) or "none that can touch"
             text = f"body {body} (geoms: {parts}) has a free joint and no name: it is taken as a static obstacle"
             found.append(Finding(Reason.UNNAMED, "", 0.0, text))
     return tuple(found)
+
+
+def _touches(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> bool:
+    """Whether a free body is near anything else that can touch, or can touch nothing itself."""
+    touches, of = can_touch(model), model.body_rootid[model.geom_bodyid]
+    own = np.flatnonzero(touches & (of == body)).tolist()
+    for one in own:
+        for other in np.flatnonzero(touches & (of != body)).tolist():
+            away = float(np.linalg.norm(data.geom_xpos[one] - data.geom_xpos[other]))
+            is_far = model.geom_rbound[other] > 0 and away - model.geom_rbound[[one, other]].sum() > _NEAR
+            if not is_far and mujoco.mj_geomDistance(model, data, one, other, 2 * _NEAR, None) < _NEAR:
+                return True
+    return not own
 
 
 def _weights(model: mujoco.MjModel, robot: RobotSpec, bodies: Iterable[int]) -> Iterator[Finding]:

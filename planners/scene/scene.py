@@ -298,6 +298,7 @@ class Scene:
             raise SceneError("the simulation has no poses yet; call mujoco.mj_forward(model, data) first")
         bodies = MovableBodies.of(model, robot, movable)
         ground = RobotJoints.of(model, data, robot).ground
+        findings = model_findings(model, robot, bodies.bodies.tolist(), data)
         data = measured_from(ground, model, data)
         found = static_obstacles_of(model, data, robot, bodies.bodies, obstacles)
         if isinstance(more_supports, str):
@@ -319,7 +320,7 @@ class Scene:
             regions=tuple(regions),
             openings=openings_of(model, data, robot, found, handles),
             ground=ground,
-            findings=model_findings(model, robot, bodies.bodies.tolist()),
+            findings=findings,
         )
         if not held:
             return scene
