@@ -289,6 +289,11 @@ class Turned:
 
 
 Fact: TypeAlias = Holding | On | Inside | At | Clear | Before | Open | Closed | Turned
+VALID = (
+    "holding(a), holding(a, point), on(a, place), inside(a, region), at(a, pose), clear(region), before(a, b), "
+    "open_(drawer), closed(drawer), turned(knob, angle), joined by &"
+)
+"""The facts that there are, in words."""
 
 
 # The geometry of scenes.

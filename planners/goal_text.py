@@ -3,25 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from dataclasses import MISSING, fields
+from typing import TYPE_CHECKING, Any, get_args
 
-from planners.facts import (
-    At,
-    Before,
-    Clear,
-    Closed,
-    Fact,
-    Holding,
-    Inside,
-    On,
-    Open,
-    Turned,
-    names_in,
-    occupants,
-    region_names,
-)
+from planners.facts import VALID, At, Clear, Fact, Holding, Inside, On, Open, Turned, names_in, occupants, region_names
 from planners.goal_ends import excludes
 from planners.pddl import WORD, Quoted, Tree, shown
 from planners.regions import GoalError
@@ -29,22 +15,13 @@ from planners.regions import GoalError
 if TYPE_CHECKING:
     from planners.scene import Scene
 
-VALID = (
-    "holding(a), holding(a, point), on(a, place), inside(a, region), at(a, pose), clear(region), before(a, b), "
-    "open_(drawer), closed(drawer), turned(knob, angle), joined by &"
-)
-"""The facts that there are."""
 _NUMBERS = ("x", "y", "z", "yaw", "tolerance", "yaw-tolerance")
-ARGUMENTS = {
-    "holding": (Holding, 1),
-    "on": (On, 2),
-    "inside": (Inside, 2),
-    "clear": (Clear, 1),
-    "before": (Before, 2),
-    "open": (Open, 1),
-    "closed": (Closed, 1),
+ARGUMENTS: dict[str, tuple[Callable[..., Fact], int]] = {
+    kind.__name__.lower(): (kind, sum(entry.type == "str" for entry in fields(kind)))
+    for kind in get_args(Fact)
+    if all(entry.type == "str" for entry in fields(kind) if entry.default is MISSING)
 }
-"""Facts of names alone, and how many."""
+"""Facts that names alone can say, and how many."""
 _AMOUNTS = {"open": (Open, ("share", "amount"), ()), "turned": (Turned, ("angle", "tolerance"), ("angle",))}
 """Facts of what opens that take numbers: which they may have, and which they need."""
 

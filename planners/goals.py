@@ -25,6 +25,7 @@ from planners.facts import (
     LIFTED as LIFTED,
     OPEN_SHARE,
     TOLERANCE,
+    VALID,
     YAW_TOLERANCE,
     At as At,
     Before as Before,
@@ -40,14 +41,14 @@ from planners.facts import (
     height_below as height_below,
     is_at_rest as is_at_rest,
     levels_under as levels_under,
-    names_in,
+    names_in as names_in,
     occupants as occupants,
     region_named as region_named,
     region_names as region_names,
     stands_at as stands_at,
 )
 from planners.goal_ends import contradiction_in, ends_in, narrowest
-from planners.goal_text import ARGUMENTS, VALID, domain_of, fact_of, pddl_of, says_all, without_negations
+from planners.goal_text import ARGUMENTS, domain_of, fact_of, pddl_of, says_all, without_negations
 from planners.pddl import Condition, Literal, parse
 from planners.regions import EDGE, RIM, GoalError as GoalError, Region as Region, is_name, overlap
 

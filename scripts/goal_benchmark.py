@@ -27,6 +27,7 @@ import numpy as np
 import tyro
 
 import clutter_env
+from assets.robots import robot as find_robot
 from clutter_env.policies.playing import played
 from clutter_env.reporting.files import JsonLines
 from clutter_env.reporting.progress import progress_bar
@@ -52,6 +53,8 @@ class Arguments:
     layout: str = ""
     """That of the task if not given."""
     robot: str = "fetch"
+    all_arms: bool = False
+    """Let all arms of the robot act."""
     physics: bool = False
     """Let the expert carry the plans out."""
     fault: str = ""
@@ -66,14 +69,16 @@ class Arguments:
 
 def main(arguments: Arguments) -> None:
     """Try the scenes that are left, and print one row."""
-    warmup(arguments.robot)
+    robot = find_robot(arguments.robot)
+    robot = robot.with_all_arms() if arguments.all_arms else robot
+    warmup(robot)
     keywords: dict[str, Any] = {"layout": arguments.layout} if arguments.layout else {}
     env = gymnasium.make(
         "clutter_env/Rearrange-o8-v0",
         max_episode_steps=clutter_env.rearrange_time_limit(arguments.objects),
         num_objects=arguments.objects,
         task=arguments.task,
-        robot=arguments.robot,
+        robot=robot,
         **keywords,
     )
     file = JsonLines(arguments.out) if arguments.out else None
@@ -99,10 +104,13 @@ def report(arguments: Arguments, rows: list[dict[str, Any]]) -> None:
     picks, least = sum(row["picks"] for row in bounds), sum(row["bound"] for row in bounds)
     print(
         f"{arguments.task}, {arguments.objects} objects, {arguments.robot}"
+        f"{' with all arms' * arguments.all_arms}"
         f"{f', {arguments.fault}' * bool(arguments.fault)}: {len(done)} of {len(rows)} "
         f"{'clean' if 'sim_s' in rows[0] else 'planned'}; picks / bound {picks} / {least}; CPU time of planning "
         f"{median:.2f} s in the median, 95% {late:.2f} s"
     )
+    if times := [row["duration"] for row in done if "duration" in row]:
+        print(f"  simulated time of the plans {np.median(times):.1f} s in the median, {sum(times):.1f} s in all")
     if "sim_s" in rows[0]:
         again = Counter(row["replans"] for row in done)
         print(
@@ -127,7 +135,8 @@ def planned(env: Any, time_limit: float) -> dict[str, Any]:
         return {**row, "cause": f"{found.cause}: {found.detail}"}
     assert found.end is not None
     assert inner.goal.holds(found.end, scene)
-    return {**row, "picks": found.picks, "bound": None if found.bound is None else found.bound.least}
+    bound = None if found.bound is None else found.bound.least
+    return {**row, "picks": found.picks, "bound": bound, "duration": found.duration}
 
 
 def carried_out(env: Any, time_limit: float, fault: str = "") -> dict[str, Any]:

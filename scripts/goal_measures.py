@@ -29,7 +29,7 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-import clutter_env  # noqa: F401  registers the environments
+import clutter_env
 from clutter_env.reporting.files import JsonLines
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.layout import LAYOUTS, SECOND_TABLE, TABLE, TABLE_HEIGHT, Layout, supports_of, tray
@@ -72,6 +72,17 @@ class Measured(NamedTuple):
     objects: str
     scene: Scene
     goal: Goal
+
+
+class Opened(NamedTuple):
+    """The reset environment of a seed; what "clear" asks for, in place of its goal, follows from `clears` and `rng`."""
+
+    env: Any
+    task: str
+    layout: str
+    objects: str
+    clears: str
+    rng: np.random.Generator
 
 
 @dataclass(frozen=True)
@@ -203,6 +214,18 @@ def taken(found: Solution) -> list[str]:
 
 def drawn(seed: int) -> Measured:
     """The scene of a seed, and the goal."""
+    env, task, name, objects, clears, rng = opened(seed)
+    inner = env.unwrapped
+    scene = Scene.from_mujoco(inner.model, inner.data, inner.robot, regions=inner.regions)
+    goal = inner.goal
+    env.close()
+    if clears:
+        scene, goal = CLEARED[clears](rng, scene)
+    return Measured(seed, task if not clears else f"clear {clears}", name, objects, scene, goal)
+
+
+def opened(seed: int) -> Opened:
+    """The environment of a seed after its reset."""
     task, name, objects = CASES[(seed - FIRST_SEED) % len(CASES)]
     rng, layout = np.random.default_rng(seed), _layout(task, name)
     clears = str(rng.choice(["region", "first", "second"])) if task == "clear" else ""
@@ -210,17 +233,16 @@ def drawn(seed: int) -> Measured:
     most = MOST_CLEARED if clears == "first" else MOST
     count = int(rng.integers(LEAST, min(most, capacity(layout, "cylinder", OBJECT_SETS[objects])) + 1))
     env = gymnasium.make(
-        "clutter_env/Rearrange-o8-v0", num_objects=count, task=task if task != "clear" else "swap", layout=layout, **own
+        "clutter_env/Rearrange-o8-v0",
+        max_episode_steps=clutter_env.rearrange_time_limit(count),
+        num_objects=count,
+        task=task if task != "clear" else "swap",
+        layout=layout,
+        **own,
     )
     # The goal of "clear" is not one of the environment's: any other one lets it put the objects down.
     env.reset(seed=seed, options={"goal": f"(on object_00 {TABLE})"} if clears else None)
-    inner: Any = env.unwrapped
-    scene = Scene.from_mujoco(inner.model, inner.data, inner.robot, regions=inner.regions)
-    goal = inner.goal
-    env.close()
-    if clears:
-        scene, goal = CLEARED[clears](rng, scene)
-    return Measured(seed, task if not clears else f"clear {clears}", name, objects, scene, goal)
+    return Opened(env, task, name, objects, clears, rng)
 
 
 def _layout(task: str, name: str) -> Layout:

@@ -27,6 +27,7 @@ from clutter_env.rendering.renderer import Renderer
 from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.household import KINDS
 from clutter_env.scene.layout import LAYOUTS
+from clutter_env.scene.object_sets import capacity
 
 Picture = NDArray[np.uint8]
 
@@ -68,7 +69,12 @@ def main(
         env: BaseEnv = (
             RearrangeEnv(num_objects=objects, task=name, render_mode="rgb_array")
             if tasks
-            else RetrieveEnv(num_objects=objects, layout=name, shapes=shapes, render_mode="rgb_array")
+            else RetrieveEnv(
+                num_objects=min(objects, capacity(LAYOUTS[name], shapes)),
+                layout=name,
+                shapes=shapes,
+                render_mode="rgb_array",
+            )
         )
         images.append(scene_image(env, name, seed, size))
     save_images(images, out, len(images) if tasks else 3)

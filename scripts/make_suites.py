@@ -74,6 +74,7 @@ _BLOCKED = {"obstructed": True}
 _IN_SHELF, _DENSE = {"layout": "shelf", **_BLOCKED}, {"layout": "dense", **_BLOCKED}
 _KINDS, _HOUSEHOLD = {"object_set": "household"}, "household objects of twelve kinds"
 _HIDDEN = "a target that no camera sees"
+_SHUT_DRAWER, _SHUT_DOOR = "a drawer that is shut", "a door that is shut"
 PLANS = (
     SuitePlan("side-15-v3", "15 objects on the paper's table, an obstructed target", 15, _BLOCKED),
     SuitePlan("side-25-v3", "25 objects on the paper's table, an obstructed target", 25, _BLOCKED),
@@ -99,6 +100,17 @@ PLANS = (
     SuitePlan("household-15-v2", f"15 {_HOUSEHOLD} on the paper's table", 15, _KINDS, 0, is_solvable=True),
     SuitePlan(
         "household-shelf-10-v2", f"10 {_HOUSEHOLD} in the shelf", 10, {"layout": "shelf", **_KINDS}, 0, is_solvable=True
+    ),
+    SuitePlan("drawer-5-v1", f"5 objects in {_SHUT_DRAWER}", 5, {"layout": "drawer"}, 0, is_solvable=True),
+    SuitePlan("cupboard-5-v1", f"5 objects behind {_SHUT_DOOR}", 5, {"layout": "cupboard"}, 0, is_solvable=True),
+    SuitePlan("fridge-10-v1", f"10 objects on three boards behind {_SHUT_DOOR}", 10, {"layout": "fridge"}, 0, True),
+    SuitePlan(
+        "blocked-drawer-5-v1",
+        f"5 objects in {_SHUT_DRAWER} and in its way",
+        5,
+        {"layout": "blocked_drawer"},
+        0,
+        is_solvable=True,
     ),
 )
 """All suites. Their seeds follow from their places in this list: append, never insert."""

@@ -21,11 +21,14 @@ from clutter_env.reporting.progress import progress_bar
 from clutter_env.scene.layout import LAYOUTS, find_layout
 from planners import SideGripper
 
+TABLES = tuple(name for name, layout in LAYOUTS.items() if layout.opens is None)
+"""Names of the layouts that are not shut at the start."""
+
 
 def main(
     robot: str = "fetch",
     arm: str = "",
-    layouts: tuple[str, ...] = tuple(LAYOUTS),
+    layouts: tuple[str, ...] = TABLES,
     out: Path = Path("outputs/approaches"),
 ) -> None:
     """Tabulate and write: of each layout rows of cells along x, each cell a mask of the reachable yaws in hexadecimal.

@@ -18,6 +18,7 @@ import gymnasium as gym
 import mujoco
 import numpy as np
 import tyro
+from gymnasium.envs.registration import load_env_creator
 from numpy.typing import NDArray
 
 import clutter_env  # noqa: F401  registers the environments
@@ -173,6 +174,9 @@ def _kinds(variants: tuple[dict[str, Any], ...]) -> list[tuple[str, dict[str, An
         kinds.append((env_id, {"control_mode": mode, "task": task, **gym.spec(env_id).kwargs}))
     waiting = list(variants)
     for layout, env_id, mode in product(LAYOUTS, IDS, CONTROL_MODES):
+        kind: Any = load_env_creator(str(gym.spec(env_id).entry_point))
+        if LAYOUTS[layout].opens not in kind.opens:
+            continue
         keywords = {"control_mode": mode, "layout": layout, **gym.spec(env_id).kwargs}
         if "Retrieve" not in env_id:
             kinds.append((env_id, keywords))

@@ -26,7 +26,7 @@ from clutter_env.scene.table_scene import TableScene, object_name
 from clutter_env.simulation.model import kind_model
 from clutter_env.simulation.saved_state import Fields
 from clutter_env.simulation.world import Measurements, World, start_poses
-from planners.goals import At, Before, Clear, Fact, Goal, GoalError, Holding, Inside, On, Region, occupants
+from planners.goals import At, Before, Clear, Fact, Goal, GoalError, Holding, Inside, On, Region, names_in, occupants
 from planners.scene import AsideObject, Body, HeldObject, RobotState, Scene, StaticObstacle
 from planners.scene.mujoco_reading import movable_body
 
@@ -151,7 +151,7 @@ class GoalMonitor:
         changed = self._take_over(measurements)
         if changed:
             for fact in self._facts:
-                if isinstance(fact, Clear) or not changed.isdisjoint(_objects_of(fact)):
+                if isinstance(fact, Clear) or not changed.isdisjoint(names_in(fact)):
                     self._facts[fact] = fact.holds(self._scene, self._start)
         self.unmet = self._find_unmet()
 
@@ -356,13 +356,3 @@ def goal_potential(monitor: GoalMonitor, measurements: Measurements) -> float:
     count = len(monitor.goal.facts)
     met = count - len(monitor.unmet)
     return MOST * (met + (monitor.progress(measurements) if monitor.unmet else 0.0)) / count
-
-
-def _objects_of(fact: Fact) -> set[str]:
-    """Names of the objects whose motion can change whether a fact holds."""
-    match fact:
-        case On(name, place):
-            return {name, place}
-        case Holding(name) | Inside(name) | At(name):
-            return {name}
-    return set()

@@ -95,7 +95,7 @@ class RetrieveEnv(ClutterTaskEnv):
 
     config_type: ClassVar[type[EnvConfig]] = EnvConfig
     """Of the keyword arguments."""
-    opens = OPENS
+    opens: ClassVar[tuple[str | None, ...]] = OPENS
 
     def __init__(self, **keywords: Any) -> None:
         check_integer("num_objects", keywords.get("num_objects", 1), 1)

@@ -106,7 +106,7 @@ class SearchEnv(RetrieveEnv):
 
     config: SearchConfig
     config_type: ClassVar[type[EnvConfig]] = SearchConfig
-    opens = (None,)
+    opens: ClassVar[tuple[str | None, ...]] = (None,)
 
     def __init__(self, **keywords: Any) -> None:
         super().__init__(**keywords)

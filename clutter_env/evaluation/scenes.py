@@ -171,7 +171,8 @@ def find_floor(scene: Scene, grasps: str) -> Floor:
 def search_floor(env: gym.Env[Any, Any], info: Mapping[str, Any], grasps: str) -> Floor:
     """The lower bound that the planner finds in the first state of a Retrieve or Rearrange environment.
 
-    It counts clearances: picks beyond that of the target, or those of the objects that the goal wants elsewhere.
+    It counts clearances: picks beyond that of the target, or those of the objects that the goal wants elsewhere. What
+    has to be opened counts as one more.
     """
     # The other policies do without the planner and its compiled kernels.
     from planners import Scene as PlannerScene, clearance_floor, lower_bound
@@ -179,6 +180,10 @@ def search_floor(env: gym.Env[Any, Any], info: Mapping[str, Any], grasps: str) -
     inner: Any = env.unwrapped
     if "unmet" not in info:
         read = PlannerScene.from_mujoco(inner.model, inner.data, inner.robot)
+        if read.openings:
+            bound = lower_bound(read, info["target"], grasps=grasps)
+            count = None if bound.picks is None else bound.least - 1
+            return Floor(count, bound.picks == bound.least, str(bound.cause))
         floor = clearance_floor(read, info["target"], grasps=grasps)
         return Floor(floor.count, floor.proved, str(floor.cause))
     read = PlannerScene.from_mujoco(inner.model, inner.data, inner.robot, regions=inner.regions)

@@ -18,7 +18,7 @@ from clutter_env.scene.opening import (
     DRAWER_FLOOR,
     DRAWER_HEADROOM,
     LEAST_CHEST_DEPTH,
-    Box,
+    Box as Box,
     Opening,
     Surface,
     chest,
@@ -66,6 +66,8 @@ _CUPBOARD_MARGINS = 0.02, 0.03
 """[m] behind a door, and along the panels at its sides, where nothing stands at the start."""
 LONGEST_FRONT = 0.5
 """[m] of the table in front of a chest: over more of it no arm reaches the handle."""
+OPENING_START_DISTANCE = (1.1, 1.45)
+"""[m]; in front of a handle, which stands out."""
 START_SIDE_MARGIN = 0.1
 """[m] from the table's side edges, inwards."""
 START_CLEARANCE = 0.4
@@ -225,8 +227,8 @@ class Layout:
     @property
     def start_region(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Lowest and highest x, y [m] of the base centre at the start."""
-        is_low = self.board_height is None and self.opens is None
-        near, far = START_DISTANCE if is_low else SHELF_START_DISTANCE
+        near, far = START_DISTANCE if self.board_height is None else SHELF_START_DISTANCE
+        near, far = OPENING_START_DISTANCE if self.opens else (near, far)
         side = self.width / 2 - START_SIDE_MARGIN
         return (-self.depth / 2 - far, -side), (-self.depth / 2 - near, side)
 
@@ -329,8 +331,8 @@ def supports_of(layout: Layout) -> tuple[str, ...]:
     if layout.opens == "drawer":  # of the table, what is in front of the chest
         names = (CHEST_TOP, *_COUNTERS, TABLE) if layout.front else (CHEST_TOP, *_COUNTERS)
         return (DRAWER_FLOOR, *(box.name for box in furniture(layout) if box.name in names))
-    names = (TABLE, *_COUNTERS, *_BOARDS[: len(layout.levels) - 1])
-    return tuple(box.name for box in furniture(layout) if box.name in names)
+    shelves = _BOARDS[: len(layout.levels) - 1]
+    return tuple(box.name for box in furniture(layout) if box.name in (TABLE, *_COUNTERS, *shelves))
 
 
 TRAY = "tray_"
@@ -408,18 +410,18 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
         "two_tables": Layout(
             "two_tables", depth=0.7, width=1.0, boxes=_next_room(), supports=(TABLE, *_COUNTERS, SECOND_TABLE)
         ),
-        "drawer": Layout("drawer", depth=0.42, width=0.54, opens="drawer"),
+        "drawer": Layout("drawer", depth=0.42, width=0.62, opens="drawer"),
         "cupboard": Layout("cupboard", depth=0.4, width=0.5, board_height=0.36, opens="door_left"),
         "fridge": Layout(
             "fridge",
-            depth=0.4,
+            depth=0.34,
             width=0.5,
-            board_height=0.3,
-            second_board_height=0.3,
-            third_board_height=0.3,
+            board_height=0.27,
+            second_board_height=0.27,
+            third_board_height=0.27,
             opens="door_right",
         ),
-        "blocked_drawer": Layout("blocked_drawer", depth=0.74, width=0.54, opens="drawer", front=0.32),
+        "blocked_drawer": Layout("blocked_drawer", depth=0.74, width=0.62, opens="drawer", front=0.32),
     }
 )
 

@@ -18,7 +18,7 @@ DRAWER_FLOOR = "drawer_floor"
 """Name of the box on which what lies in a drawer stands."""
 CHEST_TOP = "chest_top"
 """Name of the box above a drawer."""
-DRAWER_TRAVEL = 0.28
+DRAWER_TRAVEL = 0.30
 """[m]"""
 DOOR_TRAVEL = math.radians(100.0)
 """[rad]"""
@@ -39,10 +39,10 @@ _SLIT = 0.004
 """[m] between what moves and what does not."""
 _DRAWER_LENGTH = 0.34
 """[m] of a drawer inside."""
-_MARGIN = 0.02
-"""[m] along a drawer's walls and front where nothing stands at the start."""
-_SHOWN = 0.25
-"""[m] from the front, in which all stands that is in a drawer: an open drawer shows it whole."""
+_MARGIN = 0.04
+"""[m] along a drawer's walls and front where nothing stands at the start: there is room for a finger."""
+_SHOWN = 0.18
+"""[m] of the drawer behind this margin in which objects stand: a hand reaches them from above in an open drawer."""
 _BAR_HALF_THICKNESS, _BAR_HALF_WIDTH = 0.010, 0.012
 """[m] of a handle's bar towards the robot, and across, where fingers close on it."""
 _BAR_DISTANCE = 0.05

@@ -12,16 +12,16 @@ move objects about otherwise need no fewer.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from graphlib import CycleError, TopologicalSorter
 
 from planners.cause import Cause
 from planners.clearing.lower_bound import MAX_EXPANSIONS, Blockers, self_clearable_sets
 from planners.clock import NO_DEADLINE, Deadline
-from planners.goals import At, Clear, Goal, Inside, On, occupants
+from planners.goals import Clear, Goal, On, occupants
 from planners.grasping.candidates import GraspCandidates
 from planners.placing.blockers import PutDownMasks, put_down_masks
-from planners.placing.goal_places import must_go_first, place_of, without_room
+from planners.placing.goal_places import in_the_way, must_go_first, place_of, without_room
 from planners.placing.placements import PlacementSearch
 from planners.scene import MAX_OBJECTS, Scene
 
@@ -102,7 +102,9 @@ def fewest_picks(
         len(scene.robot.acting_arms),
         buffers,
     )
-    return table.fewest(expansions, deadline)
+    found = table.fewest(expansions, deadline)
+    is_exact = found.picks is None or not _may_be_in_the_way(scene, goal, to_move, waiting_for)
+    return replace(found, proved=found.proved and is_exact)
 
 
 @dataclass(frozen=True)
@@ -204,6 +206,17 @@ class PickTable:
         return LowerBound(count, objects, aside, found.proved and is_exact, least, "", found.expansions)
 
 
+def _may_be_in_the_way(
+    scene: Scene, goal: Goal, to_move: Collection[str], waiting_for: Mapping[str, Collection[str]]
+) -> bool:
+    """Whether an object does not fit at its place beside what stands there, though nothing proves that this must go."""
+    return any(
+        in_the_way(scene, scene.body(fact.object), place_of(scene, fact), waiting_for[fact.object])
+        for fact in goal.placed
+        if fact.object in to_move and not (isinstance(fact, On) and fact.place in to_move)
+    )
+
+
 def _put_downs(
     scene: Scene,
     goal: Goal,
@@ -230,7 +243,8 @@ def _put_downs(
 def must_move(scene: Scene, goal: Goal, start: Scene | None = None) -> tuple[str, ...]:
     """Names of the objects that must move for the facts that do not hold; those to be held last."""
     unmet = goal.unmet(scene, start)
-    names = [fact.object for fact in unmet if isinstance(fact, On | Inside | At)]
+    placed = {fact.object for fact in goal.placed}
+    names = [name for fact in unmet if (name := getattr(fact, "object", "")) in placed]
     for fact in unmet:
         names += occupants(scene, fact.region) if isinstance(fact, Clear) else ()
     names += [name for name in goal.held if name not in scene.held_names]

@@ -318,8 +318,8 @@ def beside(scene: Scene, face: StaticObstacle, body: Body) -> list[Body]:
 def must_go_first(scene: Scene, body: Body, fact: On | Inside | At) -> tuple[str, ...]:
     """Names of the objects each of which alone keeps another from its place where it stands: proved.
 
-    A location on a grid stands for all within half a cell, and an object counts as no larger than the circle in it.
-    Nothing is proved of objects of several pieces, beside or under which others may stand.
+    An object counts as no larger than the circle in it. Of all points of an area a corner is farthest from what stands
+    there. Nothing is proved of objects of several pieces, beside or under which others may stand.
     """
     place, radius = place_of(scene, fact), inner_radius(body)
     body = min(resting_ways(body), key=lambda way: way.top - way.bottom)
@@ -331,14 +331,12 @@ def must_go_first(scene: Scene, body: Body, fact: On | Inside | At) -> tuple[str
     if place.area is None:
         assert isinstance(fact, At)
         assert place.location is not None
-        centre, slack = place.location[None], fact.tolerance + EDGE
+        centres, slack = place.location[None], fact.tolerance + EDGE
     else:
-        centre, slack = _grid(place.area, scene.state.base[:2]), EDGE
-        slack += float(np.hypot(*(np.array(place.area.half_extents) / (_steps(place.area) - 1))))
-        inset = 0.0 if _is_by_centre(scene, fact) else radius
-        inner = np.maximum(np.array(place.area.half_extents) - inset + slack, 0.0)
-        centre = centre[(np.abs(place.area.local(centre)) <= inner).all(axis=1)]
-    return tuple(one.name for one in in_the_way if (distances(centre, one) < radius - slack).all())
+        inset, slack = 0.0 if _is_by_centre(scene, fact) else radius, EDGE
+        x, y = np.maximum(np.array(place.area.half_extents) - inset + EDGE, EDGE)
+        centres = replace(place.area, half_extents=(float(x), float(y))).corners
+    return tuple(one.name for one in in_the_way if (distances(centres, one) < radius - slack).all())
 
 
 def without_room(scene: Scene, goal: Goal, to_move: Collection[str]) -> tuple[tuple[str, ...], str]:
@@ -669,7 +667,9 @@ def distances(points: Array, body: Body) -> Array:
     if body.shape == "pieces":
         return np.min([_distances_to_polygon(points, piece.outline) for piece in body.placed], axis=0)
     outline = footprint(body)
-    axes = body.rotation[:2, :2] if abs(body.rotation[2, 2]) > 0.99 else np.eye(2)
+    if abs(body.rotation[2, 2]) < _LEVEL:
+        return _distances_to_polygon(points, outline[ConvexHull(outline).vertices])
+    axes = body.rotation[:2, :2]
     local, corners = (points - body.position[:2]) @ axes, (outline - body.position[:2]) @ axes
     outside = np.maximum(np.abs(local) - np.abs(corners).max(axis=0), 0.0)
     return np.asarray(np.linalg.norm(outside, axis=1))

@@ -17,6 +17,7 @@ from planners.placing.goal_places import (
     fixed_about,
     in_the_way,
     locations_in,
+    must_go_first,
     of_same_area,
     place_of,
     reserved_regions,
@@ -201,6 +202,28 @@ def test_poses_that_overlap_leave_each_other_what_their_tolerances_allow() -> No
     points = np.array([(0.0, -0.016), (0.0, 0.0)])
     assert kept.touches_disc(points, 0.036).tolist() == [False, True]
     assert reserved_regions(scene, at("a", (0.0, 0.0)) & at("b", (0.0, 0.08)), "a") == ()
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.5])
+def test_what_leaves_no_room_in_a_region_must_go_first(yaw: float) -> None:
+    """The middle of a can may be 51 mm from that of the other one, at a corner, and needs 54 mm."""
+    body, fact = cylinder("object_00", 0.2, -0.3, 0.035), inside("object_00", "mat").placed[0]
+    other = cylinder("object_01", 0.0, 0.2, 0.019)
+    for half, found in ((0.069, ("object_01",)), (0.072, ())):
+        scene = replace(table_scene(body, other), regions=(Region("mat", "table_top", (0.0, 0.2), (half, half), yaw),))
+        assert must_go_first(scene, body, fact) == found
+
+
+@pytest.mark.parametrize("shape", ["cylinder", "box"])
+def test_beside_what_lies_aslant_there_is_room(shape: str) -> None:
+    """It counted as the box about it along the table's sides, so that the bound of a goal beside it was too high."""
+    half, lies_along_y = np.array([0.03, 0.03, 0.1]), (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0)
+    along_y = Body("object_01", "box" if shape == "box" else "cylinder", half, np.zeros(3), np.array(lies_along_y))
+    aslant = stand_at(along_y, np.array((0.0, 0.2, HEIGHT)), np.pi / 4)
+    body, fact = cylinder("object_00", 0.2, -0.3, 0.03), inside("object_00", "mat").placed[0]
+    for side, found in ((1.0, ()), (-1.0, ("object_01",))):
+        region = Region("mat", "table_top", (0.07 * side, 0.2 + 0.07), (0.031, 0.031))
+        assert must_go_first(replace(table_scene(body, aslant), regions=(region,)), body, fact) == found
 
 
 @pytest.mark.parametrize("seed", [0, 2, 3])
