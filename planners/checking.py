@@ -33,7 +33,6 @@ of round shapes are polygons."""
 _TURNS = np.linspace(0.0, 2 * np.pi, 180, endpoint=False)
 _DIRECTIONS = np.column_stack((np.cos(_TURNS), np.sin(_TURNS)))
 _CAUSES = {
-    Reason.FLOATING: Cause.NOT_AT_REST,
     Reason.TOO_HEAVY: Cause.TOO_HEAVY,
     Reason.SLIPPERY: Cause.TOO_SLIPPERY,
 }
@@ -59,17 +58,17 @@ def check(scene: Scene) -> SceneReport:
 
 
 def hindrance(scene: Scene, names: Collection[str]) -> tuple[Cause, tuple[Finding, ...]] | None:
-    """Why no plan that takes objects of these names can be executed, with the findings; None if nothing is known."""
-    report = SceneReport((*_places(scene, names), *scene.findings))
+    """Why the robot cannot carry objects of these names, with the findings; None if nothing is known."""
+    report = SceneReport(scene.findings)
     for reason, cause in _CAUSES.items():
         if found := tuple(one for one in report.about(names, (reason,)) if one.is_certain):
             return cause, found
     return None
 
 
-def sunk(scene: Scene, names: Collection[str]) -> tuple[Finding, ...]:
-    """The findings about objects of these names that are sunk into furniture."""
-    return SceneReport(tuple(_places(scene, names))).about(names, (Reason.SUNK,))
+def not_at_rest(scene: Scene, names: Collection[str]) -> tuple[Finding, ...]:
+    """The findings about objects of these names that are sunk into furniture or in the air."""
+    return SceneReport(tuple(_places(scene, names))).about(names, (Reason.SUNK, Reason.FLOATING))
 
 
 def _places(scene: Scene, names: Collection[str]) -> Iterator[Finding]:

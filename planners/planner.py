@@ -9,7 +9,7 @@ import numpy as np
 
 from assets.robots import FETCH, RobotSpec, robot as find_robot
 from planners.cause import Cause
-from planners.checking import hindrance, sunk
+from planners.checking import hindrance, not_at_rest
 from planners.clearing.goal_bound import LowerBound, must_move
 from planners.clearing.lower_bound import MAX_EXPANSIONS, ClearanceFloor, self_clearable_sets
 from planners.clock import NO_DEADLINE, Deadline
@@ -24,6 +24,7 @@ from planners.opening.through import Asked, lower_bound_through, solve_through
 from planners.placing.surfaces import Supports
 from planners.problem import Problem, goal_in, not_sunk, robot_of
 from planners.scene import Scene
+from planners.scene.findings import Reason
 from planners.strategies import STRATEGIES, Strategy, find_strategy
 from planners.symbolic.engines import task_planner
 from planners.symbolic.problem import TaskPlanner
@@ -62,8 +63,8 @@ def solve(
             target. The paper forbids it: there every obstacle is put down.
 
     Returns:
-        The plan with all its motions, or the cause why there is none. Objects of the goal that cannot be carried, or
-        are in the air, are refused before anything is planned; `planners.check` says what is odd about all objects.
+        The plan with all its motions, or the cause why there is none. Objects of the goal that the robot cannot carry,
+        or that are in the air, are refused; `planners.check` says what is odd about all objects.
 
     Raises:
         UnknownObject: no object of that name.
@@ -86,13 +87,27 @@ def solve(
 
 
 def _with_true_cause(scene: Scene, taken: tuple[str, ...], found: Solution | Infeasible) -> Solution | Infeasible:
-    """The same result; a refusal that is about objects which are sunk into furniture says so."""
-    if not isinstance(found, Infeasible) or found.cause is Cause.TIME_LIMIT:
+    """The same result, unless it is about objects that are not at rest: a plan for what falls cannot be executed, and
+    what is sunk into furniture is refused for that."""
+    if isinstance(found, Solution):
+        if not (falls := [one for one in not_at_rest(scene, taken) if one.reason is Reason.FLOATING]):
+            return found
+        detail, objects = "; ".join(map(str, falls)), tuple(one.object for one in falls)
+        return Infeasible(
+            Cause.NOT_AT_REST,
+            detail,
+            objects,
+            stats=found.stats,
+            target=found.target,
+            strategy=found.strategy,
+            goal=found.goal,
+        )
+    odd = () if found.cause is Cause.TIME_LIMIT else not_at_rest(scene, found.objects or taken)
+    if not odd:
         return found
-    if not (deep := sunk(scene, found.objects or taken)):
-        return found
-    detail = f"{'; '.join(map(str, deep))}; so: {found.cause}, {found.detail}"
-    return replace(found, cause=Cause.NOT_AT_REST, detail=detail)
+    return replace(
+        found, cause=Cause.NOT_AT_REST, detail=f"{'; '.join(map(str, odd))}; so: {found.cause}, {found.detail}"
+    )
 
 
 def lower_bound(scene: Scene, goal: str | Goal, expansions: int = MAX_EXPANSIONS, *, grasps: str = "all") -> LowerBound:
