@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from planners.hollows import hollow_of, hollow_of_body
 from planners.regions import EDGE, RESTING, Array, GoalError, Region, footprint, overlap
 
 if TYPE_CHECKING:
@@ -79,6 +80,8 @@ class Pulled(Holding):
 class On:
     """The object rests on a support, on another object, or in a region with its whole footprint.
 
+    On something hollow it is inside, or on the rim.
+
     Attributes:
         object: its name.
         place: name of the support, the other object, or the region.
@@ -89,6 +92,11 @@ class On:
     place: str
     pose: At | None = field(default=None, repr=False)
 
+    @property
+    def where(self) -> str:
+        """Name of the place."""
+        return self.place
+
     def holds(self, scene: Scene, start: Scene | None = None) -> bool:
         """Whether it does; see `Goal.holds`."""
         if self.place in region_names(scene):
@@ -97,6 +105,10 @@ class On:
         if self.place in scene.supports:
             face = scene.support_named(self.place)
             return is_at_rest(scene, body, face.top, start) and bool(face.is_under(body.position[:2]))
+        if is_in_hollow(scene, body, self.place):
+            return True
+        if self.place not in scene.names:
+            return False
         below = scene.body(self.place)
         is_over = overlap(footprint(below), body.position[None, :2]) >= 0
         return is_over and self.place not in scene.held_names and is_at_rest(scene, body, below.top, start)
@@ -104,10 +116,15 @@ class On:
 
 @dataclass(frozen=True)
 class Inside:
-    """The object rests within a region, or within the face of a support, with its whole footprint."""
+    """The object rests within a region or the face of a support, with its whole footprint; or in something hollow."""
 
     object: str
     region: str
+
+    @property
+    def where(self) -> str:
+        """Name of the place."""
+        return self.region
 
     def holds(self, scene: Scene, start: Scene | None = None) -> bool:
         """Whether it does; see `Goal.holds`."""
@@ -116,6 +133,8 @@ class Inside:
             region = region_named(scene, self.region)
             is_there = region.contains(body) and scene.support_named(region.support).is_under(body.position[:2])
             return bool(is_there) and is_at_rest(scene, body, scene.support_named(region.support).top, start)
+        if self.region not in scene.supports:
+            return is_in_hollow(scene, body, self.region)
         face = scene.support_named(self.region)
         corners = footprint(body, -EDGE)
         return is_at_rest(scene, body, face.top, start) and bool(face.is_under(corners).all())
@@ -147,6 +166,11 @@ class At:
     tolerance: float = TOLERANCE
     yaw_tolerance: float = YAW_TOLERANCE
     within: tuple[str, ...] = field(default=(), repr=False)
+
+    @property
+    def where(self) -> str:
+        """None: "", which names no place."""
+        return ""
 
     def __post_init__(self) -> None:
         try:
@@ -351,8 +375,17 @@ def stands_at(scene: Scene, body: Body, level: float) -> bool:
     return away <= RESTING and all(abs(body.bottom - other) >= away for other in levels_under(scene, body))
 
 
+def is_in_hollow(scene: Scene, body: Body, name: str) -> bool:
+    """Whether an object has been let go inside an object, or a body that does not move, of that name."""
+    hollow = None if {body.name, name} & {*scene.held_names} else hollow_of(scene, name)
+    return hollow is not None and hollow.contains(body)
+
+
 def levels_under(scene: Scene, body: Body) -> Iterator[float]:
-    """[m] heights of the supports and objects under the centre of an object, within `RESTING` of its lowest point."""
+    """[m] heights of the supports and objects under the centre of an object, within `RESTING` of its lowest point.
+
+    Of an object that it is in, the floor.
+    """
     for name in scene.supports:
         face = scene.support_named(name)
         if abs(face.top - body.bottom) <= RESTING and face.is_under(body.position[:2]):
@@ -361,6 +394,11 @@ def levels_under(scene: Scene, body: Body) -> Iterator[float]:
         is_near = abs(one.top - body.bottom) <= RESTING and one.name not in (body.name, *scene.held_names)
         if is_near and overlap(footprint(one), body.position[None, :2]) >= 0:
             yield one.top
+        hollow = (
+            hollow_of_body(one) if one.shape == "pieces" and one.name not in (body.name, *scene.held_names) else None
+        )
+        if hollow is not None and abs(hollow.floor - body.bottom) <= RESTING and hollow.contains(body):
+            yield hollow.floor
 
 
 def has_yaw(body: Body) -> bool:

@@ -166,6 +166,8 @@ def _pose_in(scene: Scene, pose: At, fact: On | Inside, facts: Sequence[Fact]) -
         given = fact.pose if isinstance(fact, On) else None
         nearer = pose if given is None else _nearer(pose, given) or _nearer(given, pose)
         return On(pose.object, place, nearer) if nearer is not None and _is_over(scene, pose, place, facts) else None
+    if place not in (*region_names(scene), *scene.supports):
+        return None  # a pose is on a support or an object
     region = region_named(scene, place) if place in region_names(scene) else None
     face, body = scene.support_named(place if region is None else region.support), scene.body(pose.object)
     if support_at(scene, pose).name != face.name:

@@ -100,7 +100,7 @@ def without_negations(facts: Sequence[Fact], denied: Sequence[Fact], scene: Scen
     found = list(facts)
     while left:
         fact = left[0]
-        if scene is None or not isinstance(fact, On | Inside) or names_in(fact)[1] in scene.names:
+        if scene is None or not isinstance(fact, On | Inside) or not _is_area(scene, names_in(fact)[1]):
             return None
         place = names_in(fact)[1]
         same = [one for one in left if isinstance(one, On | Inside) and names_in(one)[1] == place]
@@ -126,6 +126,10 @@ def says_all(facts: Sequence[Fact], others: Sequence[Fact], scene: Scene | None)
         or (scene is not None and isinstance(fact, Clear) and fact.region in scene.supports and is_empty(fact.region))
         for fact in others
     )
+
+
+def _is_area(scene: Scene, name: str) -> bool:
+    return name in scene.supports or any(region.name == name for region in scene.regions)
 
 
 def _is_clear_if_empty(scene: Scene, fact: On | Inside) -> bool:

@@ -49,6 +49,7 @@ from planners.facts import (
 )
 from planners.goal_ends import contradiction_in, ends_in, narrowest
 from planners.goal_text import ARGUMENTS, domain_of, fact_of, pddl_of, says_all, without_negations
+from planners.hollows import hollow_names, static_hollows
 from planners.pddl import Condition, Literal, parse
 from planners.regions import EDGE, RIM, GoalError as GoalError, Region as Region, is_name, overlap
 
@@ -226,10 +227,14 @@ class Goal:
         """What is wrong with each name that the scene does not have."""
         for fact in self.facts:
             for entry, name in zip(fields(fact), names_in(fact), strict=False):
-                kinds = _kinds(fact, entry.name, scene)
+                kinds = _kinds(fact, entry.name, scene, name)
                 if not any(name in names for names in kinds.values()):
+                    if name in scene.names and "hollow" in kinds:
+                        why = "which is not hollow, seen from above"
+                    else:
+                        why = "which the scene does not have"
                     valid = "; ".join(f"{kind}: {', '.join(names) or 'none'}" for kind, names in kinds.items())
-                    yield f"the goal names {name!r}, which the scene does not have; {valid}"
+                    yield f"the goal names {name!r}, {why}; {valid}"
 
     def _check_contradictions(self, scene: Scene) -> None:
         if pair := contradiction_in(scene, self.facts):
@@ -369,22 +374,25 @@ def _said(condition: Condition, held: Sequence[Fact], denied: Sequence[Fact], sc
     return facts
 
 
-def _kinds(fact: Fact, entry: str, scene: Scene) -> dict[str, Collection[str]]:
-    """The names that may stand in a field of a fact, by what they are of."""
+def _kinds(fact: Fact, entry: str, scene: Scene, name: str) -> dict[str, Collection[str]]:
+    """The names that may stand in a field of a fact, by what they are of; what is hollow only if others lack a name."""
     if entry == "opening":
         return {"what opens": tuple(one.name for one in scene.openings)}
     objects: dict[str, Collection[str]] = {"objects": scene.names}
     places: dict[str, Collection[str]] = {"regions": region_names(scene), "supports": scene.supports}
     if entry not in ("place", "region"):
         return objects
-    return places | objects if isinstance(fact, On) else places
+    kinds = places | objects if isinstance(fact, On) else places
+    if any(name in names for names in kinds.values()):
+        return kinds
+    return kinds | {"hollow": static_hollows(scene) if isinstance(fact, On) else hollow_names(scene)}
 
 
 def _spelled(fact: Fact, scene: Scene) -> Fact:
     """The fact with its names spelled as in the scene; raises `GoalError` if one fits several."""
     changed: dict[str, Any] = {}
     for entry, name in zip(fields(fact), names_in(fact), strict=False):
-        valid = [one for names in _kinds(fact, entry.name, scene).values() for one in names]
+        valid = [one for names in _kinds(fact, entry.name, scene, name).values() for one in names]
         alike = [] if name in valid else [one for one in valid if one.casefold() == name.casefold()]
         if len(alike) > 1:
             raise GoalError(f"{name!r} may be {' or '.join(map(repr, alike))}; spell it as the scene does")
@@ -404,12 +412,15 @@ def holding(name: str, point: ArrayLike | None = None, tolerance: float = TOLERA
 
 
 def on(name: str, place: str) -> Goal:
-    """The object rests on a support, on another object (a stack), or in a region."""
+    """The object rests on a support, on another object (a stack), in a region, or in something hollow, as `inside`."""
     return Goal((On(name, place),))
 
 
 def inside(name: str, region: str) -> Goal:
-    """The object rests with its whole footprint in a region, or on a support."""
+    """The object rests with its whole footprint in a region, or on a support; or in something hollow.
+
+    That is an object, or a body that does not move: a basket, a bowl, a box, a tray; see `planners.hollows`.
+    """
     return Goal((Inside(name, region),))
 
 

@@ -260,8 +260,10 @@ class Planner:
         time_limit: float | None = None,
     ) -> Solution | Infeasible:
         """Plan for a problem that is kept; see the function `solve`."""
-        chosen, drawn = find_strategy(strategy), np.random.default_rng(rng or 0)
-        return best_of_attempts(problem, chosen, self._task_planner, drawn, Deadline.after(time_limit))
+        chosen, drawn, deadline = find_strategy(strategy), np.random.default_rng(rng or 0), Deadline.after(time_limit)
+        if problem.scene.openings:
+            return solve_through(self._asked(chosen, drawn, deadline), problem.scene, problem.goal, problem.start)
+        return best_of_attempts(problem, chosen, self._task_planner, drawn, deadline)
 
     def lower_bound(self, scene: Scene, goal: str | Goal, expansions: int = MAX_EXPANSIONS) -> LowerBound:
         """The fewest picks for a goal; see the function `lower_bound`."""

@@ -95,7 +95,7 @@ def fewest_picks(
         to_move,
         {name: scene.mask(names) for name, names in waiting_for.items()},
         puts,
-        {fact.object: fact.place for fact in goal.placed if isinstance(fact, On) and fact.place in to_move},
+        {fact.object: fact.where for fact in goal.placed if fact.where in to_move},
         goal.order,
         goal.held,
         scene.held_names,
@@ -231,7 +231,7 @@ def _put_downs(
     """
     found: dict[str, PutDownMasks] = {}
     for fact in goal.placed:
-        if fact.object in to_move and not (isinstance(fact, On) and fact.place in to_move):
+        if fact.object in to_move and fact.where not in to_move:
             place = place_of(scene, fact)
             masks = put_down_masks(search, candidates, scene, fact.object, place, waiting_for[fact.object])
             if 0 not in masks.straight:
@@ -254,8 +254,7 @@ def must_move(scene: Scene, goal: Goal, start: Scene | None = None) -> tuple[str
 def with_what_stands_on(goal: Goal, names: Collection[str]) -> tuple[str, ...]:
     """Names of objects that move, and of those that the goal wants on one of these: they leave it, and come back."""
     found = dict.fromkeys(names)
-    stacked = [fact for fact in goal.placed if isinstance(fact, On)]
-    while more := [fact.object for fact in stacked if fact.place in found and fact.object not in found]:
+    while more := [fact.object for fact in goal.placed if fact.where in found and fact.object not in found]:
         found |= dict.fromkeys(more)
     return tuple(found)
 
@@ -298,7 +297,7 @@ def waits_for(scene: Scene, goal: Goal, to_move: Collection[str]) -> dict[str, f
     What stands on another object comes after that one's last move, which waits for objects of its own; what is to be
     held comes after all. Where an object waits for itself, it cannot go straight to its end.
     """
-    below = {fact.object: fact.place for fact in goal.placed if isinstance(fact, On) and fact.place in to_move}
+    below = {fact.object: fact.where for fact in goal.placed if fact.where in to_move}
     own = {fact.object: must_go_first(scene, scene.body(fact.object), fact) for fact in goal.placed}
 
     def before(name: str) -> frozenset[str]:

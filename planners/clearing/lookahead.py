@@ -283,7 +283,7 @@ class _Search:
     def _stands_on_waiting(self, now: _Situation, step: Step) -> bool:
         """Whether a step puts an object on another one that is still to be moved, and would have to leave it again."""
         fact = placed_fact(self.maker.goal, step.name) if step.is_general else None
-        return isinstance(fact, On) and fact.place in now.waiting
+        return fact is not None and fact.where in now.waiting
 
     def _made(self, now: _Situation, step: Step, is_strict: bool) -> _Situation | None:
         """The situation after a step; None if it cannot be made.
@@ -383,7 +383,7 @@ class _Search:
         if now.scene.held_names:
             return
         facts = [fact for name in waiting if (fact := placed_fact(goal, name))]
-        for fact in (one for one in facts if not (isinstance(one, On) and one.place in waiting)):
+        for fact in (one for one in facts if one.where not in waiting):
             place = place_of(now.scene, fact)
             found = in_the_way(now.scene, now.scene.body(fact.object), place, waiting)
             yield self._moving_these_too(now, fact.object, found or self._in_the_way_of_robot(now, fact))
@@ -499,7 +499,7 @@ def _in_turn(
     def place_is_free(name: str) -> bool:
         """Whether what must have left before has, and what it is to stand on is where that is to stand."""
         fact = placed_fact(goal, name)
-        is_missing = isinstance(fact, On) and (fact.place in first or fact.place in again)
+        is_missing = fact is not None and (fact.where in first or fact.where in again)
         return not is_missing and not waits.get(name, frozenset()) - gone - {name}
 
     while first or again:

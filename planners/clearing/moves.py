@@ -246,6 +246,8 @@ class MoveMaker:
         refused = () if fact is None else self.not_placed.pitches.get(name, ())
         is_exact = isinstance(fact, At) and fact.yaw is not None
         free = (one for one in self.free_grasps(scene, name, is_exact, following) if one.pitch not in refused)
+        if fact is not None and place_of(scene, fact).hollow is not None:
+            return sorted(free, key=lambda one: -one.pitch)  # between walls a hand from above has most room
         if fact is None or not of_same_area(scene, self.goal, name, waiting):
             return free
         place = place_of(scene, fact)

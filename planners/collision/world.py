@@ -43,6 +43,7 @@ from planners.collision.scene_arrays import (
     solid_arrays,
     with_object,
 )
+from planners.hollows import contents_of
 from planners.scene import SELF_BIT, STATIC_BIT, Body, HeldObject, Scene, SceneError, Solid
 from planners.scene.bodies import release_pitch, up_axis
 
@@ -302,11 +303,14 @@ class CompiledScenes:
 
 
 def objects_on(world: CollisionWorld, name: str) -> int:
-    """Mask of the objects that stand on that one, directly or on each other; raises `UnknownObject`."""
+    """Mask of the objects that stand on that one or are in it, directly or on each other; raises `UnknownObject`."""
     scene = world.scene
     below = [scene.body(name)]
     found = 0
     for supporter in below:
+        for body in contents_of(scene, supporter) if supporter.name not in scene.held_names else ():
+            found |= 1 << scene.index(body.name)
+            below += [body] if body not in below else []
         for index, body in enumerate(scene.objects):
             if not found >> index & 1 and _stands_on(world, body, supporter):
                 found |= 1 << index

@@ -94,6 +94,17 @@ def antipodal_lines(
         yield Line(yaw, body.position + turn @ line.tcp, line.width)
 
 
+def highest_line(body: Body) -> float:
+    """[m] above its lowest point up to which an object of pieces is held along level lines."""
+    pieces = [(float(piece.lower[2]), float(piece.upper[2])) for piece in body.placed]
+    return max(high - min(_INSET, (high - low) / 2) for low, high in pieces) - body.bottom
+
+
+def lowest_line(lowest: float, pitch: float) -> float:
+    """[m] above an object's lowest point from which on it is held so, the TCP `lowest` [m] above that at least."""
+    return lowest - TIP * math.sin(pitch)
+
+
 @lru_cache(maxsize=256)
 def _lines(
     shape: _Shape, robot: RobotSpec, family: AntipodalFamily, lowest: float, widest: float, pad: float

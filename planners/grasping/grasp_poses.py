@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
-from planners.grasping.antipodal import antipodal_lines
+from planners.grasping.antipodal import antipodal_lines, highest_line, lowest_line
 from planners.grasping.arm_configurations import gripper_arrays, gripper_rotation
 from planners.grasping.families import GRASP_SETS, AntipodalFamily, Family, GraspFamily, families_for
 from planners.scene import Body, HeldObject, Scene
@@ -138,8 +138,18 @@ def too_wide(body: Body, robot: RobotSpec, families: Sequence[Family]) -> str:
     most = f"the families of grasps take {span} at most" if widest < robot.max_opening else f"the gripper opens {span}"
     centred = [family for family in chosen if isinstance(family, GraspFamily)]
     if not centred:
+        if generate_grasps(body, robot, families):
+            return ""
+        lines = [family for family in chosen if isinstance(family, AntipodalFamily)]
+        lowest = gripper_clearances(robot).above_support
+        needed, highest = min(lowest_line(lowest(one.pitch), one.pitch) for one in lines), highest_line(body)
+        if highest < needed:
+            return (
+                f"{body.name} is too low: the pads could hold it up to {1000 * highest:.0f} mm above what it stands "
+                f"on, and the fingertips need {1000 * needed:.0f} mm there; {most}"
+            )
         faces = f"the gripper gets around no two opposite faces of {body.name} within the friction cones"
-        return "" if generate_grasps(body, robot, families) else f"{faces}; {most}"
+        return f"{faces}; {most}"
     spans = [(2 * float(half), _widest(robot, family)) for family in centred for half in _yaws(body, family)[1]]
     if any(width < limit for width, limit in spans):
         return ""

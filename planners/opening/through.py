@@ -118,7 +118,7 @@ def needed(asked: Asked, scene: Scene, goal: Goal, start: Scene) -> tuple[str, .
     """
     into = {fact.place if isinstance(fact, On) else fact.region for fact in goal.facts if isinstance(fact, On | Inside)}
     into |= {region.support for region in scene.regions if region.name in into}
-    first = tuple(one.name for one in _shut_ones(scene) if into & {*one.parts})
+    first = tuple(one.name for one in _shut_ones(scene) if into & {one.name, *one.parts})
     for name in first:
         scene = as_if_opened(scene, name, scene.opening(name).at_share(_FULLY))
     if not _is_known(goal, scene) or _is_possible(asked, scene, goal, start):

@@ -104,7 +104,7 @@ def put_down_masks(
     level, gone = place.face.top, scene.mask({name, *leaving, *scene.held_names})
     ways = [
         (_lowered(candidates.compiled.world(view), place), taken, _wanted(view, place, place.location, (place.yaw,)))
-        for view, taken in _in_any_hand(candidates, scene, body)
+        for view, taken in in_any_hand(candidates, scene, body)
     ]
     for world, _, wanted in ways:
         if len(_scan(search, world, wanted, level, gone, np.zeros((0, 3)), first_free=True)[1].q):
@@ -187,7 +187,7 @@ def _wanted(scene: Scene, place: Place, point: Array, yaws: Yaws) -> Array:
     return np.concatenate([gripper_poses_at(scene, location, yaw)[0] for yaw in yaws])
 
 
-def _in_any_hand(candidates: GraspCandidates, scene: Scene, body: Body) -> Iterator[tuple[Scene, Array]]:
+def in_any_hand(candidates: GraspCandidates, scene: Scene, body: Body) -> Iterator[tuple[Scene, Array]]:
     """The scene with an object in hand, once for each way to hold it, and gripper poses (k, 5) that take it so.
 
     A round object that stands is held alike from all directions of a family.

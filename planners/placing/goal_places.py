@@ -10,6 +10,7 @@ import itertools
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -18,6 +19,7 @@ from scipy.spatial import ConvexHull
 
 from planners.facts import At, Inside, On, has_yaw, region_named, region_names, support_at, whole_face
 from planners.goals import Goal
+from planners.hollows import Hollow, hollow_of
 from planners.placing.locations import stand_at
 from planners.regions import EDGE, RESTING, RIM, Region, footprint, overlap
 from planners.scene import Body, Scene, StaticObstacle
@@ -68,7 +70,8 @@ class Place:
         slack: [m] about the location within which its centre may be, too.
         yaw: [rad] of the object, None for any.
         within: regions in which the footprint of what goes to a location is to lie, too.
-        below: name of the object that it is to stand on, "" for none.
+        below: name of the object that it is to stand on, or in, "" for none.
+        hollow: what it is to be inside of, if that is hollow.
     """
 
     face: StaticObstacle
@@ -78,6 +81,7 @@ class Place:
     yaw: float | None = None
     within: tuple[Region, ...] = ()
     below: str = ""
+    hollow: Hollow | None = None
 
 
 def place_of(scene: Scene, fact: On | Inside | At) -> Place:
@@ -90,11 +94,15 @@ def place_of(scene: Scene, fact: On | Inside | At) -> Place:
     name = fact.place if isinstance(fact, On) else fact.region
     if _is_area(scene, name):
         return _area_named(scene, name)
+    hollow = _hollow_for(scene, fact)
+    pose = fact.pose if isinstance(fact, On) else None
+    if hollow is not None and pose is None:
+        return Place(_floor_of(hollow), hollow.area, below=name if name in scene.names else "", hollow=hollow)
     other = scene.body(name)
-    if isinstance(fact, On) and fact.pose is not None:
-        face, yaw = _top_of(other), fact.pose.yaw if has_yaw(body) else None
-        point = np.array([fact.pose.x, fact.pose.y])
-        return Place(face, location=point, slack=fact.pose.tolerance, yaw=yaw, below=name)
+    if pose is not None:
+        face, yaw = _top_of(other) if hollow is None else _floor_of(hollow), pose.yaw if has_yaw(body) else None
+        point = np.array([pose.x, pose.y])
+        return Place(face, location=point, slack=pose.tolerance, yaw=yaw, below=name, hollow=hollow)
     if other.shape != "pieces":
         face = _top_of(other)
         if other.shape == "box" and abs(other.rotation[2, 2]) > _LEVEL:
@@ -104,6 +112,24 @@ def place_of(scene: Scene, fact: On | Inside | At) -> Place:
         return Place(face, location=other.position[:2], below=name)
     highest = other.corners[other.corners[:, 2] > other.top - _TOUCHING]
     return Place(_top_of(other), location=highest[:, :2].mean(axis=0), below=name)
+
+
+def _hollow_for(scene: Scene, fact: On | Inside) -> Hollow | None:
+    """The hollow into which an object goes; None if what a fact names has none, or it is to stand on its rim.
+
+    On something hollow an object stands inside if it is smaller than the mouth, however it is put down.
+    """
+    hollow = hollow_of(scene, fact.where)
+    if hollow is None or isinstance(fact, Inside) or fact.where not in scene.names:
+        return hollow
+    return None if _is_larger(scene.body(fact.object), hollow.area) else hollow
+
+
+@lru_cache(maxsize=64)
+def _floor_of(hollow: Hollow) -> StaticObstacle:
+    """The floor of a hollow as what an object stands on."""
+    corners = [(*point, hollow.floor - down) for point in hollow.base for down in (0.0, _WALL)]
+    return StaticObstacle.hull(hollow.name, corners)
 
 
 def _is_area(scene: Scene, name: str) -> bool:
@@ -238,10 +264,16 @@ def locations_in(
                 is_within &= _fits(points, area, body, (), 0.0, yaws[0])
             yield from ((point, yaws) for point in points[is_within])
         return
-    standing = [one for one in beside(scene, place.face, body) if one.name != body.name]
+    standing = [one for one in beside(scene, place.face, body) if one.name not in (body.name, place.below)]
     staying = [one for one in standing if one.name not in leaving]
     middle = np.array([place.area.centre])
-    if place.below and not others and allowed(middle)[0] and _fits(middle, place.area, body, standing, 0.0, None)[0]:
+    if (
+        place.below
+        and place.hollow is None
+        and not others
+        and allowed(middle)[0]
+        and _fits(middle, place.area, body, standing, 0.0, None)[0]
+    ):
         yield middle[0], (None,)
     points = _grid(place.area, scene.state.base[:2], pitch)
     may_stand = allowed(points)
@@ -387,7 +419,9 @@ def _crowd(scene: Scene, facts: Sequence[On | Inside | At]) -> tuple[str, ...]:
 
 def _is_by_centre(scene: Scene, fact: On | Inside | At) -> bool:
     """Whether an object may reach over the edges of what a fact names: of a support, and of another object."""
-    return isinstance(fact, On) and fact.place in (*scene.supports, *scene.names)
+    if not isinstance(fact, On) or fact.place not in (*scene.supports, *scene.names):
+        return False
+    return fact.place in scene.supports or _hollow_for(scene, fact) is None
 
 
 def _shrunk(area: Region, inset: float) -> Region:
@@ -401,15 +435,23 @@ def _why_too_large(scene: Scene, fact: On | Inside | At) -> str:
     Proved: between the angles that are tried, its extents change by less than what they may be too large.
     """
     body, area = scene.body(fact.object), place_of(scene, fact).area
-    if area is None or body.name in scene.held_names or _is_by_centre(scene, fact):
+    if area is None or body.name in scene.held_names or _is_by_centre(scene, fact) or not _is_larger(body, area):
         return ""
+    if not isinstance(fact, At) and hollow_of(scene, fact.where) is not None and not _is_area(scene, fact.where):
+        (x, y), least = 2e3 * np.array(area.half_extents), 2e3 * inner_radius(body)
+        return f"is larger than the inside of {area.name}, {x:.0f} by {y:.0f} mm: it measures {least:.0f} mm or more"
+    return f"is larger than its place, {area.name}"
+
+
+def _is_larger(body: Body, area: Region) -> bool:
+    """Whether an object is larger than an area, however it is turned and put down; see `_why_too_large`."""
     angles = np.linspace(0.0, np.pi, 180, endpoint=False)
     for way in resting_ways(body):
         along = np.ptp(footprint(way) @ np.stack((np.cos(angles), np.sin(angles))), axis=0)
         most = 2 * (np.array(area.half_extents) + EDGE) + along.max() * (angles[1] - angles[0])
         if ((along <= most[0]) & (np.roll(along, len(angles) // 2) <= most[1])).any():
-            return ""
-    return f"is larger than its place, {area.name}"
+            return False
+    return True
 
 
 def _why_beside(scene: Scene, fact: On | Inside | At) -> str:
@@ -431,7 +473,9 @@ def _why_falling(scene: Scene, fact: On | Inside | At) -> str:
     however it is turned. Between the points that are tried, the wall of a cup cannot hide.
     """
     body, place = scene.body(fact.object), place_of(scene, fact)
-    if not place.below or scene.body(place.below).shape != "pieces" or not scene.body(place.below).is_upright:
+    if not place.below or place.hollow is not None:
+        return ""
+    if scene.body(place.below).shape != "pieces" or not scene.body(place.below).is_upright:
         return ""
     reach = max(way.radius for way in resting_ways(body))
     away = np.linspace(0.0, reach, math.ceil(reach / _WALL) + 1)[:, None, None] * _AROUND
@@ -559,7 +603,7 @@ def in_the_way(scene: Scene, body: Body, place: Place, waiting: Collection[str])
     body = least_room(body)
     if place.below and place.area is None:
         return tuple(name for name in _on_top(scene, body, place) if name not in waiting)
-    standing = [one for one in beside(scene, place.face, body) if one.name != body.name]
+    standing = [one for one in beside(scene, place.face, body) if one.name not in (body.name, place.below)]
     staying = [one for one in standing if one.name not in waiting]
     if place.area is None:
         assert place.location is not None
@@ -588,7 +632,7 @@ def least_room(body: Body) -> Body:
 
 def _on_top(scene: Scene, body: Body, place: Place) -> tuple[str, ...]:
     """Names of the objects that stand on the one on which another is to stand."""
-    over = (one for one in scene.objects if abs(one.bottom - place.face.top) <= _TOUCHING)
+    over = (one for one in scene.objects if abs(one.bottom - place.face.top) <= _TOUCHING and one.name != place.below)
     over = (one for one in over if one.name not in (body.name, *scene.held_names))
     return tuple(one.name for one in over if place.face.is_under(one.position[:2]))
 

@@ -24,6 +24,7 @@ from planners.grasping.arm_configurations import ConfigurationGrid, GripperPoses
 from planners.grasping.base_placement import Placer, facing_bases, farthest_reach
 from planners.grasping.candidates import GraspCandidate
 from planners.grasping.grasp_poses import opening_around
+from planners.hollows import Hollow, hollow_about
 from planners.motion.approaches import Approach, ContactQuery, can_put_down, planned_approach
 from planners.placing.goal_places import NARROW, PITCH, Place, Yaws, inner_radius, locations_in
 from planners.placing.locations import in_hand, placement_cells, placement_levels, put_down, rotated
@@ -47,6 +48,11 @@ _ROW = 0.01
 """[m] between rows of which is asked whether an object can be put so deep under a shelf."""
 _GAP = 0.001
 """[m] between the object and the table when the fingers open."""
+FALLS = (0.01, 0.02, 0.03, 0.04, 0.06, 0.08)
+"""[m] that an object may fall inside a container where the hand has no room to put it down, in the order in which they
+are tried. A can that falls farther may topple."""
+_LOCATIONS_OF_FALLS, _BETWEEN_FALLS = 12, 0.02
+"""Locations at which an object is let fall, from the middle outwards, and [m] between them at least."""
 _TIPS = 0.01
 """[m] from the edge of a face at which the centre of an object must be at least."""
 _RIM = np.column_stack((np.cos(np.arange(24) * np.pi / 12), np.sin(np.arange(24) * np.pi / 12)))
@@ -178,7 +184,7 @@ class PlacementSearch:
         surfaces: tuple[Surface, ...] = ()
         # Of an object that lies or has corners the circle within; at a pose, what keeps it from tipping over the edge.
         feet = [_TIPS]
-        if place.area is not None:
+        if place.area is not None and place.hollow is None:  # walls hold what tips over the edge of a small floor
             feet = [inner_radius(body) - EDGE]
             if place.area.name != place.face.name and not place.face.is_under(place.area.corners).all():
                 feet += [max(_TIPS, inner_radius(body) / 2), _TIPS]  # it reaches over the edge: so may the object
@@ -214,7 +220,7 @@ class PlacementSearch:
                 may_be = partial(allowed, foot=foot)
                 some = locations_in(scene, body, place, leaving, others, may_be, pitch, is_near_failure)
                 found = itertools.chain(found, some)
-            if len(drops) > 1:  # the walls are farthest from the middle
+            if len(drops) > 1 or (place.hollow is not None and not others):  # walls are farthest from the middle
                 found = iter(sorted(found, key=lambda one: math.dist(one[0], middle)))
             for point, yaws in found:
                 if is_covered_place and len(failed) >= _FAILURES // 2:
@@ -250,6 +256,39 @@ class PlacementSearch:
                     break
             if not has_any and has_room:
                 failed.append(point)
+        hollow = place.hollow or (
+            hollow_about(scene, place.face) if place.area is not None and not place.below else None
+        )
+        if hollow is not None and len(drops) == 1:
+            for found in self._let_fall(world, place, hollow, allowed, deadline):
+                yield replace(found, surfaces=surfaces, below=place.below)
+
+    def _let_fall(
+        self,
+        world: CollisionWorld,
+        place: Place,
+        hollow: Hollow,
+        allowed: Callable[[Array], NDArray[np.bool_]],
+        deadline: Deadline,
+    ) -> Iterator[Placement]:
+        """Placements from which the held object falls into a container, the shortest fall and the middle first.
+
+        Where hand and walls leave no room at the bottom. The fall begins with the object's lowest point below the rim.
+        """
+        (_, body), level, free_at = in_hand(world.scene), place.face.top, _free_poses(world)
+        middle, points = np.array(hollow.area.centre), list[tuple[Array, Yaws]]()
+        inside = locations_in(world.scene, body, place, (), (), allowed)
+        for point, yaws in sorted(inside, key=lambda one: (len(one[1]) > 1, math.dist(one[0], middle))):
+            is_new = all(math.dist(point, other) > _BETWEEN_FALLS for other, how in points if how == yaws)
+            if is_new and len(points) < _LOCATIONS_OF_FALLS:
+                points.append((point, yaws))
+        for drop in (one for one in FALLS if one < hollow.depth):
+            for point, yaws in points:
+                if deadline.is_over:
+                    return
+                location = np.array([*point, level + drop])
+                for found in self._held_at(world, location, free_at(location, yaws)):
+                    yield replace(found, body=found.body.lowered(drop), drop=drop)
 
     def depth(self, world: CollisionWorld, place: Place) -> tuple[Array, float]:
         """The direction (2,) into a place under a shelf, and how far along it [m] the held object can be put there.

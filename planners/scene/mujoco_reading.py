@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple, TypeAlias, TypeVar
@@ -340,7 +340,8 @@ def static_obstacles_of(
         if body in elsewhere or geom in ground:
             continue
         if touches[geom] if is_obstacle is None else is_obstacle(model.geom(geom)):
-            found.append(FoundObstacle(_obstacle(model, data, geom), str(model.body(body).name)))
+            name = str(model.body(body).name)
+            found.append(FoundObstacle(replace(_obstacle(model, data, geom), body=name if body else ""), name))
     return tuple(found)
 
 

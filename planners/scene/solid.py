@@ -247,7 +247,12 @@ class StaticObstacle(Solid):
     """A convex solid that stays where it is: a table top, a wall, a pillar, a bottle that the robot must not touch.
 
     Its frame is the world, and its name unique among the static obstacles of a scene.
+
+    Attributes:
+        body: name of the body that it is a part of, "" for none: one that is hollow is a place for objects.
     """
+
+    body: str = ""
 
     _KIND = "static obstacle"
 

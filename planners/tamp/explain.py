@@ -102,6 +102,8 @@ def _place_out_of_reach(search: Search, scene: Scene, objects: tuple[str, ...]) 
     about = dict.fromkeys(name for fact in facts for name in fixed_about(scene, place_of(scene, fact)))
     wanted = " ".join(str(Goal((fact,))) for fact in facts)
     detail = f"no free base pose and arm configuration put {', '.join(objects)} at the place of {wanted}"
+    if why := search.why_not_placed(scene, facts):
+        return f"{detail}{why}"
     return f"{detail}; fixed about it: {', '.join(about)}" if about else detail
 
 
@@ -110,7 +112,9 @@ def _without_location(search: Search, scene: Scene, objects: tuple[str, ...]) ->
     names, places = ", ".join(objects), [Goal((fact,)) for fact in search.goal.placed if fact.object in objects]
     if places:
         wanted = " ".join(map(str, places))
-        return f"no base pose and arm configuration were found that put {names} where {wanted} wants it"
+        detail = f"no base pose and arm configuration were found that put {names} where {wanted} wants it"
+        facts = [fact for fact in search.goal.placed if fact.object in objects]
+        return f"{detail}{search.why_not_placed(scene, facts)}"
     used = search.motion_layer.workspace.supports
     detail = f"no location on {', '.join(used)} for {names} that keeps clear of what remains to be done"
     others = [name for name in scene.supports if name not in used]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -13,9 +13,11 @@ from planners.clearing.clearance_plan import ClearancePlan
 from planners.clearing.goal_bound import LowerBound
 from planners.clearing.moves import NotPlaced
 from planners.clock import cpu_seconds
-from planners.goals import Goal
+from planners.goals import Fact, Goal
 from planners.motion.arm import tcp_pose
 from planners.motion.path import NO_WAY
+from planners.placing.goal_places import place_of, placed_fact
+from planners.placing.why_not import why_not_put
 from planners.problem import Problem
 from planners.scene import Scene
 from planners.strategies import Strategy
@@ -170,7 +172,18 @@ class Search:
             return self.infeasible(Cause.TIME_LIMIT, f"the time was up after {counts}", ())
         unmet = () if self.target or scene is None else self.goal.unmet(as_seen(scene), self.problem.start)
         without = f", without {' '.join(str(Goal((fact,))) for fact in unmet)}" if unmet else ""
-        return self.infeasible(Cause.GIVEN_UP, f"given up after {counts}{without}", ())
+        why = "" if scene is None else self.why_not_placed(scene, unmet)
+        return self.infeasible(Cause.GIVEN_UP, f"given up after {counts}{without}{why}", ())
+
+    def why_not_placed(self, scene: Scene, facts: Iterable[Fact]) -> str:
+        """Why objects cannot be let go where facts of the goal want them, in words that are added; "" if they can."""
+        found: list[str] = []
+        for fact in (placed_fact(self.goal, getattr(one, "object", "")) for one in facts):
+            if fact is not None:
+                place = place_of(scene, fact)
+                why = why_not_put(self.motion_layer.candidates, scene, fact.object, place)
+                found += [why] if why and why not in found else []
+        return "".join(f"; {why}" for why in found)
 
     def stats(self) -> SolveStats:
         """The counts so far."""

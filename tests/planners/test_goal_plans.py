@@ -333,12 +333,14 @@ def test_what_is_larger_than_its_region_is_refused_by_the_bound(name: str) -> No
 
 
 @pytest.mark.parametrize(("half", "is_refused"), [(0.035, True), (0.09, False)])
-def test_what_would_fall_into_a_bowl_on_which_it_is_to_stand_is_refused_by_the_bound(
+def test_what_would_fall_into_a_ring_on_which_it_is_to_stand_is_refused_by_the_bound(
     half: float, is_refused: bool
 ) -> None:
     """It was let go over the hollow, and the plan ended with it in the air."""
     lid = Body("lid", "box", np.array((half, half, 0.01)), np.array((-0.2, -0.3, HEIGHT + 0.01)), UPRIGHT)
-    scene, goal = table_scene(lid, bowl(position=(-0.2, 0.2, HEIGHT))), goals.on("lid", "bowl")
+    ring = Body.of_pieces("bowl", bowl().placed[1:])  # without a floor: into a bowl it would be put
+    scene = table_scene(lid, ring.at(ring.position + [-0.2, 0.2, HEIGHT - ring.bottom]))
+    goal = goals.on("lid", "bowl")
     assert (lower_bound(scene, goal).cause is Cause.NO_CLEARANCE_LOCATION) == is_refused
     if is_refused:
         found = solve(scene, goal)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -16,7 +17,7 @@ from planners.grasping.arm_configurations import gripper_hits
 from planners.grasping.candidates import gripper_poses
 from planners.grasping.families import GRASP_SETS, SIDE, TOP, GraspFamily, InvalidGraspFamily, families_for
 from planners.grasping.grasp_poses import GraspPose, generate_grasps, gripper_clearances, too_wide
-from planners.scene import Body, Scene
+from planners.scene import Body, Scene, Solid
 from tests.planners.pieces import bottle, bottle_with_shoulder, bowl, cut_in_two, mug
 from tests.planners.scenes import HEIGHT, cylinder, table_scene
 
@@ -173,3 +174,21 @@ def test_a_mug_is_put_into_a_region_and_stands_there(crowded: Scene) -> None:
     assert region.contains(put)
     assert put.bottom == pytest.approx(HEIGHT, abs=0.002)
     assert not region.contains(scene.body("mug"))
+
+
+def test_what_is_too_low_for_its_edge_to_be_held_is_refused_with_both_heights() -> None:
+    """A plate: that there are no two faces within the friction cones was said, which was not why."""
+    edge = [
+        Solid.hull(
+            f"edge {k}", [(r * np.cos(a), r * np.sin(a), z) for r in (0.066, 0.07) for a in turns for z in (0, 0.016)]
+        )
+        for k in range(12)
+        for turns in [np.array((k, k + 1)) * np.pi / 6]
+    ]
+    disc = Solid("disc", np.array((0.0, 0.0, 0.002)), np.array((0.066, 0.066, 0.002)), "cylinder")
+    plate = Body.of_pieces("plate", [disc, *edge], AT)
+    told = too_wide(plate, FETCH, GRASP_SETS["all"])
+    assert re.match(
+        r"plate is too low: the pads could hold it up to 10 mm above .*, and the fingertips need \d\d mm", told
+    )
+    assert too_wide(bowl(position=AT), FETCH, GRASP_SETS["all"]) == ""

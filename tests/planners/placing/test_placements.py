@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Iterator
 from dataclasses import fields, replace
 from typing import Any
@@ -236,10 +237,11 @@ def bin_of(height: float) -> tuple[StaticObstacle, ...]:
     return StaticObstacle("bin", np.array([-0.2, 0.2, HEIGHT + 0.005]), np.array([0.065, 0.065, 0.005])), *walls
 
 
-@pytest.mark.parametrize("drop", [0.0, 0.1])
-def test_an_object_falls_into_a_bin_whose_walls_keep_the_hand_out(drop: float) -> None:
+@pytest.mark.parametrize(("drop", "height"), [(0.0, 0.12), (0.1, 0.12), (0.0, 0.25)])
+def test_an_object_falls_into_a_bin_whose_walls_keep_the_hand_out(drop: float, height: float) -> None:
+    """From as high as the region says, else from as high as things may fall in any container: no deeper."""
     things = cylinder("object_00", -0.2, -0.2, 0.02, 0.04), cylinder("object_01", -0.2, 0.0, 0.02, 0.04)
-    walls = bin_of(0.12)
+    walls = bin_of(height)
     pit = Region("pit", "bin", (-0.2, 0.2), (0.05, 0.05), drop=drop)
     spot = Region("spot", "table_top", (0.0, -0.4), (0.1, 0.1))
     scene = table_scene(*things)
@@ -247,8 +249,10 @@ def test_an_object_falls_into_a_bin_whose_walls_keep_the_hand_out(drop: float) -
     scene = replace(scene, static_obstacles=static, regions=(pit, spot), supports=("table_top", "bin"))
     goal = Goal.of((("on", "object_00", "pit"), ("on", "object_01", "spot"), ("before", "object_00", "object_01")))
     solution = solve(scene, goal, grasps="top", rng=np.random.default_rng(0))
-    if not drop:
+    if height > 0.2:
         assert isinstance(solution, Infeasible)
+        assert re.search(r"between the walls of bin, 1\d\d mm apart and \d+ mm high, a hand that is", solution.detail)
+        assert "it has room from" in solution.detail
         return
     assert isinstance(solution, Solution)
     body = solution.actions[-1].scene.body("object_00")

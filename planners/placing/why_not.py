@@ -1,0 +1,239 @@
+"""Words for a place at which an object cannot be let go: the walls, the ceiling, the hand that does not fit."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.collision.hit_kernels import place_along
+from planners.collision.world import CollisionWorld
+from planners.grasping.arm_configurations import gripper_arrays, gripper_hits
+from planners.grasping.candidates import GraspCandidates
+from planners.grasping.grasp_poses import opening_around
+from planners.hollows import Hollow, hollow_about
+from planners.placing.blockers import in_any_hand
+from planners.placing.goal_places import Place, locations_in
+from planners.placing.locations import in_hand
+from planners.placing.placements import FALLS, gripper_poses_at, with_lowered
+from planners.scene import Body, Scene, StaticObstacle
+
+Array = NDArray[np.float64]
+
+_LOCATIONS, _APART = 5, 0.03
+"""Locations of a place that are looked at, and [m] between them at least."""
+_RISE = 0.01
+"""[m] between the heights of which is asked whether the hand has room there."""
+_HIGHEST = 0.4
+"""[m] above a place, up to which is asked."""
+_LEAVES = 0.19
+"""[m] that the hand goes up at least after it has let go of something: see `planners.motion.approaches`."""
+_NEAR = 0.5
+"""[m] about a place in which things may be in the way."""
+
+
+@dataclass(frozen=True)
+class _Hand:
+    """A way to hold the object, where it would let go of it at the bottom of a place: gripper poses (k, 5)."""
+
+    scene: Scene
+    poses: Array
+
+    def hits(self, world: CollisionWorld, rise: float = 0.0) -> NDArray[np.bool_]:
+        """Whether hand and object touch something that stays, if they are higher by `rise` [m]: (k,)."""
+        held, body = in_hand(world.scene)
+        opening = opening_around(world.scene.robot, body, held)
+        raised = self.poses + np.array((0.0, 0.0, rise, 0.0, 0.0))
+        return gripper_hits(world, raised, opening, held=held) != 0
+
+    def extent(self) -> tuple[float, float]:
+        """[m] from the lowest point of the object to the highest of the hand, and across the hand, at its narrowest."""
+        held, body = in_hand(self.scene)
+        world = CollisionWorld.from_scene(
+            replace(self.scene, objects=(self.scene.body(held.name),), static_obstacles=())
+        )
+        arrays = gripper_arrays(self.scene.robot)
+        query = world.query(opening_around(self.scene.robot, body, held), held, 0, robot=arrays)
+        X = np.ascontiguousarray(self.poses[:1, [0, 1, 3, 2, 4]])
+        positions, rotations = place_along(query, X)
+        count = len(arrays.core)
+        half = (np.abs(rotations[0, :count]) * arrays.half[:, None]).sum(axis=2) + arrays.radius[:, None]
+        high = float((positions[0, :count] + half)[:, 2].max())
+        bottom = float((positions[0, count:, 2]).min()) - (body.top - body.bottom) / 2
+        turns = np.arange(18) * (np.pi / 18)
+        spans = []
+        for turn in turns:
+            along = np.array((np.cos(turn), np.sin(turn), 0.0))
+            wide = (np.abs(np.einsum("i,kij->kj", along, rotations[0, :count])) * arrays.half).sum(
+                axis=1
+            ) + arrays.radius
+            centres = positions[0, :count] @ along
+            spans.append(float((centres + wide).max() - (centres - wide).min()))
+        return high - bottom, min(spans)
+
+
+def why_not_put(candidates: GraspCandidates, scene: Scene, name: str, place: Place) -> str:
+    """Why no hand can let go of an object at a place, whatever can be moved out of the way; "" if one can.
+
+    Looked for at a few locations, with all grasps of the grasp set; what the arm does is not looked at.
+
+    Args:
+        candidates: whose arms, grasp set and compiled scenes count.
+        scene: with the objects where they stand.
+        name: of the object.
+        place: where it goes.
+    """
+    body = scene.body(name)
+    staying = (name, *scene.held_names, *((place.below,) if place.below else ()))
+    bare = replace(scene, objects=tuple(one for one in scene.objects if one.name in staying))
+    hands = list(_hands(candidates, bare, body, place))
+    hollow = place.hollow or (hollow_about(scene, place.face) if place.area is not None and not place.below else None)
+    falls = (0.0, *(one for one in FALLS if hollow is not None and one < hollow.depth))
+    if not hands:
+        return ""
+    for hand, fall in itertools.product(hands, falls):
+        world = _world(hand.scene, place)
+        if not (hand.hits(world, fall) | hand.hits(world, fall + _LEAVES)).all():
+            return ""
+    walls, ceilings = _around(bare, place, body)
+    for things, tell in ((ceilings, _under), (walls, _between)):
+        if things and _are_enough(hands, falls, place, things):
+            return tell(hands, place, hollow, body, _least(hands, falls, place, things))
+    both = [*walls, *ceilings]
+    if _are_enough(hands, falls, place, both):
+        # A hand from the side does not come over the walls: the one from above counts.
+        over_walls = [hand for hand in hands if not _are_enough([hand], falls, place, walls)] or hands
+        tall = min(hand.extent()[0] for hand in over_walls)
+        least = _least(hands, falls, place, both)
+        hanging = [one for one in least if one in ceilings]
+        standing = [one for one in least if one not in ceilings]
+        gap = _lowest(hanging) - place.face.top
+        over = _names(standing) if hollow is None else f"the walls of {hollow.name}, {1000 * hollow.depth:.0f} mm high,"
+        return (
+            f"over {over} and under {_names(hanging)}, {1000 * gap:.0f} mm above the floor, a hand that is "
+            f"{1000 * tall:.0f} mm high with {name}, and goes up by {1000 * _LEAVES:.0f} mm to leave, has no room"
+        )
+    return ""
+
+
+def _hands(candidates: GraspCandidates, scene: Scene, body: Body, place: Place) -> Iterator[_Hand]:
+    """The ways to hold an object, each with its poses over a few locations of a place."""
+    for view, _ in in_any_hand(candidates, scene, body):
+        found: list[Array] = []
+        everywhere = locations_in(view, in_hand(view)[1], place, (), (), lambda points: np.ones(len(points), np.bool_))
+        middle = place.location if place.area is None else np.array(place.area.centre)
+        assert middle is not None
+        for point, _ in itertools.chain([(middle, ())], everywhere):
+            if all(np.hypot(*(point - other)) >= _APART for other in found):
+                found.append(point)
+            if len(found) == _LOCATIONS:
+                break
+        at = np.column_stack((found, np.full(len(found), place.face.top)))
+        yield _Hand(view, gripper_poses_at(view, at, place.yaw).reshape(-1, 5))
+
+
+def _world(scene: Scene, place: Place) -> CollisionWorld:
+    world = CollisionWorld.from_scene(scene)
+    return with_lowered(world, place.below) if place.below else world
+
+
+def _around(scene: Scene, place: Place, body: Body) -> tuple[list[StaticObstacle | Body], list[StaticObstacle | Body]]:
+    """What stands around a place, the container among it, and what hangs over it."""
+    middle = place.location if place.area is None else np.array(place.area.centre)
+    assert middle is not None
+    top, height = place.face.top, body.top - body.bottom
+    near = [
+        one
+        for one in scene.static_obstacles
+        if ((one.lower[:2] < middle + _NEAR) & (one.upper[:2] > middle - _NEAR)).all()
+        and one.top > top
+        and one.name != place.face.name
+    ]
+    over = [one for one in near if one.lower[2] > top + height / 2]
+    walls: list[StaticObstacle | Body] = [one for one in near if one not in over]
+    walls += [scene.body(place.below)] if place.below else []
+    return walls, [*over]
+
+
+def _with(hand: _Hand, place: Place, things: Sequence[StaticObstacle | Body]) -> CollisionWorld:
+    """The world of a hand with some things alone."""
+    held = in_hand(hand.scene)[0].name
+    objects = tuple(one for one in hand.scene.objects if one.name == held or one.name in [own.name for own in things])
+    fixed = tuple(one for one in things if isinstance(one, StaticObstacle))
+    supports = tuple(name for name in hand.scene.supports if name in [one.name for one in fixed])
+    bare = replace(
+        hand.scene, objects=objects, static_obstacles=fixed, supports=supports, regions=(), openings=(), pull=None
+    )
+    is_below = place.below in [one.name for one in objects]
+    return _world(bare, place if is_below else replace(place, below=""))
+
+
+def _are_enough(
+    hands: Sequence[_Hand], falls: Sequence[float], place: Place, things: Sequence[StaticObstacle | Body]
+) -> bool:
+    """Whether some things alone keep every hand from letting go, or from going up afterwards."""
+    for hand in hands:
+        world = _with(hand, place, things)
+        if any(not (hand.hits(world, fall) | hand.hits(world, fall + _LEAVES)).all() for fall in falls):
+            return False
+    return True
+
+
+def _least(
+    hands: Sequence[_Hand], falls: Sequence[float], place: Place, things: Sequence[StaticObstacle | Body]
+) -> list[StaticObstacle | Body]:
+    """As few of some things as keep every hand away, left out one after another: the last ones are kept."""
+    left = list(things)
+    for one in list(things):
+        fewer = [other for other in left if other is not one]
+        if fewer and _are_enough(hands, falls, place, fewer):
+            left = fewer
+    return left
+
+
+def _under(
+    hands: Sequence[_Hand],
+    place: Place,
+    hollow: Hollow | None,  # noqa: ARG001  as of `_between`
+    body: Body,
+    things: Sequence[StaticObstacle | Body],
+) -> str:
+    gap = _lowest(things) - place.face.top
+    need = min(hand.extent()[0] for hand in hands)
+    return (
+        f"{_names(things)} hangs {1000 * gap:.0f} mm above the place, and the hand that lets go of {body.name} there "
+        f"is {1000 * need:.0f} mm high with it, and goes up by {1000 * _LEAVES:.0f} mm to leave"
+    )
+
+
+def _between(
+    hands: Sequence[_Hand],
+    place: Place,
+    hollow: Hollow | None,
+    body: Body,
+    things: Sequence[StaticObstacle | Body],
+) -> str:
+    walls = f"between the walls of {hollow.name}" if hollow is not None else f"beside {_names(things)}"
+    if hollow is not None:
+        walls += f", {1000 * hollow.width:.0f} mm apart and {1000 * hollow.depth:.0f} mm high,"
+    wide = min(hand.extent()[1] for hand in hands)
+    words = f"{walls} a hand that is {1000 * wide:.0f} mm wide has no room to let go of {body.name}"
+    rises = np.arange(_RISE, _HIGHEST, _RISE)
+    worlds = [(hand, _with(hand, place, things)) for hand in hands]
+    free = next((rise for rise in rises if any(not hand.hits(world, rise).all() for hand, world in worlds)), None)
+    if free is None:
+        return f"{words}, at no height"
+    most = f", and may fall {1000 * FALLS[-1]:.0f} mm at most" if hollow is not None else ""
+    return f"{words}: it has room from {1000 * free:.0f} mm above the floor on{most}"
+
+
+def _lowest(things: Sequence[StaticObstacle | Body]) -> float:
+    """[m] of the lowest point of what hangs."""
+    return min(float(one.lower[2]) for one in things if isinstance(one, StaticObstacle))
+
+
+def _names(things: Sequence[StaticObstacle | Body]) -> str:
+    return ", ".join(dict.fromkeys(one.name for one in things))

@@ -1,0 +1,141 @@
+"""Objects put into containers: planned, and carried out in physics."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from planners import Infeasible, Solution, execute, goals, solve
+from planners.collision.world import CollisionWorld, objects_on
+from planners.goals import Goal
+from planners.hollows import hollow_of
+from tests.planners.containers import CAN, LOW_CAN, TABLE, World, box_walls, container_world, round_walls
+from tests.planners.opening.furniture import drawer_world
+
+BASKET = box_walls(0.19, 0.19, 0.072)
+SMALL = '<geom type="box" size=".02 .02 .03" mass=".1"/>'
+
+
+def carried_out(world: World, goal: Goal) -> Solution:
+    """The plan for a goal, after it has been carried out: the object then is inside."""
+    start = world.scene()
+    found = solve(start, goal, rng=0)
+    assert isinstance(found, Solution), found
+    assert found.end is not None
+    assert goal.holds(found.end, start)
+    assert execute(found, world.model, world.data).finished
+    assert goal.holds(world.scene(), start)
+    return found
+
+
+@pytest.mark.parametrize("goal", [goals.inside("thing", "basket"), goals.on("thing", "basket")], ids=str)
+def test_a_can_is_put_into_a_free_basket(goal: Goal) -> None:
+    """It was refused: "what it is to stand on is hollow there: proved"."""
+    assert carried_out(container_world(BASKET, free=True), goal).picks == 1
+
+
+def test_a_can_is_put_into_a_box_that_does_not_move_and_is_no_support() -> None:
+    carried_out(container_world(box_walls(0.16, 0.2, 0.1), free=False, yaw=0.4), goals.inside("thing", "basket"))
+
+
+def test_a_box_is_put_into_a_bowl() -> None:
+    bowl = round_walls(0.06, 0.05, 0.3)
+    carried_out(container_world(bowl, free=True, object_=SMALL, half=0.03), goals.inside("thing", "basket"))
+
+
+@pytest.mark.parametrize("free", [True, False])
+def test_where_hand_and_walls_leave_no_room_the_object_falls_a_little(free: bool) -> None:
+    """It was given up, though walls 28 mm nearer together, or 32 mm farther apart, were no obstacle."""
+    world = container_world(box_walls(0.128, 0.128, 0.136, 0.007), free=free, object_=LOW_CAN, half=0.038)
+    carried_out(world, goals.inside("thing", "basket"))
+    assert world.scene().body("thing").is_upright
+
+
+def test_a_declared_support_between_high_walls_is_fallen_onto_too() -> None:
+    walls = box_walls(0.128, 0.128, 0.136, 0.007).replace("<geom", '<geom name="basket_floor"', 1)
+    world = container_world(walls, free=False, object_=LOW_CAN, half=0.038, more_supports=("basket_floor",))
+    carried_out(world, goals.on("thing", "basket_floor"))
+
+
+def test_three_things_find_room_in_one_basket() -> None:
+    more = "".join(
+        f'<body name="{name}" pos="0.9 {y} {TABLE + 0.0501}"><freejoint/>{CAN}</body>'
+        for name, y in (("second", -0.3), ("third", -0.1))
+    )
+    world = container_world(BASKET, free=True, more=more, movable=("thing", "second", "third"))
+    whole = goals.and_(*(goals.inside(name, "basket") for name in world.movable[:3]))
+    assert carried_out(world, whole).picks == 3
+
+
+def test_what_is_in_a_basket_leaves_it_before_the_basket_is_moved_and_comes_back() -> None:
+    world = container_world(round_walls(0.06, 0.05, 0.0), free=True, object_=SMALL, half=0.03)
+    start = world.scene()
+    hollow = hollow_of(start, "basket")
+    assert hollow is not None
+    thing = start.body("thing")
+    within = start.with_body(thing.at((*hollow.area.centre, hollow.floor + 0.03)))
+    assert objects_on(CollisionWorld.from_scene(within), "basket") == within.mask(["thing"])
+    assert not objects_on(CollisionWorld.from_scene(start), "basket")
+    goal = goals.inside("thing", "basket") & goals.at("basket", (0.95, -0.1))
+    found = solve(within, goal, rng=0)
+    assert isinstance(found, Solution)
+    moves = [(action.name, action.target) for action in found.actions if action.name != "MoveBase"]
+    assert [name for _, name in moves] == ["thing", "thing", "basket", "basket", "thing", "thing"]
+    assert found.end is not None
+    assert goal.holds(found.end, within)
+
+
+def test_a_shut_drawer_is_opened_to_put_something_into_it_though_it_is_no_support() -> None:
+    world = drawer_world()._replace(supports=("side_table",))
+    start = world.scene()
+    table = start.support_named("side_table")
+    red = start.body("red")
+    away = start.with_body(red.at((*table.position[:2] + (0.0, 0.1), table.top + red.half_extents[2])))
+    goal = goals.inside("red", "drawer")
+    assert not goal.holds(away)
+    found = solve(away, goal, rng=0)
+    assert isinstance(found, Solution), found
+    assert [action.name for action in found.actions if action.name != "MoveBase"] == [
+        "Open",
+        "PickUp",
+        "PutDownGeneral",
+    ]
+    assert found.end is not None
+    assert goal.holds(found.end, away)
+
+
+def test_what_is_larger_than_the_inside_is_refused_with_both_sizes() -> None:
+    wide = '<geom type="box" size=".05 .03 .04" mass=".1"/>'
+    found = solve(
+        container_world(box_walls(0.09, 0.05, 0.06), free=True, object_=wide, half=0.04).scene(),
+        goals.inside("thing", "basket"),
+    )
+    assert isinstance(found, Infeasible)
+    assert "thing, however it is put down, is larger than the inside of basket, " in found.detail
+    assert "mm: it measures 60 mm or more: proved" in found.detail
+
+
+@pytest.mark.parametrize(
+    ("walls", "shelf", "told"),
+    [
+        (
+            (0.128, 0.25),
+            0.0,
+            r"between the walls of basket, 1\d\d mm apart and 2\d\d mm high, a hand that is \d+ mm wide",
+        ),
+        ((0.19, 0.1), 0.3, r"over the walls of basket, 100 mm high, and under board, 28\d mm above the floor"),
+        ((0.19, 0.1), 0.2, r"over the walls of basket, 100 mm high, and under board, 18\d mm above the floor"),
+    ],
+)
+def test_a_refusal_names_walls_and_ceiling_and_the_hand(walls: tuple[float, float], shelf: float, told: str) -> None:
+    """It said "given up", or that no base pose and arm configuration were found."""
+    wide, high = walls
+    board = f"""<body name="shelf" pos="1.0 0.15 {TABLE + shelf}">
+      <geom name="board" type="box" size="0.2 0.2 0.01"/></body>"""
+    world = container_world(
+        box_walls(wide, wide, high), free=False, object_=LOW_CAN, half=0.038, more=board * (shelf > 0)
+    )
+    found = solve(world.scene(), goals.inside("thing", "basket"), rng=0)
+    assert isinstance(found, Infeasible)
+    assert re.search(told, found.detail), found.detail
