@@ -198,7 +198,8 @@ def test_the_expert_fetches_through_a_controller_where_the_floor_is_low() -> Non
     for name, value in zip(FETCH.drive_joints[3:], FETCH.home, strict=True):
         data.joint(name).qpos = value
         data.actuator(name).ctrl = value
-    world = ControlledWorld(Deltas(model, data, 0.1, 0.1), model, FETCH, movable=["cup"], support="top")
+    world = ControlledWorld(Deltas(model, data, 0.1, 0.1), model, FETCH, movable=["cup"])
+    assert world.support_name == "top"
     expert = TampExpert(world)
     expert.reset("cup")
     while not expert.done:
