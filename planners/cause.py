@@ -17,6 +17,9 @@ class Cause(StrEnum):
         MOTION: grasps exist, but motion planning refuted so many, or objects were put aside so, that no way to clear
             and take the target is left.
         SPRINGS_SHUT: what must be opened shuts again when nobody holds it.
+        NOT_AT_REST: an object that is to be taken is sunk into furniture, or in the air; see `planners.check`.
+        TOO_HEAVY: one is heavier than the arm or the fingers hold.
+        TOO_SLIPPERY: the fingers cannot hold one for lack of friction.
         TIME_LIMIT: the time limit was reached.
         GIVEN_UP: the limit on replans or put-downs was reached.
     """
@@ -28,6 +31,9 @@ class Cause(StrEnum):
     NO_CLEARANCE_LOCATION = "no clearance location"
     MOTION = "motion"
     SPRINGS_SHUT = "springs shut"
+    NOT_AT_REST = "not at rest"
+    TOO_HEAVY = "too heavy"
+    TOO_SLIPPERY = "too slippery"
     TIME_LIMIT = "time limit"
     GIVEN_UP = "given up"
 

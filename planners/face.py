@@ -2,6 +2,7 @@
 
 from irm.gjk import CYLINDER as CYLINDER
 from planners.cause import Cause as Cause
+from planners.checking import check as check
 from planners.clearing.goal_bound import LowerBound as LowerBound
 from planners.clearing.lower_bound import ClearanceFloor as ClearanceFloor
 from planners.collision.scene_arrays import (
@@ -74,8 +75,11 @@ from planners.scene import (
 )
 from planners.scene.bodies import release_pitch as release_pitch
 from planners.scene.cover import BACK as BACK, drive_out as drive_out, heading as heading, is_covered as is_covered
+from planners.scene.findings import Finding as Finding, Reason as Reason, SceneReport as SceneReport
 from planners.scene.insert import insert_robot as insert_robot
 from planners.scene.prepare import Change as Change, Prepared as Prepared, prepare as prepare
+from planners.scene.robot_names import robot_prefix as robot_prefix
+from planners.scene.settle import Settled as Settled, settle as settle
 from planners.scene.solid import StaticObstacle as StaticObstacle
 from planners.search.expert import SearchExpert as SearchExpert
 from planners.search.report import SearchReport as SearchReport, SearchStep as SearchStep

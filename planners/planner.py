@@ -9,7 +9,8 @@ import numpy as np
 
 from assets.robots import FETCH, RobotSpec, robot as find_robot
 from planners.cause import Cause
-from planners.clearing.goal_bound import LowerBound
+from planners.checking import hindrance, not_at_rest
+from planners.clearing.goal_bound import LowerBound, must_move
 from planners.clearing.lower_bound import MAX_EXPANSIONS, ClearanceFloor, self_clearable_sets
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.ground_map import GroundMap
@@ -23,6 +24,7 @@ from planners.opening.through import Asked, lower_bound_through, solve_through
 from planners.placing.surfaces import Supports
 from planners.problem import Problem, goal_in, not_sunk, robot_of
 from planners.scene import Scene
+from planners.scene.findings import Reason
 from planners.strategies import STRATEGIES, Strategy, find_strategy
 from planners.symbolic.engines import task_planner
 from planners.symbolic.problem import TaskPlanner
@@ -61,7 +63,8 @@ def solve(
             target. The paper forbids it: there every obstacle is put down.
 
     Returns:
-        The plan with all its motions, or the cause why there is none.
+        The plan with all its motions, or the cause why there is none. Objects of the goal that the robot cannot carry,
+        or that are in the air, are refused; `planners.check` says what is odd about all objects.
 
     Raises:
         UnknownObject: no object of that name.
@@ -74,7 +77,37 @@ def solve(
         ArmsError: `hold_aside` with a robot that acts with one arm.
     """
     planner = Planner(robot_of(scene), grasps=grasps, supports=supports, hold_aside=hold_aside)
-    return planner.solve(scene, goal, strategy, rng, time_limit)
+    wanted, chosen, _ = goal_in(scene, goal), find_strategy(strategy), Deadline.after(time_limit)
+    taken = must_move(scene, wanted)
+    if (found := hindrance(scene, taken)) is not None:
+        cause, findings = found
+        detail, objects = "; ".join(map(str, findings)), tuple(dict.fromkeys(one.object for one in findings))
+        return Infeasible(cause, detail, objects, target=wanted.target, strategy=chosen, goal=wanted)
+    return _with_true_cause(scene, taken, planner.solve(scene, wanted, strategy, rng, time_limit))
+
+
+def _with_true_cause(scene: Scene, taken: tuple[str, ...], found: Solution | Infeasible) -> Solution | Infeasible:
+    """The same result, unless it is about objects that are not at rest: a plan for what falls cannot be executed, and
+    what is sunk into furniture is refused for that."""
+    if isinstance(found, Solution):
+        if not (falls := [one for one in not_at_rest(scene, taken) if one.reason is Reason.FLOATING]):
+            return found
+        detail, objects = "; ".join(map(str, falls)), tuple(one.object for one in falls)
+        return Infeasible(
+            Cause.NOT_AT_REST,
+            detail,
+            objects,
+            stats=found.stats,
+            target=found.target,
+            strategy=found.strategy,
+            goal=found.goal,
+        )
+    odd = () if found.cause is Cause.TIME_LIMIT else not_at_rest(scene, found.objects or taken)
+    if not odd:
+        return found
+    return replace(
+        found, cause=Cause.NOT_AT_REST, detail=f"{'; '.join(map(str, odd))}; so: {found.cause}, {found.detail}"
+    )
 
 
 def lower_bound(scene: Scene, goal: str | Goal, expansions: int = MAX_EXPANSIONS, *, grasps: str = "all") -> LowerBound:
@@ -227,8 +260,10 @@ class Planner:
         time_limit: float | None = None,
     ) -> Solution | Infeasible:
         """Plan for a problem that is kept; see the function `solve`."""
-        chosen, drawn = find_strategy(strategy), np.random.default_rng(rng or 0)
-        return best_of_attempts(problem, chosen, self._task_planner, drawn, Deadline.after(time_limit))
+        chosen, drawn, deadline = find_strategy(strategy), np.random.default_rng(rng or 0), Deadline.after(time_limit)
+        if problem.scene.openings:
+            return solve_through(self._asked(chosen, drawn, deadline), problem.scene, problem.goal, problem.start)
+        return best_of_attempts(problem, chosen, self._task_planner, drawn, deadline)
 
     def lower_bound(self, scene: Scene, goal: str | Goal, expansions: int = MAX_EXPANSIONS) -> LowerBound:
         """The fewest picks for a goal; see the function `lower_bound`."""

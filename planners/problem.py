@@ -94,7 +94,10 @@ class Problem:
         return replace(self, workspace=self.workspace.only_near_home(), _bounds={})
 
     def lower_bound(self, expansions: int = MAX_EXPANSIONS, deadline: Deadline = NO_DEADLINE) -> LowerBound:
-        """The fewest picks of any plan; see `planners.clearing.goal_bound`. Asked again, it is remembered."""
+        """The fewest picks of any plan; see `planners.clearing.goal_bound`. Asked again, it is remembered.
+
+        It is that of the world as it is: nothing is opened. `Planner.lower_bound` counts that too.
+        """
         if expansions not in self._bounds:
             found = fewest_picks(
                 self.scene,

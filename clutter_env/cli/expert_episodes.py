@@ -19,6 +19,7 @@ from clutter_env.cli.episode_arguments import Arguments
 from clutter_env.errors import RenderingUnavailable, UsageError
 from clutter_env.rendering.film import Film
 from clutter_env.reporting.progress import progress_bar, shown_compilation
+from clutter_env.scene.layout import find_layout
 from planners import EpisodeReport, GroundAction, Infeasible, Planner, Scene, Solution, TampExpert, format_plan, warmup
 
 assert clutter_env  # registers the environments
@@ -42,6 +43,8 @@ def show_one(arguments: Arguments) -> dict[str, Any]:
     mode = {"viewer": "human", "film": "rgb_array"}.get(arguments.display)
     task: dict[str, Any] = {"task": arguments.task} if arguments.task else {}
     keywords = {name: getattr(arguments, name) for name in ("robot", "layout", "control_mode")}
+    if find_layout(arguments.layout).opens:
+        task["max_episode_steps"] = clutter_env.time_limit(arguments.objects) + clutter_env.OPEN_TIME_LIMIT
     env = gym.make(arguments.environment, render_mode=mode, disable_env_checker=True, **keywords, **task)
     inner: Any = env.unwrapped
     _log("loading the planner; its first run on a machine compiles kernels, which takes about a minute")
@@ -114,7 +117,8 @@ def _find_scene(arguments: Arguments, env: gym.Env) -> tuple[int, str]:
     planner = Planner(inner.robot, grasps="side")
     for seed in range(arguments.seed, arguments.seed + _MOST_SEEDS):
         _, info = env.reset(seed=seed)
-        if arguments.task or not arguments.obstructed:
+        # Where something is shut, no grasp reaches a target: it is obstructed in every scene.
+        if arguments.task or not arguments.obstructed or find_layout(arguments.layout).opens:
             return seed, info["goal"] if arguments.task else info["target"]
         scene = Scene.from_mujoco(inner.model, inner.data, inner.robot)
         if planner.clearance_floor(scene, info["target"]).count:

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from irm.chain import BASE
 from irm.gjk import CYLINDER, Solids, are_any_within, are_within
 from irm.kernel_arguments import packed, with_numbers
 from planners.collision.hit_kernels import (
@@ -63,6 +64,9 @@ _SIZES = 19
 """Sizes tried by which an object that is lifted beside others counts as smaller: 0.25 mm apart."""
 OVERLAP = 0.002
 """[m] by which objects may overlap, and the robot may overlap static obstacles: more than soft contacts allow."""
+
+_SEARCHED, _GRID = 2.0, 0.05
+"""[m] around a base pose at which the robot is inside something, and how far apart, a free one is looked for."""
 
 
 class _Carried(NamedTuple):
@@ -383,13 +387,52 @@ def validate(world: CollisionWorld) -> None:
     if pairs:
         raise SceneError(f"objects overlap: {', '.join(f'{one} and {other}' for one, other in pairs)}")
     if is_inside_static(world):
-        bare = replace(scene, objects=(), held=None, aside=(), static_obstacles=())
-        around = ["the ground"]
-        if not is_inside_static(CollisionWorld.from_scene(bare)):
-            alone = ((one.name, replace(bare, static_obstacles=(one,))) for one in scene.static_obstacles)
-            around = [name for name, single in alone if is_inside_static(CollisionWorld.from_scene(single))]
-        base = np.round(scene.state.base, 3).tolist()
-        raise SceneError(f"the robot is inside {' and '.join(around)} at base pose {base}")
+        raise SceneError(_where_inside(scene))
+
+
+def _where_inside(scene: Scene) -> str:
+    """Which links of the robot are inside which static obstacles, and the nearest base pose at which none is."""
+    bare = replace(scene, objects=(), held=None, aside=(), static_obstacles=())
+    around = {"the ground": CollisionWorld.from_scene(bare)}
+    if not is_inside_static(around["the ground"]):
+        alone = ((one.name, replace(bare, static_obstacles=(one,))) for one in scene.static_obstacles)
+        worlds = {name: CollisionWorld.from_scene(single) for name, single in alone}
+        around = {name: world for name, world in worlds.items() if is_inside_static(world)}
+    names = [scene.robot.base_body, *(link.joint for link in scene.robot.chain)]
+    inside = [
+        link for link in range(BASE, len(scene.robot.chain)) if any(_is_inside(one, link) for one in around.values())
+    ]
+    links = ["its base" if link == BASE else f"what {names[link - BASE]} moves" for link in inside]
+    base, free = np.round(scene.state.base, 3).tolist(), _nearest_free_base(scene)
+    away = "none near it is free" if free is None else f"the nearest free one is {free}"
+    parts = f" with {', '.join(links)}" if links else ""
+    return f"the robot is inside {' and '.join(around)}{parts} at base pose {base}; {away}"
+
+
+def _is_inside(world: CollisionWorld, link: int) -> bool:
+    """Whether one link of the robot, by its number, overlaps the ground or a static obstacle by more than `OVERLAP`."""
+    robot, state = world.robot, world.scene.state
+    rows = robot.link == link
+    if not rows.any():
+        return False
+    solids = ("core", "half", "radius", "bound", "link", "position", "rotation", "slides", "slide")
+    part = robot._replace(**{name: getattr(robot, name)[rows] for name in solids})
+    part = packed(part._replace(self_pairs=np.zeros((0, 2), np.int64), held_from=0))
+    query = world.with_padding(-OVERLAP).query(0.0, robot=part)
+    hits = many_hits(query, np.array(state.base, dtype=float), np.array(state.q, dtype=float)[None])
+    return bool(int(hits[0]) >> STATIC_BIT & 1)
+
+
+def _nearest_free_base(scene: Scene) -> list[float] | None:
+    """Base x, y [m], yaw [rad] nearest to where the robot is at which it touches nothing in its configuration."""
+    world, state = CollisionWorld.from_scene(replace(scene, held=None, aside=())), scene.state
+    steps = np.arange(-_SEARCHED, _SEARCHED + _GRID / 2, _GRID)
+    shifts = np.array(list(product(steps, steps)))
+    for shift in shifts[np.argsort(np.hypot(*shifts.T), kind="stable")]:
+        base = np.round(state.base + [*shift, 0.0], 3)
+        if not world.hits(base, state.q, 0.0):
+            return [float(value) for value in base]
+    return None
 
 
 def is_inside_static(world: CollisionWorld) -> bool:

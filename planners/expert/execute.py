@@ -9,18 +9,21 @@ Example:
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
 
 from assets.robots import RobotSpec
+from planners.checking import check
 from planners.expert.config import ExpertError, MonitorConfig
 from planners.expert.executor import Command, Executor
 from planners.expert.monitor import Deviation, Sensor
 from planners.motion.trajectory import CONTROL_STEP
+from planners.scene.findings import Reason
 from planners.scene.mujoco_reading import RobotJoints
 from planners.scene.prepare import COMMAND_STEP, ghosts
+from planners.scene.robot_names import robot_prefix
 from planners.tamp.solution import BoundAction, Solution
 
 _SEGMENTS = round(CONTROL_STEP / COMMAND_STEP)
@@ -37,12 +40,18 @@ class ExecutionResult:
         deviation: the difference between world and plan that stopped it, None without one.
         cleared: names of the objects put aside, in order.
         sim_s: [s] simulated time.
+        why: what was odd from the start about the object that deviated, or was about to fall, see `planners.check`; ""
+            if nothing was.
     """
 
     finished: bool
     deviation: Deviation | None
     cleared: tuple[str, ...]
     sim_s: float
+    why: str = field(default="", repr=False)
+
+    def __str__(self) -> str:
+        return f"{self!r}: {self.why}" if self.why else repr(self)
 
 
 def execute(
@@ -92,7 +101,13 @@ def execute(
     handle = "" if scene.pull is None else scene.pull.handle
     sensor = Sensor(model, data, scene.robot, [name for name in scene.names if name != handle])
     done = follow(solution.actions, scene.robot, sensor, step, config or MonitorConfig())
-    return ExecutionResult(done.deviation is None, done.deviation, tuple(done.cleared), float(data.time) - started)
+    cleared, lasted, stopped = tuple(done.cleared), float(data.time) - started, done.deviation
+    if stopped is None:
+        return ExecutionResult(True, None, cleared, lasted)
+    report = check(scene)
+    # What falls pushes others.
+    odd = report.about((stopped.object,)) or [one for one in report.findings if one.reason is Reason.FLOATING]
+    return ExecutionResult(False, stopped, cleared, lasted, "; ".join(map(str, odd)))
 
 
 def follow(
@@ -121,7 +136,9 @@ class _Motors:
     """Position actuators of a robot; their commands move linearly within a control step."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec) -> None:
-        names = (*robot.drive_joints, *robot.finger_joints)
+        prefix = robot_prefix(model, robot)
+        drive, fingers = ([prefix + name for name in names] for names in (robot.drive_joints, robot.finger_joints))
+        names = (*drive, *fingers)
         missing = [name for name in names if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name) < 0]
         if missing:
             raise ExpertError(f"the model lacks position actuators of robot {robot.name!r}: {', '.join(missing)}")
@@ -133,14 +150,14 @@ class _Motors:
             )
         self._model, self._data, self._robot = model, data, robot
         self._joints = RobotJoints.of(model, data, robot)
-        self._drive = np.array([model.actuator(name).id for name in robot.drive_joints])
-        self._fingers = np.array([model.actuator(name).id for name in robot.finger_joints])
+        self._drive = np.array([model.actuator(name).id for name in drive])
+        self._fingers = np.array([model.actuator(name).id for name in fingers])
         # Closed beyond 0 the fingers press with all their force; see `prepare`.
         self._closed = min(float(model.actuator_ctrlrange[self._fingers, 0].max()), 0.0)
-        self._feedforward = np.array(robot.velocity_feedforward(model))
+        self._feedforward = np.array(robot.velocity_feedforward(model, tuple(drive)))
         self._last = self._joints.read(data)
-        self._finger = float(np.mean([data.joint(name).qpos[0] for name in robot.finger_joints]))
-        head = [model.actuator(name).id for name in robot.still_joints]
+        self._finger = float(np.mean([data.joint(name).qpos[0] for name in fingers]))
+        head = [model.actuator(prefix + name).id for name in robot.still_joints]
         data.ctrl[head] = robot.still_configuration
 
     def move_to(self, command: Command) -> None:

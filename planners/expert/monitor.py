@@ -19,6 +19,7 @@ from planners.motion.arm import tcp_pose
 from planners.scene import Scene
 from planners.scene.bodies import pose_matrix
 from planners.scene.mujoco_reading import MovableBodies, RobotJoints, opening_joints
+from planners.scene.robot_names import robot_prefix
 
 Array = NDArray[np.float64]
 
@@ -75,7 +76,10 @@ class Snapshot(NamedTuple):
 
 
 class Sensor:
-    """Reads snapshots of a scene's movable objects and robot from a simulation, exactly; it writes nothing."""
+    """Reads snapshots of a scene's movable objects and robot from a simulation, exactly; it writes nothing.
+
+    Heights are measured from the ground on which the robot stands, as in the scene.
+    """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec, names: Sequence[str]) -> None:
         """Look up what to read; raises `SceneError` for a name that is no movable object."""
@@ -83,14 +87,16 @@ class Sensor:
         self._objects = MovableBodies.of(model, robot, names)
         self.names = self._objects.names
         self._joints = RobotJoints.of(model, data, robot)
-        self._site = model.site(robot.tcp_site).id
+        self._site = model.site(robot_prefix(model, robot) + robot.tcp_site).id
+        self._ground = np.array((0.0, 0.0, self._joints.ground))
         joints = opening_joints(model, robot)
         self._openings = {name: int(model.jnt_qposadr[joint]) for name, joint in joints.items()}
 
     def read(self) -> Snapshot:
         """The present state."""
         positions, quaternions = self._objects.poses(self._data)
-        T = pose_matrix(self._data.site_xpos[self._site], self._data.site_xmat[self._site])
+        positions -= self._ground
+        T = pose_matrix(self._data.site_xpos[self._site] - self._ground, self._data.site_xmat[self._site])
         w, x, y, z = quaternions.T
         yaws = np.arctan2(2 * (x * y + w * z), 1 - 2 * (y**2 + z**2))
         openings = {name: float(self._data.qpos[at]) for name, at in self._openings.items()}

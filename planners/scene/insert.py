@@ -13,7 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from assets.robots import RobotSpec
+from planners.scene.mujoco_reading import floor_planes
 from planners.scene.solid import SceneError
+
+_SAME = 0.001
+"""[m] A floor no farther from z = 0 is there: the planner takes the two as one."""
 
 
 def insert_robot(
@@ -22,52 +26,88 @@ def insert_robot(
     base: ArrayLike = (0.0, 0.0, 0.0),
     *,
     without: Iterable[str] = (),
+    prefix: str | None = None,
 ) -> mujoco.MjModel:
-    """A model of a scene with a robot in it under its own names, for `prepare` and `Scene.from_mujoco`.
+    """A model of a scene with a robot in it, for `prepare` and `Scene.from_mujoco`.
 
     Keyframes of the scene are left out: they say nothing about the robot.
 
     Args:
         scene: MJCF file, its text, or a specification, which is not written.
         robot: to put in.
-        base: x, y [m], yaw [rad] of its base when its joints are 0, on the ground z = 0.
+        base: x, y [m], yaw [rad] of its base when its joints are 0, on the highest floor of the scene, a plane that can
+            touch something, or at z = 0 where there is none; or x, y, z [m], yaw [rad].
         without: names of bodies to leave out with all that they carry, actuators, constraints and sensors: another
             robot above all.
+        prefix: what stands before all names of the robot. By default it keeps its own names, or, where the scene has
+            one of them, gets its own name and a slash; `robot_prefix` tells.
 
     Raises:
-        SceneError: a scene that MuJoCo cannot read, that lacks such a body, or that has names of the robot; a base that
-            is not three finite numbers. The message says which.
+        SceneError: a scene that MuJoCo cannot read, that lacks such a body, or that has names of the robot behind the
+            prefix; a base that is not three or four finite numbers. The message says which.
     """
     if isinstance(without, str):
         raise SceneError(f"without is a collection of names of bodies, not one string; use [{without!r}]")
-    left_out = tuple(dict.fromkeys(without))
+    left_out, numbers = tuple(dict.fromkeys(without)), _base(base)
+    tried = (prefix,) if prefix is not None else ("", f"{robot.name}/")
+    for number, before in enumerate(tried, 1):
+        try:
+            return _inserted(_read(scene, left_out), robot, numbers, before)
+        except (ValueError, OSError) as problem:
+            if isinstance(problem, SceneError):
+                raise
+            if number < len(tried) and "repeated name" in str(problem):
+                continue
+            what = f"robot {robot.name!r} cannot be put into this scene: {problem}"
+            try:  # the scene alone, to blame the robot for nothing that is wrong there
+                with _no_warnings_of_mujoco():
+                    _read(scene, left_out).compile()
+            except (ValueError, OSError) as fault:
+                rest = f" without {', '.join(left_out)}" if left_out else ""
+                what = f"MuJoCo cannot read this scene{rest}, even with no robot put in: {fault}"
+            raise SceneError(what) from problem
+    raise AssertionError("the last prefix is returned, or refused")
+
+
+def _base(base: ArrayLike) -> tuple[float, float, float | None, float]:
+    """x, y, z [m] and yaw [rad] of a base given by three numbers, without z, or four."""
     try:
-        x, y, yaw = np.array(base, dtype=float).reshape(3)
+        given = np.array(base, dtype=float).ravel()
     except (TypeError, ValueError):
-        x = y = yaw = math.nan
-    if not math.isfinite(x + y + yaw):
-        raise SceneError(f"base is x, y [m], yaw [rad], three finite numbers, not {base!r:.100}")
-    try:
-        spec = _read(scene, left_out)
-        for key in list(spec.keys):
-            spec.delete(key)
-        spec.compiler.fusestatic = False  # it would take bodies of the robot away
-        frame = spec.worldbody.add_frame(pos=[x, y, 0.0], quat=[math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)])
-        with warnings.catch_warnings(), _no_warnings_of_mujoco():
-            warnings.simplefilter("ignore")  # the robot keeps its names: the planner looks for them
-            spec.attach(mujoco.MjSpec.from_file(str(robot.mjcf_path)), frame=frame, prefix="")
-            return spec.compile()
-    except (ValueError, OSError) as problem:
-        if isinstance(problem, SceneError):
-            raise
-        what = f"robot {robot.name!r} cannot be put into this scene: {problem}"
-        try:  # the scene alone, to blame the robot for nothing that is wrong there
-            with _no_warnings_of_mujoco():
-                _read(scene, left_out).compile()
-        except (ValueError, OSError) as fault:
-            rest = f" without {', '.join(left_out)}" if left_out else ""
-            what = f"MuJoCo cannot read this scene{rest}, even with no robot put in: {fault}"
-        raise SceneError(what) from problem
+        given = np.zeros(0)
+    if given.size not in (3, 4) or not np.isfinite(given).all():
+        raise SceneError(f"base is x, y [m], yaw [rad], three finite numbers, or x, y, z, yaw, not {base!r:.100}")
+    x, y, *z, yaw = given.tolist()
+    return x, y, z[0] if z else None, yaw
+
+
+def _inserted(
+    spec: mujoco.MjSpec, robot: RobotSpec, base: tuple[float, float, float | None, float], prefix: str
+) -> mujoco.MjModel:
+    """The model of a scene, which is written, with a robot in it behind a prefix."""
+    x, y, z, yaw = base
+    for key in list(spec.keys):
+        spec.delete(key)
+    spec.compiler.fusestatic = False  # it would take bodies of the robot away
+    height = _floor_of(spec) if z is None else z
+    frame = spec.worldbody.add_frame(pos=[x, y, height], quat=[math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)])
+    with warnings.catch_warnings(), _no_warnings_of_mujoco():
+        warnings.simplefilter("ignore")  # with no prefix the robot keeps its names, as is wanted
+        spec.attach(mujoco.MjSpec.from_file(str(robot.mjcf_path)), frame=frame, prefix=prefix)
+        return spec.compile()
+
+
+def _floor_of(spec: mujoco.MjSpec) -> float:
+    """[m] height of the highest floor of a scene without a robot; 0 where it has none."""
+    if not any(geom.type == mujoco.mjtGeom.mjGEOM_PLANE for geom in spec.geoms):
+        return 0.0
+    with _no_warnings_of_mujoco():
+        model = spec.copy().compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    heights = [float(data.geom_xpos[plane, 2]) for plane in floor_planes(model, data)]
+    height = max(heights, default=0.0)
+    return height if abs(height) > _SAME else 0.0
 
 
 @contextmanager

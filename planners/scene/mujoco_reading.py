@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -17,6 +18,7 @@ from assets.robots import RobotSpec
 from planners.regions import RESTING
 from planners.scene.bodies import Body, RobotState, Shape, pose_matrix
 from planners.scene.openings import JointKind, Opening, is_handle_name
+from planners.scene.robot_names import robot_prefix
 from planners.scene.solid import FLOOR, SceneError, Solid, StaticObstacle
 
 Array: TypeAlias = NDArray[np.float64]
@@ -25,7 +27,7 @@ Movable: TypeAlias = Iterable[str] | Callable[[str], bool]
 """The bodies that may be moved: their names, or a predicate that is asked for the name of each free body."""
 _ADVICE = "leave the body out of `movable`, it is a static obstacle then"
 _ON_THE_FLOOR = 0.001
-"""[m] and rounding of a rotation matrix: how far the base may be off the ground, or tilted."""
+"""[m] and rounding of a rotation matrix: how far the base may be off what it stands on, or tilted."""
 _SHAPES: dict[int, Shape] = {
     int(mujoco.mjtGeom.mjGEOM_CYLINDER): "cylinder",
     int(mujoco.mjtGeom.mjGEOM_BOX): "box",
@@ -43,6 +45,8 @@ _JOINTS: dict[int, JointKind] = {
     int(mujoco.mjtJoint.mjJNT_SLIDE): "slide",
     int(mujoco.mjtJoint.mjJNT_HINGE): "hinge",
 }
+_OUT_OF_REACH = 2.5
+"""[m] A top that is higher, such as a wall's, is named last among what objects can stand on."""
 _SLENDER = 0.05
 """[m] Twice the second half extent of a part that may be a handle although its name does not say so."""
 
@@ -62,25 +66,7 @@ def can_touch(model: mujoco.MjModel) -> NDArray[np.bool_]:
 
 def robot_bodies(model: mujoco.MjModel, robot: RobotSpec) -> frozenset[int]:
     """Ids of the base body and all that is attached to it; raises `SceneError` where the model lacks parts of it."""
-    kinds = {
-        mujoco.mjtObj.mjOBJ_BODY: (robot.base_body,),
-        mujoco.mjtObj.mjOBJ_JOINT: (*robot.drive_joints, *robot.finger_joints),
-        mujoco.mjtObj.mjOBJ_SITE: (robot.tcp_site,),
-    }
-    missing = [name for kind, names in kinds.items() for name in names if mujoco.mj_name2id(model, kind, name) < 0]
-    if missing:
-        joints = [model.joint(index).name for index in range(model.njnt)]
-        known = [model.body(index).name for index in range(model.nbody)] + joints
-        known += [model.site(index).name for index in range(model.nsite)]
-        way = (
-            f"its joints: {', '.join(filter(None, joints)) or 'none'}; put the robot in with `planners.insert_robot("
-            "model, robot, without=[…])`, or say by `RobotSpec.from_mjcf(base_joints=…, tip=…, finger_joints=…)` what "
-            "its parts are called"
-        )
-        if prefixed := [name for name in known if name.endswith(missing[0])]:
-            way = f"it has {prefixed[0]!r}: attach the robot without a name prefix"
-        raise SceneError(f"the model lacks {', '.join(missing)} of robot {robot.name!r}; {way}")
-    return _with_attached(model, [model.body(robot.base_body).id])
+    return _with_attached(model, [model.body(robot_prefix(model, robot) + robot.base_body).id])
 
 
 def _with_attached(model: mujoco.MjModel, bodies: Iterable[int]) -> frozenset[int]:
@@ -99,16 +85,19 @@ class RobotJoints:
     Attributes:
         columns: (4 + n,) addresses of base x, y, yaw, torso and arm.
         origin: (3,) x [m], y [m], yaw [rad] of the base in the world when its three joints are 0.
+        ground: [m] height of the ground on which the base stands: exactly 0 where it is within `_ON_THE_FLOOR`.
     """
 
     columns: NDArray[np.int64]
     origin: Array
+    ground: float = 0.0
 
     @classmethod
     def of(cls, model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec) -> RobotJoints:
         """Look them up; raises `SceneError` unless the base stands upright on the ground, on nothing that moves."""
-        columns = np.array([model.joint(name).qposadr[0] for name in robot.drive_joints])
-        body = model.body(robot.base_body).id
+        prefix = robot_prefix(model, robot)
+        columns = np.array([model.joint(prefix + name).qposadr[0] for name in robot.drive_joints])
+        body = model.body(prefix + robot.base_body).id
         parent = int(model.body_parentid[body])
         if int(model.body_weldid[parent]) != 0:
             moving = model.body(parent).name
@@ -116,11 +105,20 @@ class RobotJoints:
         frame, local = data.xmat[parent].reshape(3, 3), np.empty(9)
         mujoco.mju_quat2Mat(local, model.body_quat[body])
         position, rotation = data.xpos[parent] + frame @ model.body_pos[body], frame @ local.reshape(3, 3)
-        if abs(position[2]) > _ON_THE_FLOOR or 1 - rotation[2, 2] > _ON_THE_FLOOR:
-            raise SceneError(f"the base of {robot.name!r} must stand upright on the ground z = 0, not at {position}")
         reference = model.qpos0[columns[:3]]
         yaw = np.arctan2(rotation[1, 0], rotation[0, 0]) - reference[2]
-        return cls(columns, np.append(position[:2] - rotation[:2, :2] @ reference[:2], yaw))
+        origin = np.append(position[:2] - rotation[:2, :2] @ reference[:2], yaw)
+        height = float(position[2])
+        joints = cls(columns, origin, 0.0 if abs(height) <= _ON_THE_FLOOR else height)
+        is_upright = 1 - rotation[2, 2] <= _ON_THE_FLOOR
+        is_bolted = robot.base_drive == "fixed"
+        if not is_upright or not (joints.ground == 0.0 or is_bolted or _carries(model, data, joints, height)):
+            planes = sorted({round(float(data.geom_xpos[plane, 2]), 3) for plane in floor_planes(model, data)})
+            raise SceneError(
+                f"the base of {robot.name!r} must stand upright on the ground z = 0, on a floor, or on a level top, "
+                f"not at {position}; floors are at z = {', '.join(map(str, planes)) or 'none'}"
+            )
+        return joints
 
     def read(self, data: mujoco.MjData) -> Array:
         """(4 + n,) base pose in the world, x [m], y [m], yaw [rad], then torso [m] and arm [rad]."""
@@ -138,10 +136,44 @@ class RobotJoints:
         return values
 
 
+def _carries(model: mujoco.MjModel, data: mujoco.MjData, joints: RobotJoints, height: float) -> bool:
+    """Whether a floor, or the level top of a box that does not move, is at a height [m] under the robot's base."""
+    if any(abs(float(data.geom_xpos[plane, 2]) - height) <= _ON_THE_FLOOR for plane in floor_planes(model, data)):
+        return True
+    is_box = (model.geom_type == int(mujoco.mjtGeom.mjGEOM_BOX)) & can_touch(model)
+    for geom in np.flatnonzero(is_box & (model.body_weldid[model.geom_bodyid] == 0)).tolist():
+        top = _solid(StaticObstacle, model, geom, data.geom_xpos[geom], data.geom_xmat[geom].reshape(3, 3), "")
+        if top.has_level_top and abs(top.top - height) <= _ON_THE_FLOOR and top.is_under(joints.read(data)[:2]):
+            return True
+    return False
+
+
+def floor_planes(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[int, ...]:
+    """Ids of the horizontal planes that face up and can touch something, at any height."""
+    is_floor = (model.geom_type == int(mujoco.mjtGeom.mjGEOM_PLANE)) & can_touch(model)
+    return tuple(np.flatnonzero(is_floor & (data.geom_xmat[:, 8] > 1 - _AXIS_TOLERANCE)).tolist())
+
+
+def measured_from(ground: float, model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
+    """A state in which heights are measured from the ground [m] on which the robot stands: the planner's z = 0.
+
+    It is `data` itself where the ground is at 0. Poses are not to be worked out from it again: mocap bodies and what
+    the model places stay where they were.
+    """
+    if ground == 0.0:
+        return data
+    lowered = copy.copy(data)
+    for points in (lowered.xpos, lowered.xipos, lowered.geom_xpos, lowered.site_xpos, lowered.xanchor):
+        points[:, 2] -= ground
+    free = model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE)
+    lowered.qpos[model.jnt_qposadr[free] + 2] -= ground
+    return lowered
+
+
 def robot_state_of(model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec) -> RobotState:
     """Where its base, joints and fingers are."""
-    drive = RobotJoints.of(model, data, robot).read(data)
-    fingers = [data.joint(name).qpos[0] for name in robot.finger_joints]
+    drive, prefix = RobotJoints.of(model, data, robot).read(data), robot_prefix(model, robot)
+    fingers = [data.joint(prefix + name).qpos[0] for name in robot.finger_joints]
     return RobotState(drive[:3], drive[3:], float(np.mean(fingers)))
 
 
@@ -288,11 +320,14 @@ def static_obstacles_of(
     if model.nflex:
         names = [model.flex(i).name or f"flex_{i}" for i in range(model.nflex)]
         raise SceneError(f"deformable bodies cannot be represented: {', '.join(names)}")
-    on_robot, touches = robot_bodies(model, robot), can_touch(model)
+    on_robot, touches, prefix = robot_bodies(model, robot), can_touch(model), robot_prefix(model, robot)
     for touching in np.flatnonzero(touches):
         part = model.body(model.geom_bodyid[touching])
+        if part.id not in on_robot:
+            continue
         # No check would see what moves with the robot but is not in its MJCF.
-        if part.id in on_robot and (part.name, str(model.geom(touching).name)) not in _own_geoms(robot):
+        own = part.name.removeprefix(prefix), str(model.geom(touching).name).removeprefix(prefix)
+        if own not in _own_geoms(robot):
             raise SceneError(
                 f"geom {geom_name(model, int(touching))!r} on body {part.name!r} moves with the robot, but is not in "
                 f"the MJCF of {robot.name!r}"
@@ -317,14 +352,17 @@ def _ground_planes(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[int, ...
     return tuple(np.flatnonzero(is_plane).tolist())
 
 
-def require_floor(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Raise `SceneError` where all ground is lower than the floor on which a planner would put things."""
+def require_floor(model: mujoco.MjModel, data: mujoco.MjData, height: float = 0.0) -> None:
+    """Raise `SceneError` where all floors are lower than the ground on which a planner would put things.
+
+    `data` is measured from that ground, whose `height` [m] in the model the message says.
+    """
     ground = _ground_planes(model, data)
     highest = max(ground, key=lambda plane: float(data.geom_xpos[plane, 2]), default=None)
     if highest is not None and data.geom_xpos[highest, 2] < -RESTING:
         raise SceneError(
-            f"no support {FLOOR!r}: it is at z = 0, and plane {geom_name(model, highest)!r} at "
-            f"{data.geom_xpos[highest, 2]:.3g} m, onto which things would fall; name another support"
+            f"no support {FLOOR!r}: it is at z = {height:g}, and plane {geom_name(model, highest)!r} at "
+            f"{height + data.geom_xpos[highest, 2]:.3g} m, onto which things would fall; name another support"
         )
 
 
@@ -400,12 +438,15 @@ def declared_supports(model: mujoco.MjModel) -> tuple[str, ...]:
     return tuple(geom_name(model, int(geom)) for geom in model.tuple_objid[entries][is_geom])
 
 
-def find_supports(found: Sequence[FoundObstacle], wanted: Iterable[str]) -> tuple[str, ...]:
+def find_supports(
+    found: Sequence[FoundObstacle], wanted: Iterable[str], objects: Sequence[Body] = ()
+) -> tuple[str, ...]:
     """Names of the obstacles on which objects can be put: each the geom of that name, or, of that body, the highest
     level one at least half as large as its largest, so that of a bin it is not the rim; without duplicates.
 
     Raises:
-        SceneError: there is none of a name; the message lists what objects can stand on.
+        SceneError: there is none of a name; the message lists what objects can stand on, with heights [m], that on
+            which `objects` stand first.
     """
     level = [one for one in found if one.obstacle.has_level_top]
     names: list[str] = []
@@ -413,16 +454,52 @@ def find_supports(found: Sequence[FoundObstacle], wanted: Iterable[str]) -> tupl
         tops = [one.obstacle for one in level if name == one.obstacle.name]
         tops = tops or [one.obstacle for one in level if name == one.body]
         if tops:
-            sizes = [(top.top, float(np.prod(top.extent[:2])), top.name) for top in tops]
-            largest = max(area for _, area, _ in sizes)
-            name = max(one for one in sizes if one[1] >= largest / 2)[2]
+            name = _largest_high(tops).name
         elif name != FLOOR:
-            both = (known for one in level for known in (one.obstacle.name, one.body) if known != "world")
-            known = ", ".join(dict.fromkeys(both)) or "none"
             there = [one.obstacle for one in found if name in (one.obstacle.name, one.body)]
+            known = ", ".join(_described(level, objects)) or "none"
             raise SceneError(f"no support {name!r}{_why_none(there)}; geoms and bodies with a level top face: {known}")
         names.append(name)
     return tuple(dict.fromkeys(names))
+
+
+def likely_support(found: Sequence[FoundObstacle], objects: Sequence[Body]) -> str:
+    """Name of the obstacle on whose level top most objects stand, of several the largest; the floor where none does."""
+    level = [one.obstacle for one in found if one.obstacle.has_level_top]
+    best = max(level, key=lambda top: (_standing(top, objects), _area(top)), default=None)
+    return FLOOR if best is None or not _standing(best, objects) else best.name
+
+
+def _described(level: Sequence[FoundObstacle], objects: Sequence[Body]) -> list[str]:
+    """What objects can stand on in words, its body's name too where that means it, that with most objects first."""
+    ranked = sorted(
+        level,
+        key=lambda one: (-_standing(one.obstacle, objects), one.obstacle.top > _OUT_OF_REACH, -_area(one.obstacle)),
+    )
+    lines = []
+    for one in ranked:
+        own = [other.obstacle for other in level if other.body == one.body != "world"]
+        means_it = bool(own) and _largest_high(own) is one.obstacle and one.body != one.obstacle.name
+        count = _standing(one.obstacle, objects)
+        about = [f"{one.obstacle.top:.2f} m", *[f"body {one.body}"] * means_it]
+        about += [f"with {count} object{'s' * (count > 1)}"] * (count > 0)
+        lines.append(f"{one.obstacle.name} ({', '.join(about)})")
+    return lines
+
+
+def _largest_high(tops: Sequence[StaticObstacle]) -> StaticObstacle:
+    """The highest of the level tops of a body that are at least half as large as its largest: of a bin the floor."""
+    largest = max(map(_area, tops))
+    return max((top for top in tops if _area(top) >= largest / 2), key=lambda top: (top.top, _area(top), top.name))
+
+
+def _area(top: StaticObstacle) -> float:
+    return float(np.prod(top.extent[:2]))
+
+
+def _standing(top: StaticObstacle, objects: Sequence[Body]) -> int:
+    """How many objects stand on a level top."""
+    return sum(abs(body.bottom - top.top) <= RESTING and bool(top.is_under(body.position[:2])) for body in objects)
 
 
 def _why_none(there: Sequence[StaticObstacle]) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import itertools
 import math
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
@@ -14,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
+from planners.scene.findings import model_findings
 from planners.scene.mujoco_reading import can_touch, geom_name, robot_bodies
+from planners.scene.robot_names import robot_prefix
 from planners.scene.solid import SceneError
 
 COMMAND_STEP = 0.01
@@ -32,7 +33,8 @@ _DISABLED = {
 }
 """Without any of these no robot holds anything."""
 _PLANE = int(mujoco.mjtGeom.mjGEOM_PLANE)
-_JOINED = {int(mujoco.mjtEq.mjEQ_WELD): "is welded to", int(mujoco.mjtEq.mjEQ_CONNECT): "is joined (<connect>) to"}
+_NAMED = 6
+"""Names of geoms in a line of a printed `Prepared`; more are counted."""
 
 
 class Change(NamedTuple):
@@ -46,13 +48,13 @@ class Change(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A model fit for `execute`, and what was changed in it; `str()` is a table of the changes and what is left.
+    """A model fit for `execute`, and what was changed in it; `str()` groups the changes by their reason.
 
     Attributes:
         model: a copy; states of the original are states of the copy.
         changes: in the order of the model; none if it was fit as it is.
-        not_mended: what plans will deviate by, since the planner knows nothing of it, in words: welds, tendons and
-            contact exclusions of free bodies.
+        not_mended: what plans will fail for or deviate by, in words: free bodies that are too heavy or too slippery for
+            the robot or have no name, their welds, tendons and contact exclusions. See `planners.check`.
     """
 
     model: mujoco.MjModel
@@ -60,11 +62,19 @@ class Prepared:
     not_mended: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        rows = [Change._fields, *self.changes]
-        widths = [max(len(row[column]) for row in rows) for column in range(len(Change._fields))]
-        lines = ["  ".join(f"{value:<{width}}" for value, width in zip(row, widths, strict=True)) for row in rows]
-        table = [line.rstrip() for line in lines] if self.changes else ["no changes"]
-        return "\n".join((*table, *(f"not mended: {what}" for what in self.not_mended)))
+        lines = []
+        for reason in dict.fromkeys(change.reason for change in self.changes):
+            alike: dict[tuple[str, str, str], list[str]] = {}
+            for change in self.changes:
+                if change.reason == reason:
+                    what, _, name = change.what.partition(" of ")
+                    alike.setdefault((what, change.before, change.after), []).append(name)
+            lines.append(f"{reason}:")
+            for (what, before, after), names in alike.items():
+                more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+                of = f" of {', '.join(names[:_NAMED])}{more}" if any(names) else ""
+                lines.append(f"  {what}{of}: {before} -> {after}")
+        return "\n".join((*(lines or ["no changes"]), *(f"not mended: {what}" for what in self.not_mended)))
 
 
 def prepare(model: mujoco.MjModel, robot: RobotSpec) -> Prepared:
@@ -76,7 +86,7 @@ def prepare(model: mujoco.MjModel, robot: RobotSpec) -> Prepared:
     one that does, one too long for the integrator `_EULER_STEP`. Flags: what is disabled and the robot needs is
     enabled. Contacts: the elliptic friction cone and `_IMPRATIO`, without which what is held creeps out of the fingers.
     Fingers: the range of their position actuators becomes such that a command to close presses with all their force on
-    objects of any width. Welds, tendons and contact exclusions of free bodies are named and left as they are.
+    objects of any width. What is odd about free bodies, such as welds or a weight that is too much, is named and left.
 
     Args:
         model: that contains the robot; it is not written.
@@ -132,58 +142,15 @@ def prepare(model: mujoco.MjModel, robot: RobotSpec) -> Prepared:
         mended.actuator_ctrlrange[actuator, 0] = low
         what = f"least command of {model.actuator(actuator).name} [m]"
         changes.append(Change(what, before, f"{low:g}", "thin objects were held with little force"))
-    return Prepared(mended, tuple(changes), tuple(dict.fromkeys(_not_mended(model, robot))))
-
-
-def _not_mended(model: mujoco.MjModel, robot: RobotSpec) -> Iterator[str]:
-    """What ties free bodies to others or lets them pass through, in words: the planner knows nothing of it."""
-    of_free_joints = model.jnt_bodyid[model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE)]
-    free = set(of_free_joints.tolist()) - robot_bodies(model, robot)
-    for bodies, what, taken in _ties(model):
-        for one, other in itertools.permutations(bodies, 2):
-            root, name = int(model.body_rootid[one]), model.body(other).name or f"body {other}"
-            if root in free and root != model.body_rootid[other]:
-                yield f"object {model.body(root).name!r} {what} {name!r}: the planner takes it as {taken}"
-
-
-def _ties(model: mujoco.MjModel) -> Iterator[tuple[list[int], str, str]]:
-    """Ids of bodies with something between them; what one of them does with another one; as what a planner takes it."""
-    is_on = not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
-    for tie in np.flatnonzero(model.eq_active0) if is_on else ():
-        ends = [int(model.eq_obj1id[tie]), int(model.eq_obj2id[tie])]
-        if int(model.eq_objtype[tie]) == int(mujoco.mjtObj.mjOBJ_SITE):
-            ends = model.site_bodyid[ends].tolist()
-        if (kind := int(model.eq_type[tie])) in _JOINED:
-            yield ends, _JOINED[kind], "free"
-    wraps = {int(mujoco.mjtWrap.mjWRAP_SITE): model.site_bodyid}
-    wraps |= {int(kind): model.geom_bodyid for kind in (mujoco.mjtWrap.mjWRAP_SPHERE, mujoco.mjtWrap.mjWRAP_CYLINDER)}
-    for tendon in np.flatnonzero(_pulling_tendons(model)):
-        first = int(model.tendon_adr[tendon])
-        parts = range(first, first + int(model.tendon_num[tendon]))
-        found = [(wraps.get(int(model.wrap_type[part])), int(model.wrap_objid[part])) for part in parts]
-        bodies = dict.fromkeys(int(of[index]) for of, index in found if of is not None)
-        yield list(bodies), f"hangs by tendon {model.tendon(tendon).name or tendon!r} on", "free"
-    touching = set(model.geom_bodyid[can_touch(model)].tolist())
-    for signature in model.exclude_signature.tolist():
-        ends = [signature >> 16, signature & 0xFFFF]
-        if touching.issuperset(ends):
-            yield ends, "passes through (<exclude>)", "solid"
-
-
-def _pulling_tendons(model: mujoco.MjModel) -> NDArray[np.bool_]:
-    """Which tendons do something, rather than only to be seen or measured: (ntendon,)."""
-    pulls = (model.tendon_stiffness > 0) | (model.tendon_damping > 0) | (model.tendon_frictionloss > 0)
-    pulls |= model.tendon_limited.astype(bool)
-    pulls[model.actuator_trnid[model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_TENDON), 0]] = True
-    ties = model.eq_type == int(mujoco.mjtEq.mjEQ_TENDON)
-    pulls[model.eq_obj1id[ties]] = True
-    pulls[model.eq_obj2id[ties & (model.eq_obj2id >= 0)]] = True
-    return np.asarray(pulls)
+    free = model.jnt_bodyid[model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE)].tolist()
+    objects = [body for body in free if body not in robot_bodies(model, robot)]
+    return Prepared(mended, tuple(changes), tuple(one.text for one in model_findings(mended, robot, objects)))
 
 
 def _full_grips(model: mujoco.MjModel, robot: RobotSpec) -> Iterator[tuple[int, float]]:
     """The position actuators of fingers that press less on thinner objects, and the command [m] that mends it."""
-    for name in robot.finger_joints:
+    prefix = robot_prefix(model, robot)
+    for name in (prefix + finger for finger in robot.finger_joints):
         actuator = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name)
         if actuator < 0 or not (model.actuator_forcelimited[actuator] and model.actuator_ctrllimited[actuator]):
             continue

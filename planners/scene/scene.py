@@ -1,6 +1,6 @@
 """The world as the planner sees it: one immutable snapshot of robot, movable objects and static obstacles.
 
-World frame: z up, the ground at z = 0.
+World frame: z up, the ground on which the robot stands at z = 0; see `Scene.ground`.
 """
 
 from __future__ import annotations
@@ -24,20 +24,25 @@ from planners.scene.bodies import (
     UnknownObject,
     pose_matrix,
 )
+from planners.scene.findings import Finding, model_findings
 from planners.scene.masks import MAX_OBJECTS
 from planners.scene.mujoco_reading import (
     IsObstacle,
     Movable,
     MovableBodies,
+    RobotJoints,
     declared_supports,
     find_supports,
     is_object_name,
+    likely_support,
+    measured_from,
     openings_of,
     require_floor,
     robot_state_of,
     static_obstacles_of,
 )
 from planners.scene.openings import Opening, Pull, UnknownOpening
+from planners.scene.robot_names import robot_prefix
 from planners.scene.solid import FLOOR, SceneError, StaticObstacle
 
 SUPPORT = "table_top"
@@ -66,6 +71,9 @@ class Scene:
         regions: named rectangles on supports, for goals.
         openings: drawers, doors, lids and knobs, whose parts are among the static obstacles.
         pull: a handle that stands among the objects, to be pulled; None in scenes as they are.
+        ground: [m] height of the scene's z = 0 in the model that it was read from: that of the ground, or of the table,
+            on which the robot stands. All heights of the scene and of its plans are measured from there.
+        findings: what is odd about the objects that only the model tells; `planners.check` adds the rest.
 
     Raises:
         SceneError: two objects, static obstacles or regions have the same name, there are too many objects for a mask,
@@ -84,6 +92,8 @@ class Scene:
     regions: tuple[Region, ...] = ()
     openings: tuple[Opening, ...] = ()
     pull: Pull | None = None
+    ground: float = 0.0
+    findings: tuple[Finding, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("objects", "static_obstacles", "supports", "regions", "openings"):
@@ -164,8 +174,9 @@ class Scene:
                 return obstacle
         if name == FLOOR:
             return self._floor
-        known = ", ".join(obstacle.name for obstacle in self.static_obstacles if obstacle.has_level_top)
-        raise SceneError(f"no support {name!r}; static obstacles with a level top: {known or 'none'}")
+        level = [obstacle for obstacle in self.static_obstacles if obstacle.has_level_top]
+        known = ", ".join(f"{obstacle.name} ({obstacle.top:.2f} m)" for obstacle in level) or "none"
+        raise SceneError(f"no support {name!r}; static obstacles with a level top: {known}")
 
     @property
     def held_names(self) -> tuple[str, ...]:
@@ -248,7 +259,7 @@ class Scene:
         held: str = "",
         *,
         movable: Movable = is_object_name,
-        support: str = SUPPORT,
+        support: str | None = None,
         more_supports: Collection[str] | None = None,
         obstacles: IsObstacle | None = None,
         regions: Iterable[Region] = (),
@@ -269,7 +280,7 @@ class Scene:
                 names that begin with "object_". Each has one free joint; of geoms that can touch, one cylinder or box,
                 or any number of boxes, cylinders, capsules, spheres, ellipsoids and meshes (their convex hulls).
             support: name of the geom on whose level top face objects are put, or of the body that it belongs to;
-                "floor" for the floor.
+                "floor" for the floor; by default "table_top" where there is one, else what most objects stand on.
             more_supports: names of other geoms or bodies on which objects may be put; by default those that the model
                 declares, the geoms of its custom tuple "supports".
             obstacles: predicate that is asked with `model.geom(id)` for every geom that is neither on the robot nor on
@@ -286,24 +297,33 @@ class Scene:
         if not data.geom_xmat.any():
             raise SceneError("the simulation has no poses yet; call mujoco.mj_forward(model, data) first")
         bodies = MovableBodies.of(model, robot, movable)
+        ground = RobotJoints.of(model, data, robot).ground
+        findings = model_findings(model, robot, bodies.bodies.tolist(), data)
+        data = measured_from(ground, model, data)
         found = static_obstacles_of(model, data, robot, bodies.bodies, obstacles)
         if isinstance(more_supports, str):
             raise SceneError(f"more_supports is a collection of names, not one string; use [{more_supports!r}]")
         others = declared_supports(model) if more_supports is None else more_supports
-        supports = find_supports(found, (support, *others))
+        objects = bodies.read(data)
+        if support is None:
+            is_there = any(SUPPORT in (one.obstacle.name, one.body) for one in found if one.obstacle.has_level_top)
+            support = SUPPORT if is_there else likely_support(found, objects)
+        supports = find_supports(found, (support, *others), objects)
         if FLOOR in supports and all(one.obstacle.name != FLOOR for one in found):
-            require_floor(model, data)
+            require_floor(model, data, ground)
         scene = cls(
             robot,
             robot_state_of(model, data, robot),
-            bodies.read(data),
+            objects,
             tuple(one.obstacle for one in found),
             supports=supports,
             regions=tuple(regions),
             openings=openings_of(model, data, robot, found, handles),
+            ground=ground,
+            findings=findings,
         )
         if not held:
             return scene
-        site = data.site(robot.tcp_site)
+        site = data.site(robot_prefix(model, robot) + robot.tcp_site)
         body = bodies.read_one(data, scene.index(held))
         return scene.with_held(HeldObject.grasped(body, pose_matrix(site.xpos, site.xmat)))

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 FORMAT = "clutter-env plan"
-VERSION = 7
+VERSION = 8
 """Increased whenever the meaning of what is stored changes."""
-_OLDER = (2, 3, 4, 5, 6)
+_OLDER = (2, 3, 4, 5, 6, 7)
 """Older versions that are read; fields that they lack have their defaults."""
 _GONE = {"Strategy": ("second_moves", "non_monotone", "sets", "slack", "variations")}
 """Fields of older versions that mean nothing today, by class."""

@@ -56,7 +56,7 @@ def test_a_scene_whose_support_is_missing_lists_what_could_be_one() -> None:
     scene = replace(table_scene(), supports=("desk",))
     ball = StaticObstacle("desk", np.array([0.0, 0.0, 0.5]), np.full(3, 0.2), "sphere")
     for own in (scene, replace(scene, static_obstacles=(*scene.static_obstacles, ball))):
-        with pytest.raises(SceneError, match=r"'desk'.*table_top, counter_left"):
+        with pytest.raises(SceneError, match=r"'desk'.*table_top \(0.75 m\), counter_left"):
             _ = own.support
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from assets import FETCH, PR2, RobotSpec
-from planners import Cause, Infeasible, Scene, Solution, execute, goals, lower_bound, solve
+from planners import Cause, Infeasible, Planner, Scene, Solution, execute, goals, lower_bound, solve
 from planners.goals import Goal, GoalError
 from planners.scene import UnknownOpening
 from planners.scene.moving import carried_by, moved
@@ -180,3 +180,16 @@ def test_the_same_seed_gives_the_same_plan() -> None:
     assert [action.name for action in one.actions] == [action.name for action in other.actions]
     for a, b in zip(one.actions, other.actions, strict=True):
         assert np.array_equal(a.trajectory.states, b.trajectory.states)
+
+
+def test_what_is_open_already_needs_no_plan() -> None:
+    plan = planned(drawer_world(share=0.9), goals.open_("drawer"))
+    assert plan.actions == ()
+
+
+def test_a_problem_that_is_kept_opens_too() -> None:
+    world = drawer_world()
+    planner = Planner(FETCH)
+    plan = planner.solve_problem(planner.problem(world.scene(), "red"))
+    assert isinstance(plan, Solution)
+    assert moves(plan)[0] == ("Open", "drawer")

@@ -9,7 +9,18 @@ import numpy as np
 import pytest
 
 from assets.robots import FETCH
-from planners import Scene, SceneError, insert_robot
+from planners import (
+    Scene,
+    SceneError,
+    Sensor,
+    Solution,
+    execute,
+    insert_robot,
+    prepare,
+    robot_prefix,
+    solve,
+    tcp_pose,
+)
 
 CELL = """
 <mujoco>
@@ -54,7 +65,73 @@ def test_what_stands_in_the_way_is_told() -> None:
     with pytest.raises(SceneError, match="no body 'robot' to leave out; bodies: table, cup, crane"):
         insert_robot(CELL, FETCH, without=["robot"])
     with pytest.raises(SceneError, match=f"'fetch' cannot be put into this scene.*{FETCH.base_body}"):
-        insert_robot(CELL.replace("crane", FETCH.base_body), FETCH)
+        insert_robot(CELL.replace("crane", FETCH.base_body), FETCH, prefix="")
+
+
+@pytest.mark.parametrize(("prefix", "found"), [(None, "fetch/"), ("my_", "my_")])
+def test_names_of_the_robot_that_the_scene_has_put_a_prefix_before_the_robots(prefix: str | None, found: str) -> None:
+    """Every scene that comes from URDF has a `base_link`: "repeated name"."""
+    model = insert_robot(CELL.replace("crane", FETCH.base_body), FETCH, prefix=prefix)
+    assert robot_prefix(model, FETCH) == found
+    assert robot_prefix(insert_robot(CELL, FETCH), FETCH) == ""
+
+
+LOW = -0.9
+
+
+@pytest.mark.parametrize("base", [(0.0, 0.0, 0.0), (0.0, 0.0, LOW, 0.0)])
+def test_a_world_whose_floor_is_not_at_zero_is_read_from_where_the_robot_stands(base: tuple[float, ...]) -> None:
+    """The robot was put on z = 0, in the air, and elsewhere it was refused."""
+    scenes = []
+    for height in (0.0, LOW):
+        model = insert_robot(at_height(height), FETCH, base if height else (0.0, 0.0, 0.0))
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        before = data.qpos.copy()
+        scenes.append(Scene.from_mujoco(model, data, FETCH, movable=["cup"]))
+        np.testing.assert_array_equal(data.qpos, before)
+        seen = Sensor(model, data, FETCH, ["cup"]).read()
+        np.testing.assert_allclose(seen.positions[0], scenes[-1].body("cup").position)
+        np.testing.assert_allclose(seen.T_world_tcp, tcp_pose(FETCH, scenes[-1].state), atol=1e-9)
+    level, low = scenes
+    assert (level.ground, low.ground) == (0.0, LOW)
+    assert low.supports == level.supports == ("top",)
+    np.testing.assert_allclose(low.body("cup").position, level.body("cup").position)
+    for one, other in zip(low.static_obstacles, level.static_obstacles, strict=True):
+        np.testing.assert_allclose(one.position, other.position, atol=1e-12)
+    np.testing.assert_allclose(low.opening("drawer").point, level.opening("drawer").point, atol=1e-12)
+
+
+def test_in_a_world_whose_floor_is_low_a_plan_is_made_and_executed() -> None:
+    fit = prepare(insert_robot(at_height(LOW), FETCH), FETCH)
+    data = mujoco.MjData(fit.model)
+    for name, value in zip(FETCH.drive_joints[3:], FETCH.home, strict=True):
+        data.joint(name).qpos = value
+    mujoco.mj_forward(fit.model, data)
+    solution = solve(Scene.from_mujoco(fit.model, data, FETCH, movable=["cup"]), "cup", rng=0)
+    assert isinstance(solution, Solution), solution
+    assert execute(solution, fit.model, data).finished
+    assert data.body("cup").xpos[2] > 0.1
+
+
+def test_the_base_stands_on_something() -> None:
+    model = insert_robot(at_height(LOW), FETCH, (0.0, 0.0, -0.5, 0.0))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    with pytest.raises(SceneError, match=r"must stand upright.*; floors are at z = -0\.9"):
+        Scene.from_mujoco(model, data, FETCH, movable=["cup"])
+    assert Scene.from_mujoco(model, data, FETCH.fixed(), movable=["cup"]).ground == -0.5  # bolted somewhere
+
+
+def at_height(floor: float) -> str:
+    """A table with a cup and a drawer, on a floor at a height [m]."""
+    return f"""<mujoco><worldbody><body name="all" pos="0 0 {floor}"><geom name="floor" type="plane" size="0 0 1"/>
+      <body name="table" pos="0.9 0 0.45"><geom name="top" type="box" size="0.35 0.5 0.45"/></body>
+      <body name="drawer" pos="0.9 3 0.4"><joint type="slide" axis="0 1 0" range="0 0.3"/>
+        <geom name="tray" type="box" size="0.2 0.2 0.1"/></body></body>
+      <body name="cup" pos="0.8 0 {floor + 0.9501}"><freejoint/>
+        <geom type="cylinder" size="0.03 0.05" mass="0.2"/></body>
+    </worldbody></mujoco>"""
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from assets.robots import FETCH, RobotSpec, robot
 from planners.expert.monitor import Sensor
 from planners.scene import Scene, SceneError
 from planners.scene.mujoco_reading import static_obstacles_of
+from planners.scene.robot_names import robot_prefix
 from tests.planners.own_scenes import MOVABLE, SUPPORT, TABLE_X, TOP, kitchen, read
 
 PLACE = 'pos="0.4 1.2 0.6" euler="0.3 -0.5 0.9"'
@@ -124,8 +125,16 @@ def test_the_support_is_a_geom_or_a_body_of_that_name() -> None:
     assert read(model, data).support.name == "plate"
     for wanted, name in (("plate", "plate"), ("stool", "seat")):
         assert Scene.from_mujoco(model, data, FETCH, movable=MOVABLE, support=wanted).support.name == name
-    with pytest.raises(SceneError, match=r"'table_top'.*leg, table, plate, seat, stool"):
-        Scene.from_mujoco(model, data, FETCH, movable=MOVABLE)
+    listed = r"'table_top'.*: plate \(0.74 m, body table, with 3 objects\), seat \(0.52 m, body stool\), leg"
+    with pytest.raises(SceneError, match=listed):
+        Scene.from_mujoco(model, data, FETCH, movable=MOVABLE, support="table_top")
+
+
+def test_without_a_table_top_the_support_is_what_most_objects_stand_on() -> None:
+    """It was an error, for a name of ours."""
+    model, data = kitchen('<body name="stool"><geom name="seat" type="cylinder" size="0.6 0.02" pos="3 0 0.5"/></body>')
+    assert Scene.from_mujoco(model, data, FETCH, movable=MOVABLE).supports == ("plate",)
+    assert Scene.from_mujoco(model, data, FETCH, movable=()).supports == ("floor",)  # nothing stands anywhere
 
 
 STOOL = '<body name="stool"><geom name="seat" type="cylinder" size="0.2 0.02" pos="2 0 0.5"/></body>'
@@ -304,7 +313,7 @@ def test_the_base_pose_is_that_in_the_world_wherever_the_robot_was_attached() ->
         Scene.from_mujoco(raised, data, FETCH)
 
 
-def test_a_robot_under_other_names_and_what_rides_on_it_are_refused() -> None:
+def test_what_rides_on_the_robot_is_refused() -> None:
     spec = mujoco.MjSpec.from_file(str(FETCH.mjcf_path))
     spec.worldbody.add_geom(name="table_top", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.3, 0.3, 0.1], pos=[5, 5, 1])
     label = spec.body("torso_lift_link").add_geom(
@@ -330,13 +339,29 @@ def test_a_robot_under_other_names_and_what_rides_on_it_are_refused() -> None:
     mujoco.mj_forward(empty, data)
     with pytest.raises(SceneError, match=r"lacks base_link, base_x.*its joints: none; .*insert_robot"):
         Scene.from_mujoco(empty, data, FETCH)
+
+
+def test_a_robot_behind_a_prefix_is_found() -> None:
+    """It was refused: every scene that comes from URDF has a `base_link`."""
     theirs = mujoco.MjSpec()
-    theirs.attach(mujoco.MjSpec.from_file(str(FETCH.mjcf_path)), prefix="robot0/", frame=theirs.worldbody.add_frame())
-    model = theirs.compile()
+    theirs.worldbody.add_body(name=FETCH.base_body, pos=[3, 3, 0]).add_geom(size=[0.1, 0.1, 0.1])
+    robots = [mujoco.MjSpec.from_file(str(FETCH.mjcf_path)) for _ in range(2)]
+    theirs.attach(robots[0], prefix="robot0/", frame=theirs.worldbody.add_frame(pos=[1, 2, 0]))
+    model, data = _at_rest(theirs)
+    assert robot_prefix(model, FETCH) == "robot0/"
+    scene = Scene.from_mujoco(model, data, FETCH, support="floor")
+    np.testing.assert_allclose(scene.state.base, (1, 2, 0))
+    assert [one.name for one in scene.static_obstacles] == [f"{FETCH.base_body}/geom_0"]
+    theirs.attach(robots[1], prefix="robot1/", frame=theirs.worldbody.add_frame(pos=[-1, 2, 0]))
+    with pytest.raises(SceneError, match="there 2 times, as robot0/, robot1/"):
+        Scene.from_mujoco(*_at_rest(theirs), FETCH, support="floor")
+
+
+def _at_rest(spec: mujoco.MjSpec) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    with pytest.raises(SceneError, match=r"it has 'robot0/base_link': attach the robot without a name prefix"):
-        Scene.from_mujoco(model, data, FETCH)
+    return model, data
 
 
 def test_base_and_lift_have_any_names(tmp_path: Path) -> None:

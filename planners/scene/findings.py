@@ -1,0 +1,276 @@
+"""What is odd about a scene, with numbers: findings, their report, and those that only the model can tell.
+
+Masses, friction, names and ties are in the model that a scene is read from; `Scene.findings` keeps what is odd there.
+What is odd about the places of objects is found by `planners.check`.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cache
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from assets.robot_motors import ASSUMED, PAYLOAD, Payload, payload_of
+from assets.robots import RobotSpec
+from planners.scene.mujoco_reading import can_touch, geom_name, robot_bodies
+from planners.scene.robot_names import robot_prefix
+
+_GRAVITY = 9.81
+"""[m/s²]"""
+_BORNE = 0.99
+"""Share of its weight from which on MuJoCo's `gravcomp` keeps an object in the air."""
+_SLIPPERY = 0.05
+"""Friction below which it is the friction, and not the weight, for which fingers cannot hold an object."""
+_NEAR = 0.01
+"""[m] A free body that is farther from everything falls by as much at least."""
+_JOINED = {int(mujoco.mjtEq.mjEQ_WELD): "is welded to", int(mujoco.mjtEq.mjEQ_CONNECT): "is joined (<connect>) to"}
+
+
+class Reason(StrEnum):
+    """What can be odd about a scene.
+
+    Attributes:
+        SUNK: an object is inside a static obstacle by more than contacts of simulators let it [mm].
+        FLOATING: an object touches nothing and falls [mm].
+        UNSTABLE: its centre of mass is beside what it stands on [mm].
+        TOO_HEAVY: it is heavier than the arm or the fingers hold [kg].
+        SLIPPERY: the fingers cannot hold it for lack of friction [friction].
+        TOUCHES_ROBOT: it touches the robot, which does not hold it.
+        UNNAMED: a body with a free joint has no name, so that no plan can move it.
+        TIED: something that the planner knows nothing of holds it, or lets it through.
+    """
+
+    SUNK = "sunk into furniture"
+    FLOATING = "resting on nothing"
+    UNSTABLE = "not standing"
+    TOO_HEAVY = "too heavy"
+    SLIPPERY = "too slippery"
+    TOUCHES_ROBOT = "touching the robot"
+    UNNAMED = "without a name"
+    TIED = "tied"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something odd about an object.
+
+    Attributes:
+        reason: what kind of thing it is.
+        object: name of the object; of a body without a name "".
+        amount: how much, in the unit of the reason; 0 where there is no amount.
+        text: one sentence with the number.
+        is_certain: whether a plan that takes the object fails for it; not where something is assumed.
+    """
+
+    reason: Reason
+    object: str
+    amount: float
+    text: str
+    is_certain: bool = True
+
+    def __str__(self) -> str:
+        return self.text
+
+
+@dataclass(frozen=True)
+class SceneReport:
+    """What is odd about a scene; `str()` is grouped by reason, and a report without findings is false."""
+
+    findings: tuple[Finding, ...] = ()
+
+    def about(self, names: Collection[str], reasons: Collection[Reason] = tuple(Reason)) -> tuple[Finding, ...]:
+        """The findings about some objects, for some reasons."""
+        return tuple(one for one in self.findings if one.object in names and one.reason in reasons)
+
+    def __bool__(self) -> bool:
+        return bool(self.findings)
+
+    def __str__(self) -> str:
+        lines = []
+        for reason in Reason:
+            found = [one.text for one in self.findings if one.reason is reason]
+            lines += [f"{reason} ({len(found)}):", *(f"  {text}" for text in found)] if found else []
+        return "\n".join(lines) or "nothing odd"
+
+
+def model_findings(
+    model: mujoco.MjModel, robot: RobotSpec, bodies: Iterable[int], data: mujoco.MjData | None = None
+) -> tuple[Finding, ...]:
+    """What is odd that only the model tells: about free bodies without a name, and some of the others, by their ids;
+    in a state of the model also about the rest of the free bodies, which a planner takes as static."""
+    chosen = list(bodies)
+    found = [*_weights(model, robot, chosen), *_ties(model, chosen)]
+    free = set(model.jnt_bodyid[model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE)].tolist())
+    for body in sorted(free - robot_bodies(model, robot)):
+        if data is not None and body not in chosen and not _touches(model, data, body):
+            name = str(model.body(body).name)
+            which = name or f"body {body}"
+            text = f"{which}: not movable, but free to fall: nothing is within {1000 * _NEAR:.0f} mm of it"
+            if float(model.body_gravcomp[body]) < _BORNE and not any(_ties(model, [body])):
+                found.append(Finding(Reason.FLOATING, name, 1000 * _NEAR, text))
+        if not model.body(body).name:
+            geoms = np.flatnonzero(can_touch(model) & (model.body_rootid[model.geom_bodyid] == body)).tolist()
+            parts = ", ".join(geom_name(model, geom) for geom in geoms[:3]) or "none that can touch"
+            text = f"body {body} (geoms: {parts}) has a free joint and no name: it is taken as a static obstacle"
+            found.append(Finding(Reason.UNNAMED, "", 0.0, text))
+    return tuple(found)
+
+
+def _touches(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> bool:
+    """Whether a free body is near anything else that can touch, or can touch nothing itself."""
+    touches, of = can_touch(model), model.body_rootid[model.geom_bodyid]
+    own = np.flatnonzero(touches & (of == body)).tolist()
+    for one in own:
+        for other in np.flatnonzero(touches & (of != body)).tolist():
+            away = float(np.linalg.norm(data.geom_xpos[one] - data.geom_xpos[other]))
+            is_far = model.geom_rbound[other] > 0 and away - model.geom_rbound[[one, other]].sum() > _NEAR
+            if not is_far and mujoco.mj_geomDistance(model, data, one, other, 2 * _NEAR, None) < _NEAR:
+                return True
+    return not own
+
+
+def _weights(model: mujoco.MjModel, robot: RobotSpec, bodies: Iterable[int]) -> Iterator[Finding]:
+    """What is heavier than the arm holds, or than the fingers hold by friction."""
+    grip = _Grip.of(model, robot)
+    for body in bodies:
+        name, mass = str(model.body(body).name), float(model.body_subtreemass[body])
+        if mass > PAYLOAD and (payload := _payload(robot)) is not None and mass > payload.kg:
+            assumed = ", by torques that are assumed" if payload.is_assumed else ""
+            holds = f"{robot.name!r} holds {payload.kg:.3g} kg with its arm stretched out{assumed}"
+            text = f"{name}: {mass:.3g} kg, and {holds}"
+            yield Finding(Reason.TOO_HEAVY, name, mass, text, not payload.is_assumed)
+        friction, priority = grip.friction_of(model, body)
+        held = 2 * friction * grip.force / _GRAVITY
+        if mass > held and friction < _SLIPPERY:
+            over = f", which has priority {priority} over theirs, {grip.priority}" if priority > grip.priority else ""
+            text = f"{name}: friction {friction:g} in the fingers{over}: they hold {held:.2g} of its {mass:.3g} kg"
+            yield Finding(Reason.SLIPPERY, name, friction, text)
+        elif mass > held:
+            text = f"{name}: {mass:.3g} kg, and the fingers hold {held:.3g} kg by their friction of {friction:g}"
+            yield Finding(Reason.TOO_HEAVY, name, mass, text)
+
+
+@dataclass(frozen=True)
+class _Grip:
+    """What the fingers hold with: their friction, its priority, whether contacts have any, the force of one [N]."""
+
+    friction: float
+    priority: int
+    condim: int
+    force: float
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, robot: RobotSpec) -> _Grip:
+        prefix = robot_prefix(model, robot)
+        kinds = ((mujoco.mjtObj.mjOBJ_GEOM, robot.finger_geoms), (mujoco.mjtObj.mjOBJ_ACTUATOR, robot.finger_joints))
+        geoms, motors = ([mujoco.mj_name2id(model, kind, prefix + name) for name in names] for kind, names in kinds)
+        pads = [geom for geom in geoms if geom >= 0]
+        limits = [
+            float(np.abs(model.actuator_forcerange[motor]).max()) if model.actuator_forcelimited[motor] else math.inf
+            for motor in motors
+            if motor >= 0
+        ]
+        if not pads:  # nothing is known about them
+            return cls(math.inf, 0, 3, math.inf)
+        return cls(
+            float(model.geom_friction[pads, 0].max()),
+            int(model.geom_priority[pads].max()),
+            int(model.geom_condim[pads].max()),
+            min(limits, default=math.inf),
+        )
+
+    def friction_of(self, model: mujoco.MjModel, body: int) -> tuple[float, int]:
+        """Sliding friction between the fingers and the best geom of a body, by MuJoCo's rules, and its priority."""
+        geoms = np.flatnonzero(can_touch(model) & (model.body_rootid[model.geom_bodyid] == body)).tolist()
+        found = []
+        for geom in geoms:
+            friction, condim = float(model.geom_friction[geom, 0]), int(model.geom_condim[geom])
+            priority = int(model.geom_priority[geom])
+            if priority == self.priority:
+                friction, condim = max(friction, self.friction), max(condim, self.condim)
+            elif priority < self.priority:
+                friction, condim = self.friction, self.condim
+            found.append((friction if condim > 1 else 0.0, priority))
+        return max(found, default=(math.inf, 0))
+
+
+@dataclass(frozen=True)
+class _ArmPayload:
+    """What an arm holds stretched out [kg], and whether that follows from torques that are assumed."""
+
+    kg: float
+    is_assumed: bool
+
+
+@cache
+def _payload(robot: RobotSpec) -> _ArmPayload | None:
+    """By the torques of the robot's file; None where it gives none."""
+    model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    found: Payload | None = payload_of(model, robot.arm_joints, robot.tcp_site)
+    if found is None:
+        return None
+    # Springs or counterweights bear the arm where its motors would not, or where the model says so.
+    tip = int(model.site_bodyid[model.site(robot.tcp_site).id])
+    is_borne = found.kg <= 0 or float(model.body_gravcomp[tip]) > _BORNE
+    is_assumed = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TEXT, ASSUMED) >= 0
+    return _ArmPayload(found.weightless_kg if is_borne else found.kg, is_assumed)
+
+
+def _ties(model: mujoco.MjModel, bodies: Iterable[int]) -> Iterator[Finding]:
+    """What holds free bodies, ties them to others or lets them pass through: the planner knows nothing of it."""
+    free, found = set(bodies), dict[str, Finding]()
+    for ends, what, taken in _joins(model):
+        for one, other in itertools.permutations(ends, 2):
+            root, name = int(model.body_rootid[one]), model.body(other).name or f"body {other}"
+            if root in free and root != model.body_rootid[other]:
+                own = str(model.body(root).name)
+                text = f"object {own!r} {what} {name!r}: the planner takes it as {taken}"
+                found[text] = Finding(Reason.TIED, own, 0.0, text, is_certain=False)
+    for body in sorted(free):
+        if float(model.body_gravcomp[body]) > _BORNE:
+            own = str(model.body(body).name)
+            text = f"object {own!r} is held up by its gravcomp: the planner takes it as free"
+            found[text] = Finding(Reason.TIED, own, 0.0, text, is_certain=False)
+    yield from found.values()
+
+
+def _joins(model: mujoco.MjModel) -> Iterator[tuple[list[int], str, str]]:
+    """Ids of bodies with something between them; what one of them does with another one; as what a planner takes it."""
+    is_on = not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
+    for tie in np.flatnonzero(model.eq_active0) if is_on else ():
+        ends = [int(model.eq_obj1id[tie]), int(model.eq_obj2id[tie])]
+        if int(model.eq_objtype[tie]) == int(mujoco.mjtObj.mjOBJ_SITE):
+            ends = model.site_bodyid[ends].tolist()
+        if (kind := int(model.eq_type[tie])) in _JOINED:
+            yield ends, _JOINED[kind], "free"
+    wraps = {int(mujoco.mjtWrap.mjWRAP_SITE): model.site_bodyid}
+    wraps |= {int(kind): model.geom_bodyid for kind in (mujoco.mjtWrap.mjWRAP_SPHERE, mujoco.mjtWrap.mjWRAP_CYLINDER)}
+    for tendon in np.flatnonzero(_pulling_tendons(model)):
+        first = int(model.tendon_adr[tendon])
+        parts = range(first, first + int(model.tendon_num[tendon]))
+        found = [(wraps.get(int(model.wrap_type[part])), int(model.wrap_objid[part])) for part in parts]
+        bodies = dict.fromkeys(int(of[index]) for of, index in found if of is not None)
+        yield list(bodies), f"hangs by tendon {model.tendon(tendon).name or tendon!r} on", "free"
+    touching = set(model.geom_bodyid[can_touch(model)].tolist())
+    for signature in model.exclude_signature.tolist():
+        ends = [signature >> 16, signature & 0xFFFF]
+        if touching.issuperset(ends):
+            yield ends, "passes through (<exclude>)", "solid"
+
+
+def _pulling_tendons(model: mujoco.MjModel) -> NDArray[np.bool_]:
+    """Which tendons do something, rather than only to be seen or measured: (ntendon,)."""
+    pulls = (model.tendon_stiffness > 0) | (model.tendon_damping > 0) | (model.tendon_frictionloss > 0)
+    pulls |= model.tendon_limited.astype(bool)
+    pulls[model.actuator_trnid[model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_TENDON), 0]] = True
+    ties = model.eq_type == int(mujoco.mjtEq.mjEQ_TENDON)
+    pulls[model.eq_obj1id[ties]] = True
+    pulls[model.eq_obj2id[ties & (model.eq_obj2id >= 0)]] = True
+    return np.asarray(pulls)
