@@ -20,6 +20,7 @@ from planners.placing.goal_places import Place, Yaws, locations_in
 from planners.placing.locations import in_hand
 from planners.placing.placements import FALLS, with_lowered
 from planners.scene import Body, Scene, StaticObstacle
+from planners.scene.bodies import release_pitch
 
 Array = NDArray[np.float64]
 
@@ -135,10 +136,11 @@ def never_fits(candidates: GraspCandidates, scene: Scene, name: str, place: Plac
     walls = [scene.body(place.below)] if place.below else walls
     falls = (0.0, *(one for one in FALLS if one < hollow.depth))
     found = False
-    for hand in _hands(candidates, bare, scene.body(name), place, _EVERYWHERE, _DENSE):
-        found, world = True, _with(hand, place, walls)
-        if any(not hand.hits(world, fall).all() for fall in falls):
-            return False
+    for most, apart in ((1, _DENSE), (_LOCATIONS, _APART), (_EVERYWHERE, _DENSE)):  # most have room in the middle
+        for hand in _hands(candidates, bare, scene.body(name), place, most, apart):
+            found, world = True, _with(hand, place, walls)
+            if any(not hand.hits(world, fall).all() for fall in falls):
+                return False
     return found
 
 
@@ -153,7 +155,8 @@ def _hands(
     """The ways to hold an object, each with its poses over some locations of a place, and how it is turned there."""
     middle = place.location if place.area is None else np.array(place.area.centre)
     assert middle is not None
-    for view, _ in in_any_hand(candidates, scene, body):
+    views = [view for view, _ in in_any_hand(candidates, scene, body)]
+    for view in sorted(views, key=lambda view: -release_pitch(body, in_hand(view)[0])):  # from above first
         found: list[tuple[Array, Yaws]] = []
         everywhere = locations_in(view, in_hand(view)[1], place, (), (), lambda points: np.ones(len(points), np.bool_))
         for point, yaws in itertools.chain([(middle, (place.yaw,))], everywhere):
