@@ -247,11 +247,20 @@ class MoveMaker:
         is_exact = isinstance(fact, At) and fact.yaw is not None
         free = (one for one in self.free_grasps(scene, name, is_exact, following) if one.pitch not in refused)
         if fact is not None and place_of(scene, fact).hollow is not None:
-            return sorted(free, key=lambda one: -one.pitch)  # between walls a hand from above has most room
+            return self._from_above_first(scene, name, free, following)
         if fact is None or not of_same_area(scene, self.goal, name, waiting):
             return free
         place = place_of(scene, fact)
         return self._deepest_first(scene, free, place) if is_under_shelf(scene, place) else free
+
+    def _from_above_first(
+        self, scene: Scene, name: str, grasps: Iterable[GraspCandidate], following: str
+    ) -> Iterator[GraspCandidate]:
+        """Grasps of an object for a place between walls: there a hand from above has most room; then from all sides."""
+        found = sorted(grasps, key=lambda one: -one.pitch)
+        yield from found
+        known = {_hold(scene, one) for one in found}
+        yield from (one for one in self.free_grasps(scene, name, True, following) if _hold(scene, one) not in known)
 
     def _deepest_first(self, scene: Scene, grasps: Iterable[GraspCandidate], place: Place) -> list[GraspCandidate]:
         """Grasps with which an object gets farther into a place under a shelf first: there it is out of others' way."""

@@ -49,7 +49,7 @@ def fewest_in_the_way(
     gone, lowered = scene.mask((*leaving, *scene.held_names)), _lowered(world, place)
     fewest: int | None = None
     for point, yaws in _some_locations(world.scene, place, leaving):
-        wanted = _wanted(scene, place, point, yaws)
+        wanted = wanted_poses(scene, place, point, yaws)
         known = () if fewest is None else (fewest,)
         poses, found = _scan(search, lowered, wanted, place.face.top, gone, scene.state.base[None], known=known)
         for best in np.argsort(np.bitwise_count(found.hits), kind="stable"):
@@ -103,7 +103,11 @@ def put_down_masks(
         return PutDownMasks()
     level, gone = place.face.top, scene.mask({name, *leaving, *scene.held_names})
     ways = [
-        (_lowered(candidates.compiled.world(view), place), taken, _wanted(view, place, place.location, (place.yaw,)))
+        (
+            _lowered(candidates.compiled.world(view), place),
+            taken,
+            wanted_poses(view, place, place.location, (place.yaw,)),
+        )
         for view, taken in in_any_hand(candidates, scene, body)
     ]
     for world, _, wanted in ways:
@@ -115,7 +119,7 @@ def put_down_masks(
         bases = search.arms[robot.arm_name].bases(taken, _BASES)[0] if len(taken) else scene.state.base[None]
         straight |= set(map(int, _scan(search, world, wanted, level, gone, bases)[1].hits))
         # Anywhere else within the tolerance about the pose, where gripper and object alone have less in the way.
-        beside = [_wanted(world.scene, place, point, (place.yaw,)) for point in points_about(place)[1:]]
+        beside = [wanted_poses(world.scene, place, point, (place.yaw,)) for point in points_about(place)[1:]]
         poses = np.concatenate((wanted, *beside))
         hits = gripper_hits(world, poses, opening_around(robot, body, held), held=held, ignore=gone)
         ever |= {int(one) for one in hits if not int(one) & FIXED_BITS}
@@ -181,7 +185,7 @@ def _scan(
     )
 
 
-def _wanted(scene: Scene, place: Place, point: Array, yaws: Yaws) -> Array:
+def wanted_poses(scene: Scene, place: Place, point: Array, yaws: Yaws) -> Array:
     """The gripper poses (k, 5) that let go of the held object at a point (2,) of a place, turned by one of its yaws."""
     location = np.array([[*point, place.face.top]])
     return np.concatenate([gripper_poses_at(scene, location, yaw)[0] for yaw in yaws])

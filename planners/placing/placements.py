@@ -52,7 +52,8 @@ FALLS = (0.01, 0.02, 0.03, 0.04, 0.06, 0.08)
 """[m] that an object may fall inside a container where the hand has no room to put it down, in the order in which they
 are tried. A can that falls farther may topple."""
 _LOCATIONS_OF_FALLS, _BETWEEN_FALLS = 12, 0.02
-"""Locations at which an object is let fall, from the middle outwards, and [m] between them at least."""
+"""Locations at which an object is let fall, turned anyhow or along the walls, from the middle outwards, and [m] between
+them at least."""
 _TIPS = 0.01
 """[m] from the edge of a face at which the centre of an object must be at least."""
 _RIM = np.column_stack((np.cos(np.arange(24) * np.pi / 12), np.sin(np.arange(24) * np.pi / 12)))
@@ -279,8 +280,8 @@ class PlacementSearch:
         middle, points = np.array(hollow.area.centre), list[tuple[Array, Yaws]]()
         inside = locations_in(world.scene, body, place, (), (), allowed)
         for point, yaws in sorted(inside, key=lambda one: (len(one[1]) > 1, math.dist(one[0], middle))):
-            is_new = all(math.dist(point, other) > _BETWEEN_FALLS for other, how in points if how == yaws)
-            if is_new and len(points) < _LOCATIONS_OF_FALLS:
+            known = [other for other, how in points if how == yaws]
+            if len(known) < _LOCATIONS_OF_FALLS and all(math.dist(point, one) > _BETWEEN_FALLS for one in known):
                 points.append((point, yaws))
         for drop in (one for one in FALLS if one < hollow.depth):
             for point, yaws in points:

@@ -15,16 +15,19 @@ from planners.grasping.arm_configurations import gripper_arrays, gripper_hits
 from planners.grasping.candidates import GraspCandidates
 from planners.grasping.grasp_poses import opening_around
 from planners.hollows import Hollow, hollow_about
-from planners.placing.blockers import in_any_hand
-from planners.placing.goal_places import Place, locations_in
+from planners.placing.blockers import in_any_hand, wanted_poses
+from planners.placing.goal_places import Place, Yaws, locations_in
 from planners.placing.locations import in_hand
-from planners.placing.placements import FALLS, gripper_poses_at, with_lowered
+from planners.placing.placements import FALLS, with_lowered
 from planners.scene import Body, Scene, StaticObstacle
+from planners.scene.bodies import release_pitch
 
 Array = NDArray[np.float64]
 
-_LOCATIONS, _APART = 5, 0.03
+_LOCATIONS, _APART = 8, 0.03
 """Locations of a place that are looked at, and [m] between them at least."""
+_EVERYWHERE, _DENSE = 400, 0.008
+"""The same where all of a place is looked at."""
 _RISE = 0.01
 """[m] between the heights of which is asked whether the hand has room there."""
 _HIGHEST = 0.4
@@ -119,20 +122,49 @@ def why_not_put(candidates: GraspCandidates, scene: Scene, name: str, place: Pla
     return ""
 
 
-def _hands(candidates: GraspCandidates, scene: Scene, body: Body, place: Place) -> Iterator[_Hand]:
-    """The ways to hold an object, each with its poses over a few locations of a place."""
-    for view, _ in in_any_hand(candidates, scene, body):
-        found: list[Array] = []
+def never_fits(candidates: GraspCandidates, scene: Scene, name: str, place: Place) -> bool:
+    """Whether the walls of a container alone keep every hand from letting go of an object in it.
+
+    Looked for all over its floor, from all heights from which things may fall; arguments as of `why_not_put`.
+    """
+    hollow = place.hollow
+    if hollow is None:
+        return False
+    staying = (name, *scene.held_names, *((place.below,) if place.below else ()))
+    bare = replace(scene, objects=tuple(one for one in scene.objects if one.name in staying))
+    walls: list[StaticObstacle | Body] = [one for one in scene.static_obstacles if one.body == hollow.name]
+    walls = [scene.body(place.below)] if place.below else walls
+    falls = (0.0, *(one for one in FALLS if one < hollow.depth))
+    found = False
+    for most, apart in ((1, _DENSE), (_LOCATIONS, _APART), (_EVERYWHERE, _DENSE)):  # most have room in the middle
+        for hand in _hands(candidates, bare, scene.body(name), place, most, apart):
+            found, world = True, _with(hand, place, walls)
+            if any(not hand.hits(world, fall).all() for fall in falls):
+                return False
+    return found
+
+
+def _hands(
+    candidates: GraspCandidates,
+    scene: Scene,
+    body: Body,
+    place: Place,
+    most: int = _LOCATIONS,
+    apart: float = _APART,
+) -> Iterator[_Hand]:
+    """The ways to hold an object, each with its poses over some locations of a place, and how it is turned there."""
+    middle = place.location if place.area is None else np.array(place.area.centre)
+    assert middle is not None
+    views = [view for view, _ in in_any_hand(candidates, scene, body)]
+    for view in sorted(views, key=lambda view: -release_pitch(body, in_hand(view)[0])):  # from above first
+        found: list[tuple[Array, Yaws]] = []
         everywhere = locations_in(view, in_hand(view)[1], place, (), (), lambda points: np.ones(len(points), np.bool_))
-        middle = place.location if place.area is None else np.array(place.area.centre)
-        assert middle is not None
-        for point, _ in itertools.chain([(middle, ())], everywhere):
-            if all(np.hypot(*(point - other)) >= _APART for other in found):
-                found.append(point)
-            if len(found) == _LOCATIONS:
+        for point, yaws in itertools.chain([(middle, (place.yaw,))], everywhere):
+            if all(how != yaws or np.hypot(*(point - other)) >= apart for other, how in found):
+                found.append((point, yaws))
+            if len(found) == most:
                 break
-        at = np.column_stack((found, np.full(len(found), place.face.top)))
-        yield _Hand(view, gripper_poses_at(view, at, place.yaw).reshape(-1, 5))
+        yield _Hand(view, np.concatenate([wanted_poses(view, place, point, yaws) for point, yaws in found]))
 
 
 def _world(scene: Scene, place: Place) -> CollisionWorld:

@@ -85,6 +85,8 @@ def initial_state(search: Search) -> PlanState | Infeasible:
         if search.bound.picks is None and search.bound.proved:
             none = NoCommitment(Cause(search.bound.cause), search.bound.objects)
             return explain(search, scene, none)
+        if kept_out := search.kept_out(scene):
+            return explain(search, scene, NoCommitment(Cause.NO_CLEARANCE_LOCATION, kept_out))
     held = {gripper_symbol(robot, one.arm): one.held.name for one in scene.aside}
     if scene.held is not None:
         held = {gripper_symbol(robot, robot.arm_name): scene.held.name, **held}

@@ -17,7 +17,7 @@ from planners.goals import Fact, Goal
 from planners.motion.arm import tcp_pose
 from planners.motion.path import NO_WAY
 from planners.placing.goal_places import place_of, placed_fact
-from planners.placing.why_not import why_not_put
+from planners.placing.why_not import never_fits, why_not_put
 from planners.problem import Problem
 from planners.scene import Scene
 from planners.strategies import Strategy
@@ -174,6 +174,13 @@ class Search:
         without = f", without {' '.join(str(Goal((fact,))) for fact in unmet)}" if unmet else ""
         why = "" if scene is None else self.why_not_placed(scene, unmet)
         return self.infeasible(Cause.GIVEN_UP, f"given up after {counts}{without}{why}", ())
+
+    def kept_out(self, scene: Scene) -> tuple[str, ...]:
+        """Names of objects for which no hand has room in the container into which the goal wants them."""
+        candidates = self.motion_layer.candidates
+        unmet = self.goal.unmet(as_seen(scene), self.problem.start)
+        facts = [fact for fact in self.goal.placed if any(getattr(one, "object", "") == fact.object for one in unmet)]
+        return tuple(fact.object for fact in facts if never_fits(candidates, scene, fact.object, place_of(scene, fact)))
 
     def why_not_placed(self, scene: Scene, facts: Iterable[Fact]) -> str:
         """Why objects cannot be let go where facts of the goal want them, in words that are added; "" if they can."""

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from planners import Infeasible, Solution, execute, goals, solve
+from planners import Cause, Infeasible, Solution, execute, goals, solve
 from planners.collision.world import CollisionWorld, objects_on
 from planners.goals import Goal
 from planners.hollows import hollow_of
@@ -139,3 +139,22 @@ def test_a_refusal_names_walls_and_ceiling_and_the_hand(walls: tuple[float, floa
     found = solve(world.scene(), goals.inside("thing", "basket"), rng=0)
     assert isinstance(found, Infeasible)
     assert re.search(told, found.detail), found.detail
+
+
+def test_a_container_into_which_no_hand_reaches_is_refused_before_anything_moves() -> None:
+    """The basket was moved about for 12 s of CPU time, since that might have helped."""
+    world = container_world(box_walls(0.128, 0.128, 0.25), free=True, object_=LOW_CAN, half=0.038)
+    found = solve(world.scene(), goals.inside("thing", "basket"), rng=0)
+    assert isinstance(found, Infeasible)
+    assert found.cause is Cause.NO_CLEARANCE_LOCATION
+    assert not found.stats.task_plans
+    assert "between the walls of basket" in found.detail
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.37])
+def test_a_box_that_fits_along_the_walls_alone_is_let_go_along_them(turned: float) -> None:
+    """A hand at any of the 24 yaws that are tried elsewhere would touch the walls."""
+    block = '<geom type="box" size=".03 .024 .06" mass=".1"/>'
+    walls = box_walls(0.072, 0.06, 0.05)
+    world = container_world(walls, free=False, yaw=turned, object_=block, half=0.06)
+    carried_out(world, goals.inside("thing", "basket"))
