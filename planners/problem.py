@@ -16,7 +16,7 @@ from planners.clearing.goal_bound import LowerBound, fewest_picks
 from planners.clearing.lower_bound import MAX_EXPANSIONS
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.world import SUPPORT_SLACK, CompiledScenes, validate
-from planners.goals import Goal, levels_under
+from planners.goals import Clear, Fact, Goal, Inside, On, levels_under
 from planners.grasping.candidates import GraspCandidates
 from planners.motion.kept import KeptMotions
 from planners.scene import Scene, SceneError
@@ -118,17 +118,34 @@ class Problem:
 def goal_in(scene: Scene, goal: str | Goal, start: Scene | None = None) -> Goal:
     """The goal that a name, a text or a `Goal` stands for in a scene, read where it began.
 
+    A body of the model may stand for the support that is a part of it; the goal then has the name of the support.
+
     Raises:
         SceneError: not a `Scene`.
         UnknownObject: no object of that name.
         GoalError: the goal means nothing in the scene, or contradicts itself.
     """
     robot_of(scene)
-    wanted = Goal.of(goal, start or scene)
+    wanted = _with_supports_for_bodies(Goal.of(goal, start or scene), start or scene)
     if wanted.target:
         scene.index(wanted.target)
     wanted.check(scene)
     return wanted
+
+
+def _with_supports_for_bodies(goal: Goal, scene: Scene) -> Goal:
+    """The goal with the name of the support where it names a body whose support that is."""
+    known, meant = {*scene.names, *scene.supports, *(one.name for one in scene.regions)}, dict(scene.support_bodies)
+    facts: list[Fact] = []
+    for fact in goal.facts:
+        match fact:
+            case On(_, place) if place not in known and place in meant:
+                facts.append(replace(fact, place=meant[place]))
+            case Inside(_, region) | Clear(region) if region not in known and region in meant:
+                facts.append(replace(fact, region=meant[region]))
+            case _:
+                facts.append(fact)
+    return goal if facts == list(goal.facts) else Goal(tuple(facts)).in_scene(scene)
 
 
 def robot_of(scene: Scene) -> RobotSpec:

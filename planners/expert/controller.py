@@ -22,7 +22,7 @@ from assets.robots import RobotSpec
 from planners.expert.config import ExpertError
 from planners.goals import LIFTED, Goal, Region
 from planners.motion.tcp_following import ON_THE_WAY
-from planners.scene import SUPPORT
+from planners.scene import Scene
 from planners.scene.mujoco_reading import Movable, MovableBodies, is_object_name
 
 Array = NDArray[np.float64]
@@ -81,7 +81,7 @@ class ControlledWorld:
         robot: RobotSpec,
         *,
         movable: Movable = is_object_name,
-        support: str = SUPPORT,
+        support: str | None = None,
         more_supports: Collection[str] | None = None,
         regions: Iterable[Region] = (),
         goal: Goal | None = None,
@@ -104,9 +104,12 @@ class ControlledWorld:
             raise ExpertError(f"dt={controller.dt!r} of {kind} is not valid; it must be a time [s]")
         self.model, self.data, self.robot = model, mujoco.MjData(model), robot
         self.object_names = MovableBodies.of(model, robot, movable).names
-        self.support_name, self.more_supports, self.regions, self.goal = support, more_supports, tuple(regions), goal
+        self.more_supports, self.regions, self.goal = more_supports, tuple(regions), goal
         self.dt, self._controller, self.line_tolerance = float(controller.dt), controller, line_tolerance
         self._observe()
+        if support is None:
+            support = Scene.from_mujoco(model, self.data, robot, movable=movable, more_supports=()).supports[0]
+        self.support_name = support
 
     @property
     def is_over(self) -> bool:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
@@ -136,18 +136,22 @@ def _touches(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> bool:
     return not own
 
 
-def _weights(model: mujoco.MjModel, robot: RobotSpec, bodies: Iterable[int]) -> Iterator[Finding]:
+def _weights(model: mujoco.MjModel, robot: RobotSpec, bodies: Sequence[int]) -> Iterator[Finding]:
     """What is heavier than the arm holds, or than the fingers hold by friction."""
     grip = _Grip.of(model, robot)
-    for body in bodies:
-        name, mass = str(model.body(body).name), float(model.body_subtreemass[body])
-        if mass > PAYLOAD and (payload := _payload(robot)) is not None and mass > payload.kg:
+    frictions, priorities = grip.frictions(model)[bodies], grip.priorities(model)[bodies]
+    masses = model.body_subtreemass[bodies]
+    # Without friction no force holds anything, even where the fingers have no limit.
+    capacities = 2 * frictions / _GRAVITY * np.where(frictions > 0, grip.force, 0.0)
+    for index in np.flatnonzero((masses > PAYLOAD) | (masses > capacities)).tolist():
+        name, mass, held = str(model.body(bodies[index]).name), float(masses[index]), float(capacities[index])
+        payload = _payload(robot) if mass > PAYLOAD else None
+        if payload is not None and mass > payload.kg:
             assumed = ", by torques that are assumed" if payload.is_assumed else ""
             holds = f"{robot.name!r} holds {payload.kg:.3g} kg with its arm stretched out{assumed}"
             text = f"{name}: {mass:.3g} kg, and {holds}"
             yield Finding(Reason.TOO_HEAVY, name, mass, text, not payload.is_assumed)
-        friction, priority = grip.friction_of(model, body)
-        held = 2 * friction * grip.force / _GRAVITY
+        friction, priority = float(frictions[index]), int(priorities[index])
         if mass > held and friction < _SLIPPERY:
             over = f", which has priority {priority} over theirs, {grip.priority}" if priority > grip.priority else ""
             text = f"{name}: friction {friction:g} in the fingers{over}: they hold {held:.2g} of its {mass:.3g} kg"
@@ -186,19 +190,22 @@ class _Grip:
             min(limits, default=math.inf),
         )
 
-    def friction_of(self, model: mujoco.MjModel, body: int) -> tuple[float, int]:
-        """Sliding friction between the fingers and the best geom of a body, by MuJoCo's rules, and its priority."""
-        geoms = np.flatnonzero(can_touch(model) & (model.body_rootid[model.geom_bodyid] == body)).tolist()
-        found = []
-        for geom in geoms:
-            friction, condim = float(model.geom_friction[geom, 0]), int(model.geom_condim[geom])
-            priority = int(model.geom_priority[geom])
-            if priority == self.priority:
-                friction, condim = max(friction, self.friction), max(condim, self.condim)
-            elif priority < self.priority:
-                friction, condim = self.friction, self.condim
-            found.append((friction if condim > 1 else 0.0, priority))
-        return max(found, default=(math.inf, 0))
+    def frictions(self, model: mujoco.MjModel) -> NDArray[np.float64]:
+        """(nbody,) Sliding friction between the fingers and the best geom of each free body, by MuJoCo's rules."""
+        over, same = model.geom_priority > self.priority, model.geom_priority == self.priority
+        friction = np.where(same, np.maximum(model.geom_friction[:, 0], self.friction), self.friction)
+        friction = np.where(over, model.geom_friction[:, 0], friction)
+        condim = np.where(same, np.maximum(model.geom_condim, self.condim), self.condim)
+        condim = np.where(over, model.geom_condim, condim)
+        touches, best = can_touch(model), np.zeros(model.nbody)
+        np.maximum.at(best, model.body_rootid[model.geom_bodyid[touches]], np.where(condim > 1, friction, 0.0)[touches])
+        return best
+
+    def priorities(self, model: mujoco.MjModel) -> NDArray[np.int64]:
+        """(nbody,) The highest priority of the geoms of each free body."""
+        touches, most = can_touch(model), np.zeros(model.nbody, dtype=np.int64)
+        np.maximum.at(most, model.body_rootid[model.geom_bodyid[touches]], model.geom_priority[touches])
+        return most
 
 
 @dataclass(frozen=True)
@@ -233,8 +240,8 @@ def _ties(model: mujoco.MjModel, bodies: Iterable[int]) -> Iterator[Finding]:
                 own = str(model.body(root).name)
                 text = f"object {own!r} {what} {name!r}: the planner takes it as {taken}"
                 found[text] = Finding(Reason.TIED, own, 0.0, text, is_certain=False)
-    for body in sorted(free):
-        if float(model.body_gravcomp[body]) > _BORNE:
+    if model.body_gravcomp.any():
+        for body in (one for one in sorted(free) if float(model.body_gravcomp[one]) > _BORNE):
             own = str(model.body(body).name)
             text = f"object {own!r} is held up by its gravcomp: the planner takes it as free"
             found[text] = Finding(Reason.TIED, own, 0.0, text, is_certain=False)

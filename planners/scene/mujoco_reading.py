@@ -470,6 +470,15 @@ def likely_support(found: Sequence[FoundObstacle], objects: Sequence[Body]) -> s
     return FLOOR if best is None or not _standing(best, objects) else best.name
 
 
+def support_bodies(found: Sequence[FoundObstacle], supports: Sequence[str]) -> tuple[tuple[str, str], ...]:
+    """Names of bodies of which one support alone is a part, each with the name of that support."""
+    own: dict[str, list[str]] = {}
+    for one in found:
+        if one.obstacle.name in supports and one.body not in ("", "world", one.obstacle.name):
+            own.setdefault(one.body, []).append(one.obstacle.name)
+    return tuple((body, names[0]) for body, names in own.items() if len(names) == 1)
+
+
 def _described(level: Sequence[FoundObstacle], objects: Sequence[Body]) -> list[str]:
     """What objects can stand on in words, its body's name too where that means it, that with most objects first."""
     ranked = sorted(

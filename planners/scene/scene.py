@@ -40,6 +40,7 @@ from planners.scene.mujoco_reading import (
     require_floor,
     robot_state_of,
     static_obstacles_of,
+    support_bodies,
 )
 from planners.scene.openings import Opening, Pull, UnknownOpening
 from planners.scene.robot_names import robot_prefix
@@ -73,6 +74,8 @@ class Scene:
         pull: a handle that stands among the objects, to be pulled; None in scenes as they are.
         ground: [m] height of the scene's z = 0 in the model that it was read from: that of the ground, or of the table,
             on which the robot stands. All heights of the scene and of its plans are measured from there.
+        support_bodies: names of bodies of the model of which one support alone is a part, each with the name of that
+            support; goals that are solved may use either.
         findings: what is odd about the objects that only the model tells; `planners.check` adds the rest.
 
     Raises:
@@ -93,6 +96,7 @@ class Scene:
     openings: tuple[Opening, ...] = ()
     pull: Pull | None = None
     ground: float = 0.0
+    support_bodies: tuple[tuple[str, str], ...] = ()
     findings: tuple[Finding, ...] = ()
 
     def __post_init__(self) -> None:
@@ -320,6 +324,7 @@ class Scene:
             regions=tuple(regions),
             openings=openings_of(model, data, robot, found, handles),
             ground=ground,
+            support_bodies=support_bodies(found, supports),
             findings=findings,
         )
         if not held:

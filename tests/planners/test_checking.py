@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from assets.robots import FETCH
+from assets.robots import FETCH, robot as find_robot
 from planners import (
     Infeasible,
     Reason,
@@ -17,6 +17,7 @@ from planners import (
     Solution,
     check,
     execute,
+    goals,
     insert_robot,
     prepare,
     settle,
@@ -196,3 +197,57 @@ def test_the_robot_inside_something_is_told_which_link_and_where_it_would_be_fre
     data.joint(FETCH.base_joints[0]).qpos, data.joint(FETCH.base_joints[1]).qpos = x, y
     mujoco.mj_forward(model, data)
     assert isinstance(solve(Scene.from_mujoco(model, data, FETCH, movable=["cube"]), "cube", rng=0), Solution)
+
+
+@pytest.mark.parametrize("goal", [goals.on("cube", "table"), "(on cube table)", goals.on("cube", "plate")])
+def test_a_body_stands_for_the_one_support_that_is_a_part_of_it(goal: str | goals.Goal) -> None:
+    """It was no name of the scene: `plate` was."""
+    scene = read(cube())
+    assert scene.support_bodies == (("table", "plate"),)
+    found = solve(scene, goal, rng=0)
+    assert isinstance(found, Solution), found
+    assert found.goal is not None
+    assert found.goal.facts == goals.on("cube", "plate").facts
+    with pytest.raises(goals.GoalError, match="shelf"):
+        solve(scene, goals.on("cube", "shelf"))
+
+
+@pytest.mark.parametrize("height", [0.0, 0.8])
+def test_an_arm_that_is_bolted_to_a_table_plans_and_acts_at_any_height(height: float) -> None:
+    """Its base had to be on z = 0."""
+    panda = find_robot("panda_mobile").fixed()
+    scene = f"""<mujoco><worldbody><geom name="floor" type="plane" size="0 0 1"/>
+      <geom name="top" type="box" size="0.9 0.9 0.4" pos="0.4 0 {height - 0.4}"/>
+      <geom name="stand" type="box" size="0.15 0.3 0.3" pos="0.75 0 {height + 0.3}"/>
+      <body name="cup" pos="0.7 0 {height + 0.6501}"><freejoint/>
+        <geom type="cylinder" size="0.03 0.05" mass="0.2"/></body></worldbody></mujoco>"""
+    model = prepare(insert_robot(scene, panda, (0.0, 0.0, height, 0.0)), panda).model
+    data = mujoco.MjData(model)
+    for joint, value in zip(panda.drive_joints[3:], panda.home, strict=True):
+        data.joint(joint).qpos = value
+    mujoco.mj_forward(model, data)
+    read_scene = Scene.from_mujoco(model, data, panda, movable=["cup"])
+    assert (read_scene.ground, read_scene.supports) == (height, ("stand",))
+    found = solve(read_scene, "cup", rng=0)
+    assert isinstance(found, Solution), found
+    assert execute(found, model, data).finished
+    assert data.body("cup").xpos[2] > height + 0.7
+
+
+def test_of_two_robots_in_a_scene_one_is_planned_for_and_the_other_is_an_obstacle() -> None:
+    panda = find_robot("panda_mobile")
+    spec = mujoco.MjSpec.from_string(f"""<mujoco><worldbody><geom name="floor" type="plane" size="0 0 1"/>
+      <geom name="plate" type="box" size="0.35 0.5 0.36" pos="1.1 0 0.36"/>{cube()}</worldbody></mujoco>""")
+    theirs = mujoco.MjSpec.from_file(str(panda.mjcf_path))
+    spec.attach(theirs, frame=spec.worldbody.add_frame(pos=[2.2, 0, 0]), prefix="panda/")
+    model = prepare(insert_robot(spec, FETCH), FETCH).model
+    data = mujoco.MjData(model)
+    for joint, value in zip(FETCH.drive_joints[3:], FETCH.home, strict=True):
+        data.joint(joint).qpos = value
+    mujoco.mj_forward(model, data)
+    scene = Scene.from_mujoco(model, data, FETCH, movable=["cube"])
+    assert any(one.name.startswith("panda/") for one in scene.static_obstacles)
+    found = solve(scene, "cube", rng=0)
+    assert isinstance(found, Solution), found
+    assert execute(found, model, data).finished
+    assert Scene.from_mujoco(model, data, panda, movable=["cube"]).state.base[0] == pytest.approx(2.2)

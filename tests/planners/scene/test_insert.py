@@ -10,10 +10,12 @@ import pytest
 
 from assets.robots import FETCH
 from planners import (
+    ControlledWorld,
     Scene,
     SceneError,
     Sensor,
     Solution,
+    TampExpert,
     execute,
     insert_robot,
     prepare,
@@ -21,6 +23,7 @@ from planners import (
     solve,
     tcp_pose,
 )
+from tests.planners.expert.test_controller import Deltas
 
 CELL = """
 <mujoco>
@@ -186,3 +189,21 @@ def test_a_scene_that_mujoco_cannot_read_is_not_blamed_on_the_robot(
     which = " without crane" if without else ""
     with pytest.raises(SceneError, match=rf"(?s)^MuJoCo cannot read this scene{which}, even with no robot.*{words}"):
         insert_robot(scene, FETCH, without=without)
+
+
+@pytest.mark.slow
+def test_the_expert_fetches_through_a_controller_where_the_floor_is_low() -> None:
+    model = prepare(insert_robot(at_height(LOW), FETCH), FETCH).model
+    data = mujoco.MjData(model)
+    for name, value in zip(FETCH.drive_joints[3:], FETCH.home, strict=True):
+        data.joint(name).qpos = value
+        data.actuator(name).ctrl = value
+    world = ControlledWorld(Deltas(model, data, 0.1, 0.1), model, FETCH, movable=["cup"])
+    assert world.support_name == "top"
+    expert = TampExpert(world)
+    expert.reset("cup")
+    while not expert.done:
+        world.step(expert.act())
+    assert expert.report.scored, expert.report
+    assert expert.report.replans == 0
+    assert data.body("cup").xpos[2] > 0.1
