@@ -266,14 +266,8 @@ def locations_in(
         return
     standing = [one for one in beside(scene, place.face, body) if one.name not in (body.name, place.below)]
     staying = [one for one in standing if one.name not in leaving]
-    middle = np.array([place.area.centre])
-    if (
-        place.below
-        and place.hollow is None
-        and not others
-        and allowed(middle)[0]
-        and _fits(middle, place.area, body, standing, 0.0, None)[0]
-    ):
+    middle, has_middle = np.array([place.area.centre]), bool(place.below or place.hollow) and not others
+    if has_middle and allowed(middle)[0] and _fits(middle, place.area, body, standing, 0.0, None)[0]:
         yield middle[0], (None,)
     points = _grid(place.area, scene.state.base[:2], pitch)
     may_stand = allowed(points)

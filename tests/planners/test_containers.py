@@ -158,3 +158,10 @@ def test_a_box_that_fits_along_the_walls_alone_is_let_go_along_them(turned: floa
     walls = box_walls(0.072, 0.06, 0.05)
     world = container_world(walls, free=False, yaw=turned, object_=block, half=0.06)
     carried_out(world, goals.inside("thing", "basket"))
+
+
+def test_where_a_hand_fits_across_the_middle_alone_it_lets_go_there() -> None:
+    """A hand as wide as the box fits in aslant, at the very middle, which was no point of the grid."""
+    block = '<geom type="box" size=".025 .025 .043" mass=".1"/>'
+    world = container_world(box_walls(0.102, 0.098, 0.137), free=True, yaw=-0.81, object_=block, half=0.043)
+    carried_out(world, goals.inside("thing", "basket"))
