@@ -536,7 +536,7 @@ def test_what_has_fallen_is_stood_up_for_a_goal_from_before() -> None:
 
 def test_what_cannot_be_reached_is_refused_by_the_bound() -> None:
     scene = scene_of("three")
-    far = scene.with_body(scene.body("a").at([3.0, 3.0, 3.0]))
+    far = scene.with_body(scene.body("a").at([3.0, 3.0, scene.body("a").half_extents[2]]))
     found = solve(far, goals.inside("a", "left"))
     assert isinstance(found, Infeasible)
     assert found.cause is Cause.UNREACHABLE
