@@ -536,7 +536,9 @@ def test_what_has_fallen_is_stood_up_for_a_goal_from_before() -> None:
 
 def test_what_cannot_be_reached_is_refused_by_the_bound() -> None:
     scene = scene_of("three")
-    far = scene.with_body(scene.body("a").at([3.0, 3.0, scene.body("a").half_extents[2]]))
+    pillar = StaticObstacle("pillar", np.array([3.0, 3.0, 1.5]), np.array([0.1, 0.1, 1.5]))
+    high = scene.body("a").at([3.0, 3.0, 3.0 + scene.body("a").half_extents[2]])
+    far = replace(scene.with_body(high), static_obstacles=(*scene.static_obstacles, pillar))
     found = solve(far, goals.inside("a", "left"))
     assert isinstance(found, Infeasible)
     assert found.cause is Cause.UNREACHABLE
