@@ -249,7 +249,8 @@ def _entry(job: _Job) -> dict[str, Any] | None:
         floor = found[f"floor_{grasps}"] = search_floor(env, info, grasps)
         if grasps == "side" and job.clearances and not (floor.is_proved and (floor.count or 0) >= job.clearances):
             return None
-    if job.is_solvable and found["floor_all"].count is None:
+    is_known = all(floor.is_proved or floor.cause for floor in found.values())
+    if job.is_solvable and (found["floor_all"].count is None or not is_known):
         return None
     counts = [floor.count for floor in found.values() if floor.count is not None]
     return {

@@ -232,7 +232,7 @@ def check_policy(policy: AnyPolicy, name: str = "") -> None:
 
 def policy_families(name: str) -> tuple[str, ...]:
     """The families of environments whose scenes a policy can play; of other people's policies all."""
-    every = ("retrieve", "rearrange", "search", "skill", *GOAL_FAMILIES)
+    every = ("retrieve", "rearrange", "search", "skill", "open", *GOAL_FAMILIES)
     if name in GOAL_FAMILIES:
         return (name,)
     if is_run(name):
@@ -241,5 +241,5 @@ def policy_families(name: str) -> tuple[str, ...]:
     if name in ("greedy", "random-skills"):
         return ("retrieve", "skill")
     if name in PLANNERS:
-        return ("retrieve", "rearrange")
+        return ("retrieve", "rearrange", "open")
     return ("retrieve",) if name in BUILT_IN and name != "random" else every
