@@ -145,7 +145,7 @@ def test_cpu_time_of_child_processes_counts_where_it_is_asked_for() -> None:
     assert cpu_seconds() - before < 0.1
     with children_counted():
         subprocess.run(busy, check=True)
-    assert 0.2 <= cpu_seconds() - before < 1.0
+    assert 0.15 <= cpu_seconds() - before < 1.0, "the system counts a child's time in steps of 10 ms or more"
 
 
 @pytest.mark.parametrize("strategy", ["lookahead", "ngr"])
