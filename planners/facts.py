@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from planners.hollows import hollow_of, hollow_of_body
-from planners.regions import EDGE, RESTING, Array, GoalError, Region, footprint, overlap
+from planners.regions import EDGE, RESTING, Array, GoalError, Region, footprint, overlap, with_those_on
 
 if TYPE_CHECKING:
     from planners.scene import Body, Scene, StaticObstacle
@@ -342,15 +342,8 @@ def occupants(scene: Scene, place: str) -> tuple[str, ...]:
     face = scene.support_named(place if region is None else region.support)
     standing = [body for body in scene.objects if body.name not in scene.held_names]
     found = [b for b in standing if face.is_under(b.position[:2]) and stands_at(scene, b, face.top)]
-    for below in found:
-        found += [
-            body
-            for body in standing
-            if body not in found
-            and abs(body.bottom - below.top) <= RESTING
-            and overlap(footprint(body), footprint(below)) > 0
-        ]
-    return tuple(body.name for body in found if region is None or region.touches(body))
+    reached = with_those_on(found, standing)
+    return tuple(body.name for body in reached if region is None or region.touches(body))
 
 
 def height_below(scene: Scene, body: Body) -> float:

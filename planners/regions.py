@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from typing import Protocol, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,6 +42,20 @@ class Outlined(Protocol):
     @property
     def outline(self) -> Array: ...
     # fmt: on
+
+
+class Standing(Outlined, Protocol):
+    """What stands on something, and may have something on it."""
+
+    # fmt: off
+    @property
+    def bottom(self) -> float: ...
+    @property
+    def top(self) -> float: ...
+    # fmt: on
+
+
+StandingT = TypeVar("StandingT", bound=Standing)
 
 
 @dataclass(frozen=True)
@@ -152,3 +167,17 @@ def overlap(one: Array, other: Array) -> float:
 def is_name(value: object) -> bool:
     """Whether a value can name an object, a support or a region: a text that PDDL can quote."""
     return isinstance(value, str) and bool(value) and '"' not in value
+
+
+def with_those_on(found: Iterable[StandingT], standing: Sequence[StandingT]) -> list[StandingT]:
+    """Objects, and those of others that stand on these, directly or on each other."""
+    reached = list(found)
+    for below in reached:
+        reached += [
+            body
+            for body in standing
+            if body not in reached
+            and abs(body.bottom - below.top) <= RESTING
+            and overlap(footprint(body), footprint(below)) > 0
+        ]
+    return reached

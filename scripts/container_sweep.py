@@ -1,6 +1,6 @@
 """Containers drawn at random, and something put into each in physics: what ended inside, what was refused, and why.
 
-    python scripts/container_sweep.py --cases 20 --out sweep.jsonl
+    python -m scripts.container_sweep --cases 20 --out sweep.jsonl
 
 Boxes and round bowls, 8 to 25 cm wide, with walls of 3 to 15 cm that are upright or lean outward, free or standing
 fast, turned anyhow, 0.72 m high on a table; cans and boxes that fit in. A case counts as inside if the goal holds when
@@ -10,19 +10,18 @@ the plan has been carried out.
 from __future__ import annotations
 
 import math
-import tempfile
 import time
 from collections import Counter
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import tyro
 
 from assets import RobotSpec, robot as find_robot
 from clutter_env.reporting.files import JsonLines
-from planners import Scene, Solution, execute, goals, insert_robot, prepare, solve, warmup
+from planners import Scene, Solution, execute, goals, solve, warmup
+from scripts.small_worlds import simulated
 
 _TABLE = 0.72
 """[m] its height."""
@@ -131,14 +130,7 @@ def model_of(case: Case) -> str:
 
 def put_into(case: Case, robot: RobotSpec, time_limit: float) -> dict[str, object]:
     """What became of a case: whether the object is inside in the end, or why it was refused."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "case.xml")
-        path.write_text(model_of(case))
-        model = prepare(insert_robot(path, robot, base=(-0.3, 0.0, 0.0)), robot).model
-    data = mujoco.MjData(model)
-    for joint, value in zip(robot.drive_joints[3:], robot.home, strict=True):
-        data.joint(joint).qpos = value
-    mujoco.mj_forward(model, data)
+    model, data = simulated(model_of(case), robot)
     movable = ["thing", *(["container"] if case.is_free else [])]
 
     def seen() -> Scene:

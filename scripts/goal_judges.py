@@ -1,7 +1,7 @@
 """Household goals in physics: is a goal that the planner's geometry calls reached a success of the environment?
 
-    python scripts/goal_judges.py run outputs/judges.jsonl
-    python scripts/goal_judges.py table outputs/judges.jsonl
+    python -m scripts.goal_judges run outputs/judges.jsonl
+    python -m scripts.goal_judges table outputs/judges.jsonl
 
 Scenes are those of `goal_measures.py` with household objects, other than for "clear". The default expert plans and
 carries out; at the end `goal.unmet` of the scene as it is then is compared with `is_success`. Two kinds of difference

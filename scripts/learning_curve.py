@@ -1,6 +1,6 @@
 """Success of learned motions against the number of demonstrations, with the planner's choice of actions.
 
-    python scripts/learning_curve.py --demos outputs/demos/o1-canonical outputs/demos/o1-lookahead
+    python -m scripts.learning_curve --demos outputs/demos/o1-canonical outputs/demos/o1-lookahead
 
 For every dataset, number of demonstrations and seed a motion policy is trained and evaluated on held-out scenes, which
 are drawn as those of the dataset were. A Markdown table, a figure and all results as JSON are written to the output

@@ -1,6 +1,6 @@
 """Drawers and doors drawn at random, opened in physics: which were, which were refused, and why.
 
-    python scripts/opening_sweep.py --cases 100 --out sweep.jsonl
+    python -m scripts.opening_sweep --cases 100 --out sweep.jsonl
 
 Handles of 8 to 30 mm, bars (upright or level) and round knobs, of friction 0.2 to 20 N (of doors N m over the width);
 drawers at 0.2 to 1.2 m height, doors of 0.3 to 0.7 m that open to the left and to the right. A case counts as opened
@@ -9,19 +9,18 @@ if, when the plan has been carried out, it is open by 0.8 of its range.
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections import Counter
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import tyro
 
 from assets import RobotSpec, robot as find_robot
 from clutter_env.reporting.files import JsonLines
-from planners import Scene, Solution, execute, goals, insert_robot, prepare, solve, warmup
+from planners import Scene, Solution, execute, goals, solve, warmup
+from scripts.small_worlds import simulated
 
 _TRAVEL, _SWING = 0.28, 95.0
 """[m] and [degrees] that drawers and doors go."""
@@ -116,14 +115,7 @@ def model_of(case: Case) -> str:
 
 def opened(case: Case, robot: RobotSpec, time_limit: float) -> dict[str, object]:
     """What became of a case: its share in the end, or why it was refused."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "case.xml")
-        path.write_text(model_of(case))
-        model = prepare(insert_robot(path, robot, base=(-0.3, 0.0, 0.0)), robot).model
-    data = mujoco.MjData(model)
-    for joint, value in zip(robot.drive_joints[3:], robot.home, strict=True):
-        data.joint(joint).qpos = value
-    mujoco.mj_forward(model, data)
+    model, data = simulated(model_of(case), robot)
     scene = Scene.from_mujoco(model, data, robot, movable=(), support="floor")
     before = time.process_time()
     plan = solve(scene, goals.open_("it"), time_limit=time_limit)

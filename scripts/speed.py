@@ -1,6 +1,6 @@
 """Steps over their physics, and resets over those of Gymnasium-Robotics' FetchPickAndPlace, on a machine of any load.
 
-    python scripts/speed.py
+    python -m scripts.speed
 
 Every episode is played several times, and every step has the least of its times: the simulation is deterministic, and
 other processes make a time longer, never shorter. Of resets to the same seeds alike; the two kinds take turns. The peer

@@ -13,8 +13,8 @@ Array = NDArray[np.float64]
 
 STEPS = 12
 """Places on the way of what opens at which is looked what it touches."""
-_GAP = 0.004
-"""[m] that what opens keeps from objects on its way."""
+GAP = 0.004
+"""[m] that what opens keeps from objects on its way, and what is put down from there."""
 
 
 def way(opening: Opening, position: float, steps: int = STEPS) -> Array:
@@ -49,6 +49,6 @@ def swept_objects(world: CollisionWorld) -> int:
         there = [part.moved(T[:3, :3], T[:3, 3]) for part in parts]
         for body in others:
             bit = 1 << scene.index(body.name)
-            if not mask & bit and are_near(there, body, _GAP):
+            if not mask & bit and are_near(there, body, GAP):
                 mask |= bit
     return mask

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.opened import STEPS, way
+from planners.collision.opened import GAP, STEPS, way
 from planners.collision.world import CollisionWorld, are_near, is_inside_static
 from planners.regions import Region
 from planners.scene import MAX_OBJECTS, Body, Opening, Pull, Scene, Solid, StaticObstacle
@@ -21,8 +21,6 @@ from planners.scene.moving import carried_by, moved
 
 Array = NDArray[np.float64]
 
-_GAP = 0.004
-"""[m] that what is put down keeps from the way of what opens."""
 _BACK = (0.0, 0.3, 0.6, 0.9, 1.2)
 """[m] that a robot is farther back where it stands in the way of what opens."""
 _OVER = 0.3
@@ -112,7 +110,7 @@ def _swept_regions(scene: Scene, opening: Opening, position: float) -> Iterator[
             if low:
                 corners = [_corners(part, opening, stop) for part in low for stop in (one, (one + other) / 2, other)]
                 points = np.concatenate(corners)
-                lower, upper = points.min(axis=0) - _GAP, points.max(axis=0) + _GAP
+                lower, upper = points.min(axis=0) - GAP, points.max(axis=0) + GAP
                 centre, half = (lower + upper) / 2, (upper - lower) / 2
                 yield Region(f"way of {opening.name} {k} over {face.name}", face.name, tuple(centre), tuple(half))
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.regions import RESTING, Region, footprint, overlap
+from planners.regions import RESTING, Region, with_those_on
 from planners.scene.bodies import Body
 from planners.scene.openings import Opening
 from planners.scene.scene import Scene
@@ -23,15 +23,7 @@ def carried_by(scene: Scene, opening: Opening) -> tuple[str, ...]:
     faces = [one for one in scene.static_obstacles if one.name in opening.parts]
     standing = [body for body in scene.objects if body.name not in scene.held_names]
     found = [body for body in standing if any(_stands_on(body, face) for face in faces)]
-    for below in found:
-        found += [
-            body
-            for body in standing
-            if body not in found
-            and abs(body.bottom - below.top) <= RESTING
-            and overlap(footprint(body), footprint(below)) > 0
-        ]
-    return tuple(body.name for body in found)
+    return tuple(body.name for body in with_those_on(found, standing))
 
 
 def _stands_on(body: Body, face: StaticObstacle) -> bool:
