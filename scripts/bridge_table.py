@@ -3,6 +3,7 @@
     python scripts/bridge_table.py --python venv-kinder/bin/python --seeds 50 --out outputs/bridges.jsonl
     python scripts/bridge_table.py --tasks FetchPickAndPlace-v4 --seeds 50 --out outputs/bridges.jsonl
     python scripts/bridge_table.py --tasks robosuite/Lift --python venv-robosuite/bin/python --out outputs/bridges.jsonl
+    python scripts/bridge_table.py --tasks libero/libero_goal --python venv-libero/bin/python --out outputs/libero.jsonl
     python scripts/bridge_table.py --out outputs/bridges.jsonl --show
 
 One line of the file is one episode; episodes that the file has are not run again.
@@ -27,13 +28,14 @@ from numpy.typing import NDArray
 
 from clutter_env.bridges.fetch_tasks import DOWN, FetchTask
 from clutter_env.bridges.kinder_tasks import GRASPS as KINDER_GRASPS, KinderTask
-from clutter_env.bridges.remote import Remote
+from clutter_env.bridges.libero_tasks import LiberoTask
+from clutter_env.bridges.remote import BridgeError, Remote
 from clutter_env.bridges.robosuite_tasks import RobosuiteTask
 from clutter_env.rendering.film import save_gif
 from clutter_env.rendering.framing import view_of
 from clutter_env.rendering.renderer import Renderer
 from clutter_env.reporting.intervals import wilson
-from planners import ControlledWorld, ExpertConfig, MonitorConfig, SceneError, Solution, TampExpert
+from planners import ControlledWorld, ExpertConfig, GoalError, MonitorConfig, SceneError, Solution, TampExpert
 
 KINDER = (
     "kinder/PickPlace3D-o1-v0",
@@ -64,11 +66,11 @@ class Arguments:
     out: Path
     """JSON lines, one an episode."""
     python: Path = Path("venv-kinder/bin/python")
-    """Of the environment in which KinDER is installed, or robosuite."""
+    """Of the environment in which KinDER is installed, or robosuite, or LIBERO."""
     tasks: tuple[str, ...] = KINDER
-    """Ids."""
+    """Ids; of LIBERO a suite, `libero/libero_goal`, which is all its tasks, or one of them, `libero/libero_goal/3`."""
     first: int = 0
-    """First seed."""
+    """First seed; of LIBERO's frozen initial states."""
     seeds: int = 5
     """How many seeds for each task."""
     steps: int = 8000
@@ -95,8 +97,9 @@ def main(arguments: Arguments) -> None:
             arguments.film.mkdir(parents=True, exist_ok=True)
         worker = Remote(arguments.python, f"{packages.pop()}_worker.py") if packages else nullcontext()
         with worker as remote, arguments.out.open("a") as file:
+            tasks = [one for id in arguments.tasks for one in tasks_of(remote, id)]
             for seed in range(arguments.first, arguments.first + arguments.seeds):
-                for task in arguments.tasks:
+                for task in tasks:
                     if (task, seed) not in done:
                         rows.append(episode(remote, task, seed, arguments))
                         print(json.dumps(rows[-1]), file=file, flush=True)
@@ -120,7 +123,7 @@ def episode(remote: Remote | None, id: str, seed: int, arguments: Arguments) -> 
         expert = TampExpert(task.world, **choices, config=config)
         before = time.process_time()
         expert.reset()
-    except SceneError as problem:
+    except (SceneError, GoalError, BridgeError) as problem:
         return {**row, "failure": f"scene: {problem}"}
     row |= {"cpu": time.process_time() - before, "planned": isinstance(expert.solution, Solution)}
     look = Camera(task.world, arguments.speed, arguments.turn) if arguments.film else None
@@ -137,6 +140,7 @@ def episode(remote: Remote | None, id: str, seed: int, arguments: Arguments) -> 
     report = expert.report
     if remote is None:
         task.finish()
+    limits = {"limit": task.limit, "solved_at": task.solved_at} if isinstance(task, LiberoTask) else {}
     return row | {
         "executed": report.executed or task.is_solved,
         "scored": task.is_solved,
@@ -144,6 +148,7 @@ def episode(remote: Remote | None, id: str, seed: int, arguments: Arguments) -> 
         "replans": report.replans,
         "deviations": list(report.deviations),
         "steps": task.steps,
+        **limits,
     }
 
 
@@ -173,10 +178,21 @@ def begin(remote: Remote | None, id: str, seed: int) -> tuple[Any, dict[str, Any
     if remote is None:
         return FetchTask(seed, id), {"grasps": DOWN}
     package, name, *robot = id.split("/")
+    if package == "libero":
+        libero = LiberoTask(remote, name, int(robot[0]), seed)
+        return libero, {"planner": libero.planner}
     if package == "robosuite":
         task = RobosuiteTask(remote, name, seed, *robot)
         return task, {"planner": task.planner}
     return KinderTask(remote, id, seed), {"grasps": KINDER_GRASPS}
+
+
+def tasks_of(remote: Remote | None, id: str) -> tuple[str, ...]:
+    """A suite of LIBERO is all its tasks."""
+    package, _, suite = id.partition("/")
+    if remote is None or package != "libero" or "/" in suite:
+        return (id,)
+    return tuple(f"{id}/{number}" for number, _ in enumerate(remote("tasks", suite=suite)["tasks"]))
 
 
 def table(rows: list[dict[str, Any]]) -> Iterator[str]:

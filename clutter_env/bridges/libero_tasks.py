@@ -1,0 +1,114 @@
+"""LIBERO's tasks, LIBERO-PRO's variants and any BDDL file of theirs, solved through LIBERO's own `step`.
+
+with Remote("venv-libero/bin/python", "libero_worker.py") as libero:
+    task = LiberoTask(libero, "libero_goal", 3, state=0)
+    expert = TampExpert(task.world, planner=task.planner)
+    expert.reset()
+    while not (expert.done or task.world.is_over):
+        task.world.step(expert.act())
+    print(expert.report, task.is_solved)
+
+The action is LIBERO's: seven numbers, of the operational-space controller of `clutter_env.bridges.osc_task`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+import assets
+from assets import RobotSpec
+from clutter_env.bridges.kept import kept_mjcf
+from clutter_env.bridges.libero_goals import wanted_in
+from clutter_env.bridges.osc_task import BESIDE, OscTask
+from clutter_env.bridges.remote import Remote
+from planners import ControlledWorld, FollowingPlanner
+
+SETTLE = 10
+"""Steps in which objects come to rest, as in LIBERO's evaluations; they are not counted."""
+LIMITS = {"libero_spatial": 220, "libero_object": 280, "libero_goal": 300, "libero_10": 520, "libero_90": 400}
+"""Steps after which evaluations of policies end an episode, by suite."""
+_FINGER_STEPS = 8
+"""Of the environment in which its gripper opens or closes all the way."""
+_ARM = (0.17, 0.5)
+"""[m] x, z of our Panda's arm on its base, with the lift down."""
+_SHORTER = 0.0067
+"""[m] by which the fingers of robosuite's hand reach less far than ours: to 2.3 mm beyond the TCP."""
+_LIFT = (-0.5, 0.6)
+"""[m] The arm stands between the floor and 1.1 m."""
+
+
+class LiberoTask(OscTask):
+    """One episode of a task of LIBERO: a `Controller`, and the world to plan in.
+
+    Attributes:
+        world: for `TampExpert`; its goal is that of the task.
+        planner: for `TampExpert`: its plans are such that the arm can follow them.
+        language: what LIBERO tells a policy.
+        limit: steps after which evaluations end, or None where there is no such custom.
+        solved_at: steps after which LIBERO's check held first; None before.
+    """
+
+    def __init__(
+        self,
+        libero: Remote,
+        suite: str = "",
+        task: int = 0,
+        state: int = 0,
+        *,
+        bddl: str | Path = "",
+    ) -> None:
+        """Reset the environment.
+
+        Args:
+            libero: the worker.
+            suite: name of one of LIBERO's suites or LIBERO-PRO's variants of them.
+            task: number of the task in the suite.
+            state: number of its frozen initial state; with `bddl`, the seed of the placement.
+            bddl: a BDDL file, in place of suite and task.
+
+        Raises:
+            BridgeError: there is no such suite, task, state or file, or it asks for what no goal can say here.
+        """
+        if bddl:
+            start = libero("reset_file", bddl=str(bddl), seed=state, settle=SETTLE)
+        else:
+            start = libero("reset", suite=suite, task=task, state=state, settle=SETTLE)
+        x, y, z = start["base"]
+        place = np.array([x - _ARM[0], y, 0.0]), z - _ARM[1]
+        super().__init__(libero, start, mujoco.MjSpec.from_string(start["xml"]), _panda(), place, _FINGER_STEPS)
+        self.language: str = start["language"]
+        known = [name for name in LIMITS if suite.startswith(name)]
+        self.limit = LIMITS[known[0]] if known else None
+        self.solved_at: int | None = None
+        self.planner = FollowingPlanner(self.robot, grasps="all", controller=self.follower(start, "Panda"))
+        model = self.model
+        free = [model.joint(int(k)) for k in np.flatnonzero(model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE))]
+        movable = [model.body(int(joint.bodyid[0])).name for joint in free]
+        self.world = ControlledWorld(self, model, self.robot, movable=movable, line_tolerance=BESIDE)
+        wanted = wanted_in(start, self.world)
+        self.world.goal, self.world.regions, self.world.more_supports = wanted.goal, wanted.regions, wanted.supports
+
+    def _step(self, action: np.ndarray, grip: float) -> None:
+        super()._step(action, grip)
+        if self.is_solved and self.solved_at is None:
+            self.solved_at = self.steps
+
+
+@cache
+def _panda() -> RobotSpec:
+    """Our Panda bolted down at any height, without base and mast, with the fingers of robosuite's hand."""
+    robot = assets.robot("panda_mobile").fixed()
+    spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
+    for name in ("base", "column", "mast", "lift"):
+        spec.delete(spec.geom(name))
+    for name in robot.finger_joints:
+        spec.joint(name).parent.pos[2] -= _SHORTER
+    spec.joint(robot.torso_joint).range = _LIFT
+    spec.compile()
+    lift = robot.chain[0]._replace(lower=_LIFT[0], upper=_LIFT[1])
+    return replace(robot, mjcf=str(kept_mjcf("panda-libero", spec.to_xml())), chain=(lift, *robot.chain[1:]))

