@@ -38,6 +38,8 @@ _ARM = (0.17, 0.5)
 """[m] x, z of our Panda's arm on its base, with the lift down."""
 _SHORTER = 0.0067
 """[m] by which the fingers of robosuite's hand reach less far than ours: to 2.3 mm beyond the TCP."""
+_CLEAR = 0.03
+"""[m] between what the arm is bolted to and its lowest shapes: in LIBERO they touch, which is no collision."""
 _LIFT = (-0.5, 0.6)
 """[m] The arm stands between the floor and 1.1 m."""
 
@@ -106,6 +108,11 @@ def _panda() -> RobotSpec:
     spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
     for name in ("base", "column", "mast", "lift"):
         spec.delete(spec.geom(name))
+    foot, column, first = (spec.geom(name) for name in ("foot", "shoulder_column", "link1"))
+    foot.size[0] -= _CLEAR
+    column.size[1] -= _CLEAR / 2
+    column.pos[2] += _CLEAR / 2
+    first.fromto[2] += float(first.size[0]) + _CLEAR
     for name in robot.finger_joints:
         spec.joint(name).parent.pos[2] -= _SHORTER
     spec.joint(robot.torso_joint).range = _LIFT
