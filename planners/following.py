@@ -13,13 +13,14 @@ from typing import TypeAlias
 import numpy as np
 
 from planners.clock import Deadline
+from planners.collision.opened import riding
 from planners.collision.world import CompiledScenes
 from planners.goals import Before, Goal, GoalError
 from planners.motion.tcp_following import TcpFollower, follow
 from planners.planner import Planner
 from planners.scene import Scene
 from planners.strategies import Strategy
-from planners.tamp.solution import Infeasible, Solution
+from planners.tamp.solution import BoundAction, Infeasible, Solution
 from planners.workspace import Workspace
 
 _Cost: TypeAlias = tuple[bool, bool, int, int, int]
@@ -99,12 +100,20 @@ class FollowingPlanner(Planner):
             followed = follow(self.controller, scene.robot, q, action.trajectory)
             if followed is None:
                 return True, False, touched, needless, steps
-            world, own = compiled.world(action.scene), (action.target,) if action.target else ()
-            hits = followed.hits(world.with_padding(0.0), action.scene.mask(own))
+            world = compiled.world(action.scene)
+            hits = followed.hits(world.with_padding(0.0), action.scene.mask(_own(action)))
             touched += len(action.scene.names_of(hits))
             steps, q = steps + len(followed.configurations), followed.configurations[-1, 3:]
         is_late = self.steps_left is not None and steps > self.steps_left()
         return False, is_late, touched, needless, steps
+
+
+def _own(action: BoundAction) -> tuple[str, ...]:
+    """Names of the objects that an action is to touch: of what it opens the handle, with what stands in it."""
+    scene = action.scene
+    if scene.pull is not None and action.target == scene.pull.opening:
+        return riding(scene)
+    return (action.target,) if action.target else ()
 
 
 def _best(plans: Sequence[tuple[_Cost, Solution]], refusals: Sequence[Infeasible], goal: Goal) -> Solution | Infeasible:

@@ -29,6 +29,7 @@ from planners import (
 from planners.goals import Before, Goal
 from planners.motion.tcp_following import Followed
 from planners.motion.trajectory import Trajectory
+from tests.planners.opening.furniture import drawer_world
 from tests.planners.scenes import cylinder, table_scene
 
 SCENE = replace(
@@ -162,3 +163,11 @@ def test_a_refusal_is_that_of_the_goal_as_it_is() -> None:
     assert found.goal == GOAL
     assert not any(isinstance(fact, Before) for fact in Goal.of(found.goal).facts)
     assert found.cause == getattr(Planner(FETCH).solve(scene, GOAL), "cause", None)
+
+
+def test_a_plan_that_opens_something_is_compared_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    replace_follow(monkeypatch, lambda *arguments: as_planned(arguments[-1]))
+    scene = drawer_world().scene()
+    found = FollowingPlanner(FETCH, controller=Controller()).solve(scene, goals.open_("drawer"))
+    assert isinstance(found, Solution), found
+    assert [action.name for action in found.actions if action.name != "MoveBase"] == ["Open"]
