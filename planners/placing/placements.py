@@ -48,9 +48,9 @@ _ROW = 0.01
 """[m] between rows of which is asked whether an object can be put so deep under a shelf."""
 _GAP = 0.001
 """[m] between the object and the table when the fingers open."""
-FALLS = (0.01, 0.02, 0.03, 0.04, 0.06, 0.08)
+FALLS = (0.01, 0.02, 0.03, 0.04, 0.06, 0.08, 0.1, 0.12)
 """[m] that an object may fall inside a container where the hand has no room to put it down, in the order in which they
-are tried. A can that falls farther may topple."""
+are tried. A can that falls by more than 80 mm may topple, in one of ten cases."""
 _LOCATIONS_OF_FALLS, _BETWEEN_FALLS = 12, 0.02
 """Locations at which an object is let fall, turned anyhow or along the walls, from the middle outwards, and [m] between
 them at least."""
