@@ -21,8 +21,9 @@ _SPARE = 0.01
 """[m] by which a place is aimed at more closely than LIBERO's check asks."""
 _BEYOND = 0.01
 """[m] or [rad] by which something is moved farther than LIBERO's check asks."""
-_UNDER, _ABOVE = 0.03, 0.03
-"""[m] below the lower end of a region, and above its middle, between which the face is on which things stand in it."""
+_UNDER, _ABOVE, _THIN = 0.03, 0.03, 0.01
+"""[m] below the lower end of a region, and, of one that is thin, above its middle, between which the face is on which
+things stand in it."""
 
 
 @dataclass(frozen=True)
@@ -62,11 +63,12 @@ class Translation:
     def __init__(self, start: dict[str, Any], model: mujoco.MjModel, data: mujoco.MjData, scene: Scene) -> None:
         self._start, self._model, self._data, self._scene = start, model, data, scene
         self._supports: list[str] = []
+        self._regions: dict[str, Region] = {}
 
     def wanted(self) -> Wanted:
         """The goal of all facts."""
         found = [self._fact(*fact) for fact in self._start["goal"]]
-        return Wanted(goals.and_(*found), (), tuple(dict.fromkeys(self._supports)))
+        return Wanted(goals.and_(*found), tuple(self._regions.values()), tuple(dict.fromkeys(self._supports)))
 
     def _fact(self, kind: str, *names: str) -> Goal:
         match kind.lower(), names:
@@ -123,12 +125,21 @@ class Translation:
         return np.abs(axes @ size)
 
     def _at_site(self, name: str, site: str, face: StaticObstacle) -> Goal:
-        """On a face, the origin over a region."""
+        """On a face, the origin over a region; several objects share the area that keeps all origins there."""
         (x, y, _), extent = self._site(site)[0], self._extent(site)
-        tolerance = float(extent[:2].min()) - _SPARE - self._off_middle(name)
+        one, room = self._root(name), float(extent[:2].min()) - _SPARE - self._off_middle(name)
         self._supports.append(face.name)
-        one = self._root(name)
-        return goals.on(one, face.name) & goals.at(one, (x, y), tolerance=max(tolerance, _SPARE))
+        if sum(site in fact for fact in self._start["goal"]) > 1:
+            narrow = float(min(self._scene.body(one).half_extents[:2]))
+            return self._in_region(one, site, face, np.full(2, max(room, _SPARE) + narrow))
+        return goals.on(one, face.name) & goals.at(one, (x, y), tolerance=max(room, _SPARE))
+
+    def _in_region(self, body: str, site: str, face: StaticObstacle, half: Array) -> Goal:
+        """Within a rectangle of a face about the middle of a region of LIBERO's."""
+        x, y, _ = self._site(site)[0]
+        self._supports.append(face.name)
+        self._regions.setdefault(site, Region(site, face.name, (float(x), float(y)), (float(half[0]), float(half[1]))))
+        return goals.inside(body, site)
 
     def _place_on(self, site: str) -> StaticObstacle:
         """The face on which things stand in a region."""
@@ -138,20 +149,18 @@ class Translation:
         level = [one for one in self._scene.static_obstacles if one.has_level_top and one.is_under(np.array((x, y)))]
         if own is not None:
             level = [one for one in level if one.body in own]
-        near = [one for one in level if z - extent[2] - _UNDER <= one.top <= z + _ABOVE]
+        near = [one for one in level if z - extent[2] - _UNDER <= one.top <= z + _ABOVE * (extent[2] < _THIN)]
         if not near:
             raise BridgeError(f"nothing level is under the region {site!r}")
         return max(near, key=lambda one: one.top)
 
     def _in_site(self, name: str, site: str) -> Goal:
-        """In a region: of something hollow, in that."""
-        parent = self._start["sites"][site]["parent"]
-        for body in (str(self._model.body(int(self._data.site(site).id and self._model.site(site).bodyid[0])).name),):
-            if hollow_of(self._scene, body) is not None:
-                return goals.inside(self._root(name), body)
-        if parent in self._start["roots"] and hollow_of(self._scene, self._root(parent)) is not None:
-            return goals.inside(self._root(name), self._root(parent))
-        return self._at_site(name, site, self._place_on(site))
+        """In a region: of a container that moves, or a drawer, in that; else on what is its floor."""
+        body = self._model.body(int(self._model.site(site).bodyid[0])).name
+        is_moving = body in self._scene.names or any(one.name == body for one in self._scene.openings)
+        if is_moving and hollow_of(self._scene, body) is not None:
+            return goals.inside(self._root(name), body)
+        return self._in_region(self._root(name), site, self._place_on(site), self._extent(site)[:2])
 
     def _bodies_of(self, name: str) -> set[str]:
         """Names of the bodies of an object or fixture."""
