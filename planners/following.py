@@ -101,19 +101,24 @@ class FollowingPlanner(Planner):
             if followed is None:
                 return True, False, touched, needless, steps
             world = compiled.world(action.scene)
-            hits = followed.hits(world.with_padding(0.0), action.scene.mask(_own(action)))
+            hits = followed.hits(world.with_padding(0.0), action.scene.mask(_own(action, solution.goal)))
             touched += len(action.scene.names_of(hits))
             steps, q = steps + len(followed.configurations), followed.configurations[-1, 3:]
         is_late = self.steps_left is not None and steps > self.steps_left()
         return False, is_late, touched, needless, steps
 
 
-def _own(action: BoundAction) -> tuple[str, ...]:
-    """Names of the objects that an action is to touch: of what it opens the handle, with what stands in it."""
+def _own(action: BoundAction, goal: Goal | None) -> tuple[str, ...]:
+    """Names of the objects that an action is to touch: what it moves, and what that is put on or into.
+
+    Of what opens, the handle and what stands in it.
+    """
     scene = action.scene
     if scene.pull is not None and action.target == scene.pull.opening:
         return riding(scene)
-    return (action.target,) if action.target else ()
+    facts = goal.placed if goal is not None and action.is_clearance else ()
+    below = (fact.where for fact in facts if fact.object == action.target)
+    return tuple(name for name in (action.target, *below) if name in scene.names)
 
 
 def _best(plans: Sequence[tuple[_Cost, Solution]], refusals: Sequence[Infeasible], goal: Goal) -> Solution | Infeasible:

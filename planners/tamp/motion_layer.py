@@ -369,7 +369,8 @@ class MotionLayer:
             if not refusal:
                 trajectory = place_trajectory(world, motion, scene.state)
                 left = released.with_state(_end_state(motion, trajectory))
-                return self._followed(scene, BoundMotion(trajectory, left, surfaces=placement.surfaces), (held.name,))
+                bound = BoundMotion(trajectory, left, surfaces=placement.surfaces)
+                return self._followed(scene, bound, (held.name, *([placement.below] if placement.below else ())))
             known = None
         return NoPath(f"MuJoCo finds penetration: {refusal}")
 

@@ -171,3 +171,20 @@ def test_a_plan_that_opens_something_is_compared_too(monkeypatch: pytest.MonkeyP
     found = FollowingPlanner(FETCH, controller=Controller()).solve(scene, goals.open_("drawer"))
     assert isinstance(found, Solution), found
     assert [action.name for action in found.actions if action.name != "MoveBase"] == ["Open"]
+
+
+def test_what_an_object_is_put_on_may_be_touched_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever was put into a basket touched the basket, so that no plan counted as good, and a minute was spent."""
+
+    def follow(controller: Any, robot: Any, q: NDArray[np.float64], trajectory: Trajectory) -> Followed:
+        followed, other = as_planned(trajectory), SCENE.body("c").position
+        if not trajectory.phases[0].held or trajectory.phases[-1].held:  # not a put-down
+            return followed
+        X = np.vstack((followed.configurations, np.concatenate((other[:2], followed.configurations[-1, 2:]))))
+        return Followed(X, np.full(len(X), 0.05), (None,) * len(X))
+
+    def not_asked(*arguments: Any) -> Followed:
+        raise AssertionError("there are good plans")
+
+    replace_follow(monkeypatch, follow, not_asked)
+    assert order_of(FollowingPlanner(FETCH, controller=Controller()).solve(SCENE, goals.on("a", "c"))) == ["a"]
