@@ -207,6 +207,25 @@ def table(rows: list[dict[str, Any]]) -> Iterator[str]:
         _, low, high = wilson(sum(row["scored"] for row in own), len(own))
         share = f"{low:.0%} to {high:.0%}"
         yield f"| {task} | {len(own)} | {counts} | {share} | {numbers} | {sum(row['replans'] for row in played)} |"
+    yield from libero_table(rows)
+
+
+def libero_table(rows: list[dict[str, Any]]) -> Iterator[str]:
+    """Lines of Markdown, one for each suite of LIBERO: scored at all, and before evaluations of policies end."""
+    suites = dict.fromkeys(row["task"].split("/")[1] for row in rows if row["task"].startswith("libero/"))
+    if suites:
+        yield ""
+        yield "| suite | episodes | planned | executed | scored | scored within | first plan, CPU s (median) | steps |"
+        yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
+    for suite in suites:
+        own = [row for row in rows if row["task"].startswith(f"libero/{suite}/")]
+        counts = " | ".join(str(sum(row[key] for row in own)) for key in ("planned", "executed", "scored"))
+        solved = [row for row in own if row["scored"] and row["solved_at"] is not None]
+        within = sum(row["limit"] is not None and row["solved_at"] <= row["limit"] for row in solved)
+        limit = next((row["limit"] for row in solved), None)
+        numbers = f"{median([row['cpu'] for row in own if 'cpu' in row] or [math.nan]):.3g}"
+        steps = f"{median([row['solved_at'] for row in solved] or [math.nan]):.3g}"
+        yield f"| `{suite}` | {len(own)} | {counts} | {within} ({limit} steps) | {numbers} | {steps} |"
 
 
 if __name__ == "__main__":

@@ -21,6 +21,8 @@ _SPARE = 0.01
 """[m] by which a place is aimed at more closely than LIBERO's check asks."""
 _BEYOND = 0.01
 """[m] or [rad] by which something is moved farther than LIBERO's check asks."""
+_TURN = 0.3
+"""[rad] A knob is turned by so much more than LIBERO's check asks, or up to twice that."""
 _UNDER, _ABOVE, _THIN = 0.03, 0.03, 0.01
 """[m] below the lower end of a region, and, of one that is thin, above its middle, between which the face is on which
 things stand in it."""
@@ -194,5 +196,6 @@ class Translation:
         least = min(limits) if ranges == "default_turnon_ranges" or towards > 0 else max(limits)
         share = (least + towards * _BEYOND - one.shut) / (one.open - one.shut)
         if ranges == "default_turnon_ranges":
-            return goals.turned(one.name, abs(float(share * (one.open - one.shut))) + 0.2)
+            least = abs(float(share * (one.open - one.shut)))
+            return goals.turned(one.name, least + _TURN, tolerance=_TURN)
         return goals.open_(one.name, share=float(np.clip(share, 0.01, 1.0)))
