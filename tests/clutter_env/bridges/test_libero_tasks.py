@@ -13,7 +13,7 @@ from clutter_env.bridges import libero_tasks
 from clutter_env.bridges.libero_tasks import LiberoTask
 from clutter_env.bridges.remote import BridgeError, Remote
 from planners import Solution, TampExpert, goals
-from planners.goals import Goal
+from planners.goals import Goal, Open, Turned
 from tests.planners.containers import box_walls
 
 TOP, ARM = 0.9, 0.912
@@ -152,7 +152,9 @@ def test_what_is_opened_or_turned_goes_beyond_what_liberos_check_asks() -> None:
     wanted = task(("open", "cabinet_1_top_region"), ("turnon", "stove_1")).world.goal
     assert wanted is not None
     opened, turned = wanted.openings
-    assert opened.opening, turned.opening == ("cabinet_1_drawer", "stove_1_button")
+    assert isinstance(opened, Open)
+    assert isinstance(turned, Turned)
+    assert (opened.opening, turned.opening) == ("cabinet_1_drawer", "stove_1_button")
     assert 0.01 - 0.17 * opened.share < -0.14
     assert 0.5 < turned.angle - turned.tolerance < 2.1
 
@@ -163,7 +165,8 @@ def test_two_objects_share_a_region() -> None:
         goals.inside("can_1_main", "stove_1_cook_region") & goals.inside("box_1_main", "stove_1_cook_region")
     )
     (region,) = both.regions
-    assert (region.support, region.centre) == ("stove_1_plate", pytest.approx((-0.1, -0.4)))
+    assert region.support == "stove_1_plate"
+    assert region.centre == pytest.approx((-0.1, -0.4))
     assert both.more_supports == ("stove_1_plate",)
 
 
