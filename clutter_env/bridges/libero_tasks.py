@@ -32,8 +32,9 @@ SETTLE = 10
 """Steps in which objects come to rest, as in LIBERO's evaluations; they are not counted."""
 LIMITS = {"libero_spatial": 220, "libero_object": 280, "libero_goal": 300, "libero_10": 520, "libero_90": 400}
 """Steps after which evaluations of policies end an episode, by suite."""
-_FINGER_STEPS = 8
-"""Of the environment in which its gripper opens or closes all the way."""
+_FINGER_STEPS, _CLOSING_STEPS = 8, 14
+"""Of the environment in which its gripper is told to open or close all the way, and in which it does: fingers that have
+not yet closed on the wall of a bowl lose it when they rise."""
 _ARM = (0.17, 0.5)
 """[m] x, z of our Panda's arm on its base, with the lift down."""
 _SHORTER = 0.0067
@@ -82,7 +83,8 @@ class LiberoTask(OscTask):
             start = libero("reset", suite=suite, task=task, state=state, settle=SETTLE)
         x, y, z = start["base"]
         place = np.array([x - _ARM[0], y, 0.0]), z - _ARM[1]
-        super().__init__(libero, start, mujoco.MjSpec.from_string(start["xml"]), _panda(), place, _FINGER_STEPS)
+        spec = mujoco.MjSpec.from_string(start["xml"])
+        super().__init__(libero, start, spec, _panda(), place, _FINGER_STEPS, _CLOSING_STEPS)
         self.language: str = start["language"]
         known = [name for name in LIMITS if suite.startswith(name)]
         self.limit = LIMITS[known[0]] if known else None

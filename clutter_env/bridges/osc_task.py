@@ -54,6 +54,7 @@ class OscTask:
         robot: RobotSpec,
         place: tuple[Array, float],
         finger_steps: int,
+        closing_steps: int = 0,
     ) -> None:
         """Put our robot into the environment's model.
 
@@ -63,7 +64,8 @@ class OscTask:
             spec: the environment's model, as the planner is to see it.
             robot: ours; its home becomes that of the environment's arm.
             place: x, y, yaw of its base [m, rad], and the height of its lift [m].
-            finger_steps: of the environment in which its gripper opens or closes all the way.
+            finger_steps: of the environment in which its gripper is told to open or close all the way.
+            closing_steps: in which it does, for plans; 0: the same.
         """
         self._remote, self.steps, self._finger_steps = remote, 0, finger_steps
         self._base, lift = place
@@ -71,7 +73,7 @@ class OscTask:
             robot,
             home=(lift, *start["home"]),
             plans_torso=False,
-            max_finger_velocity=OPENING / 2 / (self.dt * finger_steps),
+            max_finger_velocity=OPENING / 2 / (self.dt * (closing_steps or finger_steps)),
         )
         self._lift = np.array([lift])
         self.model = model = insert_robot(spec, self.robot, self._base, without=[start["root"]])
