@@ -16,6 +16,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -39,6 +40,8 @@ _ARM = (0.17, 0.5)
 """[m] x, z of our Panda's arm on its base, with the lift down."""
 _SHORTER = 0.0067
 """[m] by which the fingers of robosuite's hand reach less far than ours: to 2.3 mm beyond the TCP."""
+_ABOUT = 0.03
+"""[m] about a region of a drawer in which an object counts as in it."""
 _CLEAR = 0.03
 """[m] between what the arm is bolted to and its lowest shapes: in LIBERO they touch, which is no collision."""
 _LIFT = (-0.5, 0.6)
@@ -83,8 +86,7 @@ class LiberoTask(OscTask):
             start = libero("reset", suite=suite, task=task, state=state, settle=SETTLE)
         x, y, z = start["base"]
         place = np.array([x - _ARM[0], y, 0.0]), z - _ARM[1]
-        spec = mujoco.MjSpec.from_string(start["xml"])
-        super().__init__(libero, start, spec, _panda(), place, _FINGER_STEPS, _CLOSING_STEPS)
+        super().__init__(libero, start, _spec_of(start), _panda(), place, _FINGER_STEPS, _CLOSING_STEPS)
         self.language: str = start["language"]
         known = [name for name in LIMITS if suite.startswith(name)]
         self.limit = LIMITS[known[0]] if known else None
@@ -101,6 +103,28 @@ class LiberoTask(OscTask):
         super()._step(action, grip)
         if self.is_solved and self.solved_at is None:
             self.solved_at = self.steps
+
+
+def _spec_of(start: dict[str, Any]) -> mujoco.MjSpec:
+    """LIBERO's model, in which drawers, doors and knobs without a part in the goal stay as they are."""
+    spec = mujoco.MjSpec.from_string(start["xml"])
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.qpos[:] = start["qpos"]
+    mujoco.mj_kinematics(model, data)
+    sites, needed = start["sites"], set[str]()
+    moved = [data.body(start["roots"][fact[1]]).xpos for fact in start["goal"] if fact[1] in start["roots"]]
+    for name, site in sites.items():
+        there = data.site(name)
+        away = [np.abs(there.xmat.reshape(3, 3).T @ (one - there.xpos)) for one in moved]
+        if any((one < np.array(site["size"]) + _ABOUT).all() for one in away):
+            needed.update(site["joints"])
+    for name in (name for fact in start["goal"] for name in fact[1:]):
+        needed.update(sites[name]["joints"] if name in sites else start["object_joints"].get(name, ()))
+    for joint in spec.joints:
+        if joint.type != mujoco.mjtJoint.mjJNT_FREE and joint.name not in needed:
+            joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE  # without a range nothing counts as opening
+    return spec
 
 
 @cache

@@ -12,7 +12,7 @@ import pytest
 from clutter_env.bridges import libero_tasks
 from clutter_env.bridges.libero_tasks import LiberoTask
 from clutter_env.bridges.remote import BridgeError, Remote
-from planners import Solution, TampExpert, goals
+from planners import Scene, Solution, TampExpert, goals
 from planners.goals import Goal, Open, Turned
 from tests.planners.containers import box_walls
 
@@ -177,6 +177,18 @@ def test_a_fact_that_is_not_known_is_told() -> None:
         task(("on", "cup_1", "box_1"))
     with pytest.raises(BridgeError, match="'can_1' has nothing that opens"):
         task(("open", "can_1"))
+
+
+def test_what_has_no_part_in_the_goal_does_not_open() -> None:
+    """With four drawers and knobs that were tried one by one, a refusal took minutes."""
+    assert [one.name for one in _scene(task(("on", "can_1", "box_1"))).openings] == []
+    assert [one.name for one in _scene(task(("turnon", "stove_1"))).openings] == ["stove_1_button"]
+    assert [one.name for one in _scene(task(("in", "can_1", "cabinet_1_top_region"))).openings] == ["cabinet_1_drawer"]
+
+
+def _scene(one: LiberoTask) -> Scene:
+    world = one.world
+    return Scene.from_mujoco(world.model, world.data, world.robot, movable=world.object_names)
 
 
 def test_the_arm_stands_where_liberos_does_and_plans_are_found() -> None:
