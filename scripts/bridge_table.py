@@ -120,7 +120,7 @@ def episode(remote: Remote | None, id: str, seed: int, arguments: Arguments) -> 
         task, choices = begin(remote, id, seed)
         # No limit of wall time, on a busy machine. KinDER's base lags where its yaw passes half a turn.
         config = ExpertConfig(planning_s=math.inf, with_floor=False, monitor=MonitorConfig(base=0.25))
-        expert = TampExpert(task.world, **choices, config=config)
+        expert = TampExpert(task.world, **{"config": config, **choices})
         before = time.process_time()
         expert.reset()
     except (SceneError, GoalError, BridgeError) as problem:
@@ -180,7 +180,7 @@ def begin(remote: Remote | None, id: str, seed: int) -> tuple[Any, dict[str, Any
     package, name, *robot = id.split("/")
     if package == "libero":
         libero = LiberoTask(remote, name, int(robot[0]), seed)
-        return libero, {"planner": libero.planner}
+        return libero, {"planner": libero.planner, "config": libero.config}
     if package == "robosuite":
         task = RobosuiteTask(remote, name, seed, *robot)
         return task, {"planner": task.planner}

@@ -2,7 +2,7 @@
 
 with Remote("venv-libero/bin/python", "libero_worker.py") as libero:
     task = LiberoTask(libero, "libero_goal", 3, state=0)
-    expert = TampExpert(task.world, planner=task.planner)
+    expert = TampExpert(task.world, planner=task.planner, config=task.config)
     expert.reset()
     while not (expert.done or task.world.is_over):
         task.world.step(expert.act())
@@ -13,6 +13,7 @@ The action is LIBERO's: seven numbers, of the operational-space controller of `c
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -27,7 +28,7 @@ from clutter_env.bridges.kept import kept_mjcf
 from clutter_env.bridges.libero_goals import wanted_in
 from clutter_env.bridges.osc_task import BESIDE, OscTask
 from clutter_env.bridges.remote import Remote
-from planners import ControlledWorld, FollowingPlanner
+from planners import ControlledWorld, ExpertConfig, FollowingPlanner, MonitorConfig
 
 SETTLE = 10
 """Steps in which objects come to rest, as in LIBERO's evaluations; they are not counted."""
@@ -42,6 +43,8 @@ _SHORTER = 0.0067
 """[m] by which the fingers of robosuite's hand reach less far than ours: to 2.3 mm beyond the TCP."""
 _ABOUT = 0.03
 """[m] about a region of a drawer in which an object counts as in it."""
+_SLIP = 0.05
+"""[m] that what is held may move in the gripper, as it does where its wall turns until it lies between the pads."""
 _CLEAR = 0.03
 """[m] between what the arm is bolted to and its lowest shapes: in LIBERO they touch, which is no collision."""
 _LIFT = (-0.5, 0.6)
@@ -54,6 +57,7 @@ class LiberoTask(OscTask):
     Attributes:
         world: for `TampExpert`; its goal is that of the task.
         planner: for `TampExpert`: its plans are such that the arm can follow them.
+        config: for `TampExpert`: a bowl held by its slanting wall tilts in the fingers, and is held all the same.
         language: what LIBERO tells a policy.
         limit: steps after which evaluations end, or None where there is no such custom.
         solved_at: steps after which LIBERO's check held first; None before.
@@ -91,6 +95,7 @@ class LiberoTask(OscTask):
         known = [name for name in LIMITS if suite.startswith(name)]
         self.limit = LIMITS[known[0]] if known else None
         self.solved_at: int | None = None
+        self.config = ExpertConfig(planning_s=math.inf, with_floor=False, monitor=MonitorConfig(slip=_SLIP))
         self.planner = FollowingPlanner(self.robot, grasps="all", controller=self.follower(start, "Panda"))
         model = self.model
         free = [model.joint(int(k)) for k in np.flatnonzero(model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE))]

@@ -195,7 +195,7 @@ def test_the_arm_stands_where_liberos_does_and_plans_are_found() -> None:
     one = task(("in", "can_1", "basket_1_contain_region"))
     assert one.world.support_name == "table_collision"
     assert one.limit == 300
-    expert = TampExpert(one.world, planner=one.planner)
+    expert = TampExpert(one.world, planner=one.planner, config=one.config)
     expert.reset()
     assert isinstance(expert.solution, Solution)
     assert [action.name for action in expert.solution.actions if action.name != "MoveBase"] == [
@@ -211,7 +211,7 @@ def test_a_task_of_libero_is_solved_by_its_own_check() -> None:
         with pytest.raises(BridgeError, match="no suite 'libero_11'"):
             LiberoTask(libero, "libero_11")
         one = LiberoTask(libero, "libero_goal", 1)
-        expert = TampExpert(one.world, planner=one.planner)
+        expert = TampExpert(one.world, planner=one.planner, config=one.config)
         expert.reset()
         while not (expert.done or one.world.is_over):
             one.world.step(expert.act())
