@@ -16,7 +16,7 @@ import math
 import time
 from collections.abc import Iterator
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from statistics import median
@@ -75,6 +75,8 @@ class Arguments:
     """How many seeds for each task."""
     steps: int = 8000
     """Episodes end after so many; KinDER's have no limit of their own."""
+    planning: float = math.inf
+    """[s] of wall time for each plan of LIBERO's tasks."""
     film: Path | None = None
     """Folder for a film of each episode, of the world as the planner sees it."""
     speed: float = 10.0
@@ -120,7 +122,9 @@ def episode(remote: Remote | None, id: str, seed: int, arguments: Arguments) -> 
         task, choices = begin(remote, id, seed)
         # No limit of wall time, on a busy machine. KinDER's base lags where its yaw passes half a turn.
         config = ExpertConfig(planning_s=math.inf, with_floor=False, monitor=MonitorConfig(base=0.25))
-        expert = TampExpert(task.world, **{"config": config, **choices})
+        if isinstance(task, LiberoTask):
+            config = replace(task.config, planning_s=arguments.planning)
+        expert = TampExpert(task.world, **choices, config=config)
         before = time.process_time()
         expert.reset()
     except (SceneError, GoalError, BridgeError) as problem:
@@ -180,7 +184,7 @@ def begin(remote: Remote | None, id: str, seed: int) -> tuple[Any, dict[str, Any
     package, name, *robot = id.split("/")
     if package == "libero":
         libero = LiberoTask(remote, name, int(robot[0]), seed)
-        return libero, {"planner": libero.planner, "config": libero.config}
+        return libero, {"planner": libero.planner}
     if package == "robosuite":
         task = RobosuiteTask(remote, name, seed, *robot)
         return task, {"planner": task.planner}
