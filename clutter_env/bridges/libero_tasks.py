@@ -13,6 +13,7 @@ The action is LIBERO's: seven numbers, of the operational-space controller of `c
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 from functools import cache
@@ -21,6 +22,8 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
 
 import assets
 from assets import RobotSpec
@@ -45,6 +48,10 @@ _ABOUT = 0.03
 """[m] about a region of a drawer in which an object counts as in it."""
 _SLIP = 0.05
 """[m] that what is held may move in the gripper, as it does where its wall turns until it lies between the pads."""
+_MANY, _ROUND, _NEAR_END, _FILLED = 8, 0.8, 0.2, 0.85
+"""Boxes from which on a body may be a cylinder; share of a circle that its ends cover at least; share of its half
+length within which points are at an end; and share of its length that a box in its middle has."""
+_SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 _CLEAR = 0.03
 """[m] between what the arm is bolted to and its lowest shapes: in LIBERO they touch, which is no collision."""
 _LIFT = (-0.5, 0.6)
@@ -111,7 +118,10 @@ class LiberoTask(OscTask):
 
 
 def _spec_of(start: dict[str, Any]) -> mujoco.MjSpec:
-    """LIBERO's model, in which drawers, doors and knobs without a part in the goal stay as they are."""
+    """LIBERO's model, in which drawers, doors and knobs without a part in the goal stay as they are.
+
+    Cans, which it makes of thirty boxes, are cylinders: grasps of many pieces take long to find.
+    """
     spec = mujoco.MjSpec.from_string(start["xml"])
     model = spec.compile()
     data = mujoco.MjData(model)
@@ -126,10 +136,52 @@ def _spec_of(start: dict[str, Any]) -> mujoco.MjSpec:
             needed.update(site["joints"])
     for name in (name for fact in start["goal"] for name in fact[1:]):
         needed.update(sites[name]["joints"] if name in sites else start["object_joints"].get(name, ()))
+    for body in (one for one in spec.bodies if any(j.type == mujoco.mjtJoint.mjJNT_FREE for j in one.joints)):
+        _make_round(spec, body)
     for joint in spec.joints:
         if joint.type != mujoco.mjtJoint.mjJNT_FREE and joint.name not in needed:
             joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE  # without a range nothing counts as opening
     return spec
+
+
+def _make_round(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
+    """Make a body of many boxes that is filled and round about one of its axes a cylinder."""
+    boxes = [one for one in body.geoms if one.contype or one.conaffinity]
+    if len(boxes) < _MANY or any(one.type != mujoco.mjtGeom.mjGEOM_BOX for one in boxes):
+        return
+    frames = [Rotation.from_quat(one.quat, scalar_first=True).as_matrix() for one in boxes]
+    corners = [one.pos + (_SIGNS * one.size) @ frame.T for one, frame in zip(boxes, frames, strict=True)]
+    points = np.concatenate(corners)
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle, half = (low + high) / 2, (high - low) / 2
+    for axis in range(3):
+        across = [k for k in range(3) if k != axis]
+        radius = float(np.linalg.norm((points - middle)[:, across], axis=1).max())
+        ends = [
+            points[np.abs(points[:, axis] - end) < _NEAR_END * half[axis]][:, across] for end in (low[axis], high[axis])
+        ]
+        areas = [ConvexHull(one).volume / (math.pi * radius**2) if len(one) > 2 else 0.0 for one in ends]
+        spans = [(one.min(axis=0) - middle, one.max(axis=0) - middle) for one in corners]
+        inside = [
+            (least < 0.0)[across].all()
+            and (most > 0.0)[across].all()
+            and (most - least)[axis] > 2 * _FILLED * half[axis]
+            for least, most in spans
+        ]
+        if min(areas) > _ROUND and any(inside):
+            for one in boxes:
+                spec.delete(one)
+            turn = Rotation.align_vectors(np.eye(3)[axis], (0.0, 0.0, 1.0))[0].as_quat(scalar_first=True)
+            size = (radius * math.sqrt(min(areas)), float(half[axis]), 0.0)
+            body.add_geom(
+                name=f"{body.name}_round",
+                type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+                pos=middle,
+                quat=turn,
+                size=size,
+                mass=0.05,
+            )
+            return
 
 
 @cache
