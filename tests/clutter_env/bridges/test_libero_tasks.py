@@ -14,7 +14,7 @@ from clutter_env.bridges.libero_tasks import LiberoTask
 from clutter_env.bridges.remote import BridgeError, Remote
 from planners import Scene, Solution, TampExpert, goals
 from planners.goals import Goal, Open, Turned
-from tests.planners.containers import box_walls
+from tests.planners.containers import box_walls, round_walls
 
 TOP, ARM = 0.9, 0.912
 """[m] height of the table, and of what the arm is bolted to."""
@@ -184,6 +184,26 @@ def test_what_has_no_part_in_the_goal_does_not_open() -> None:
     assert [one.name for one in _scene(task(("on", "can_1", "box_1"))).openings] == []
     assert [one.name for one in _scene(task(("turnon", "stove_1"))).openings] == ["stove_1_button"]
     assert [one.name for one in _scene(task(("in", "can_1", "cabinet_1_top_region"))).openings] == ["cabinet_1_drawer"]
+
+
+def test_a_can_of_many_boxes_is_a_cylinder_and_what_is_hollow_or_has_corners_is_not() -> None:
+    eighths = "".join(
+        f'<geom type="box" size="0.03 0.0124 0.04" quat="{np.cos(turn)} 0 0 {np.sin(turn)}" mass="0.01"/>'
+        for turn in np.pi / 16 * np.arange(8)
+    )
+    spec = mujoco.MjSpec.from_string(
+        f"""<mujoco><compiler angle="radian"/><worldbody>
+        <body name="can"><freejoint/>{eighths}</body>
+        <body name="bowl"><freejoint/>{round_walls(0.05, 0.05)}</body>
+        <body name="tray"><freejoint/>{box_walls(0.1, 0.1, 0.05) * 2}</body></worldbody></mujoco>"""
+    )
+    counts = []
+    for name in ("can", "bowl", "tray"):
+        libero_tasks._make_round(spec, spec.body(name))
+        counts.append(len(spec.body(name).geoms))
+    assert counts == [1, 17, 10]
+    can = spec.compile().geom("can_round")
+    assert can.size[:2] == pytest.approx((0.032, 0.04), abs=0.001)
 
 
 def _scene(one: LiberoTask) -> Scene:
