@@ -31,6 +31,7 @@ COMMANDS = {
     "compare": "compare policies, baselines and the expert on the same held-out scenes",
     "evaluate": "play a suite of fixed scenes with a policy and write one results file",
     "verify": "play the recorded actions of a results file again, and confirm its scores",
+    "challenge": "measure a policy on fresh scenes that nobody could choose",
     "leaderboard": "make a page of results files, every score confirmed by replay",
     "play": "play one episode of a policy, in a window or as a film",
     "table": "compare strategies on scenes that need clearing (Table 1 of Lee & Kim 2019)",

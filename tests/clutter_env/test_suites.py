@@ -18,8 +18,8 @@ import assets
 import clutter_env
 from clutter_env import suites
 from clutter_env.errors import SuiteError
+from clutter_env.evaluation.suite_making import PLANS, STEPS_PER_PICK, make_suite, step_limit
 from clutter_env.suites import GRASPS, SPLITS, Floor, content_digest, scene_digests
-from scripts.make_suites import PLANS, STEPS_PER_PICK, make_suite, step_limit
 
 PLANNED = {plan.name: plan for plan in PLANS}
 NAMES = tuple(sorted(PLANNED))
