@@ -120,6 +120,10 @@ def test_other_peoples_actions_under_an_own_name_are_not_measured() -> None:
     found = check(file, Path("r.json"), ledger, 2)
     assert found.replay.is_confirmed, "the actions are good ones"
     assert (found.is_measured, found.same) == (False, 0)
+    main(["leaderboard", "r.json", "--workers=1", f"--ledger={ledger}"])
+    measured, claimed = Path("outputs/leaderboard/leaderboard.md").read_text().split("## Claimed")
+    assert "mine:Idle" not in measured
+    assert "mine:Idle" in claimed
 
 
 def test_files_that_changed_after_the_draw_are_refused() -> None:
@@ -179,18 +183,8 @@ def test_misuse_is_a_clear_error() -> None:
 
 def test_the_commands(capsys: pytest.CaptureFixture[str]) -> None:
     ledger = "--ledger=l.jsonl"
-    main(
-        [
-            "challenge",
-            "new",
-            "--policy=mine:Idle",
-            f"--suite={SUITE}",
-            "--scenes=1",
-            "--out=c.json",
-            "--workers=1",
-            ledger,
-        ]
-    )
+    policy = ["--policy=mine:Idle", f"--suite={SUITE}", "--scenes=1"]
+    main(["challenge", "new", *policy, "--out=c.json", "--workers=1", ledger])
     main(["challenge", "run", "c.json", "--workers=1", ledger])
     main(["challenge", "check", "c.json", "c_results.json", "--again=1", "--workers=1", ledger])
     said = capsys.readouterr().out
@@ -199,3 +193,7 @@ def test_the_commands(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["challenge", "check", "c.json", "c_results.json", "--again=0", "--workers=1", ledger])
     assert "the policy was not run again" in capsys.readouterr().out
+    main(["leaderboard", "c_results.json", "--workers=1", ledger])
+    measured, claimed = capsys.readouterr().out.split("## Claimed")
+    assert "mine:Idle" in measured
+    assert "mine:Idle" not in claimed.split("Confirmed")[0]
