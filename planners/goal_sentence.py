@@ -40,30 +40,11 @@ _VERBS = (*_PUT, *_TAKE, *_SHUT, *_EMPTY, *_TURN, "open")
 _FILLERS = ("please", "first", "next", "finally", "also", "now")
 """Words before a clause that say nothing."""
 _ARTICLES = ("the", "a", "an", "both")
-_RESERVED = {
-    *_ARTICLES,
-    *[
-        "on",
-        "onto",
-        "upon",
-        "to",
-        "into",
-        "in",
-        "inside",
-        "and",
-        "then",
-        "from",
-        "out",
-        "of",
-        "at",
-        "by",
-        "before",
-        "within",
-        "turned",
-        "it",
-        "them",
-    ],
-}
+_RESERVED = frozenset(
+    re.findall(
+        r"\w+", "the a an both on onto upon to into in inside and then from out of at by before within turned it them"
+    )
+)
 """Words of the grammar: a name with one of them is said in quotation marks."""
 _PLAIN = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 _NUMBER = r"-?\d+(?:\.\d*)?(?:e-?\d+)?"
