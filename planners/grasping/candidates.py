@@ -332,7 +332,8 @@ class GraspCandidates:
         """Where grasps of an object are looked for, in this order."""
         every_turn = (STRAIGHT, TURNED, _MAP) if self.canonical else (_MAP,)
         families: tuple[Family | BarFamily, ...] = families_for(body, self.families)
-        if scene.pull is not None and scene.pull.handle == body.name:
+        is_handle = scene.pull is not None and scene.pull.handle == body.name
+        if is_handle and any(family.pitch < math.pi / 2 for family in self.families):  # else the hand stays upright
             families = (*families, BarFamily())
         return tuple(_Stage(family, turns) for family in families for turns in every_turn)
 
