@@ -15,6 +15,7 @@ import numpy as np
 
 from assets.robots import RobotSpec
 from planners.collision.ground_map import GroundMap
+from planners.collision.opened import is_pushed
 from planners.collision.world import CompiledScenes
 from planners.grasping.bar_grasps import bar_grasps
 from planners.grasping.base_placement import FixedBase, Placer, placer_of
@@ -120,6 +121,8 @@ class Workspace:
 
     def too_wide(self, scene: Scene, name: str) -> str:
         """Why no grasp fits around an object with any arm, "" if one does."""
+        if is_pushed(scene, name):
+            return ""
         tilts = any(family.pitch < math.pi / 2 for family in self.families)
         if tilts and scene.pull is not None and scene.pull.handle == name:
             views = (scene.using(arm) for arm in self.arms)

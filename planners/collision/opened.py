@@ -29,6 +29,11 @@ def pulled(scene: Scene, position: float | None = None) -> Scene:
     return moved(scene, scene.pull.opening, to, besides=[scene.pull.handle])
 
 
+def is_pushed(scene: Scene, name: str) -> bool:
+    """Whether an object stands for a part of what opens that closed fingers push."""
+    return scene.pull is not None and scene.pull.pushes and scene.pull.handle == name
+
+
 def riding(scene: Scene) -> tuple[str, ...]:
     """Names of the objects that move with what is pulled, the handle among them."""
     assert scene.pull is not None

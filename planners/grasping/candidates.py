@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from irm.chain import ArmChain
 from irm.kinematics import link_frames
-from planners.collision.opened import swept_objects
+from planners.collision.opened import is_pushed, swept_objects
 from planners.collision.world import CollisionWorld, CompiledScenes, objects_on
 from planners.grasping.arm_configurations import (
     ArmConfigurations,
@@ -35,10 +35,12 @@ from planners.grasping.bar_grasps import BarFamily, bar_grasps, turned
 from planners.grasping.base_placement import STRAIGHT, TURNED, Placer, facing_bases
 from planners.grasping.families import SIDE, Family, families_for
 from planners.grasping.grasp_poses import GraspPose, can_pull, generate_grasps
+from planners.grasping.push_poses import PushFamily, push_poses
 from planners.scene import Body, Scene
 from planners.scene.cover import is_covered, needs_drive
 
 Array = NDArray[np.float64]
+_AnyFamily: TypeAlias = Family | BarFamily | PushFamily
 
 _BASES = (0, 8)
 """Base poses for each gripper pose: the placer's own number, then more where these give no grasp, or, under a shelf, no
@@ -120,7 +122,7 @@ def as_candidates(
 class _Stage(NamedTuple):
     """A family of grasps, and the yaws [rad] that the gripper may have relative to the base."""
 
-    family: Family | BarFamily
+    family: _AnyFamily
     turns: tuple[float, ...] = _MAP
 
 
@@ -331,7 +333,9 @@ class GraspCandidates:
     def _stages(self, scene: Scene, body: Body) -> tuple[_Stage, ...]:
         """Where grasps of an object are looked for, in this order."""
         every_turn = (STRAIGHT, TURNED, _MAP) if self.canonical else (_MAP,)
-        families: tuple[Family | BarFamily, ...] = families_for(body, self.families)
+        if is_pushed(scene, body.name):
+            return tuple(_Stage(PushFamily(self.families), turns) for turns in every_turn)
+        families: tuple[_AnyFamily, ...] = families_for(body, self.families)
         is_handle = scene.pull is not None and scene.pull.handle == body.name
         if is_handle and any(family.pitch < math.pi / 2 for family in self.families):  # else the hand stays upright
             families = (*families, BarFamily())
@@ -340,7 +344,7 @@ class GraspCandidates:
     def _of_stage(self, scene: Scene, body: Body, stage: _Stage, known: _Grasps = ()) -> list[GraspCandidate]:
         """Grasps of one stage; under a shelf, where scans take long, none that hits more than a `known` one."""
         found: list[GraspCandidate] = []
-        for wanted, opening in _wanted(scene, body, stage.family):
+        for wanted, opening in _wanted(self.compiled.world(scene), body, stage.family):
             if stage.turns:
                 bases, index = facing_bases(self.arms[scene.robot.arm_name], wanted, stage.turns)
                 poses = self._untried(scene, body, GripperPoses(bases, wanted[index]))
@@ -353,7 +357,7 @@ class GraspCandidates:
         return [replace(grasp, quality=_canonical_quality(grasp.base, grasp.q, robot) - worse) for grasp in found]
 
     def _from_map(
-        self, scene: Scene, body: Body, wanted: Array, opening: float, family: Family | BarFamily, known: _Grasps
+        self, scene: Scene, body: Body, wanted: Array, opening: float, family: _AnyFamily, known: _Grasps
     ) -> list[GraspCandidate]:
         """The grasps from base poses of the reachability map."""
         covered, placer = is_covered(scene, body.foot), self.arms[scene.robot.arm_name]
@@ -389,7 +393,7 @@ class GraspCandidates:
         body: Body,
         poses: GripperPoses,
         opening: float,
-        family: Family | BarFamily | None = None,
+        family: _AnyFamily | None = None,
         about_home: bool = False,
         known: Collection[int] = (),
     ) -> list[GraspCandidate]:
@@ -408,12 +412,15 @@ class GraspCandidates:
         return as_candidates(body.name, poses, opening, found, arm, needs_drive(scene, body.foot))
 
 
-def _wanted(scene: Scene, body: Body, family: Family | BarFamily) -> list[tuple[Array, float]]:
+def _wanted(world: CollisionWorld, body: Body, family: _AnyFamily) -> list[tuple[Array, float]]:
     """The gripper poses (k, 5) of a family of grasps of an object, in groups with one opening [m] of the gripper each.
 
     Those around a cylinder or box are one group: they open as far as the widest of them needs.
     """
-    groups: dict[int, list[GraspPose]] = {}
+    scene, groups = world.scene, dict[int, list[GraspPose]]()
+    if isinstance(family, PushFamily):
+        pushes = push_poses(scene, body, scene.robot, family.orientations, world)
+        return [(gripper_poses(pushes), 0.0)] if pushes else []
     if isinstance(family, BarFamily):
         grasps = bar_grasps(scene, body, scene.robot)
     else:
