@@ -27,8 +27,8 @@ from planners.scene.masks import FIXED_BITS
 
 Array = NDArray[np.float64]
 
-_ALONG = (0.0, -0.6, 0.6)
-"""Where a part is pushed, in half its lengths from its middle."""
+_ALONG, _INSET = 0.6, 0.02
+"""Where a part is pushed besides its middle: in half its lengths from there, and [m] from its edges."""
 _FACES = 0.8
 """Cosine between a face's normal and the way: a face farther from that would be slid along."""
 _FLAT = 0.85
@@ -128,8 +128,9 @@ def push_poses(
     if not found:
         return ()
     poses = np.array([(*one.T_world_tcp[:3, 3], one.yaw, one.pitch) for _, one in found])
-    hits = gripper_hits(world, poses, 0.0, ignore=scene.mask([body.name]))
-    free = [one for one, mask in zip(found, hits, strict=True) if not int(mask) & FIXED_BITS]
+    # The hand is wider than its fingers: it must not be in the part that these push.
+    hits, itself = gripper_hits(world, poses, 0.0), scene.mask([body.name])
+    free = [one for one, mask in zip(found, hits, strict=True) if not int(mask) & (FIXED_BITS | itself)]
     return tuple(pose for _, pose in sorted(free, key=lambda one: one[0])[:_MOST])
 
 
@@ -145,15 +146,20 @@ def face_against(opening: Opening, part: Solid, position: float) -> float:
 def _contacts(body: Body, opening: Opening, position: float) -> Iterator[tuple[Array, Array, float]]:
     """Points (3,) of a part on faces that look against the way (3,), and how far they are from its middle, 0 to 1."""
     for piece in body.placed:
-        for shares in itertools.product(_ALONG, repeat=3):
-            inside = piece.position + piece.rotation @ (np.array(shares) * piece.half_extents)
+        for away in itertools.product(*map(_places, piece.half_extents.tolist())):
+            inside, shares = piece.position + piece.rotation @ np.array(away), np.array(away) / piece.half_extents
             way = way_of(opening, inside, position)
             if not way.any():
                 continue
             enter, leave, _, normal = piece.cut(inside[None], -way[None])
-            is_first = shares[int(np.abs(piece.rotation.T @ way).argmax())] == 0.0  # others lead to the same point
+            is_first = away[int(np.abs(piece.rotation.T @ way).argmax())] == 0.0  # others lead to the same point
             if is_first and enter[0] < leave[0] and normal[0] @ -way >= _FACES:
                 yield inside - way * leave[0], way, float(np.linalg.norm(shares)) / 4
+
+
+def _places(half: float) -> list[float]:
+    """[m] from the middle of a part of that half length where it is pushed."""
+    return [0.0, *(side * away for away in {_ALONG * half, max(half - _INSET, 0.5 * half)} for side in (-1, 1))]
 
 
 def _orientations(families: Sequence[Family], way: Array) -> list[tuple[float, float]]:

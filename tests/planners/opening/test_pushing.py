@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from planners import Cause, Infeasible, goals, lower_bound, solve
+from planners import Cause, Infeasible, Solution, goals, lower_bound, solve
 from tests.planners.opening.furniture import cupboard_world, drawer_world
 from tests.planners.opening.test_opening import done, moves
 
 
-def pushes(plan: object) -> list[bool]:
-    return [one.scene.pull.pushes for one in plan.actions if one.name in ("Open", "Close")]  # type: ignore[attr-defined]  # of a Solution
+def pushes(plan: Solution) -> list[bool]:
+    """Of each action that opens or shuts something, whether it pushes."""
+    return [one.scene.pull.pushes for one in plan.actions if one.name in ("Open", "Close") and one.scene.pull]
 
 
 @pytest.mark.parametrize("handle", ["none", "thick"])
@@ -49,8 +50,14 @@ def test_a_handle_that_the_hand_can_take_is_taken() -> None:
     assert pushes(plan) == [False]
 
 
-def test_a_drawer_that_is_shut_and_has_no_handle_stays_shut() -> None:
-    found = solve(drawer_world(handle="none").scene(), goals.open_("drawer"), time_limit=60)
+def test_a_drawer_without_a_handle_is_pushed_open_at_the_inside_of_its_front() -> None:
+    plan, scene = done(drawer_world(handle="none"), goals.open_("drawer"))  # there is room over it for a hand
+    assert pushes(plan) == [True]
+    assert scene.opening("drawer").share > 0.75
+
+
+def test_a_door_that_is_shut_and_has_no_handle_stays_shut() -> None:
+    found = solve(cupboard_world(handle="none").scene(), goals.open_("door"), time_limit=60)
     assert isinstance(found, Infeasible)
     assert found.cause is Cause.UNREACHABLE
 
