@@ -244,14 +244,17 @@ def _twins(scene: Scene, name: str, position: float) -> Iterator[Scene]:
 
 
 def _pushes(scene: Scene, name: str, position: float) -> Iterator[Scene]:
-    """The scenes in which a part of what opens that fingers can push stands among the objects, the broadest first."""
+    """The scenes in which parts of what opens that fingers can push stand among the objects.
+
+    First a handle with all that belongs to it, since fingers at its bar touch its posts too; then the broadest part.
+    """
     opening = scene.opening(name)
-    parts = [one for one in scene.static_obstacles if one.name in opening.parts]
-    for part in sorted(parts, key=lambda one: -face_against(opening, one, position)):
-        if face_against(opening, part, position) > 0.0:
-            twin = with_handle(scene, name, position, (part.name,), pushes=True)
-            if twin is not None:
-                yield twin
+    faces = [(face_against(opening, one, position), one.name) for one in scene.static_obstacles if one.name in opening.parts]
+    parts = [(part,) for face, part in sorted(faces, reverse=True) if face > 0.0]
+    for some in (opening.handles, *parts) if len(opening.handles) > 1 else parts:
+        twin = with_handle(scene, name, position, some, pushes=True)
+        if twin is not None:
+            yield twin
 
 
 def _moved_to(asked: Asked, scene: Scene, name: str, position: float) -> Solution | Infeasible:
