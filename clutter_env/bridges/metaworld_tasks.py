@@ -8,8 +8,8 @@ with Remote("venv-metaworld/bin/python", "metaworld_worker.py") as metaworld:
         task.world.step(expert.act())
     print(expert.report, task.is_solved)  # "success" of some step, as MetaWorld's evaluation counts
 
-The action moves the Sawyer's hand, which always points down with its fingers along y: how the arm follows is not ours to
-say, and nothing but hand and fingers can touch anything. So only the positions of the TCP are played.
+The action moves the Sawyer's hand, which always points down with its fingers along y: how the arm follows is not ours
+to say, and nothing but hand and fingers can touch anything. So only the positions of the TCP are played.
 """
 
 from __future__ import annotations
@@ -51,12 +51,14 @@ _LEAD = 4.0
 """By how much of what the hand lacks its set point is ahead of where it should be: it hangs on a soft weld."""
 _SERVO = 8.0
 """By how much the fingers' set point is ahead of where they should be, in what they lack: they are slow."""
+_GENTLE = 0.1
+"""The same where they hold something, for 40 N: a handle must be able to turn in a hand that does not."""
 _NEAR, _PRECISE = 0.01, 0.004
 """[m] that the hand may be off its place on the way, and where it touches something."""
 _STILL = 0.0005
 """[m] that a finger moves in a step, or the opening wanted changes, that counts as standing."""
-_MOST = 12
-"""Steps at most for one command."""
+_MOST, _PATIENT = 12, 3
+"""Steps at most for one command, and those after which a hand that comes no nearer is waited for no longer."""
 DOWN = (AntipodalFamily("down", np.pi / 2, directions=2, hangs=True),)
 """The hand's one orientation."""
 
@@ -86,8 +88,8 @@ class MetaworldTask:
     Attributes:
         world: for `TampExpert`; its goal is that of the task.
         dt: [s] of the plan in one `act`, which is as many steps as the hand needs.
-        done: the episode is over.
-        is_solved: what the environment's own check has said after some step, as MetaWorld's evaluation counts.
+        done: the episode is over: solved, or 500 steps are taken.
+        is_solved: what the environment's own check has said; MetaWorld's evaluation ends an episode at that.
         steps: taken so far, of 500.
     """
 
@@ -120,7 +122,8 @@ class MetaworldTask:
         self._commanded, (right, left) = np.array(answer["commanded"]), answer["fingers"]
         self._gap = left - right - _PAD[1]
         self._hand[1] = (left + right) / 2  # closed fingers are not in the middle of the hand
-        self.is_solved, self.done = answer["is_success"], answer["done"]
+        self.is_solved = answer["is_success"]
+        self.done = self.is_solved or answer["done"]
 
     def observe(self) -> Array:
         """(nq,) what opens where it is, the arm where it was commanded."""
@@ -137,21 +140,30 @@ class MetaworldTask:
         stays = float(np.linalg.norm(target - self._target)) < _STILL
         changes = abs(opening - self._opening) > _STILL
         self._q, self._target, self._opening = configuration[3:], target, opening
-        for _ in range(_MOST):
-            gap = self._gap
+        for count in range(_MOST):
+            gap, lacked = self._gap, float(np.linalg.norm(self._lacks))
             self._step()
+            lacks = float(np.linalg.norm(self._lacks))
+            is_stuck = count >= _PATIENT and lacked - lacks < _STILL
             is_wide = abs(self._gap - opening) < _NEAR / 2 or abs(self._gap - gap) < _STILL
-            is_near = np.linalg.norm(target - self._hand) < (_PRECISE if stays else _NEAR)
-            if self.done or self.is_solved or (is_near and (is_wide or not changes)):
+            is_near = lacks < (_PRECISE if stays else _NEAR) or is_stuck
+            if self.done or (is_near and (is_wide or not changes)):
                 break
+
+    @property
+    def _lacks(self) -> Array:
+        """(3,) [m] of the hand to its target; 0 along axes on which its set point can go no farther."""
+        is_free = (self._target > self._lowest) & (self._target < self._highest)
+        return np.where(is_free, self._target - self._hand, 0.0)
 
     def _step(self) -> None:
         """One step, with the set point ahead of the target by what the hand lacks."""
-        wanted = np.clip(self._target + _LEAD * (self._target - self._hand), self._lowest, self._highest)
+        wanted = np.clip(self._target + _LEAD * self._lacks, self._lowest, self._highest)
         action = np.clip((wanted - self._commanded) / self._speed, -1.0, 1.0)
-        closes = self._opening < _GAP + _STILL
-        narrower = (self._gap - self._opening) / 2
-        grip = 1.0 if closes else float(np.clip((_OPEN - self._gap) / 2 + _SERVO * narrower, -1.0, 1.0))
+        narrower = _SERVO * (self._gap - self._opening) / 2
+        if self._opening < _GAP + _STILL:
+            narrower = min(narrower, _GENTLE)
+        grip = float(np.clip((_OPEN - self._gap) / 2 + narrower, -1.0, 1.0))
         self._read(self._metaworld("step", action=[*action.tolist(), grip]))
         self.steps += 1
 

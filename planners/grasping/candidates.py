@@ -215,9 +215,9 @@ class GraspCandidates:
         found: list[GraspCandidate] = []
         for view in self._views_of(scene).values():
             body = view.body(name)
-            for family in families_for(body, self.families):
+            for family in self._families_for(view, body):
                 of_family: list[GraspCandidate] = []
-                for wanted, opening in _wanted(view, body, family):
+                for wanted, opening in _wanted(self.compiled.world(view), body, family):
                     poses = self._untried(view, body, GripperPoses(np.tile(base, (len(wanted), 1)), wanted))
                     of_family += self._scan(view, body, poses, opening, family)
                 if of_family:
@@ -333,13 +333,15 @@ class GraspCandidates:
     def _stages(self, scene: Scene, body: Body) -> tuple[_Stage, ...]:
         """Where grasps of an object are looked for, in this order."""
         every_turn = (STRAIGHT, TURNED, _MAP) if self.canonical else (_MAP,)
-        if is_pushed(scene, body.name):
-            return tuple(_Stage(PushFamily(self.families), turns) for turns in every_turn)
-        families: tuple[_AnyFamily, ...] = families_for(body, self.families)
-        is_handle = scene.pull is not None and scene.pull.handle == body.name
+        families = self._families_for(scene, body)
+        is_handle = scene.pull is not None and scene.pull.handle == body.name and not scene.pull.pushes
         if is_handle and any(family.pitch < math.pi / 2 for family in self.families):  # else the hand stays upright
             families = (*families, BarFamily())
         return tuple(_Stage(family, turns) for family in families for turns in every_turn)
+
+    def _families_for(self, scene: Scene, body: Body) -> tuple[_AnyFamily, ...]:
+        """The families by which an object is grasped, or pushed."""
+        return (PushFamily(self.families),) if is_pushed(scene, body.name) else families_for(body, self.families)
 
     def _of_stage(self, scene: Scene, body: Body, stage: _Stage, known: _Grasps = ()) -> list[GraspCandidate]:
         """Grasps of one stage; under a shelf, where scans take long, none that hits more than a `known` one."""

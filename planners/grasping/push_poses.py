@@ -1,8 +1,8 @@
 """Where closed fingers push what opens: on a face of one of its parts that looks against the way it is to go.
 
-A drawer is pushed shut at its front, a door at its panel or from behind its handle, a window or a lever at its side. The
-fingers touch with their tips, or with one of their sides near the tips; the hand comes along its approach direction and
-stops a little short of the face.
+A drawer is pushed shut at its front, a door at its panel or from behind its handle, a window or a lever at its side.
+The fingers touch with their tips, or with one of their sides near the tips; the hand comes along its approach direction
+and stops a little short of the face.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
+from planners.collision.finger_tips import finger_tips, way_of
 from planners.collision.world import CollisionWorld
-from planners.grasping.arm_configurations import gripper_arrays, gripper_hits, gripper_rotation
+from planners.grasping.arm_configurations import gripper_hits, gripper_rotation
 from planners.grasping.families import Family, GraspFamily
 from planners.grasping.grasp_poses import GraspPose, even_yaws
 from planners.scene import Body, Opening, Scene, Solid
@@ -41,8 +41,6 @@ _LEAST_LEVER = 0.5
 """Of the longest lever: nearer to the hinge more force is needed, and the same play of the hand turns it farther."""
 _STRONGEST = 40.0
 """[N] of a push at most: below the 50 N that count as pressing hard on furniture."""
-_TIP = 0.012
-"""[m] Half the length of the fingers, from their tips, that touches."""
 _MOST = 16
 """Poses at most: the best of those at which the hand is free."""
 
@@ -53,45 +51,6 @@ class PushFamily:
 
     orientations: tuple[Family, ...]
     name: str = "pushed with closed fingers"
-
-
-@dataclass(frozen=True)
-class FingerTips:
-    """The ends of the closed fingers as a box.
-
-    Attributes:
-        ahead: [m] of its middle, from the TCP along the approach.
-        half: (3,) [m] along the approach, along the motion of the fingers, across both.
-    """
-
-    ahead: float
-    half: tuple[float, float, float]
-
-    def middle(self, T_world_tcp: Array) -> Array:
-        """(3,) [m] in the world."""
-        return np.asarray(T_world_tcp[:3, 3] + self.ahead * T_world_tcp[:3, 0])
-
-    def reach(self, rotation: Array, direction: Array) -> float:
-        """[m] that they extend from their middle in a direction (3,), the hand turned by a rotation (3, 3)."""
-        return float(np.abs(direction @ rotation) @ self.half)
-
-
-@cache
-def finger_tips(robot: RobotSpec) -> FingerTips:
-    """The ends of a robot's closed fingers."""
-    arrays = gripper_arrays(robot)
-    centre, extent = arrays.position, np.einsum("kij,kj->ki", np.abs(arrays.rotation), arrays.half)
-    extent = extent + arrays.radius[:, None]
-    fingers = np.flatnonzero(arrays.slides)
-    sides = np.abs(centre[fingers]) + extent[fingers]
-    front = float((centre[fingers, 0] + extent[fingers, 0]).max())
-    return FingerTips(front - _TIP, (_TIP, float(sides[:, 1].max()), float(sides[:, 2].max())))
-
-
-def way_of(opening: Opening, point: Array, position: float) -> Array:
-    """(3,) unit vector in which a point (3,) [m] of what opens moves at first, on the way to a position."""
-    sign = 1.0 if (position - opening.position) * (opening.open - opening.shut) > 0 else -1.0
-    return sign * opening.direction(point)
 
 
 def push_poses(

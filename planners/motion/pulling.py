@@ -199,7 +199,9 @@ def plan_pull(
     else:
         tracks = [Track(np.array([opening.motion(position) @ T for position in positions]), positions)]
     refused: list[BlockedBy | NoPath] = []
-    ways = ((X, track.positions) for track in tracks for X in followed_ways(scene.robot, world.robot, grasp, track.poses))
+    ways = (
+        (X, track.positions) for track in tracks for X in followed_ways(scene.robot, world.robot, grasp, track.poses)
+    )
     for X, positions in ways:
         if len(X) < len(positions):
             refused.append(NoPath(f"pull: the arm follows the handle over {len(X) / len(positions):.0%} of its way"))

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.grasping.push_poses import finger_tips, way_of
+from planners.collision.finger_tips import finger_tips, way_of
 from planners.scene import Scene
 from planners.scene.bodies import pose_matrix
 

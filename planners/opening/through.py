@@ -249,7 +249,9 @@ def _pushes(scene: Scene, name: str, position: float) -> Iterator[Scene]:
     First a handle with all that belongs to it, since fingers at its bar touch its posts too; then the broadest part.
     """
     opening = scene.opening(name)
-    faces = [(face_against(opening, one, position), one.name) for one in scene.static_obstacles if one.name in opening.parts]
+    faces = [
+        (face_against(opening, one, position), one.name) for one in scene.static_obstacles if one.name in opening.parts
+    ]
     parts = [(part,) for face, part in sorted(faces, reverse=True) if face > 0.0]
     for some in (opening.handles, *parts) if len(opening.handles) > 1 else parts:
         twin = with_handle(scene, name, position, some, pushes=True)
