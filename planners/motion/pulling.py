@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
-from planners.collision.opened import STEPS, pulled, riding, way
+from planners.collision.opened import STEPS, pulled, riding, way, without_moving
 from planners.collision.scene_arrays import RobotArrays
 from planners.collision.world import CollisionWorld
 from planners.motion.approaches import ContactQuery, free_approach
@@ -231,8 +231,7 @@ def _in_the_way(world: CollisionWorld, X: Array, positions: Array, gap: float) -
     assert scene.pull is not None
     opening, along = scene.opening(scene.pull.opening), riding(scene)
     moving = {one.name for one in scene.static_obstacles if one.name in opening.parts}
-    still = replace(scene, static_obstacles=tuple(one for one in scene.static_obstacles if one.name not in moving))
-    hits = CollisionWorld.from_scene(still).path_hits(X, gap, ignore=scene.mask(along))
+    hits = CollisionWorld.from_scene(without_moving(scene)).path_hits(X, gap, ignore=scene.mask(along))
     others = scene.mask(scene.names) & ~scene.mask(along) | scene.mask([scene.pull.handle])
     parts = tuple(one for one in scene.static_obstacles if one.name in moving)
     for k in np.unique(np.linspace(0, len(X) - 1, STEPS + 1).round().astype(int))[1:].tolist():
