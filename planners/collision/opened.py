@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,6 +29,18 @@ def pulled(scene: Scene, position: float | None = None) -> Scene:
     assert scene.pull is not None
     to = scene.pull.position if position is None else position
     return moved(scene, scene.pull.opening, to, besides=[scene.pull.handle])
+
+
+def is_pushed(scene: Scene, name: str) -> bool:
+    """Whether an object stands for a part of what opens that closed fingers push."""
+    return scene.pull is not None and scene.pull.pushes and scene.pull.handle == name
+
+
+def without_moving(scene: Scene) -> Scene:
+    """A scene with a handle without the parts that move with it: what stays where it is while it is pulled."""
+    assert scene.pull is not None
+    moving = {*scene.opening(scene.pull.opening).parts}
+    return replace(scene, static_obstacles=tuple(one for one in scene.static_obstacles if one.name not in moving))
 
 
 def riding(scene: Scene) -> tuple[str, ...]:

@@ -121,7 +121,7 @@ def _centred(body: Body, robot: RobotSpec, family: GraspFamily) -> Iterator[Gras
 
 def _antipodal(body: Body, robot: RobotSpec, family: AntipodalFamily) -> Iterator[GraspPose]:
     gripper, widest = gripper_clearances(robot), _widest(robot, family)
-    lowest = gripper.above_support(family.pitch)
+    lowest = -math.inf if family.hangs else gripper.above_support(family.pitch)
     for yaw, position, width in antipodal_lines(body, robot, family, lowest, widest, gripper.pad_half_height):
         T = pose_matrix(position, gripper_rotation(yaw, family.pitch))
         yield GraspPose(yaw, family.pitch, T, gripper_opening(robot, width / 2))
@@ -142,6 +142,8 @@ def too_wide(body: Body, robot: RobotSpec, families: Sequence[Family]) -> str:
         if generate_grasps(body, robot, families):
             return ""
         lines = [family for family in chosen if isinstance(family, AntipodalFamily)]
+        if any(one.hangs for one in lines):
+            return f"the gripper gets around no two opposite faces of {body.name} within the friction cones; {most}"
         lowest = gripper_clearances(robot).above_support
         needed, highest = min(lowest_line(lowest(one.pitch), one.pitch) for one in lines), highest_line(body)
         if highest < needed:

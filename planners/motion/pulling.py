@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
-from planners.collision.opened import STEPS, pulled, riding, way
+from planners.collision.opened import STEPS, pulled, riding, way, without_moving
 from planners.collision.scene_arrays import RobotArrays
 from planners.collision.world import CollisionWorld
 from planners.motion.approaches import ContactQuery, free_approach
 from planners.motion.arm import plan_home, tcp_poses
 from planners.motion.path import BlockedBy, NoPath, WholeBodyPath
 from planners.motion.pick_and_place import plan_reach
+from planners.motion.pushing import Track, pushed_tracks
 from planners.scene import HeldObject, RobotState, Scene
 from planners.scene.masks import FIXED_BITS
 
@@ -191,9 +192,17 @@ def plan_pull(
     length = abs(scene.pull.position - opening.position)
     steps = max(int(np.ceil(length / (_SLIDE_STEP if opening.kind == "slide" else _TURN_STEP))), 2)
     positions = np.concatenate([[opening.position], way(opening, scene.pull.position, steps)])
-    poses = np.array([opening.motion(position) @ T for position in positions])
+    if scene.pull.pushes:
+        tracks = list(pushed_tracks(scene, T, positions))
+        if not tracks:
+            return NoPath("push: the fingers are not before a face that they can push")
+    else:
+        tracks = [Track(np.array([opening.motion(position) @ T for position in positions]), positions)]
     refused: list[BlockedBy | NoPath] = []
-    for X in followed_ways(scene.robot, world.robot, grasp, poses):
+    ways = (
+        (X, track.positions) for track in tracks for X in followed_ways(scene.robot, world.robot, grasp, track.poses)
+    )
+    for X, positions in ways:
         if len(X) < len(positions):
             refused.append(NoPath(f"pull: the arm follows the handle over {len(X) / len(positions):.0%} of its way"))
             continue
@@ -202,6 +211,8 @@ def plan_pull(
             refused.append(blocked)
             continue
         after = pulled(scene).with_state(RobotState(X[-1, :3], X[-1, 3:], scene.robot.finger_position(0.0)))
+        if scene.pull.pushes:  # it may have turned in front of the fingers
+            held = HeldObject.grasped(after.body(held.name), tcp_poses(world.robot, X[-1:])[0])
         left = _left(CollisionWorld.from_scene(after), held, rng)
         if isinstance(left, NoPath):
             refused.append(left)
@@ -220,8 +231,7 @@ def _in_the_way(world: CollisionWorld, X: Array, positions: Array, gap: float) -
     assert scene.pull is not None
     opening, along = scene.opening(scene.pull.opening), riding(scene)
     moving = {one.name for one in scene.static_obstacles if one.name in opening.parts}
-    still = replace(scene, static_obstacles=tuple(one for one in scene.static_obstacles if one.name not in moving))
-    hits = CollisionWorld.from_scene(still).path_hits(X, gap, ignore=scene.mask(along))
+    hits = CollisionWorld.from_scene(without_moving(scene)).path_hits(X, gap, ignore=scene.mask(along))
     others = scene.mask(scene.names) & ~scene.mask(along) | scene.mask([scene.pull.handle])
     parts = tuple(one for one in scene.static_obstacles if one.name in moving)
     for k in np.unique(np.linspace(0, len(X) - 1, STEPS + 1).round().astype(int))[1:].tolist():

@@ -17,6 +17,7 @@ from planners.clearing.goal_bound import LowerBound
 from planners.clock import Deadline
 from planners.facts import At, Closed, Fact, Holding, Inside, On, Open, Pulled, Turned
 from planners.goals import Goal
+from planners.grasping.push_poses import face_against
 from planners.opening.handle import HANDLE_OF, as_if_opened, handles_of, with_handle, without_handle
 from planners.problem import Problem
 from planners.scene import Opening, Scene
@@ -174,6 +175,9 @@ def lower_bound_through(asked: Asked, scene: Scene, goal: Goal, start: Scene | N
         moves += [(name, opened.opening(name).at_share(_FULLY)) for name in names]
     for name, position in moves:
         found = [asked.problem(twin, goal_of(twin), None).lower_bound() for twin in _twins(here, name, position)]
+        if all(one.picks is None for one in found):
+            pushes = (asked.problem(twin, goal_of(twin), None).lower_bound() for twin in _pushes(here, name, position))
+            found += itertools.islice((one for one in pushes if one.picks is not None), 1)
         if not found:
             return LowerBound(None, (name,), (), True, 0, Cause.UNREACHABLE)
         best = min(found, key=lambda one: (one.picks is None, one.least))
@@ -239,15 +243,31 @@ def _twins(scene: Scene, name: str, position: float) -> Iterator[Scene]:
             yield twin
 
 
+def _pushes(scene: Scene, name: str, position: float) -> Iterator[Scene]:
+    """The scenes in which parts of what opens that fingers can push stand among the objects.
+
+    First a handle with all that belongs to it, since fingers at its bar touch its posts too; then the broadest part.
+    """
+    opening = scene.opening(name)
+    faces = [
+        (face_against(opening, one, position), one.name) for one in scene.static_obstacles if one.name in opening.parts
+    ]
+    parts = [(part,) for face, part in sorted(faces, reverse=True) if face > 0.0]
+    for some in (opening.handles, *parts) if len(opening.handles) > 1 else parts:
+        twin = with_handle(scene, name, position, some, pushes=True)
+        if twin is not None:
+            yield twin
+
+
 def _moved_to(asked: Asked, scene: Scene, name: str, position: float) -> Solution | Infeasible:
-    """A plan that opens or shuts something by one of its handles, or why there is none."""
+    """A plan that opens or shuts something by one of its handles, else pushes it, or why there is none."""
     opening = scene.opening(name)
     towards_open = (position - opening.position) * (opening.open - opening.shut) > 0
     if towards_open and opening.springs_shut:
         detail = f"a spring of {abs(opening.spring):.1f} shuts {name} when nobody holds it, and both hands are needed"
         return Infeasible(Cause.SPRINGS_SHUT, detail, (name,))
     ended: Infeasible | None = None
-    for twin in _twins(scene, name, position):
+    for twin in itertools.chain(_twins(scene, name, position), _pushes(scene, name, position)):
         found = asked.solve(asked.problem(twin, goal_of(twin), None))
         if isinstance(found, Solution):
             return _as_opened(found, scene, opening, position)

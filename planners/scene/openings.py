@@ -125,14 +125,18 @@ def is_handle_name(name: str) -> bool:
 class Pull:
     """A handle that stands among the objects of a scene: taken by the hand, it moves what opens, and is not lifted.
 
+    It may be any part that closed fingers push.
+
     Attributes:
         handle: name of the object that stands for it.
         opening: name of what opens.
         position: [m] or [rad] to which it is to be moved.
         swept: where nothing may be put meanwhile.
+        pushes: whether closed fingers push it, in place of a grasp.
     """
 
     handle: str
     opening: str
     position: float
     swept: tuple[Region, ...] = ()
+    pushes: bool = False

@@ -13,7 +13,7 @@ from planners import Scene, insert_robot, prepare
 
 FRONT = 0.93
 """[m] of what opens, along x; the robot stands before it."""
-_HANDLES = {"upright": "0.01 0.012 0.06", "level": "0.01 0.06 0.012"}
+_HANDLES = {"upright": "0.01 0.012 0.06", "level": "0.01 0.06 0.012", "thick": "0.055 0.06 0.06", "none": ""}
 
 
 class World(NamedTuple):
@@ -41,19 +41,20 @@ def drawer_world(
     share: float = 0.0,
     height: float = 0.68,
     joint: str = "",
+    friction: float = 2.0,
 ) -> World:
     """A drawer with three cans in it, "red" the farthest, a side table, and, where it is blocked, two bottles."""
     z, travel = height, 0.28
     drawer = f"""
       <body name="drawer" pos="{FRONT} 0 {z}">
-        <joint name="drawer_joint" type="slide" axis="-1 0 0" range="0 {travel}" damping="5" frictionloss="2" {joint}/>
+        <joint name="drawer_joint" type="slide" axis="-1 0 0" range="0 {travel}" damping="5"
+          frictionloss="{friction}" {joint}/>
         <geom name="drawer_front" type="box" size="0.01 0.2 0.08" mass="0.5"/>
         <geom name="drawer_floor" type="box" size="0.16 0.18 0.005" pos="0.16 0 -0.07" mass="0.5"/>
         <geom name="drawer_left" type="box" size="0.16 0.006 0.05" pos="0.16 0.186 -0.025" mass="0.2"/>
         <geom name="drawer_right" type="box" size="0.16 0.006 0.05" pos="0.16 -0.186 -0.025" mass="0.2"/>
         <geom name="drawer_back" type="box" size="0.006 0.18 0.05" pos="0.32 0 -0.025" mass="0.2"/>
-        <geom name="drawer_handle" type="box" size="{_HANDLES[handle]}" pos="-0.06 0 0" mass="0.1"
-          friction="1.5 0.01 0.001"/>
+        {_handle("drawer_handle", handle, f"{-0.16 if handle == 'thick' else -0.06} 0 0")}
       </body>"""
     box = '<geom name="{0}" type="box" size="{1}" pos="{2}"/>'
     cabinet = "".join(
@@ -87,8 +88,7 @@ def cupboard_world(
       <body name="door" pos="{FRONT} {0.25 * side} {z}">
         <joint name="door_joint" type="hinge" axis="0 0 {-side}" range="0 1.65" damping="1" frictionloss="0.5"/>
         <geom name="door_panel" type="box" size="0.01 0.235 0.17" pos="0 {-0.245 * side} 0" mass="1.5"/>
-        <geom name="door_handle" type="box" size="{_HANDLES[handle]}" pos="-0.06 {-0.4 * side} 0" mass="0.1"
-          friction="1.5 0.01 0.001"/>
+        {_handle("door_handle", handle, f"-0.06 {-0.4 * side} 0")}
       </body>"""
     box = '<geom name="{0}" type="box" size="{1}" pos="{2}"/>'
     x = FRONT + 0.2
@@ -134,6 +134,13 @@ def box_world(robot: RobotSpec = FETCH) -> World:
         </body>
       </body>"""
     return _world(parts, robot, [], ["table"], {})
+
+
+def _handle(name: str, kind: str, place: str) -> str:
+    """The bar that is taken by the hand; "thick" is wider than any hand opens, "none" is none."""
+    size = _HANDLES[kind]
+    bar = f'<geom name="{name}" type="box" size="{size}" pos="{place}" mass="0.1" friction="1.5 0.01 0.001"/>'
+    return bar if size else ""
 
 
 def _can(name: str, x: float, y: float, z: float, radius: float, half: float) -> str:
