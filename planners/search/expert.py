@@ -350,10 +350,10 @@ class SearchExpert:
         return then(executor.deviation is None)
 
     def _look(self, names: Sequence[str]) -> Steps:
-        """Look at supports, all if none is named, the arm out of sight for it."""
+        """Look at supports, at all that can be seen if none of those named can, the arm out of sight for it."""
         known, points = self._knowledge, list[Array]()
         places = known.places()
-        supports = [one for one in known.supports if one.name in names] or known.supports
+        supports = [one for one in known.shown if one.name in names] or known.shown
         for support in sorted(supports, key=lambda one: float(one.position[1])):
             left = known.belief.grid(support.name).centres()[places[support.name]]
             middle = left.mean(axis=0) if len(left) else support.position[:2]

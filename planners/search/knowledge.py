@@ -16,7 +16,7 @@ from assets.robots import RobotSpec
 from planners.collision.world import CollisionWorld, overlaps, validate
 from planners.expert.actor import planned_from
 from planners.expert.config import ExpertError
-from planners.scene import Body, HeldObject, RobotState, Scene, SceneError
+from planners.scene import Body, HeldObject, RobotState, Scene, SceneError, StaticObstacle
 from planners.search.belief import Belief
 from planners.search.perception import Description, Seen, View, perceive
 from planners.search.sensing import BelievedSensor, RobotReading, opened_as_read
@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 _GONE = 0.6
 """Share of an object's cells that must be seen to be empty until it counts as gone."""
+_AJAR = 0.05
+"""Share to which a drawer is open, at least, that images can show something of."""
 _SHRINK = (0.0, 0.001, 0.002, 0.004, 0.008)
 """[m] by which perceived objects are made narrower until they do not overlap."""
 
@@ -136,6 +138,12 @@ class Knowledge:
                 one = replace(one, body=body, points=one.points @ T[:3, :3].T + T[:3, 3])
             kept.append(one)
         self.objects = tuple(kept)
+
+    @property
+    def shown(self) -> list[StaticObstacle]:
+        """The supports that images can show: not those in drawers that are shut."""
+        shut = {name for one in self.empty.openings if one.share < _AJAR for name in one.parts}
+        return [one for one in self.supports if one.name not in shut]
 
     @property
     def eye(self) -> Array:
