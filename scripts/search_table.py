@@ -48,7 +48,7 @@ class Arguments:
     """Scenes of a layout, drawn from seeds, instead of a suite's."""
     objects: int = 5
     """In each of these."""
-    first_seed: int = 1000
+    first_seed: int = 2000
     policies: tuple[str, ...] = POLICIES
     mask_errors: float = 0.0
     depth_noise: float = 0.0

@@ -133,10 +133,8 @@ class Decisions:
             for one in disclosures(scene, known.belief, places, *self._camera, seconds=self._seconds_to)
             if one.view.gain >= _LEAST_GAIN and one.name not in self.unopened | tried
         ]
-        pulls = {one.name: 1 + len(one.shut) for one in found}
-        rates = {one.name: one.view.gain / (_OPEN_SECONDS * pulls[one.name] + one.view.seconds) for one in found}
-        best = max(found, key=lambda one: rates[one.name], default=None)
-        return best if best is not None and rates[best.name] > rate else None
+        best = max(found, key=_opening_rate, default=None)
+        return best if best is not None and _opening_rate(best) > rate else None
 
     def _ranked_objects(self, prospect: Prospect, views: Sequence[Viewpoint], target: str) -> tuple[list[str], float]:
         """Names of objects, the first to be moved first, and what moving that one is worth."""
@@ -296,3 +294,8 @@ class Decisions:
     def seconds(self, goal: Array) -> float:
         """[s] that the motion to a whole-body configuration takes."""
         return straight_seconds(self._knowledge.robot, self._knowledge.reading.drive, goal, _SPEED)
+
+
+def _opening_rate(one: Disclosure) -> float:
+    """Probability revealed per second, with what is shut before."""
+    return one.view.gain / (_OPEN_SECONDS * (1 + len(one.shut)) + one.view.seconds)

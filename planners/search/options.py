@@ -36,9 +36,9 @@ _OPEN = 0.5
 """Share from which on something counts as open."""
 FULLY = 0.97
 """Share to which something is opened: short of its stop."""
-_NEARER, _BESIDE = (0.35, 0.55), (-0.3, 0.0, 0.3)
+_NEARER, _BESIDE = (0.1, 0.2, 0.35), (-0.3, 0.0, 0.3)
 """[m] from the front of an open drawer, its handle, to the base centre, and sideways: from there a camera looks into it
-over its front."""
+over its front, down to what stands right behind it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ class Disclosure:
 
     Attributes:
         name: of what opens.
-        shut: names of what stands open, has been looked into, and hides what would be seen.
+        shut: names of what stands open, has been looked into, and is shut before.
         view: the best view of what is then seen; `gain` is the probability that the target is in sight from there and
             from nowhere as it is, `seconds` the time to get there and look.
     """
@@ -169,7 +169,7 @@ def disclosures(
 ) -> list[Disclosure]:
     """What can be opened, with the view that then shows most per second; nothing that reveals nothing.
 
-    Where an open drawer hides what opens or what is in it, and the target can be nowhere in it, it is shut for that.
+    What stands open, and the target can be nowhere in it, may be shut for that: each is there once with it shut too.
 
     Args:
         scene: as it is.
@@ -197,7 +197,6 @@ def disclosures(
             timed = [replace(view, seconds=seconds(view)) for view in views if view.gain > 0]
             if timed:
                 found.append(Disclosure(one.name, others, max(timed, key=lambda view: view.rate)))
-                break
     return found
 
 
