@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from numbers import Real
-from typing import Any
+from typing import Any, ClassVar
 
 from assets import InvalidRobot, RobotSpec, UnknownRobot, robot as find_robot
 from clutter_env.errors import ConfigError, check_choice, check_integer
@@ -46,6 +46,9 @@ class EnvConfig:
     Raises:
         ConfigError: a value of the wrong type or outside its range; the message lists the valid ones.
     """
+
+    reward_modes: ClassVar[tuple[str, ...]] = REWARD_MODES
+    """Values of `reward_mode` here."""
 
     num_objects: int = 15
     """Objects on the table, the target among them."""
@@ -97,7 +100,7 @@ class EnvConfig:
         layout, robot = self.find_layout(), self.find_robot()
         object.__setattr__(self, "base", robot.base_drive)
         check_choice("control_mode", self.control_mode, ("joint",) if robot.acts_with_all_arms else CONTROL_MODES)
-        check_choice("reward_mode", self.reward_mode, REWARD_MODES)
+        check_choice("reward_mode", self.reward_mode, self.reward_modes)
         check_choice("success", self.success, SUCCESS_KINDS)
         check_choice("terminate_on_fallen", self.terminate_on_fallen, (False, True))
         check_choice("obs_mode", self.obs_mode, OBS_MODES)
