@@ -124,7 +124,7 @@ class ArmRetrieveEnv(DownwardArm, RetrieveEnv):
     """Lift the target 0.10 m and hold it there for 0.5 s, from above, with a base that does not move.
 
     An action is that of `DownwardArm`, or with `turns` three numbers more before the gripper's. The observation is one
-    vector, `arm_retrieve_layout`. Success, info and reset options are those of `RetrieveEnv`; `info["reward_terms"]`
+    vector, `arm_retrieve_layout`, under "observation". Success, info and reset options are those of `RetrieveEnv`; `info["reward_terms"]`
     has the terms of the staged reward. The episode ends with success, and as soon as success has become impossible:
     with success="clean" when something has fallen, been disturbed or pressed too hard.
 
@@ -132,8 +132,8 @@ class ArmRetrieveEnv(DownwardArm, RetrieveEnv):
         >>> import gymnasium as gym, clutter_env
         >>> env = gym.make("clutter_env/ArmRetrieve-o3-v0")
         >>> observation, info = env.reset(seed=0)
-        >>> observation.shape, env.action_space.shape
-        ((58,), (4,))
+        >>> observation["observation"].shape, env.action_space.shape
+        ((61,), (4,))
     """
 
     config: ArmRetrieveConfig
@@ -146,8 +146,6 @@ class ArmRetrieveEnv(DownwardArm, RetrieveEnv):
         super().__init__(**keywords)
         self._have_actions(7 if self.config.turns else 4)
         self._shown = arm_retrieve_layout(self.config.num_objects, self.config.turns)
-        bounds = self._shown.bounds.astype(np.float32)
-        self.observation_space: spaces.Space[Any] = spaces.Box(-bounds, bounds)
         self._order: tuple[int, ...] = ()
 
     @property
@@ -294,7 +292,7 @@ class ArmRetrieveEnv(DownwardArm, RetrieveEnv):
         _, _, _, y_x, y_y, *_ = self.data.site_xmat[self.world.index.tcp_site].reshape(3, 3).T.ravel().tolist()
         return math.atan2(-y_x, y_y)
 
-    def _observe(self) -> NDArray[np.float32]:  # type: ignore[override]  # one vector in place of a dictionary
+    def _observe(self) -> dict[str, Any]:
         scene, poses, origin = self.world.scene, self.measurements.poses, self.origin
         position, velocity, widths = self._gripper()
         parts = [position / UNIT, velocity, (self._followed() - position) / UNIT, widths / UNIT]
@@ -317,7 +315,7 @@ class ArmRetrieveEnv(DownwardArm, RetrieveEnv):
             row[OBJECT_ROW["is_box"]] = scene.is_box[slot]
             row[OBJECT_ROW["held"]] = slot == held
         vector, bounds = np.concatenate([*parts, rows.ravel()]), self._shown.bounds
-        return np.minimum(np.maximum(vector, -bounds), bounds).astype(np.float32)
+        return {"observation": np.minimum(np.maximum(vector, -bounds), bounds).astype(np.float32)}
 
     def arm_action(self, position: ArrayLike, gripper_width: float) -> NDArray[np.float64]:
         """The action (4,) that moves the pose to follow towards a position (3,) [m], relative to the TCP's start.
@@ -351,6 +349,10 @@ class ArmRetrieveEnv(DownwardArm, RetrieveEnv):
         arm.wanted = [*quaternion, *np.minimum(np.maximum(wanted, self._lowest), self._highest)]
         velocity = arm.joint_velocity(np.zeros(6), state.target[3:], state.velocity[3:])
         return np.concatenate((np.zeros(3), velocity))
+
+    def _make_observation_space(self) -> spaces.Dict:
+        bounds = arm_retrieve_layout(self.config.num_objects, self.config.turns).bounds.astype(np.float32)
+        return spaces.Dict({"observation": spaces.Box(-bounds, bounds)})
 
     def _memory(self) -> dict[str, Any]:
         return {"order": list(self._order)}

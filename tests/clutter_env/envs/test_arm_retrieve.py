@@ -75,6 +75,8 @@ def test_observations_are_those_of_the_layout() -> None:
     env = gym.make(IDS[1]).unwrapped
     observation, info = env.reset(seed=5)
     layout = env.observation_layout["observation"]
+    assert env.observation_space.contains(observation)
+    observation = observation["observation"]
     assert layout.size == len(observation)
     assert env.object_names[env.object_order[0]] == info["target"]
     poses, origin = env.measurements.poses, env.origin
@@ -102,7 +104,7 @@ def test_the_next_state_follows_from_what_is_saved() -> None:
     for _ in range(10):
         action = script.act(observation)
         one, two = env.step(action), other.step(action)
-        assert np.array_equal(one[0], two[0])
+        assert np.array_equal(one[0]["observation"], two[0]["observation"])
         assert one[1:4] == two[1:4]
 
 
@@ -128,13 +130,13 @@ def test_seven_numbers_turn_the_gripper_and_zeros_keep_it() -> None:
     observation, _ = env.reset(seed=0)
     layout = env.observation_layout["observation"]
     assert env.action_space.shape == (7,)
-    start = observation[layout["tcp_quaternion"]]
+    start = observation["observation"][layout["tcp_quaternion"]]
     for _ in range(10):
         observation, *_ = env.step([0, 0, 0, 0, 0, 0, 1])
-    assert abs(observation[layout["tcp_quaternion"]] @ start) > np.cos(0.02)
+    assert abs(observation["observation"][layout["tcp_quaternion"]] @ start) > np.cos(0.02)
     for _ in range(8):
         observation, *_ = env.step([0, 0, 0, 0, 0, 0.5, 1])
-    turned = 2 * np.arccos(min(abs(float(observation[layout["tcp_quaternion"]] @ start)), 1.0))
+    turned = 2 * np.arccos(min(abs(float(observation["observation"][layout["tcp_quaternion"]] @ start)), 1.0))
     assert 0.4 < turned < 1.2
     with pytest.raises(ActionError, match="seven"):
         env.arm_action((0, 0, 0), 0.1)
@@ -176,4 +178,4 @@ def test_options_of_other_tasks_are_refused_and_own_scenes_taken() -> None:
     observation, info = env.reset(seed=0, options={"objects": objects, "target": "object_01"})
     assert info["target"] == "object_01"
     assert env.observation_space.contains(observation)
-    assert not observation[env.observation_layout["observation"]["object_2"]].any()
+    assert not observation["observation"][env.observation_layout["observation"]["object_2"]].any()
