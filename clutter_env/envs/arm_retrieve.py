@@ -123,10 +123,11 @@ class ArmRetrieveConfig(EnvConfig):
 class ArmRetrieveEnv(DownwardArm, RetrieveEnv):
     """Lift the target 0.10 m and hold it there for 0.5 s, from above, with a base that does not move.
 
-    An action is that of `DownwardArm`, or with `turns` three numbers more before the gripper's. The observation is one
-    vector, `arm_retrieve_layout`, under "observation". Success, info and reset options are those of `RetrieveEnv`; `info["reward_terms"]`
-    has the terms of the staged reward. The episode ends with success, and as soon as success has become impossible:
-    with success="clean" when something has fallen, been disturbed or pressed too hard.
+    An action is that of `DownwardArm`, or with `turns` three numbers more before the gripper's; but a full one moves
+    the pose that the TCP follows by `STEP`, and that pose stays when the action is zero. The observation is one vector,
+    `arm_retrieve_layout`, under "observation". Success, info and reset options are those of `RetrieveEnv`;
+    `info["reward_terms"]` has the terms of the staged reward. The episode ends with success, and as soon as success has
+    become impossible: with success="clean" when something has fallen, been disturbed or pressed too hard.
 
     Example:
         >>> import gymnasium as gym, clutter_env
