@@ -1,4 +1,4 @@
-"""A reverse curriculum (Florensa et al. 2017, Tao et al. 2024) with stock SAC: sparse rewards, resets into demonstrations.
+"""A reverse curriculum (Florensa et al. 2017, Tao et al. 2024) with stock SAC: rewards at success, demonstrated starts.
 
     python reverse_curriculum.py [OBJECTS [SEED [STEPS [DEMONSTRATIONS]]]]
 

@@ -36,8 +36,10 @@ GAP = 0.012
 """[m] between two objects at least."""
 BLOCKED_SHARE = 0.5
 """Share of scenes with several objects in which one of them is in the way of the target; never are there two."""
-REACH_SCALE = 5.0
-"""[1/m] The reaching term falls to a quarter at 0.2 m."""
+REACH_SCALE = 3.0
+"""[1/m] The reaching term falls to a half at 0.18 m."""
+OVER = 0.01
+"""[m] of the fingertips above an object, from where the gripper goes down around it."""
 AROUND = 0.8
 """Share of the descent from which the object is between the fingers, which may then close."""
 CLEAR_GAP, CLEAR_LIFT = 0.03, 0.10
@@ -271,18 +273,19 @@ class ArmRetrieveEnv(DownwardArm, RetrieveEnv):
     def _nearness(self, slot: int, standing: Standing) -> tuple[float, float]:
         """How near the gripper is to the grasp of an object, and how far the object is between the fingers, 0 to 1.
 
-        Half of the first is for fingers that are open enough, or have the object between them.
+        Near is measured along the way from above: a gripper low beside an object is far from its grasp. Half of it is
+        for fingers that are open enough, or have the object between them.
         """
         half_width, top = float(standing.half_widths[slot]), float(standing.tops[slot])
-        height = standing.grasp_height(slot, LOWEST)
+        grasp, over = standing.grasp_height(slot, LOWEST), top + TIP + OVER
         x, y, z = (float(value) for value in self.data.site_xpos[self.world.index.tcp_site])
-        dx, dy, above = x - standing.centres[slot, 0], y - standing.centres[slot, 1], z - TABLE_HEIGHT - height
-        near = 1.0 - math.tanh(REACH_SCALE * math.sqrt(dx * dx + dy * dy + above * above))
-        depth = (top - (above + height - TIP)) / (top - height + TIP)
-        around = min(max(depth, 0.0), 1.0) if math.hypot(dx, dy) < half_width / 2 else 0.0
+        height, off_axis = z - TABLE_HEIGHT, math.hypot(x - standing.centres[slot, 0], y - standing.centres[slot, 1])
+        is_over = off_axis < half_width / 2
+        way = abs(height - grasp) if is_over else abs(height - over) + over - grasp
+        around = min(max((top + TIP - height) / (top + TIP - grasp), 0.0), 1.0) if is_over else 0.0
         room = (self._gripper()[2][0] - 2 * half_width) / (2 * FINGER_ROOM)
         is_open = 1.0 if around > AROUND else float(min(max(room, 0.0), 1.0))
-        return near * (1.0 + is_open) / 2, around
+        return (1.0 - math.tanh(REACH_SCALE * (off_axis + way))) * (1.0 + is_open) / 2, around
 
     # Observation, actions, saved states.
 
