@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from numbers import Real
-from typing import Any, ClassVar
+from typing import Any
 
 from assets import InvalidRobot, RobotSpec, UnknownRobot, robot as find_robot
 from clutter_env.errors import ConfigError, check_choice, check_integer
@@ -46,9 +46,6 @@ class EnvConfig:
     Raises:
         ConfigError: a value of the wrong type or outside its range; the message lists the valid ones.
     """
-
-    reward_modes: ClassVar[tuple[str, ...]] = REWARD_MODES
-    """Values of `reward_mode` here."""
 
     num_objects: int = 15
     """Objects on the table, the target among them."""
@@ -141,6 +138,11 @@ class EnvConfig:
             )
         if self.obstructed and (problem := self.obstruction_problem(int(self.obstructed))):
             raise ConfigError(f"obstructed={self.obstructed!r}: {problem}")
+
+    @property
+    def reward_modes(self) -> tuple[str, ...]:
+        """Values of `reward_mode` here."""
+        return REWARD_MODES
 
     def obstruction_problem(self, least: int) -> str:
         """Why targets with at least so many objects in the way cannot be drawn here, "" if they can."""

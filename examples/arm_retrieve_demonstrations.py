@@ -54,6 +54,7 @@ started, task = time.process_time(), Task(f"clutter_env/ArmRetrieve-o{OBJECTS}-v
 env = task.make()
 episodes = [record(task, env, make_expert("armretrieve"), seed) for seed in range(DEMONSTRATIONS)]
 episodes = [episode for episode in episodes if episode.succeeded]
+print(f"{task.env_id}, {len(episodes)} demonstrations, seed {SEED}, {SETTINGS}", flush=True)
 size = STEPS + sum(map(len, episodes))
 model = SAC("MultiInputPolicy", make_vec_env(task.make, seed=SEED), buffer_size=size, seed=SEED, **SETTINGS)
 for episode in episodes:
@@ -62,7 +63,6 @@ for episode in episodes:
         row, after = {"observation": seen[[t]]}, {"observation": seen[[t + 1]]}
         done = np.array([t + 1 == len(episode)])
         model.replay_buffer.add(row, after, action[None], episode.rewards[[t]], done, [{}])
-print(f"{task.env_id}, {len(episodes)} demonstrations, seed {SEED}, {SETTINGS}", flush=True)
 model.learn(STEPS, callback=EveryNTimesteps(max(STEPS // 5, 1), ConvertCallback(lambda *_: measure(20))))
 measure(100)
 model.save(f"arm_retrieve_o{OBJECTS}_sac.zip")

@@ -99,8 +99,6 @@ class ArmRetrieveConfig(EnvConfig):
         ConfigError: see `EnvConfig`; or a value that this environment fixes.
     """
 
-    reward_modes: ClassVar[tuple[str, ...]] = ("sparse", "staged")
-
     num_objects: int = 1
     control_mode: str = "ee"
     object_set: str = "low"
@@ -110,6 +108,11 @@ class ArmRetrieveConfig(EnvConfig):
     """Order of the objects in an observation, one of `OBJECT_ORDERS`."""
     turns: bool = False
     """Whether an action has seven numbers: three more turn the gripper about the axes of the base."""
+
+    @property
+    def reward_modes(self) -> tuple[str, ...]:
+        """Values of `reward_mode` here."""
+        return ("sparse", "staged")
 
     def __post_init__(self) -> None:
         fixed = {"control_mode": "ee", "object_set": "low", "head": "fixed", "obs_mode": "state", "obstructed": False}

@@ -85,7 +85,10 @@ def relevant_rows(
 class RelevantConfig(EnvConfig):
     """The keyword arguments of `RelevantRetrieveEnv`: those of `EnvConfig`; the reward may be "staged" too."""
 
-    reward_modes: ClassVar[tuple[str, ...]] = (*REWARD_MODES, "staged")
+    @property
+    def reward_modes(self) -> tuple[str, ...]:
+        """Values of `reward_mode` here."""
+        return (*REWARD_MODES, "staged")
 
 
 class RelevantRetrieveEnv(RetrieveEnv):
