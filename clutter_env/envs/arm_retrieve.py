@@ -42,6 +42,8 @@ OVER = 0.01
 """[m] of the fingertips above an object, from where the gripper goes down around it."""
 AROUND = 0.8
 """Share of the descent from which the object is between the fingers, which may then close."""
+CLOSING = 0.5
+"""Share of the grasping term that fingers earn which have closed on the target and do not hold it yet."""
 CLEAR_GAP, CLEAR_LIFT = 0.03, 0.10
 """[m] beside the grasp of the target at which an object is out of the way, and height above the table at which one in
 the gripper begins to be put down."""
@@ -258,12 +260,12 @@ class ArmRetrieveEnv(DownwardArm, RetrieveEnv):
         """The terms of the staged reward in the present state."""
         target, held, standing = self.target_slot, self.measurements.held, self.standing()
         in_the_way = self.in_the_way
-        reach, around = self._nearness(in_the_way[0] if in_the_way else target, standing)
+        reach, around, closed = self._nearness(in_the_way[0] if in_the_way else target, standing)
         lift = min(max(self._monitor.lift / LIFT_HEIGHT, 0.0), 1.0) if held == target else 0.0
         hold = min(self._monitor.steps_held / HOLD_STEPS, 1.0)
         way, count = 1.0, len(in_the_way)
         if in_the_way:
-            share = 0.25 * reach + 0.1 * around
+            share = 0.25 * reach + 0.1 * around + 0.1 * closed
             if held == in_the_way[0]:
                 gap = standing.gap(target, held, self._heading())
                 raised = self.world.lowest_point(self.measurements, held) - TABLE_HEIGHT
@@ -271,10 +273,12 @@ class ArmRetrieveEnv(DownwardArm, RetrieveEnv):
                 down = min(max(1.0 - raised / CLEAR_LIFT, 0.0), 1.0)
                 share = 0.5 + 0.1 * (1.0 - down) * (1.0 - away) + 0.2 * away + 0.3 * away * down
             way = 1.0 / (count + 1) + (1.0 / count - 1.0 / (count + 1)) * min(share, 0.999)
-        return stage_terms(way, reach, around, held == target, lift, hold, self.world.scene.num_objects)
+        grasp = 1.0 if held == target else CLOSING * closed
+        return stage_terms(way, reach, around, grasp, lift, hold, self.world.scene.num_objects)
 
-    def _nearness(self, slot: int, standing: Standing) -> tuple[float, float]:
-        """How near the gripper is to the grasp of an object, and how far the object is between the fingers, 0 to 1.
+    def _nearness(self, slot: int, standing: Standing) -> tuple[float, float, float]:
+        """How near the gripper is to the grasp of an object, how far the object is between the fingers, and how far
+        they have closed on it there, each 0 to 1.
 
         Near is measured along the way from above: a gripper low beside an object is far from its grasp. Half of it is
         for fingers that are open enough, or have the object between them.
@@ -286,9 +290,12 @@ class ArmRetrieveEnv(DownwardArm, RetrieveEnv):
         is_over = off_axis < half_width / 2
         way = abs(height - grasp) if is_over else abs(height - over) + over - grasp
         around = min(max((top + TIP - height) / (top + TIP - grasp), 0.0), 1.0) if is_over else 0.0
-        room = (self._gripper()[2][0] - 2 * half_width) / (2 * FINGER_ROOM)
-        is_open = 1.0 if around > AROUND else float(min(max(room, 0.0), 1.0))
-        return (1.0 - math.tanh(REACH_SCALE * (off_axis + way))) * (1.0 + is_open) / 2, around
+        room = float(self._gripper()[2][0]) - 2 * half_width
+        near = 1.0 - math.tanh(REACH_SCALE * (off_axis + way))
+        if around > AROUND:
+            most = max(self.robot.max_opening - 2 * half_width, FINGER_ROOM)
+            return near, around, 1.0 - min(max(room / most, 0.0), 1.0)
+        return near * (1.0 + min(max(room / (2 * FINGER_ROOM), 0.0), 1.0)) / 2, around, 0.0
 
     # Observation, actions, saved states.
 

@@ -141,11 +141,9 @@ class RelevantRetrieveEnv(RetrieveEnv):
         """The terms of the staged reward in the present state."""
         clearances = self._way.clearances(self.world, self.measurements)
         terms = potential_terms(self.world, self.measurements, self._monitor, clearances)
-        is_held = bool(terms["grasp"])
-        hold = min(self._monitor.steps_held / HOLD_STEPS, 1.0)
-        return stage_terms(
-            terms["way"], terms["reach"], float(is_held), is_held, terms["lift"], hold, self.world.scene.num_objects
-        )
+        grasp, hold = terms["grasp"], min(self._monitor.steps_held / HOLD_STEPS, 1.0)
+        count = self.world.scene.num_objects
+        return stage_terms(terms["way"], terms["reach"], grasp, grasp, terms["lift"], hold, count)
 
     def _make_observation_space(self) -> spaces.Dict:
         space = super()._make_observation_space()

@@ -45,7 +45,7 @@ def staged_reward(terms: Mapping[str, float], is_success: bool) -> float:
 
 
 def stage_terms(
-    way: float, reach: float, around: float, is_held: bool, lift: float, hold: float, num_objects: int
+    way: float, reach: float, around: float, grasp: float, lift: float, hold: float, num_objects: int
 ) -> dict[str, float]:
     """The weighted terms of a state, by their names; their sum is below 1 before success.
 
@@ -53,17 +53,18 @@ def stage_terms(
         way: 1 if nothing is in the way of the target, less otherwise.
         reach: 1 at the grasp, falling with the distance from it.
         around: share of the target's height on which the fingers are around it.
-        is_held: whether the target is held.
+        grasp: 1 if the target is held, less while the fingers close on it.
         lift: share of the height to which it must be lifted.
         hold: share of the time for which it must be held there.
         num_objects: in the scene.
     """
     share = WAY_WEIGHT if num_objects > 1 else 0.0
+    is_held = grasp >= 1.0
     is_free = way >= 1.0 or is_held
     stages = {
         "reach": 1.0 if is_held else reach,
         "around": 1.0 if is_held else around,
-        "grasp": float(is_held),
+        "grasp": grasp,
         "lift": lift if is_held else 0.0,
         "hold": hold if is_held else 0.0,
     }
