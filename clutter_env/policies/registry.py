@@ -237,8 +237,9 @@ def check_policy(policy: AnyPolicy, name: str = "") -> None:
 
 def policy_families(name: str) -> tuple[str, ...]:
     """The families of environments whose scenes a policy can play; of other people's policies all."""
-    every = ("retrieve", "rearrange", "search", "skill", "open", *GOAL_FAMILIES)
-    if name in GOAL_FAMILIES:
+    with_scripts = ("armretrieve", *GOAL_FAMILIES)
+    every = ("retrieve", "rearrange", "search", "skill", "open", *with_scripts)
+    if name in with_scripts:
         return (name,)
     if is_run(name):
         own = run_task(Path(name)).family
