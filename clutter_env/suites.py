@@ -11,7 +11,7 @@ import hashlib
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -208,17 +208,24 @@ def suite(name: str) -> Suite:
     return read_suite(assets.path(f"suites/{name}.json"))
 
 
-@cache
 def read_suite(path: Path) -> Suite:
-    """The suite of a file, read once in a process.
+    """The suite of a file; what it holds is read once in a process.
 
     Raises:
         SuiteError: the file has been changed, or is not valid.
     """
-    place = f"the file of suite {path.stem!r}"
     try:
-        content = json.loads(path.read_text())
-    except (OSError, ValueError, RecursionError) as problem:  # errors of JSON and of Unicode are ValueErrors
+        text = path.read_text()
+    except (OSError, ValueError) as problem:  # errors of Unicode are ValueErrors
+        raise SuiteError(f"the file of suite {path.stem!r} cannot be read: {problem}") from None
+    return _parsed(text, f"the file of suite {path.stem!r}")
+
+
+@lru_cache(maxsize=64)
+def _parsed(text: str, place: str) -> Suite:
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError) as problem:
         raise SuiteError(f"{place} cannot be read: {problem}") from None
     try:
         digest = content.pop("sha256")

@@ -82,6 +82,7 @@ def checked(policy: str) -> Checked:
     return check(file, Path("r.json"), ledger, 2)
 
 
+@pytest.mark.slow
 def test_what_was_played_is_measured() -> None:
     found = checked("mine:Idle")
     assert found.is_measured, found
@@ -103,6 +104,7 @@ def test_the_scenes_follow_from_nonce_and_entry_and_from_nothing_else() -> None:
     assert first.max_steps <= max(scene.max_steps for scene in suite(SUITE))
 
 
+@pytest.mark.slow
 def test_one_who_looks_scenes_up_wins_in_public_and_not_on_fresh_ones() -> None:
     public = evaluate("mine:LooksUp", SceneSet(SUITE, count=2))
     assert all(score.clean for score in public.scores), "or nothing is shown"
@@ -110,6 +112,7 @@ def test_one_who_looks_scenes_up_wins_in_public_and_not_on_fresh_ones() -> None:
     assert (found.is_measured, found.clean.mean) == (True, 0.0)
 
 
+@pytest.mark.slow
 def test_other_peoples_actions_under_an_own_name_are_not_measured() -> None:
     _, file, ledger = drawn("mine:Idle")
     play(file, ledger)
@@ -133,6 +136,7 @@ def test_files_that_changed_after_the_draw_are_refused() -> None:
         play(file, ledger)
 
 
+@pytest.mark.slow
 def test_who_draws_twice_is_counted_twice_and_plays_once() -> None:
     drawn("mine:Idle")
     _, file, ledger = drawn("mine:Idle")
@@ -148,6 +152,7 @@ def test_who_draws_twice_is_counted_twice_and_plays_once() -> None:
     assert Ledger(ledger).entries_before(challenge.entry) == 1
 
 
+@pytest.mark.slow
 def test_a_changed_file_of_scenes_and_a_draw_that_no_ledger_knows_are_found() -> None:
     challenge, file, ledger = drawn("mine:Idle")
     write_json(Path("r.json"), results(play(file, ledger)))
