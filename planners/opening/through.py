@@ -19,6 +19,7 @@ from planners.facts import At, Closed, Fact, Holding, Inside, On, Open, Pulled, 
 from planners.goals import Goal
 from planners.grasping.push_poses import face_against
 from planners.opening.handle import as_if_opened, handles_of, with_handle, without_handle
+from planners.opening.latches import latches
 from planners.problem import Problem
 from planners.scene import Opening, Scene
 from planners.scene.moving import carried_by, moved
@@ -237,10 +238,12 @@ def _further(scene: Scene, fact: Open | Turned) -> float:
 
 def _twins(scene: Scene, name: str, position: float) -> Iterator[Scene]:
     """The scenes in which a handle of what opens stands among the objects."""
-    for handle in handles_of(scene, name):
-        twin = with_handle(scene, name, position, handle)
-        if twin is not None:
-            yield twin
+    latched = latches(scene, name, position)
+    for latch in latched or (None,):
+        for handle in handles_of(scene, latch.lever if latch else name):
+            twin = with_handle(scene, name, position, handle, latch=latch)
+            if twin is not None:
+                yield twin
 
 
 def _pushes(scene: Scene, name: str, position: float) -> Iterator[Scene]:
@@ -249,6 +252,8 @@ def _pushes(scene: Scene, name: str, position: float) -> Iterator[Scene]:
     First a handle with all that belongs to it, since fingers at its bar touch its posts too; then the broadest part.
     """
     opening = scene.opening(name)
+    if latches(scene, name, position):
+        return
     faces = [
         (face_against(opening, one, position), one.name) for one in scene.static_obstacles if one.name in opening.parts
     ]
