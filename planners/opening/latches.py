@@ -6,6 +6,7 @@ not move when the door is moved, and does not when the lever is turned: that is 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -16,9 +17,9 @@ from planners.collision.world import are_near
 from planners.scene import Body, Opening, Scene
 from planners.scene.moving import moved
 
-_PLACES, _TURNS = 6, 32
-"""Places on the way at which a lever is looked at, and angles to which it is turned, to each side."""
-_BEYOND = 0.12
+_STEP, _TURNS = 0.008, 32
+"""[m] that a lever goes between two places at which it is looked at, and angles to which it is turned, to each side."""
+_BEYOND = 0.25
 """[rad] or [m] that a lever is turned farther than it must: a hand does not hold it exactly."""
 
 
@@ -62,7 +63,10 @@ def _is_stopped(scene: Scene, opening: Opening, lever: Opening, turned: float, p
     """Whether a lever, turned so, runs into what does not move on the way to a position."""
     others = [one for one in scene.static_obstacles if one.name not in opening.parts]
     here = moved(scene, lever.name, turned)
-    for place in way(opening, position, _PLACES):
+    parts = [one for one in here.static_obstacles if one.name in lever.parts]
+    arms = [opening.lever_arm(corner) for one in parts for corner in one.corners]
+    goes = abs(position - opening.position) * (1.0 if opening.kind == "slide" else max(arms, default=0.0))
+    for place in way(opening, position, max(math.ceil(goes / _STEP), 1)):
         there = moved(here, opening.name, float(place))
         parts = [one for one in there.static_obstacles if one.name in lever.parts]
         if are_near(others, Body.of_pieces(lever.name, parts), 0.0):
