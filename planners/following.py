@@ -100,8 +100,8 @@ class FollowingPlanner(Planner):
             followed = follow(self.controller, scene.robot, q, action.trajectory)
             if followed is None:
                 return True, False, touched, needless, steps
+            here: Scene = action.scene
             own: tuple[str, ...] = (action.target,) if action.target else ()
-            here = action.scene
             if here.pull is not None and action.target == here.pull.opening:  # it moves with the hand
                 here, own = without_moving(here), riding(here)
             hits = followed.hits(compiled.world(here).with_padding(0.0), here.mask(own))

@@ -24,11 +24,13 @@ def way(opening: Opening, position: float, steps: int = STEPS) -> Array:
     return np.asarray(np.linspace(opening.position, position, steps + 1)[1:])
 
 
-def pulled(scene: Scene, position: float | None = None) -> Scene:
-    """A scene with a handle after it has been pulled, to a position or as far as it is to be."""
+def pulled(scene: Scene, position: float | None = None, turned: float | None = None) -> Scene:
+    """A scene with a handle after it has been pulled, to a position or as far as it is to be, a lever turned before."""
     assert scene.pull is not None
-    to = scene.pull.position if position is None else position
-    return moved(scene, scene.pull.opening, to, besides=[scene.pull.handle])
+    pull = scene.pull
+    if pull.lever:
+        scene = moved(scene, pull.lever, pull.turned if turned is None else turned, [pull.handle])
+    return moved(scene, pull.opening, pull.position if position is None else position, [pull.handle])
 
 
 def is_pushed(scene: Scene, name: str) -> bool:

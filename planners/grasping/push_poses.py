@@ -67,10 +67,10 @@ def push_poses(
     """
     assert scene.pull is not None
     opening, tips = scene.opening(scene.pull.opening), finger_tips(robot)
-    longest = max((_lever(opening, corner) for piece in body.placed for corner in piece.corners), default=0.0)
+    longest = max(opening.lever_arm(corner) for piece in body.placed for corner in piece.corners)
     found: list[tuple[float, GraspPose]] = []
     for point, way, off in _contacts(body, opening, scene.pull.position):
-        lever = _lever(opening, point)
+        lever = opening.lever_arm(point)
         if opening.kind == "hinge" and lever < max(_LEAST_LEVER * longest, opening.friction / _STRONGEST):
             continue
         if opening.kind == "slide" and opening.friction > _STRONGEST:
@@ -135,11 +135,3 @@ def _orientations(families: Sequence[Family], way: Array) -> list[tuple[float, f
             if limits is None or limits[0] <= yaw <= limits[1]:
                 found[round(yaw, 6), family.pitch] = None
     return list(found)
-
-
-def _lever(opening: Opening, point: Array) -> float:
-    """[m] of a point (3,) from the hinge; 1 for what slides."""
-    if opening.kind == "slide":
-        return 1.0
-    away = point - opening.point
-    return float(np.linalg.norm(away - (away @ opening.axis) * opening.axis))

@@ -197,16 +197,15 @@ def plan_pull(
         if not tracks:
             return NoPath("push: the fingers are not before a face that they can push")
     else:
-        tracks = [Track(np.array([opening.motion(position) @ T for position in positions]), positions)]
+        tracks = [_pulled_track(scene, T, positions)]
     refused: list[BlockedBy | NoPath] = []
-    ways = (
-        (X, track.positions) for track in tracks for X in followed_ways(scene.robot, world.robot, grasp, track.poses)
-    )
-    for X, positions in ways:
-        if len(X) < len(positions):
-            refused.append(NoPath(f"pull: the arm follows the handle over {len(X) / len(positions):.0%} of its way"))
+    ways = ((X, track) for track in tracks for X in followed_ways(scene.robot, world.robot, grasp, track.poses))
+    for X, track in ways:
+        if len(X) < len(track.poses):
+            share = len(X) / len(track.poses)
+            refused.append(NoPath(f"pull: the arm follows the handle over {share:.0%} of its way"))
             continue
-        blocked = _in_the_way(world, X, positions, approach.opening)
+        blocked = _in_the_way(world, X, track, approach.opening)
         if blocked is not None:
             refused.append(blocked)
             continue
@@ -222,7 +221,22 @@ def plan_pull(
     return min(objects, key=lambda one: len(one.blockers)) if objects else refused[0]
 
 
-def _in_the_way(world: CollisionWorld, X: Array, positions: Array, gap: float) -> BlockedBy | NoPath | None:
+def _pulled_track(scene: Scene, T: Array, positions: Array) -> Track:
+    """The way of a hand that holds a handle at T (4, 4): a lever is turned first, where there is one."""
+    assert scene.pull is not None
+    opening = scene.opening(scene.pull.opening)
+    if not scene.pull.lever:
+        return Track(np.array([opening.motion(position) @ T for position in positions]), positions)
+    lever = scene.opening(scene.pull.lever)
+    steps = max(int(np.ceil(abs(scene.pull.turned - lever.position) / _TURN_STEP)), 2)
+    turned = np.concatenate([[lever.position], way(lever, scene.pull.turned, steps)])
+    at_last = lever.motion(scene.pull.turned) @ T
+    poses = [lever.motion(one) @ T for one in turned] + [opening.motion(one) @ at_last for one in positions[1:]]
+    before, after = np.full(len(turned), positions[0]), np.full(len(positions) - 1, scene.pull.turned)
+    return Track(np.array(poses), np.concatenate([before, positions[1:]]), np.concatenate([turned, after]))
+
+
+def _in_the_way(world: CollisionWorld, X: Array, track: Track, gap: float) -> BlockedBy | NoPath | None:
     """What the robot hits while it pulls: what does not move all along, what moves with the handle place by place.
 
     The gripper counts as open by a `gap` [m], as it came: fingers that are closed may touch what holds the handle.
@@ -235,7 +249,8 @@ def _in_the_way(world: CollisionWorld, X: Array, positions: Array, gap: float) -
     others = scene.mask(scene.names) & ~scene.mask(along) | scene.mask([scene.pull.handle])
     parts = tuple(one for one in scene.static_obstacles if one.name in moving)
     for k in np.unique(np.linspace(0, len(X) - 1, STEPS + 1).round().astype(int))[1:].tolist():
-        there = pulled(replace(scene, static_obstacles=parts), float(positions[k]))
+        turned = None if track.turned is None else float(track.turned[k])
+        there = pulled(replace(scene, static_obstacles=parts), float(track.positions[k]), turned)
         hits |= CollisionWorld.from_scene(there).hits(X[k, :3], X[k, 3:], gap, ignore=others)
     if hits & FIXED_BITS:
         return NoPath(f"pull: the robot touches {', '.join(world.names_of(hits & FIXED_BITS))}")

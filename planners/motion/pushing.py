@@ -23,10 +23,14 @@ _STEP = 0.004
 
 
 class Track(NamedTuple):
-    """Poses (k, 4, 4) of the TCP in the world, and where what opens is then: positions (k,) [m] or [rad]."""
+    """Poses (k, 4, 4) of the TCP in the world, and where what opens is then: positions (k,) [m] or [rad].
+
+    A lever on it is `turned` (k,) [m] or [rad] then; None where it has none.
+    """
 
     poses: Array
     positions: Array
+    turned: Array | None = None
 
 
 def pushed_tracks(scene: Scene, T_world_tcp: Array, positions: Array) -> Iterator[Track]:

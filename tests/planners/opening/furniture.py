@@ -80,7 +80,12 @@ def drawer_world(
 
 
 def cupboard_world(
-    robot: RobotSpec = FETCH, *, hinge: str = "left", handle: str = "upright", angle: float = 0.0
+    robot: RobotSpec = FETCH,
+    *,
+    hinge: str = "left",
+    handle: str = "upright",
+    angle: float = 0.0,
+    base: tuple[float, float, float] = (-0.3, 0.0, 0.0),
 ) -> World:
     """A cupboard with a door, three cans behind it, "red" behind the others, and a side table."""
     z, side = 0.9, 1 if hinge == "left" else -1
@@ -106,7 +111,29 @@ def cupboard_world(
     )
     cans = {"red": (0.24, 0.02), "blue": (0.1, -0.1), "green": (0.1, 0.03)}
     free = "".join(_can(name, FRONT + dx, y, z - 0.11, 0.028, 0.06) for name, (dx, y) in cans.items())
-    return _world(f"{cabinet}{door}{free}", robot, [*cans], ["side_table", "cupboard_floor"], {"door_joint": angle})
+    supports = ["side_table", "cupboard_floor"]
+    return _world(f"{cabinet}{door}{free}", robot, [*cans], supports, {"door_joint": angle}, base)
+
+
+def latched_world(robot: RobotSpec = FETCH) -> World:
+    """A door with a lever, whose bolt is behind a post: it opens when the lever has been turned."""
+    z = 0.9
+    door = f"""
+      <geom name="post" type="box" size="0.01 0.02 0.17" pos="{FRONT} -0.26 {z}"/>
+      <body name="door" pos="{FRONT} 0.25 {z}">
+        <joint name="door_joint" type="hinge" axis="0 0 -1" range="0 1.65" damping="1" frictionloss="0.5"/>
+        <geom name="door_panel" type="box" size="0.01 0.235 0.17" pos="0 -0.245 0" mass="1.5"/>
+        <body name="lever" pos="0 -0.42 0">
+          <joint name="lever_joint" type="hinge" axis="1 0 0" range="-1.5 1.5" damping="0.05" stiffness="0.3"/>
+          <geom name="axle" type="box" size="0.035 0.008 0.008" pos="-0.045 0 0" mass="0.05"/>
+          <geom name="lever_handle" type="box" size="0.01 0.06 0.01" pos="-0.08 0.06 0" mass="0.05"
+            friction="1.5 0.01 0.001"/>
+          <geom name="bolt" type="box" size="0.008 0.045 0.01" pos="0.022 -0.045 0" mass="0.05"/>
+        </body>
+      </body>
+      <geom name="wall" type="box" size="0.01 0.3 0.2" pos="{FRONT + 0.4} 0 {z}"/>
+      <geom name="side_table" type="box" size="0.3 0.3 0.35" pos="{FRONT} -0.95 0.35"/>"""
+    return _world(door, robot, [], ["side_table"], {})
 
 
 def box_world(robot: RobotSpec = FETCH) -> World:
@@ -150,13 +177,20 @@ def _can(name: str, x: float, y: float, z: float, radius: float, half: float) ->
     )
 
 
-def _world(parts: str, robot: RobotSpec, movable: list[str], supports: list[str], joints: dict[str, float]) -> World:
+def _world(
+    parts: str,
+    robot: RobotSpec,
+    movable: list[str],
+    supports: list[str],
+    joints: dict[str, float],
+    base: tuple[float, float, float] = (-0.3, 0.0, 0.0),
+) -> World:
     """The simulation of a piece of furniture, with the robot before it."""
     text = f'<mujoco><worldbody><geom name="floor" type="plane" size="0 0 1"/>{parts}</worldbody></mujoco>'
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "world.xml")
         path.write_text(text.replace("<mujoco>", '<mujoco><compiler angle="radian"/>'))
-        model = prepare(insert_robot(path, robot, base=(-0.3, 0.0, 0.0)), robot).model
+        model = prepare(insert_robot(path, robot, base=base), robot).model
     data = mujoco.MjData(model)
     for joint, value in {**dict(zip(robot.drive_joints[3:], robot.home, strict=True)), **joints}.items():
         data.joint(joint).qpos = value

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from assets import FETCH
 from planners import Cause, Infeasible, Solution, goals, lower_bound, solve
 from tests.planners.opening.furniture import cupboard_world, drawer_world
 from tests.planners.opening.test_opening import done, moves
@@ -65,3 +66,11 @@ def test_a_door_that_is_shut_and_has_no_handle_stays_shut() -> None:
 def test_what_sticks_too_much_is_not_pushed() -> None:
     found = solve(drawer_world(handle="none", share=0.8, friction=60.0).scene(), goals.closed("drawer"))
     assert isinstance(found, Infeasible)
+
+
+def test_a_door_whose_handle_leaves_reach_is_opened_in_two_motions() -> None:
+    plan, scene = done(cupboard_world(FETCH.fixed(), hinge="right", base=(0.0, 0.4, 0.0)), goals.open_("door"))
+    assert [name for name, _ in moves(plan)] == ["Open", "Open"]
+    assert pushes(plan) == [False, True]
+    assert plan.bound is None, "one motion may be enough for another hand"
+    assert scene.opening("door").share > 0.75
