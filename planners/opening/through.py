@@ -17,7 +17,7 @@ from planners.clearing.goal_bound import LowerBound
 from planners.clock import Deadline
 from planners.facts import At, Closed, Fact, Holding, Inside, On, Open, Pulled, Turned
 from planners.goals import Goal
-from planners.opening.handle import as_if_opened, handles_of, with_handle, without_handle
+from planners.opening.handle import HANDLE_OF, as_if_opened, handles_of, with_handle, without_handle
 from planners.problem import Problem
 from planners.scene import Opening, Scene
 from planners.scene.moving import carried_by, moved
@@ -278,7 +278,7 @@ def _is_pull(action: BoundAction) -> bool:
 def _ended(found: Infeasible, goal: Goal, parts: list[Solution]) -> Infeasible:
     """The end of a search in one of its parts."""
     done = tuple(name for part in parts for name in part.clearances)
-    where = f", to open {found.target.partition(':')[0]}" if ": handle" in found.target else ""
+    where = f", to open {found.target.removeprefix(HANDLE_OF)}" if found.target.startswith(HANDLE_OF) else ""
     return replace(
         found, detail=found.detail + where, clearances=(*done, *found.clearances), target=goal.target, goal=goal
     )
