@@ -2,7 +2,7 @@
 
     python arm_retrieve_demonstrations.py [OBJECTS [SEED [STEPS [DEMONSTRATIONS]]]]
 
-A script's demonstrations fill the replay buffer before the first step; the reward is the staged one. 15,000 steps with
+A script's demonstrations fill the replay buffer before the first step; the reward is the staged one. 12,000 steps with
 one object take four CPU minutes.
 """
 
@@ -21,7 +21,7 @@ from clutter_env.policies.experts import make_expert
 from clutter_env.seeds import held_out_seeds
 from clutter_env.task import Task
 
-OBJECTS, SEED, STEPS, DEMONSTRATIONS = (*map(int, sys.argv[1:]), *(1, 0, 15_000, 300)[len(sys.argv) - 1 :])
+OBJECTS, SEED, STEPS, DEMONSTRATIONS = (*map(int, sys.argv[1:]), *(1, 0, 12_000, 300)[len(sys.argv) - 1 :])
 SETTINGS = {
     "learning_rate": 1e-3,
     "gamma": 0.95,

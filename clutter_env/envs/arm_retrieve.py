@@ -287,7 +287,7 @@ class ArmRetrieveEnv(DownwardArm, RetrieveEnv):
         grasp, over = standing.grasp_height(slot, LOWEST), top + TIP + OVER
         x, y, z = (float(value) for value in self.data.site_xpos[self.world.index.tcp_site])
         height, off_axis = z - TABLE_HEIGHT, math.hypot(x - standing.centres[slot, 0], y - standing.centres[slot, 1])
-        is_over = off_axis < half_width / 2
+        is_over = off_axis < half_width / 2 + FINGER_ROOM
         way = abs(height - grasp) if is_over else abs(height - over) + over - grasp
         around = min(max((top + TIP - height) / (top + TIP - grasp), 0.0), 1.0) if is_over else 0.0
         room = float(self._gripper()[2][0]) - 2 * half_width
