@@ -48,7 +48,8 @@ _LOOK_SECONDS = 2.5
 _OPEN_SECONDS = 35.0
 """[s] that opening something takes, about."""
 _OPENED = 3
-"""Times that opening the same thing is tried until something else has moved."""
+"""Times that the same thing is opened in one search at most: it may jam."""
+_JAMS = "it does not open as far as planned"
 _LEAST_GAIN = 0.02
 """Probability that a view must reveal."""
 _NEW_EYE = 0.06
@@ -73,7 +74,6 @@ class Decisions:
 
     Attributes:
         refusals: why an object cannot be put aside, or something not be opened, by its name.
-        unopened: names of what cannot be opened as things are.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class Decisions:
 
     def start_over(self) -> None:
         """Something has moved: views may show what they did not before, and what was refused may open."""
-        self.unopened: set[str] = set()
+        self._refused: set[str] = set()
         self._looked_from: list[Array] = []
         self._missed = {name: np.zeros(cells.shape, np.int64) for name, cells in self._knowledge.places().items()}
 
@@ -127,12 +127,8 @@ class Decisions:
 
     def _best_to_open(self, scene: Scene, places: Places, rate: float) -> Disclosure | None:
         """What reveals most per second when it is opened, if that is more than a rate [1/s]."""
-        known, tried = self._knowledge, {name for name, count in self._pulled.items() if count >= _OPENED}
-        found = [
-            one
-            for one in disclosures(scene, known.belief, places, *self._camera, seconds=self._seconds_to)
-            if one.view.gain >= _LEAST_GAIN and one.name not in self.unopened | tried
-        ]
+        weighed = disclosures(scene, self._knowledge.belief, places, *self._camera, seconds=self._seconds_to)
+        found = [one for one in weighed if one.view.gain >= _LEAST_GAIN and one.name not in self.unopened]
         best = max(found, key=_opening_rate, default=None)
         return best if best is not None and _opening_rate(best) > rate else None
 
@@ -177,6 +173,13 @@ class Decisions:
                         break  # whatever the spot is
         return None
 
+    @property
+    def unopened(self) -> list[str]:
+        """Names of what is shut and cannot be opened as things are; `refusals` has their causes."""
+        jammed = {name for name, count in self._pulled.items() if count >= _OPENED}
+        still_open = {one.name for one in opened(self._knowledge.empty)}
+        return sorted((jammed | self._refused) - still_open)
+
     def plan_opening(self, wanted: Disclosure, places: Places) -> tuple[str, str, tuple[BoundAction, ...]] | None:
         """A plan that opens something, or shuts first what is in the way and has been looked into; None without one.
 
@@ -189,13 +192,14 @@ class Decisions:
         outcome = Infeasible(Cause.UNREACHABLE, "") if wanted.shut else self.solved(scene, goal)
         if isinstance(outcome, Solution):
             self._pulled[name] += 1
+            self.refusals[name] = _JAMS
             return "open", name, outcome.actions
         for other in looked_into:
             shut = self.solved(scene, closed(other))
             there = moved(scene, other, scene.opening(other).shut)
             if isinstance(shut, Solution) and (wanted.shut or isinstance(self.solved(there, goal), Solution)):
                 return "shut", other, shut.actions
-        self.unopened.add(name)
+        self._refused.add(name)
         self.refusals[name] = outcome.cause
         return None
 

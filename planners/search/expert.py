@@ -244,7 +244,6 @@ class SearchExpert:
             return self._reveal()
         verb, name, actions = found
         self._note("open", f"{verb} {name}", options.places)
-        self.report.openings.append(name)
         return self._execute(actions, lambda is_done: [*([] if is_done else [self._recover]), *self._look_on(options)])
 
     def _look_elsewhere(self, options: _Options) -> Steps:
@@ -257,7 +256,7 @@ class SearchExpert:
             why = self.report.deviations[-1] if self.report.deviations else "it does not stay between the fingers"
             return self._end(f"the target cannot be taken: {why}")
         left = [f"{cells.sum()} on {name}" for name, cells in options.places.items() if cells.any()]
-        names = [*options.names, *sorted(self._decisions.unopened)]
+        names = [*options.names, *self._decisions.unopened]
         fixed = [f"{name} ({self._decisions.refusals[name]})" for name in names] or [_UNNAMED]
         return self._end(f"not found where it can be seen; {', '.join(left)} places stay hidden by {', '.join(fixed)}")
 
@@ -325,6 +324,7 @@ class SearchExpert:
         if not actions:
             return then(True)
         known, robot = self._knowledge, self._env.robot
+        self.report.openings += [one.target for one in actions if one.name in ("Open", "Close")]
         pull = actions[0].scene.pull
         bodies = tuple(one for one in actions[0].scene.objects if pull is None or one.name != pull.handle)
         sensor = BelievedSensor(bodies, known.reading, robot, known.held, known.empty)
@@ -347,6 +347,8 @@ class SearchExpert:
         self._decisions.start_over()
         if executor.deviation is not None:
             self.report.deviations.append(str(executor.deviation))
+        if executor.opening:
+            self._knowledge.opened_in_part(executor.opening)
         return then(executor.deviation is None)
 
     def _look(self, names: Sequence[str]) -> Steps:

@@ -16,6 +16,7 @@ from assets.robots import RobotSpec
 from planners.collision.world import CollisionWorld, overlaps, validate
 from planners.expert.actor import planned_from
 from planners.expert.config import ExpertError
+from planners.expert.stops import Stops
 from planners.scene import Body, HeldObject, RobotState, Scene, SceneError, StaticObstacle
 from planners.search.belief import Belief
 from planners.search.perception import Description, Seen, View, perceive
@@ -63,6 +64,7 @@ class Knowledge:
         self.target = Description.of(observation["target"])
         self.belief = Belief.begin(self.empty, self.target)
         self.objects: tuple[Seen, ...] = ()
+        self._stops = Stops()
         self.held: HeldObject | None = None
         self.observation, self.reading = observation, RobotReading.of(observation)
 
@@ -94,6 +96,12 @@ class Knowledge:
         self._ride()
         self.held = sensor.held
         self._move({body.name: body for body in sensor.bodies if body.name in sensor.brought})
+
+    def opened_in_part(self, name: str) -> None:
+        """Note that something was not moved as far as planned; if it stops twice in the same place, it ends there."""
+        self._ride()
+        self._stops.note(self.empty.opening(name))
+        self.empty = self._stops.applied(self.empty)
 
     def carry(self) -> None:
         """Believe what is held to be where the hand is, or to have been dropped if the fingers press on nothing."""

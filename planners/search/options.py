@@ -205,9 +205,9 @@ def opened(scene: Scene) -> list[Opening]:
     return [one for one in scene.openings if one.share >= _OPEN]
 
 
-def may_hold(drawer: Opening, places: Mapping[str, NDArray[np.bool_]]) -> bool:
-    """Whether the target can be in a drawer; a door has no places."""
-    return any(cells.any() for name, cells in places.items() if name in drawer.parts)
+def may_hold(one: Opening, places: Mapping[str, NDArray[np.bool_]]) -> bool:
+    """Whether the target can be in a drawer, or behind a door: what that hides is not known by its parts."""
+    return one.kind == "hinge" or any(cells.any() for name, cells in places.items() if name in one.parts)
 
 
 def _pulled_to(scene: Scene, belief: Belief, shares: Mapping[str, float]) -> tuple[Scene, Belief]:

@@ -42,7 +42,7 @@ class SearchReport:
         failure: why the search ended without, "" for success; "cannot be found" if every place has been seen and the
             target in none of them. Otherwise it says how many places stay hidden, and by what.
         moves: names of the objects moved, in order, as the expert calls them.
-        openings: names of what was opened, or shut again, in order.
+        openings: names of what plans opened, or shut again, in order, for the target too; those that failed count.
         views: viewpoints looked from.
         deviations: that stopped motions, as text.
         belief_s, decision_s: [s] CPU time of each belief update, of each decision with its plan.

@@ -137,12 +137,13 @@ def test_what_opens_is_chosen_by_what_it_reveals_per_second() -> None:
     assert opening is not None
     assert opening.name == "right_drawer"
     assert decisions.ranked(known.places(), "seen_00")[2] is None, "the planner opens what it needs for the target"
-    decisions.unopened.add("right_drawer")
+    decisions._refused.add("right_drawer")
     assert decisions.ranked(known.places(), "")[2] is None
     decisions.start_over()
     assert decisions.ranked(known.places(), "")[2] is not None
     decisions._pulled["right_drawer"] = 3
     assert decisions.ranked(known.places(), "")[2] is None, "what jams is not tried for ever"
+    assert decisions.unopened == ["right_drawer"]
 
 
 def planned(scene: Any, goal: goals.Goal) -> Solution:
@@ -175,7 +176,7 @@ def test_an_empty_drawer_is_shut_where_it_is_in_the_way_of_another_one() -> None
     assert found[:2] == ("open", "middle_drawer")
     decisions.solved = lambda *_: Infeasible(Cause.UNREACHABLE, "")  # type: ignore[method-assign]  # refuses all
     assert decisions.plan_opening(wanted, known.places()) is None
-    assert decisions.unopened == {"middle_drawer"}
+    assert decisions.unopened == ["middle_drawer"]
     assert decisions.refusals["middle_drawer"] == Cause.UNREACHABLE
 
 
@@ -208,6 +209,20 @@ def test_drawers_that_are_shut_are_not_looked_at() -> None:
     known.observe(with_joints(observation, 0.0, 0.0, 0.28))
     known.look()
     assert "right_drawer_floor" in [one.name for one in known.shown]
+
+
+def test_a_drawer_that_stops_twice_in_the_same_place_ends_there() -> None:
+    """It was pulled again until the time was up."""
+    expert, observation = begun()
+    known = expert._knowledge
+    known.observe(with_joints(observation, 0.1, 0.0, 0.0))
+    known.opened_in_part("left_drawer")
+    assert known.empty.opening("left_drawer").share == pytest.approx(1 / 3)
+    known.opened_in_part("left_drawer")
+    assert known.scene().opening("left_drawer").share == pytest.approx(1.0)
+    known.observe(with_joints(observation, 0.05, 0.0, 0.0))
+    known.look()
+    assert known.scene().opening("left_drawer").share == pytest.approx(0.5)
 
 
 def searched(seed: int, colour: tuple[float, ...] = (), layout: str = "drawers") -> tuple[SearchExpert, dict[str, Any]]:
