@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from planners.clock import Deadline
-from planners.collision.opened import riding
+from planners.collision.opened import riding, without_moving
 from planners.collision.world import CompiledScenes
 from planners.goals import Before, Goal, GoalError
 from planners.motion.tcp_following import TcpFollower, follow
@@ -100,8 +100,10 @@ class FollowingPlanner(Planner):
             followed = follow(self.controller, scene.robot, q, action.trajectory)
             if followed is None:
                 return True, False, touched, needless, steps
-            world = compiled.world(action.scene)
-            hits = followed.hits(world.with_padding(0.0), action.scene.mask(_own(action, solution.goal)))
+            here: Scene = action.scene
+            if _is_pull(action):  # it moves with the hand
+                here = without_moving(here)
+            hits = followed.hits(compiled.world(here).with_padding(0.0), here.mask(_own(action, solution.goal)))
             touched += len(action.scene.names_of(hits))
             steps, q = steps + len(followed.configurations), followed.configurations[-1, 3:]
         is_late = self.steps_left is not None and steps > self.steps_left()
@@ -114,11 +116,16 @@ def _own(action: BoundAction, goal: Goal | None) -> tuple[str, ...]:
     Of what opens, the handle and what stands in it.
     """
     scene = action.scene
-    if scene.pull is not None and action.target == scene.pull.opening:
+    if _is_pull(action):
         return riding(scene)
     facts = goal.placed if goal is not None and action.is_clearance else ()
     below = (fact.where for fact in facts if fact.object == action.target)
     return tuple(name for name in (action.target, *below) if name in scene.names)
+
+
+def _is_pull(action: BoundAction) -> bool:
+    """Whether an action opens or shuts something."""
+    return action.scene.pull is not None and action.target == action.scene.pull.opening
 
 
 def _best(plans: Sequence[tuple[_Cost, Solution]], refusals: Sequence[Infeasible], goal: Goal) -> Solution | Infeasible:

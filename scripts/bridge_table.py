@@ -4,6 +4,7 @@
     python scripts/bridge_table.py --tasks FetchPickAndPlace-v4 --seeds 50 --out outputs/bridges.jsonl
     python scripts/bridge_table.py --tasks robosuite/Lift --python venv-robosuite/bin/python --out outputs/bridges.jsonl
     python scripts/bridge_table.py --tasks libero/libero_goal --python venv-libero/bin/python --out outputs/libero.jsonl
+    python scripts/bridge_table.py --tasks metaworld/drawer-open --python venv-metaworld/bin/python --out doors.jsonl
     python scripts/bridge_table.py --out outputs/bridges.jsonl --show
 
 One line of the file is one episode; episodes that the file has are not run again.
@@ -29,6 +30,7 @@ from numpy.typing import NDArray
 from clutter_env.bridges.fetch_tasks import DOWN, FetchTask
 from clutter_env.bridges.kinder_tasks import GRASPS as KINDER_GRASPS, KinderTask
 from clutter_env.bridges.libero_tasks import LiberoTask
+from clutter_env.bridges.metaworld_tasks import DOWN as METAWORLD_GRASPS, MetaworldTask
 from clutter_env.bridges.remote import BridgeError, Remote
 from clutter_env.bridges.robosuite_tasks import RobosuiteTask
 from clutter_env.rendering.film import save_gif
@@ -66,7 +68,7 @@ class Arguments:
     out: Path
     """JSON lines, one an episode."""
     python: Path = Path("venv-kinder/bin/python")
-    """Of the environment in which KinDER is installed, or robosuite, or LIBERO."""
+    """Of the environment in which KinDER is installed, or robosuite, LIBERO or MetaWorld."""
     tasks: tuple[str, ...] = KINDER
     """Ids; of LIBERO a suite, `libero/libero_goal`, which is all its tasks, or one of them, `libero/libero_goal/3`."""
     first: int = 0
@@ -185,6 +187,8 @@ def begin(remote: Remote | None, id: str, seed: int) -> tuple[Any, dict[str, Any
     if package == "libero":
         libero = LiberoTask(remote, name, int(robot[0]), seed)
         return libero, {"planner": libero.planner}
+    if package == "metaworld":
+        return MetaworldTask(remote, name, seed), {"grasps": METAWORLD_GRASPS}
     if package == "robosuite":
         task = RobosuiteTask(remote, name, seed, *robot)
         return task, {"planner": task.planner}

@@ -69,10 +69,16 @@ _SHORTER = 0.0067
 """[m] by which the fingers of robosuite's hand reach less far than ours: to 2.3 mm beyond the TCP."""
 _SETTLE = 10
 """Steps in which objects come to rest: they begin above the table, and some in each other."""
+_AJAR = 0.36
+"""[rad] to which the door is pulled: it counts as open from 0.3, and goes to 0.4."""
+_BARS = tuple(AntipodalFamily(f"bar, {pitch}°", np.radians(pitch), hangs=True) for pitch in (90, 60, 30, 0))
+"""Of what opens."""
 _TASKS: dict[str, tuple[tuple[str, ...], Goal | None]] = {
     "Lift": (("table",), goals.holding("cube_main")),
     "Stack": (("table",), goals.on("cubeA_main", "cubeB_main")),
     "PickPlace": (("bin1", "bin2"), goals.and_(*(goals.inside(name, f"for {name}") for name in _COMPARTMENTS))),
+    "Door": (("table",), goals.open_("Door_door", amount=_AJAR)),
+    "DoorWithoutLatch": (("table",), goals.open_("Door_door", amount=_AJAR)),
     **{f"NutAssembly{kind}": (("table",), None) for kind in ("", "Single", "Square", "Round")},
 }
 """By task: on what objects may be put, the first is where they stand, and what is wanted; None: nuts on their pegs."""
@@ -105,7 +111,10 @@ class RobosuiteTask(OscTask):
         if id not in _TASKS:
             raise BridgeError(f"no goal is known for {id!r}; there are {', '.join(_TASKS)}")
         supports, goal = _TASKS[id]
-        start = robosuite("reset", id=id, robot=robot, seed=seed)
+        is_door, options = id.startswith("Door"), {}
+        if is_door:
+            id, options = "Door", {"use_latch": id == "Door"}
+        start = robosuite("reset", id=id, robot=robot, seed=seed, options=options)
         x, y, z = start["base"]
         place = np.array([x - _ARM[0], y, 0.0]), z - _ARM[1]
         super().__init__(robosuite, start, _simple(start["xml"]), _panda(takes_thin=goal is None), place, _STEPS)
@@ -115,7 +124,7 @@ class RobosuiteTask(OscTask):
         self._begin()
         self.planner = FollowingPlanner(
             self.robot,
-            grasps=GRASPS if goal else _HANDLES,
+            grasps=_BARS if is_door else GRASPS if goal else _HANDLES,
             controller=self.follower(start, robot),
             steps_left=lambda: self.horizon - self.steps,
         )
