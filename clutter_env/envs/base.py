@@ -190,6 +190,11 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             RenderingUnavailable: no OpenGL, or no display for a window.
         """
         self.check_started("render()")
+        if self.render_mode is None:
+            gym.logger.warn(
+                "render() without a render mode shows nothing: gym.make(…, render_mode='rgb_array') gives images, "
+                "'human' opens a window"
+            )
         return self._rendering.render(self.world)
 
     def close(self) -> None:

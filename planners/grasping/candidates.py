@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from irm.chain import ArmChain
 from irm.kinematics import link_frames
-from planners.collision.opened import swept_objects
+from planners.collision.opened import is_pushed, swept_objects
 from planners.collision.world import CollisionWorld, CompiledScenes, objects_on
 from planners.grasping.arm_configurations import (
     ArmConfigurations,
@@ -31,18 +31,22 @@ from planners.grasping.arm_configurations import (
     hits_of,
     scan_configurations,
 )
-from planners.grasping.bar_grasps import BarFamily, bar_grasps, turned
+from planners.grasping.bar_grasps import BarFamily, bar_grasps, turned, with_hand_turned
 from planners.grasping.base_placement import STRAIGHT, TURNED, Placer, facing_bases
 from planners.grasping.families import SIDE, Family, families_for
 from planners.grasping.grasp_poses import GraspPose, can_pull, generate_grasps
+from planners.grasping.push_poses import PushFamily, push_poses
 from planners.scene import Body, Scene
 from planners.scene.cover import is_covered, needs_drive
 
 Array = NDArray[np.float64]
+_AnyFamily: TypeAlias = Family | BarFamily | PushFamily
 
 _BASES = (0, 8)
 """Base poses for each gripper pose: the placer's own number, then more where these give no grasp, or, under a shelf, no
 grasp with nothing in its way."""
+_MANY_BASES = (40,)
+"""The same for handles where that gives no grasp: what they are on often leaves no room at the best bases."""
 _OPENINGS = 0.015
 """[m] between the openings of groups of grasps of one object."""
 _REFILLS = 8
@@ -118,10 +122,12 @@ def as_candidates(
 
 
 class _Stage(NamedTuple):
-    """A family of grasps, and the yaws [rad] that the gripper may have relative to the base."""
+    """A family of grasps, the yaws [rad] that the gripper may have relative to the base, and whether all is looked at
+    closely: many bases, heights of the torso and angles of the arm."""
 
-    family: Family | BarFamily
+    family: _AnyFamily
     turns: tuple[float, ...] = _MAP
+    is_close: bool = False
 
 
 _Grasps: TypeAlias = tuple[GraspCandidate, ...]
@@ -213,11 +219,11 @@ class GraspCandidates:
         found: list[GraspCandidate] = []
         for view in self._views_of(scene).values():
             body = view.body(name)
-            for family in families_for(body, self.families):
+            for family in self._families_for(view, body):
                 of_family: list[GraspCandidate] = []
-                for wanted, opening in _wanted(view, body, family):
+                for wanted, opening in _wanted(self.compiled.world(view), body, family):
                     poses = self._untried(view, body, GripperPoses(np.tile(base, (len(wanted), 1)), wanted))
-                    of_family += self._scan(view, body, poses, opening, family)
+                    of_family += self._scan(view, body, poses, opening, _Stage(family))
                 if of_family:
                     found += of_family
                     break
@@ -331,43 +337,49 @@ class GraspCandidates:
     def _stages(self, scene: Scene, body: Body) -> tuple[_Stage, ...]:
         """Where grasps of an object are looked for, in this order."""
         every_turn = (STRAIGHT, TURNED, _MAP) if self.canonical else (_MAP,)
-        families: tuple[Family | BarFamily, ...] = families_for(body, self.families)
-        if scene.pull is not None and scene.pull.handle == body.name:
+        families = self._families_for(scene, body)
+        if _is_handle(scene, body) and any(family.pitch < math.pi / 2 for family in self.families):
+            # Else the hand stays upright.
             families = (*families, BarFamily())
-        return tuple(_Stage(family, turns) for family in families for turns in every_turn)
+        stages = tuple(_Stage(family, turns) for family in families for turns in every_turn)
+        return (*stages, *(_Stage(one, is_close=True) for one in families)) if _is_handle(scene, body) else stages
+
+    def _families_for(self, scene: Scene, body: Body) -> tuple[_AnyFamily, ...]:
+        """The families by which an object is grasped, or pushed."""
+        return (PushFamily(self.families),) if is_pushed(scene, body.name) else families_for(body, self.families)
 
     def _of_stage(self, scene: Scene, body: Body, stage: _Stage, known: _Grasps = ()) -> list[GraspCandidate]:
         """Grasps of one stage; under a shelf, where scans take long, none that hits more than a `known` one."""
         found: list[GraspCandidate] = []
-        for wanted, opening in _wanted(scene, body, stage.family):
+        for wanted, opening in _wanted(self.compiled.world(scene), body, stage.family):
             if stage.turns:
                 bases, index = facing_bases(self.arms[scene.robot.arm_name], wanted, stage.turns)
                 poses = self._untried(scene, body, GripperPoses(bases, wanted[index]))
-                found += self._scan(scene, body, poses, opening, stage.family, about_home=True)
+                found += self._scan(scene, body, poses, opening, stage)
             else:
-                found += self._from_map(scene, body, wanted, opening, stage.family, known)
+                found += self._from_map(scene, body, wanted, opening, stage, known)
         if not self.canonical:
             return found
         worse, robot = _WORSE * self._stages(scene, body).index(stage), scene.robot
         return [replace(grasp, quality=_canonical_quality(grasp.base, grasp.q, robot) - worse) for grasp in found]
 
     def _from_map(
-        self, scene: Scene, body: Body, wanted: Array, opening: float, family: Family | BarFamily, known: _Grasps
+        self, scene: Scene, body: Body, wanted: Array, opening: float, stage: _Stage, known: _Grasps
     ) -> list[GraspCandidate]:
         """The grasps from base poses of the reachability map."""
         covered, placer = is_covered(scene, body.foot), self.arms[scene.robot.arm_name]
         candidates: list[GraspCandidate] = []
         before = GripperPoses(np.zeros((0, 3)), np.zeros((0, 5)))
-        for most in _BASES:
+        for most in _MANY_BASES if stage.is_close else _BASES:
             bases, index = placer.bases(wanted, most)
             if len(bases) == len(before.bases):
                 break  # there are no more
             poses = self._untried(scene, body, GripperPoses(bases, wanted[index]))
             if covered:
                 masks = {grasp.blockers for grasp in (*known, *candidates)}
-                candidates += self._scan(scene, body, _not_among(poses, before), opening, family, known=masks)
+                candidates += self._scan(scene, body, _not_among(poses, before), opening, stage, known=masks)
             else:
-                candidates = self._scan(scene, body, poses, opening, family)
+                candidates = self._scan(scene, body, poses, opening, stage)
             before = poses
             if any(not (covered and grasp.blockers) for grasp in candidates):
                 break
@@ -388,31 +400,39 @@ class GraspCandidates:
         body: Body,
         poses: GripperPoses,
         opening: float,
-        family: Family | BarFamily | None = None,
-        about_home: bool = False,
+        stage: _Stage,
         known: Collection[int] = (),
     ) -> list[GraspCandidate]:
         """The grasps from these base poses; under a shelf those to which the base drives with the arm rigid."""
         world, arm = self.compiled.world(scene), scene.robot.arm_name
-        chain = self.arms[arm].chain
-        if about_home:
-            grid = ConfigurationGrid.about_home(chain, scene.robot.in_front)
-        else:
-            grid = ConfigurationGrid.near_home(chain) if self.near_home else ConfigurationGrid.over(chain)
+        grid, is_across = self._grid(scene, stage), isinstance(stage.family, BarFamily)
         ignore = scene.mask({body.name, *scene.held_names})
-        found = scan_configurations(world, poses, grid, opening, body=body, ignore=ignore, known=known)
-        if isinstance(family, BarFamily):
+        scanned = with_hand_turned(world) if is_across and len(poses.bases) else world
+        found = scan_configurations(scanned, poses, grid, opening, body=body, ignore=ignore, known=known)
+        if is_across:
             found = turned(world, poses, found, opening, ignore)
         found = found._replace(hits=found.hits | np.uint64(_moved_with(world, body.name)))
         return as_candidates(body.name, poses, opening, found, arm, needs_drive(scene, body.foot))
 
+    def _grid(self, scene: Scene, stage: _Stage) -> ConfigurationGrid:
+        """The heights of the torso and angles of the arm that are tried in a stage."""
+        chain = self.arms[scene.robot.arm_name].chain
+        if stage.turns:
+            return ConfigurationGrid.about_home(chain, scene.robot.in_front)
+        if stage.is_close:
+            return ConfigurationGrid.to_the_limits(chain)
+        return ConfigurationGrid.near_home(chain) if self.near_home else ConfigurationGrid.over(chain)
 
-def _wanted(scene: Scene, body: Body, family: Family | BarFamily) -> list[tuple[Array, float]]:
+
+def _wanted(world: CollisionWorld, body: Body, family: _AnyFamily) -> list[tuple[Array, float]]:
     """The gripper poses (k, 5) of a family of grasps of an object, in groups with one opening [m] of the gripper each.
 
     Those around a cylinder or box are one group: they open as far as the widest of them needs.
     """
-    groups: dict[int, list[GraspPose]] = {}
+    scene, groups = world.scene, dict[int, list[GraspPose]]()
+    if isinstance(family, PushFamily):
+        pushes = push_poses(scene, body, scene.robot, family.orientations, world)
+        return [(gripper_poses(pushes), 0.0)] if pushes else []
     if isinstance(family, BarFamily):
         grasps = bar_grasps(scene, body, scene.robot)
     else:
@@ -420,6 +440,11 @@ def _wanted(scene: Scene, body: Body, family: Family | BarFamily) -> list[tuple[
     for grasp in grasps if scene.pull is None else [one for one in grasps if can_pull(scene, body, one.T_world_tcp)]:
         groups.setdefault(math.ceil(grasp.opening / _OPENINGS) if body.shape == "pieces" else 0, []).append(grasp)
     return [(gripper_poses(group), max(grasp.opening for grasp in group)) for group in groups.values()]
+
+
+def _is_handle(scene: Scene, body: Body) -> bool:
+    """Whether an object stands for the handle of what is to be opened, which is to be grasped."""
+    return scene.pull is not None and scene.pull.handle == body.name and not scene.pull.pushes
 
 
 def _moved_with(world: CollisionWorld, name: str) -> int:
