@@ -18,6 +18,7 @@ from clutter_env.scene.layout import Box, Layout  # noqa: E402  after the check
 from clutter_env.suites import suite, suite_names  # noqa: E402
 
 __all__ = [
+    "ARM_RETRIEVE_COUNTS",
     "GOAL_FAMILIES",
     "OBJECT_COUNTS",
     "REARRANGE_COUNTS",
@@ -69,17 +70,22 @@ def skill_budget(num_objects: int) -> int:
     return 4 + num_objects // 5
 
 
-def _register_counts(name: str, counts: Iterable[int], most_steps: Callable[[int], int]) -> None:
+ARM_RETRIEVE_COUNTS = (1, 3, 5)
+ARM_RETRIEVE_TIME_LIMIT = 100
+"""Control steps in an episode of ArmRetrieve: its script needs 75 at most, with an object put aside."""
+
+
+def _register_counts(name: str, counts: Iterable[int], most_steps: Callable[[int], int], entry_point: str = "") -> None:
     for count in counts:
         register(
             id=f"clutter_env/{name}-o{count}-v0",
-            entry_point=f"clutter_env.envs.{name.lower()}:{name}Env",
+            entry_point=f"clutter_env.envs.{entry_point or f'{name.lower()}:{name}Env'}",
             kwargs={"num_objects": count},
             max_episode_steps=most_steps(count),
         )
 
 
-_register_counts("Retrieve", OBJECT_COUNTS, time_limit)
+_register_counts("Retrieve", OBJECT_COUNTS, time_limit, "relevance:retrieve_env")
 for _name, _module, _steps in (
     ("Reach", "goal", 100),
     ("Pick", "goal", 100),
@@ -96,6 +102,7 @@ for _name, _module, _steps in (
 register(id="clutter_env/Open-v0", entry_point="clutter_env.envs.opening:OpenEnv", max_episode_steps=OPEN_TIME_LIMIT)
 _register_counts("Rearrange", REARRANGE_COUNTS, rearrange_time_limit)
 _register_counts("Search", SEARCH_COUNTS, search_time_limit)
+_register_counts("ArmRetrieve", ARM_RETRIEVE_COUNTS, lambda _: ARM_RETRIEVE_TIME_LIMIT, "arm_retrieve:ArmRetrieveEnv")
 _register_counts("Skill", SKILL_OBJECT_COUNTS, skill_budget)
 
 

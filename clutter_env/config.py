@@ -97,7 +97,7 @@ class EnvConfig:
         layout, robot = self.find_layout(), self.find_robot()
         object.__setattr__(self, "base", robot.base_drive)
         check_choice("control_mode", self.control_mode, ("joint",) if robot.acts_with_all_arms else CONTROL_MODES)
-        check_choice("reward_mode", self.reward_mode, REWARD_MODES)
+        check_choice("reward_mode", self.reward_mode, self.reward_modes)
         check_choice("success", self.success, SUCCESS_KINDS)
         check_choice("terminate_on_fallen", self.terminate_on_fallen, (False, True))
         check_choice("obs_mode", self.obs_mode, OBS_MODES)
@@ -138,6 +138,11 @@ class EnvConfig:
             )
         if self.obstructed and (problem := self.obstruction_problem(int(self.obstructed))):
             raise ConfigError(f"obstructed={self.obstructed!r}: {problem}")
+
+    @property
+    def reward_modes(self) -> tuple[str, ...]:
+        """Values of `reward_mode` here."""
+        return REWARD_MODES
 
     def obstruction_problem(self, least: int) -> str:
         """Why targets with at least so many objects in the way cannot be drawn here, "" if they can."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from assets import RobotSpec
 from clutter_env.envs.observation import Column, EntryLayout
+from clutter_env.errors import StateError
 from clutter_env.policies.experts import Expert
 from clutter_env.policies.playing import played
 from clutter_env.policies.protocol import begin_episode
@@ -97,6 +98,8 @@ class Episode:
         plan: the expert's plan as text.
         report: the expert's report, JSON values.
         provenance: version, commit, packages and environment digest; see `clutter_env.provenance`.
+        saved_states: of all T + 1 states, from `save_state`, with which an episode goes on by
+            `reset(options={"state": …})`; none where the state cannot be saved, and of files before there were such.
     """
 
     task: Task
@@ -117,6 +120,7 @@ class Episode:
     plan: str
     report: Mapping[str, Any]
     provenance: Mapping[str, Any]
+    saved_states: tuple[bytes, ...] = ()
 
     @property
     def succeeded(self) -> bool:
@@ -139,7 +143,7 @@ def record(task: Task, env: gym.Env, expert: Expert, seed: int, options: Mapping
     """
     observation, info = env.reset(seed=seed, options=None if options is None else dict(options))
     begin_episode(expert, info, env)
-    observations, infos, states = [observation], [info], [physics_state(env)]
+    observations, infos, states, saved = [observation], [info], [physics_state(env)], [saved_state(env)]
     actions: list[NDArray[np.float32]] = []
     rewards: list[float] = []
     skills: list[str] = []
@@ -153,6 +157,7 @@ def record(task: Task, env: gym.Env, expert: Expert, seed: int, options: Mapping
         observations.append(step.observation)
         infos.append(step.info)
         states.append(physics_state(env))
+        saved.append(saved_state(env))
         terminated, truncated = step.terminated, step.truncated
     assert env.action_space.shape is not None
     return Episode(
@@ -174,6 +179,7 @@ def record(task: Task, env: gym.Env, expert: Expert, seed: int, options: Mapping
         plan=expert.plan_text,
         report=expert.report_values,
         provenance=provenance(env),
+        saved_states=tuple(saved) if all(saved) else (),
     )
 
 
@@ -183,6 +189,14 @@ def physics_state(env: gym.Env) -> NDArray[np.float64]:
     state = np.empty(mujoco.mj_stateSize(model, PHYSICS_STATE))
     mujoco.mj_getState(model, data, state, PHYSICS_STATE)
     return state
+
+
+def saved_state(env: gym.Env) -> bytes:
+    """Everything that the next steps depend on, see `BaseEnv.save_state`; empty where it cannot be saved."""
+    try:
+        return bytes(env.get_wrapper_attr("save_state")())
+    except StateError:
+        return b""
 
 
 class Columns(NamedTuple):

@@ -3,12 +3,13 @@
     observations/…  actions  rewards  terminations  truncations
     infos/{is_success, num_fallen, num_disturbed, state, skill, phase, contact_skill, contact_object, contact_base,
         contact_tcp, keyframe}
-    expert/{plan, report, skills, phases}  attributes: id, seed, total_steps, options, task, provenance
+    saved_states  expert/{plan, report, skills, phases}  attributes: id, seed, total_steps, options, task, provenance
 
 Observations and infos have a row for each of the T + 1 states, the others one for each of the T actions. What belongs
 to an action (skill, phase, contact, keyframe) stands in the row of the state before it; in the last row there is none.
 `infos/skill` and `infos/phase` hold indices into the names in `expert/skills` and `expert/phases`. Every array has the
-attributes `about`, `names` and `units`: what a row is, and name and unit of each of its numbers.
+attributes `about`, `names` and `units`: what a row is, and name and unit of each of its numbers. `saved_states` are the
+bytes of the full states of all rows, joined and compressed; see `saved_state.join_states`.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from numpy.typing import NDArray
 
 from clutter_env.data.episode import CONTACT_SKILLS, Columns, Episode, StepLabels
 from clutter_env.errors import DatasetError
+from clutter_env.simulation.saved_state import join_states, split_states
 from clutter_env.task import Task
 
 _COMPRESSION: Mapping[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
@@ -45,6 +47,11 @@ _LABELS = (
     ("infos/keyframe", "keyframe", 2, "f", np.nan),
 )
 """Arrays with a row for each action: the same, of `StepLabels`; and the value in the row of the last state."""
+SAVED_STATES = "saved_states"
+"""Name of the joined full states in the file."""
+_SAVED_FORMAT = (
+    "bytes of clutter_env.simulation.saved_state.join_states: a state of every row, for reset's option 'state'"
+)
 _TEXT = h5py.string_dtype(encoding="utf-8")
 
 
@@ -71,6 +78,9 @@ def write_episode(path: Path, episode: Episode) -> None:
             dataset.attrs["about"] = columns.about
             for key, words in (("names", columns.names), ("units", columns.units)):
                 dataset.attrs.create(key, list(words), dtype=_TEXT, shape=(len(words),))
+        if episode.saved_states:
+            joined = np.frombuffer(join_states(episode.saved_states), np.uint8)
+            file.create_dataset(SAVED_STATES, data=joined).attrs["format"] = _SAVED_FORMAT
         file.create_dataset("expert/plan", data=episode.plan, dtype=_TEXT)
         file.create_dataset("expert/report", data=json.dumps(dict(episode.report)), dtype=_TEXT)
         file.create_dataset("expert/skills", data=sorted(set(episode.skills)), dtype=_TEXT)
@@ -142,6 +152,7 @@ def _read(file: h5py.File) -> Episode:
         report=_mapping(file["expert/report"][()]),
         # Version 0.1 wrote the versions of the packages alone.
         provenance={"packages": _mapping(attributes["versions"])} if recorded is None else _mapping(recorded),
+        saved_states=split_states(bytes(_array(file[SAVED_STATES]))) if SAVED_STATES in file else (),
     )
 
 
@@ -163,6 +174,8 @@ def _wrong_entry(episode: Episode) -> str:
     for name, count in (("skill", len(episode.skills)), ("phase", len(episode.labels.phases))):
         if count != steps:
             return f"infos/{name} has {count} entries for {steps} actions"
+    if len(episode.saved_states) not in (0, steps + 1):
+        return f"{SAVED_STATES} has {len(episode.saved_states)} states for {steps} actions"
     if not np.isin(episode.labels.skill, np.arange(len(CONTACT_SKILLS))).all():
         return f"infos/contact_skill has numbers other than 0 to {len(CONTACT_SKILLS) - 1}"
     return ""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from clutter_env.data.dataset import Dataset
 from clutter_env.data.episode import Episode
-from clutter_env.data.robomimic_env import GYM_TYPE
+from clutter_env.data.robomimic_env import GYM_TYPE, numbers_of, width_for
 from clutter_env.errors import DatasetError
 from clutter_env.reporting.files import written_atomically
 from clutter_env.version import version
@@ -31,8 +31,9 @@ def export_hdf5(dataset: Dataset, path: Path, robomimic: bool = False) -> Path:
 
     Ours has the groups episode_0, episode_1, … in the order of the seeds, each with everything that the episode's own
     file has. robomimic's has data/demo_0/{obs, next_obs, actions, …}; observations keep their names, the last `dones`
-    of an episode is 1, `states` begin with the seed, or with -1 if the episode began from options; `mask/valid` names
-    every tenth episode, `mask/train` the others.
+    of an episode is 1, `states` begin with the seed, or with -1 if the episode began from options, then come MuJoCo's
+    state and the full one, with which `reset_to` returns to any row; `mask/valid` names every tenth episode,
+    `mask/train` the others.
 
     Raises:
         DatasetError: the file exists, or the dataset is not complete.
@@ -80,6 +81,9 @@ def _write_demo(group: h5py.Group, episode: Episode) -> None:
         "dones": dones,
         "states": np.insert(episode.states[:-1], 0, episode.seed if episode.options is None else -1, axis=1),
     }
+    if saved := episode.saved_states[:-1]:
+        width = max(map(width_for, saved))
+        arrays["states"] = np.hstack((arrays["states"], [numbers_of(state, width) for state in saved]))
     for name, values in episode.observations.items():
         arrays[f"obs/{name}"], arrays[f"next_obs/{name}"] = values[:-1], values[1:]
     for name, values in arrays.items():

@@ -18,14 +18,41 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clutter_env.data.episode import physics_state
+from clutter_env.data.episode import physics_state, saved_state
 from clutter_env.errors import LearningError
 from clutter_env.task import Task
 from clutter_env.version import version
 
 GYM_TYPE = 2
 """robomimic's number of Gymnasium environments (`EnvType.GYM_TYPE`)."""
+_BYTES = 6
+"""Bytes in a number."""
+_SPARE = 2
+"""Length of a row of `get_state` over that of the first state: later ones are a little longer."""
 _WRAPPER = "robomimic.envs.env_gym"
+
+
+def numbers_of(state: bytes, width: int) -> NDArray[np.float64]:
+    """A saved state as numbers (width,), six bytes in each, the first of them the number of bytes.
+
+    robomimic keeps states as rows of numbers; integers below 2⁴⁸ are exact in them.
+    """
+    padded = state.ljust((width - 1) * _BYTES, b"\0")
+    rows = np.zeros((width - 1, 8), np.uint8)
+    rows[:, :_BYTES] = np.frombuffer(padded, np.uint8).reshape(-1, _BYTES)
+    return np.insert(rows.view("<u8").ravel().astype(np.float64), 0, len(state))
+
+
+def bytes_of(numbers: NDArray[np.float64]) -> bytes:
+    """The saved state in numbers of `numbers_of`; of other numbers some bytes, which are no state."""
+    count = int(min(max(numbers[0], 0.0), _BYTES * len(numbers)))
+    whole = np.clip(np.nan_to_num(numbers[1:]), 0.0, 2.0 ** (8 * _BYTES) - 1).astype("<u8")
+    return whole.view(np.uint8).reshape(-1, 8)[:, :_BYTES].tobytes()[:count]
+
+
+def width_for(state: bytes) -> int:
+    """How many numbers `numbers_of` needs for a state."""
+    return 1 + -(-len(state) // _BYTES)
 
 
 class RobomimicEnv:
@@ -82,21 +109,42 @@ class RobomimicEnv:
         return dict(self._observation)
 
     def reset_to(self, state: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
-        """Begin at the first row of a demonstration's `states`: a seed and MuJoCo's state.
+        """Go on from a row of a demonstration's `states`, or from `get_state`: any row that has the full state.
 
         Raises:
-            LearningError: a later row, which lacks what else an episode consists of (play the actions), or the first
-                one of an episode that did not begin in the scene of a seed.
+            LearningError: a row without the full state, of files before there were such, that is not the first one of
+                an episode which began in the scene of a seed.
+            StateError: the full state is not one of this environment.
         """
         row = np.asarray(state["states"], dtype=float)
+        known = 1 + len(physics_state(self._started()))
+        if len(row) > known:
+            self._seed = int(row[0])
+            observation, self._info = self.env.reset(options={"state": bytes_of(row[known:])})
+            return self._seen(observation, 0.0, False)
         observation = self.reset(seed=max(int(row[0]), 0))
-        if not np.array_equal(row, self.get_state()["states"]):
+        if not np.array_equal(row, self.get_state()["states"][:known]):
             raise LearningError("only the first state of an episode that began from a seed can be returned to")
         return observation
 
     def get_state(self) -> dict[str, NDArray[np.float64]]:
-        """Seed and MuJoCo's state, which `reset_to` takes at the beginning of an episode."""
-        return {"states": np.append(float(self._seed), physics_state(self.env))}
+        """Seed, MuJoCo's state and, where it can be saved, the full one; `reset_to` takes it."""
+        parts = [np.array([float(self._seed)]), physics_state(self._started())]
+        if saved := saved_state(self.env):
+            parts.append(numbers_of(saved, self._width(saved)))
+        return {"states": np.concatenate(parts)}
+
+    def _started(self) -> Any:
+        """The environment, in an episode."""
+        if not hasattr(self, "_seed"):
+            self.reset(seed=0)
+        return self.env
+
+    def _width(self, saved: bytes) -> int:
+        """The same number of numbers for all states of an environment: states differ by some bytes."""
+        if not hasattr(self, "_most"):
+            self._most = _SPARE * width_for(saved)
+        return max(self._most, width_for(saved))
 
     def render(self, *_: Any, **__: Any) -> Any:
         """The picture of the environment's own camera, (height, width, 3) uint8."""

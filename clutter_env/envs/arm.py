@@ -1,4 +1,4 @@
-"""`ArmReach` and `ArmPick`: goal environments with a fixed base and four actions, for stock learners.
+"""`ArmReach` and `ArmPick`: goal environments with a fixed base and four actions, for stock learners; and their arm.
 
 They are the Fetch tasks of Gymnasium-Robotics (Plappert et al. 2018, arXiv:1802.09464) in this package's world: the
 gripper points down, an action moves it by up to 5 cm and opens or closes it, an episode has 50 steps, rewards are 0
@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from assets import RobotSpec
 from clutter_env.config import EnvConfig
+from clutter_env.envs.base import BaseEnv
 from clutter_env.envs.goal import GOAL_TOLERANCE, GoalEnv, clipped
 from clutter_env.envs.observation import POSITION_BOUND, VELOCITY_BOUND, Column, EntryLayout
 from clutter_env.envs.reset_options import ResetOptions
@@ -85,8 +86,8 @@ REACH_LAYOUT, PICK_LAYOUT = EntryLayout(_GRIPPER), EntryLayout({**_GRIPPER, **_O
 is at the start; `object_velocity` is relative to the TCP."""
 
 
-class ArmEnv(GoalEnv):
-    """A fixed base in front of the table, the gripper pointing down.
+class DownwardArm(BaseEnv):
+    """A fixed base in front of the table, the gripper pointing down: what environments with such an arm share.
 
     An action has four numbers in [-1, 1]: the motion of the TCP along x, y and z of the base, each a share of 0.05 m
     from where the joint targets have it, and the opening of the gripper, -1 closed, 1 open. Nothing that is commanded
@@ -96,28 +97,13 @@ class ArmEnv(GoalEnv):
         ConfigError: the robot does not reach all goals, or the layout has shelves.
     """
 
-    _num_objects: int
-    _layout: EntryLayout
-
-    def __init__(self, **keywords: Any) -> None:
-        keywords = {"num_objects": self._num_objects, "control_mode": "ee", **keywords}
-        check_choice("num_objects", keywords["num_objects"], (self._num_objects,))
-        check_choice("control_mode", keywords["control_mode"], ("ee",))
-        check_choice("head", keywords.get("head", "fixed"), ("fixed",))
-        check_choice("base", keywords.get("base", "fixed"), ("holonomic", "fixed"))
-        config = EnvConfig.from_keywords(keywords)
-        self._shown = self._layout if config.obs_mode == "state" else REACH_LAYOUT
-        super().__init__(config)
-        self.action_size = _ACTIONS
-        self.action_space = spaces.Box(-1.0, 1.0, (_ACTIONS,), np.float32)
+    def _have_actions(self, size: int = _ACTIONS) -> None:
+        """Have actions of so many numbers; to be called once the base class has been made."""
+        self.action_size = size
+        self.action_space = spaces.Box(-1.0, 1.0, (size,), np.float32)
         quaternion = np.empty(4)
         mujoco.mju_mat2Quat(quaternion, _DOWN.ravel())
         self._down: list[float] = quaternion.tolist()
-
-    @property
-    def observation_layout(self) -> Mapping[str, EntryLayout]:
-        """The layout of the entry "observation"."""
-        return {"observation": self._shown}
 
     def arm_action(self, position: ArrayLike, gripper_width: float) -> NDArray[np.float64]:
         """The action (4,) that brings the TCP towards a position (3,) [m], in the coordinates of the goals.
@@ -187,6 +173,36 @@ class ArmEnv(GoalEnv):
         velocity = arm.joint_velocity(np.zeros(6), q, state.velocity[3:])
         return np.concatenate((np.zeros(3), velocity))
 
+    def _gripper(self) -> list[NDArray[np.float64]]:
+        """Position and velocity of the TCP, width and commanded width of the gripper."""
+        data, index = self.data, self.world.index
+        width = float(data.qpos[index.finger_qpos[:2]].sum()) + self.robot.finger_gap_closed
+        commanded = self.robot.opening(self.world.controller.state.fingers[0])
+        return [self.tcp, self._tcp_velocity(), np.array([width, commanded])]
+
+
+class ArmEnv(DownwardArm, GoalEnv):
+    """A goal environment with such an arm."""
+
+    _num_objects: int
+    _layout: EntryLayout
+
+    def __init__(self, **keywords: Any) -> None:
+        keywords = {"num_objects": self._num_objects, "control_mode": "ee", **keywords}
+        check_choice("num_objects", keywords["num_objects"], (self._num_objects,))
+        check_choice("control_mode", keywords["control_mode"], ("ee",))
+        check_choice("head", keywords.get("head", "fixed"), ("fixed",))
+        check_choice("base", keywords.get("base", "fixed"), ("holonomic", "fixed"))
+        config = EnvConfig.from_keywords(keywords)
+        self._shown = self._layout if config.obs_mode == "state" else REACH_LAYOUT
+        super().__init__(config)
+        self._have_actions()
+
+    @property
+    def observation_layout(self) -> Mapping[str, EntryLayout]:
+        """The layout of the entry "observation"."""
+        return {"observation": self._shown}
+
     def _observe(self) -> dict[str, Any]:
         vector = np.concatenate(self._numbers())
         bounds = self._shown.bounds
@@ -198,11 +214,7 @@ class ArmEnv(GoalEnv):
         }
 
     def _numbers(self) -> list[NDArray[np.float64]]:
-        """Position and velocity of the TCP, width and commanded width of the gripper."""
-        data, index = self.data, self.world.index
-        width = float(data.qpos[index.finger_qpos[:2]].sum()) + self.robot.finger_gap_closed
-        commanded = self.robot.opening(self.world.controller.state.fingers[0])
-        return [self.tcp, self._tcp_velocity(), np.array([width, commanded])]
+        return self._gripper()
 
     def _make_observation_space(self) -> spaces.Dict:
         bounds = self._shown.bounds.astype(np.float32)

@@ -23,6 +23,7 @@ CONTROLS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "retrieve": ("greedy", "random-skills", "direct-approach"),
         "rearrange": ("random",),
+        "armretrieve": ("random",),
         **dict.fromkeys(GOAL_FAMILIES, ("random",)),
     }
 )

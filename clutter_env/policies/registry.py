@@ -67,11 +67,7 @@ def load_policy(name: str, seed: int, trust: bool = False, python: str = "") -> 
             return _learned_policy(name, trust)
         except ModuleNotFoundError as problem:
             raise PolicyError(missing_extra(problem) or str(problem)) from problem
-    if not attribute:
-        raise PolicyError(
-            f"no policy {name!r}; give module:Class, the directory of a training run, ALGORITHM:FILE.zip, "
-            f"lerobot:DIRECTORY, or one of {', '.join(BUILT_IN)}"
-        )
+    check_name(name)
     make_own = imported(name, PolicyError(f"policy {name!r} cannot be imported"))
     try:
         inspect.signature(make_own).bind()
@@ -83,6 +79,15 @@ def load_policy(name: str, seed: int, trust: bool = False, python: str = "") -> 
     policy: AnyPolicy = make_own()
     check_policy(policy, name)
     return policy
+
+
+def check_name(name: str) -> None:
+    """Refuse a text that can name no policy (`PolicyError`), before anything is loaded."""
+    if ":" not in name and name not in BUILT_IN and not is_run(name):
+        raise PolicyError(
+            f"no policy {name!r}; give module:Class, the directory of a training run, ALGORITHM:FILE.zip, "
+            f"lerobot:DIRECTORY, or one of {', '.join(BUILT_IN)}"
+        )
 
 
 def imported(name: str, refusal: ClutterEnvError) -> Any:
@@ -232,8 +237,9 @@ def check_policy(policy: AnyPolicy, name: str = "") -> None:
 
 def policy_families(name: str) -> tuple[str, ...]:
     """The families of environments whose scenes a policy can play; of other people's policies all."""
-    every = ("retrieve", "rearrange", "search", "skill", "open", *GOAL_FAMILIES)
-    if name in GOAL_FAMILIES:
+    with_scripts = ("armretrieve", *GOAL_FAMILIES)
+    every = ("retrieve", "rearrange", "search", "skill", "open", *with_scripts)
+    if name in with_scripts:
         return (name,)
     if is_run(name):
         own = run_task(Path(name)).family

@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from assets import RobotSpec
-from clutter_env.envs.arm import ArmEnv
+from clutter_env.envs.arm import GOAL_RANGE, ArmEnv
+from clutter_env.envs.arm_retrieve import LOWEST, ArmRetrieveEnv
 from clutter_env.envs.base import BaseEnv
+from clutter_env.envs.from_above import TIP, Standing
 from clutter_env.envs.goal import GoalEnv
 from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.scene.layout import TABLE_HEIGHT
@@ -59,6 +61,24 @@ CHARGE_FROM = 0.10
 """[m] before the table's front edge: where the gripper waits until it is in line with the target."""
 IN_LINE = 0.02
 """[m] from the line to the target, across and up, within which the gripper charges."""
+
+OVER_TOPS, OVER_OTHERS = 0.04, 0.02
+"""[m] of the TCP, and of the bottom of what it holds, above the tops of the objects while it moves over them."""
+STEEP, NARROW, WIDE = 8.0, 0.006, 0.016
+"""Height [m] kept for each metre that the gripper is away from the point to which it descends, beyond so many metres
+before it is around the object, and after."""
+SLOW = 0.2
+"""[m/s] across, above which it must be exactly over the object to go down around it."""
+BRAKED, SLOWEST = 0.5, 0.01
+"""Share of the remaining descent that is asked for in a step, and so many metres at least: it arrives without a blow.
+"""
+AT_TOP = 0.012
+"""[m] above the grasp from above at which the fingers close."""
+PLACE_STEP, PLACE_BEYOND = 0.02, 0.06
+"""[m] between the places where an object may be put aside, and by which they reach beyond where objects stand."""
+PLACE_GAPS, PUT_DOWN, AT_PLACE = (0.02, 0.012), 0.012, 0.08
+"""[m] between such a place and its neighbours, better and at least; above the table at which an object is let go of,
+and from which it goes down wherever it is."""
 
 
 def reach(env: GoalEnv) -> Step:
@@ -144,8 +164,95 @@ def arm_pick(env: ArmEnv) -> Step:
     return ("close", env.arm_action(at, 0.0)) if above < AT_GRASP else ("descend", env.arm_action(at, opening))
 
 
+def arm_retrieve(env: ArmRetrieveEnv) -> Step:
+    """Put aside what is in the way of the target, take the target from above, lift it."""
+    tcp, held, target = env.tcp, env.measurements.held, env.target_slot
+    if held == target:
+        return "lift", env.arm_action(tcp + (0, 0, LIFT), 0.0)
+    wanted = (env.in_the_way or [target])[0]
+    if held == wanted:
+        return _put_aside(env, held)
+    standing, origin = env.standing(), env.origin
+    opening = 2 * (float(standing.half_widths[wanted]) + FINGER_ROOM)
+    above_table = TABLE_HEIGHT - float(origin[2])
+    height = above_table + standing.grasp_height(wanted, LOWEST)
+    to_x, to_y = standing.centres[wanted] - origin[:2] - tcp[:2]
+    over = above_table + float(standing.tops.max()) + OVER_TOPS
+    slack = WIDE if tcp[2] - TIP < above_table + standing.tops[wanted] else NARROW
+    if math.hypot(to_x, to_y) < WIDE and tcp[2] - height < AT_TOP:
+        return "close", env.arm_action(tcp + (to_x, to_y, height - tcp[2]), 0.0)
+    return "approach", _down_a_funnel(env, np.array([to_x, to_y]), tcp[2], height, over, opening, slack)
+
+
+def _put_aside(env: ArmRetrieveEnv, held: int) -> Step:
+    """Carry what is held over the others to a free place, put it down, let go of it."""
+    standing, at = env.standing(), env.measurements.poses[held, :3]
+    raised = env.world.lowest_point(env.measurements, held) - TABLE_HEIGHT
+    away = free_place(env, held) - at[:2]
+    if raised < PUT_DOWN and math.hypot(*away) < WIDE:
+        return "open", env.arm_action(env.tcp, 2 * (float(standing.half_widths[held]) + FINGER_ROOM))
+    over = float(np.delete(standing.tops, held).max()) + OVER_OTHERS
+    return "put aside", _down_a_funnel(
+        env, away, raised, PUT_DOWN / 2, over, 0.0, WIDE if raised < AT_PLACE else NARROW
+    )
+
+
+def _down_a_funnel(
+    env: ArmRetrieveEnv, away: Array, height: float, end: float, over: float, opening: float, slack: float
+) -> NDArray[Any]:
+    """The action that brings the gripper down to a point, high where it is far away, and first up where it is low.
+
+    Args:
+        env: the environment.
+        away: (2,) [m] to the point, in the plane.
+        height: [m] of the gripper, or of what it holds.
+        end: [m] at the point.
+        over: [m] at which it passes over the objects.
+        opening: [m] of the gripper.
+        slack: [m] `NARROW` or `WIDE`.
+    """
+    is_slow = math.hypot(*env.tcp_velocity[:2]) < SLOW
+    distance = math.hypot(*away) - (slack if is_slow or slack == WIDE else 0.0)
+    wanted = min(end + STEEP * max(distance, 0.0), over)
+    share = min(max(1.0 - (wanted - height) / STEER_HEIGHT, 0.0), 1.0)
+    fastest = max(BRAKED * (height - end), SLOWEST)
+    return env.arm_action(env.tcp + (*(away * share), max(wanted - height, -fastest)), opening)
+
+
+def free_place(env: ArmRetrieveEnv, held: int) -> Array:
+    """The free place (2,) [m] of a grid that is nearest to the target, clear of its grasp and of the other objects.
+
+    Where the held object is now does not count: it is carried to one place, whatever happens on the way.
+    """
+    target = env.standing().centres[env.target_slot]
+    half = np.add(GOAL_RANGE[:2], PLACE_BEYOND)
+    grid = np.stack(np.meshgrid(*(np.arange(-size, size + 1e-9, PLACE_STEP) for size in half), indexing="ij"), axis=-1)
+    places = env.origin[:2] + grid.reshape(-1, 2)
+    nearest = places[np.argsort(np.hypot(*(places - target).T), kind="stable")]
+    free = (place for gap in PLACE_GAPS for place in nearest if _is_free(env, held, place, gap))
+    return np.asarray(next(free, env.standing().centres[held]))
+
+
+def _is_free(env: ArmRetrieveEnv, held: int, place: Array, gap: float) -> bool:
+    """Whether what is held can be let go of at a place: so far [m] from the others and from the target's grasp."""
+    standing, centres = env.standing(), env.standing().centres.copy()
+    centres[held] = place
+    there = Standing(centres, standing.half_widths, standing.tops)
+    gaps = np.hypot(*(centres - place).T) - standing.half_widths - standing.half_widths[held]
+    gaps[held] = math.inf
+    is_apart = gaps.min() > gap and there.gap(env.target_slot, held) > gap
+    return bool(is_apart) and not there.in_the_way(held, LOWEST)
+
+
 SCRIPTS: Mapping[str, Callable[[Any], Step]] = MappingProxyType(
-    {"reach": reach, "pick": pick, "armreach": arm_reach, "armpick": arm_pick, "scripted": retrieve}
+    {
+        "reach": reach,
+        "pick": pick,
+        "armreach": arm_reach,
+        "armpick": arm_pick,
+        "armretrieve": arm_retrieve,
+        "scripted": retrieve,
+    }
 )
 """By name: the scripts for the goal environments and Retrieve; each gives the next step in an environment."""
 

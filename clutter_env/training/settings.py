@@ -11,9 +11,9 @@ from clutter_env.errors import LearningError
 
 ALGORITHMS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
-        "sac": (*GOAL_FAMILIES, "retrieve"),
-        "tqc": (*GOAL_FAMILIES, "retrieve"),
-        "ppo": ("retrieve", "skill"),
+        "sac": (*GOAL_FAMILIES, "armretrieve", "retrieve"),
+        "tqc": (*GOAL_FAMILIES, "armretrieve", "retrieve"),
+        "ppo": ("armretrieve", "retrieve", "skill"),
         "maskable_ppo": ("skill",),
         "dqn": ("skill",),
     }

@@ -48,6 +48,14 @@ _HINDSIGHT = {
 }
 _REACH = {**_HINDSIGHT, "policy_kwargs": {"net_arch": [64, 64]}}
 _PICK = {**_HINDSIGHT, "batch_size": 2048, "tau": 0.05, "policy_kwargs": {"net_arch": [512, 512, 512], "n_critics": 2}}
+_STAGED = {
+    "learning_rate": 1e-3,
+    "gamma": 0.95,
+    "tau": 0.01,
+    "learning_starts": 2000,
+    "ent_coef": 0.01,
+    "policy_kwargs": {"net_arch": [128, 128]},
+}
 _EPISODE = 100
 """[steps] An episode of the goal environments at most; hindsight learns from whole ones, of all copies."""
 _SKILL_DISCOUNT = 0.97
@@ -57,6 +65,9 @@ _OPTIONS: Mapping[tuple[str, ...], Mapping[str, Any]] = MappingProxyType(
     {
         **{(kind, name): _REACH for kind in ("armreach", "reach") for name in ("sac", "tqc")},
         **{(kind, name): _PICK for kind in ("armpick", "pick") for name in ("sac", "tqc")},
+        ("armretrieve", "sac"): _STAGED,
+        ("armretrieve", "tqc"): _STAGED,
+        ("armretrieve", "ppo"): {"gamma": 0.95, "n_steps": 512, "batch_size": 256},
         ("retrieve", "sac"): {"learning_starts": 10_000},
         ("retrieve", "tqc"): {"learning_starts": 10_000},
         ("retrieve", "ppo"): {"n_steps": 512, "batch_size": 256},

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Sequence
-from functools import cache
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from assets.robots import RobotSpec
 from irm.chain import ArmChain, pose_of
 from irm.ik.solvers import free_angles, solver_arrays
 from irm.kernel_arguments import packed
 from planners.collision.driven_world import DriveWorlds, drive_worlds
-from planners.collision.scene_arrays import RobotArrays, robot_arrays
+from planners.collision.scene_arrays import RobotArrays
 from planners.collision.world import CollisionWorld
 from planners.grasping.scan_kernel import make_memory, many_configuration_hits, many_gripper_hits, scan
 from planners.scene import SELF_BIT, Body, HeldObject
@@ -35,6 +34,8 @@ _TORSO_STEP, _ABOUT_HOME = 0.05, 24
 """[m] between torso heights about home, and angles of the free joint about home in a full turn: 15° apart."""
 _HEIGHT_AND_PITCH = (5, 1)
 """Axis numbers of a joint that slides along z and of a hinge about y, as in `irm.chain.ArmChain`."""
+_OFF_LIMIT = 0.002
+"""[m] that the torso keeps from its lower limit where it is down."""
 _SAME_DRIVE = 9
 """Decimals of yaws [rad] and directions that count as the same."""
 
@@ -73,6 +74,13 @@ class ConfigurationGrid(NamedTuple):
     def over(cls, chain: ArmChain, torsos: int = 6, rolls: int = 18) -> ConfigurationGrid:
         """Evenly spaced torso heights, off the limits, and angles of the free joint."""
         heights = np.unique(np.linspace(chain.lower[0], chain.upper[0], torsos + 2)[1:-1])
+        return cls(np.asarray(heights, np.float64), free_angles(chain, rolls))
+
+    @classmethod
+    def to_the_limits(cls, chain: ArmChain, torsos: int = 12, rolls: int = 36) -> ConfigurationGrid:
+        """A finer grid, down to the lower limit of the torso, for what is held low and not lifted."""
+        lower, upper = chain.lower[0], chain.upper[0]
+        heights = np.unique(np.linspace(lower + min(_OFF_LIMIT, (upper - lower) / 2), upper, torsos + 1)[:-1])
         return cls(np.asarray(heights, np.float64), free_angles(chain, rolls))
 
     @classmethod
@@ -248,7 +256,7 @@ def gripper_hits(
     world: CollisionWorld, gripper_poses: Array, opening: float, *, held: HeldObject | None = None, ignore: int = 0
 ) -> NDArray[np.uint64]:
     """What the gripper alone, and the held object, hit at gripper poses (k, 5), as in `GripperPoses`: masks (k,)."""
-    query = world.query(opening, held, ignore | 1 << SELF_BIT, robot=gripper_arrays(world.scene.robot))
+    query = world.query(opening, held, ignore | 1 << SELF_BIT, robot=gripper_arrays(world.robot))
     hits: NDArray[np.uint64] = many_gripper_hits(query, _rows(gripper_poses))
     return hits
 
@@ -258,14 +266,13 @@ def _rows(values: Array) -> Array:
     return np.require(values, np.float64, ["C", "W"])
 
 
-@cache
-def gripper_arrays(robot: RobotSpec) -> RobotArrays:
-    """The gripper as a robot of its own, with solids in the TCP frame; packed.
+@lru_cache(maxsize=64)
+def gripper_arrays(arrays: RobotArrays) -> RobotArrays:
+    """The gripper of a packed robot as a robot of its own, with solids in the TCP frame; packed.
 
     Its base pose is x, y and yaw of the TCP, its joints are height and pitch.
     """
-    arrays = robot_arrays(robot)
-    last = arrays.link == len(robot.chain) - 1
+    last = arrays.link == len(arrays.axes) - 1
     T_tcp_link = np.linalg.inv(pose_of(arrays.tip))
     offsets, axes, tip = np.zeros((2, 3)), np.array(_HEIGHT_AND_PITCH, dtype=np.int64), np.zeros(3)
     for array in (offsets, axes, tip):

@@ -8,15 +8,18 @@ configurations for the pose that is not turned, with the last joint turned.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from assets.robots import RobotSpec
 from irm.chain import ArmChain
+from irm.kernel_arguments import packed
 from irm.kinematics import link_frames
+from planners.collision.scene_arrays import RobotArrays
 from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configurations import ArmConfigurations, GripperPoses, gripper_rotation
 from planners.grasping.grasp_poses import GraspPose
@@ -26,7 +29,7 @@ from planners.scene.masks import FIXED_BITS
 
 Array = NDArray[np.float64]
 
-_PITCHES = tuple(math.radians(degrees) for degrees in (0, 20, 40))
+_PITCHES = tuple(math.radians(degrees) for degrees in (0, 10, 20, 40))
 """[rad] of the approach below the level."""
 _TURNS = tuple(math.radians(degrees) for degrees in (0, -25, 25, -50, 50))
 """[rad] of the approach, seen from above, away from straight against the pull."""
@@ -79,6 +82,25 @@ def turns_last(robot: RobotSpec) -> bool:
     is_hinge = chain.axes[-1] < 3
     is_along = np.linalg.norm(np.cross(axis, approach)) < _SAME_AXIS
     return bool(is_hinge and is_along and np.linalg.norm(np.cross(axis, away)) < _SAME_AXIS)
+
+
+def with_hand_turned(world: CollisionWorld) -> CollisionWorld:
+    """The world of a robot whose hand sits turned by 90° on its last joint: what is free for it is free for `turned`.
+
+    Of a robot of which `turns_last` holds.
+    """
+    return replace(world, robot=_with_hand_turned(world.robot))
+
+
+@lru_cache(maxsize=16)
+def _with_hand_turned(arrays: RobotArrays) -> RobotArrays:
+    """The robot with the solids of its last link turned about the axis of the last joint; packed."""
+    last = len(arrays.axes) - 1
+    rows = arrays.link == last
+    R = Rotation.from_rotvec(math.pi / 2 * np.eye(3)[arrays.axes[last]]).as_matrix()
+    position, rotation, slide = arrays.position.copy(), arrays.rotation.copy(), arrays.slide.copy()
+    position[rows], rotation[rows], slide[rows] = position[rows] @ R.T, R @ rotation[rows], slide[rows] @ R.T
+    return packed(arrays._replace(position=position, rotation=rotation, slide=slide))
 
 
 def turned(

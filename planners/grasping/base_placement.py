@@ -326,7 +326,7 @@ def _outside_base(robot: RobotSpec, bases: Array, points: Array) -> Array:
 @cache
 def _half_thickness(robot: RobotSpec) -> float:
     """[m] from the axis of the approach to the nearest side of the palm: nearer to the base it is inside."""
-    arrays = gripper_arrays(robot)
+    arrays = gripper_arrays(robot_arrays(robot))
     extent = np.einsum("kij,kj->ki", np.abs(arrays.rotation), arrays.half) + arrays.radius[:, None]
     solid = ~arrays.slides
     return max(float((extent - np.abs(arrays.position))[solid, 1:].min(axis=1).max()), GROUND_MARGIN)

@@ -31,7 +31,7 @@ from planners.grasping.arm_configurations import (
     hits_of,
     scan_configurations,
 )
-from planners.grasping.bar_grasps import BarFamily, bar_grasps, turned
+from planners.grasping.bar_grasps import BarFamily, bar_grasps, turned, with_hand_turned
 from planners.grasping.base_placement import STRAIGHT, TURNED, Placer, facing_bases
 from planners.grasping.families import SIDE, Family, families_for
 from planners.grasping.grasp_poses import GraspPose, can_pull, generate_grasps
@@ -45,6 +45,8 @@ _AnyFamily: TypeAlias = Family | BarFamily | PushFamily
 _BASES = (0, 8)
 """Base poses for each gripper pose: the placer's own number, then more where these give no grasp, or, under a shelf, no
 grasp with nothing in its way."""
+_MANY_BASES = (40,)
+"""The same for handles where that gives no grasp: what they are on often leaves no room at the best bases."""
 _OPENINGS = 0.015
 """[m] between the openings of groups of grasps of one object."""
 _REFILLS = 8
@@ -120,10 +122,12 @@ def as_candidates(
 
 
 class _Stage(NamedTuple):
-    """A family of grasps, and the yaws [rad] that the gripper may have relative to the base."""
+    """A family of grasps, the yaws [rad] that the gripper may have relative to the base, and whether all is looked at
+    closely: many bases, heights of the torso and angles of the arm."""
 
     family: _AnyFamily
     turns: tuple[float, ...] = _MAP
+    is_close: bool = False
 
 
 _Grasps: TypeAlias = tuple[GraspCandidate, ...]
@@ -219,7 +223,7 @@ class GraspCandidates:
                 of_family: list[GraspCandidate] = []
                 for wanted, opening in _wanted(self.compiled.world(view), body, family):
                     poses = self._untried(view, body, GripperPoses(np.tile(base, (len(wanted), 1)), wanted))
-                    of_family += self._scan(view, body, poses, opening, family)
+                    of_family += self._scan(view, body, poses, opening, _Stage(family))
                 if of_family:
                     found += of_family
                     break
@@ -334,10 +338,11 @@ class GraspCandidates:
         """Where grasps of an object are looked for, in this order."""
         every_turn = (STRAIGHT, TURNED, _MAP) if self.canonical else (_MAP,)
         families = self._families_for(scene, body)
-        is_handle = scene.pull is not None and scene.pull.handle == body.name and not scene.pull.pushes
-        if is_handle and any(family.pitch < math.pi / 2 for family in self.families):  # else the hand stays upright
+        if _is_handle(scene, body) and any(family.pitch < math.pi / 2 for family in self.families):
+            # Else the hand stays upright.
             families = (*families, BarFamily())
-        return tuple(_Stage(family, turns) for family in families for turns in every_turn)
+        stages = tuple(_Stage(family, turns) for family in families for turns in every_turn)
+        return (*stages, *(_Stage(one, is_close=True) for one in families)) if _is_handle(scene, body) else stages
 
     def _families_for(self, scene: Scene, body: Body) -> tuple[_AnyFamily, ...]:
         """The families by which an object is grasped, or pushed."""
@@ -350,31 +355,31 @@ class GraspCandidates:
             if stage.turns:
                 bases, index = facing_bases(self.arms[scene.robot.arm_name], wanted, stage.turns)
                 poses = self._untried(scene, body, GripperPoses(bases, wanted[index]))
-                found += self._scan(scene, body, poses, opening, stage.family, about_home=True)
+                found += self._scan(scene, body, poses, opening, stage)
             else:
-                found += self._from_map(scene, body, wanted, opening, stage.family, known)
+                found += self._from_map(scene, body, wanted, opening, stage, known)
         if not self.canonical:
             return found
         worse, robot = _WORSE * self._stages(scene, body).index(stage), scene.robot
         return [replace(grasp, quality=_canonical_quality(grasp.base, grasp.q, robot) - worse) for grasp in found]
 
     def _from_map(
-        self, scene: Scene, body: Body, wanted: Array, opening: float, family: _AnyFamily, known: _Grasps
+        self, scene: Scene, body: Body, wanted: Array, opening: float, stage: _Stage, known: _Grasps
     ) -> list[GraspCandidate]:
         """The grasps from base poses of the reachability map."""
         covered, placer = is_covered(scene, body.foot), self.arms[scene.robot.arm_name]
         candidates: list[GraspCandidate] = []
         before = GripperPoses(np.zeros((0, 3)), np.zeros((0, 5)))
-        for most in _BASES:
+        for most in _MANY_BASES if stage.is_close else _BASES:
             bases, index = placer.bases(wanted, most)
             if len(bases) == len(before.bases):
                 break  # there are no more
             poses = self._untried(scene, body, GripperPoses(bases, wanted[index]))
             if covered:
                 masks = {grasp.blockers for grasp in (*known, *candidates)}
-                candidates += self._scan(scene, body, _not_among(poses, before), opening, family, known=masks)
+                candidates += self._scan(scene, body, _not_among(poses, before), opening, stage, known=masks)
             else:
-                candidates = self._scan(scene, body, poses, opening, family)
+                candidates = self._scan(scene, body, poses, opening, stage)
             before = poses
             if any(not (covered and grasp.blockers) for grasp in candidates):
                 break
@@ -395,23 +400,28 @@ class GraspCandidates:
         body: Body,
         poses: GripperPoses,
         opening: float,
-        family: _AnyFamily | None = None,
-        about_home: bool = False,
+        stage: _Stage,
         known: Collection[int] = (),
     ) -> list[GraspCandidate]:
         """The grasps from these base poses; under a shelf those to which the base drives with the arm rigid."""
         world, arm = self.compiled.world(scene), scene.robot.arm_name
-        chain = self.arms[arm].chain
-        if about_home:
-            grid = ConfigurationGrid.about_home(chain, scene.robot.in_front)
-        else:
-            grid = ConfigurationGrid.near_home(chain) if self.near_home else ConfigurationGrid.over(chain)
+        grid, is_across = self._grid(scene, stage), isinstance(stage.family, BarFamily)
         ignore = scene.mask({body.name, *scene.held_names})
-        found = scan_configurations(world, poses, grid, opening, body=body, ignore=ignore, known=known)
-        if isinstance(family, BarFamily):
+        scanned = with_hand_turned(world) if is_across and len(poses.bases) else world
+        found = scan_configurations(scanned, poses, grid, opening, body=body, ignore=ignore, known=known)
+        if is_across:
             found = turned(world, poses, found, opening, ignore)
         found = found._replace(hits=found.hits | np.uint64(_moved_with(world, body.name)))
         return as_candidates(body.name, poses, opening, found, arm, needs_drive(scene, body.foot))
+
+    def _grid(self, scene: Scene, stage: _Stage) -> ConfigurationGrid:
+        """The heights of the torso and angles of the arm that are tried in a stage."""
+        chain = self.arms[scene.robot.arm_name].chain
+        if stage.turns:
+            return ConfigurationGrid.about_home(chain, scene.robot.in_front)
+        if stage.is_close:
+            return ConfigurationGrid.to_the_limits(chain)
+        return ConfigurationGrid.near_home(chain) if self.near_home else ConfigurationGrid.over(chain)
 
 
 def _wanted(world: CollisionWorld, body: Body, family: _AnyFamily) -> list[tuple[Array, float]]:
@@ -430,6 +440,11 @@ def _wanted(world: CollisionWorld, body: Body, family: _AnyFamily) -> list[tuple
     for grasp in grasps if scene.pull is None else [one for one in grasps if can_pull(scene, body, one.T_world_tcp)]:
         groups.setdefault(math.ceil(grasp.opening / _OPENINGS) if body.shape == "pieces" else 0, []).append(grasp)
     return [(gripper_poses(group), max(grasp.opening for grasp in group)) for group in groups.values()]
+
+
+def _is_handle(scene: Scene, body: Body) -> bool:
+    """Whether an object stands for the handle of what is to be opened, which is to be grasped."""
+    return scene.pull is not None and scene.pull.handle == body.name and not scene.pull.pushes
 
 
 def _moved_with(world: CollisionWorld, name: str) -> int:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from assets.robots import RobotSpec
+from planners.collision.scene_arrays import robot_arrays
 from planners.grasping.antipodal import antipodal_lines, highest_line, lowest_line
 from planners.grasping.arm_configurations import gripper_arrays, gripper_rotation
 from planners.grasping.families import GRASP_SETS, AntipodalFamily, Family, GraspFamily, families_for
@@ -56,7 +57,7 @@ class GripperClearances:
 @cache
 def gripper_clearances(robot: RobotSpec) -> GripperClearances:
     """The lengths of a robot's gripper: of its finger tips, and of the palm, the foremost solid between them."""
-    arrays = gripper_arrays(robot)  # in the TCP frame
+    arrays = gripper_arrays(robot_arrays(robot))  # in the TCP frame
     centre, extent = arrays.position, np.einsum("kij,kj->ki", np.abs(arrays.rotation), arrays.half)
     extent += arrays.radius[:, None]
     front = centre[:, 0] + extent[:, 0]

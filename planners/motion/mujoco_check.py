@@ -32,7 +32,7 @@ _NEAR = 0.001
 _OTHER_GEOM = {"contype": _OTHER, "conaffinity": 0, "margin": 0.0}
 _MEMORY = 1 << 25
 """[bytes] for contacts, far more than there can be."""
-OBJECT, _OBSTACLE = "object/", "obstacle/"
+OBJECT, OPENING, _OBSTACLE = "object/", "opening/", "obstacle/"
 """Prefixes of names in the model, so that an object or obstacle may have the name of a geom or joint of the robot."""
 _GEOMS = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
@@ -48,8 +48,11 @@ STEP = 0.01
 """[m] that a point of the robot may move between two checks: past a cylinder of 25 mm radius 0.5 mm are missed."""
 
 
-def scene_model(scene: Scene) -> mujoco.MjModel:
-    """Robot, ground, static obstacles and free bodies for the objects, with the collision bits of this module."""
+def scene_model(scene: Scene, can_open: bool = False) -> mujoco.MjModel:
+    """Robot, ground, static obstacles and free bodies for the objects, with the collision bits of this module.
+
+    Drawers and doors stay where they are, unless they `can_open`: then they are on the joints of the scene's openings.
+    """
     spec = mujoco.MjSpec.from_file(str(scene.robot.mjcf_path))
     spec.memory = _MEMORY
     for geom in spec.geoms:
@@ -58,8 +61,9 @@ def scene_model(scene: Scene) -> mujoco.MjModel:
     for first, second in _neighbours(scene.robot):
         spec.add_exclude(bodyname1=first, bodyname2=second)
     spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], **_OTHER_GEOM)
+    body_of = _moving_bodies(spec, scene) if can_open else {}
     for obstacle in scene.static_obstacles:
-        _add_solid(spec, spec.worldbody, _OBSTACLE + obstacle.name, obstacle)
+        _add_solid(spec, body_of.get(obstacle.name, spec.worldbody), _OBSTACLE + obstacle.name, obstacle)
     for body in scene.objects:
         name = OBJECT + body.name
         added = spec.worldbody.add_body(name=name)
@@ -70,6 +74,17 @@ def scene_model(scene: Scene) -> mujoco.MjModel:
         # Held objects are placed geom by geom; the boxes of this phase would stay where their bodies are.
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
     return spec.compile()
+
+
+def _moving_bodies(spec: mujoco.MjSpec, scene: Scene) -> dict[str, mujoco.MjsBody]:
+    """The body of each part that moves with a drawer or door, by its name; all are in the frame of the world now."""
+    body_of: dict[str, mujoco.MjsBody] = {}
+    for one in sorted(scene.openings, key=lambda one: -len(one.parts)):  # doors before the levers on them
+        body = body_of.get(one.parts[0], spec.worldbody).add_body(name=OPENING + one.name)
+        kind = mujoco.mjtJoint.mjJNT_SLIDE if one.kind == "slide" else mujoco.mjtJoint.mjJNT_HINGE
+        body.add_joint(name=OPENING + one.name, type=kind, axis=one.axis, pos=one.point, ref=one.position)
+        body_of.update(dict.fromkeys(one.parts, body))
+    return body_of
 
 
 def _add_solid(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, solid: Solid) -> None:
@@ -106,7 +121,7 @@ class ModelPositions:
     """Positions of the joints, `qpos` (nq,), of a `scene_model`: they are set to those of a scene, then changed."""
 
     def __init__(self, model: mujoco.MjModel, scene: Scene, qpos: NDArray[np.float64]) -> None:
-        robot, self.qpos = scene.robot, qpos
+        robot, self.qpos, self._model = scene.robot, qpos, model
         joints = (*robot.drive_joints, robot.finger_joints[0])
         self._columns = np.array([int(model.joint(name).qposadr[0]) for name in joints])
         self._second_finger = int(model.joint(robot.finger_joints[1]).qposadr[0])
@@ -115,6 +130,10 @@ class ModelPositions:
             qpos[model.joint(joint).qposadr[0]] = angle
         for body in scene.objects:
             self.put(body.name, body.position, body.quaternion)
+
+    def open(self, name: str, position: float) -> None:
+        """Put what opens at a position [m] or [rad], in a model in which it can."""
+        self.qpos[self._model.joint(OPENING + name).qposadr[0]] = position
 
     def move(self, state: NDArray[np.float64]) -> None:
         """Move the robot to a whole-body configuration and finger position (12,)."""

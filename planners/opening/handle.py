@@ -22,6 +22,8 @@ from planners.scene.moving import carried_by, moved
 
 Array = NDArray[np.float64]
 
+HANDLE_OF = "handle of "
+"""Before the name of what opens: the name of the object that stands for its handle."""
 _BACK = (0.0, 0.3, 0.6, 0.9, 1.2)
 """[m] that a robot is farther back where it stands in the way of what opens."""
 _OVER = 0.3
@@ -45,7 +47,7 @@ def with_handle(
         return None
     opening = scene.opening(name)
     pieces = [one for one in scene.static_obstacles if one.name in handle]
-    body = Body.of_pieces(f"{name}: handle", pieces)
+    body = Body.of_pieces(f"{HANDLE_OF}{name}", pieces)
     rest = tuple(one for one in scene.static_obstacles if one.name not in handle)
     twin = replace(
         scene,

@@ -18,7 +18,7 @@ from planners.clock import Deadline
 from planners.facts import At, Closed, Fact, Holding, Inside, On, Open, Pulled, Turned
 from planners.goals import Goal
 from planners.grasping.push_poses import face_against
-from planners.opening.handle import as_if_opened, handles_of, with_handle, without_handle
+from planners.opening.handle import HANDLE_OF, as_if_opened, handles_of, with_handle, without_handle
 from planners.opening.latches import latches
 from planners.problem import Problem
 from planners.scene import Opening, Scene
@@ -325,7 +325,7 @@ def _is_pull(action: BoundAction) -> bool:
 def _ended(found: Infeasible, goal: Goal, parts: list[Solution]) -> Infeasible:
     """The end of a search in one of its parts."""
     done = tuple(name for part in parts for name in part.clearances)
-    where = f", to open {found.target.partition(':')[0]}" if ": handle" in found.target else ""
+    where = f", to open {found.target.removeprefix(HANDLE_OF)}" if found.target.startswith(HANDLE_OF) else ""
     return replace(
         found, detail=found.detail + where, clearances=(*done, *found.clearances), target=goal.target, goal=goal
     )

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.hit_kernels import place_along
+from planners.collision.scene_arrays import robot_arrays
 from planners.collision.world import CollisionWorld
 from planners.grasping.arm_configurations import gripper_arrays, gripper_hits
 from planners.grasping.candidates import GraspCandidates
@@ -58,7 +59,7 @@ class _Hand:
         world = CollisionWorld.from_scene(
             replace(self.scene, objects=(self.scene.body(held.name),), static_obstacles=())
         )
-        arrays = gripper_arrays(self.scene.robot)
+        arrays = gripper_arrays(robot_arrays(self.scene.robot))
         query = world.query(opening_around(self.scene.robot, body, held), held, 0, robot=arrays)
         X = np.ascontiguousarray(self.poses[:1, [0, 1, 3, 2, 4]])
         positions, rotations = place_along(query, X)

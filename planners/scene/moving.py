@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from planners.regions import RESTING, Region, with_those_on
 from planners.scene.bodies import Body
 from planners.scene.openings import Opening
 from planners.scene.scene import Scene
-from planners.scene.solid import StaticObstacle
+from planners.scene.solid import Solid, StaticObstacle
 
 Array = NDArray[np.float64]
 
@@ -53,6 +53,22 @@ def moved(scene: Scene, name: str, position: float, besides: Collection[str] = (
         objects=tuple(one.at_pose(T @ one.pose) if one.name in along else one for one in scene.objects),
         openings=tuple(_opening_in(one, opening, position, R, p) for one in scene.openings),
         regions=tuple(_region_in(one, R, p) if one.support in parts else one for one in scene.regions),
+    )
+
+
+def without_pull(scene: Scene) -> Scene:
+    """The scene with the handle that is to be pulled among the static obstacles again."""
+    if scene.pull is None:
+        return scene
+    handle = scene.body(scene.pull.handle)
+    parts = [
+        StaticObstacle(**{field.name: getattr(solid, field.name) for field in fields(Solid)}) for solid in handle.placed
+    ]
+    return replace(
+        scene,
+        objects=tuple(one for one in scene.objects if one is not handle),
+        static_obstacles=(*scene.static_obstacles, *parts),
+        pull=None,
     )
 
 

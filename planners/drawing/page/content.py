@@ -44,7 +44,14 @@ _GROUPS = 3
 """Geoms of the groups below this are seen, those from it on only collide."""
 _LENGTH, _TURN = 2e-4, 1 / 32767
 """Steps of the 16 bits of a position [m], up to 6.5 m, and of a quaternion's component."""
-_SKILLS = {"MoveBase": "drive", "PickUp": "pick", "PutDownGeneral": "place", "PutDownForClearance": "place"}
+_SKILLS = {
+    "MoveBase": "drive",
+    "PickUp": "pick",
+    "PutDownGeneral": "place",
+    "PutDownForClearance": "place",
+    "Open": "open",
+    "Close": "open",
+}
 _BASES = 48
 """Base poses of the map shown for a gripper pose at most, best first."""
 _STRIDE = 2

@@ -9,13 +9,15 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from planners.drawing.page.content import page_text
 from planners.expert.report import Frame, Recording, Solve
 from planners.motion.arm import tcp_pose
-from planners.motion.mujoco_check import OBJECT, ModelPositions, scene_model
+from planners.motion.mujoco_check import OBJECT, OPENING, ModelPositions, scene_model
 from planners.motion.trajectory import CONTROL_STEP
-from planners.scene import RobotState
+from planners.scene import Body, Pull, RobotState, Scene
+from planners.scene.moving import carried_by, moved, without_pull
 from planners.tamp.solution import Solution
 
 _SCRIPTS = ("matrix", "shapes", "renderer", "data", "marks", "scene", "camera", "timeline", "panel", "page")
@@ -65,25 +67,30 @@ def write_plan_page(plan: Solution, path: Path) -> None:
 
 
 def plan_recording(plan: Solution) -> Recording:
-    """The motions of a plan, one action after the other; a held object moves with the gripper, all others rest."""
+    """The motions of a plan, one action after the other; a held object moves with the gripper, all others rest.
+
+    A handle that is held moves what opens, and what stands in it.
+    """
     if not plan.actions:
         raise ValueError("a plan without actions has nothing to show")
-    first = plan.actions[0].scene
-    model = scene_model(first)
+    first = without_pull(plan.actions[0].scene)
+    model = scene_model(first, can_open=True)
     for geom in range(model.ngeom):  # a planner's scene has no colours for its static obstacles
-        name = model.geom(geom).name
-        if model.geom_bodyid[geom] == 0:
+        name, body = model.geom(geom).name, model.body(model.geom_bodyid[geom]).name
+        if body == "world" or body.startswith(OPENING):
             model.geom_rgba[geom] = _SUPPORT if name.rpartition("/")[2] in first.supports[:1] else _OTHER
     names = tuple(OBJECT + body.name for body in first.objects)
     return Recording(model, plan.target, names, tuple(_frames(plan, model)), (Solve(0.0, plan),))
 
 
 def _frames(plan: Solution, model: mujoco.MjModel) -> Iterator[Frame]:
-    """One frame for each control step; the scene of an action says where its objects stand."""
+    """One frame for each control step; the scene of an action says where its objects stand and what is open."""
     start = 0.0
     for index, action in enumerate(plan.actions):
-        scene, trajectory = action.scene, action.trajectory
+        scene, trajectory = without_pull(action.scene), action.trajectory
         positions = ModelPositions(model, scene, np.array(model.qpos0))
+        for one in scene.openings:
+            positions.open(one.name, one.position)
         aside = [(one.held, scene.using(one.arm)) for one in scene.aside]
         for time in np.append(np.arange(0.0, trajectory.duration, CONTROL_STEP), trajectory.duration):
             sample = trajectory.sample(float(time))
@@ -95,6 +102,25 @@ def _frames(plan: Solution, model: mujoco.MjModel) -> Iterator[Frame]:
             for held, robot, holding in in_hand:
                 body = scene.body(held.name).at_pose(tcp_pose(robot, holding) @ held.T_tcp_object)
                 positions.put(body.name, body.position, body.quaternion)
+            if action.scene.pull is not None and sample.phase.name == "pull" and sample.phase.touched is not None:
+                handle = action.scene.body(action.scene.pull.handle)
+                there = handle.at_pose(tcp_pose(scene.robot, state) @ sample.phase.touched.T_tcp_object)
+                _pull(positions, action.scene, action.scene.pull, there)
             phase = f"{f'{action.name} {action.target}'.rstrip()}: {sample.phase.name}"
             yield Frame(start + float(time), positions.qpos.astype(np.float32), 0, index, phase)
         start += trajectory.duration
+
+
+def _pull(positions: ModelPositions, scene: Scene, pull: Pull, handle: Body) -> None:
+    """Move what a handle opens to where the handle is, and what stands in it."""
+    opening, before = scene.opening(pull.opening), scene.body(pull.handle)
+    if opening.kind == "slide":
+        by = float((handle.position - before.position) @ opening.axis)
+    else:
+        by = float(Rotation.from_matrix(handle.rotation @ before.rotation.T).as_rotvec() @ opening.axis)
+    positions.open(opening.name, opening.position + by)
+    there = moved(scene, opening.name, opening.position + by)
+    for name in carried_by(scene, opening):
+        if name != pull.handle:
+            body = there.body(name)
+            positions.put(name, body.position, body.quaternion)

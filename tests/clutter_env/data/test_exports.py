@@ -438,7 +438,7 @@ def test_hdf5_has_our_layout_or_that_of_robomimic(dataset: Dataset, episodes: li
             np.testing.assert_array_equal(demo["obs/robot"], episode.observations["robot"][:-1])
             np.testing.assert_array_equal(demo["next_obs/objects"], episode.observations["objects"][1:])
             np.testing.assert_array_equal(demo["states"][:, 0], episode.seed)
-            np.testing.assert_array_equal(demo["states"][:, 1:], episode.states[:-1])
+            np.testing.assert_array_equal(demo["states"][:, 1 : 1 + episode.states.shape[1]], episode.states[:-1])
             assert demo["dones"][:].sum() == demo["dones"][-1] == 1
             assert len(demo["states"]) == len(demo["rewards"]) == len(episode)
 
@@ -467,8 +467,12 @@ def test_robomimic_plays_a_demonstration_in_our_environment(
         env.step(action)
     assert env.is_success() == {"task": True}
     assert env.get_reward() == episodes[0].rewards[-1]
+    later = env.reset_to({"states": states[30]})
+    np.testing.assert_array_equal(later["objects"], episodes[0].observations["objects"][30])
+    first_only = 1 + episodes[0].states.shape[1]  # rows of files before there were full states
+    env.reset_to({"states": states[0, :first_only]})
     with pytest.raises(LearningError, match="only the first state"):
-        env.reset_to({"states": states[1]})
+        env.reset_to({"states": states[1, :first_only]})
 
 
 @pytest.mark.parametrize("change", [{"seed": HELD_OUT + 7}, {"task": Task("clutter_env/Retrieve-o1-v0")}])

@@ -17,11 +17,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from planners import Solution, goals, solve
 from planners.drawing.page.content import ArrayBlock, model_values, moving_bodies, page_text
 from planners.drawing.page.live import LivePage
 from planners.drawing.page.page import plan_recording, write_page
 from planners.expert.report import Note, Recording, Solve
-from planners.motion.mujoco_check import OBJECT
+from planners.motion.mujoco_check import OBJECT, OPENING
+from tests.planners.opening.furniture import drawer_world
 from tests.planners.plans import refused, solved
 
 PATIENCE_S = 20.0
@@ -221,3 +223,21 @@ def test_the_objects_of_a_plan_have_their_own_names(bare: Recording) -> None:
     assert all(name.startswith(OBJECT) for name in bare.objects)
     content = Content(page_text(bare, "title", {}, "plan"))
     assert {entry["name"] for entry in content.values["objects"]} == set(solved().actions[0].scene.names)
+
+
+@pytest.mark.parametrize("is_open", [False, True])
+def test_what_opens_moves_on_the_page(is_open: bool) -> None:
+    world = drawer_world(share=0.9 if is_open else 0.0)
+    goal = goals.on("red", "side_table") & goals.closed("drawer") if is_open else "red"
+    plan = solve(world.scene(), goal, time_limit=60)
+    assert isinstance(plan, Solution)
+    recording = plan_recording(plan)
+    assert all("handle" not in name for name in recording.objects)
+    drawer = recording.model.joint(f"{OPENING}drawer").qposadr[0]
+    blue = recording.model.joint(f"{OBJECT}blue").qposadr[0]
+    places = np.array([frame.qpos[[drawer, blue]] for frame in recording.frames], np.float64)
+    assert plan.end is not None
+    np.testing.assert_allclose(places[0, 0], world.scene().opening("drawer").position, atol=1e-6)
+    np.testing.assert_allclose(places[-1, 0], plan.end.opening("drawer").position, atol=2e-3)
+    assert np.abs(np.diff(places[:, 0])).max() < 0.05, "it moves, it does not jump"
+    np.testing.assert_allclose(np.diff(places[:, 1]), -np.diff(places[:, 0]), atol=2e-3, err_msg="blue stands in it")

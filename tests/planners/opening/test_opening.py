@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from assets import FETCH, PR2, RobotSpec
+from assets import FETCH, PR2, RobotSpec, robot as robot_named
 from planners import Cause, Infeasible, Planner, Scene, Solution, execute, goals, lower_bound, solve
+from planners.collision.world import CollisionWorld
 from planners.goals import Goal, GoalError
+from planners.grasping.bar_grasps import with_hand_turned
 from planners.scene import UnknownOpening
 from planners.scene.moving import carried_by, moved
 from tests.planners.opening.furniture import FRONT, World, box_world, cupboard_world, drawer_world
@@ -124,6 +126,26 @@ def test_something_is_put_into_a_drawer_that_is_shut() -> None:
     plan, scene = done(world, goals.on("red", "drawer_floor") & goals.closed("drawer"))
     assert [one for one, _ in moves(plan)] == ["Open", "PickUp", "PutDownGeneral", "Close"]
     assert goals.on("red", "drawer_floor").holds(scene)
+
+
+@pytest.mark.parametrize("handle", ["upright", "level"])
+def test_a_drawer_near_the_floor_is_opened(handle: str) -> None:
+    _, scene = done(drawer_world(handle=handle, height=0.17), goals.open_("drawer"))
+    assert scene.opening("drawer").share >= 0.8
+
+
+def test_a_hand_that_sits_turned_hits_what_the_last_joint_turned_hits() -> None:
+    for robot in (FETCH, PR2.using("left"), robot_named("panda_mobile")):
+        world = CollisionWorld.from_scene(drawer_world(robot).scene())
+        turned, arm, rng = with_hand_turned(world), world.robot, np.random.default_rng(0)
+        hits = []
+        for _ in range(400):
+            q = rng.uniform(np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi))
+            base = rng.uniform((-0.2, -0.4, -1.0), (0.5, 0.4, 1.0))
+            other = q + np.pi / 2 * np.eye(len(q))[-1]
+            hits.append(world.hits(base, other, 0.04))
+            assert turned.hits(base, q, 0.04) == hits[-1]
+        assert 0 < np.count_nonzero(hits) < len(hits)
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@
 const REGION_COLOURS = [[0.298, 0.471, 0.659], [0.949, 0.647, 0.255], [0.45, 0.5, 0.55]];
 const GREEN = [0.106, 0.541, 0.227];
 const GREY = [0.5, 0.52, 0.55];
-const PATH_COLOURS = { drive: [0.38, 0.42, 0.48], pick: [0.85, 0.47, 0.09], place: [0.106, 0.541, 0.227], other: GREY };
+const PATH_COLOURS = { drive: [0.38, 0.42, 0.48], pick: [0.85, 0.47, 0.09], place: [0.106, 0.541, 0.227], open: [0.25, 0.36, 0.75], other: GREY };
 const NEXT_PATHS = 3; // actions after the present one whose paths are drawn too, faintly
 const ABOVE = 0.0015; // [m] that marks lie above what they are on
 const LIFT = 0.0006; // of the depth, so that marks do not flicker
