@@ -2,8 +2,8 @@
 
 A step earns r = Σ w_i t_i <= 1, with terms t_i of the state between 0 and 1: `way` (how far the way to the target is
 cleared), `reach` (how near the gripper is to the grasp), `around` (how far the target is between the open fingers),
-`grasp`, `lift`, `hold`. Each later term is 0 until the stage before it is complete, so r rises along the task. The step
-of success earns `SUCCESS` = 1 / (1 - Γ), Γ = `DISCOUNT`, and ends the episode.
+`grasp`, `lift`, `hold`. All but the first are 0 until the way is free, the last two until the target is held: r rises
+along the task. The step of success earns `SUCCESS` = 1 / (1 - Γ), Γ = `DISCOUNT`, and ends the episode.
 
 Finishing beats hovering, for every discount γ <= Γ, the time limit being truncation (the learner goes on with its
 estimate there):
