@@ -11,7 +11,8 @@ import hashlib
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -22,6 +23,8 @@ import assets
 from clutter_env.errors import SuiteError
 
 SPLITS = ("test", "validation")
+FILE = ".json"
+"""Ending of the name of a suite that is a file."""
 GRASPS = ("side", "all")
 """Grasp sets for which the suites have floors: level side grasps, and grasps of all kinds."""
 _DIGITS = 12
@@ -189,24 +192,40 @@ def suite(name: str) -> Suite:
         >>> info["target"] == scene.target
         True
 
+    A name that ends in ".json" is a file, as `clutter-env challenge new` writes it.
+
     Raises:
         SuiteError: no suite of that name, the message lists them, and names the version that has replaced it; or its
             file has been changed, or is not valid.
     """
+    if isinstance(name, str) and name.endswith(FILE):
+        return read_suite(Path(name))
     names = suite_names()
     if not isinstance(name, str) or name not in names:
         stem = str(name).rpartition("-v")[0]
         newer = "".join(f" {known!r} has replaced it;" for known in names if known.rpartition("-v")[0] == stem)
         raise SuiteError(f"no suite {name!r};{newer} suites: {', '.join(names)}")
-    return _read_suite(name)
+    return read_suite(assets.path(f"suites/{name}.json"))
 
 
-@cache
-def _read_suite(name: str) -> Suite:
-    place = f"the file of suite {name!r}"
+def read_suite(path: Path) -> Suite:
+    """The suite of a file; what it holds is read once in a process.
+
+    Raises:
+        SuiteError: the file has been changed, or is not valid.
+    """
     try:
-        content = json.loads(assets.path(f"suites/{name}.json").read_text())
-    except (OSError, ValueError, RecursionError) as problem:  # errors of JSON and of Unicode are ValueErrors
+        text = path.read_text()
+    except (OSError, ValueError) as problem:  # errors of Unicode are ValueErrors
+        raise SuiteError(f"the file of suite {path.stem!r} cannot be read: {problem}") from None
+    return _parsed(text, f"the file of suite {path.stem!r}")
+
+
+@lru_cache(maxsize=64)
+def _parsed(text: str, place: str) -> Suite:
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError) as problem:
         raise SuiteError(f"{place} cannot be read: {problem}") from None
     try:
         digest = content.pop("sha256")

@@ -13,6 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from planners.clock import Deadline
+from planners.collision.opened import riding, without_moving
 from planners.collision.world import CompiledScenes
 from planners.goals import Before, Goal, GoalError
 from planners.motion.tcp_following import TcpFollower, follow
@@ -99,8 +100,11 @@ class FollowingPlanner(Planner):
             followed = follow(self.controller, scene.robot, q, action.trajectory)
             if followed is None:
                 return True, False, touched, needless, steps
-            world, own = compiled.world(action.scene), (action.target,) if action.target else ()
-            hits = followed.hits(world.with_padding(0.0), action.scene.mask(own))
+            here: Scene = action.scene
+            own: tuple[str, ...] = (action.target,) if action.target else ()
+            if here.pull is not None and action.target == here.pull.opening:  # it moves with the hand
+                here, own = without_moving(here), riding(here)
+            hits = followed.hits(compiled.world(here).with_padding(0.0), here.mask(own))
             touched += len(action.scene.names_of(hits))
             steps, q = steps + len(followed.configurations), followed.configurations[-1, 3:]
         is_late = self.steps_left is not None and steps > self.steps_left()

@@ -48,6 +48,7 @@ from planners.facts import (
     stands_at as stands_at,
 )
 from planners.goal_ends import contradiction_in, ends_in, narrowest
+from planners.goal_sentence import facts_of, sentence_of
 from planners.goal_text import ARGUMENTS, domain_of, fact_of, pddl_of, says_all, without_negations
 from planners.hollows import hollow_names, static_hollows
 from planners.pddl import Condition, Literal, parse
@@ -282,6 +283,10 @@ class Goal:
         texts = [pddl_of(fact) for fact in self.facts]
         return texts[0] if len(texts) == 1 else f"(and {' '.join(texts)})"
 
+    def sentence(self) -> str:
+        """The goal in English; `from_sentence` reads it again. See `planners.goal_sentence`."""
+        return sentence_of(self.facts)
+
     @classmethod
     def from_pddl(cls, text: str, scene: Scene | None = None) -> Goal:
         """The goal of a PDDL text: one fact, or `(and fact fact …)`, which may be nested; in `(:goal …)` or not.
@@ -480,6 +485,23 @@ def turned(name: str, angle: float, tolerance: float = YAW_TOLERANCE) -> Goal:
         GoalError: a number that is not finite, or a tolerance that is not positive.
     """
     return Goal((Turned(name, angle, tolerance),))
+
+
+def from_sentence(text: str, scene: Scene | None = None) -> Goal:
+    """The goal that an English sentence says, by a grammar: "put the red can into the basket and close the drawer".
+
+    Args:
+        text: clauses joined by commas, "and" or "then"; see `planners.goal_sentence`.
+        scene: whose names are meant; without one a name is its words joined by underscores.
+
+    Raises:
+        GoalError: a clause that is none, or a phrase that fits no name of the scene, or several.
+    """
+    if scene is None:
+        return Goal(facts_of(text))
+    openings = [one.name for one in scene.openings]
+    names = (*scene.names, *scene.supports, *region_names(scene), *openings, *hollow_names(scene))
+    return Goal(facts_of(text, names)).in_scene(scene)
 
 
 def and_(*goals: str | Goal) -> Goal:

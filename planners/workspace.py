@@ -6,6 +6,7 @@ collision worlds) and `PlacementSearch` (what grasps sweep). A workspace makes n
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -14,6 +15,7 @@ import numpy as np
 
 from assets.robots import RobotSpec
 from planners.collision.ground_map import GroundMap
+from planners.collision.opened import is_pushed
 from planners.collision.world import CompiledScenes
 from planners.grasping.bar_grasps import bar_grasps
 from planners.grasping.base_placement import FixedBase, Placer, placer_of
@@ -119,7 +121,10 @@ class Workspace:
 
     def too_wide(self, scene: Scene, name: str) -> str:
         """Why no grasp fits around an object with any arm, "" if one does."""
-        if scene.pull is not None and scene.pull.handle == name:
+        if is_pushed(scene, name):
+            return ""
+        tilts = any(family.pitch < math.pi / 2 for family in self.families)
+        if tilts and scene.pull is not None and scene.pull.handle == name:
             views = (scene.using(arm) for arm in self.arms)
             if any(bar_grasps(view, view.body(name), view.robot) for view in views):
                 return ""

@@ -3,6 +3,7 @@
     python scripts/bridge_table.py --python venv-kinder/bin/python --seeds 50 --out outputs/bridges.jsonl
     python scripts/bridge_table.py --tasks FetchPickAndPlace-v4 --seeds 50 --out outputs/bridges.jsonl
     python scripts/bridge_table.py --tasks robosuite/Lift --python venv-robosuite/bin/python --out outputs/bridges.jsonl
+    python scripts/bridge_table.py --tasks metaworld/drawer-open --python venv-metaworld/bin/python --out doors.jsonl
     python scripts/bridge_table.py --out outputs/bridges.jsonl --show
 
 One line of the file is one episode; episodes that the file has are not run again.
@@ -27,6 +28,7 @@ from numpy.typing import NDArray
 
 from clutter_env.bridges.fetch_tasks import DOWN, FetchTask
 from clutter_env.bridges.kinder_tasks import GRASPS as KINDER_GRASPS, KinderTask
+from clutter_env.bridges.metaworld_tasks import DOWN as METAWORLD_GRASPS, MetaworldTask
 from clutter_env.bridges.remote import Remote
 from clutter_env.bridges.robosuite_tasks import RobosuiteTask
 from clutter_env.rendering.film import save_gif
@@ -64,7 +66,7 @@ class Arguments:
     out: Path
     """JSON lines, one an episode."""
     python: Path = Path("venv-kinder/bin/python")
-    """Of the environment in which KinDER is installed, or robosuite."""
+    """Of the environment in which KinDER is installed, or robosuite, or MetaWorld."""
     tasks: tuple[str, ...] = KINDER
     """Ids."""
     first: int = 0
@@ -173,6 +175,8 @@ def begin(remote: Remote | None, id: str, seed: int) -> tuple[Any, dict[str, Any
     if remote is None:
         return FetchTask(seed, id), {"grasps": DOWN}
     package, name, *robot = id.split("/")
+    if package == "metaworld":
+        return MetaworldTask(remote, name, seed), {"grasps": METAWORLD_GRASPS}
     if package == "robosuite":
         task = RobosuiteTask(remote, name, seed, *robot)
         return task, {"planner": task.planner}

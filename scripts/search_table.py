@@ -2,6 +2,7 @@
 
     python scripts/search_table.py --suite hidden-shelf-10-v2 --scenes 10
     python scripts/search_table.py --perception --scenes 10 --depth-noise 0.005
+    python scripts/search_table.py --layout drawers --scenes 50 --policies expected
 
 Episodes are kept in a file, one a line: a run that was interrupted goes on where it was.
 """
@@ -16,6 +17,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import mujoco
 import numpy as np
 import tyro
@@ -42,6 +44,11 @@ class Arguments:
     suite: str = "hidden-shelf-10-v2"
     scenes: int = 10
     """The first so many of the test split."""
+    layout: str = ""
+    """Scenes of a layout, drawn from seeds, instead of a suite's."""
+    objects: int = 5
+    """In each of these."""
+    first_seed: int = 2000
     policies: tuple[str, ...] = POLICIES
     mask_errors: float = 0.0
     depth_noise: float = 0.0
@@ -52,6 +59,33 @@ class Arguments:
     picture: Path | None = None
     """Draw the belief at each decision of the expert in the last of the scenes instead."""
     out: Path = Path("outputs/search.jsonl")
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A scene of a layout, with the names that a suite's has: `index` is the seed."""
+
+    layout: str
+    objects: int
+    index: int
+
+    @property
+    def suite(self) -> str:
+        """Name of all such scenes."""
+        return f"{self.layout} with {self.objects}"
+
+    @property
+    def seed(self) -> int:
+        """Of the reset."""
+        return self.index
+
+    def make(self, **keywords: Any) -> gym.Env[Any, Any]:
+        """The environment, with more keyword arguments."""
+        return gym.make(f"clutter_env/Search-o{self.objects}-v0", layout=self.layout, **keywords)
+
+    def reset(self, env: gym.Env[Any, Any]) -> tuple[Any, dict[str, Any]]:
+        """Start the episode; observation and info."""
+        return env.reset(seed=self.seed)
 
 
 @dataclass(frozen=True)
@@ -75,11 +109,20 @@ class Search:
     decision_s: float
     unclean: str = ""
     """What happened that must not: objects fallen or disturbed, furniture pressed."""
+    openings: int = 0
+    """Drawers and doors opened, or shut again."""
+    opens: int = 0
+    """Those that there are."""
+    mean_decision_s: float = 0.0
 
 
 def main(arguments: Arguments) -> None:
     """Play what has not been played, and print the table."""
-    scenes = clutter_env.suite(arguments.suite).test[: arguments.scenes]
+    scenes: tuple[SuiteScene | Drawn, ...] = clutter_env.suite(arguments.suite).test[: arguments.scenes]
+    if arguments.layout:
+        seeds = range(arguments.first_seed, arguments.first_seed + arguments.scenes)
+        scenes = tuple(Drawn(arguments.layout, arguments.objects, seed) for seed in seeds)
+    suite, indices = scenes[0].suite, {scene.index for scene in scenes}
     if arguments.perception:
         print(perception_errors(scenes, arguments.depth_noise, arguments.mask_errors))
         return
@@ -91,7 +134,7 @@ def main(arguments: Arguments) -> None:
     kept = [json.loads(line) for line in arguments.out.read_text().splitlines()] if arguments.out.exists() else []
     rows = [Search(**entry) for entry in kept]
     for scene, policy in product(scenes, arguments.policies):
-        wanted = (arguments.suite, scene.index, policy, arguments.mask_errors, arguments.depth_noise, arguments.absent)
+        wanted = (suite, scene.index, policy, arguments.mask_errors, arguments.depth_noise, arguments.absent)
         if wanted not in [tuple(asdict(row).values())[:6] for row in rows]:
             rows.append(play(scene, *wanted[2:]))
             with arguments.out.open("a") as file:
@@ -103,15 +146,15 @@ def main(arguments: Arguments) -> None:
                     row
                     for row in rows
                     if (row.suite, row.policy, row.mask_errors, row.depth_noise, row.absent)
-                    == (arguments.suite, policy, arguments.mask_errors, arguments.depth_noise, arguments.absent)
-                    and row.index < arguments.scenes
+                    == (suite, policy, arguments.mask_errors, arguments.depth_noise, arguments.absent)
+                    and row.index in indices
                 ]
             )
         )
 
 
 def searched(
-    env: Any, scene: SuiteScene, order: str = "expected", noise: float = 0.0, absent: bool = False
+    env: Any, scene: SuiteScene | Drawn, order: str = "expected", noise: float = 0.0, absent: bool = False
 ) -> tuple[SearchExpert, dict[str, Any], int]:
     """An episode of the search expert: itself, the last info, the number of steps."""
     observation, info = scene.reset(env)
@@ -129,7 +172,7 @@ def searched(
     return expert, info, steps
 
 
-def play(scene: SuiteScene, policy: str, mask_errors: float, depth_noise: float, absent: bool) -> Search:
+def play(scene: SuiteScene | Drawn, policy: str, mask_errors: float, depth_noise: float, absent: bool) -> Search:
     """One episode of a scene, by a policy."""
     env: Any = scene.make(mask_errors=mask_errors, depth_noise=depth_noise, **_FRAMES)
     started, steps = time.process_time(), 0
@@ -139,19 +182,21 @@ def play(scene: SuiteScene, policy: str, mask_errors: float, depth_noise: float,
         knowing.reset(info["target"])
         for taken in played(knowing, env.step):
             info, steps = taken.info, steps + 1
-        report = knowing.report
+        report, opened = knowing.report, int(info.get("num_opened", 0))
         counts = (report.failure, len(report.clearances), 0)
-        times = 0.0, report.planning_s
+        times, mean = (0.0, report.planning_s), report.planning_s
     else:
         expert, info, steps = searched(env, scene, policy, depth_noise, absent)
-        found = expert.report
+        found, opened = expert.report, len(expert.report.openings)
         counts = ("" if info["lifted"] and not absent else found.failure, len(found.moves), found.views)
         times = max(found.belief_s, default=0.0), max(found.decision_s, default=0.0)
+        mean = float(np.mean(found.decision_s or [0.0]))
     env.close()
     faults = {"fallen": info["num_fallen"], "disturbed": info["num_disturbed"], "force": not env.unwrapped.is_gentle}
     return Search(
         scene.suite, scene.index, policy, mask_errors, depth_noise, absent, info["is_success"], info["lifted"],
         *counts, steps / 20, time.process_time() - started, *times, " ".join(name for name in faults if faults[name]),
+        opened, len(info.get("joint_positions", ())), mean,
     )  # fmt: skip
 
 
@@ -164,10 +209,18 @@ def summary(rows: list[Search]) -> str:
         f"{sum(row.lifted for row in rows)} | {ends} | {sum(row.moves for row in rows)} | "
         f"{np.median([row.sim_s for row in rows]):.0f} s | {np.median([row.cpu_s for row in rows]):.1f} s | "
         f"{1000 * max(row.belief_s for row in rows):.0f} ms | {max(row.decision_s for row in rows):.1f} s |"
+        f"{_opened(rows) if rows[0].opens else ''}"
     )
 
 
-def perception_errors(scenes: tuple[SuiteScene, ...], depth_noise: float, mask_errors: float) -> str:
+def _opened(rows: list[Search]) -> str:
+    """Openings, beside the fewest that any order needs in expectation where the target is as likely behind each."""
+    fewest = sum((row.opens + 1) / 2 for row in rows)
+    decision = np.mean([row.mean_decision_s for row in rows])
+    return f" {sum(row.openings for row in rows)} openings, {fewest:.0f} expected | {decision:.2f} s a decision |"
+
+
+def perception_errors(scenes: tuple[SuiteScene | Drawn, ...], depth_noise: float, mask_errors: float) -> str:
     """Errors of the objects perceived in the first view of each scene, the arm turned aside."""
     errors: list[tuple[float, ...]] = []
     for scene in scenes:

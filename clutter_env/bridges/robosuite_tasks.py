@@ -84,10 +84,16 @@ _SAME = 0.02
 """[m] at most from the point that robosuite's controller moves to the TCP of our Panda."""
 _SETTLE = 10
 """Steps in which objects come to rest: they begin above the table, and some in each other."""
+_AJAR = 0.36
+"""[rad] to which the door is pulled: it counts as open from 0.3, and goes to 0.4."""
+_BARS = tuple(AntipodalFamily(f"bar, {pitch}°", np.radians(pitch), hangs=True) for pitch in (90, 60, 30, 0))
+"""Of what opens."""
 _TASKS: dict[str, tuple[tuple[str, ...], Goal | None]] = {
     "Lift": (("table",), goals.holding("cube_main")),
     "Stack": (("table",), goals.on("cubeA_main", "cubeB_main")),
     "PickPlace": (("bin1", "bin2"), goals.and_(*(goals.inside(name, f"for {name}") for name in _COMPARTMENTS))),
+    "Door": (("table",), goals.open_("Door_door", amount=_AJAR)),
+    "DoorWithoutLatch": (("table",), goals.open_("Door_door", amount=_AJAR)),
     **{f"NutAssembly{kind}": (("table",), None) for kind in ("", "Single", "Square", "Round")},
 }
 """By task: on what objects may be put, the first is where they stand, and what is wanted; None: nuts on their pegs."""
@@ -123,7 +129,10 @@ class RobosuiteTask:
             raise BridgeError(f"no goal is known for {id!r}; there are {', '.join(_TASKS)}")
         self._robosuite, self.steps = robosuite, 0
         supports, goal = _TASKS[id]
-        start = robosuite("reset", id=id, robot=robot, seed=seed)
+        is_door, options = id.startswith("Door"), {}
+        if is_door:
+            id, options = "Door", {"use_latch": id == "Door"}
+        start = robosuite("reset", id=id, robot=robot, seed=seed, options=options)
         x, y, z = start["base"]
         home = (z - _ARM[1], *start["home"])
         self.robot = replace(
@@ -134,6 +143,8 @@ class RobosuiteTask:
         joints = start["joints"]
         free = [model.joint(int(k)) for k in np.flatnonzero(model.jnt_type == 0)]
         self._objects = [(joints[joint.name], int(joint.qposadr[0])) for joint in free]
+        hinges = [model.joint(int(k)) for k in np.flatnonzero(model.jnt_type != 0)]
+        self._hinges = [(joints[one.name], int(one.qposadr[0])) for one in hinges if one.name in joints]
         self._arm = [joints[name] for name in start["arm"]]
         self._columns = [model.joint(name).qposadr[0] for name in self.robot.arm_joints]
         self._theirs = [joints[name] for name in start["fingers"]]
@@ -147,7 +158,7 @@ class RobosuiteTask:
         self._commanded, self._lead = _OPENING / 2, Lead(self._tcp(), self._lag, self._most)
         self.planner = FollowingPlanner(
             self.robot,
-            grasps=GRASPS if goal else _HANDLES,
+            grasps=_BARS if is_door else GRASPS if goal else _HANDLES,
             controller=self._follower(start, robot),
             steps_left=lambda: self.horizon - self.steps,
         )
@@ -213,6 +224,8 @@ class RobosuiteTask:
         """(nq,) joint positions in our model."""
         for theirs, ours in self._objects:
             self._qpos[ours : ours + 7] = self._state[theirs : theirs + 7]
+        for theirs, ours in self._hinges:
+            self._qpos[ours] = self._state[theirs]
         self._qpos[self._columns] = self._state[self._arm]
         self._qpos[self._fingers] = self.robot.finger_position(self._opening)
         return self._qpos

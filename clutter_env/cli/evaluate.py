@@ -23,9 +23,9 @@ class Arguments:
     policy: str = "lookahead"
     """lookahead, ngr, dogar, srivastava, canonical: the expert with side grasps, or, as lookahead-all, …, with all
     grasps; keyframes, keyframes-all, keyframes-shelf (learned decisions and motions); greedy, random-skills,
-    direct-approach, scripted, random; for other scenes reach, pick, armreach and armpick; the directory of a training
-    run; module:Class; lerobot:DIRECTORY, a checkpoint of LeRobot; or, with --trust, a model of Stable-Baselines3 as
-    ALGORITHM:FILE.zip."""
+    direct-approach, scripted, random; for other scenes reach, pick, armreach, armpick and armretrieve; the directory of
+    a training run; module:Class; lerobot:DIRECTORY, a checkpoint of LeRobot; or, with --trust, a model of
+    Stable-Baselines3 as ALGORITHM:FILE.zip."""
     split: str = "test"
     """"test" for results to report, "validation" to tune a policy."""
     scenes: int | None = None
@@ -52,10 +52,12 @@ def run(arguments: Arguments) -> None:
     """Play, print, write."""
     from clutter_env.evaluation.evaluate import EPISODE_S, evaluate
     from clutter_env.evaluation.scenes import SceneSet
-    from clutter_env.evaluation.tables import markdown, markdown_by_floor, results, summarise
+    from clutter_env.evaluation.tables import markdown_by_floor, markdown_short, results, summarise
+    from clutter_env.policies.registry import check_name
     from clutter_env.reporting.files import write_json
     from clutter_env.reporting.progress import progress_bar
 
+    check_name(arguments.policy)
     scenes = SceneSet(arguments.suite, arguments.split, count=arguments.scenes)
     count = len(scenes.scenes)
     names = ("seed", "feasibility", "trust", "python", "workers", "ray", "count_crashes")
@@ -63,7 +65,9 @@ def run(arguments: Arguments) -> None:
     with progress_bar(total=count, unit="episode", seconds=EPISODE_S * count / arguments.workers) as bar:
         evaluation = evaluate(arguments.policy, scenes, tick=bar.update, **chosen)
     content, row = results(evaluation), summarise(arguments.policy, [evaluation])
-    print(markdown([row]))
+    clean = sum(score.clean for score in evaluation.scores)
+    print(f"{arguments.policy} solved {clean} of {count} scenes of {scenes.name} cleanly.\n")
+    print(markdown_short(row))
     if evaluation.floors:
         print(f"Lower bounds are for {evaluation.traits.grasps} grasps.\n\n{markdown_by_floor([row])}")
     print(f"objects moved {row.moved.mean:.2f}, cleared {row.cleared.mean:.2f}, on average over all episodes")
@@ -73,4 +77,4 @@ def run(arguments: Arguments) -> None:
     name = f"{arguments.suite}_{arguments.policy.replace(':', '.').replace('/', '.')}.json"
     file = arguments.json or Path("outputs/evaluate") / name
     write_json(file, content)
-    print(f"\ndigest: {content['digest']}\nwritten: {file}")
+    print(f"\ndigest: {content['digest']}\nwritten: {file}; all columns: clutter-env compare --files {file}")

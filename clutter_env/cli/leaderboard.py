@@ -1,18 +1,23 @@
 """A leaderboard of results files: a row for each policy, a column for each suite, every score confirmed by replay.
 
     clutter-env leaderboard outputs/evaluate/*.json
+    clutter-env leaderboard outputs/challenges/*_results.json outputs/evaluate/*.json --ledger outputs/challenges.jsonl
 
 The recorded actions of each file are played again, as by `clutter-env verify`; what was found is kept in the output
-directory, so that a file takes its time once. Files that are not confirmed are named below the table, without a score.
+directory, so that a file takes its time once. Files that are not confirmed are named below the tables, without a score.
+
+With a verifier's ledger there are two tables. Results of its challenges whose policy is here, and gives the same
+actions again, are measured, and rank. All others are claimed: scenes of public suites can be learned by heart, and who
+made the actions of a file nobody knows.
 """
 
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias
 
 import tyro
 
@@ -27,7 +32,9 @@ class Arguments:
     """Make a leaderboard."""
 
     files: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Results files of `clutter-env evaluate`."""
+    """Results files of `clutter-env evaluate` and of `clutter-env challenge run`."""
+    ledger: Path | None = None
+    """The ledger of challenges that were drawn by whoever makes the leaderboard."""
     out: Path = Path("outputs/leaderboard")
     """Directory of leaderboard.md, leaderboard.html and verified.jsonl."""
     workers: int = 2
@@ -43,6 +50,7 @@ class Entry(NamedTuple):
         clean: clean success.
         commands: that make such a file, where scenes are a suite's, and that confirm it.
         problem: why it is not confirmed, "" if it is.
+        is_measured: on fresh scenes that the maker of the leaderboard drew, by a policy that was run again.
     """
 
     file: Path
@@ -52,10 +60,11 @@ class Entry(NamedTuple):
     clean: Interval
     commands: tuple[str, ...]
     problem: str
+    is_measured: bool = False
 
 
-Cells = list[list[str | Entry]]
-"""A row for each policy: name, track, and the entry on each set of scenes, or a dash."""
+Table: TypeAlias = tuple[list[str], list[list[str | Entry]]]
+"""Its head, and a row for each policy: name, track, and the entry on each set of scenes, or a dash."""
 
 
 def run(arguments: Arguments) -> int:
@@ -63,33 +72,45 @@ def run(arguments: Arguments) -> int:
 
     The policy with the highest mean success comes first; scenes that a policy has not played count 0.
     """
-    from clutter_env.errors import UsageError
     from clutter_env.reporting.files import write_atomically, write_json
-    from clutter_env.reporting.tables import NOTHING
 
     entries = _entries(arguments)
-    good, at = [entry for entry in entries if not entry.problem], dict[tuple[str, ...], Entry]()
-    for entry in good:
-        place = (entry.policy, entry.track, entry.scenes)
-        if (other := at.setdefault(place, entry)) is not entry:
-            both = f"{other.file} and {entry.file}"
-            raise UsageError(f"{both} are of one policy on the same scenes, {entry.scenes}; give one of them")
-    head = ["policy", "track", *sorted({entry.scenes for entry in good})]
-    sums: dict[tuple[str, ...], float] = {}
-    for of, entry in at.items():
-        sums[of[:2]] = sums.get(of[:2], 0.0) + entry.clean.mean
-    ranked = sorted(sums, key=lambda policy: (-sums[policy], policy))
-    cells: Cells = [[*policy, *(at.get((*policy, name), NOTHING) for name in head[2:])] for policy in ranked]
+    good = [entry for entry in entries if not entry.problem]
+    measured, claimed = ([entry for entry in good if entry.is_measured is wanted] for wanted in (True, False))
+    tables = (
+        {"": _ranked(good)}
+        if arguments.ledger is None
+        else {"Measured": _ranked(measured), "Claimed": _ranked(claimed)}
+    )
     arguments.out.mkdir(parents=True, exist_ok=True)
     # Text from a file cannot move the cursor of a terminal.
-    text = "".join(sign if sign.isprintable() or sign == "\n" else "?" for sign in _markdown(head, cells, entries))
+    text = "".join(sign if sign.isprintable() or sign == "\n" else "?" for sign in _markdown(tables, entries))
     print(text)
-    for name, page in (("leaderboard.md", text), ("leaderboard.html", _html(head, cells, entries, arguments.out))):
+    for name, page in (("leaderboard.md", text), ("leaderboard.html", _html(tables, entries, arguments.out))):
         write_atomically(arguments.out / name, page.encode())
         print(f"written: {arguments.out / name}")
     if arguments.json is not None:
         write_json(arguments.json, entries)
     return 1 if len(good) < len(entries) else 0
+
+
+def _ranked(entries: Sequence[Entry]) -> Table:
+    """The table of some entries; raises `UsageError` where two are of one policy on the same scenes."""
+    from clutter_env.errors import UsageError
+    from clutter_env.reporting.tables import NOTHING
+
+    at: dict[tuple[str, ...], Entry] = {}
+    for entry in entries:
+        place = (entry.policy, entry.track, entry.scenes)
+        if (other := at.setdefault(place, entry)) is not entry:
+            both = f"{other.file} and {entry.file}"
+            raise UsageError(f"{both} are of one policy on the same scenes, {entry.scenes}; give one of them")
+    head = ["policy", "track", *sorted({entry.scenes for entry in entries})]
+    sums: dict[tuple[str, ...], float] = {}
+    for of, entry in at.items():
+        sums[of[:2]] = sums.get(of[:2], 0.0) + entry.clean.mean
+    ranked = sorted(sums, key=lambda policy: (-sums[policy], policy))
+    return head, [[*policy, *(at.get((*policy, name), NOTHING) for name in head[2:])] for policy in ranked]
 
 
 def _entries(arguments: Arguments) -> list[Entry]:
@@ -130,21 +151,43 @@ def _entries(arguments: Arguments) -> list[Entry]:
                 (found["policy"], found["track"], found["scenes"]),
                 wilson(found["clean"], found["episodes"]),
             )
-            entries.append(Entry(file, *places, clean, tuple(commands), problem))
+            entry = Entry(file, *places, clean, tuple(commands), problem)
+            entries.append(_measured(entry, content["suite"], arguments))
     return entries
 
 
-def _markdown(head: list[str], cells: Cells, entries: Sequence[Entry]) -> str:
+def _measured(entry: Entry, suite: str, arguments: Arguments) -> Entry:
+    """The entry as measured, where it is of a challenge in the ledger and its check confirms that; else as it is."""
+    from clutter_env.evaluation.challenge import Ledger, check, read_challenge
+    from clutter_env.suites import FILE
+
+    if entry.problem or arguments.ledger is None or not suite.endswith(FILE):
+        return entry
+    challenge = read_challenge(Path(suite))
+    if challenge.commitment not in Ledger(arguments.ledger).draws(challenge.entry.digest):
+        return entry
+    found = check(Path(suite), entry.file, arguments.ledger, workers=arguments.workers)
+    if not found.is_measured:
+        return entry
+    return entry._replace(scenes=f"{challenge.entry.suite}, fresh", clean=found.clean, is_measured=True)
+
+
+def _markdown(tables: Mapping[str, Table], entries: Sequence[Entry]) -> str:
     from clutter_env.reporting.tables import markdown_table
 
-    rows = [[str(cell.clean) if isinstance(cell, Entry) else cell for cell in row] for row in cells]
+    shown = []
+    for title, (head, cells) in tables.items():
+        rows = [[str(cell.clean) if isinstance(cell, Entry) else cell for cell in row] for row in cells]
+        shown.append(
+            (title and f"## {title}\n\n{_OF[title]}\n\n") + (markdown_table(head, rows) if rows else "None.\n")
+        )
     said = [f"- `{entry.file}`: `{entry.commands[0]}`\n" for entry in entries if not entry.problem]
     refused = [f"- `{entry.file}`: {entry.problem}\n" for entry in entries if entry.problem]
-    parts = [f"# Leaderboard\n\n{_ABOUT}\n\n", markdown_table(head, rows), "\nConfirmed:\n\n", *said]
+    parts = [f"# Leaderboard\n\n{_ABOUT}\n\n", "\n".join(shown), "\nConfirmed:\n\n", *said]
     return "".join([*parts, *(["\nNot confirmed:\n\n", *refused] if refused else [])])
 
 
-def _html(head: list[str], cells: Cells, entries: Sequence[Entry], out: Path) -> str:
+def _html(tables: Mapping[str, Table], entries: Sequence[Entry], out: Path) -> str:
     """One page without scripts and without anything from elsewhere; every score leads to its results file."""
     import os
 
@@ -156,13 +199,16 @@ def _html(head: list[str], cells: Cells, entries: Sequence[Entry], out: Path) ->
         commands = html.escape("\n".join(cell.commands))
         return f'<td style="{bar}"><a href="{address}" title="{commands}">{cell.clean}</a></td>'
 
-    titles = "".join(f"<th>{html.escape(name)}</th>" for name in head)
-    body = "".join(f"<tr>{''.join(map(tag, row))}</tr>\n" for row in cells)
+    shown = ""
+    for title, (head, cells) in tables.items():
+        titles = "".join(f"<th>{html.escape(name)}</th>" for name in head)
+        body = "".join(f"<tr>{''.join(map(tag, row))}</tr>\n" for row in cells)
+        shown += (title and f"<h2>{title}</h2><p>{_OF[title]}</p>") + f"<table><tr>{titles}</tr>\n{body}</table>\n"
     commands = html.escape("\n".join(line for entry in entries if not entry.problem for line in entry.commands))
     refused = "".join(f"<li>{html.escape(f'{e.file}: {e.problem}')}</li>" for e in entries if e.problem)
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Leaderboard</title>'
-        f"<style>{_STYLE}</style>\n<h1>Leaderboard</h1><p>{_ABOUT}</p>\n<table><tr>{titles}</tr>\n{body}</table>\n"
+        f"<style>{_STYLE}</style>\n<h1>Leaderboard</h1><p>{_ABOUT}</p>\n{shown}"
         f"<h2>Commands</h2><pre>{commands}</pre>\n" + (f"<h2>Not confirmed</h2><ul>{refused}</ul>" if refused else "")
     )
 
@@ -171,6 +217,11 @@ _ABOUT = (
     "Clean success with 95% intervals (Wilson), confirmed by replay of the recorded actions. Which policy made them, "
     "and its track, are claims of the files."
 )
+_OF = {
+    "Measured": "Fresh scenes that the maker of this page drew after the policy's files were registered; every draw "
+    "counts, and the policy gave the same actions when it was run again.",
+    "Claimed": "Public scenes, which a policy may know by heart, and scenes that the entrant drew.",
+}
 _STYLE = (
     "body {font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 90rem; padding: 0 1rem; color: #222}"
     "table {border-collapse: collapse; display: block; overflow-x: auto} th, td {border-bottom: 1px solid #ddd;"

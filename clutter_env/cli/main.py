@@ -31,6 +31,7 @@ COMMANDS = {
     "compare": "compare policies, baselines and the expert on the same held-out scenes",
     "evaluate": "play a suite of fixed scenes with a policy and write one results file",
     "verify": "play the recorded actions of a results file again, and confirm its scores",
+    "challenge": "measure a policy on fresh scenes that nobody could choose",
     "leaderboard": "make a page of results files, every score confirmed by replay",
     "play": "play one episode of a policy, in a window or as a film",
     "table": "compare strategies on scenes that need clearing (Table 1 of Lee & Kim 2019)",
@@ -99,13 +100,21 @@ def _run(command: str, argv: Sequence[str]) -> None:
         # Errors of this project and of the file system say all there is to say in their messages.
         if type(problem).__module__.partition(".")[0] not in PACKAGES and not isinstance(problem, OSError):
             raise
-        # Misuse is a ValueError; what went wrong while it ran is (also) a RuntimeError or an OSError.
-        code = 1 if isinstance(problem, RuntimeError | OSError) else 2
+        # Misuse is a ValueError; what went wrong while it ran is (also) a RuntimeError or an OSError; an extra that is
+        # not installed is no misuse either, wherever that is found out.
+        is_missing = problem.__cause__ is not None and missing_extra(problem.__cause__)
+        code = 1 if is_missing or isinstance(problem, RuntimeError | OSError) else 2
         message = "\n".join((str(problem), *getattr(problem, "__notes__", ())))
         hint = _did_you_mean(argv, message) if code == 2 else ""
-        _end(f"clutter-env {command}: {message}{hint and f'; {hint}'}", code)
+        _end(f"clutter-env {command}: {_with_hint(message, hint)}", code)
     if code:
         raise SystemExit(code)
+
+
+def _with_hint(message: str, hint: str) -> str:
+    """A message with a hint before the list of valid names, which may be long."""
+    said, semicolon, rest = message.partition(";")
+    return message if not hint else f"{said}; {hint}{rest or semicolon}"
 
 
 def _did_you_mean(argv: Sequence[str], message: str) -> str:

@@ -45,10 +45,11 @@ def run(arguments: Arguments) -> None:
     from clutter_env.evaluation.recording import Recording
     from clutter_env.evaluation.scenes import SeededScene, scene_for
     from clutter_env.evaluation.score import play_scene
+    from clutter_env.policies.experts import PLANNERS
     from clutter_env.policies.registry import PolicyTraits, load_policy
     from clutter_env.rendering.film import Film
     from clutter_env.rendering.renderer import has_display
-    from clutter_env.reporting.progress import progress_bar
+    from clutter_env.reporting.progress import progress_bar, shown_compilation
 
     if arguments.objects not in clutter_env.OBJECT_COUNTS:
         valid = ", ".join(map(str, clutter_env.OBJECT_COUNTS))
@@ -63,6 +64,11 @@ def run(arguments: Arguments) -> None:
     traits = PolicyTraits.of(policy)
     env = scene.make(render_mode="human" if path is None else "rgb_array", **traits.env_keywords)
     film: Film | None = None
+    if arguments.policy in PLANNERS:
+        from planners import warmup
+
+        with shown_compilation():
+            warmup(env.unwrapped.robot)
 
     def watch(env: Any, policy: Any) -> None:
         nonlocal film

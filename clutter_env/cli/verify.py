@@ -46,7 +46,7 @@ def run(arguments: Arguments) -> int:
     from clutter_env.evaluation.evaluate import EPISODE_S, evaluate
     from clutter_env.evaluation.verify import FRESH_SEEDS, fresh_scenes, read_results, replay_seconds, verify
     from clutter_env.reporting.files import write_json
-    from clutter_env.reporting.intervals import wilson
+    from clutter_env.reporting.intervals import newcombe, wilson
     from clutter_env.reporting.progress import progress_bar
 
     workers, count = arguments.workers, arguments.scenes
@@ -75,6 +75,9 @@ def run(arguments: Arguments) -> int:
     _show(f"claimed: policy {found.policy}, of the {found.track} track; its files are {found.weights}")
     if found.fresh is not None:
         _show(f"{arguments.policy} on {arguments.scenes} fresh scenes from seed {seed}: clean success {found.fresh}")
+        less = newcombe((found.clean, found.episodes), (sum(score.clean for score in fresh.scores), len(fresh.scores)))
+        said = "more than there" if less.low > 0 else "no difference that so many scenes show"
+        _show(f"in the file it has {less} more: {said}")
     if arguments.json is not None:
         write_json(arguments.json, found)
     return 0 if found.is_confirmed else 1

@@ -190,6 +190,11 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
             RenderingUnavailable: no OpenGL, or no display for a window.
         """
         self.check_started("render()")
+        if self.render_mode is None:
+            gym.logger.warn(
+                "render() without a render mode shows nothing: gym.make(…, render_mode='rgb_array') gives images, "
+                "'human' opens a window"
+            )
         return self._rendering.render(self.world)
 
     def close(self) -> None:
@@ -590,12 +595,13 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     def _opening_info(self) -> dict[str, Any]:
         """What the info says of what opens; nothing where nothing does."""
-        opening, qpos = self.world.opening, self.world.index.opening_qpos
-        if opening is None:
+        world = self.world
+        if not world.openings:
             return {}
+        positions = self.data.qpos[world.index.opening_qpos].tolist()
         return {
-            "num_opened": int(self.world.opened >= OPENED_SHARE),
-            "joint_positions": {opening.joint: float(self.data.qpos[qpos[0]])},
+            "num_opened": sum(share >= OPENED_SHARE for share in world.opened_shares),
+            "joint_positions": {one.joint: at for one, at in zip(world.openings, positions, strict=True)},
         }
 
     def observe_world(self, target: int, hold_progress: float, lift_left: float) -> dict[str, Any]:

@@ -83,12 +83,12 @@ class EntryLayout(Mapping[str, slice]):
 
 
 def observation_layout(
-    robot: RobotSpec, shows_head: bool = False, shows_kinds: bool = False, opening: Opening | None = None
+    robot: RobotSpec, shows_head: bool = False, shows_kinds: bool = False, openings: Sequence[Opening] = ()
 ) -> Mapping[str, EntryLayout]:
     """The layout of the entries "robot", "tcp", "gripper", "objects" (one row of it) and "goal" for a robot.
 
     With `shows_head` there is "head" too, for one that is commanded; with `shows_kinds` a column of `OBJECT_KINDS`;
-    with a drawer or a door "joints".
+    with a drawer or a door "joints", with several one after the other, their names before the columns'.
 
     Of a robot that acts with several arms the joints and grippers of the others follow those of the active one.
     """
@@ -137,13 +137,15 @@ def observation_layout(
             "hold_progress": [Column("hold_progress", "", 1.0)],
         },
     }
-    if opening is not None:
-        unit = "m" if opening.is_slide else "rad"
-        entries["joints"] = {
-            "position": [Column("position", unit, JOINT_BOUND)],
-            "velocity": [Column("velocity", f"{unit}/s", VELOCITY_BOUND)],
-            "opened": [Column("opened", "", 2.0)],
-            "handle": [Column(f"handle_{axis}", *metres) for axis in "xyz"],
+    if openings:
+        entries["joints"] = {}
+    for opening in openings:
+        unit, own = "m" if opening.is_slide else "rad", f"{opening.name}_" if len(openings) > 1 else ""
+        entries["joints"] |= {
+            f"{own}position": [Column(f"{own}position", unit, JOINT_BOUND)],
+            f"{own}velocity": [Column(f"{own}velocity", f"{unit}/s", VELOCITY_BOUND)],
+            f"{own}opened": [Column(f"{own}opened", "", 2.0)],
+            f"{own}handle": [Column(f"{own}handle_{axis}", *metres) for axis in "xyz"],
         }
     shown = {name: columns for name, columns in entries.items() if shows_head or name != "head"}
     return MappingProxyType({name: EntryLayout(columns) for name, columns in shown.items()})
@@ -212,10 +214,9 @@ class Observer:
         shows_kinds: bool = False,
     ) -> None:
         self._num_slots, self._shows_kinds = num_slots, shows_kinds
-        opening = world.opening
-        self.layout = observation_layout(world.robot, shows_head, shows_kinds, opening)
-        shown = {"head": shows_head, "objects": shows_objects, "goal": shows_goal, "joints": opening is not None}
-        self._bar = world.model.geom(opening.bar).id if opening is not None else -1
+        self.layout = observation_layout(world.robot, shows_head, shows_kinds, world.openings)
+        shown = {"head": shows_head, "objects": shows_objects, "goal": shows_goal, "joints": bool(world.openings)}
+        self._bars = [world.model.geom(one.bar).id for one in world.openings]
         names = ["robot", "tcp", "gripper", *(name for name, is_shown in shown.items() if is_shown)]
         self._slices = entry_slices(self.layout, names, num_slots)
         rows = {name: num_slots if name == "objects" else 1 for name in names}
@@ -282,12 +283,14 @@ class Observer:
         if self._shows_goal:
             x, y, z, *_ = relative[:, 1 + target].tolist()
             flat[self._slices["goal"]] = [x - tcp[0], y - tcp[1], z - tcp[2], lift_left, hold_progress]
-        if world.opening is not None:
-            x, y, z = data.geom_xpos[self._bar].tolist()
-            x, y = x - base_x, y - base_y
-            handle = cosine * x + sine * y, cosine * y - sine * x, z
-            joint = float(data.qpos[index.opening_qpos[0]]), float(data.qvel[index.opening_dof[0]])
-            flat[self._slices["joints"]] = [*joint, world.opened, *handle]
+        if self._bars:
+            positions, rates = data.qpos[index.opening_qpos].tolist(), data.qvel[index.opening_dof].tolist()
+            numbers: list[float] = []
+            for bar, *joint in zip(self._bars, positions, rates, world.opened_shares, strict=True):
+                x, y, z = data.geom_xpos[bar].tolist()
+                x, y = x - base_x, y - base_y
+                numbers += *joint, cosine * x + sine * y, cosine * y - sine * x, z
+            flat[self._slices["joints"]] = numbers
         np.minimum(np.maximum(flat, self._lowest, out=flat), self.bounds, out=flat)
         return {name: flat[place] for name, place in self._slices.items()}
 

@@ -170,8 +170,8 @@ def explicit_scene(
     Each description is {"shape": "cylinder", "radius", "height", "position": (x, y)} or {"shape": "box", "depth",
     "width", "height", "position"}, all in metres, with optional "yaw" [rad], "mass" [kg] and "row": 0 for the table, or
     the drawer of a layout that has one, 1 for the shelf above it in a layout with two rows, or the table in the way of
-    the drawer. A cylinder with "lying": True lies on its side, its axis along
-    its yaw; its height is then its length.
+    the drawer; of drawers side by side it is the number from the left. A cylinder with "lying": True lies on its side,
+    its axis along its yaw; its height is then its length.
 
     Raises:
         OptionError: an invalid description, too many objects, an object over the table's edge or too high for the
@@ -186,16 +186,16 @@ def explicit_scene(
         target=int(rng.integers(len(rows))),
         joints=sample_joints(rng, layout),
     )
-    surfaces, heights = dict(zip(layout.levels, layout.surfaces, strict=True)), 2 * scene.standing_extents[:, 2]
+    heights = 2 * scene.standing_extents[:, 2]
     outlines = [_outline(scene, index) for index in range(scene.num_objects)]
     for index, ((corners, radius), height) in enumerate(zip(outlines, heights, strict=True)):
-        surface = surfaces[float(scene.levels[index])]
-        (x, _), half = surface.centre, np.array(surface.half_extents)
+        surface = layout.surfaces[int(descriptions[index].get("row", 0))]
+        half = np.array(surface.half_extents)
         if (np.abs(corners - surface.centre) + radius > half + TOUCH_TOLERANCE).any():
-            along = f"within ±{half[0]:.3g}" if x == 0 else f"from {x - half[0]:.3g} to {x + half[0]:.3g}"
+            x, y = map(_range_text, surface.centre, surface.half_extents)
             raise OptionError(
                 f"{object_name(index)} reaches over the edge of layout {layout.name!r}: "
-                f"x must stay {along} m and y within ±{half[1]:.3g} m, the object's size included"
+                f"x must stay {x} m and y {y} m, the object's size included"
             )
         if height > layout.headroom - HEADROOM_MARGIN + TOUCH_TOLERANCE:
             raise OptionError(
@@ -207,6 +207,10 @@ def explicit_scene(
             if is_beside and _separation(outlines[other], outlines[index]) < -TOUCH_TOLERANCE:
                 raise OptionError(f"{object_name(other)} and {object_name(index)} overlap; move one of them")
     return scene
+
+
+def _range_text(middle: float, half: float) -> str:
+    return f"within ±{half:.3g}" if middle == 0 else f"from {middle - half:.3g} to {middle + half:.3g}"
 
 
 def _parsed(index: int, entry: Mapping[str, Any], layout: Layout) -> dict[str, Any]:

@@ -121,6 +121,7 @@ class RetrieveEnv(ClutterTaskEnv):
 
     def _potential_now(self) -> float:
         clearances = self._way.clearances(self.world, self.measurements)
-        if self.world.opening is not None and self.target_slot not in self.measurements.grip.held:
-            clearances += max(1.0 - self.world.opened, 0.0)  # shut, it is one thing that is in the way
+        if self.world.openings and self.target_slot not in self.measurements.grip.held:
+            opened = self.world.opened_around(self.measurements, self.target_slot)
+            clearances += max(1.0 - opened, 0.0)  # shut, it is one thing that is in the way
         return potential(potential_terms(self.world, self.measurements, self._monitor, clearances))

@@ -93,8 +93,9 @@ class SearchEnv(RetrieveEnv):
     Keyword arguments are the fields of `SearchConfig`. Reset options: `target`, which must be hidden, `objects`,
     `state`. The observation has `robot`, `tcp`, `gripper` and `head`; of each camera `rgb`, `depth`, `segmentation`,
     its matrix `K` (3, 3) and its place when the image was taken, `T_base_camera` (4, 4); and `target` (7,): colour
-    (red, green, blue), whether it is a box, half extents [m]. The masks are numbered anew in every image, from 3 on: a
-    number says nothing of which object it is. Success is that of `RetrieveEnv`; its info says the truth.
+    (red, green, blue), whether it is a box, half extents [m]; and where something opens `joints`, see `Observer`. The
+    masks are numbered anew in every image, from 3 on: a number says nothing of which object it is. Success is that of
+    `RetrieveEnv`; its info says the truth.
 
     Example:
         >>> import gymnasium as gym, clutter_env
@@ -106,7 +107,6 @@ class SearchEnv(RetrieveEnv):
 
     config: SearchConfig
     config_type: ClassVar[type[EnvConfig]] = SearchConfig
-    opens: ClassVar[tuple[str | None, ...]] = (None,)
 
     def __init__(self, **keywords: Any) -> None:
         super().__init__(**keywords)
@@ -162,7 +162,7 @@ class SearchEnv(RetrieveEnv):
         is_random = options.objects is None and options.target is None
         for _ in range(MAX_DRAWS if is_random else 1):
             drawn: TableScene | None = draw_scene(self.np_random, self.layout, self.config, options)
-            if is_random and most < 1:
+            if is_random and most < 1 and self.layout.opens is None:
                 assert drawn is not None
                 drawn = screened(self.np_random, self.layout, drawn)
             if drawn is not None and (most >= 1 or self._visible_shares(drawn, (drawn.target,))[0] <= most):

@@ -93,7 +93,7 @@ class SuccessMonitor:
         count = len(measurements.poses)
         self._world, self._target = world, target
         self.named: Collection[int] = {target} - {-1}
-        self._drawer_at = world.drawer_shift
+        self._drawers_at = world.drawer_shifts
         self._chord_starts: Array = measurements.poses[:, :3].copy()
         self._paths: Array = np.zeros(count)
         self._is_fallen = np.zeros(count, dtype=np.bool_)
@@ -164,11 +164,13 @@ class SuccessMonitor:
         self.steps_held = self.steps_held + 1 if self.is_target_carried and self.lift >= LIFT_HEIGHT else 0
 
     def _ride(self, measurements: Measurements) -> bool:
-        """Take what is in a drawer along with it; whether the drawer has moved."""
-        before, self._drawer_at = self._drawer_at, self._world.drawer_shift
-        if before == self._drawer_at:
+        """Take what is in a drawer along with it; whether a drawer has moved."""
+        before, self._drawers_at = self._drawers_at, self._world.drawer_shifts
+        if before == self._drawers_at:
             return False
-        self._chord_starts[self._world.are_in_drawer(measurements), 0] += self._drawer_at - before
+        for number, (old, new) in enumerate(zip(before, self._drawers_at, strict=True)):
+            if old != new:
+                self._chord_starts[self._world.are_in_drawer(measurements, number), 0] += new - old
         return True
 
     def memory(self) -> dict[str, Any]:

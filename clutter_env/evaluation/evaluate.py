@@ -86,6 +86,7 @@ class _Job:
     feasibility: str = ""
     trust: bool = False
     python: str = ""
+    without: tuple[str, ...] = ()
 
     def place(self, index: int) -> str:
         return f"{self.policy} on scene {index} of {self.scenes.name} (seed {self.scenes.scenes[index].seed})"
@@ -99,6 +100,7 @@ def evaluate(
     feasibility: str = "oracle",
     trust: bool = False,
     python: str = "",
+    without: tuple[str, ...] = (),
     workers: int = 1,
     ray: str = "",
     count_crashes: bool = False,
@@ -119,6 +121,7 @@ def evaluate(
         seed: of the built-in random policies.
         feasibility: of the Skill environment, for policies that act by skills: "oracle" or "none".
         trust, python: for policies of Stable-Baselines3 and of LeRobot, see `load_policy`.
+        without: modules that a policy which is given by its name may not import.
         workers: number of processes that score, each with one for the policy.
         ray: address of Ray; "" for processes of this machine.
         count_crashes: an exception of the policy is a failed episode; otherwise it ends the evaluation.
@@ -132,7 +135,9 @@ def evaluate(
             exception in this process is not caught.
         OSError: the scores cannot be written; those written before stay.
     """
-    job = _Job(policy if isinstance(policy, str) else type(policy).__name__, scenes, seed, feasibility, trust, python)
+    job = _Job(
+        policy if isinstance(policy, str) else type(policy).__name__, scenes, seed, feasibility, trust, python, without
+    )
     if isinstance(policy, str) and scenes.family not in (own := policy_families(policy)):
         raise PolicyError(f"{policy} cannot play {scenes.name} ({scenes.family}); it plays {', '.join(own)}")
     todo: list[tuple[int, PolicyTraits]] = []
@@ -294,7 +299,7 @@ def _play_in_worker(
 @lru_cache(maxsize=1)
 def _process(job: _Job) -> PolicyProcess:
     """The policy of a worker, made once for all scenes of a set."""
-    return PolicyProcess(job.policy, job.seed, job.feasibility, job.trust, job.python)
+    return PolicyProcess(job.policy, job.seed, job.feasibility, job.trust, job.python, job.without)
 
 
 @lru_cache(maxsize=1)

@@ -20,8 +20,9 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from importlib.abc import MetaPathFinder
 from typing import Any, BinaryIO
 
 import gymnasium as gym
@@ -58,7 +59,15 @@ class PolicyProcess:
         PolicyCrashed: its code raised an exception.
     """
 
-    def __init__(self, policy: str, seed: int, feasibility: str, trust: bool = False, python: str = "") -> None:
+    def __init__(
+        self,
+        policy: str,
+        seed: int,
+        feasibility: str,
+        trust: bool = False,
+        python: str = "",
+        without: tuple[str, ...] = (),
+    ) -> None:
         # Not one of multiprocessing's own processes: those of a worker of loky's cannot start any. In a session of its
         # own, it does not get the terminal's Ctrl-C, and ends together with the processes that it has started.
         self._process = subprocess.Popen(
@@ -70,7 +79,7 @@ class PolicyProcess:
         )
         self.done, self.failure, self.has_ended, self._deadline = False, "", False, math.inf
         threading.Thread(target=self._watch, daemon=True).start()
-        values = self._ask("load", (os.getpid(), policy, seed, feasibility, trust, python))
+        values = self._ask("load", (os.getpid(), policy, seed, feasibility, trust, python, without))
         try:
             self.traits = PolicyTraits.read(values)
         except PolicyError:
@@ -227,10 +236,34 @@ def _end_with(parent: int) -> None:
     _end_own_group()
 
 
+class _Refused(MetaPathFinder):
+    """Refuses the import of modules, and of all that is in them, and forgets those that are loaded."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self._names = tuple(names)
+        for loaded in [module for module in sys.modules if self._has(module)]:
+            del sys.modules[loaded]
+
+    def _has(self, module: str) -> bool:
+        return any(f"{module}.".startswith(f"{name}.") for name in self._names)
+
+    def find_spec(self, fullname: str, path: object = None, target: object = None) -> None:  # noqa: ARG002  the finder's protocol
+        """Refuse a module, or leave it to the other finders."""
+        if self._has(fullname):
+            raise ImportError(
+                f"{fullname} may not be imported by a policy whose entry does not declare that it uses the planner; "
+                "clutter-env challenge new --uses-planner does"
+            )
+
+
 class _Host:
     """The policy inside its process."""
 
-    def __init__(self, name: str, seed: int, feasibility: str, trust: bool, python: str) -> None:
+    def __init__(
+        self, name: str, seed: int, feasibility: str, trust: bool, python: str, without: tuple[str, ...]
+    ) -> None:
+        if without:
+            sys.meta_path.insert(0, _Refused(without))
         self._policy, self._feasibility = load_policy(name, seed, trust, python), feasibility
         self._traits = PolicyTraits.of(self._policy)
         self._env: gym.Env[Any, Any] | None = None

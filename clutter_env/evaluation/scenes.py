@@ -97,7 +97,8 @@ class SceneSet:
     def name(self) -> str:
         """As in a table: "side-15-v3", "side-15-v3 (validation)", "o15", "o15 obstructed 2", "swap-o8", "reach"."""
         if self.suite:
-            return self.suite if self.split == "test" else f"{self.suite} ({self.split})"
+            name = suite(self.suite).name
+            return name if self.split == "test" else f"{name} ({self.split})"
         name = self.env_id.rpartition("/")[2].removesuffix("-v0")
         short = f"o{self.objects}" if self.objects else name.partition("-")[2] or name.lower()
         if self.family == "rearrange":

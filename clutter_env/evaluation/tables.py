@@ -212,6 +212,14 @@ def markdown(rows: Sequence[Row]) -> str:
     return markdown_table(head, cells)
 
 
+def markdown_short(row: Row) -> str:
+    """What one asks first about one policy on one set of scenes; `markdown` has all columns."""
+    head = ["clean success", "lifted", "moved / lower bound", "sim s", "failures"]
+    causes = ", ".join(f"{cause} {count}" for cause, count in Counter(row.failures).most_common())
+    rates = map(str, (row.clean, row.lifted, row.moved_per_floor))
+    return markdown_table(head, [[*rates, number_text(row.sim_s.mean, "{:.1f}"), causes or "none"]])
+
+
 def markdown_by_floor(rows: Sequence[Row]) -> str:
     """Clean success by the lower bound, with the number of scenes; "" where none are known."""
     known = [row for row in rows if row.by_floor]

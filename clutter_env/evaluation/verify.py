@@ -176,7 +176,9 @@ def read_results(path: Path) -> dict[str, Any]:
         # A name with a colon would import a module.
         if not content["suite"] and (":" in content["env_id"] or content["env_id"] not in gym.registry):
             raise ValueError(f"no environment {content['env_id']!r}")
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as problem:
+    except OSError as problem:
+        raise LearningError(f"{path} cannot be read: {problem.strerror or problem}") from problem
+    except (ValueError, KeyError, TypeError, RecursionError) as problem:
         raise LearningError(f"{path} is no results file that can be verified: {problem!r}") from problem
     return content
 

@@ -67,11 +67,7 @@ def load_policy(name: str, seed: int, trust: bool = False, python: str = "") -> 
             return _learned_policy(name, trust)
         except ModuleNotFoundError as problem:
             raise PolicyError(missing_extra(problem) or str(problem)) from problem
-    if not attribute:
-        raise PolicyError(
-            f"no policy {name!r}; give module:Class, the directory of a training run, ALGORITHM:FILE.zip, "
-            f"lerobot:DIRECTORY, or one of {', '.join(BUILT_IN)}"
-        )
+    check_name(name)
     make_own = imported(name, PolicyError(f"policy {name!r} cannot be imported"))
     try:
         inspect.signature(make_own).bind()
@@ -83,6 +79,15 @@ def load_policy(name: str, seed: int, trust: bool = False, python: str = "") -> 
     policy: AnyPolicy = make_own()
     check_policy(policy, name)
     return policy
+
+
+def check_name(name: str) -> None:
+    """Refuse a text that can name no policy (`PolicyError`), before anything is loaded."""
+    if ":" not in name and name not in BUILT_IN and not is_run(name):
+        raise PolicyError(
+            f"no policy {name!r}; give module:Class, the directory of a training run, ALGORITHM:FILE.zip, "
+            f"lerobot:DIRECTORY, or one of {', '.join(BUILT_IN)}"
+        )
 
 
 def imported(name: str, refusal: ClutterEnvError) -> Any:

@@ -87,6 +87,18 @@ def wilson(successes: int, trials: int) -> Interval:
     return Interval(rate, min(float(found.low), rate), max(float(found.high), rate))
 
 
+def newcombe(one: tuple[int, int], other: tuple[int, int]) -> Interval:
+    """How much higher one success rate is than another one, of other scenes (Newcombe 1998, Stat. Med. 17, method 10).
+
+    Args:
+        one, other: successes and trials.
+    """
+    here, there = wilson(*one), wilson(*other)
+    by = here.mean - there.mean
+    low = by - math.hypot(here.mean - here.low, there.high - there.mean)
+    return Interval(by, low, by + math.hypot(here.high - here.mean, there.mean - there.low))
+
+
 def success_interval(runs: Sequence[Sequence[bool]], rng: np.random.Generator) -> Interval:
     """The success rate of a policy.
 

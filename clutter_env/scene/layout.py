@@ -15,8 +15,9 @@ from typing import Any, Literal
 from clutter_env.errors import ConfigError, check_choice, check_number
 from clutter_env.scene.opening import (
     CHEST_TOP,
-    DRAWER_FLOOR,
+    DRAWER,
     DRAWER_HEADROOM,
+    DRAWERS,
     LEAST_CHEST_DEPTH,
     Box as Box,
     Opening,
@@ -25,6 +26,9 @@ from clutter_env.scene.opening import (
     door,
     drawer,
     drawer_surface,
+    drawer_surfaces,
+    drawers,
+    floor_of,
     way_surface,
 )
 
@@ -57,7 +61,7 @@ LOWEST_SUPPORT = 0.4
 """[m] Height of the lowest face on which objects may be put, above the ground: lower ones are not within reach."""
 SHELF_START_DISTANCE = (0.95, 1.3)
 """[m]; farther away, because the carried gripper is about as high as the shelf."""
-OPENS = (None, "drawer", "door_left", "door_right")
+OPENS = (None, "drawer", "door_left", "door_right", "drawers")
 """What opens of a layout; a door's side is that of its hinges."""
 OBJECT_GAP, DRAWER_GAP = 0.012, 0.03
 """[m] between the bounding circles of two objects at least; in a drawer, where they are grasped from above, fingers
@@ -104,8 +108,8 @@ class Layout:
     third_board_height: float | None = None
     """[m] from the second shelf to a third one above it, None without: objects stand below all three."""
     opens: str | None = None
-    """What is opened to get at the objects: "drawer", in a chest on the table; "door_left" or "door_right", in front of
-    table and shelves, with hinges on that side; None for nothing."""
+    """What is opened to get at the objects: "drawer", in a chest on the table; "drawers", three of them side by side;
+    "door_left" or "door_right", in front of table and shelves, with hinges on that side; None for nothing."""
     front: float = 0.0
     """[m] of the table in front of the chest of a drawer, with objects that stand in the drawer's way."""
 
@@ -126,8 +130,7 @@ class Layout:
             raise ConfigError(f"{place}: third_board_height={self.third_board_height!r} needs a second_board_height")
         self._check_opening(place)
         object.__setattr__(self, "boxes", _checked_boxes(place, self.boxes))
-        opening = opening_of(self)
-        moving = () if opening is None else (*opening.parts, *opening.handle)
+        moving = [box for opening in openings_of(self) for box in (*opening.parts, *opening.handle)]
         names = [box.name for box in (*furniture(self), *moving)]
         for name in names:
             if names.count(name) > 1:
@@ -171,15 +174,20 @@ class Layout:
             )
         if self.opens and self.supports is not None:
             raise ConfigError(f"{place}: supports={self.supports!r} are chosen by the layout where something opens")
-        if self.opens == "drawer":
+        if self.has_drawers:
             if self.board_height is not None:
-                raise ConfigError(f"{place}: board_height={self.board_height!r} does not go with opens='drawer'")
+                raise ConfigError(f"{place}: board_height={self.board_height!r} does not go with opens={self.opens!r}")
             if self.depth - self.front < LEAST_CHEST_DEPTH:
                 raise ConfigError(
                     f"{place}: depth={self.depth!r} leaves less than {LEAST_CHEST_DEPTH} m for the chest of a drawer"
                 )
         elif self.opens and self.board_height is None:
             raise ConfigError(f"{place}: opens={self.opens!r} needs a board_height, up to which the door reaches")
+
+    @property
+    def has_drawers(self) -> bool:
+        """Whether what opens is a drawer, or several, in a chest on the table."""
+        return self.opens in ("drawer", "drawers")
 
     @property
     def is_fridge(self) -> bool:
@@ -193,6 +201,8 @@ class Layout:
         if self.opens == "drawer":
             inside = drawer_surface(self.front - half[0], self.width, DRAWER_GAP)
             return (inside, way_surface(self.front - half[0], OBJECT_GAP)) if self.front else (inside,)
+        if self.opens == "drawers":
+            return drawer_surfaces(-half[0], self.width, DRAWER_GAP)
         if self.opens:
             half = half[0] - _CUPBOARD_MARGINS[0], half[1] - _CUPBOARD_MARGINS[1]
         return tuple(Surface(level, (0.0, 0.0), half, self.headroom, OBJECT_GAP) for level in self.levels)
@@ -205,7 +215,7 @@ class Layout:
     @property
     def levels(self) -> tuple[float, ...]:
         """Heights [m] above the table top of the surfaces on which objects stand at the start: 0, and the shelves'."""
-        if self.opens == "drawer":
+        if self.has_drawers:
             return tuple(surface.level for surface in self.surfaces)
         if self.board_height is None or self.second_board_height is None:
             return (0.0,)
@@ -217,7 +227,7 @@ class Layout:
     @property
     def headroom(self) -> float:
         """[m] from a surface on which objects stand to the lowest thing above it; infinite without one."""
-        if self.opens == "drawer":
+        if self.has_drawers:
             return DRAWER_HEADROOM
         x, y = self.depth / 2, self.width / 2
         above = [box for box in furniture(self) if _overlaps(box, (-x, -y, TABLE_HEIGHT), (x, y, math.inf))]
@@ -262,7 +272,7 @@ def _overlaps(box: Box, low: tuple[float, ...], high: tuple[float, ...]) -> bool
 def furniture(layout: Layout) -> tuple[Box, ...]:
     """All boxes of a layout that stand still: the table, what its flags add, and its own `boxes`.
 
-    The names are relied on elsewhere. What moves is in `opening_of`.
+    The names are relied on elsewhere. What moves is in `openings_of`.
     """
     x, y, top = layout.depth / 2, layout.width / 2, TABLE_HEIGHT
     leg = _LEG_HALF_WIDTH
@@ -301,22 +311,25 @@ def furniture(layout: Layout) -> tuple[Box, ...]:
             Box(name, (0.0, 0.0, TABLE_HEIGHT + height + panel), (x, y + 2 * panel, panel))
             for name, height in zip(_BOARDS, heights, strict=False)
         ]
-    if layout.opens == "drawer":
-        boxes += chest(layout.front - x, x, layout.width, TABLE_HEIGHT)
+    if layout.has_drawers:
+        count = len(DRAWERS) if layout.opens == "drawers" else 1
+        boxes += chest(layout.front - x, x, layout.width, TABLE_HEIGHT, count)
     return (*boxes, *layout.boxes)
 
 
-def opening_of(layout: Layout) -> Opening | None:
-    """What opens of a layout, None where nothing does."""
+def openings_of(layout: Layout) -> tuple[Opening, ...]:
+    """What opens of a layout, drawers side by side from left to right; () where nothing does."""
     if layout.opens is None:
-        return None
+        return ()
     front = layout.front - layout.depth / 2
     if layout.opens == "drawer":
-        return drawer(front, layout.width, TABLE_HEIGHT)
+        return (drawer(front, layout.width, TABLE_HEIGHT),)
+    if layout.opens == "drawers":
+        return drawers(front, layout.width, TABLE_HEIGHT)
     side: Literal["left", "right"] = "left" if layout.opens == "door_left" else "right"
     heights = (layout.board_height, layout.second_board_height, layout.third_board_height)
     top = TABLE_HEIGHT + sum(height + _PANEL_THICKNESS for height in heights if height is not None)
-    return door(side, front, layout.width + 2 * _PANEL_THICKNESS, TABLE_HEIGHT, top)
+    return (door(side, front, layout.width + 2 * _PANEL_THICKNESS, TABLE_HEIGHT, top),)
 
 
 def top_of(box: Box) -> float:
@@ -328,9 +341,10 @@ def supports_of(layout: Layout) -> tuple[str, ...]:
     """Names of the boxes on whose top faces objects may be put, that on which they stand at the start first."""
     if layout.supports is not None:
         return layout.supports
-    if layout.opens == "drawer":  # of the table, what is in front of the chest
+    if layout.has_drawers:  # of the table, what is in front of the chest
         names = (CHEST_TOP, *_COUNTERS, TABLE) if layout.front else (CHEST_TOP, *_COUNTERS)
-        return (DRAWER_FLOOR, *(box.name for box in furniture(layout) if box.name in names))
+        floors = map(floor_of, DRAWERS if layout.opens == "drawers" else (DRAWER,))
+        return (*floors, *(box.name for box in furniture(layout) if box.name in names))
     shelves = _BOARDS[: len(layout.levels) - 1]
     return tuple(box.name for box in furniture(layout) if box.name in (TABLE, *_COUNTERS, *shelves))
 
@@ -422,6 +436,7 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
             opens="door_right",
         ),
         "blocked_drawer": Layout("blocked_drawer", depth=0.74, width=0.62, opens="drawer", front=0.32),
+        "drawers": Layout("drawers", depth=0.42, width=1.5, opens="drawers"),
     }
 )
 

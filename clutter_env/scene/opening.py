@@ -14,8 +14,8 @@ Point = tuple[float, float, float]
 
 DRAWER, DOOR = "drawer", "door"
 """Names of the bodies that move."""
-DRAWER_FLOOR = "drawer_floor"
-"""Name of the box on which what lies in a drawer stands."""
+DRAWERS = ("left_drawer", "middle_drawer", "right_drawer")
+"""Those of drawers side by side, as the robot sees them."""
 CHEST_TOP = "chest_top"
 """Name of the box above a drawer."""
 DRAWER_TRAVEL = 0.30
@@ -37,6 +37,9 @@ _WALL, _WALL_HEIGHT, _FLOOR = 0.012, 0.08, 0.01
 """[m] Thickness of a drawer's walls, their height above its floor, and the floor's thickness."""
 _SLIT = 0.004
 """[m] between what moves and what does not."""
+_OVERLAP = 0.008
+"""[m] by which the fronts of drawers side by side cover the edge of the chest's top: over a lower front a camera sees
+through the slit what stands behind it."""
 _DRAWER_LENGTH = 0.34
 """[m] of a drawer inside."""
 _MARGIN = 0.04
@@ -119,13 +122,19 @@ class Opening:
         return self.handle[0].name
 
 
-def chest(front: float, back: float, width: float, table: float) -> tuple[Box, ...]:
-    """The panels of a chest around a drawer, which stand still.
+def floor_of(name: str) -> str:
+    """Name of the box on which what lies in a drawer stands."""
+    return f"{name}_floor"
+
+
+def chest(front: float, back: float, width: float, table: float, count: int = 1) -> tuple[Box, ...]:
+    """The panels of a chest around drawers side by side, which stand still.
 
     Args:
         front, back: [m] along x.
         width: [m] outside.
         table: [m] height of the table on which it stands.
+        count: number of drawers; between two of them there are the panels of both.
     """
     half, middle, half_depth = _PANEL / 2, (front + back) / 2, (back - front) / 2
     bottom, top = table, table + DRAWER_LEVEL + DRAWER_HEADROOM
@@ -133,6 +142,10 @@ def chest(front: float, back: float, width: float, table: float) -> tuple[Box, .
     return (
         Box("chest_left", (middle, side, z), (half_depth, half, half_height)),
         Box("chest_right", (middle, -side, z), (half_depth, half, half_height)),
+        *(
+            Box(f"chest_divider_{number}", (middle, y, z), (half_depth, _PANEL, half_height))
+            for number, y in enumerate(width / count * (place - count / 2) for place in range(count - 1, 0, -1))
+        ),
         Box("chest_back", (back - half, 0.0, z), (half, width / 2 - _PANEL, half_height)),
         Box(CHEST_TOP, (middle, 0.0, top + half), (half_depth, width / 2, half)),
     )
@@ -140,6 +153,28 @@ def chest(front: float, back: float, width: float, table: float) -> tuple[Box, .
 
 def drawer(front: float, width: float, table: float) -> Opening:
     """The drawer of a `chest`."""
+    return _drawer(DRAWER, front, 0.0, width, width, table)
+
+
+def drawers(front: float, width: float, table: float) -> tuple[Opening, ...]:
+    """The drawers side by side of a `chest` that has as many, from left to right."""
+    each = width / len(DRAWERS)
+    return tuple(
+        _drawer(name, front, y, each, each - _SLIT, table, _OVERLAP)
+        for name, y in zip(DRAWERS, _middles(width), strict=True)
+    )
+
+
+def _middles(width: float) -> tuple[float, ...]:
+    """[m] along y of the middles of drawers side by side, over the width of their chest."""
+    each = width / len(DRAWERS)
+    return tuple(each * ((len(DRAWERS) - 1) / 2 - number) for number in range(len(DRAWERS)))
+
+
+def _drawer(
+    name: str, front: float, y: float, width: float, front_width: float, table: float, overlap: float = 0.0
+) -> Opening:
+    """A drawer whose middle is at y; the chest is `width` [m] wide around it, and its front higher by an `overlap`."""
     half_width, floor = width / 2 - _PANEL - _SLIT, table + DRAWER_LEVEL
     face = front - _SLIT - _PANEL
     low, high = table + _SLIT, table + DRAWER_LEVEL + DRAWER_HEADROOM
@@ -148,30 +183,43 @@ def drawer(front: float, width: float, table: float) -> Opening:
     middle, half_length = (start + end) / 2, (end - start) / 2
     wall_z, wall_half = floor + _WALL_HEIGHT / 2, _WALL_HEIGHT / 2
     parts = (
-        Box("drawer_front", (face + half, 0.0, z), (half, width / 2, (high - low) / 2)),
-        Box(DRAWER_FLOOR, (middle, 0.0, floor - _FLOOR / 2), (half_length, half_width, _FLOOR / 2)),
-        *(
-            Box(name, (middle, side * (half_width - _WALL / 2), wall_z), (half_length, _WALL / 2, wall_half))
-            for name, side in (("drawer_left", 1), ("drawer_right", -1))
+        Box(
+            f"{name}_front",
+            (face + half, y, z + overlap / 2),
+            (half, front_width / 2, (high + overlap - low) / 2),
         ),
-        Box("drawer_back", (end - _WALL / 2, 0.0, wall_z), (_WALL / 2, half_width - _WALL, wall_half)),
+        Box(floor_of(name), (middle, y, floor - _FLOOR / 2), (half_length, half_width, _FLOOR / 2)),
+        *(
+            Box(
+                f"{name}_{side}",
+                (middle, y + sign * (half_width - _WALL / 2), wall_z),
+                (half_length, _WALL / 2, wall_half),
+            )
+            for side, sign in (("left", 1), ("right", -1))
+        ),
+        Box(f"{name}_back", (end - _WALL / 2, y, wall_z), (_WALL / 2, half_width - _WALL, wall_half)),
     )
     return Opening(
-        DRAWER,
+        name,
         is_slide=True,
-        origin=(face + half, 0.0, z),
+        origin=(face + half, y, z),
         axis=(-1.0, 0.0, 0.0),
         travel=DRAWER_TRAVEL,
         parts=parts,
-        handle=_bar(DRAWER, face, 0.0, z, _DRAWER_BAR),
-        inside=((start, -half_width, floor - _FLOOR), (end, half_width, high)),
+        handle=_bar(name, face, y, z, _DRAWER_BAR),
+        inside=((start, y - half_width, floor - _FLOOR), (end, y + half_width, high)),
     )
 
 
-def drawer_surface(front: float, width: float, gap: float) -> Surface:
-    """Where objects stand in a `drawer`."""
+def drawer_surface(front: float, width: float, gap: float, y: float = 0.0) -> Surface:
+    """Where objects stand in a `drawer` whose middle is at y."""
     half = _SHOWN / 2, width / 2 - _PANEL - _SLIT - _WALL - _MARGIN
-    return Surface(DRAWER_LEVEL, (front - _SLIT + _MARGIN + half[0], 0.0), half, DRAWER_HEADROOM, gap)
+    return Surface(DRAWER_LEVEL, (front - _SLIT + _MARGIN + half[0], y), half, DRAWER_HEADROOM, gap)
+
+
+def drawer_surfaces(front: float, width: float, gap: float) -> tuple[Surface, ...]:
+    """Where objects stand in `drawers`, from left to right."""
+    return tuple(drawer_surface(front, width / len(DRAWERS), gap, y) for y in _middles(width))
 
 
 def way_surface(front: float, gap: float) -> Surface:

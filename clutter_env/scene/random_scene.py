@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from clutter_env.errors import OptionError
 from clutter_env.scene.household import KINDS, HouseholdScene, slot_kinds
-from clutter_env.scene.layout import OBJECT_GAP, Layout
+from clutter_env.scene.layout import OBJECT_GAP, Layout, openings_of
 from clutter_env.scene.object_sets import OBJECT_SETS, ObjectSet, slot_shapes
 from clutter_env.scene.opening import DAMPING_RANGE, FRICTION_RANGE, Surface
 from clutter_env.scene.table_scene import TableScene
@@ -75,7 +75,7 @@ def sample_scene(
         yaws=np.where(is_box | is_lying, rng.uniform(-math.pi, math.pi, num_objects), 0.0),
         masses=np.array([kind.mass for kind in kinds]) if objects.kinds else rng.uniform(*objects.mass, num_objects),
         base=sample_base(rng, layout),
-        target=_target(rng, np.flatnonzero(rows < len(layout.inside))),
+        target=_target(rng, layout, rows),
         is_lying=is_lying,
         levels=np.array(layout.levels)[rows],
         joints=sample_joints(rng, layout),
@@ -91,15 +91,21 @@ def sample_base(rng: np.random.Generator, layout: Layout) -> NDArray[np.float64]
 
 
 def sample_joints(rng: np.random.Generator, layout: Layout) -> NDArray[np.float64]:
-    """Dry friction and damping (k, 2) of the joint of what opens, see `opening`; none and nothing drawn without."""
+    """Dry friction and damping (k, 2) of the joints of what opens, see `opening`; none and nothing drawn without."""
     if layout.opens is None:
         return np.zeros((0, 2))
     low, high = np.array((FRICTION_RANGE, DAMPING_RANGE)).T
-    return np.asarray(rng.uniform(low, high, (1, 2)))
+    return np.asarray(rng.uniform(low, high, (len(openings_of(layout)), 2)))
 
 
 def _rows(rng: np.random.Generator, layout: Layout, num_objects: int) -> NDArray[np.int64]:
-    """Index (n,) of the surface on which each object stands: all in turn, or few of them in the way of a drawer."""
+    """Index (n,) of the surface on which each object stands: all in turn, or few of them in the way of a drawer.
+
+    In drawers side by side any of them, as many in each as in the next, or one more: neither a number nor a shape says
+    where.
+    """
+    if layout.opens == "drawers":
+        return rng.permutation((np.arange(num_objects) + rng.integers(len(layout.surfaces))) % len(layout.surfaces))
     if not layout.front:
         return np.arange(num_objects) % len(layout.surfaces)
     rows = np.zeros(num_objects, dtype=np.int64)
@@ -108,8 +114,12 @@ def _rows(rng: np.random.Generator, layout: Layout, num_objects: int) -> NDArray
     return rows
 
 
-def _target(rng: np.random.Generator, slots: NDArray[np.intp]) -> int:
-    """One of these slots, -1 without any."""
+def _target(rng: np.random.Generator, layout: Layout, rows: NDArray[np.int64]) -> int:
+    """A slot of an object inside, -1 without any; of drawers side by side all are as likely to have it."""
+    slots = np.flatnonzero(rows < len(layout.inside))
+    if layout.opens == "drawers" and len(slots):
+        filled = np.unique(rows)
+        slots = np.flatnonzero(rows == filled[rng.integers(len(filled))])
     return int(slots[rng.integers(len(slots))]) if len(slots) else -1
 
 

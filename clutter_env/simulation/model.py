@@ -18,8 +18,8 @@ from assets import ActingJoints, RobotSpec, paired_name, robot_contacts
 from clutter_env.config import TIMESTEP
 from clutter_env.errors import ConfigError
 from clutter_env.scene.household import KINDS, Kind
-from clutter_env.scene.layout import TABLE_HEIGHT, Layout, furniture, opening_of, supports_of
-from clutter_env.scene.opening import DOOR, DRAWER, Opening
+from clutter_env.scene.layout import TABLE_HEIGHT, Layout, furniture, openings_of, supports_of
+from clutter_env.scene.opening import DOOR, DRAWER, DRAWERS, Opening
 from clutter_env.scene.table_scene import object_name
 
 PARKED_X = -3.0
@@ -149,7 +149,7 @@ class ModelIndex:
         acting = ActingJoints.of(robot)
         finger_joints = tuple(name for pair in acting.finger_joints for name in pair)
         fingers = [model.joint(name).id for name in finger_joints]
-        opening = [name for name in (DRAWER, DOOR) if mujoco.mj_name2id(model, _BODY, name) >= 0]
+        opening = [name for name in (DRAWER, DOOR, *DRAWERS) if mujoco.mj_name2id(model, _BODY, name) >= 0]
         is_joint = model.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)
         return cls(
             base_body=model.body(robot.base_body).id,
@@ -226,8 +226,7 @@ def build_spec(robot: RobotSpec, layout: Layout, shapes: tuple[str, ...]) -> muj
     taken = {geom.name for geom in spec.geoms} | {"floor", *(object_name(slot) for slot in range(len(shapes)))}
     if "floor" in {geom.name for geom in spec.geoms}:
         raise ConfigError(f"robot {robot.name!r}: the scene has a ground, 'floor'; leave it out of {robot.mjcf!r}")
-    opening = opening_of(layout)
-    moving = () if opening is None else (*opening.parts, *opening.handle)
+    moving = [box for opening in openings_of(layout) for box in (*opening.parts, *opening.handle)]
     for box in (*furniture(layout), *moving):
         if box.name in taken:
             raise ConfigError(
@@ -326,7 +325,7 @@ def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
             rgba=colour,
             **_FURNITURE_CONTACT,
         )
-    if (opening := opening_of(layout)) is not None:
+    for opening in openings_of(layout):
         _add_opening(world, opening, _FRIDGE_DOOR if layout.is_fridge else _FRONT_COLOUR)
     # Planners look in this custom tuple for the geoms on which objects may be put.
     names = supports_of(layout)

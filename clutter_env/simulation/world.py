@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from assets import ActingJoints, RobotSpec
 from clutter_env.config import PHYSICS_STEPS
 from clutter_env.scene.household import KINDS, HouseholdScene
-from clutter_env.scene.layout import TABLE_HEIGHT, Layout, lowest_support, opening_of
+from clutter_env.scene.layout import TABLE_HEIGHT, Layout, lowest_support, openings_of
+from clutter_env.scene.opening import Opening
 from clutter_env.scene.table_scene import TableScene, object_name
 from clutter_env.simulation.contacts import ContactReader, Contacts
 from clutter_env.simulation.control import SEGMENTS, JointController
@@ -131,7 +132,7 @@ class World:
     """Physics of one robot, one table and a fixed number of objects; `reset` applies a scene to it.
 
     Attributes:
-        opening: what opens of the furniture, None where nothing does.
+        openings: what opens of the furniture, drawers side by side from left to right; () where nothing does.
         on_furniture: how hard the robot, and what it moves, has pressed on furniture since the reset.
         on_itself: how hard it has pressed on itself and on the ground.
     """
@@ -149,8 +150,8 @@ class World:
     ) -> None:
         self.robot = robot
         self.shapes = shapes
-        self.opening = opening_of(layout)
-        self._has_drawer = self.opening is not None and self.opening.is_slide
+        self.openings = openings_of(layout)
+        self._drawers = tuple(one for one in self.openings if one.is_slide)
         self._fallen_below = lowest_support(layout) - _FALLEN_BELOW
         self.model = compile_model(robot, layout, shapes, image_size, show_meshes)
         self.data = mujoco.MjData(self.model)
@@ -187,7 +188,7 @@ class World:
         self._reader.forget()
         self._placed_tilt, self._toppled_change = np.where(scene.is_lying, np.array([_LYING]).T, np.array([_UPRIGHT]).T)
         model, index = self.model, self.index
-        if self.opening is not None:
+        if self.openings:
             model.dof_frictionloss[index.opening_dof], model.dof_damping[index.opening_dof] = scene.joints.T
         if not scene.num_objects:
             return
@@ -200,8 +201,8 @@ class World:
         if scene.target >= 0:
             model.geom_rgba[index.object_geoms][index.geom_slots == scene.target] = _TARGET_COLOUR
         poses = start_poses(scene)
-        if self._has_drawer:
-            poses[self._are_in_drawer(poses, 0.0), 2] -= SUNK
+        for drawer in self._drawers:
+            poses[_are_inside(drawer, poses, 0.0), 2] -= SUNK
         model.qpos0[index.object_qpos] = poses.ravel()
 
     def colour(self, slot: int) -> NDArray[np.float64]:
@@ -222,28 +223,41 @@ class World:
         mujoco.mj_forward(model, data)
 
     @property
-    def opened(self) -> float:
-        """How far it is open what opens: 0 shut, 1 as far as it goes; 0 where nothing opens."""
-        if self.opening is None:
-            return 0.0
-        return float(self.data.qpos[self.index.opening_qpos[0]]) / self.opening.travel
+    def opening(self) -> Opening | None:
+        """The first thing that opens, None where nothing does."""
+        return self.openings[0] if self.openings else None
 
     @property
-    def drawer_shift(self) -> float:
-        """[m] along x by which a drawer stands out, 0 or negative; 0 where there is none."""
-        if self.opening is None or not self._has_drawer:
-            return 0.0
-        return float(self.opening.axis[0] * self.data.qpos[self.index.opening_qpos[0]])
+    def opened(self) -> float:
+        """How far it is open what opens first: 0 shut, 1 as far as it goes; 0 where nothing opens."""
+        return self.opened_shares[0] if self.openings else 0.0
 
-    def are_in_drawer(self, measurements: Measurements) -> NDArray[np.bool_]:
-        """Whether the centre of each object is inside the drawer, where it is now: (n,)."""
-        return self._are_in_drawer(measurements.poses, self.drawer_shift)
+    @property
+    def opened_shares(self) -> list[float]:
+        """How far each thing that opens is open: 0 shut, 1 as far as it goes."""
+        positions = self.data.qpos[self.index.opening_qpos].tolist()
+        return [position / one.travel for position, one in zip(positions, self.openings, strict=True)]
 
-    def _are_in_drawer(self, poses: NDArray[np.float64], shift: float) -> NDArray[np.bool_]:
-        if self.opening is None or not self._has_drawer:
-            return np.zeros(len(poses), np.bool_)
-        low, high = np.array(self.opening.inside) + (shift, 0.0, 0.0)
-        return np.asarray(((low < poses[:, :3]) & (poses[:, :3] < high)).all(axis=1))
+    def opened_around(self, measurements: Measurements, slot: int) -> float:
+        """How far that is open which shuts an object in; 1 if none of several drawers has it."""
+        if len(self.openings) <= 1:
+            return self.opened
+        inside = [self.are_in_drawer(measurements, number)[slot] for number in range(len(self._drawers))]
+        return next((share for share, is_in in zip(self.opened_shares, inside, strict=True) if is_in), 1.0)
+
+    @property
+    def drawer_shifts(self) -> list[float]:
+        """[m] along x by which each drawer stands out, 0 or negative."""
+        if not self._drawers:
+            return []
+        positions = self.data.qpos[self.index.opening_qpos].tolist()
+        return [float(one.axis[0] * position) for position, one in zip(positions, self._drawers, strict=True)]
+
+    def are_in_drawer(self, measurements: Measurements, number: int = 0) -> NDArray[np.bool_]:
+        """Whether the centre of each object is inside a drawer, where it is now: (n,)."""
+        if number >= len(self._drawers):
+            return np.zeros(len(measurements.poses), np.bool_)
+        return _are_inside(self._drawers[number], measurements.poses, self.drawer_shifts[number])
 
     @property
     def is_unstable(self) -> bool:
@@ -461,6 +475,12 @@ def _apply_masses(model: mujoco.MjModel, index: ModelIndex, scene: TableScene) -
     mean = (inverse[..., 0] + inverse[..., 1] + inverse[..., 2]) / 3
     model.body_invweight0[bodies] = mean
     model.dof_invweight0[dof].reshape(-1, 2, 3)[:] = mean[..., None]
+
+
+def _are_inside(drawer: Opening, poses: NDArray[np.float64], shift: float) -> NDArray[np.bool_]:
+    """Whether the centre of each object is inside a drawer that stands out by a shift [m] along x: (n,)."""
+    low, high = np.array(drawer.inside) + (shift, 0.0, 0.0)
+    return np.asarray(((low < poses[:, :3]) & (poses[:, :3] < high)).all(axis=1))
 
 
 def start_poses(scene: TableScene) -> NDArray[np.float64]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,11 +24,25 @@ def way(opening: Opening, position: float, steps: int = STEPS) -> Array:
     return np.asarray(np.linspace(opening.position, position, steps + 1)[1:])
 
 
-def pulled(scene: Scene, position: float | None = None) -> Scene:
-    """A scene with a handle after it has been pulled, to a position or as far as it is to be."""
+def pulled(scene: Scene, position: float | None = None, turned: float | None = None) -> Scene:
+    """A scene with a handle after it has been pulled, to a position or as far as it is to be, a lever turned before."""
     assert scene.pull is not None
-    to = scene.pull.position if position is None else position
-    return moved(scene, scene.pull.opening, to, besides=[scene.pull.handle])
+    pull = scene.pull
+    if pull.lever:
+        scene = moved(scene, pull.lever, pull.turned if turned is None else turned, [pull.handle])
+    return moved(scene, pull.opening, pull.position if position is None else position, [pull.handle])
+
+
+def is_pushed(scene: Scene, name: str) -> bool:
+    """Whether an object stands for a part of what opens that closed fingers push."""
+    return scene.pull is not None and scene.pull.pushes and scene.pull.handle == name
+
+
+def without_moving(scene: Scene) -> Scene:
+    """A scene with a handle without the parts that move with it: what stays where it is while it is pulled."""
+    assert scene.pull is not None
+    moving = {*scene.opening(scene.pull.opening).parts}
+    return replace(scene, static_obstacles=tuple(one for one in scene.static_obstacles if one.name not in moving))
 
 
 def riding(scene: Scene) -> tuple[str, ...]:

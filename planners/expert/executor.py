@@ -249,7 +249,7 @@ class Executor:
         drive = np.concatenate((sample.base, sample.q))
         opening = self._robot.opening(sample.finger_position)
         if self.deviation is not None:
-            is_empty_retreat = self._retreat_direction() < 0 and not sample.phase.held
+            is_empty_retreat = self._retreat_direction() < 0 and not sample.phase.held and not _pushes(self._present)
             if is_empty_retreat or self.deviation.kind is DeviationKind.GRASP_MISSED:
                 opening = self._robot.max_opening
         self._sent.append(Command(drive, opening, self.arm))
@@ -316,6 +316,11 @@ class Executor:
 def _is_pull(action: BoundAction) -> bool:
     """Whether an action opens or shuts something."""
     return action.scene.pull is not None and action.target == action.scene.pull.opening
+
+
+def _pushes(action: BoundAction) -> bool:
+    """Whether an action pushes something with closed fingers."""
+    return _is_pull(action) and action.scene.pull is not None and action.scene.pull.pushes
 
 
 def _not_opened(action: BoundAction, now: Snapshot) -> Deviation | None:

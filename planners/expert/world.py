@@ -10,11 +10,9 @@ import numpy as np
 from planners.expert.actor import home_of, planned_from
 from planners.expert.interfaces import ControlledEnv
 from planners.expert.monitor import Sensor, held_object
+from planners.expert.stops import Stops
 from planners.goals import Goal, GoalError, height_below
 from planners.scene import AsideObject, ParkedArm, RobotState, Scene, SceneError
-
-_SAME_STOP = 0.05
-"""Share of its range within which something that opens has stopped in the same place."""
 
 
 class PerceivedWorld:
@@ -26,8 +24,7 @@ class PerceivedWorld:
 
     def __init__(self, env: ControlledEnv) -> None:
         self._env, robot = env, env.robot
-        self._stopped: dict[str, float] = {}
-        self._ends: dict[str, float] = {}
+        self._stops = Stops()
         self.robots = {arm: robot if arm == robot.arm_name else robot.using(arm) for arm in robot.acting_arms}
 
     @property
@@ -42,11 +39,7 @@ class PerceivedWorld:
 
     def opened_in_part(self, name: str) -> None:
         """Note that something was not moved as far as planned; if it stops twice in the same place, it ends there."""
-        opening = self._measured().opening(name)
-        before, near = self._stopped.get(name), _SAME_STOP * abs(opening.open - opening.shut)
-        if before is not None and abs(opening.position - before) < near and opening.share > _SAME_STOP:
-            self._ends[name] = opening.position
-        self._stopped[name] = opening.position
+        self._stops.note(self._measured().opening(name))
 
     def scene(self) -> Scene:
         """The scene now, with the arm active that is away from home; one near its home is taken to be exactly in it.
@@ -89,20 +82,18 @@ class PerceivedWorld:
     def _measured(self, arm: str = "", held: str = "") -> Scene:
         """The scene as it is now, with an arm active and this object in its gripper."""
         env, known = self._env, self.source
-        scene = Scene.from_mujoco(
-            known.model,
-            known.data,
-            self.robots.get(arm, env.robot),
-            held,
-            movable=env.object_names,
-            support=env.support_name,
-            more_supports=getattr(env, "more_supports", None),
-            regions=getattr(env, "regions", ()),
+        return self._stops.applied(
+            Scene.from_mujoco(
+                known.model,
+                known.data,
+                self.robots.get(arm, env.robot),
+                held,
+                movable=env.object_names,
+                support=env.support_name,
+                more_supports=getattr(env, "more_supports", None),
+                regions=getattr(env, "regions", ()),
+            )
         )
-        if not self._ends:
-            return scene
-        known_ends = (replace(one, open=self._ends.get(one.name, one.open)) for one in scene.openings)
-        return replace(scene, openings=tuple(known_ends))
 
 
 def _is_at_home(scene: Scene) -> bool:

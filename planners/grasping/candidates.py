@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from irm.chain import ArmChain
 from irm.kinematics import link_frames
-from planners.collision.opened import swept_objects
+from planners.collision.opened import is_pushed, swept_objects
 from planners.collision.world import CollisionWorld, CompiledScenes, objects_on
 from planners.grasping.arm_configurations import (
     ArmConfigurations,
@@ -35,10 +35,12 @@ from planners.grasping.bar_grasps import BarFamily, bar_grasps, turned, with_han
 from planners.grasping.base_placement import STRAIGHT, TURNED, Placer, facing_bases
 from planners.grasping.families import SIDE, Family, families_for
 from planners.grasping.grasp_poses import GraspPose, can_pull, generate_grasps
+from planners.grasping.push_poses import PushFamily, push_poses
 from planners.scene import Body, Scene
 from planners.scene.cover import is_covered, needs_drive
 
 Array = NDArray[np.float64]
+_AnyFamily: TypeAlias = Family | BarFamily | PushFamily
 
 _BASES = (0, 8)
 """Base poses for each gripper pose: the placer's own number, then more where these give no grasp, or, under a shelf, no
@@ -123,7 +125,7 @@ class _Stage(NamedTuple):
     """A family of grasps, the yaws [rad] that the gripper may have relative to the base, and whether all is looked at
     closely: many bases, heights of the torso and angles of the arm."""
 
-    family: Family | BarFamily
+    family: _AnyFamily
     turns: tuple[float, ...] = _MAP
     is_close: bool = False
 
@@ -217,9 +219,9 @@ class GraspCandidates:
         found: list[GraspCandidate] = []
         for view in self._views_of(scene).values():
             body = view.body(name)
-            for family in families_for(body, self.families):
+            for family in self._families_for(view, body):
                 of_family: list[GraspCandidate] = []
-                for wanted, opening in _wanted(view, body, family):
+                for wanted, opening in _wanted(self.compiled.world(view), body, family):
                     poses = self._untried(view, body, GripperPoses(np.tile(base, (len(wanted), 1)), wanted))
                     of_family += self._scan(view, body, poses, opening, _Stage(family))
                 if of_family:
@@ -335,16 +337,21 @@ class GraspCandidates:
     def _stages(self, scene: Scene, body: Body) -> tuple[_Stage, ...]:
         """Where grasps of an object are looked for, in this order."""
         every_turn = (STRAIGHT, TURNED, _MAP) if self.canonical else (_MAP,)
-        families: tuple[Family | BarFamily, ...] = families_for(body, self.families)
-        if _is_handle(scene, body):
+        families = self._families_for(scene, body)
+        if _is_handle(scene, body) and any(family.pitch < math.pi / 2 for family in self.families):
+            # Else the hand stays upright.
             families = (*families, BarFamily())
         stages = tuple(_Stage(family, turns) for family in families for turns in every_turn)
         return (*stages, *(_Stage(one, is_close=True) for one in families)) if _is_handle(scene, body) else stages
 
+    def _families_for(self, scene: Scene, body: Body) -> tuple[_AnyFamily, ...]:
+        """The families by which an object is grasped, or pushed."""
+        return (PushFamily(self.families),) if is_pushed(scene, body.name) else families_for(body, self.families)
+
     def _of_stage(self, scene: Scene, body: Body, stage: _Stage, known: _Grasps = ()) -> list[GraspCandidate]:
         """Grasps of one stage; under a shelf, where scans take long, none that hits more than a `known` one."""
         found: list[GraspCandidate] = []
-        for wanted, opening in _wanted(scene, body, stage.family):
+        for wanted, opening in _wanted(self.compiled.world(scene), body, stage.family):
             if stage.turns:
                 bases, index = facing_bases(self.arms[scene.robot.arm_name], wanted, stage.turns)
                 poses = self._untried(scene, body, GripperPoses(bases, wanted[index]))
@@ -417,12 +424,15 @@ class GraspCandidates:
         return ConfigurationGrid.near_home(chain) if self.near_home else ConfigurationGrid.over(chain)
 
 
-def _wanted(scene: Scene, body: Body, family: Family | BarFamily) -> list[tuple[Array, float]]:
+def _wanted(world: CollisionWorld, body: Body, family: _AnyFamily) -> list[tuple[Array, float]]:
     """The gripper poses (k, 5) of a family of grasps of an object, in groups with one opening [m] of the gripper each.
 
     Those around a cylinder or box are one group: they open as far as the widest of them needs.
     """
-    groups: dict[int, list[GraspPose]] = {}
+    scene, groups = world.scene, dict[int, list[GraspPose]]()
+    if isinstance(family, PushFamily):
+        pushes = push_poses(scene, body, scene.robot, family.orientations, world)
+        return [(gripper_poses(pushes), 0.0)] if pushes else []
     if isinstance(family, BarFamily):
         grasps = bar_grasps(scene, body, scene.robot)
     else:
@@ -433,8 +443,8 @@ def _wanted(scene: Scene, body: Body, family: Family | BarFamily) -> list[tuple[
 
 
 def _is_handle(scene: Scene, body: Body) -> bool:
-    """Whether an object stands for the handle of what is to be opened."""
-    return scene.pull is not None and scene.pull.handle == body.name
+    """Whether an object stands for the handle of what is to be opened, which is to be grasped."""
+    return scene.pull is not None and scene.pull.handle == body.name and not scene.pull.pushes
 
 
 def _moved_with(world: CollisionWorld, name: str) -> int:

@@ -108,6 +108,7 @@ class AntipodalFamily:
         lever: [m] range of the distance between centre of mass and TCP, seen from above, by default any: the weight of
             an object that is held far from it turns it between the pads.
         max_width: [m] between the fingers of what is grasped so, by default what the gripper spans.
+        hangs: of what does not stand, such as handles: the fingertips may reach below it.
 
     Raises:
         InvalidGraspFamily: a value out of range.
@@ -121,6 +122,7 @@ class AntipodalFamily:
     most: int = 3
     lever: tuple[float, float] = (0.0, math.inf)
     max_width: float | None = None
+    hangs: bool = False
 
     def __post_init__(self) -> None:
         wrong = [f"pitch={self.pitch!r}"] if not 0 <= self.pitch <= math.pi / 2 else []

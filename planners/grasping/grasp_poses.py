@@ -16,7 +16,7 @@ from planners.collision.scene_arrays import robot_arrays
 from planners.grasping.antipodal import antipodal_lines, highest_line, lowest_line
 from planners.grasping.arm_configurations import gripper_arrays, gripper_rotation
 from planners.grasping.families import GRASP_SETS, AntipodalFamily, Family, GraspFamily, families_for
-from planners.scene import Body, HeldObject, Scene
+from planners.scene import Body, HeldObject, Opening, Scene
 from planners.scene.bodies import pose_matrix
 
 _PALM_CLEARANCE, _PALM_SIDE, _TIP_CLEARANCE, _PAD_CLEARANCE = 0.003, 0.002, 0.0045, 0.0045
@@ -121,7 +121,7 @@ def _centred(body: Body, robot: RobotSpec, family: GraspFamily) -> Iterator[Gras
 
 def _antipodal(body: Body, robot: RobotSpec, family: AntipodalFamily) -> Iterator[GraspPose]:
     gripper, widest = gripper_clearances(robot), _widest(robot, family)
-    lowest = gripper.above_support(family.pitch)
+    lowest = -math.inf if family.hangs else gripper.above_support(family.pitch)
     for yaw, position, width in antipodal_lines(body, robot, family, lowest, widest, gripper.pad_half_height):
         T = pose_matrix(position, gripper_rotation(yaw, family.pitch))
         yield GraspPose(yaw, family.pitch, T, gripper_opening(robot, width / 2))
@@ -142,6 +142,8 @@ def too_wide(body: Body, robot: RobotSpec, families: Sequence[Family]) -> str:
         if generate_grasps(body, robot, families):
             return ""
         lines = [family for family in chosen if isinstance(family, AntipodalFamily)]
+        if any(one.hangs for one in lines):
+            return f"the gripper gets around no two opposite faces of {body.name} within the friction cones; {most}"
         lowest = gripper_clearances(robot).above_support
         needed, highest = min(lowest_line(lowest(one.pitch), one.pitch) for one in lines), highest_line(body)
         if highest < needed:
@@ -238,6 +240,8 @@ def wrap_to_pi(angles: Array) -> Array:
     return math.pi - np.mod(math.pi - angles, 2 * math.pi)
 
 
+_FAR_OUT = 0.4
+"""Share of a lever's length from its axis at which it is held at least."""
 _AGAINST, _FROM_ABOVE = 0.3, 0.7
 """Cosines: how much the approach must lead against the pull, or straight down where the pull is level."""
 
@@ -251,8 +255,16 @@ def can_pull(scene: Scene, body: Body, T_world_tcp: Array) -> bool:
     if scene.pull is None or body.name != scene.pull.handle:
         return True
     opening, approach = scene.opening(scene.pull.opening), T_world_tcp[:3, 0]
+    if scene.pull.lever and not _is_far_out(scene.opening(scene.pull.lever), body, T_world_tcp[:3, 3]):
+        return False
     direction = opening.direction(body.position)
     if not direction.any() or opening.is_about(body.position):  # a knob: it turns in the hand
         return bool(abs(approach @ opening.axis) >= _FROM_ABOVE)
     is_level = abs(direction[2]) < _FROM_ABOVE
     return bool(approach @ direction <= -_AGAINST or (is_level and approach[2] <= -_FROM_ABOVE))
+
+
+def _is_far_out(lever: Opening, body: Body, point: Array) -> bool:
+    """Whether a lever is held so far from its axis that the hand turns it, and does not slip about it."""
+    longest = max(lever.lever_arm(corner) for piece in body.placed for corner in piece.corners)
+    return lever.lever_arm(point) >= _FAR_OUT * longest

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planners.collision.opened import is_pushed
 from planners.collision.straight_lines import trace_by_torso, trace_straight
 from planners.collision.world import CollisionWorld, with_clearance_around
 from planners.motion.arm import ArmQuery, tcp_pose
@@ -124,6 +125,7 @@ class ContactQuery:
         T_world_tcp = _tcp_pose(scene, base, q)
         grip = body.width_in_gripper(np.linalg.inv(T_world_tcp) @ body.pose)
         opening = min(grip + 2 * scene.robot.finger_gap, scene.robot.max_opening)
+        opening = 0.0 if is_pushed(scene, held.name) else opening
         coming = ArmQuery(empty, there, opening, None, ignore)
         # Fingers that close on a handle may touch what holds it to its door: it is moved with it.
         holding = coming if is_handle(scene, held.name) else ArmQuery(loaded, there, grip, held, ignore)

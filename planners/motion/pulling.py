@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from assets.robots import RobotSpec
-from planners.collision.opened import STEPS, pulled, riding, way
+from planners.collision.opened import STEPS, pulled, riding, way, without_moving
 from planners.collision.scene_arrays import RobotArrays
 from planners.collision.world import CollisionWorld
 from planners.motion.approaches import ContactQuery, free_approach
 from planners.motion.arm import plan_home, tcp_poses
 from planners.motion.path import BlockedBy, NoPath, WholeBodyPath
 from planners.motion.pick_and_place import plan_reach
+from planners.motion.pushing import Track, pushed_tracks
 from planners.scene import HeldObject, RobotState, Scene
 from planners.scene.masks import FIXED_BITS
 
@@ -191,17 +192,26 @@ def plan_pull(
     length = abs(scene.pull.position - opening.position)
     steps = max(int(np.ceil(length / (_SLIDE_STEP if opening.kind == "slide" else _TURN_STEP))), 2)
     positions = np.concatenate([[opening.position], way(opening, scene.pull.position, steps)])
-    poses = np.array([opening.motion(position) @ T for position in positions])
+    if scene.pull.pushes:
+        tracks = list(pushed_tracks(scene, T, positions))
+        if not tracks:
+            return NoPath("push: the fingers are not before a face that they can push")
+    else:
+        tracks = [_pulled_track(scene, T, positions)]
     refused: list[BlockedBy | NoPath] = []
-    for X in followed_ways(scene.robot, world.robot, grasp, poses):
-        if len(X) < len(positions):
-            refused.append(NoPath(f"pull: the arm follows the handle over {len(X) / len(positions):.0%} of its way"))
+    ways = ((X, track) for track in tracks for X in followed_ways(scene.robot, world.robot, grasp, track.poses))
+    for X, track in ways:
+        if len(X) < len(track.poses):
+            share = len(X) / len(track.poses)
+            refused.append(NoPath(f"pull: the arm follows the handle over {share:.0%} of its way"))
             continue
-        blocked = _in_the_way(world, X, positions, approach.opening)
+        blocked = _in_the_way(world, X, track, approach.opening)
         if blocked is not None:
             refused.append(blocked)
             continue
         after = pulled(scene).with_state(RobotState(X[-1, :3], X[-1, 3:], scene.robot.finger_position(0.0)))
+        if scene.pull.pushes:  # it may have turned in front of the fingers
+            held = HeldObject.grasped(after.body(held.name), tcp_poses(world.robot, X[-1:])[0])
         left = _left(CollisionWorld.from_scene(after), held, rng)
         if isinstance(left, NoPath):
             refused.append(left)
@@ -211,7 +221,22 @@ def plan_pull(
     return min(objects, key=lambda one: len(one.blockers)) if objects else refused[0]
 
 
-def _in_the_way(world: CollisionWorld, X: Array, positions: Array, gap: float) -> BlockedBy | NoPath | None:
+def _pulled_track(scene: Scene, T: Array, positions: Array) -> Track:
+    """The way of a hand that holds a handle at T (4, 4): a lever is turned first, where there is one."""
+    assert scene.pull is not None
+    opening = scene.opening(scene.pull.opening)
+    if not scene.pull.lever:
+        return Track(np.array([opening.motion(position) @ T for position in positions]), positions)
+    lever = scene.opening(scene.pull.lever)
+    steps = max(int(np.ceil(abs(scene.pull.turned - lever.position) / _TURN_STEP)), 2)
+    turned = np.concatenate([[lever.position], way(lever, scene.pull.turned, steps)])
+    at_last = lever.motion(scene.pull.turned) @ T
+    poses = [lever.motion(one) @ T for one in turned] + [opening.motion(one) @ at_last for one in positions[1:]]
+    before, after = np.full(len(turned), positions[0]), np.full(len(positions) - 1, scene.pull.turned)
+    return Track(np.array(poses), np.concatenate([before, positions[1:]]), np.concatenate([turned, after]))
+
+
+def _in_the_way(world: CollisionWorld, X: Array, track: Track, gap: float) -> BlockedBy | NoPath | None:
     """What the robot hits while it pulls: what does not move all along, what moves with the handle place by place.
 
     The gripper counts as open by a `gap` [m], as it came: fingers that are closed may touch what holds the handle.
@@ -220,12 +245,12 @@ def _in_the_way(world: CollisionWorld, X: Array, positions: Array, gap: float) -
     assert scene.pull is not None
     opening, along = scene.opening(scene.pull.opening), riding(scene)
     moving = {one.name for one in scene.static_obstacles if one.name in opening.parts}
-    still = replace(scene, static_obstacles=tuple(one for one in scene.static_obstacles if one.name not in moving))
-    hits = CollisionWorld.from_scene(still).path_hits(X, gap, ignore=scene.mask(along))
+    hits = CollisionWorld.from_scene(without_moving(scene)).path_hits(X, gap, ignore=scene.mask(along))
     others = scene.mask(scene.names) & ~scene.mask(along) | scene.mask([scene.pull.handle])
     parts = tuple(one for one in scene.static_obstacles if one.name in moving)
     for k in np.unique(np.linspace(0, len(X) - 1, STEPS + 1).round().astype(int))[1:].tolist():
-        there = pulled(replace(scene, static_obstacles=parts), float(positions[k]))
+        turned = None if track.turned is None else float(track.turned[k])
+        there = pulled(replace(scene, static_obstacles=parts), float(track.positions[k]), turned)
         hits |= CollisionWorld.from_scene(there).hits(X[k, :3], X[k, 3:], gap, ignore=others)
     if hits & FIXED_BITS:
         return NoPath(f"pull: the robot touches {', '.join(world.names_of(hits & FIXED_BITS))}")

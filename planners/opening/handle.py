@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from planners.collision.opened import GAP, STEPS, way
 from planners.collision.world import CollisionWorld, are_near, is_inside_static
+from planners.opening.latches import Latch
 from planners.regions import Region
 from planners.scene import MAX_OBJECTS, Body, Opening, Pull, Scene, Solid, StaticObstacle
 from planners.scene.moving import carried_by, moved
@@ -29,14 +30,18 @@ _OVER = 0.3
 """[m] above a support up to which something passes in the way of what is put down there."""
 
 
-def with_handle(scene: Scene, name: str, position: float, handle: tuple[str, ...]) -> Scene | None:
+def with_handle(
+    scene: Scene, name: str, position: float, handle: tuple[str, ...], pushes: bool = False, latch: Latch | None = None
+) -> Scene | None:
     """The scene with a handle among its objects, by which something is opened or shut; None if they are too many.
 
     Args:
         scene: as it is.
         name: of what opens.
         position: [m] or [rad] to which it is to be moved.
-        handle: names of the parts that are the handle.
+        handle: names of the parts that are the handle, or that are pushed.
+        pushes: whether closed fingers push them.
+        latch: the lever that is turned first.
     """
     if len(scene.objects) >= MAX_OBJECTS:
         return None
@@ -49,7 +54,7 @@ def with_handle(scene: Scene, name: str, position: float, handle: tuple[str, ...
         objects=(*scene.objects, body),
         static_obstacles=rest,
         supports=tuple(one for one in scene.supports if one not in handle),
-        pull=Pull(body.name, name, position),
+        pull=Pull(body.name, name, position, (), pushes, *(latch or ())),
     )
     assert twin.pull is not None
     swept = tuple(_swept_regions(scene, opening, position))

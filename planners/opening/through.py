@@ -17,7 +17,9 @@ from planners.clearing.goal_bound import LowerBound
 from planners.clock import Deadline
 from planners.facts import At, Closed, Fact, Holding, Inside, On, Open, Pulled, Turned
 from planners.goals import Goal
+from planners.grasping.push_poses import face_against
 from planners.opening.handle import HANDLE_OF, as_if_opened, handles_of, with_handle, without_handle
+from planners.opening.latches import latches
 from planners.problem import Problem
 from planners.scene import Opening, Scene
 from planners.scene.moving import carried_by, moved
@@ -25,6 +27,8 @@ from planners.tamp.solution import BoundAction, Infeasible, Solution, SolveStats
 
 _FULLY, _FURTHER = 0.97, 0.08
 """Share to which something is opened that is in the way, short of its stop; and how much farther than wanted."""
+_LEFT_AT = (0.6, 0.35)
+"""Shares of its way at which something is left that no hand follows all the way."""
 _MOST = 2
 """Things that are opened for the same object at most."""
 
@@ -73,27 +77,27 @@ def _parts(
     rest = tuple(fact for fact in goal.facts if fact not in goal.openings)
     for fact in goal.openings:
         if not isinstance(fact, Closed) and not fact.holds(here()):
-            yield _moved_to(asked, here(), fact.opening, _further(here(), fact))
+            yield from _moved_to(asked, here(), fact.opening, _further(here(), fact))
     if rest and not Goal(rest).holds(here(), start):
         for name in needed(asked, here(), Goal(rest), start):
-            yield _moved_to(asked, here(), name, here().opening(name).at_share(_FULLY))
+            yield from _moved_to(asked, here(), name, here().opening(name).at_share(_FULLY))
         if goal.held and any(not fact.holds(here()) for fact in shut):
             # What is to be held in the end waits outside: the hand has to shut the door first.
             yield _put_outside(asked, here(), rest, start)
             for fact in shut:
-                yield from () if fact.holds(here()) else [_shut(asked, here(), fact)]
+                yield from () if fact.holds(here()) else _shut(asked, here(), fact)
         found = asked.solve(asked.problem(here(), Goal(rest), start))
         if isinstance(found, Infeasible) and (name := helpful(asked, here(), Goal(rest), start)):
-            yield _moved_to(asked, here(), name, here().opening(name).at_share(_FULLY))
+            yield from _moved_to(asked, here(), name, here().opening(name).at_share(_FULLY))
             found = asked.solve(asked.problem(here(), Goal(rest), start))
         yield found
     for fact in shut:
         if not fact.holds(here()):
-            yield _shut(asked, here(), fact)
+            yield from _shut(asked, here(), fact)
 
 
-def _shut(asked: Asked, scene: Scene, fact: Closed) -> Solution | Infeasible:
-    """A plan that shuts something."""
+def _shut(asked: Asked, scene: Scene, fact: Closed) -> Iterator[Solution | Infeasible]:
+    """Plans that shut something."""
     return _moved_to(asked, scene, fact.opening, scene.opening(fact.opening).shut)
 
 
@@ -174,6 +178,9 @@ def lower_bound_through(asked: Asked, scene: Scene, goal: Goal, start: Scene | N
         moves += [(name, opened.opening(name).at_share(_FULLY)) for name in names]
     for name, position in moves:
         found = [asked.problem(twin, goal_of(twin), None).lower_bound() for twin in _twins(here, name, position)]
+        if all(one.picks is None for one in found):
+            pushes = (asked.problem(twin, goal_of(twin), None).lower_bound() for twin in _pushes(here, name, position))
+            found += itertools.islice((one for one in pushes if one.picks is not None), 1)
         if not found:
             return LowerBound(None, (name,), (), True, 0, Cause.UNREACHABLE)
         best = min(found, key=lambda one: (one.picks is None, one.least))
@@ -233,21 +240,61 @@ def _further(scene: Scene, fact: Open | Turned) -> float:
 
 def _twins(scene: Scene, name: str, position: float) -> Iterator[Scene]:
     """The scenes in which a handle of what opens stands among the objects."""
-    for handle in handles_of(scene, name):
-        twin = with_handle(scene, name, position, handle)
+    latched = latches(scene, name, position)
+    for latch in latched or (None,):
+        for handle in handles_of(scene, latch.lever if latch else name):
+            twin = with_handle(scene, name, position, handle, latch=latch)
+            if twin is not None:
+                yield twin
+
+
+def _pushes(scene: Scene, name: str, position: float) -> Iterator[Scene]:
+    """The scenes in which parts of what opens that fingers can push stand among the objects.
+
+    First a handle with all that belongs to it, since fingers at its bar touch its posts too; then the broadest part.
+    """
+    opening = scene.opening(name)
+    if latches(scene, name, position):
+        return
+    faces = [
+        (face_against(opening, one, position), one.name) for one in scene.static_obstacles if one.name in opening.parts
+    ]
+    parts = [(part,) for face, part in sorted(faces, reverse=True) if face > 0.0]
+    for some in (opening.handles, *parts) if len(opening.handles) > 1 else parts:
+        twin = with_handle(scene, name, position, some, pushes=True)
         if twin is not None:
             yield twin
 
 
-def _moved_to(asked: Asked, scene: Scene, name: str, position: float) -> Solution | Infeasible:
-    """A plan that opens or shuts something by one of its handles, or why there is none."""
+def _moved_to(asked: Asked, scene: Scene, name: str, position: float) -> Iterator[Solution | Infeasible]:
+    """A plan that opens or shuts something, or why there is none; where no hand follows all the way, two plans.
+
+    The second one takes it up where the first one has left it: by another handle, at another place, or from behind.
+    """
+    found = _moved_at_once(asked, scene, name, position)
+    start = scene.opening(name).position
+    for share in _LEFT_AT if isinstance(found, Infeasible) and found.cause is Cause.MOTION else ():
+        first = _moved_at_once(asked, scene, name, start + share * (position - start))
+        if isinstance(first, Solution) and first.end is not None:
+            rest = _moved_at_once(asked, first.end, name, position)
+            if isinstance(rest, Solution):
+                yield replace(first, bound=None)  # one motion may be enough: what two need is no bound
+                yield rest
+                return
+        if asked.deadline.is_over:
+            break
+    yield found
+
+
+def _moved_at_once(asked: Asked, scene: Scene, name: str, position: float) -> Solution | Infeasible:
+    """A plan that opens or shuts something by one of its handles, else pushes it, or why there is none."""
     opening = scene.opening(name)
     towards_open = (position - opening.position) * (opening.open - opening.shut) > 0
     if towards_open and opening.springs_shut:
         detail = f"a spring of {abs(opening.spring):.1f} shuts {name} when nobody holds it, and both hands are needed"
         return Infeasible(Cause.SPRINGS_SHUT, detail, (name,))
     ended: Infeasible | None = None
-    for twin in _twins(scene, name, position):
+    for twin in itertools.chain(_twins(scene, name, position), _pushes(scene, name, position)):
         found = asked.solve(asked.problem(twin, goal_of(twin), None))
         if isinstance(found, Solution):
             return _as_opened(found, scene, opening, position)

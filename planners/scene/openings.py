@@ -106,6 +106,13 @@ class Opening:
         away = point - self.point
         return self.kind == "hinge" and float(np.linalg.norm(away - (away @ self.axis) * self.axis)) < _KNOB
 
+    def lever_arm(self, point: Array) -> float:
+        """[m] of a point (3,) [m] from the hinge; infinite of what slides, which no lever moves more easily."""
+        if self.kind == "slide":
+            return math.inf
+        away = point - self.point
+        return float(np.linalg.norm(away - (away @ self.axis) * self.axis))
+
     def direction(self, point: Array) -> Array:
         """(3,) unit vector in which a point (3,) [m] of it moves when it is opened further; zero on the hinge."""
         sign = 1.0 if self.open >= self.shut else -1.0
@@ -125,14 +132,22 @@ def is_handle_name(name: str) -> bool:
 class Pull:
     """A handle that stands among the objects of a scene: taken by the hand, it moves what opens, and is not lifted.
 
+    It may be any part that closed fingers push.
+
     Attributes:
         handle: name of the object that stands for it.
         opening: name of what opens.
         position: [m] or [rad] to which it is to be moved.
         swept: where nothing may be put meanwhile.
+        pushes: whether closed fingers push it, in place of a grasp.
+        lever: name of what opens on it and is turned first by the same hand, which holds it meanwhile; "" for none.
+        turned: [m] or [rad] to which that is turned.
     """
 
     handle: str
     opening: str
     position: float
     swept: tuple[Region, ...] = ()
+    pushes: bool = False
+    lever: str = ""
+    turned: float = 0.0

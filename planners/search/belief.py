@@ -7,8 +7,8 @@ only when some part of the target would have been seen through: what hides behin
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,6 +107,19 @@ class Belief:
                 level.is_possible &= ~footprint_mask(level.grid, [before], -_FIT_ERROR - sigma)
             if abs(level.grid.height - after.bottom) < 2 * LAYER:
                 level.is_unseen[footprint_mask(level.grid, [after], CELL)] = True
+
+    def slid(self, supports: Collection[str], by: Array) -> Belief:
+        """The belief after some supports have slid by (3,) [m], with what is seen and unseen on them; cells are shared.
+
+        A door does not slide, and carries nothing: what it hides is unseen where it is.
+        """
+        levels = dict(self._levels)
+        for name in levels.keys() & set(supports):
+            grid = levels[name].grid
+            x, y, z = (float(value) for value in by)
+            there = replace(grid, x0=grid.x0 + x, y0=grid.y0 + y, height=grid.height + z)
+            levels[name] = replace(levels[name], grid=there)
+        return Belief(self.target, levels)
 
     def restart(self) -> None:
         """Take the target for wherever nothing is seen at present: it has been seen, and is lost."""

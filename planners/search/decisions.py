@@ -3,21 +3,34 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.cause import Cause
 from planners.collision.world import CollisionWorld
 from planners.expert.actor import straight_seconds
-from planners.goals import Goal, inside
+from planners.goals import Goal, closed, inside, open_
 from planners.motion.base import unwrap_yaw
 from planners.planner import Planner
 from planners.scene import Body, Scene
 from planners.scene.masks import MAX_OBJECTS
+from planners.scene.moving import moved
 from planners.search.knowledge import Knowledge
-from planners.search.options import Prospect, Viewpoint, spots, viewpoints
+from planners.search.options import (
+    FULLY,
+    Disclosure,
+    Prospect,
+    Viewpoint,
+    disclosures,
+    may_hold,
+    opened,
+    spots,
+    viewpoints,
+)
 from planners.search.own_shadow import OwnShadow, arms_near
 from planners.strategies import STRATEGIES
 from planners.tamp.solution import BoundAction, Infeasible, Solution
@@ -32,6 +45,11 @@ _MOVE_SECONDS = 35.0
 """[s] that moving an object takes, about."""
 _LOOK_SECONDS = 2.5
 """[s] that looking takes, about."""
+_OPEN_SECONDS = 35.0
+"""[s] that opening something takes, about."""
+_OPENED = 3
+"""Times that the same thing is opened in one search at most: it may jam."""
+_JAMS = "it does not open as far as planned"
 _LEAST_GAIN = 0.02
 """Probability that a view must reveal."""
 _NEW_EYE = 0.06
@@ -55,7 +73,7 @@ class Decisions:
     """Weighs what an episode's search can do next, and plans for it.
 
     Attributes:
-        refusals: why an object cannot be put aside, by its name.
+        refusals: why an object cannot be put aside, or something not be opened, by its name.
     """
 
     def __init__(
@@ -66,13 +84,15 @@ class Decisions:
         self._home = np.array(knowledge.robot.home)
         self._aside = self._home.copy()  # torso and arm, the arm where it hides little
         self._attempted: list[str] = []
+        self._pulled: Counter[str] = Counter()
         self.refusals: dict[str, str] = {}
         self.start_over()
 
     # What has been tried.
 
     def start_over(self) -> None:
-        """Something has moved: views may show what they did not before."""
+        """Something has moved: views may show what they did not before, and what was refused may open."""
+        self._refused: set[str] = set()
         self._looked_from: list[Array] = []
         self._missed = {name: np.zeros(cells.shape, np.int64) for name, cells in self._knowledge.places().items()}
 
@@ -86,8 +106,9 @@ class Decisions:
 
     # What to do next.
 
-    def ranked(self, places: Places, target: str) -> tuple[Viewpoint | None, list[str]]:
-        """The view that reveals most per second, and what should rather be moved, the first to be tried first."""
+    def ranked(self, places: Places, target: str) -> tuple[Viewpoint | None, list[str], Disclosure | None]:
+        """The view that reveals most per second; what should rather be moved, the first to be tried first; and what
+        should rather than all these be opened."""
         scene = self._knowledge.scene()
         prospect, world = Prospect(self._knowledge.belief, places, scene), CollisionWorld.from_scene(scene)
         names, worth = self._ranked_objects(prospect, self._viewpoints(scene, prospect), target)
@@ -100,7 +121,16 @@ class Decisions:
             useful = [one for one in views if one.gain >= _LEAST_GAIN and self._is_new(one)]
         by_rate = sorted(useful, key=lambda one: -one.rate)
         best = next((one for one in by_rate if self.is_free(self.drive_to(one), world)), None)
-        return best, names if best is None or best.rate < worth / _MOVE_SECONDS else []
+        rate = max(worth / _MOVE_SECONDS, 0.0 if best is None else best.rate)
+        opening = None if target else self._best_to_open(scene, places, rate)
+        return best, names if best is None or best.rate < worth / _MOVE_SECONDS else [], opening
+
+    def _best_to_open(self, scene: Scene, places: Places, rate: float) -> Disclosure | None:
+        """What reveals most per second when it is opened, if that is more than a rate [1/s]."""
+        weighed = disclosures(scene, self._knowledge.belief, places, *self._camera, seconds=self._seconds_to)
+        found = [one for one in weighed if one.view.gain >= _LEAST_GAIN and one.name not in self.unopened]
+        best = max(found, key=_opening_rate, default=None)
+        return best if best is not None and _opening_rate(best) > rate else None
 
     def _ranked_objects(self, prospect: Prospect, views: Sequence[Viewpoint], target: str) -> tuple[list[str], float]:
         """Names of objects, the first to be moved first, and what moving that one is worth."""
@@ -141,6 +171,36 @@ class Decisions:
                     self.refusals[name] = outcome.cause
                     if outcome.cause.lies_in_grasps:
                         break  # whatever the spot is
+        return None
+
+    @property
+    def unopened(self) -> list[str]:
+        """Names of what is shut and cannot be opened as things are; `refusals` has their causes."""
+        jammed = {name for name, count in self._pulled.items() if count >= _OPENED}
+        still_open = {one.name for one in opened(self._knowledge.empty)}
+        return sorted((jammed | self._refused) - still_open)
+
+    def plan_opening(self, wanted: Disclosure, places: Places) -> tuple[str, str, tuple[BoundAction, ...]] | None:
+        """A plan that opens something, or shuts first what is in the way and has been looked into; None without one.
+
+        Returns:
+            what is done, "open" or "shut", the name of that, and the plan.
+        """
+        scene, name = self._knowledge.scene(), wanted.name
+        goal = open_(name, share=FULLY - 0.05)
+        looked_into = [one.name for one in opened(scene) if one.name in wanted.shut or not may_hold(one, places)]
+        outcome = Infeasible(Cause.UNREACHABLE, "") if wanted.shut else self.solved(scene, goal)
+        if isinstance(outcome, Solution):
+            self._pulled[name] += 1
+            self.refusals[name] = _JAMS
+            return "open", name, outcome.actions
+        for other in looked_into:
+            shut = self.solved(scene, closed(other))
+            there = moved(scene, other, scene.opening(other).shut)
+            if isinstance(shut, Solution) and (wanted.shut or isinstance(self.solved(there, goal), Solution)):
+                return "shut", other, shut.actions
+        self._refused.add(name)
+        self.refusals[name] = outcome.cause
         return None
 
     def view_of_unseen(self, actions: Sequence[BoundAction], name: str) -> Viewpoint | None:
@@ -184,13 +244,21 @@ class Decisions:
 
     def _viewpoints(self, scene: Scene, prospect: Prospect, share: float = 1.0) -> list[Viewpoint]:
         """Viewpoints before the support, with what they are worth; the places of a prospect are a share of all."""
+        return [
+            replace(one, gain=share * prospect.gain(one.eye), seconds=self._seconds_to(one))
+            for one in viewpoints(scene, prospect.points, *self._camera)
+        ]
+
+    @property
+    def _camera(self) -> tuple[Array, tuple[float, float]]:
+        """Where the camera is in the base frame (3,) [m], and the range [m] of the torso's height."""
         T = np.linalg.inv(self._knowledge.reading.T_world_base) @ np.append(self._knowledge.eye, 1.0)
         limits = self._knowledge.robot.chain[0]
-        found = viewpoints(scene, prospect.points, T[:3], (limits.lower + 0.01, limits.upper - 0.01))
-        return [
-            replace(one, gain=share * prospect.gain(one.eye), seconds=_LOOK_SECONDS + self.seconds(self.drive_to(one)))
-            for one in found
-        ]
+        return T[:3], (limits.lower + 0.01, limits.upper - 0.01)
+
+    def _seconds_to(self, view: Viewpoint) -> float:
+        """[s] to get to a viewpoint and look."""
+        return _LOOK_SECONDS + self.seconds(self.drive_to(view))
 
     def _is_new(self, view: Viewpoint) -> bool:
         """Whether nothing has been looked at from there since something moved."""
@@ -230,3 +298,8 @@ class Decisions:
     def seconds(self, goal: Array) -> float:
         """[s] that the motion to a whole-body configuration takes."""
         return straight_seconds(self._knowledge.robot, self._knowledge.reading.drive, goal, _SPEED)
+
+
+def _opening_rate(one: Disclosure) -> float:
+    """Probability revealed per second, with what is shut before."""
+    return one.view.gain / (_OPEN_SECONDS * (1 + len(one.shut)) + one.view.seconds)

@@ -26,10 +26,9 @@ from planners.expert.monitor import Snapshot
 from planners.goals import Goal, Region, inside
 from planners.motion.trajectory import CONTROL_STEP
 from planners.planner import Planner
-from planners.scene import Body
 from planners.search.decisions import ORDERS, Decisions, Places
 from planners.search.knowledge import Knowledge
-from planners.search.options import Viewpoint
+from planners.search.options import Disclosure, Viewpoint
 from planners.search.own_shadow import OwnShadow
 from planners.search.report import SearchReport, SearchStep
 from planners.search.sensing import BelievedSensor
@@ -82,12 +81,14 @@ class SearchedEnv(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class _Options:
-    """What could reveal the target, or free the way to it: `target` is its name, "" where it is not in sight."""
+    """What could reveal the target, or free the way to it: `target` is its name, "" where it is not in sight; an
+    `opening` reveals more than all else."""
 
     target: str
     places: Places
     view: Viewpoint | None
     names: list[str]
+    opening: Disclosure | None = None
 
 
 class SearchExpert:
@@ -209,9 +210,11 @@ class SearchExpert:
         places = self._knowledge.places()
         if not target and not any(cells.any() for cells in places.values()):
             return self._end("lost after it was seen" if self.report.found else "cannot be found")
-        view, names = self._decisions.ranked(places, target)
+        options = _Options(target, places, *self._decisions.ranked(places, target))
         self.report.decision_s.append(time.process_time() - started)
-        options = _Options(target, places, view, names)
+        if options.opening is not None:
+            return [self._go_home, partial(self._open, options.opening, options)]
+        view, names = options.view, options.names
         return self._plan_aside(options, names[:_TRIED], names[_TRIED:] if view is None else [])
 
     def _plan_aside(self, options: _Options, names: Sequence[str], others: Sequence[str] = ()) -> Steps:
@@ -232,6 +235,17 @@ class SearchExpert:
 
         return [self._go_home, put_aside]
 
+    def _open(self, opening: Disclosure, options: _Options) -> Steps:
+        """Open what hides the target, from home, and look; if it does not open, weigh what else there is."""
+        started = time.process_time()
+        found = self._decisions.plan_opening(opening, options.places)
+        self.report.decision_s[-1] += time.process_time() - started
+        if found is None:
+            return self._reveal()
+        verb, name, actions = found
+        self._note("open", f"{verb} {name}", options.places)
+        return self._execute(actions, lambda is_done: [*([] if is_done else [self._recover]), *self._look_on(options)])
+
     def _look_elsewhere(self, options: _Options) -> Steps:
         """Where nothing is to be moved: take another view, or end the search."""
         if (view := options.view) is not None:
@@ -242,7 +256,8 @@ class SearchExpert:
             why = self.report.deviations[-1] if self.report.deviations else "it does not stay between the fingers"
             return self._end(f"the target cannot be taken: {why}")
         left = [f"{cells.sum()} on {name}" for name, cells in options.places.items() if cells.any()]
-        fixed = [f"{name} ({self._decisions.refusals[name]})" for name in options.names] or [_UNNAMED]
+        names = [*options.names, *self._decisions.unopened]
+        fixed = [f"{name} ({self._decisions.refusals[name]})" for name in names] or [_UNNAMED]
         return self._end(f"not found where it can be seen; {', '.join(left)} places stay hidden by {', '.join(fixed)}")
 
     def _look_on(self, options: _Options) -> Steps:
@@ -308,8 +323,11 @@ class SearchExpert:
         """Follow a plan, and go on as its end, or a deviation before it, demands."""
         if not actions:
             return then(True)
-        known, robot, bodies = self._knowledge, self._env.robot, actions[0].scene.objects
-        sensor = BelievedSensor(bodies, known.reading, robot, known.held)
+        known, robot = self._knowledge, self._env.robot
+        self.report.openings += [one.target for one in actions if one.name in ("Open", "Close")]
+        pull = actions[0].scene.pull
+        bodies = tuple(one for one in actions[0].scene.objects if pull is None or one.name != pull.handle)
+        sensor = BelievedSensor(bodies, known.reading, robot, known.held, known.empty)
         # The first object has just been looked at; those behind it come into sight as it goes.
         picks = [action.target for action in actions if action.name == "PickUp"][:1]
         unsure = {one.name for one in known.objects if one.sigma > _UNSURE + self._noise} - set(picks)
@@ -320,24 +338,24 @@ class SearchExpert:
             sensor.update(known.reading)
             return sensor.read()
 
-        return [Follow(executor, read, head), partial(self._watch, executor, sensor, bodies, then)]
+        return [Follow(executor, read, head), partial(self._watch, executor, sensor, then)]
 
-    def _watch(
-        self, executor: Executor, sensor: BelievedSensor, bodies: tuple[Body, ...], then: Callable[[bool], Steps]
-    ) -> Steps:
+    def _watch(self, executor: Executor, sensor: BelievedSensor, then: Callable[[bool], Steps]) -> Steps:
         """After a plan or a deviation: believe objects to be where they were brought."""
         self._moved_before = len(self.report.moves)
-        self._knowledge.settle(sensor, bodies)
+        self._knowledge.settle(sensor)
         self._decisions.start_over()
         if executor.deviation is not None:
             self.report.deviations.append(str(executor.deviation))
+        if executor.opening:
+            self._knowledge.opened_in_part(executor.opening)
         return then(executor.deviation is None)
 
     def _look(self, names: Sequence[str]) -> Steps:
-        """Look at supports, all if none is named, the arm out of sight for it."""
+        """Look at supports, at all that can be seen if none of those named can, the arm out of sight for it."""
         known, points = self._knowledge, list[Array]()
         places = known.places()
-        supports = [one for one in known.supports if one.name in names] or known.supports
+        supports = [one for one in known.shown if one.name in names] or known.shown
         for support in sorted(supports, key=lambda one: float(one.position[1])):
             left = known.belief.grid(support.name).centres()[places[support.name]]
             middle = left.mean(axis=0) if len(left) else support.position[:2]

@@ -16,15 +16,18 @@ from assets.robots import RobotSpec
 from planners.collision.world import CollisionWorld, overlaps, validate
 from planners.expert.actor import planned_from
 from planners.expert.config import ExpertError
-from planners.scene import Body, HeldObject, RobotState, Scene, SceneError
+from planners.expert.stops import Stops
+from planners.scene import Body, HeldObject, RobotState, Scene, SceneError, StaticObstacle
 from planners.search.belief import Belief
 from planners.search.perception import Description, Seen, View, perceive
-from planners.search.sensing import BelievedSensor, RobotReading
+from planners.search.sensing import BelievedSensor, RobotReading, opened_as_read
 
 Array = NDArray[np.float64]
 
 _GONE = 0.6
 """Share of an object's cells that must be seen to be empty until it counts as gone."""
+_AJAR = 0.05
+"""Share to which a drawer is open, at least, that images can show something of."""
 _SHRINK = (0.0, 0.001, 0.002, 0.004, 0.008)
 """[m] by which perceived objects are made narrower until they do not overlap."""
 
@@ -34,7 +37,7 @@ class Knowledge:
 
     Attributes:
         robot: which robot it is.
-        empty: the furniture and the robot, without any object.
+        empty: the furniture and the robot, without any object; what opens is where it was seen last.
         supports: on which objects can stand.
         cameras: names of the cameras; the first of them is aimed.
         target: what it is like.
@@ -61,6 +64,7 @@ class Knowledge:
         self.target = Description.of(observation["target"])
         self.belief = Belief.begin(self.empty, self.target)
         self.objects: tuple[Seen, ...] = ()
+        self._stops = Stops()
         self.held: HeldObject | None = None
         self.observation, self.reading = observation, RobotReading.of(observation)
 
@@ -73,6 +77,7 @@ class Knowledge:
     def look(self) -> float:
         """Carve, forget what is gone, and perceive, with each camera; the CPU time [s] of the belief's update."""
         self.carry()
+        self._ride()
         started = time.process_time()
         views = [self._view(name) for name in self.cameras]
         for view in views:
@@ -85,11 +90,18 @@ class Knowledge:
         self.objects = known
         return seconds
 
-    def settle(self, sensor: BelievedSensor, before: tuple[Body, ...]) -> None:
-        """After a motion: objects have moved as a sensor has followed them from their bodies before."""
+    def settle(self, sensor: BelievedSensor) -> None:
+        """After a motion: objects have moved as a sensor has followed them."""
         sensor.update(self.reading)
+        self._ride()
         self.held = sensor.held
-        self._move({new.name: new for old, new in zip(before, sensor.bodies, strict=True) if new is not old})
+        self._move({body.name: body for body in sensor.bodies if body.name in sensor.brought})
+
+    def opened_in_part(self, name: str) -> None:
+        """Note that something was not moved as far as planned; if it stops twice in the same place, it ends there."""
+        self._ride()
+        self._stops.note(self.empty.opening(name))
+        self.empty = self._stops.applied(self.empty)
 
     def carry(self) -> None:
         """Believe what is held to be where the hand is, or to have been dropped if the fingers press on nothing."""
@@ -99,6 +111,24 @@ class Knowledge:
             if not self.reading.is_gripping:
                 self.held = None
             self._move({in_hand.name: body})
+
+    def _ride(self) -> None:
+        """Believe what opens to be where it is read to be: with a drawer all moves that stands in it, seen or not."""
+        before = replace(self.empty, objects=tuple(one.body for one in self.objects), held=self.held)
+        after = opened_as_read(before, self.reading)
+        if after is before:
+            return
+        for old, new in zip(before.openings, after.openings, strict=True):
+            if old is not new and old.kind == "slide":
+                self.belief = self.belief.slid(old.parts, old.motion(new.position)[:3, 3])
+        rides = []
+        for one, body in zip(self.objects, after.objects, strict=True):
+            T = body.pose @ np.linalg.inv(one.body.pose)
+            points = one.points @ T[:3, :3].T + T[:3, 3]
+            rides.append(one if body is one.body else replace(one, body=body, points=points))
+        self.objects = tuple(rides)
+        self.empty = replace(self.empty, static_obstacles=after.static_obstacles, openings=after.openings)
+        self.supports = [self.empty.support_named(name) for name in self.empty.supports]
 
     def _move(self, moved: Mapping[str, Body]) -> None:
         """Objects moved by the robot: what it holds is in its hand, the rest where it let go of it, upright; around
@@ -116,6 +146,12 @@ class Knowledge:
                 one = replace(one, body=body, points=one.points @ T[:3, :3].T + T[:3, 3])
             kept.append(one)
         self.objects = tuple(kept)
+
+    @property
+    def shown(self) -> list[StaticObstacle]:
+        """The supports that images can show: not those in drawers that are shut."""
+        shut = {name for one in self.empty.openings if one.share < _AJAR for name in one.parts}
+        return [one for one in self.supports if one.name not in shut]
 
     @property
     def eye(self) -> Array:

@@ -1,18 +1,20 @@
-"""What a search can do next, and what it is worth: another view, an object moved, and where to put it."""
+"""What a search can do next, and what it is worth: another view, an object moved, and where to put it, a drawer or
+door opened."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planners.placing.negative_goal_region import SupportGrid, footprint_mask
 from planners.regions import Region
-from planners.scene import Body, Scene
+from planners.scene import Body, Opening, Scene
+from planners.scene.moving import moved
 from planners.search.belief import Belief, beside
 from planners.search.sight import FIXED, Screens, between
 
@@ -28,6 +30,15 @@ _SPOT_GAP = 0.03
 """[m] around an object that stays free where it is put: for the fingers."""
 _MOST_POINTS = 1200
 """Places that options are weighed by, at most."""
+_FEW_POINTS = 300
+"""The same for what opens, each of which is a scene of its own."""
+_OPEN = 0.5
+"""Share from which on something counts as open."""
+FULLY = 0.97
+"""Share to which something is opened: short of its stop."""
+_NEARER, _BESIDE = (0.1, 0.2, 0.35), (-0.3, 0.0, 0.3)
+"""[m] from the front of an open drawer, its handle, to the base centre, and sideways: from there a camera looks into it
+over its front, down to what stands right behind it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +58,22 @@ class Viewpoint:
     def rate(self) -> float:
         """Probability revealed per second."""
         return self.gain / self.seconds
+
+
+@dataclass(frozen=True, eq=False)
+class Disclosure:
+    """Something that may be opened, what else is shut for that, and what it is worth.
+
+    Attributes:
+        name: of what opens.
+        shut: names of what stands open, has been looked into, and is shut before.
+        view: the best view of what is then seen; `gain` is the probability that the target is in sight from there and
+            from nowhere as it is, `seconds` the time to get there and look.
+    """
+
+    name: str
+    shut: tuple[str, ...]
+    view: Viewpoint
 
 
 class Prospect:
@@ -110,6 +137,8 @@ def viewpoints(scene: Scene, points: Array, eye: Array, torso: tuple[float, floa
     for x in support.lower[0] - np.array(_STAND_OFF):
         for y in middle + np.array(_SIDEWAYS):
             bases.append(np.array((x, y, math.atan2(middle - y, support.position[0] - x))))
+    for one in opened(scene):
+        bases += _bases_before(scene, one) if one.kind == "slide" else []
     found = []
     for base, height in itertools.product(bases, (torso[0], float(state.q[0]), torso[1])):
         rise = height - state.q[0]
@@ -117,6 +146,79 @@ def viewpoints(scene: Scene, points: Array, eye: Array, torso: tuple[float, floa
         there = np.array((base[0] + c * eye[0] - s * eye[1], base[1] + s * eye[0] + c * eye[1], eye[2] + rise))
         found.append(Viewpoint(base, height, there))
     return found
+
+
+def _bases_before(scene: Scene, drawer: Opening) -> list[Array]:
+    """Base poses (3,) before an open drawer, near enough to look into it over its front."""
+    parts = [one for one in scene.static_obstacles if one.name in drawer.parts]
+    lower, upper = np.min([one.lower for one in parts], axis=0), np.max([one.upper for one in parts], axis=0)
+    x, y = (lower + upper)[:2] / 2
+    return [
+        np.array((lower[0] - away, y + aside, math.atan2(-aside, x - lower[0] + away)))
+        for away, aside in itertools.product(_NEARER, _BESIDE)
+    ]
+
+
+def disclosures(
+    scene: Scene,
+    belief: Belief,
+    places: Mapping[str, NDArray[np.bool_]],
+    eye: Array,
+    torso: tuple[float, float],
+    seconds: Callable[[Viewpoint], float],
+) -> list[Disclosure]:
+    """What can be opened, with the view that then shows most per second; nothing that reveals nothing.
+
+    What stands open, and the target can be nowhere in it, may be shut for that: each is there once with it shut too.
+
+    Args:
+        scene: as it is.
+        belief, places: where the target can be.
+        eye, torso: as for `viewpoints`.
+        seconds: [s] to get to a viewpoint and look.
+    """
+    shut = [one for one in scene.openings if one.share < _OPEN]
+    if not shut:
+        return []
+    prospect = Prospect(belief, places, scene, _FEW_POINTS)
+    hidden = np.ones(len(prospect.points), np.bool_)
+    for view in viewpoints(scene, prospect.points, eye, torso):
+        hidden &= (prospect.masks(view.eye) != 0).all(axis=1)
+    empty = tuple(one.name for one in opened(scene) if not may_hold(one, places))
+    found = []
+    for one in shut:
+        for others in ((), empty) if empty else ((),):
+            there, then = _pulled_to(scene, belief, {**dict.fromkeys(others, 0.0), one.name: FULLY})
+            prospect = Prospect(then, places, there, _FEW_POINTS)
+            views = [
+                replace(view, gain=float(((prospect.masks(view.eye) == 0).any(axis=1) & hidden).mean()))
+                for view in viewpoints(there, prospect.points, eye, torso)
+            ]
+            timed = [replace(view, seconds=seconds(view)) for view in views if view.gain > 0]
+            if timed:
+                found.append(Disclosure(one.name, others, max(timed, key=lambda view: view.rate)))
+    return found
+
+
+def opened(scene: Scene) -> list[Opening]:
+    """What stands open."""
+    return [one for one in scene.openings if one.share >= _OPEN]
+
+
+def may_hold(one: Opening, places: Mapping[str, NDArray[np.bool_]]) -> bool:
+    """Whether the target can be in a drawer, or behind a door: what that hides is not known by its parts."""
+    return one.kind == "hinge" or any(cells.any() for name, cells in places.items() if name in one.parts)
+
+
+def _pulled_to(scene: Scene, belief: Belief, shares: Mapping[str, float]) -> tuple[Scene, Belief]:
+    """The scene with what opens elsewhere, by names and shares, and the belief that has slid with it."""
+    for name, share in shares.items():
+        one = scene.opening(name)
+        position = one.at_share(share)
+        scene = moved(scene, name, position)
+        if one.kind == "slide":
+            belief = belief.slid(one.parts, one.motion(position)[:3, 3])
+    return scene, belief
 
 
 def spots(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import mujoco
@@ -13,13 +13,18 @@ from numpy.typing import NDArray
 from assets.robots import RobotSpec
 from planners.expert.monitor import Snapshot
 from planners.motion.base import unwrap_yaw
-from planners.scene import Body, HeldObject
+from planners.scene import Body, HeldObject, Scene
 from planners.scene.bodies import pose_matrix
+from planners.scene.moving import moved
 
 Array = NDArray[np.float64]
 
 _PRESSED = 0.004
 """[m] by which fingers that press on something are farther apart than commanded, at least."""
+_OF_JOINT = 6
+"""Numbers of an observation about each joint: position, velocity, share, and where the handle is."""
+_SHIFTED = 1e-4
+"""[m], [rad] by which what opens has moved: less is noise."""
 _AROUND = 0.03
 """[m] that the TCP may be outside an object that the fingers have closed on."""
 
@@ -27,7 +32,8 @@ _AROUND = 0.03
 @dataclass(frozen=True, eq=False)
 class RobotReading:
     """One control step: `drive` (4 + n,) base x, y [m], yaw [rad], torso, arm; T_world_base, T_world_tcp (4, 4);
-    `width` and `commanded` [m] between the finger pads; `head` (2,) pan and tilt [rad], or (0,) if it does not move."""
+    `width` and `commanded` [m] between the finger pads; `head` (2,) pan and tilt [rad], or (0,) if it does not move;
+    `joints` (k,) [m] or [rad] of what opens, in the order of `Scene.openings`."""
 
     drive: Array
     T_world_base: Array
@@ -35,10 +41,12 @@ class RobotReading:
     width: float
     commanded: float
     head: Array
+    joints: Array = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
     def of(cls, observation: Mapping[str, Any], near_yaw: float = 0.0) -> RobotReading:
-        """That of an observation's entries `robot`, `tcp`, `gripper` and `head`; the yaw within half a turn of one."""
+        """That of an observation's entries `robot`, `tcp`, `gripper`, `head` and `joints`, whose numbers are six for
+        each joint, the first its position; the yaw within half a turn of one."""
         robot, tcp, gripper = (np.asarray(observation[name], float) for name in ("robot", "tcp", "gripper"))
         joints = (len(robot) - 7) // 2  # positions of torso and arm, then as many velocities after the base's three
         x, y, sine, cosine = robot[:4]
@@ -54,6 +62,7 @@ class RobotReading:
             float(gripper[0]),
             float(gripper[len(gripper) // 2]),
             head[: len(head) // 2],
+            np.asarray(observation.get("joints", ()), float).reshape(-1, _OF_JOINT)[:, 0],
         )
 
     @property
@@ -62,18 +71,36 @@ class RobotReading:
         return self.width > self.commanded + _PRESSED
 
 
+def opened_as_read(scene: Scene, reading: RobotReading) -> Scene:
+    """The scene with what opens where a reading has it, and what stands in it; the same one if nothing has moved."""
+    for one, position in zip(scene.openings, reading.joints.tolist(), strict=False):
+        if abs(position - one.position) > _SHIFTED:
+            scene = moved(scene, one.name, position)
+    return scene
+
+
 class BelievedSensor:
-    """Snapshots for the executor: objects stay where they are believed to be; what is gripped moves with the TCP.
+    """Snapshots for the executor: objects stay where they are believed to be; what is gripped moves with the TCP, and
+    what stands in a drawer with the drawer.
 
     Attributes:
         names: of the objects.
         held: the object in the gripper, None for none.
+        brought: names of the objects that have been moved in the gripper.
     """
 
-    def __init__(self, bodies: Sequence[Body], reading: RobotReading, robot: RobotSpec, held: HeldObject | None = None):
+    def __init__(
+        self,
+        bodies: Sequence[Body],
+        reading: RobotReading,
+        robot: RobotSpec,
+        held: HeldObject | None = None,
+        workplace: Scene | None = None,
+    ) -> None:
+        """Begin with objects where they are, and with furniture, without objects, of which something may open."""
         self._bodies = {body.name: body for body in bodies}
-        self._robot, self._reading, self.held = robot, reading, held
-        self.names = tuple(self._bodies)
+        self._robot, self._reading, self.held, self._workplace = robot, reading, held, workplace
+        self.names, self.brought = tuple(self._bodies), set[str]()
 
     @property
     def bodies(self) -> tuple[Body, ...]:
@@ -83,8 +110,10 @@ class BelievedSensor:
     def update(self, reading: RobotReading) -> None:
         """Take in a reading: fingers that close on an object grasp it, and let go of it when they open."""
         self._reading = reading
+        self._ride()
         if self.held is not None:
             body = self._bodies[self.held.name]
+            self.brought.add(body.name)
             self._bodies[body.name] = body.at_pose(reading.T_world_tcp @ self.held.T_tcp_object)
             if not reading.is_gripping:
                 self.held = None
@@ -98,8 +127,20 @@ class BelievedSensor:
             if nearest and inside[nearest] < _AROUND:
                 self.held = HeldObject.grasped(self._bodies[nearest], reading.T_world_tcp)
 
+    def _ride(self) -> None:
+        """Take along what stands in a drawer that has moved."""
+        if self._workplace is None or not len(self._reading.joints):
+            return
+        before = replace(self._workplace, objects=self.bodies, held=self.held)
+        if (after := opened_as_read(before, self._reading)) is not before:
+            self._bodies = {body.name: body for body in after.objects}
+            there = after.static_obstacles, after.openings
+            self._workplace = replace(self._workplace, static_obstacles=there[0], openings=there[1])
+
     def read(self) -> Snapshot:
         """The present belief."""
+        openings = () if self._workplace is None else self._workplace.openings
+        there = zip((one.name for one in openings), self._reading.joints.tolist(), strict=False)
         bodies = self._bodies.values()
         return Snapshot(
             np.array([body.position for body in bodies]).reshape(-1, 3),
@@ -107,4 +148,5 @@ class BelievedSensor:
             np.array([body.yaw for body in bodies]),
             self._reading.T_world_tcp,
             self._reading.drive,
+            dict(there),
         )

@@ -15,6 +15,7 @@ from planners.clearing.goal_bound import LowerBound
 from planners.clearing.lookahead import look_ahead
 from planners.clearing.moves import MoveMaker, NotPlaced
 from planners.clock import NO_DEADLINE, Deadline
+from planners.collision.opened import riding, without_moving
 from planners.collision.world import CollisionWorld, CompiledScenes
 from planners.goals import Goal, holding
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
@@ -344,7 +345,11 @@ class MotionLayer:
             return NoPath(f"MuJoCo finds penetration: {refusal}")
         trajectory = pull_trajectory(world, motion, scene.state)
         state = RobotState(motion.home.end_base, motion.home.end, float(trajectory.finger_position[-1]))
-        return self._followed(scene, BoundMotion(trajectory, motion.after.with_state(state)), (grasp.object,))
+        bound = BoundMotion(trajectory, motion.after.with_state(state))
+        if self.workspace.follower is None and self.workspace.controller is None:
+            return replace(bound, before=scene)
+        followed = self._followed(without_moving(scene), bound, riding(scene))
+        return replace(followed, before=scene) if isinstance(followed, BoundMotion) else followed
 
     def put_down(
         self, scene: Scene, placement: Placement, find_blockers: bool = False

@@ -7,7 +7,6 @@ import copy
 import json
 import math
 import shutil
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,10 +15,9 @@ import pytest
 
 import assets
 import clutter_env
-from clutter_env import suites
 from clutter_env.errors import SuiteError
+from clutter_env.evaluation.suite_making import PLANS, STEPS_PER_PICK, make_suite, step_limit
 from clutter_env.suites import GRASPS, SPLITS, Floor, content_digest, scene_digests
-from scripts.make_suites import PLANS, STEPS_PER_PICK, make_suite, step_limit
 
 PLANNED = {plan.name: plan for plan in PLANS}
 NAMES = tuple(sorted(PLANNED))
@@ -123,15 +121,13 @@ def test_the_keywords_of_the_suite_stay() -> None:
 
 
 @pytest.fixture
-def suite_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def suite_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of a suite's file that is read in place of it."""
     file = tmp_path / "suites" / "side-15-v3.json"
     file.parent.mkdir()
     shutil.copy(assets.path("suites/side-15-v3.json"), file)
     monkeypatch.setattr("assets.path", lambda relative: tmp_path / relative)
-    suites._read_suite.cache_clear()
-    yield file
-    suites._read_suite.cache_clear()
+    return file
 
 
 def test_a_changed_file_is_refused(suite_file: Path) -> None:
@@ -177,7 +173,6 @@ def test_a_sealed_file_with_a_wrong_entry_is_an_error_of_the_suite(suite_file: P
             else:
                 place[name] = value
             write_sealed(suite_file, content)
-            suites._read_suite.cache_clear()
             with contextlib.suppress(SuiteError):
                 clutter_env.suite("side-15-v3")
                 assert value != "missing" or name in ("sha256", "format"), f"{name} is missing"

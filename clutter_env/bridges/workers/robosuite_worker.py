@@ -15,9 +15,12 @@ class Worker:
     def __init__(self) -> None:
         self.env: Any = None
 
-    def reset(self, id: str, robot: str, seed: int) -> dict[str, Any]:
-        """A new episode: the model and its robot as MJCF text, addresses of joints, and what a plan needs to know."""
-        settings = {"has_renderer": False, "has_offscreen_renderer": False, "use_camera_obs": False}
+    def reset(self, id: str, robot: str, seed: int, options: dict[str, Any]) -> dict[str, Any]:
+        """A new episode: the model and its robot as MJCF text, addresses of joints, and what a plan needs to know.
+
+        The `options` are those of the task, such as `use_latch` of Door.
+        """
+        settings = {"has_renderer": False, "has_offscreen_renderer": False, "use_camera_obs": False, **options}
         if self.env is not None:
             self.env.close()
         self.env = env = robosuite.make(id, robots=robot, seed=seed, ignore_done=False, **settings)

@@ -17,10 +17,10 @@ from clutter_env.cli.clearance_trials import ASSESSMENT, CRASH, Record, Trials, 
 from clutter_env.cli.main import main
 from clutter_env.cli.table_arguments import STRATEGIES, Arguments
 from clutter_env.errors import UsageError
+from clutter_env.evaluation.suite_making import STEPS_PER_PICK
 from planners import Planner
 from scripts.ablations import ABLATIONS
 from scripts.clearance_page import write_page
-from scripts.make_suites import STEPS_PER_PICK
 
 LOOKAHEAD = planners.STRATEGIES["lookahead"]
 

@@ -18,22 +18,22 @@ from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.envs.reward import MOST
 from clutter_env.envs.success import HOLD_STEPS, OPENED_SHARE
 from clutter_env.errors import ConfigError, OptionError
-from clutter_env.scene.layout import LAYOUTS, Layout, opening_of
+from clutter_env.scene.layout import LAYOUTS, Layout, openings_of
 from clutter_env.scene.opening import DAMPING_RANGE, FRICTION_RANGE
 from tests.clutter_env.envs.opener import Opener, opener
 from tests.clutter_env.envs.side_grasp import CLOSED, OPEN
 
-OPENING = tuple(name for name, layout in LAYOUTS.items() if layout.opens)
+OPENING = tuple(name for name, layout in LAYOUTS.items() if layout.opens in OpenEnv.opens)
 ID = "clutter_env/Open-v0"
 
 
 def put_open(env: Any, share: float) -> None:
     """Put what opens there, with what stands in it, everything awake."""
     world = env.world
-    shift = world.drawer_shift
+    (shift,) = world.drawer_shifts or [0.0]
     inside = world.are_in_drawer(env.measurements)
     env.data.qpos[world.index.opening_qpos[0]] = share * world.opening.travel
-    env.data.qpos[world.index.object_qpos].reshape(-1, 7)[inside, 0] += world.drawer_shift - shift
+    env.data.qpos[world.index.object_qpos].reshape(-1, 7)[inside, 0] += sum(world.drawer_shifts) - shift
     wake(env)
 
 
@@ -329,7 +329,7 @@ def test_a_drawer_of_the_user_s_own_opens() -> None:
     robot = opener("drawer")
     mine = Opener(OpenEnv(layout=own, num_objects=3, control_mode="ee"))
     assert mine.open_slowly()["is_success"]
-    assert opening_of(own) != opening_of(robot.env.layout)
+    assert openings_of(own) != openings_of(robot.env.layout)
 
 
 def test_rearrange_works_behind_a_door() -> None:
@@ -341,3 +341,20 @@ def test_rearrange_works_behind_a_door() -> None:
 
 def test_the_environment_is_registered_with_its_time_limit() -> None:
     assert gym.spec(ID).max_episode_steps == clutter_env.OPEN_TIME_LIMIT
+
+
+def test_of_several_drawers_each_takes_along_what_is_in_it() -> None:
+    env = RetrieveEnv(num_objects=6, layout="drawers")
+    env.reset(seed=0)
+    world, before = env.world, env.measurements
+    slots = [np.flatnonzero(world.are_in_drawer(before, number)) for number in range(3)]
+    assert sorted(np.concatenate(slots).tolist()) == list(range(6))
+    for number, shift in ((0, 0.2), (2, 0.1)):
+        env.data.qpos[world.index.opening_qpos[number]] = shift
+        env.data.qpos[world.index.object_qpos].reshape(-1, 7)[slots[number], 0] -= shift
+    wake(env)
+    env._monitor.update(world.measure())
+    assert env._monitor.total_path == 0.0
+    assert world.opened_shares == pytest.approx([0.2 / 0.3, 0.0, 0.1 / 0.3])
+    for number, share in enumerate(world.opened_shares):
+        assert world.opened_around(world.measure(), int(slots[number][0])) == share

@@ -16,6 +16,8 @@ from clutter_env.envs.search import SearchEnv, meets, spoil, visible_share
 from clutter_env.errors import ConfigError, OptionError, StateError
 from clutter_env.rendering.cameras import FIRST_OBJECT, FURNITURE
 from clutter_env.rendering.renderer import Renderer
+from clutter_env.scene.layout import LAYOUTS
+from clutter_env.scene.random_scene import sample_scene
 
 REST = np.zeros(14, np.float32)
 REST[11] = 1.0
@@ -276,3 +278,59 @@ def test_options_that_a_search_cannot_keep_are_refused(env: SearchEnv, options: 
     """An obstructed scene was put in order anew; of a lying target the expert said that it cannot be found."""
     with pytest.raises(OptionError, match=message):
         env.reset(seed=0, options=options)
+
+
+def three_drawers(left: int, middle: int, right: int) -> list[dict[str, Any]]:
+    """Three objects, in the drawers of these numbers from the left."""
+    size = {"shape": "cylinder", "radius": 0.03, "height": 0.1}
+    return [{**size, "position": (-0.08, 0.5 * (1 - row)), "row": row} for row in (left, middle, right)]
+
+
+def test_nothing_that_a_policy_gets_depends_on_the_drawer_that_the_target_is_in() -> None:
+    env = SearchEnv(num_objects=3, layout="drawers", image_size=48)
+    given: list[list[Any]] = []
+    for rows in ((0, 1, 2), (2, 0, 1)):
+        observation, info = env.reset(seed=0, options={"objects": three_drawers(*rows), "target": "object_00"})
+        given.append([observation, info])
+        for head in ((0.5, 0.5), (-1.0, 0.2), (0.0, 0.0)):
+            for _ in range(10):
+                given[-1] += env.step(np.append(REST[:-2], head))
+        assert [env.world.are_in_drawer(env.measurements, row)[0] for row in range(3)] == [
+            row == rows[0] for row in range(3)
+        ]
+    for before, after in zip(*given, strict=True):
+        np.testing.assert_equal(before, after)
+
+
+def test_the_joints_of_drawers_are_observed_one_after_the_other() -> None:
+    env = SearchEnv(num_objects=3, layout="drawers", image_size=16)
+    observation, info = env.reset(seed=0)
+    assert observation in env.observation_space
+    assert info["joint_positions"] == {f"{side}_drawer_joint": 0.0 for side in ("left", "middle", "right")}
+    place = env.observation_layout["joints"]
+    assert observation["joints"].shape == (18,)
+    env.data.qpos[env.world.index.opening_qpos] = 0.0, 0.15, 0.27
+    joints = env.observe_world(0, 0.0, 0.0)["joints"]
+    for name, at in (("left", 0.0), ("middle", 0.15), ("right", 0.27)):
+        assert joints[place[f"{name}_drawer_position"]] == pytest.approx(at)
+        assert joints[place[f"{name}_drawer_opened"]] == pytest.approx(at / 0.3)
+    assert env._info()["num_opened"] == 1
+
+
+def test_each_drawer_is_as_likely_to_have_the_target_whatever_its_shape_and_number() -> None:
+    """In turn the objects gave it away: boxes with odd numbers stood in some drawers alone."""
+    layout, counts = LAYOUTS["drawers"], np.zeros((2, 3))
+    for seed in range(600):
+        scene = sample_scene(np.random.default_rng(seed), layout, 5, "mixed")
+        drawer = int(np.argmin(np.abs(scene.positions[scene.target, 1] - np.array((0.5, 0.0, -0.5)))))
+        counts[int(scene.is_box[scene.target]), drawer] += 1
+    for row in counts:
+        assert (np.abs(row / row.sum() - 1 / 3) < 4 * np.sqrt(2 / 9 / row.sum())).all(), counts
+
+
+@pytest.mark.parametrize("layout", ["drawer", "cupboard", "fridge", "blocked_drawer", "drawers"])
+def test_what_is_shut_hides_the_target(layout: str) -> None:
+    env = SearchEnv(num_objects=4, layout=layout, image_size=32)
+    for seed in range(3):
+        env.reset(seed=seed)
+        assert env.visible_shares(env.world.scene)[env.target_slot] == 0.0

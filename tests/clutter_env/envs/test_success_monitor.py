@@ -27,7 +27,7 @@ class Table:
         self.held, self.is_carried = -1, False
         self.moved = frozenset[int]()
         # Of a world, the monitor reads no more without a target.
-        self.world = SimpleNamespace(on_furniture=Pressing(), on_itself=Pressing(), drawer_shift=0.0)
+        self.world = SimpleNamespace(on_furniture=Pressing(), on_itself=Pressing(), drawer_shifts=[0.0])
         self.monitor = self.another_monitor()
 
     def another_monitor(self) -> SuccessMonitor:
@@ -246,13 +246,13 @@ def test_measurements_that_are_given_again_count_as_new_ones() -> None:
 
 def test_what_rides_in_a_drawer_travels_as_far_as_it_slides_in_it() -> None:
     table = Table()
-    table.world.are_in_drawer = lambda _: np.arange(len(table.poses)) == 0
+    table.world.are_in_drawer = lambda *_: np.arange(len(table.poses)) == 0
     for _ in range(20):
-        table.world.drawer_shift -= 0.01
+        table.world.drawer_shifts = [table.world.drawer_shifts[0] - 0.01]
         table.poses[:2, 0] -= 0.01
         table.step()
     assert table.monitor.num_disturbed == 1, "the one that stands in its way"
     for _ in range(20):  # with a drawer that leaves it behind
-        table.world.drawer_shift += 0.01
+        table.world.drawer_shifts = [table.world.drawer_shifts[0] + 0.01]
         table.step()
     assert table.monitor.num_disturbed == 2

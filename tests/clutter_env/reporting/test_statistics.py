@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from clutter_env.reporting import intervals
-from clutter_env.reporting.intervals import bootstrap, success_interval, times, wilson
+from clutter_env.reporting.intervals import bootstrap, newcombe, success_interval, times, wilson
 
 
 def test_bootstrap_intervals_enclose_their_mean_and_shrink_with_data() -> None:
@@ -86,3 +86,11 @@ def test_success_of_all_is_no_certainty() -> None:
 def test_times_of_nothing_are_not_numbers() -> None:
     assert times([1.0, 2.0, 3.0]).median == 2.0
     assert math.isnan(times([]).p95)
+
+
+def test_the_interval_of_a_difference_of_two_rates() -> None:
+    """Newcombe's own example: 56 of 70 against 48 of 80, 0.20 [0.0524, 0.3339]."""
+    assert newcombe((56, 70), (48, 80)) == pytest.approx((0.2, 0.0524, 0.3339), abs=1e-4)
+    assert newcombe((10, 10), (0, 10)).low > 0.5
+    both = newcombe((5, 5), (5, 5))
+    assert both.low < both.mean == 0.0 < both.high

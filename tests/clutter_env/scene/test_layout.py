@@ -35,7 +35,8 @@ def test_furniture_has_the_names_others_rely_on(name: str) -> None:
     expected |= SHELF_NAMES if layout.board_height else set()
     expected |= {"shelf_board_upper"} if layout.second_board_height else set()
     expected |= {"shelf_board_top"} if layout.third_board_height else set()
-    expected |= CHEST_NAMES if layout.opens == "drawer" else set()
+    expected |= CHEST_NAMES if layout.has_drawers else set()
+    expected |= {"chest_divider_0", "chest_divider_1"} if layout.opens == "drawers" else set()
     if name == "fridge":
         expected = {one for one in expected if "leg" not in one} | {"table_base"}
     expected |= {box.name for box in layout.boxes}
@@ -57,6 +58,9 @@ def test_the_model_declares_the_supports_of_its_layout(name: str) -> None:
     if LAYOUTS[name].opens == "drawer":  # the table, where it is in front of the chest
         before = ("table_top",) if LAYOUTS[name].front else ()
         expected = ("drawer_floor", *before, *others, "chest_top")
+    if LAYOUTS[name].opens == "drawers":
+        floors = tuple(f"{side}_drawer_floor" for side in ("left", "middle", "right"))
+        expected = (*floors, *others, "chest_top")
     assert supports_of(LAYOUTS[name]) == expected
     assert Scene.from_mujoco(env.model, env.data, env.robot, support=env.support_name).supports == expected
 
@@ -90,7 +94,7 @@ def test_objects_stand_still_and_the_robot_is_clear(name: str, shapes: str) -> N
             env.step(rest)
         assert np.array_equal(env.measurements.poses[:, :2], env.world.scene.positions)
         scene = env.world.scene
-        sunk = SUNK * (scene.levels > 0) if LAYOUTS[name].opens == "drawer" else 0.0
+        sunk = SUNK * (scene.levels > 0) if LAYOUTS[name].has_drawers else 0.0
         heights = TABLE_HEIGHT + scene.levels + scene.half_extents[:, 2] - sunk
         assert np.array_equal(env.measurements.poses[:, 2], heights)
 

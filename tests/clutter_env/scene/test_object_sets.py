@@ -27,7 +27,7 @@ def test_full_tables_keep_sizes_gaps_and_edges(name: str, shapes: str) -> None:
         count = capacity(table, shapes, objects)
         if not count:
             assert objects.kinds, "bottles do not fit a drawer"
-            assert table.opens == "drawer"
+            assert table.has_drawers
             continue
         scene = sample_scene(np.random.default_rng(seed), table, count, shapes, objects)
         half = scene.standing_extents

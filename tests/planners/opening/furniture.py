@@ -13,7 +13,7 @@ from planners import Scene, insert_robot, prepare
 
 FRONT = 0.93
 """[m] of what opens, along x; the robot stands before it."""
-_HANDLES = {"upright": "0.01 0.012 0.06", "level": "0.01 0.06 0.012"}
+_HANDLES = {"upright": "0.01 0.012 0.06", "level": "0.01 0.06 0.012", "thick": "0.055 0.06 0.06", "none": ""}
 
 
 class World(NamedTuple):
@@ -41,19 +41,20 @@ def drawer_world(
     share: float = 0.0,
     height: float = 0.68,
     joint: str = "",
+    friction: float = 2.0,
 ) -> World:
     """A drawer with three cans in it, "red" the farthest, a side table, and, where it is blocked, two bottles."""
     z, travel = height, 0.28
     drawer = f"""
       <body name="drawer" pos="{FRONT} 0 {z}">
-        <joint name="drawer_joint" type="slide" axis="-1 0 0" range="0 {travel}" damping="5" frictionloss="2" {joint}/>
+        <joint name="drawer_joint" type="slide" axis="-1 0 0" range="0 {travel}" damping="5"
+          frictionloss="{friction}" {joint}/>
         <geom name="drawer_front" type="box" size="0.01 0.2 0.08" mass="0.5"/>
         <geom name="drawer_floor" type="box" size="0.16 0.18 0.005" pos="0.16 0 -0.07" mass="0.5"/>
         <geom name="drawer_left" type="box" size="0.16 0.006 0.05" pos="0.16 0.186 -0.025" mass="0.2"/>
         <geom name="drawer_right" type="box" size="0.16 0.006 0.05" pos="0.16 -0.186 -0.025" mass="0.2"/>
         <geom name="drawer_back" type="box" size="0.006 0.18 0.05" pos="0.32 0 -0.025" mass="0.2"/>
-        <geom name="drawer_handle" type="box" size="{_HANDLES[handle]}" pos="-0.06 0 0" mass="0.1"
-          friction="1.5 0.01 0.001"/>
+        {_handle("drawer_handle", handle, f"{-0.16 if handle == 'thick' else -0.06} 0 0")}
       </body>"""
     box = '<geom name="{0}" type="box" size="{1}" pos="{2}"/>'
     cabinet = "".join(
@@ -79,7 +80,12 @@ def drawer_world(
 
 
 def cupboard_world(
-    robot: RobotSpec = FETCH, *, hinge: str = "left", handle: str = "upright", angle: float = 0.0
+    robot: RobotSpec = FETCH,
+    *,
+    hinge: str = "left",
+    handle: str = "upright",
+    angle: float = 0.0,
+    base: tuple[float, float, float] = (-0.3, 0.0, 0.0),
 ) -> World:
     """A cupboard with a door, three cans behind it, "red" behind the others, and a side table."""
     z, side = 0.9, 1 if hinge == "left" else -1
@@ -87,8 +93,7 @@ def cupboard_world(
       <body name="door" pos="{FRONT} {0.25 * side} {z}">
         <joint name="door_joint" type="hinge" axis="0 0 {-side}" range="0 1.65" damping="1" frictionloss="0.5"/>
         <geom name="door_panel" type="box" size="0.01 0.235 0.17" pos="0 {-0.245 * side} 0" mass="1.5"/>
-        <geom name="door_handle" type="box" size="{_HANDLES[handle]}" pos="-0.06 {-0.4 * side} 0" mass="0.1"
-          friction="1.5 0.01 0.001"/>
+        {_handle("door_handle", handle, f"-0.06 {-0.4 * side} 0")}
       </body>"""
     box = '<geom name="{0}" type="box" size="{1}" pos="{2}"/>'
     x = FRONT + 0.2
@@ -106,7 +111,29 @@ def cupboard_world(
     )
     cans = {"red": (0.24, 0.02), "blue": (0.1, -0.1), "green": (0.1, 0.03)}
     free = "".join(_can(name, FRONT + dx, y, z - 0.11, 0.028, 0.06) for name, (dx, y) in cans.items())
-    return _world(f"{cabinet}{door}{free}", robot, [*cans], ["side_table", "cupboard_floor"], {"door_joint": angle})
+    supports = ["side_table", "cupboard_floor"]
+    return _world(f"{cabinet}{door}{free}", robot, [*cans], supports, {"door_joint": angle}, base)
+
+
+def latched_world(robot: RobotSpec = FETCH) -> World:
+    """A door with a lever, whose bolt is behind a post: it opens when the lever has been turned."""
+    z = 0.9
+    door = f"""
+      <geom name="post" type="box" size="0.01 0.02 0.17" pos="{FRONT} -0.26 {z}"/>
+      <body name="door" pos="{FRONT} 0.25 {z}">
+        <joint name="door_joint" type="hinge" axis="0 0 -1" range="0 1.65" damping="1" frictionloss="0.5"/>
+        <geom name="door_panel" type="box" size="0.01 0.235 0.17" pos="0 -0.245 0" mass="1.5"/>
+        <body name="lever" pos="0 -0.42 0">
+          <joint name="lever_joint" type="hinge" axis="1 0 0" range="-1.5 1.5" damping="0.05" stiffness="0.3"/>
+          <geom name="axle" type="box" size="0.035 0.008 0.008" pos="-0.045 0 0" mass="0.05"/>
+          <geom name="lever_handle" type="box" size="0.01 0.06 0.01" pos="-0.08 0.06 0" mass="0.05"
+            friction="1.5 0.01 0.001"/>
+          <geom name="bolt" type="box" size="0.008 0.045 0.01" pos="0.022 -0.045 0" mass="0.05"/>
+        </body>
+      </body>
+      <geom name="wall" type="box" size="0.01 0.3 0.2" pos="{FRONT + 0.4} 0 {z}"/>
+      <geom name="side_table" type="box" size="0.3 0.3 0.35" pos="{FRONT} -0.95 0.35"/>"""
+    return _world(door, robot, [], ["side_table"], {})
 
 
 def box_world(robot: RobotSpec = FETCH) -> World:
@@ -136,6 +163,13 @@ def box_world(robot: RobotSpec = FETCH) -> World:
     return _world(parts, robot, [], ["table"], {})
 
 
+def _handle(name: str, kind: str, place: str) -> str:
+    """The bar that is taken by the hand; "thick" is wider than any hand opens, "none" is none."""
+    size = _HANDLES[kind]
+    bar = f'<geom name="{name}" type="box" size="{size}" pos="{place}" mass="0.1" friction="1.5 0.01 0.001"/>'
+    return bar if size else ""
+
+
 def _can(name: str, x: float, y: float, z: float, radius: float, half: float) -> str:
     return (
         f'<body name="{name}" pos="{x} {y} {z}"><freejoint/>'
@@ -143,13 +177,20 @@ def _can(name: str, x: float, y: float, z: float, radius: float, half: float) ->
     )
 
 
-def _world(parts: str, robot: RobotSpec, movable: list[str], supports: list[str], joints: dict[str, float]) -> World:
+def _world(
+    parts: str,
+    robot: RobotSpec,
+    movable: list[str],
+    supports: list[str],
+    joints: dict[str, float],
+    base: tuple[float, float, float] = (-0.3, 0.0, 0.0),
+) -> World:
     """The simulation of a piece of furniture, with the robot before it."""
     text = f'<mujoco><worldbody><geom name="floor" type="plane" size="0 0 1"/>{parts}</worldbody></mujoco>'
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "world.xml")
         path.write_text(text.replace("<mujoco>", '<mujoco><compiler angle="radian"/>'))
-        model = prepare(insert_robot(path, robot, base=(-0.3, 0.0, 0.0)), robot).model
+        model = prepare(insert_robot(path, robot, base=base), robot).model
     data = mujoco.MjData(model)
     for joint, value in {**dict(zip(robot.drive_joints[3:], robot.home, strict=True)), **joints}.items():
         data.joint(joint).qpos = value

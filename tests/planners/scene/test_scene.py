@@ -119,4 +119,4 @@ def test_from_mujoco_reads_what_the_simulation_holds(layout: str) -> None:
     for box in scene.static_obstacles:
         assert np.allclose(box.half_extents, model.geom(box.name).size)
         assert np.allclose(box.position, data.geom(box.name).xpos)
-    assert scene.support.top == pytest.approx(0.78 if LAYOUTS[layout].opens == "drawer" else 0.75)
+    assert scene.support.top == pytest.approx(0.78 if LAYOUTS[layout].has_drawers else 0.75)

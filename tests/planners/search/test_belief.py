@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from planners.search.belief import Belief
 from planners.search.perception import Description
 from tests.planners.scenes import cylinder, table_scene
@@ -38,3 +40,17 @@ def test_a_target_that_was_seen_and_is_lost_can_be_wherever_nothing_is_seen() ->
     assert not belief.places([])["table_top"].any()
     belief.restart()
     assert belief.places([])["table_top"].any()
+
+
+def test_what_is_seen_in_a_drawer_slides_with_it() -> None:
+    belief = Belief.begin(table_scene(), _TARGET)
+    name, by = "table_top", np.array((-0.25, 0.03, 0.0))
+    belief._levels[name].is_possible[5:] = False
+    before, places = belief.grid(name), belief.places(())
+    after = belief.slid([name, "elsewhere"], by)
+    assert (after.grid(name).x0, after.grid(name).y0) == (before.x0 - 0.25, before.y0 + 0.03)
+    np.testing.assert_array_equal(after.places(())[name], places[name])
+    points = belief.points(places)
+    np.testing.assert_allclose(after.points(places) - points, np.broadcast_to(by, points.shape), atol=1e-12)
+    assert belief.grid(name) is before
+    assert belief.slid(["elsewhere"], by).grid(name) is before
