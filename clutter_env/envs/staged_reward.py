@@ -1,9 +1,9 @@
 """Staged reward of the retrieval tasks: between 0 and 1 a step, and at success what staying there would have earned.
 
-A step earns r = Σ w_i t_i < 1, with terms t_i of the state between 0 and 1: `way` (how far the way to the target is
+A step earns r = Σ w_i t_i <= 1, with terms t_i of the state between 0 and 1: `way` (how far the way to the target is
 cleared), `reach` (how near the gripper is to the grasp), `around` (how far the target is between the open fingers),
-`grasp`, `lift`, `hold`. Each later term is 0 until the stage before it is complete, so r rises along the task. The step
-of success earns `SUCCESS` = 1 / (1 - Γ), Γ = `DISCOUNT`, and ends the episode.
+`grasp`, `lift`, `hold`. All but the first are 0 until the way is free, the last two until the target is held: r rises
+along the task. The step of success earns `SUCCESS` = 1 / (1 - Γ), Γ = `DISCOUNT`, and ends the episode.
 
 Finishing beats hovering, for every discount γ <= Γ, the time limit being truncation (the learner goes on with its
 estimate there):
@@ -11,8 +11,8 @@ estimate there):
 - Hovering at a level h < 1 for ever earns h / (1 - γ). Success in step k + 1, after k steps that earn at least h each,
   earns at least h (1 - γ^k) / (1 - γ) + γ^k / (1 - Γ). Since 1 / (1 - Γ) >= 1 / (1 - γ) > h / (1 - γ), that is more,
   for every k: as the reward rises along the task, whoever hovers anywhere on it gains by going on.
-- Whatever is done without success, r < 1 - `hold`'s last tenth, so no behaviour earns (1 - w_hold / 10) / (1 - γ) or
-  more. From a state in which success can be had at once, it is the best that can be done.
+- Whatever is done without success earns at most 1 / (1 - γ), from any state, and success no less in one step: where it
+  can be had at once, nothing is better.
 - A way on which the reward falls below h for a while (another approach) pays if it takes k steps with γ^k > h.
 - An end without success earns nothing more: it is worse than hovering, at any level above 0.
 
@@ -47,7 +47,7 @@ def staged_reward(terms: Mapping[str, float], is_success: bool) -> float:
 def stage_terms(
     way: float, reach: float, around: float, grasp: float, lift: float, hold: float, num_objects: int
 ) -> dict[str, float]:
-    """The weighted terms of a state, by their names; their sum is below 1 before success.
+    """The weighted terms of a state, by their names; their sum is 1 at most.
 
     Args:
         way: 1 if nothing is in the way of the target, less otherwise.

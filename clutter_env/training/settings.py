@@ -13,7 +13,7 @@ ALGORITHMS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "sac": (*GOAL_FAMILIES, "armretrieve", "retrieve"),
         "tqc": (*GOAL_FAMILIES, "armretrieve", "retrieve"),
-        "ppo": ("armretrieve", "retrieve", "skill"),
+        "ppo": ("retrieve", "armretrieve", "skill"),
         "maskable_ppo": ("skill",),
         "dqn": ("skill",),
     }

@@ -52,8 +52,8 @@ _STAGED = {
     "learning_rate": 1e-3,
     "gamma": 0.95,
     "tau": 0.01,
-    "learning_starts": 2000,
-    "ent_coef": 0.01,
+    "learning_starts": 1000,
+    "ent_coef": "auto_0.1",
     "policy_kwargs": {"net_arch": [128, 128]},
 }
 _EPISODE = 100
