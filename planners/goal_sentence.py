@@ -44,8 +44,8 @@ _ARTICLES = ("the", "a", "an", "both")
 _RESERVED = frozenset(
     re.findall(
         r"\w+",
-        "the a an both on onto upon to into in inside and then from out of off at by before after within turned it them "
-        "up down back not or but except unless without next between behind",
+        "the a an both on onto upon to into in inside and then from out of off at by before after within turned it "
+        "them up down back not or but except unless without next between behind",
     )
 )
 """Words of the grammar, and others that change what a clause says: a name with one is said in quotation marks."""

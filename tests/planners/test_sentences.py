@@ -164,7 +164,7 @@ def test_what_is_no_goal_says_why(text: str, message: str) -> None:
     ],
 )
 def test_without_a_scene_words_of_the_grammar_make_no_name(text: str) -> None:
-    with pytest.raises(GoalError, match="quotation marks|is no place here"):
+    with pytest.raises(GoalError, match=r"quotation marks|is no place here"):
         facts_of(text)
 
 
