@@ -102,6 +102,7 @@ class Checked:
         same: of the scenes that the policy played again, those with the same actions; None if it was not run.
         again: scenes that it played again.
         draws: in the ledger, of this entry; those that were not played count as failures.
+        starts: how often the draw has begun to be played; more than once where runs ended before their last scene.
         earlier: other entries under the policy's name for this suite, in the ledger before this one.
         clean: clean success over all draws.
     """
@@ -112,6 +113,7 @@ class Checked:
     same: int | None
     again: int
     draws: int
+    starts: int
     earlier: int
     clean: Interval
 
@@ -228,6 +230,7 @@ def play(file: Path, ledger: Path, files: Sequence[Path] = (), **chosen: Any) ->
         raise LearningError(f"{ledger} knows nothing of the draw of {file}")
     if challenge.commitment in book.played:
         raise LearningError(f"{file} has been played: {ledger} says so. Each draw is played once")
+    book.note_started(challenge)
     found = _evaluated(challenge, file, entry.scenes, **chosen)
     book.note_played(challenge, sum(score.clean for score in found.scores), results_of(found)["digest"])
     return found
@@ -290,7 +293,8 @@ def check(
     clean = wilson(replayed.clean, max(len(draws), 1) * entry.scenes)
     earlier = book.entries_before(entry)
     counted = min(again, entry.scenes)
-    return Checked(challenge, replayed, tuple(problems), same, counted, len(draws), earlier, clean)
+    starts = book.starts(challenge)
+    return Checked(challenge, replayed, tuple(problems), same, counted, len(draws), starts, earlier, clean)
 
 
 class Ledger:
@@ -313,6 +317,14 @@ class Ledger:
         if not any(kind == "entry" and row["digest"] == entry.digest for kind, row in self._rows):
             self._append("entry", digest=entry.digest, **asdict(entry))
         self._append("draw", entry=entry.digest, commitment=challenge.commitment)
+
+    def note_started(self, challenge: Challenge) -> None:
+        """Write that a draw begins to be played: who ends a run that goes badly, and begins again, is seen."""
+        self._append("started", commitment=challenge.commitment)
+
+    def starts(self, challenge: Challenge) -> int:
+        """How often a draw has begun to be played."""
+        return sum(kind == "started" and row["commitment"] == challenge.commitment for kind, row in self._rows)
 
     def note_played(self, challenge: Challenge, clean: int, digest: str) -> None:
         """Write that a draw has been played, and the digest of its results."""

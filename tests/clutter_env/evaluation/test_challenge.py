@@ -55,6 +55,15 @@ class LooksUp(Idle):
     def reset(self, info):
         self.done, self.is_first = False, True
 
+class GivesUpOnce(Idle):
+    """Ends its first run by an exception, as one would that sees it go badly, and begins another."""
+    def act(self, observation):
+        from pathlib import Path
+        if not Path("again").exists():
+            Path("again").touch()
+            raise RuntimeError("this goes badly")
+        return super().act(observation)
+
 class Plans(Idle):
     def __init__(self):
         import planners
@@ -233,6 +242,15 @@ def test_a_challenge_with_other_kinds_of_values_is_none(changed: dict[str, objec
     Path("c.json").write_text(json.dumps({"challenge": {"entry": entry, "nonce": "11" * 32, **changed}}))
     with pytest.raises(LearningError, match="no file of"):
         challenges.read_challenge(Path("c.json"))
+
+
+@pytest.mark.slow
+def test_runs_that_were_ended_and_begun_again_are_told() -> None:
+    _, file, ledger = drawn("mine:GivesUpOnce", 1)
+    with pytest.raises(PolicyCrashed, match="goes badly"):
+        play(file, ledger)
+    write_json(Path("r.json"), results(play(file, ledger)))
+    assert check(file, Path("r.json"), ledger, 1).starts == 2
 
 
 def test_a_planner_that_was_not_declared_is_refused() -> None:
