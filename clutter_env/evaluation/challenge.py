@@ -281,7 +281,7 @@ def check(
     draws = book.draws(entry.digest)
     if challenge.commitment not in draws:
         problems.append("the draw is not in the ledger")
-    replayed = verify(results, workers, tick)
+    replayed = _replayed(results, content, workers, tick)
     same = None
     if again and not problems:
         found = _evaluated(challenge, file, min(again, entry.scenes), workers=workers, **chosen)
@@ -295,6 +295,15 @@ def check(
     counted = min(again, entry.scenes)
     starts = book.starts(challenge)
     return Checked(challenge, replayed, tuple(problems), same, counted, len(draws), starts, earlier, clean)
+
+
+def _replayed(results: Path, content: Mapping[str, Any], workers: int, tick: Callable[[], object]) -> Verification:
+    """The replay of results; where their scenes cannot be read, that is what is wrong with them."""
+    try:
+        return verify(results, workers, tick)
+    except SuiteError as problem:
+        played = content["policy"], content["track"], content["suite"], len(content["episodes"])
+        return Verification(*played, clean=0, differences=(str(problem),), other_than=())
 
 
 class Ledger:

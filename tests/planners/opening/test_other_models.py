@@ -70,6 +70,10 @@ def test_a_trapdoor_falls_shut_and_a_lid_that_leans_back_does_not() -> None:
     assert not box_world().scene().opening("lid").springs_shut
 
 
+def test_friction_below_zero_is_no_spring() -> None:
+    assert not drawer(JOINT.replace('frictionloss="1"', 'frictionloss="-2"')).scene().opening("drawer").springs_shut
+
+
 def test_without_gravity_nothing_falls() -> None:
     world = drawer(JOINT.replace('axis="-1 0 0"', 'axis="-1 0 0.5"'))
     world.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
