@@ -182,7 +182,7 @@ def play(scene: SuiteScene | Drawn, policy: str, mask_errors: float, depth_noise
         knowing.reset(info["target"])
         for taken in played(knowing, env.step):
             info, steps = taken.info, steps + 1
-        report, opened = knowing.report, 0
+        report, opened = knowing.report, int(info.get("num_opened", 0))
         counts = (report.failure, len(report.clearances), 0)
         times, mean = (0.0, report.planning_s), report.planning_s
     else:

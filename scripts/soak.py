@@ -155,7 +155,8 @@ def run_endurance(
         for number, (env_id, keywords) in enumerate(kinds):
             robots = ROBOTS[:1] if env_id in ARM_IDS else _from(ROBOTS, turn + number)
             robot = next(robot for robot in robots if _can_be_drawn(keywords | {"robot": robot}))
-            env = gym.make(env_id, reward_mode="dense", max_episode_steps=EPISODE_STEPS, **keywords, robot=robot)
+            rewarded = "staged" if "ArmRetrieve" in env_id else "dense"
+            env = gym.make(env_id, reward_mode=rewarded, max_episode_steps=EPISODE_STEPS, **keywords, robot=robot)
             is_grasping = bool(turn % 2) and env_id not in ARM_IDS
             _run_one(env, share, seed + turn * len(kinds) + number, is_grasping, result, report)
             env.close()

@@ -289,8 +289,12 @@ class TampExpert:
             return EpisodeReport()
         before, planner = time.process_time(), self._planner
         bounding = planner if isinstance(planner, Planner) else Planner(scene.robot)
-        floor = bounding.clearance_floor(scene, self._goal.target)
-        count = floor.count if floor.proved else None
+        if scene.openings:
+            bound = bounding.lower_bound(scene, self._goal)
+            count = bound.least - 1 if bound.picks == bound.least else None
+        else:
+            floor = bounding.clearance_floor(scene, self._goal.target)
+            count = floor.count if floor.proved else None
         return EpisodeReport(floor=count, planning_s=time.process_time() - before)
 
     # The phases of an episode. Each returns what the actor does next: nothing at its end.

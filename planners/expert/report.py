@@ -28,7 +28,8 @@ class EpisodeReport:
         clearances: objects put aside in the simulation, in order.
         duplicated: those put aside more than once.
         replans: number of plans after the first one.
-        floor: minimum number of objects that any plan must clear; None if it was not computed or not proved.
+        floor: minimum number of objects that any plan must clear, and of drawers and doors that it must open; None if it
+            was not computed or not proved.
         planning_s: [s] CPU time spent on planning.
         sim_s: [s] simulated time since reset.
         contacts: grasps and releases in the plans of the episode, all together.

@@ -229,3 +229,13 @@ def test_nine_of_ten_faults_are_recovered_from(fault: str, objects: int) -> None
     outcomes = [run(seed, objects, fault=FAULTS[fault]) for seed in range(30, 40)]
     assert all(happened for _, _, happened in outcomes)
     assert sum(report.scored for report, _, _ in outcomes) >= 9
+
+
+def test_the_bound_in_the_report_counts_what_has_to_be_opened() -> None:
+    scene = clutter_env.suite("drawer-5-v1").test[0]
+    env = scene.make()
+    _, info = scene.reset(env)
+    expert = TampExpert(env, grasps="all")
+    expert.reset(info["target"])
+    assert expert.report.floor == scene.floor("all").count
+    assert expert.report.floor >= 1
