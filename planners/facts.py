@@ -312,6 +312,17 @@ class Turned:
         return abs(scene.opening(self.opening).position - self.position_in(scene)) <= self.tolerance
 
 
+def out_of_range(scene: Scene, fact: Open | Closed | Turned) -> str:
+    """What is wrong with an amount or an angle that is beyond the range of what opens; "" if it is not."""
+    one = scene.opening(fact.opening)
+    most, unit = abs(one.open - one.shut), "m" if one.kind == "slide" else "rad"
+    if isinstance(fact, Open) and fact.amount is not None and fact.amount > (1 + AJAR) * most:
+        return f"{one.name!r} opens by {most:.4g} {unit}, not by {fact.amount:.4g}"
+    if isinstance(fact, Turned) and not -fact.tolerance <= fact.angle <= most + fact.tolerance:
+        return f"{one.name!r} moves from 0 to {most:.4g} {unit}, not to {fact.angle:.4g}"
+    return ""
+
+
 Fact: TypeAlias = Holding | On | Inside | At | Clear | Before | Open | Closed | Turned
 VALID = (
     "holding(a), holding(a, point), on(a, place), inside(a, region), at(a, pose), clear(region), before(a, b), "

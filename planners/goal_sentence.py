@@ -2,7 +2,8 @@
 
 A sentence is made of clauses, joined by commas, "and" or "then", which say nothing of the order. A clause has a verb,
 objects, and where they go. A name is said with blanks in place of underscores, or in quotation marks as it is. "it" and
-"them" are what the clause before moved: "pick up the can and put it on the tray" is about where the can ends.
+"them" are what the clause before moved: "pick up the can and put it on the tray" is about where the can ends. What is
+opened or closed is the last place that was named: "put the mug into the microwave and close it".
 """
 
 from __future__ import annotations
@@ -42,15 +43,19 @@ _FILLERS = ("please", "first", "next", "finally", "also", "now")
 _ARTICLES = ("the", "a", "an", "both")
 _RESERVED = frozenset(
     re.findall(
-        r"\w+", "the a an both on onto upon to into in inside and then from out of at by before within turned it them"
+        r"\w+",
+        "the a an both on onto upon to into in inside and then from out of off at by before after within turned it "
+        "them up down back not or but except unless without next between behind",
     )
 )
-"""Words of the grammar: a name with one of them is said in quotation marks."""
+"""Words of the grammar, and others that change what a clause says: a name with one is said in quotation marks."""
 _PLAIN = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 _NUMBER = r"-?\d+(?:\.\d*)?(?:e-?\d+)?"
 _BETWEEN = r"[\s,;]+"
 """Between the numbers of a point."""
-_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "rad": 1.0, "radians": 1.0, "degrees": math.pi / 180, "°": math.pi / 180}
+_LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+_ANGLES = {"rad": 1.0, "radians": 1.0, "degrees": math.pi / 180, "°": math.pi / 180}
+_UNITS = {**_LENGTHS, **_ANGLES}
 VALID = (
     '"put the A on the B", "put the A into the B", "put the A at (x, y) m", "pick up the A", "clear the B", '
     '"open the D", "open the D by 50%", "close the D", "turn the K to 1.2 rad", "move the A before the B"'
@@ -153,11 +158,21 @@ def _phrase(text: str) -> str:
 
 @dataclass
 class _Reader:
-    """Reads clauses one after the other, and remembers what "it" is."""
+    """Reads clauses one after the other, and remembers what "it" is.
+
+    Attributes:
+        known: names, by the phrases that they fit.
+        facts: that were read.
+        last: what was moved last.
+        places: what was named last as a place, or was opened or closed.
+        opened: what was opened last, if no other place was named since.
+    """
 
     known: Mapping[str, list[str]]
     facts: list[Fact] = field(default_factory=list)
     last: list[str] = field(default_factory=list)
+    places: list[str] = field(default_factory=list)
+    opened: list[str] = field(default_factory=list)
     _quoted: list[str] = field(default_factory=list)
 
     def clauses(self, sentence: str) -> list[str]:
@@ -169,6 +184,8 @@ class _Reader:
             self._quoted.append(found[1])
             return f"‹{len(self._quoted) - 1}›"
 
+        if "‹" in sentence:
+            raise GoalError(f'{sentence!r:.100}: names in other quotation marks than "A" are not read')
         text = re.sub(r'"([^"]+)"', hide, sentence).strip().rstrip(".!")
         text = re.sub(r"\(([^)]*)\)", lambda found: f"({' '.join(re.split(_BETWEEN, found[1].strip()))})", text)
         parts = re.split(r"\s*(?:[,;]|\band\b|\bthen\b|\.\s)\s*", text)
@@ -197,10 +214,14 @@ class _Reader:
 
     def names(self, phrase: str) -> list[str]:
         """The names in a phrase, joined by "&"; what was moved last for "it"."""
+        return self._or_it(phrase, self.last)
+
+    def _or_it(self, phrase: str, meant: list[str]) -> list[str]:
+        """The names in a phrase, joined by "&"; those that are meant for "it"."""
         if _phrase(phrase) in ("it", "them"):
-            if not self.last:
-                raise GoalError(f"{phrase!r}: nothing was named before it")
-            return self.last
+            if not meant:
+                raise GoalError(f"{phrase!r}: nothing was named before it that it could be")
+            return meant
         return [self.name(part) for part in phrase.split("&")]
 
     def name(self, phrase: str) -> str:
@@ -211,6 +232,9 @@ class _Reader:
         if not self.known:
             if not said or "‹" in said:
                 raise GoalError(f"{self._shown(phrase)!r:.100} is no name")
+            if words := [word for word in said.split() if word in _RESERVED or word == "&"]:
+                known = f"has {' and '.join(dict.fromkeys(words))} in it"
+                raise GoalError(f"{self._shown(said)!r:.100} {known}: a name with that is written in quotation marks")
             return said.replace(" ", "_")
         fits = self.known.get(said, [])
         if len(fits) != 1:
@@ -226,8 +250,13 @@ class _Reader:
 
     def put(self, found: re.Match[str], make: Callable[[str, str], Fact]) -> None:
         """Add where objects go, in place of what was said of taking them."""
-        place = self.name(found["place"])
+        is_it = _phrase(found["place"]) in ("it", "them")
+        if is_it and len(self.opened) != 1:
+            raise GoalError(f"{found['place']!r} is no place here, as nothing was just opened: name the place")
+        place = self.opened[0] if is_it else self.name(found["place"])
         self._moved([make(name, place) for name in self.names(found["objects"])])
+        if not is_it:
+            self.places, self.opened = [place], []
 
     def _moved(self, facts: Sequence[On | Inside | At | Holding | Fact]) -> None:
         moved = [str(getattr(fact, "object", "")) for fact in facts]
@@ -240,14 +269,17 @@ class _Reader:
     def take(self, found: re.Match[str]) -> None:
         """Add that objects are held; where they are taken from must be a name."""
         if found["source"]:
-            self.name(found["source"])
+            self.places, self.opened = [self.name(found["source"])], []
         self._moved([Holding(name) for name in self.names(found["objects"])])
 
     def place(self, found: re.Match[str]) -> None:
         """Add the pose of an object, or the point at which it is held."""
-        point = [float(one) * _unit(found["unit"]) for one in found["point"].split()]
+        numbers = found["point"].split()
+        if wrong := [one for one in numbers if not re.fullmatch(_NUMBER, one)]:
+            raise GoalError(f"{wrong[0]!r:.100} is no number; a place is (x, y) m or (x, y, z) m")
+        point = [_length(one, found["unit"]) for one in numbers]
         (name,), within = self.names(found["objects"])[:1], _amounts(found["within"] or "")
-        turn = float(found["turn"]) * _unit(found["turn_unit"]) if found["turn"] else None
+        turn = _angle(found["turn"], found["turn_unit"]) if found["turn"] else None
         tolerance = within.get("m", TOLERANCE)
         if found["verb"].lower() == "hold":
             if len(point) != 3 or turn is not None:
@@ -265,34 +297,49 @@ class _Reader:
 
     def clear(self, found: re.Match[str]) -> None:
         """Add that nothing stands in some places."""
-        self.facts += [Clear(name) for name in self.names(found["objects"])]
+        self.places, self.opened = self._or_it(found["objects"], self.places), []
+        self.facts += [Clear(name) for name in self.places]
 
     def shut(self, found: re.Match[str]) -> None:
         """Add that things are shut."""
-        self.last = self.names(found["objects"])
-        self.facts += [Closed(name) for name in self.last]
+        self.places, self.opened = self._or_it(found["objects"], self.places), []
+        self.facts += [Closed(name) for name in self.places]
 
     def open(self, found: re.Match[str]) -> None:
         """Add that things are open, by a share or an amount."""
-        self.last = self.names(found["objects"])
+        self.places = self.opened = self._or_it(found["objects"], self.places)
         if not found["amount"]:
-            self.facts += [Open(name) for name in self.last]
+            self.facts += [Open(name) for name in self.places]
         elif found["unit"] in ("%", "of its range"):
             share = float(found["amount"]) / (100 if found["unit"] == "%" else 1)
-            self.facts += [Open(name, share) for name in self.last]
+            self.facts += [Open(name, share) for name in self.places]
         else:
             amount = float(found["amount"]) * _unit(found["unit"])
-            self.facts += [Open(name, amount=amount) for name in self.last]
+            self.facts += [Open(name, amount=amount) for name in self.places]
 
     def turn(self, found: re.Match[str]) -> None:
         """Add the angle of a knob."""
         within = _amounts(found["within"] or "")
-        angle = float(found["amount"]) * _unit(found["unit"])
+        angle = _angle(found["amount"], found["unit"])
         self.facts.append(Turned(self.name(found["objects"]), angle, within.get("rad", YAW_TOLERANCE)))
 
 
 def _unit(name: str | None) -> float:
     return _UNITS[name.lower()] if name else 1.0
+
+
+def _length(number: str, unit: str | None) -> float:
+    """A length [m]; without a unit it is in metres."""
+    if unit and unit.lower() not in _LENGTHS:
+        raise GoalError(f"{number} {unit} is no length; units: {', '.join(_LENGTHS)}")
+    return float(number) * _unit(unit)
+
+
+def _angle(number: str, unit: str | None) -> float:
+    """An angle [rad]; its unit must be said, since a bare 90 would be fourteen turns."""
+    if not unit or unit.lower() not in _ANGLES:
+        raise GoalError(f"{number} {unit or ''}".strip() + f" is no angle; units: {', '.join(_ANGLES)}")
+    return float(number) * _unit(unit)
 
 
 def _amounts(text: str) -> dict[str, float]:

@@ -43,6 +43,7 @@ from planners.facts import (
     levels_under as levels_under,
     names_in as names_in,
     occupants as occupants,
+    out_of_range,
     region_named as region_named,
     region_names as region_names,
     stands_at as stands_at,
@@ -222,6 +223,8 @@ class Goal:
                 raise GoalError(
                     f"no support under ({point[0]:.2f}, {point[1]:.2f}) m for {names_in(fact)[0]!r}; supports: {known}"
                 )
+        for message in filter(None, (out_of_range(scene, fact) for fact in self.openings)):
+            raise GoalError(message)
         self._check_contradictions(scene)
 
     def _unknown_names(self, scene: Scene) -> Iterator[str]:
@@ -495,13 +498,16 @@ def from_sentence(text: str, scene: Scene | None = None) -> Goal:
         scene: whose names are meant; without one a name is its words joined by underscores.
 
     Raises:
-        GoalError: a clause that is none, or a phrase that fits no name of the scene, or several.
+        GoalError: a clause that is none, a phrase that fits no name of the scene, or several, or a goal that means
+            nothing there; see `Goal.check`.
     """
     if scene is None:
         return Goal(facts_of(text))
     openings = [one.name for one in scene.openings]
     names = (*scene.names, *scene.supports, *region_names(scene), *openings, *hollow_names(scene))
-    return Goal(facts_of(text, names)).in_scene(scene)
+    goal = Goal(facts_of(text, names)).in_scene(scene)
+    goal.check(scene)
+    return goal
 
 
 def and_(*goals: str | Goal) -> Goal:

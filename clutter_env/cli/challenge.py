@@ -150,6 +150,8 @@ def _check(arguments: Check) -> int:
         lines.append(f"the policy was run again on {found.again} scenes, with the same actions in {found.same}")
     abandoned = found.draws - 1
     lines.append(f"draws of this entry: {found.draws}" + (f"; {abandoned} count as failures" if abandoned > 0 else ""))
+    if found.starts > 1:
+        lines.append(f"runs of this draw that were begun: {found.starts}, of which one reached its last scene")
     lines.append(f"entries of this name before it: {found.earlier}")
     print(*lines, sep="\n  ")
     return 0 if found.is_measured else 1

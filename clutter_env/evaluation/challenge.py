@@ -24,6 +24,7 @@ from clutter_env.errors import LearningError, SuiteError
 from clutter_env.evaluation.evaluate import Evaluation, evaluate
 from clutter_env.evaluation.scenes import SceneSet
 from clutter_env.evaluation.suite_making import PLANS, file_text, qualifying, suite_content
+from clutter_env.evaluation.tables import results as results_of
 from clutter_env.evaluation.verify import Verification, read_results, verify
 from clutter_env.policies.registry import BUILT_IN, policy_files
 from clutter_env.reporting.files import JsonLines, read_json, write_atomically
@@ -37,6 +38,8 @@ _TRIED = 50_000
 """Seeds of a challenge at most; of the rarest suite one in 19 qualifies."""
 _NONCE = 32
 """Bytes of a nonce."""
+_KINDS = {"policy": str, "files": dict, "suite": str, "scenes": int, "uses_planner": bool}
+"""Types of an entry's fields in a file."""
 
 
 @dataclass(frozen=True)
@@ -99,6 +102,7 @@ class Checked:
         same: of the scenes that the policy played again, those with the same actions; None if it was not run.
         again: scenes that it played again.
         draws: in the ledger, of this entry; those that were not played count as failures.
+        starts: how often the draw has begun to be played; more than once where runs ended before their last scene.
         earlier: other entries under the policy's name for this suite, in the ledger before this one.
         clean: clean success over all draws.
     """
@@ -109,6 +113,7 @@ class Checked:
     same: int | None
     again: int
     draws: int
+    starts: int
     earlier: int
     clean: Interval
 
@@ -192,7 +197,15 @@ def read_challenge(file: Path) -> Challenge:
     """
     try:
         content = read_json(file)["challenge"]
-        return Challenge(Entry(**content["entry"]), content["nonce"])
+        found = Challenge(Entry(**content["entry"]), content["nonce"])
+        if len(bytes.fromhex(found.nonce)) != _NONCE:
+            raise ValueError(f"nonce={found.nonce!r}")
+        for name, kind in _KINDS.items():
+            if type(getattr(found.entry, name)) is not kind:
+                raise TypeError(f"{name}={getattr(found.entry, name)!r}")
+        if found.entry.scenes < 1:
+            raise ValueError(f"scenes={found.entry.scenes}")
+        return found
     except (OSError, ValueError, KeyError, TypeError) as problem:
         raise LearningError(f"{file} is no file of `clutter-env challenge new`: {problem!r}") from problem
 
@@ -217,8 +230,9 @@ def play(file: Path, ledger: Path, files: Sequence[Path] = (), **chosen: Any) ->
         raise LearningError(f"{ledger} knows nothing of the draw of {file}")
     if challenge.commitment in book.played:
         raise LearningError(f"{file} has been played: {ledger} says so. Each draw is played once")
+    book.note_started(challenge)
     found = _evaluated(challenge, file, entry.scenes, **chosen)
-    book.note_played(challenge, sum(score.clean for score in found.scores))
+    book.note_played(challenge, sum(score.clean for score in found.scores), results_of(found)["digest"])
     return found
 
 
@@ -251,29 +265,45 @@ def check(
     """
     challenge, content, book = read_challenge(file), read_results(results), Ledger(ledger)
     entry = challenge.entry
-    problems = []
-    if draw(challenge, workers) != read_json(file):
+    problems, drawn = [], read_json(file)
+    if draw(challenge, workers) != drawn:
         problems.append("the scenes are not those that follow from nonce and entry")
     if Path(content["suite"]).name != file.name or content["policy"] != entry.policy:
         problems.append(f"the results are of {content['policy']} on {content['suite']}, not of this challenge")
+    elif content.get("suite_sha256") != drawn.get("sha256"):
+        problems.append(f"the results are of other scenes, those of {content['suite']}")
     if content["weights"] and not content["weights"].items() <= entry.files.items():
         problems.append("the policy's files are not those that were registered")
+    if not policy_files(entry.policy).items() <= entry.files.items():
+        problems.append("the policy's files here are not those that were registered")
     if len(content["episodes"]) < entry.scenes:
         problems.append(f"{len(content['episodes'])} of {entry.scenes} scenes were played")
     draws = book.draws(entry.digest)
     if challenge.commitment not in draws:
         problems.append("the draw is not in the ledger")
-    replayed = verify(results, workers, tick)
+    replayed = _replayed(results, content, workers, tick)
     same = None
     if again and not problems:
         found = _evaluated(challenge, file, min(again, entry.scenes), workers=workers, **chosen)
         digests = [one.recording.digest if one.recording else "" for one in found.episodes]
         claims = content["episodes"]
         same = sum(digest == claim["actions"] for digest, claim in zip(digests, claims, strict=False))
+    if challenge.commitment in draws and content["digest"] != book.played.get(challenge.commitment):
+        problems.append("the results are not those that the ledger says were played")
     clean = wilson(replayed.clean, max(len(draws), 1) * entry.scenes)
     earlier = book.entries_before(entry)
     counted = min(again, entry.scenes)
-    return Checked(challenge, replayed, tuple(problems), same, counted, len(draws), earlier, clean)
+    starts = book.starts(challenge)
+    return Checked(challenge, replayed, tuple(problems), same, counted, len(draws), starts, earlier, clean)
+
+
+def _replayed(results: Path, content: Mapping[str, Any], workers: int, tick: Callable[[], object]) -> Verification:
+    """The replay of results; where their scenes cannot be read, that is what is wrong with them."""
+    try:
+        return verify(results, workers, tick)
+    except SuiteError as problem:
+        played = content["policy"], content["track"], content["suite"], len(content["episodes"])
+        return Verification(*played, clean=0, differences=(str(problem),), other_than=())
 
 
 class Ledger:
@@ -297,18 +327,26 @@ class Ledger:
             self._append("entry", digest=entry.digest, **asdict(entry))
         self._append("draw", entry=entry.digest, commitment=challenge.commitment)
 
-    def note_played(self, challenge: Challenge, clean: int) -> None:
-        """Write that a draw has been played."""
-        self._append("played", commitment=challenge.commitment, clean=clean)
+    def note_started(self, challenge: Challenge) -> None:
+        """Write that a draw begins to be played: who ends a run that goes badly, and begins again, is seen."""
+        self._append("started", commitment=challenge.commitment)
+
+    def starts(self, challenge: Challenge) -> int:
+        """How often a draw has begun to be played."""
+        return sum(kind == "started" and row["commitment"] == challenge.commitment for kind, row in self._rows)
+
+    def note_played(self, challenge: Challenge, clean: int, digest: str) -> None:
+        """Write that a draw has been played, and the digest of its results."""
+        self._append("played", commitment=challenge.commitment, clean=clean, digest=digest)
 
     def draws(self, entry: str) -> list[str]:
         """The commitments of all draws of an entry, named by its digest."""
         return [row["commitment"] for kind, row in self._rows if kind == "draw" and row["entry"] == entry]
 
     @property
-    def played(self) -> set[str]:
-        """The commitments of the draws that were played."""
-        return {row["commitment"] for kind, row in self._rows if kind == "played"}
+    def played(self) -> dict[str, str]:
+        """The digests of the results of the draws that were played, by their commitments; "" where none was noted."""
+        return {row["commitment"]: row.get("digest", "") for kind, row in self._rows if kind == "played"}
 
     def entries_before(self, entry: Entry) -> int:
         """How many other entries there are of a policy of that name for that suite, before this one."""

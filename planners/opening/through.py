@@ -291,7 +291,7 @@ def _moved_at_once(asked: Asked, scene: Scene, name: str, position: float) -> So
     opening = scene.opening(name)
     towards_open = (position - opening.position) * (opening.open - opening.shut) > 0
     if towards_open and opening.springs_shut:
-        detail = f"a spring of {abs(opening.spring):.1f} shuts {name} when nobody holds it, and both hands are needed"
+        detail = f"a spring or its weight, {abs(opening.spring):.1f} N or N m, shuts {name} when nobody holds it"
         return Infeasible(Cause.SPRINGS_SHUT, detail, (name,))
     ended: Infeasible | None = None
     for twin in itertools.chain(_twins(scene, name, position), _pushes(scene, name, position)):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -47,6 +48,12 @@ _JOINTS: dict[int, JointKind] = {
 }
 _OUT_OF_REACH = 2.5
 """[m] A top that is higher, such as a wall's, is named last among what objects can stand on."""
+_LONGEST = {"slide": 10.0, "hinge": 8 * math.pi}
+"""[m], [rad] Longest range: a longer one says that there is none."""
+_LEFT_OPEN = (0.8, 0.97)
+"""Shares of its range between which something is left open."""
+_TOO_LITTLE = 0.05
+"""[N], [N m] A weight that moves nothing in the time of a plan: axes are level or upright to some thousandths."""
 _SLENDER = 0.05
 """[m] Twice the second half extent of a part that may be a handle although its name does not say so."""
 
@@ -296,10 +303,11 @@ def local_pose(model: mujoco.MjModel, kind: Literal["body", "geom"], index: int)
 
 
 class FoundObstacle(NamedTuple):
-    """A static obstacle and the name of the body that it belongs to in the model."""
+    """A static obstacle, and the name and number of the body that it belongs to in the model; many have no name."""
 
     obstacle: StaticObstacle
     body: str
+    body_id: int
 
 
 def static_obstacles_of(
@@ -341,7 +349,7 @@ def static_obstacles_of(
             continue
         if touches[geom] if is_obstacle is None else is_obstacle(model.geom(geom)):
             name = str(model.body(body).name)
-            found.append(FoundObstacle(replace(_obstacle(model, data, geom), body=name if body else ""), name))
+            found.append(FoundObstacle(replace(_obstacle(model, data, geom), body=name if body else ""), name, body))
     return tuple(found)
 
 
@@ -557,9 +565,16 @@ def opening_joints(model: mujoco.MjModel, robot: RobotSpec) -> dict[str, int]:
         joint = int(model.body_jntadr[body])
         if body in on_robot or int(model.body_jntnum[body]) != 1 or int(model.jnt_type[joint]) not in _JOINTS:
             continue
-        if model.jnt_limited[joint] and _hangs_on_openings(model, int(model.body_parentid[body])):
-            found[str(model.body(body).name)] = joint
+        low, high = map(float, model.jnt_range[joint])
+        has_range = model.jnt_limited[joint] and high - low <= _LONGEST[_JOINTS[int(model.jnt_type[joint])]]
+        if has_range and _hangs_on_openings(model, int(model.body_parentid[body])):
+            found[opening_name(model, body)] = joint
     return found
+
+
+def opening_name(model: mujoco.MjModel, body: int) -> str:
+    """The name of what opens: of its body, else "opening_12" with the body's number."""
+    return str(model.body(body).name) or f"opening_{body}"
 
 
 def _hangs_on_openings(model: mujoco.MjModel, body: int) -> bool:
@@ -581,9 +596,11 @@ def _opening(
     named: Sequence[str] | None,
 ) -> Opening:
     """A body that opens, as it is now."""
-    along = {str(model.body(one).name) for one in _with_attached(model, [body])}
-    parts = [one for one in found if one.body in along]
-    name, names = str(model.body(body).name), [one.obstacle.name for one in parts]
+    along = _with_attached(model, [body])
+    parts = [one for one in found if one.body_id in along]
+    name, names = opening_name(model, body), [one.obstacle.name for one in parts]
+    if isinstance(named, str):
+        raise SceneError(f"handles of {name!r} are a list of names, such as {[named]!r}, not {named!r}")
     if named is not None and (missing := [one for one in named if one not in names]):
         raise SceneError(f"{name!r} has no part {', '.join(missing)}; its parts: {', '.join(names) or 'none'}")
     if named is None:
@@ -594,6 +611,8 @@ def _opening(
     at_rest, dof = float(model.qpos0[model.jnt_qposadr[joint]]), int(model.jnt_dofadr[joint])
     shut, wide = (low, high) if abs(at_rest - low) <= abs(high - at_rest) else (high, low)
     stretched = (low + high) / 2 - float(model.qpos_spring[model.jnt_qposadr[joint]])
+    spring = float(model.jnt_stiffness[joint]) * stretched
+    spring += math.copysign(1.0, wide - shut) * _weight_towards_shut(model, data, joint, along, (shut, wide))
     return Opening(
         name,
         _JOINTS[int(model.jnt_type[joint])],
@@ -605,5 +624,30 @@ def _opening(
         tuple(names),
         tuple(named),
         float(model.dof_frictionloss[dof]),
-        float(model.jnt_stiffness[joint]) * stretched,
+        spring,
     )
+
+
+def _weight_towards_shut(
+    model: mujoco.MjModel, data: mujoco.MjData, joint: int, along: Iterable[int], ends: tuple[float, float]
+) -> float:
+    """[N] or [N m] with which its weight shuts what is open: the least where it is left, 0 for what is too little."""
+    if model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY):
+        return 0.0
+    shut, wide = ends
+    bodies = [*along]
+    masses = model.body_mass[bodies] * (1.0 - model.body_gravcomp[bodies])
+    arm = masses @ (data.xipos[bodies] - data.xanchor[joint])
+    axis, position = data.xaxis[joint], float(data.qpos[model.jnt_qposadr[joint]])
+    weights = []
+    for share in _LEFT_OPEN:
+        if model.jnt_type[joint] == int(mujoco.mjtJoint.mjJNT_SLIDE):
+            force = float(masses.sum() * model.opt.gravity @ axis)
+        else:
+            by = shut + share * (wide - shut) - position
+            across = arm - (arm @ axis) * axis
+            turned = np.cos(by) * across + np.sin(by) * np.cross(axis, across)
+            force = float(np.cross(turned, model.opt.gravity) @ axis)
+        weights.append(-math.copysign(1.0, wide - shut) * force)
+    least = min(weights)
+    return least if abs(least) >= _TOO_LITTLE else 0.0

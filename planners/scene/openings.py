@@ -87,7 +87,7 @@ class Opening:
     def springs_shut(self) -> bool:
         """Whether a spring shuts it when nobody holds it."""
         towards_shut = self.spring if self.open > self.shut else -self.spring
-        return towards_shut > self.friction
+        return towards_shut > max(self.friction, 0.0)
 
     def motion(self, position: float) -> Array:
         """(4, 4) that takes points from where they are now to where they are with the opening at a position."""

@@ -88,7 +88,15 @@ PARAPHRASES = {
         On("blue_can", "tray"),
         On("jar", "tray"),
     ),
-    "open the drawer, put the jar inside it and close it": (),
+    "open the drawer, put the jar inside it and close it": (
+        Open("drawer"),
+        Inside("jar", "drawer"),
+        Closed("drawer"),
+    ),
+    "put the jar in the drawer and close it": (Inside("jar", "drawer"), Closed("drawer")),
+    "empty the drawer and close it": (Clear("drawer"), Closed("drawer")),
+    "take the jar from the drawer, then shut it": (Holding("jar"), Closed("drawer")),
+    "take the red can, close the drawer and put it on the tray": (Closed("drawer"), On("red_can", "tray")),
     "open the drawer by 50% and bring the jar to (0.5, -0.25) m turned by 90 degrees": (
         Open("drawer", 0.5),
         At("jar", 0.5, -0.25, math.pi / 2),
@@ -125,11 +133,39 @@ def test_a_name_that_two_phrases_fit_is_written_in_quotation_marks() -> None:
         ("hold the jar at (1, 2) m", "point"),
         ("turn the knob", "is no clause"),
         ("pick up the jar from the moon", "'moon' is none of"),
+        ("put the jar at (1, 2, x) m", "'x' is no number"),
+        ("put the jar at (1, 2) degrees", "is no length; units: m, cm, mm"),
+        ("put the jar at (1, 2) m turned to 90", "90 is no angle; units: rad"),
+        ("turn the knob to 90", "90 is no angle; units: rad"),
+        ("turn the knob to 1.2 m", "1.2 m is no angle"),
+        ("pick up ‹0›", "quotation marks"),
+        ("turn the knob to 1 rad and close it", "nothing was named before"),
+        ("put the jar on the tray and the red can on it", "'it' is no place here"),
     ],
 )
 def test_what_is_no_goal_says_why(text: str, message: str) -> None:
     with pytest.raises(GoalError, match=message):
         facts_of(text, KNOWN)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "pick up the bowl between the plate and the cup and place it on the tray",
+        "pick the can up and put it on the tray",
+        "put the can in the basket and the jar on the tray",
+        "put the can not on the tray",
+        "put the can or the jar on the tray",
+        "take the can off the tray",
+        "put the can next to the jar",
+        "put the can on it",
+        "put the can on the tray before the jar",
+        "open the drawer before you take the can",
+    ],
+)
+def test_without_a_scene_words_of_the_grammar_make_no_name(text: str) -> None:
+    with pytest.raises(GoalError, match=r"quotation marks|is no place here"):
+        facts_of(text)
 
 
 def test_a_sentence_is_planned_for_in_a_scene() -> None:

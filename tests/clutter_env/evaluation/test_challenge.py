@@ -19,7 +19,7 @@ from clutter_env.evaluation.scenes import SceneSet
 from clutter_env.evaluation.score import PolicyCrashed
 from clutter_env.evaluation.tables import results
 from clutter_env.reporting.files import write_json
-from clutter_env.suites import suite
+from clutter_env.suites import content_digest, suite
 
 SUITE = "drawer-5-v1"
 SHIPPED = Path(__file__).parents[3] / "results" / f"{SUITE}_lookahead-all.json.xz"
@@ -54,6 +54,15 @@ class LooksUp(Idle):
         return np.zeros(12, np.float32) if action is None else action
     def reset(self, info):
         self.done, self.is_first = False, True
+
+class GivesUpOnce(Idle):
+    """Ends its first run by an exception, as one would that sees it go badly, and begins another."""
+    def act(self, observation):
+        from pathlib import Path
+        if not Path("again").exists():
+            Path("again").touch()
+            raise RuntimeError("this goes badly")
+        return super().act(observation)
 
 class Plans(Idle):
     def __init__(self):
@@ -163,6 +172,85 @@ def test_a_changed_file_of_scenes_and_a_draw_that_no_ledger_knows_are_found() ->
     content["sha256"] = challenges.suite_content(challenges._plan(SUITE), "", {})["sha256"]
     file.write_text(json.dumps(content))
     assert "the scenes are not those" in check(file, Path("r.json"), ledger, 0).problems[0]
+
+
+@pytest.mark.slow
+def test_results_of_other_scenes_in_a_file_of_the_same_name_are_not_measured() -> None:
+    challenge, file, ledger = drawn("mine:Idle")
+    play(file, ledger)
+    fresh, easy = json.loads(file.read_text()), draw(replace(challenge, nonce="11" * 32))
+    content = {**easy, "name": fresh["name"], "challenge": fresh["challenge"]}
+    content["scenes"] = {"test": [fresh["scenes"]["test"][0], easy["scenes"]["test"][1]], "validation": []}
+    content.pop("sha256")
+    Path("elsewhere").mkdir()
+    other = Path("elsewhere", file.name)
+    other.write_text(json.dumps({**content, "sha256": content_digest(content)}))
+    write_json(Path("r.json"), results(evaluate("mine:Idle", SceneSet(str(other)))))
+    found = check(file, Path("r.json"), ledger, 1)
+    assert found.replay.is_confirmed, "the scores are those of the other scenes"
+    assert not found.is_measured
+    assert any("other scenes" in one for one in found.problems)
+
+
+@pytest.mark.slow
+def test_other_peoples_actions_after_the_scenes_that_are_played_again_are_not_measured() -> None:
+    _, file, ledger = drawn("mine:Idle")
+    mine = play(file, ledger)
+    expert = evaluate("lookahead-all", SceneSet(str(file)))
+    forged = replace(mine, episodes=(mine.episodes[0], expert.episodes[1]))
+    write_json(Path("r.json"), results(forged))
+    found = check(file, Path("r.json"), ledger, 1)
+    assert found.replay.is_confirmed
+    assert found.same == 1, "the policy plays the first scene as the file says"
+    assert not found.is_measured
+    assert found.problems == ("the results are not those that the ledger says were played",)
+
+
+@pytest.mark.slow
+def test_a_policy_that_has_changed_since_is_not_run_again() -> None:
+    _, file, ledger = drawn("mine:Idle")
+    write_json(Path("r.json"), results(play(file, ledger)))
+    Path("mine.py").write_text(f"{POLICIES}\n# better\n")
+    found = check(file, Path("r.json"), ledger, 1)
+    assert (found.is_measured, found.same) == (False, None)
+    assert found.problems == ("the policy's files here are not those that were registered",)
+
+
+@pytest.mark.slow
+def test_results_that_no_run_in_the_ledger_has_made_are_not_measured() -> None:
+    _, file, ledger = drawn("mine:Idle")
+    write_json(Path("r.json"), results(evaluate("mine:Idle", SceneSet(str(file)))))
+    found = check(file, Path("r.json"), ledger, 1)
+    assert not found.is_measured
+    assert found.problems == ("the results are not those that the ledger says were played",)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"nonce": "no hexadecimal number"},
+        {"nonce": "12"},
+        {"nonce": None},
+        {"entry": {"policy": "mine:Idle", "files": [], "suite": SUITE, "scenes": 2}},
+        {"entry": {"policy": "mine:Idle", "files": {}, "suite": SUITE, "scenes": "2"}},
+        {"entry": {"policy": "mine:Idle", "files": {}, "suite": SUITE, "scenes": 0}},
+        {"entry": {"policy": "mine:Idle", "files": {}, "suite": 3, "scenes": 2}},
+    ],
+)
+def test_a_challenge_with_other_kinds_of_values_is_none(changed: dict[str, object]) -> None:
+    entry = {"policy": "mine:Idle", "files": {}, "suite": SUITE, "scenes": 2}
+    Path("c.json").write_text(json.dumps({"challenge": {"entry": entry, "nonce": "11" * 32, **changed}}))
+    with pytest.raises(LearningError, match="no file of"):
+        challenges.read_challenge(Path("c.json"))
+
+
+@pytest.mark.slow
+def test_runs_that_were_ended_and_begun_again_are_told() -> None:
+    _, file, ledger = drawn("mine:GivesUpOnce", 1)
+    with pytest.raises(PolicyCrashed, match="goes badly"):
+        play(file, ledger)
+    write_json(Path("r.json"), results(play(file, ledger)))
+    assert check(file, Path("r.json"), ledger, 1).starts == 2
 
 
 def test_a_planner_that_was_not_declared_is_refused() -> None:
