@@ -12,8 +12,9 @@ from planners.clearing.commitments import grasped
 from planners.collision.world import CollisionWorld
 from planners.contact import Contact, contact_of, contacts, label_of
 from planners.grasping.arm_configurations import GripperPoses
-from planners.grasping.base_placement import facing_bases
-from planners.grasping.candidates import GraspCandidate, GraspCandidates, gripper_poses
+from planners.grasping.base_placement import STRAIGHT, facing_bases
+from planners.grasping.candidates import GraspCandidate, GraspCandidates, _Stage, gripper_poses
+from planners.grasping.families import SIDE
 from planners.grasping.grasp_poses import generate_grasps
 from planners.motion.arm import tcp_pose
 from planners.motion.trajectory import CONTROL_STEP
@@ -81,7 +82,8 @@ def free_straight(source: GraspCandidates, scene: Scene, name: str) -> list[Gras
     bases, index = facing_bases(source.arms[scene.robot.arm_name], wanted)
     alone = [GripperPoses(base[None], pose[None]) for base, pose in zip(bases, wanted[index], strict=True)]
     source.for_object(scene, name)
-    found = [source._scan(scene, body, pose, grasps[0].opening, about_home=True) for pose in alone]
+    straight = _Stage(SIDE, STRAIGHT)
+    found = [source._scan(scene, body, pose, grasps[0].opening, straight) for pose in alone]
     return [grasp for options in found for grasp in options if not grasp.blockers]
 
 

@@ -49,7 +49,10 @@ def test_any_arm_of_an_mjcf_file_in_one_command(tmp_path, capsys):
     [
         *((["--robot", name], message) for name, message in NO_ROBOTS.items()),
         ([str(PANDA)], "needs --base"),
-        ([str(PANDA), "--base", "bse", "--tip", "tcp"], "no body 'bse'; there are 'world', 'base'"),
+        (
+            [str(PANDA), "--base", "bse", "--tip", "tcp"],
+            "no body 'bse'; did you mean 'base'\\? there are 'world', 'base'",
+        ),
         (["none.xml", "--base", "base", "--tip", "tcp"], "none.xml cannot be read"),
     ],
 )
