@@ -8,7 +8,7 @@ WORKERS ?= 2
 OBJECTS ?= 15
 SOURCES := assets irm planners clutter_env scripts tests
 
-.PHONY: help setup demo test test-slow check compat docs format bench soak clean
+.PHONY: help setup demo test test-slow check compat docs format bench soak results clean
 
 help:
 	@echo "make setup      virtual environment with the package, its visuals and the development tools"
@@ -18,6 +18,7 @@ help:
 	@echo "make compat     a part of the tests in a new environment: PYTHON=python3.13, or other versions: WITH='mujoco==3.17.0'"
 	@echo "make docs       the documentation as pages to read offline, in outputs/site"
 	@echo "make bench      speed, memory and rendering of the environments"
+	@echo "make results    the results files again, with their page and picture, a quarter of an hour"
 	@echo "make soak       two million steps through all environments, about an hour"
 
 $(BIN)/python:
@@ -86,6 +87,10 @@ docs: $(VENV)/.docs
 
 bench: $(VENV)/.core
 	$(BIN)/clutter-env benchmark
+
+results: $(VENV)/.dev $(VENV)/.rl
+	$(BIN)/python scripts/results.py run
+	$(BIN)/python scripts/results.py pages
 
 soak: $(VENV)/.core
 	$(BIN)/python scripts/soak.py --steps 2000000

@@ -9,12 +9,15 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.transforms import ScaledTranslation
 
 from clutter_env.evaluation.tables import STRATA, Row
 from clutter_env.reporting.intervals import Interval
 
-_LINE, _MARGIN = 0.42, 0.9
-"""[inch] Height of a policy's line, and of title and axis of a set of scenes."""
+_LINE, _MARGIN = 0.42, 1.05
+"""[inch] Height of a policy's line, and of title, axis and legend of a set of scenes."""
+_TICKS = 0.2
+"""[inch] Height of the numbers under an axis."""
 _WIDTH = 11.0
 """[inch]"""
 _WITHIN = 0.26
@@ -46,20 +49,26 @@ def plot(rows: Sequence[Row], path: Path) -> None:
         moved.axvline(1.0, color="0.5", linewidth=1, linestyle=":")
         success.set(title="success", xlim=(-0.03, 1.03))
         by_floor.set(title="clean success, by lower bound", xlim=(-0.03, 1.03))
-        moved.set(title="moved / lower bound, solved", xlim=(0, None))
+        moved.set(title="moved / lower bound, solved", xlim=(0, max(1.1, moved.get_xlim()[1])))
         for axes in (success, by_floor, moved):
             axes.set_ylim(len(group) - 0.5, -0.5)
             axes.set_yticks(range(len(group)), [row.policy for row in group] if axes is success else [])
             axes.grid(axis="x", alpha=0.3)
             axes.tick_params(axis="y", length=0)
             axes.title.set_fontsize(10)
+            axes.tick_params(labelsize=9)
             for line in range(1, len(group)):
                 axes.axhline(line - 0.5, color="0.9", linewidth=0.8, zorder=0)
             if axes is success or (axes is by_floor and strata):
                 # What the marks are, below the panel: inside it hides intervals.
-                below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.12)}
-                axes.legend(ncols=4, fontsize=8, frameon=False, columnspacing=1.0, **below)
-        success.set_ylabel(group[0].scene_set, fontweight="bold")
+                under_ticks = axes.transAxes + ScaledTranslation(0, -_TICKS, figure.dpi_scale_trans)
+                below: dict[str, Any] = {
+                    "loc": "upper center",
+                    "bbox_to_anchor": (0.5, 0),
+                    "bbox_transform": under_ticks,
+                }
+                axes.legend(ncols=3, fontsize=8, frameon=False, columnspacing=1.0, **below)
+        success.set_title(f"{group[0].scene_set}: success", fontsize=10, fontweight="bold")
     figure.savefig(path, dpi=120)
 
 

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
+from numpy.typing import NDArray
 
 from clutter_env.envs.goal import GoalEnv
 from clutter_env.errors import ActionError
@@ -41,7 +42,8 @@ class Score:
         lifted: the target was lifted, or the goal of Rearrange reached, whatever else has moved.
         steps: of the environment: control steps, or skills.
         sim_s: simulated time [s].
-        moved: number of objects other than the target that ended elsewhere; see `MOVED`.
+        moved: number of objects other than the target that were carried, or ended elsewhere; see `MOVED`. What rides in
+            a drawer has not moved for that.
         cleared, disturbed, fallen: numbers of objects, see `clutter_env.envs`.
         furniture_force, self_force: the robot's largest mean force over 0.1 s on the furniture, and on itself and the
             ground [N].
@@ -52,6 +54,7 @@ class Score:
             act by skills.
         failure: "" for success, else why not.
         wall_s: wall time [s], with planning and the policy's inference.
+        opened: number of drawers and doors that ended open.
     """
 
     seed: int
@@ -73,6 +76,7 @@ class Score:
     refused: int
     failure: str
     wall_s: float
+    opened: int = 0
 
     CRASHED: ClassVar[str] = "crashed: "
     """With which the failure of an episode begins that an exception of the policy has ended."""
@@ -114,18 +118,21 @@ def play_scene(
     observation, info = env.reset(seed=scene) if isinstance(scene, int) else scene.reset(env)
     physics_env: Any = getattr(env.unwrapped, "physics_env", env.unwrapped)  # Skill contains one
     ends_lifted, target = not isinstance(physics_env, GoalEnv), physics_env.target_slot
-    before = np.array(physics_env.measurements.poses[:, :3])
+    initial = _positions(physics_env)
     begin_episode(policy, info, env)
     watch(env, policy)
     steps, is_over, terminated = 0, False, False
+    carried = set[int]()
     for step in played(policy, partial(_step, env, policy), observation):
         steps, info, terminated = steps + 1, step.info, step.terminated
         # A lifted target is a success or can never become one; so is a goal that has been reached.
         is_over = step.is_over or steps == max_steps or (ends_lifted and bool(info["lifted"]))
+        carried.update(physics_env.measurements.grip.carried)
         watch(env, policy)
         if is_over:
             break
-    is_moved = np.linalg.norm(physics_env.measurements.poses[:, :3] - before, axis=1) > MOVED
+    is_moved = np.linalg.norm(_positions(physics_env) - initial, axis=1) > MOVED
+    is_moved[list(carried)] = True  # an object that is put down near where it stood is a pick of the lower bound
     is_moved[target : target + 1] = False
     if info["is_success"]:
         failure = ""
@@ -155,7 +162,17 @@ def play_scene(
         refused=int(info.get("num_refused", 0)),
         failure=failure,
         wall_s=time.perf_counter() - started,
+        opened=int(info.get("num_opened", 0)),
     )
+
+
+def _positions(physics_env: Any) -> NDArray[np.float64]:
+    """(n, 3) Positions of the objects [m], of those in a drawer as if it were shut."""
+    measurements, world = physics_env.measurements, physics_env.world
+    positions = np.array(measurements.poses[:, :3])
+    for number, shift in enumerate(world.drawer_shifts):
+        positions[world.are_in_drawer(measurements, number), 0] -= shift
+    return positions
 
 
 def _step(env: gym.Env, policy: AnyPolicy, action: Any) -> tuple[Any, ...]:

@@ -50,8 +50,9 @@ class Row:
         clean: share of the episodes with success; see `Score.clean` and `success_interval`.
         lifted: share of the episodes whose target was lifted, whatever else moved; NaN for Reach and Pick.
         by_floor: clean success by stratum, see `STRATA`; empty where no lower bounds are known.
-        moved_per_floor: number of objects moved, divided by the lower bound, over the scenes that the policy solved
-            and whose lower bound is proved and at least 1; NaN for Rearrange.
+        moved_per_floor: number of objects moved and of drawers and doors opened, divided by the lower bound, which
+            counts both, over the scenes that the policy solved and whose lower bound is proved and at least 1; NaN for
+            Rearrange.
         moved, cleared, disturbed, fallen: numbers of objects, over all episodes.
         furniture_force, self_force: the robot's largest mean force over 0.1 s in an episode, on the furniture, and on
             itself and the ground [N], over all episodes.
@@ -250,8 +251,8 @@ def _by_floor(
 
 
 def _moved_per_floor(run: Sequence[Score], floors: Sequence[Floor]) -> list[float]:
-    """The quotient on every scene; NaN where it was not solved, or no lower bound of at least 1 is proved."""
+    """(Objects moved + opened) / lower bound of every scene; NaN where it is unsolved, or no bound ≥ 1 is proved."""
     return [
-        score.moved / floor.count if score.clean and floor.is_proved and floor.count else math.nan
+        (score.moved + score.opened) / floor.count if score.clean and floor.is_proved and floor.count else math.nan
         for score, floor in zip(run, floors, strict=bool(floors))
     ]

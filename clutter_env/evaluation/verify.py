@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import MISSING, dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -197,10 +197,11 @@ def claimed(path: Path) -> Evaluation:
         SuiteError: there is no such suite, or no lower bounds for the grasps that the file names.
     """
     content = read_results(path)
-    names = {field.name for field in fields(Score)} - {"wall_s"}
+    names = {field.name: field.default for field in fields(Score) if field.name != "wall_s"}
+    newer = {name: default for name, default in names.items() if default is not MISSING}
     try:
         scores = [
-            Score(wall_s=values["wall_s"] if values else 0.0, **{name: claim[name] for name in names})
+            Score(wall_s=values["wall_s"] if values else 0.0, **{name: {**newer, **claim}[name] for name in names})
             for claim, values in zip(content["episodes"], content["recordings"], strict=True)
         ]
     except (KeyError, TypeError) as problem:
