@@ -57,6 +57,6 @@ for episode in episodes:
         row, after = {"observation": seen[[t]]}, {"observation": seen[[t + 1]]}
         done = np.array([t + 1 == len(episode)])
         model.replay_buffer.add(row, after, action[None], episode.rewards[[t]], done, [{}])
-model.learn(STEPS, callback=EveryNTimesteps(max(STEPS // 5, 1), ConvertCallback(lambda *_: measure(20))))
-measure(100)
+model.learn(STEPS, callback=EveryNTimesteps(max(STEPS // 5, 1), ConvertCallback(lambda *_: measure(WATCHED))))
+measure(MEASURED)
 model.save(f"arm_retrieve_o{OBJECTS}_sac.zip")
