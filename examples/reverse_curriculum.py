@@ -18,10 +18,13 @@ from clutter_env.data.episode import record
 from clutter_env.data.resets import FromDemonstrations, demonstration_resets
 from clutter_env.evaluation.score import success_rate
 from clutter_env.policies.experts import make_expert
-from clutter_env.seeds import held_out_seeds
+from clutter_env.policies.reinforcement import ModelPolicy
+from clutter_env.seeds import HELD_OUT
 from clutter_env.task import Task
 
 OBJECTS, SEED, STEPS, DEMONSTRATIONS = (*map(int, sys.argv[1:]), *(1, 0, 40_000, 100)[len(sys.argv) - 1 :])
+WATCHED, MEASURED = range(HELD_OUT, HELD_OUT + 20), range(HELD_OUT + 10_000, HELD_OUT + 10_100)
+"""Seeds of held-out scenes: played on the way, and at the end alone."""
 SETTINGS = {
     "learning_rate": 1e-3,
     "gamma": 0.95,
@@ -35,18 +38,10 @@ LATEST, WIDEN, ENOUGH, OF = 14, 1.15, 0.8, 20
 """Steps before the end at first; by what they grow when so many of the last episodes were successes."""
 
 
-class Learned:
-    """What has been learned, as a policy."""
-
-    def reset(self, info): ...
-    def act(self, observation):
-        return model.predict(observation, deterministic=True)[0]
-
-
-def measure(scenes):
-    success = success_rate(env, Learned(), held_out_seeds(scenes))
-    text = f"{model.num_timesteps} steps, {time.process_time() - started:.0f} CPU s, within {training.within:.0f}"
-    print(f"{text}: {success:.2f} of {scenes}", flush=True)
+def measure(seeds):
+    success, spent = success_rate(env, ModelPolicy("sac", model), seeds), time.process_time() - started
+    text = f"{model.num_timesteps} steps, {spent:.0f} CPU s, within {training.within:.0f}"
+    print(f"{text}: {success:.2f} of {len(seeds)}", flush=True)
     return True
 
 
@@ -72,6 +67,6 @@ training = FromDemonstrations(task.make(), resets, share=0.9, within=LATEST)
 training.reset(seed=SEED)
 print(f"{task.env_id}, {len(resets.episodes)} demonstrations, seed {SEED}, {SETTINGS}", flush=True)
 model = SAC("MultiInputPolicy", training, buffer_size=STEPS, seed=SEED, **SETTINGS)
-measuring = EveryNTimesteps(max(STEPS // 8, 1), ConvertCallback(lambda *_: measure(20)))
+measuring = EveryNTimesteps(max(STEPS // 8, 1), ConvertCallback(lambda *_: measure(WATCHED)))
 model.learn(STEPS, callback=[measuring, ConvertCallback(widen)])
-measure(100)
+measure(MEASURED)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any, ClassVar
 
@@ -18,10 +19,9 @@ from clutter_env.config import EnvConfig
 from clutter_env.envs.arm import GOAL_RANGE, DownwardArm
 from clutter_env.envs.from_above import FINGER_ROOM, TIP, Standing
 from clutter_env.envs.observation import POSITION_BOUND, VELOCITY_BOUND, Column, EntryLayout
-from clutter_env.envs.relevance import OBJECT_ORDERS, read_order, relevance_order
+from clutter_env.envs.relevance import OBJECT_ORDERS, StagedRetrieveEnv, relevance_order
 from clutter_env.envs.reset_options import ResetOptions
-from clutter_env.envs.retrieve import RetrieveEnv
-from clutter_env.envs.staged_reward import stage_terms, staged_reward
+from clutter_env.envs.staged_reward import stage_terms
 from clutter_env.envs.success import HOLD_STEPS, LIFT_HEIGHT
 from clutter_env.errors import ActionError, OptionError, check_choice
 from clutter_env.scene.layout import TABLE_HEIGHT
@@ -36,13 +36,13 @@ GAP = 0.012
 """[m] between two objects at least."""
 BLOCKED_SHARE = 0.5
 """Share of scenes with several objects in which one of them is in the way of the target; never are there two."""
-REACH_SCALE = 3.0
-"""[1/m] The reaching term falls to a half at 0.18 m."""
+REACH_SCALE = 5.0
+"""[1/m] The reaching term falls to a half at 0.11 m."""
 OVER = 0.01
 """[m] of the fingertips above an object, from where the gripper goes down around it."""
 AROUND = 0.8
 """Share of the descent from which the object is between the fingers, which may then close."""
-CLOSING = 0.5
+CLOSING = 0.75
 """Share of the grasping term that fingers earn which have closed on the target and do not hold it yet."""
 CLEAR_GAP, CLEAR_LIFT = 0.03, 0.10
 """[m] beside the grasp of the target at which an object is out of the way, and height above the table at which one in
@@ -127,7 +127,7 @@ class ArmRetrieveConfig(EnvConfig):
         super().__post_init__()
 
 
-class ArmRetrieveEnv(DownwardArm, RetrieveEnv):
+class ArmRetrieveEnv(DownwardArm, StagedRetrieveEnv):
     """Lift the target 0.10 m and hold it there for 0.5 s, from above, with a base that does not move.
 
     An action is that of `DownwardArm`, or with `turns` three numbers more before the gripper's; but a full one moves
@@ -154,17 +154,11 @@ class ArmRetrieveEnv(DownwardArm, RetrieveEnv):
         super().__init__(**keywords)
         self._have_actions(7 if self.config.turns else 4)
         self._shown = arm_retrieve_layout(self.config.num_objects, self.config.turns)
-        self._order: tuple[int, ...] = ()
 
     @property
     def observation_layout(self) -> Mapping[str, EntryLayout]:
         """The layout of the observation, under "observation"."""
         return MappingProxyType({"observation": self._shown})
-
-    @property
-    def object_order(self) -> tuple[int, ...]:
-        """Slots of the objects in the order of this episode's rows."""
-        return self._order
 
     def standing(self, scene: TableScene | None = None) -> Standing:
         """The objects of the present state as they stand, or those of a scene; centres in the world."""
@@ -188,6 +182,10 @@ class ArmRetrieveEnv(DownwardArm, RetrieveEnv):
         return self._tcp_velocity()
 
     # The task.
+
+    @cached_property
+    def _kind(self) -> dict[str, Any]:
+        return super()._kind  # which reads and hashes the robot's file, of a robot with other limits
 
     def _find_robot(self) -> RobotSpec:
         robot = super()._find_robot()
@@ -234,30 +232,16 @@ class ArmRetrieveEnv(DownwardArm, RetrieveEnv):
         x, y, _ = scene.base.tolist()
         return np.asarray(self._tcp_at_start + (x, y, 0.0))
 
-    def _begin(self) -> None:
-        count = self.world.scene.num_objects
-        is_sorted = self.config.object_order == "relevance"
-        self._order = relevance_order(self.measurements.poses, self.target_slot) if is_sorted else tuple(range(count))
-
-    def _advance(self) -> tuple[float, bool]:
-        is_success = self._is_success()
-        if self.config.reward_mode == "sparse":
-            return float(is_success), self._is_over()
-        return staged_reward(self._reward_terms(), is_success), self._is_over()
+    def _find_order(self) -> tuple[int, ...]:
+        if self.config.object_order == "slots":
+            return tuple(range(self.world.scene.num_objects))
+        return relevance_order(self.measurements.poses, self.target_slot)
 
     def _is_over(self) -> bool:
         is_spoilt = self.config.success == "clean" and not self._monitor.is_clean
         return is_spoilt or super()._is_over()
 
-    def _measure_potential(self) -> float:
-        return 0.0  # the staged reward has none
-
-    def _info(self) -> dict[str, Any]:
-        info = super()._info()
-        return info if self.config.reward_mode == "sparse" else {**info, "reward_terms": self._reward_terms()}
-
-    def _reward_terms(self) -> dict[str, float]:
-        """The terms of the staged reward in the present state."""
+    def _measure_terms(self) -> dict[str, float]:
         target, held, standing = self.target_slot, self.measurements.held, self.standing()
         in_the_way = self.in_the_way
         reach, around, closed = self._nearness(in_the_way[0] if in_the_way else target, standing)
@@ -265,7 +249,7 @@ class ArmRetrieveEnv(DownwardArm, RetrieveEnv):
         hold = min(self._monitor.steps_held / HOLD_STEPS, 1.0)
         way, count = 1.0, len(in_the_way)
         if in_the_way:
-            share = 0.25 * reach + 0.1 * around + 0.1 * closed
+            share = 0.2 * reach + 0.1 * around + 0.15 * closed
             if held == in_the_way[0]:
                 gap = standing.gap(target, held, self._heading())
                 raised = self.world.lowest_point(self.measurements, held) - TABLE_HEIGHT
@@ -367,15 +351,6 @@ class ArmRetrieveEnv(DownwardArm, RetrieveEnv):
     def _make_observation_space(self) -> spaces.Dict:
         bounds = arm_retrieve_layout(self.config.num_objects, self.config.turns).bounds.astype(np.float32)
         return spaces.Dict({"observation": spaces.Box(-bounds, bounds)})
-
-    def _memory(self) -> dict[str, Any]:
-        return {"order": list(self._order)}
-
-    def _read_memory(self, memory: Any, scene: TableScene) -> tuple[int, ...]:
-        return read_order(memory, scene)
-
-    def _recall(self, bookkeeping: Any) -> None:
-        self._order = bookkeeping
 
 
 def _half_widths(scene: TableScene) -> NDArray[np.float64]:

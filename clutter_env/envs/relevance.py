@@ -7,6 +7,7 @@ to each other: docs/train_your_own.md has what was measured.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -91,16 +92,86 @@ class RelevantConfig(EnvConfig):
         return (*REWARD_MODES, "staged")
 
 
-class RelevantRetrieveEnv(RetrieveEnv):
+class StagedRetrieveEnv(RetrieveEnv):
+    """What the retrieval environments for learners share: an order of the objects, and the staged reward.
+
+    The order is that of an episode's first state; saved states keep it. With reward_mode="staged" the reward is that of
+    `staged_reward`, and the info has its terms, `reward_terms`.
+    """
+
+    task_modules: ClassVar[tuple[str, ...]] = ("clutter_env.envs.staged_reward",)
+    _order: tuple[int, ...] = ()
+    _terms: Mapping[str, float] = MappingProxyType({})
+    """Terms of the present state."""
+
+    @property
+    def object_order(self) -> tuple[int, ...]:
+        """Slots of the objects in the order of this episode's rows."""
+        return self._order
+
+    @abstractmethod
+    def _find_order(self) -> tuple[int, ...]:
+        """The order of the objects in the episode's first state."""
+
+    @abstractmethod
+    def _measure_terms(self) -> dict[str, float]:
+        """The terms of the staged reward in the present state."""
+
+    @property
+    def _is_staged(self) -> bool:
+        return self.config.reward_mode == "staged"
+
+    def _begin(self) -> None:
+        self._order = self._find_order()
+        super()._begin()
+        self._follow_terms()
+
+    def _advance(self) -> tuple[float, bool]:
+        if not self._is_staged:
+            return super()._advance()
+        self._follow_terms()
+        return staged_reward(self._terms, self._is_success()), self._is_over()
+
+    def _follow_terms(self) -> None:
+        if self._is_staged:
+            self._terms = self._measure_terms()
+
+    def _measure_potential(self) -> float:
+        return 0.0 if self._is_staged else super()._measure_potential()
+
+    def _info(self) -> dict[str, Any]:
+        info = super()._info()
+        return {**info, "reward_terms": dict(self._terms)} if self._is_staged else info
+
+    def _memory(self) -> dict[str, Any]:
+        return {"order": list(self._order)}
+
+    def _read_memory(self, memory: Any, scene: TableScene) -> tuple[int, ...]:
+        """The order in the memory of a saved state.
+
+        Raises:
+            StateError: it is no order of the scene's objects.
+        """
+        count = scene.num_objects
+        order = Fields(memory, "memory task", ("order",)).integers("order", count, 0, max(count - 1, 0)).tolist()
+        if sorted(order) != list(range(count)):
+            raise StateError("memory task: order of the state must hold every object once")
+        return tuple(order)
+
+    def _recall(self, bookkeeping: Any) -> None:
+        self._order = bookkeeping
+        super()._recall(None)
+        self._follow_terms()
+
+
+class RelevantRetrieveEnv(StagedRetrieveEnv):
     """`RetrieveEnv` whose observation has the objects in the order of relevance; see `relevant_rows`.
 
-    `gym.make("clutter_env/Retrieve-o5-v0", object_order="relevance")` makes one. With reward_mode="staged" the reward
-    is that of `staged_reward`, and the info has its terms, `reward_terms`. Everything else is as there.
+    `gym.make("clutter_env/Retrieve-o5-v0", object_order="relevance")` makes one; the reward may be "staged" too.
+    Everything else is as there.
     """
 
     config_type: ClassVar[type[EnvConfig]] = RelevantConfig
-    task_modules: ClassVar[tuple[str, ...]] = ("clutter_env.envs.staged_reward",)
-    _order: tuple[int, ...] = ()
 
     @property
     def observation_layout(self) -> Mapping[str, EntryLayout]:
@@ -108,14 +179,8 @@ class RelevantRetrieveEnv(RetrieveEnv):
         layout = super().observation_layout
         return MappingProxyType({**layout, "objects": relevant_layout(layout["objects"])})
 
-    @property
-    def object_order(self) -> tuple[int, ...]:
-        """Slots of the objects in the order of this episode's rows."""
-        return self._order
-
-    def _begin(self) -> None:
-        self._order = relevance_order(self.measurements.poses, self.target_slot)
-        super()._begin()
+    def _find_order(self) -> tuple[int, ...]:
+        return relevance_order(self.measurements.poses, self.target_slot)
 
     def _observe(self) -> dict[str, Any]:
         observation = super()._observe()
@@ -124,21 +189,7 @@ class RelevantRetrieveEnv(RetrieveEnv):
             observation["objects"] = relevant_rows(observation["objects"], observation["tcp"], self._order, row)
         return observation
 
-    def _advance(self) -> tuple[float, bool]:
-        if self.config.reward_mode != "staged":
-            return super()._advance()
-        is_success = self._is_success()
-        return staged_reward(self._reward_terms(), is_success), self._is_over()
-
-    def _measure_potential(self) -> float:
-        return 0.0 if self.config.reward_mode == "staged" else super()._measure_potential()
-
-    def _info(self) -> dict[str, Any]:
-        info = super()._info()
-        return {**info, "reward_terms": self._reward_terms()} if self.config.reward_mode == "staged" else info
-
-    def _reward_terms(self) -> dict[str, float]:
-        """The terms of the staged reward in the present state."""
+    def _measure_terms(self) -> dict[str, float]:
         clearances = self._way.clearances(self.world, self.measurements)
         terms = potential_terms(self.world, self.measurements, self._monitor, clearances)
         grasp, hold = terms["grasp"], min(self._monitor.steps_held / HOLD_STEPS, 1.0)
@@ -151,29 +202,6 @@ class RelevantRetrieveEnv(RetrieveEnv):
             return space
         bound = np.tile(self.observation_layout["objects"].bounds, self.config.num_objects).astype(np.float32)
         return spaces.Dict({**space.spaces, "objects": spaces.Box(-bound, bound, dtype=np.float32)})
-
-    def _memory(self) -> dict[str, Any]:
-        return {"order": list(self._order)}
-
-    def _read_memory(self, memory: Any, scene: TableScene) -> tuple[int, ...]:
-        return read_order(memory, scene)
-
-    def _recall(self, bookkeeping: Any) -> None:
-        self._order = bookkeeping
-        super()._recall(None)
-
-
-def read_order(memory: Any, scene: TableScene) -> tuple[int, ...]:
-    """The order in the memory of a saved state.
-
-    Raises:
-        StateError: it is no order of the scene's objects.
-    """
-    count = scene.num_objects
-    order = Fields(memory, "memory task", ("order",)).integers("order", count, 0, max(count - 1, 0)).tolist()
-    if sorted(order) != list(range(count)):
-        raise StateError("memory task: order of the state must hold every object once")
-    return tuple(order)
 
 
 def retrieve_env(object_order: str = "slots", **keywords: Any) -> RetrieveEnv:

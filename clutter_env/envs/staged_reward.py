@@ -34,7 +34,7 @@ SUCCESS = 1.0 / (1.0 - DISCOUNT)
 WAY_WEIGHT = 0.3
 """Weight of the term `way` where there are other objects; alone the target has nothing in its way."""
 STAGE_WEIGHTS: Mapping[str, float] = MappingProxyType(
-    {"reach": 0.25, "around": 0.15, "grasp": 0.2, "lift": 0.3, "hold": 0.1}
+    {"reach": 0.15, "around": 0.1, "grasp": 0.4, "lift": 0.3, "hold": 0.05}
 )
 """Weights of the other terms, as shares of what `way` leaves."""
 

@@ -54,6 +54,7 @@ _STAGED = {
     "tau": 0.01,
     "learning_starts": 1000,
     "ent_coef": "auto_0.1",
+    "target_entropy": -2.0,  # half of the default: otherwise the fingers stay as they are, see docs/train_your_own.md
     "policy_kwargs": {"net_arch": [128, 128]},
 }
 _EPISODE = 100
@@ -182,7 +183,8 @@ def _learn(run: Run, is_resumed: bool) -> History:
     if left > 0:
         checkpoints = EveryNTimesteps(settings.checkpoint_every, ConvertCallback(checkpoint))
         checkpoints.last_time_trigger = model.num_timesteps
-        seconds = _UPDATE_S * settings.gradient_steps * left if run.algorithm in _OFF_POLICY else 0.0
+        updates = left * settings.gradient_steps / settings.num_envs
+        seconds = _UPDATE_S * updates if run.algorithm in _OFF_POLICY else 0.0
         with progress_bar(total=settings.steps, initial=model.num_timesteps, unit="step", seconds=seconds) as bar:
             shown = ConvertCallback(lambda *_: bar.update(model.num_timesteps - bar.n) or True)
             model.learn(left, callback=[checkpoints, shown], reset_num_timesteps=False, tb_log_name="tensorboard")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -106,6 +108,26 @@ def test_the_next_state_follows_from_what_is_saved() -> None:
         one, two = env.step(action), other.step(action)
         assert np.array_equal(one[0]["observation"], two[0]["observation"])
         assert one[1:4] == two[1:4]
+
+
+def test_saving_a_state_does_not_read_the_robot_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its file was read and hashed for each of the states of a demonstration: three quarters of the time."""
+    env = gym.make(IDS[0]).unwrapped
+    env.reset(seed=0)
+    saved = env.save_state()
+    monkeypatch.setattr(Path, "read_bytes", lambda *_: pytest.fail("the robot's file was read again"))
+    assert env.save_state() == saved
+
+
+def test_the_terms_of_the_reward_are_computed_once_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    env = gym.make(IDS[1]).unwrapped
+    env.reset(seed=0)
+    calls = []
+    nearness = type(env)._nearness
+    monkeypatch.setattr(type(env), "_nearness", lambda *given: calls.append(1) or nearness(*given))
+    for _ in range(5):
+        env.step(np.zeros(4))
+    assert len(calls) == 5
 
 
 def test_an_episode_ends_when_success_has_become_impossible() -> None:

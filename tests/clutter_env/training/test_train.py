@@ -21,6 +21,7 @@ from clutter_env.policies.protocol import PolicyError, begin_episode
 from clutter_env.policies.registry import load_policy
 from clutter_env.policies.runs import load_run
 from clutter_env.reporting.files import changes
+from clutter_env.reporting.progress import progress_bar
 from clutter_env.seeds import held_out_seeds
 from clutter_env.task import Task
 from clutter_env.training.run import Run, runs_of_seeds
@@ -182,6 +183,19 @@ def test_hindsight_learns_with_more_copies_than_its_first_steps_give_whole_episo
     (end,) = train(Run(REACH, "sac", tmp_path / "run", settings=settings)).history
     assert end["steps"] == 103 * 24
     assert (tmp_path / "run" / "model.pt").exists()
+
+
+def test_copies_that_share_an_update_shorten_the_time_that_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run of six minutes with four copies was announced as an hour."""
+    told = []
+    monkeypatch.setattr(
+        "clutter_env.training.train.progress_bar", lambda **given: told.append(given["seconds"]) or progress_bar()
+    )
+    for copies in (1, 2):
+        train(Run(REACH, "sac", tmp_path / str(copies), settings=replace(SHORT, num_envs=copies)))
+    assert told[1] == pytest.approx(told[0] / 2)
 
 
 def test_a_damaged_model_is_a_plain_error(begun: Run, tmp_path: Path) -> None:
