@@ -8,8 +8,11 @@ the package.
 
 from __future__ import annotations
 
+import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import tyro
 
@@ -48,9 +51,24 @@ def main(
             write_atomically(out / f"{name}.json", text.encode())
             print(f"written: {out / name}.json")
         elif (packaged := assets.path(f"suites/{name}.json")).read_text() != text:
-            sys.exit(f"{packaged} differs from what is made now")
+            found = _differences(json.loads(packaged.read_text()), json.loads(text))
+            sys.exit("\n".join((f"{packaged} differs from what is made now", *found)))
         else:
             print(f"identical: {packaged}")
+
+
+def _differences(there: dict[str, Any], now: dict[str, Any]) -> Iterator[str]:
+    """A line for each scene that only one of two suites has, or that is another one in both."""
+    for split, scenes in there["scenes"].items():
+        old, new = ({entry["seed"]: entry for entry in entries} for entries in (scenes, now["scenes"][split]))
+        for seed in sorted({*old, *new}):
+            if seed not in new or seed not in old:
+                yield f"{split}, seed {seed}: {'no longer qualifies' if seed in old else 'is new'}"
+            elif old[seed] != new[seed]:
+                parts = [part for part in old[seed] if old[seed][part] != new[seed][part]]
+                yield f"{split}, seed {seed}: " + "; ".join(
+                    f"{part} {old[seed][part]}, now {new[seed][part]}" for part in parts
+                )
 
 
 if __name__ == "__main__":

@@ -42,6 +42,7 @@ def run(arguments: Arguments) -> int:
     """Replay, compare, say what differs; 1 if the scores are not confirmed."""
     import secrets
     from dataclasses import replace
+    from tempfile import TemporaryDirectory
 
     from clutter_env.evaluation.evaluate import EPISODE_S, evaluate
     from clutter_env.evaluation.verify import FRESH_SEEDS, fresh_scenes, read_results, replay_seconds, verify
@@ -56,10 +57,13 @@ def run(arguments: Arguments) -> int:
         found = verify(arguments.file, workers, bar.update)
     seed = secrets.choice(FRESH_SEEDS) if arguments.first_seed is None else arguments.first_seed
     if arguments.policy:
-        scenes = fresh_scenes(arguments.file, count, seed, workers)
-        with progress_bar(total=count, unit="episode", seconds=EPISODE_S * count / workers) as bar:
-            feasibility = content["feasibility"]
-            fresh = evaluate(arguments.policy, scenes, feasibility=feasibility, tick=bar.update, **chosen)
+        with TemporaryDirectory() as folder:
+            scenes, feasibility = (
+                fresh_scenes(arguments.file, count, seed, Path(folder), workers),
+                content["feasibility"],
+            )
+            with progress_bar(total=count, unit="episode", seconds=EPISODE_S * count / workers) as bar:
+                fresh = evaluate(arguments.policy, scenes, feasibility=feasibility, tick=bar.update, **chosen)
         other = () if fresh.traits.track == found.track else (f"the policy is of the {fresh.traits.track} track",)
         success = wilson(sum(score.clean for score in fresh.scores), len(fresh.scores))
         found = replace(found, fresh=success, differences=found.differences + other)

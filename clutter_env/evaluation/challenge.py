@@ -23,7 +23,7 @@ from typing import Any
 from clutter_env.errors import LearningError, SuiteError
 from clutter_env.evaluation.evaluate import Evaluation, evaluate
 from clutter_env.evaluation.scenes import SceneSet
-from clutter_env.evaluation.suite_making import PLANS, file_text, qualifying, suite_content
+from clutter_env.evaluation.suite_making import MOST_TRIED, PLANS, file_text, qualifying, suite_content
 from clutter_env.evaluation.tables import results as results_of
 from clutter_env.evaluation.verify import Verification, read_results, verify
 from clutter_env.policies.registry import BUILT_IN, policy_files
@@ -34,8 +34,6 @@ PLANNER = ("planners",)
 """What a policy may not import, unless its entry declares it."""
 _SEEDS = range(10_000_000, 2**31)
 """Fresh scenes have seeds from these, after those of all suites."""
-_TRIED = 50_000
-"""Seeds of a challenge at most; of the rarest suite one in 19 qualifies."""
 _NONCE = 32
 """Bytes of a nonce."""
 _KINDS = {"policy": str, "files": dict, "suite": str, "scenes": int, "uses_planner": bool}
@@ -87,7 +85,7 @@ class Challenge:
     def seeds(self) -> list[int]:
         """Seeds of scenes, which qualify or not, in their order."""
         secret, entry = bytes.fromhex(self.nonce), bytes.fromhex(self.entry.digest)
-        hashes = (hashlib.sha256(secret + entry + k.to_bytes(4, "big")).digest() for k in range(_TRIED))
+        hashes = (hashlib.sha256(secret + entry + k.to_bytes(4, "big")).digest() for k in range(MOST_TRIED))
         return [_SEEDS[int.from_bytes(one[:8], "big") % len(_SEEDS)] for one in hashes]
 
 
@@ -170,7 +168,7 @@ def draw(challenge: Challenge, workers: int = 1, tick: Callable[[], object] = la
     """
     entry = challenge.entry
     plan = _plan(entry.suite)
-    scenes = qualifying(plan, challenge.seeds, entry.scenes, workers, tick)
+    scenes = qualifying(plan.rules, challenge.seeds, entry.scenes, workers, tick)
     name = f"{entry.suite} fresh {challenge.commitment[:8]}"
     return suite_content(plan, name, {"test": scenes, "validation": []}, challenge=asdict(challenge))
 

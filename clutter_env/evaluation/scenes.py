@@ -62,8 +62,6 @@ class SceneSet:
         task: of Rearrange; "" for that of the environment.
         count: number of scenes; None for all of a suite.
         first_seed: of the environment's scenes.
-        seeds: of the environment's scenes, `count` of them, where they are not consecutive.
-        max_steps: of the environment's scenes, see `SeededScene`.
 
     Raises:
         LearningError: neither a suite nor an environment is named, or both; fewer than one scene, or more than there
@@ -79,8 +77,6 @@ class SceneSet:
     task: str = ""
     count: int | None = None
     first_seed: int = HELD_OUT
-    seeds: tuple[int, ...] = ()
-    max_steps: int | None = None
 
     def __post_init__(self) -> None:
         if bool(self.suite) == bool(self.env_id):
@@ -137,8 +133,8 @@ def _scenes(wanted: SceneSet) -> tuple[Scene, ...]:
     chosen = {"obstructed": wanted.obstructed, "layout": wanted.layout, "num_objects": wanted.objects}
     keywords = {name: value for name, value in {**chosen, "task": wanted.task}.items() if value}
     Task(wanted.env_id, keywords).make().close()
-    seeds = wanted.seeds or range(wanted.first_seed, wanted.first_seed + wanted.count)
-    return tuple(SeededScene(wanted.env_id, keywords, seed, wanted.max_steps) for seed in seeds)
+    seeds = range(wanted.first_seed, wanted.first_seed + wanted.count)
+    return tuple(SeededScene(wanted.env_id, keywords, seed) for seed in seeds)
 
 
 def scene_for(scene: Scene, acts_by_skills: bool, feasibility: str) -> Scene:

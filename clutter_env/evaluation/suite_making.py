@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from importlib import metadata
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -19,12 +20,28 @@ from clutter_env.envs.rearrange_tasks import TASKS
 from clutter_env.errors import SuiteError
 from clutter_env.evaluation.scenes import search_floor
 from clutter_env.parallel import Crash, Killed, run_jobs
-from clutter_env.reporting.files import json_text
-from clutter_env.suites import GRASPS, SPLITS, content_digest, scene_digests
+from clutter_env.reporting.files import json_text, read_json
+from clutter_env.suites import FILE, GRASPS, SPLITS, content_digest, scene_digests, suite
 
 FORMAT = 2
 SEEDS_PER_SPLIT = 5_000
 """Seeds set aside for a split; scenes that do not qualify use up more seeds than there are scenes."""
+
+
+class Rules(NamedTuple):
+    """What makes a scene one of a suite.
+
+    Attributes:
+        name: of the suite, for messages.
+        env_id, keywords: of the environment that draws the scenes.
+        clearances, is_solvable: as of `SuitePlan`.
+    """
+
+    name: str
+    env_id: str
+    keywords: tuple[tuple[str, Any], ...]
+    clearances: int
+    is_solvable: bool = False
 
 
 @dataclass(frozen=True)
@@ -62,6 +79,11 @@ class SuitePlan:
             return self.keywords
         number = {} if self.objects in OBJECT_COUNTS else {"num_objects": self.objects}
         return {**self.keywords, "layout": self.keywords.get("layout", "paper"), **number}
+
+    @property
+    def rules(self) -> Rules:
+        """By which scenes qualify."""
+        return Rules(self.name, self.env_id, tuple(self.env_keywords.items()), self.clearances, self.is_solvable)
 
 
 _BLOCKED = {"obstructed": True}
@@ -110,6 +132,8 @@ PLANS = (
 """All suites. Their seeds follow from their places in this list: append, never insert."""
 NAMES = tuple(plan.name for plan in PLANS)
 FIRST_SEED = 2_000_000
+MOST_TRIED = 50_000
+"""Seeds that are tried for fresh scenes at most; of the rarest suite one in 19 qualifies."""
 STEPS_PER_PICK = 1500
 """Control steps that a time limit allows for each pick of the lower bound; more than twice what the expert needs, see
 docs/suites.md."""
@@ -120,10 +144,7 @@ LONGEST = 22_500
 class _Job(NamedTuple):
     """One seed of a suite."""
 
-    env_id: str
-    keywords: tuple[tuple[str, Any], ...]
-    clearances: int
-    is_solvable: bool
+    rules: Rules
     seed: int
 
 
@@ -157,18 +178,42 @@ def make_suite(plan: SuitePlan, scenes: int, workers: int, tick: Callable[[], ob
     """
     first = FIRST_SEED + PLANS.index(plan) * len(SPLITS) * SEEDS_PER_SPLIT
     seeds = [range(first + number * SEEDS_PER_SPLIT, first + (number + 1) * SEEDS_PER_SPLIT) for number in range(2)]
-    splits = {split: qualifying(plan, of, scenes, workers, tick) for split, of in zip(SPLITS, seeds, strict=True)}
+    splits = {split: qualifying(plan.rules, of, scenes, workers, tick) for split, of in zip(SPLITS, seeds, strict=True)}
     return suite_content(plan, plan.name, splits)
+
+
+def rules_of(name: str) -> Rules:
+    """The rules of a suite of the package, or of the one of whose kind a challenge's scenes are.
+
+    Of another suite, that is a file: proved lower bounds that are no lower than the least of its own.
+
+    Raises:
+        SuiteError: there is no such suite.
+    """
+    made = suite(name)
+    of = read_json(Path(name)).get("challenge", {}).get("entry", {}).get("suite") if name.endswith(FILE) else name
+    if of in NAMES:
+        return PLANS[NAMES.index(of)].rules
+    first = made.split(SPLITS[0])[0]
+    least = min((scene.floor_side.count or 0 if scene.floor_side else 0) for scene in made.split(SPLITS[0]))
+    return Rules(made.name, first.env_id, tuple(first.keywords.items()), least)
 
 
 def suite_content(plan: SuitePlan, name: str, splits: dict[str, list[dict[str, Any]]], **more: Any) -> dict[str, Any]:
     """The content of a suite's file with these scenes, and more entries."""
+    return content_of(plan.rules, plan.about, name, splits, **more)
+
+
+def content_of(
+    rules: Rules, about: str, name: str, splits: dict[str, list[dict[str, Any]]], **more: Any
+) -> dict[str, Any]:
+    """The content of a suite's file with these scenes, that qualify by these rules, and more entries."""
     content = {
         "name": name,
         "format": FORMAT,
-        "about": plan.about,
-        "env_id": plan.env_id,
-        "keywords": plan.env_keywords,
+        "about": about,
+        "env_id": rules.env_id,
+        "keywords": dict(rules.keywords),
         "options": {},
         "made_with": {name: metadata.version(name) for name in ("mujoco", "numpy")},
         **more,
@@ -178,9 +223,9 @@ def suite_content(plan: SuitePlan, name: str, splits: dict[str, list[dict[str, A
 
 
 def qualifying(
-    plan: SuitePlan, seeds: Sequence[int], wanted: int, workers: int, tick: Callable[[], object] = lambda: None
+    rules: Rules, seeds: Sequence[int], wanted: int, workers: int, tick: Callable[[], object] = lambda: None
 ) -> list[dict[str, Any]]:
-    """The first scenes that a suite admits, in the order of their seeds: entries of its file.
+    """The first scenes that a suite's rules admit, in the order of their seeds: entries of its file.
 
     Raises:
         SuiteError: too few seeds qualify.
@@ -190,11 +235,10 @@ def qualifying(
     chosen: list[dict[str, Any]] = []
     waiting = iter(seeds)
     expected = next(waiting)
-    keywords = tuple(plan.env_keywords.items())
-    jobs = (_Job(plan.env_id, keywords, plan.clearances, plan.is_solvable, seed) for seed in seeds)
+    jobs = (_Job(rules, seed) for seed in seeds)
     for job, result in run_jobs(_entry, jobs, workers):
         if isinstance(result, Crash | Killed):
-            raise RuntimeError(f"seed {job.seed} of suite {plan.name}: {result}")
+            raise RuntimeError(f"seed {job.seed} of suite {rules.name}: {result}")
         found[job.seed] = result
         while expected in found:
             entry = found.pop(expected)
@@ -204,14 +248,15 @@ def qualifying(
                 tick()
             if len(chosen) == wanted:
                 return chosen
-    raise SuiteError(f"suite {plan.name}: {len(chosen)} of {len(seeds)} seeds qualify; {wanted} are wanted")
+    raise SuiteError(f"suite {rules.name}: {len(chosen)} of {len(seeds)} seeds qualify; {wanted} are wanted")
 
 
 def _entry(job: _Job) -> dict[str, Any] | None:
     """The entry of one scene in the suite's file, None if it does not qualify."""
-    env = _env(job.env_id, job.keywords)
+    rules = job.rules
+    env = _env(rules.env_id, rules.keywords)
     _, info = env.reset(seed=job.seed)
-    if "/Search-" in job.env_id:
+    if "/Search-" in rules.env_id:
         floors = dict.fromkeys([f"floor_{grasps}" for grasps in GRASPS])
         steps = search_time_limit(env.get_wrapper_attr("config").num_objects)
         return {"seed": job.seed, "target": info["target"], "max_steps": steps, **floors, "digests": scene_digests(env)}
@@ -221,10 +266,10 @@ def _entry(job: _Job) -> dict[str, Any] | None:
     found = {}
     for grasps in GRASPS:
         floor = found[f"floor_{grasps}"] = search_floor(env, info, grasps)
-        if grasps == "side" and job.clearances and not (floor.is_proved and (floor.count or 0) >= job.clearances):
+        if grasps == "side" and rules.clearances and not (floor.is_proved and (floor.count or 0) >= rules.clearances):
             return None
     is_known = all(floor.is_proved or floor.cause for floor in found.values())
-    if job.is_solvable and (found["floor_all"].count is None or not is_known):
+    if rules.is_solvable and (found["floor_all"].count is None or not is_known):
         return None
     counts = [floor.count for floor in found.values() if floor.count is not None]
     return {

@@ -16,14 +16,15 @@ from clutter_env.evaluation.evaluate import Evaluation, Played, judged_in, lower
 from clutter_env.evaluation.recording import CONTROL_MODES, Recording
 from clutter_env.evaluation.scenes import SceneSet
 from clutter_env.evaluation.score import PolicyCrashed, Score
+from clutter_env.evaluation.suite_making import MOST_TRIED, content_of, file_text, qualifying, rules_of
 from clutter_env.evaluation.tables import FORMAT, results
 from clutter_env.parallel import Crash, Killed, run_jobs
 from clutter_env.policies.registry import BUILT_IN, PolicyTraits, load_policy, policy_files
 from clutter_env.policies.runs import is_run
 from clutter_env.provenance import differences, provenance
-from clutter_env.reporting.files import json_text, read_json
+from clutter_env.reporting.files import json_text, read_json, write_atomically
 from clutter_env.reporting.intervals import Interval
-from clutter_env.suites import suite
+from clutter_env.suites import FILE, suite
 
 _TYPES: Mapping[str, type | tuple[type, ...]] = {
     **dict.fromkeys(("suite", "split", "env_id", "layout", "policy", "track", "grasps", "feasibility"), str),
@@ -125,28 +126,34 @@ def verify(path: Path, workers: int = 1, tick: Callable[[], object] = lambda: No
     )
 
 
-def fresh_scenes(path: Path, count: int, first_seed: int, workers: int = 1) -> SceneSet:
-    """Scenes of the kind of those of a results file: of a suite, the first whose lower bounds it would admit."""
+def fresh_scenes(path: Path, count: int, first_seed: int, folder: Path, workers: int = 1) -> SceneSet:
+    """Fresh scenes of the kind of those of a results file: of a suite, the first that its own rules admit.
+
+    Args:
+        path: the results file.
+        count: of scenes.
+        first_seed: from which seeds are tried.
+        folder: where the file of a suite's fresh scenes is written; it stays there while they are played.
+        workers: number of processes.
+
+    Raises:
+        LearningError: the file is no results file.
+        SuiteError: too few of the seeds qualify.
+    """
     scenes = scenes_of(read_results(path))
-    first, bounds = scenes.scenes[0], [scene.floor_side for scene in suite(scenes.suite)] if scenes.suite else []
-    least = min((floor.count or 0 if floor else 0 for floor in bounds), default=0)
-    kind = SceneSet(
-        env_id=first.env_id,
-        obstructed=first.keywords.get("obstructed", False),
-        layout=str(first.keywords.get("layout", "")),
-        objects=first.keywords.get("num_objects", 0),
-        task=first.keywords.get("task", ""),
-        count=count,
-        first_seed=first_seed,
-        max_steps=max((scene.max_steps for scene in suite(scenes.suite)), default=0) if scenes.suite else None,
-    )
-    seeds: list[int] = []
-    while least and len(seeds) < count:
-        floors = lower_bounds(kind, "side", workers=workers)
-        is_admitted = [floor.is_proved and (floor.count or 0) >= least for floor in floors]
-        seeds += [scene.seed for scene, admitted in zip(kind.scenes, is_admitted, strict=True) if admitted]
-        kind = replace(kind, first_seed=kind.first_seed + len(floors), count=2 * len(floors))
-    return replace(kind, count=count, first_seed=first_seed, seeds=tuple(seeds[:count]))
+    if not scenes.suite:
+        return replace(scenes, count=count, first_seed=first_seed)
+    return fresh_suite(scenes.suite, count, first_seed, folder, workers)
+
+
+def fresh_suite(name: str, count: int, first_seed: int, folder: Path, workers: int = 1) -> SceneSet:
+    """The first scenes from a seed on that the rules of a suite admit; arguments and errors as of `fresh_scenes`."""
+    rules, of = rules_of(name), suite(name)
+    found = qualifying(rules, range(first_seed, first_seed + MOST_TRIED), count, workers)
+    file = folder / f"fresh_{first_seed}{FILE}"
+    content = content_of(rules, of.about, f"{of.name} fresh {first_seed}", {"test": found, "validation": []})
+    write_atomically(file, file_text(content).encode())
+    return SceneSet(str(file))
 
 
 FRESH_SEEDS = range(5_000_000, 2**31)

@@ -10,6 +10,7 @@ from typing import Any
 import gymnasium as gym
 import pytest
 
+from clutter_env.cli.leaderboard import Entry, _ranked
 from clutter_env.cli.main import main
 from clutter_env.errors import LearningError
 from clutter_env.evaluation import compare as comparing
@@ -171,6 +172,14 @@ def test_a_leaderboard_shows_what_a_replay_confirms(
     main(["leaderboard", str(good), "--out", str(tmp_path / "board")])
     with pytest.raises(SystemExit, match="of one policy on the same scenes"):
         main(["leaderboard", str(good), str(good), "--out", str(tmp_path / "board")])
+
+
+def test_one_scene_that_is_won_ranks_below_most_of_a_hundred() -> None:
+    entries = [
+        Entry(Path(f"{policy}.json"), policy, "observations", "side-15-v3", wilson(clean, of), (), "")
+        for policy, clean, of in (("lucky", 1, 1), ("good", 95, 100), ("poor", 10, 100))
+    ]
+    assert [row[0] for row in _ranked(entries)[1]] == ["good", "lucky", "poor"]
 
 
 def test_a_comparison_runs_no_code_of_a_policy_in_its_own_process(

@@ -20,9 +20,11 @@ import pytest
 from clutter_env.cli.main import main
 from clutter_env.errors import ClutterEnvError, LearningError
 from clutter_env.evaluation import verify as verifying
-from clutter_env.evaluation.evaluate import Evaluation, evaluate, lower_bounds
+from clutter_env.evaluation.challenge import Challenge, draw, register
+from clutter_env.evaluation.evaluate import Evaluation, evaluate
 from clutter_env.evaluation.recording import Recording
 from clutter_env.evaluation.scenes import SceneSet
+from clutter_env.evaluation.suite_making import file_text, qualifying, rules_of
 from clutter_env.evaluation.tables import results
 from clutter_env.evaluation.verify import FRESH_SEEDS, Verification, fresh_scenes, verify
 from clutter_env.reporting.files import write_json
@@ -400,8 +402,8 @@ def test_a_recording_is_written_and_read_bit_for_bit(played: Evaluation) -> None
     assert again.ending == recording.ending
 
 
-def test_a_policy_plays_scenes_that_nobody_could_know(file: Path) -> None:
-    fresh = evaluate("reach", fresh_scenes(file, 1, FRESH_SEEDS[1234]))
+def test_a_policy_plays_scenes_that_nobody_could_know(file: Path, tmp_path: Path) -> None:
+    fresh = evaluate("reach", fresh_scenes(file, 1, FRESH_SEEDS[1234], tmp_path))
     assert [scene.seed for scene in fresh.scenes.scenes] == [FRESH_SEEDS[1234]]
     assert fresh.scores[0].clean
 
@@ -433,13 +435,33 @@ def test_results_are_the_same_bit_for_bit_and_verify_in_other_processes(policy: 
     assert len(digests) == 1
 
 
+def fresh_of(file: Path, suite_name: str, count: int, folder: Path) -> SceneSet:
+    path = forge(file, lambda content: content.update({"suite": suite_name, "policy": "random"}))
+    return fresh_scenes(path, count, FRESH_SEEDS[0], folder)
+
+
 @pytest.mark.slow
-def test_fresh_scenes_are_of_the_suites_kind(file: Path) -> None:
-    """They had the number of objects of the next smaller environment, and any lower bound: most were easier."""
-    values = {"suite": "deep-shelf-12-v2", "policy": "random"}
-    path = forge(file, lambda content: content.update(values))
-    fresh = fresh_scenes(path, 2, FRESH_SEEDS[0])
-    assert (fresh.num_objects, fresh.scenes[0].keywords["layout"]) == (12, "shelf")
-    assert fresh.name == "o12 shelf obstructed"
-    assert all(floor.is_proved and floor.count >= 2 for floor in lower_bounds(fresh, "side"))
-    assert fresh.scenes[0].make().spec.max_episode_steps == max(s.max_steps for s in suite("deep-shelf-12-v2"))
+@pytest.mark.parametrize("name", ["deep-shelf-12-v2", "household-shelf-10-v2", "sort-8-v3", "drawer-5-v1", "all-25-v3"])
+def test_fresh_scenes_are_those_that_the_suites_own_rules_admit(name: str, file: Path, tmp_path: Path) -> None:
+    """They had any lower bound once, then the least one, standard objects for household ones, the longest time."""
+    fresh, rules = fresh_of(file, name, 2, tmp_path), rules_of(name)
+    admitted = qualifying(rules, FRESH_SEEDS[:1000], 2, 1)
+    assert [scene.seed for scene in fresh.scenes] == [entry["seed"] for entry in admitted]
+    assert [scene.max_steps for scene in fresh.scenes] == [entry["max_steps"] for entry in admitted]
+    assert (fresh.scenes[0].env_id, fresh.scenes[0].keywords) == (
+        suite(name).test[0].env_id,
+        suite(name).test[0].keywords,
+    )
+    assert len(suite(fresh.suite).validation) == 0
+
+
+@pytest.mark.slow
+def test_fresh_scenes_of_a_challenge_are_of_the_suite_that_its_entry_names(file: Path, tmp_path: Path) -> None:
+    challenge = Challenge(register("random", "deep-shelf-12-v2", 2), "00" * 32)
+    drawn = tmp_path / "challenge.json"
+    drawn.write_text(file_text(draw(challenge)))
+    assert rules_of(str(drawn)) == rules_of("deep-shelf-12-v2")
+    fresh = fresh_of(file, str(drawn), 1, tmp_path)
+    floor = fresh.scenes[0].floor_side
+    assert floor.is_proved
+    assert floor.count >= 2
