@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from assets import RobotSpec
 from assets.robot_making import FINGERS, Mounting, make_robot
+from assets.robot_reading import BASE_LIMITS, LIFT_LIMITS
 from clutter_env.bridges.fetch_tasks import make
 from clutter_env.bridges.kept import kept_mjcf
 from clutter_env.bridges.remote import BridgeError
@@ -39,13 +40,16 @@ _RADIUS = 0.08
 """[m] of the pedestal; the environment's stands in the handle of its oven."""
 _OPENING = 0.08
 """[m] of the gripper."""
-_TOOL, _DEEPER = 0.025, 0.01
-"""[m] from the site in the file to the TCP, 25 mm before the ends of the fingers, which are round: their handles, of up
+_TOOL, _DEEPER = 0.01, 0.025
+"""[m] from the site in the file to the TCP, 40 mm before the ends of the fingers, which are round: their handles, of up
 to 64 mm, slip off else; and by how much the pads reach farther than those that are made."""
 _PAD = (0.035, 0.009, 0.016)
 """[m] Half extents of what stands for the capsules of a finger: along the approach, along its motion, across both."""
-_BENT = -0.85
-"""[rad] Lower limit of joint 6 here: from -0.88 downwards the hand touches the forearm, which boxes do not tell."""
+_BENT = 0.0
+"""[rad] Least position to which the environment sends joint 6, whatever its range; hand and forearm touch from -0.88
+downwards alone."""
+_FASTEST = (0.65,) * 4 + (1.0,) * 3
+"""[rad/s] of the joints: their damping takes 65 of the 87 N m that the first four have, and 10 of 12 of the others'."""
 _SPEED = 2.0
 """[rad/s], [m/s] that an action of 1 means."""
 _LAG = np.array([100 / 870] * 4 + [10 / 120] * 3)
@@ -76,8 +80,8 @@ class _Part:
 _TASKS = {
     "microwave": _Part("microdoorroot", 0.13, goals.open_("microdoorroot", amount=0.75)),
     "slide cabinet": _Part("slidelink", 0.159, goals.open_("slidelink", amount=0.37)),
-    "hinge cabinet": _Part("hingerightdoor", 0.16, goals.open_("hingerightdoor", amount=1.45)),
-    "light switch": _Part("lightswitchroot", 0.03, goals.open_("lightswitchroot", amount=0.69)),
+    "hinge cabinet": _Part("hingerightdoor", 0.16, goals.open_("hingerightdoor", amount=1.3)),
+    "light switch": _Part("lightswitchroot", 0.03, goals.open_("lightswitchroot", amount=0.5)),
     "bottom burner": _Part("knob 2", 0.048, goals.open_("knob 2", amount=0.88)),
     "top burner": _Part("knob 4", 0.048, goals.open_("knob 4", amount=0.92)),
     "kettle": _Part("kettle", 0.0, goals.at("kettle", (-0.23, 0.75))),
@@ -111,9 +115,7 @@ class KitchenTask:
         part = _TASKS[id]
         model = insert_robot(_scene(file, part), self.robot, (0.0, -_BEHIND, 0.0, _YAW), without=[_STAND])
         joints = [inner.model.joint(number) for number in range(_JOINTS + 2, inner.model.njnt)]
-        self._others = [
-            (int(one.qposadr[0]), int(model.joint(one.name).qposadr[0]), len(one.qpos0)) for one in joints
-        ]
+        self._others = [(int(one.qposadr[0]), int(model.joint(one.name).qposadr[0]), len(one.qpos0)) for one in joints]
         self._columns = [int(model.joint(name).qposadr[0]) for name in self.robot.arm_joints]
         self._fingers = [int(model.joint(name).qposadr[0]) for name in FINGERS]
         self._lift = int(model.joint(self.robot.torso_joint).qposadr[0])
@@ -159,7 +161,9 @@ def _scene(file: Path, part: _Part) -> mujoco.MjSpec:
     """The kitchen with names for what has none: the arm's stand, the stove, and the handle of a task."""
     spec = mujoco.MjSpec.from_file(str(file))
     next(body for body in spec.worldbody.bodies if not body.name).name = _STAND
-    top = max((one for one in spec.body("ovenroot").geoms if one.contype or one.conaffinity), key=lambda one: one.size[2])
+    top = max(
+        (one for one in spec.body("ovenroot").geoms if one.contype or one.conaffinity), key=lambda one: one.size[2]
+    )
     top.name = "stove"
     for geom in (one for one in spec.body(part.body).geoms if one.contype or one.conaffinity):
         if abs(geom.size[1] - part.handle) < _SAME:
@@ -191,4 +195,5 @@ def _panda(file: Path, start: tuple[float, ...]) -> RobotSpec:
     model = spec.compile()
     lower, upper = np.transpose([model.joint(f"robot:panda0_joint{number}").range for number in range(1, 1 + _JOINTS)])
     home = np.clip(start, lower + _INSIDE, upper - _INSIDE)
+    page["max_velocity"] = (*BASE_LIMITS, LIFT_LIMITS[0], *_FASTEST)
     return RobotSpec.from_mjcf(kept_mjcf("panda-kitchen", spec.to_xml()), **page, name="panda", home=(0.0, *home))
