@@ -5,6 +5,7 @@
     python scripts/bridge_table.py --tasks robosuite/Lift --python venv-robosuite/bin/python --out outputs/bridges.jsonl
     python scripts/bridge_table.py --tasks libero/libero_goal --python venv-libero/bin/python --out outputs/libero.jsonl
     python scripts/bridge_table.py --tasks metaworld/drawer-open --python venv-metaworld/bin/python --out doors.jsonl
+    python scripts/bridge_table.py --tasks "kitchen/slide cabinet" --seeds 20 --out doors.jsonl
     python scripts/bridge_table.py --out outputs/bridges.jsonl --show
 
 One line of the file is one episode; episodes that the file has are not run again.
@@ -29,6 +30,7 @@ from numpy.typing import NDArray
 
 from clutter_env.bridges.fetch_tasks import DOWN, FetchTask
 from clutter_env.bridges.kinder_tasks import GRASPS as KINDER_GRASPS, KinderTask
+from clutter_env.bridges.kitchen_tasks import BARS, KitchenTask
 from clutter_env.bridges.libero_tasks import LiberoTask
 from clutter_env.bridges.metaworld_tasks import DOWN as METAWORLD_GRASPS, MetaworldTask
 from clutter_env.bridges.remote import BridgeError, Remote
@@ -57,6 +59,8 @@ KINDER = (
     "kinder/Rearrange3D-o2-put_the_can_on_the_left_and_the_boxed_drink_on_the_right_side_of_the_bowl-v0",
 )
 
+KITCHEN = "kitchen"
+"""Package of the ids of FrankaKitchen, which like FetchPickAndPlace needs no other environment."""
 SIZE, FRAME_MS, AROUND, ABOVE = (320, 240), 80, 0.25, (0.0, 0.0, 0.8)
 """Pixels of a film, [ms] for which an image is shown, [m] around the objects that are in it, and up the robot."""
 
@@ -94,7 +98,7 @@ def main(arguments: Arguments) -> None:
     rows = [json.loads(line) for line in arguments.out.read_text().splitlines()] if arguments.out.exists() else []
     if not arguments.show:
         done = {(row["task"], row["seed"]) for row in rows}
-        packages = {task.partition("/")[0] for task in arguments.tasks if "/" in task}
+        packages = {task.partition("/")[0] for task in arguments.tasks if "/" in task} - {KITCHEN}
         if len(packages) > 1:
             raise SystemExit(f"tasks of {' and '.join(sorted(packages))} need runs of their own: --python is one")
         if arguments.film:
@@ -137,14 +141,13 @@ def episode(remote: Remote | None, id: str, seed: int, arguments: Arguments) -> 
         task.world.step(expert.act())
         if look:
             look()
-        if (
-            remote is not None and task.is_solved and not expert.phase
-        ):  # at rest, and the environment's own check counts
+        # At rest, and the environment's own check counts.
+        if not isinstance(task, FetchTask) and task.is_solved and not expert.phase:
             break
     if arguments.film and look:
         save_gif(look.images, arguments.film / f"{id.rpartition('/')[2]}-{seed}.gif", FRAME_MS)
     report = expert.report
-    if remote is None:
+    if isinstance(task, FetchTask):
         task.finish()
     limits = {"limit": task.limit, "solved_at": task.solved_at} if isinstance(task, LiberoTask) else {}
     return row | {
@@ -181,9 +184,12 @@ class Camera:
 
 def begin(remote: Remote | None, id: str, seed: int) -> tuple[Any, dict[str, Any]]:
     """An episode of the package that the id names, and what the expert plans with."""
+    package, _, rest = id.partition("/")
+    if package == KITCHEN:
+        return KitchenTask(rest, seed), {"grasps": BARS}
     if remote is None:
         return FetchTask(seed, id), {"grasps": DOWN}
-    package, name, *robot = id.split("/")
+    name, *robot = rest.split("/")
     if package == "libero":
         libero = LiberoTask(remote, name, int(robot[0]), seed)
         return libero, {"planner": libero.planner}

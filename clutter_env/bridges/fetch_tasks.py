@@ -155,8 +155,8 @@ def _pointing_down(position: Array, base: Array, start: Array) -> Array:
     return np.asarray(least_squares(residual, inside, bounds=(lower + 1e-3, upper - 1e-3)).x)
 
 
-def make(id: str) -> gym.Env:
-    """An environment of Gymnasium-Robotics, whose comparison of joint types fails with MuJoCo 4's enumerations."""
+def make(id: str, **options: Any) -> gym.Env:
+    """An environment of Gymnasium-Robotics with its options, whose comparison of joint types fails with MuJoCo 4's enumerations."""
     import gymnasium_robotics
     from gymnasium_robotics.utils import mujoco_utils
 
@@ -165,4 +165,4 @@ def make(id: str) -> gym.Env:
     gym.register_envs(gymnasium_robotics)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return gym.make(id)
+        return gym.make(id, **options)
