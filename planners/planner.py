@@ -176,8 +176,9 @@ class Planner:
         canonical: make plans to learn from: in similar scenes the same contacts, chosen without random numbers. Every
             phase of a motion ends at rest; see `planners.grasping.candidates` and `planners.placing.placements`.
         hold_aside: whether one arm may hold an obstacle while another one takes the target, as for `solve`.
-        saves_time: whether strategies that plan ahead choose grasps that take less time, with less driving; None: if
-            the robot acts with several arms.
+        saves_time: whether strategies that plan ahead choose grasps that take less time, with less driving, and, of
+            robots that act with one arm, releases at which the gripper is turned least; None: if the robot acts with
+            several arms.
 
     Raises:
         UnknownRobot: no robot of that name; the message lists the valid ones.

@@ -50,7 +50,8 @@ class Workspace:
         follower: model of how the joints follow, for an end-effector-controlled robot.
         controller: model of one that must be able to follow each motion without touching an object; motions are those
             of joint control.
-        saves_time: whether strategies that plan ahead choose grasps that take less time.
+        saves_time: whether strategies that plan ahead choose grasps that take less time, and, of robots that act with
+            one arm, releases at which the gripper is turned least.
     """
 
     arms: Mapping[str, Placer]
@@ -149,7 +150,8 @@ class Workspace:
 
     def placements(self) -> PlacementSearch:
         """A new search for placements, with a cache of what grasps sweep."""
-        return PlacementSearch(self.arms, self.supports, self.canonical, self.near_home)
+        turns_least = self.saves_time and len(self.arms) == 1
+        return PlacementSearch(self.arms, self.supports, self.canonical, self.near_home, turns_least)
 
 
 def check_arms(robot: RobotSpec, hold_aside: bool, is_told_tcp_poses: bool, canonical: bool) -> None:

@@ -103,7 +103,8 @@ class LiberoTask(OscTask):
         self.limit = LIMITS[known[0]] if known else None
         self.solved_at: int | None = None
         self.config = ExpertConfig(planning_s=math.inf, with_floor=False, monitor=MonitorConfig(slip=_SLIP))
-        self.planner = FollowingPlanner(self.robot, grasps="all", controller=self.follower(start, "Panda"))
+        follower = self.follower(start, "Panda")
+        self.planner = FollowingPlanner(self.robot, grasps="all", controller=follower, saves_time=True)
         model = self.model
         free = [model.joint(int(k)) for k in np.flatnonzero(model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE))]
         movable = [model.body(int(joint.bodyid[0])).name for joint in free]

@@ -344,6 +344,18 @@ def with_clearance_around(world: CollisionWorld, name: str) -> CollisionWorld:
     return replace(world, yields=yields) if yields else world
 
 
+def with_clearance_at_ends(world: CollisionWorld, start: Body, end: Body | None) -> CollisionWorld:
+    """The same world, in which an object can be carried from what it touches to what it touches there.
+
+    Both as `with_clearance_around`; `start` and `end`, None for in the air, are the object, which is in no gripper.
+    """
+    left = with_clearance_around(world.with_body(start), start.name)
+    if end is None:
+        return left
+    come_to = with_clearance_around(left.with_body(end), end.name)
+    return replace(come_to.with_body(start), yields=max(left.yields, come_to.yields))
+
+
 def _stands_on(world: CollisionWorld, body: Body, supporter: Body) -> bool:
     """Whether one object touches another that is under it; a held object stands on nothing."""
     scene = world.scene

@@ -30,6 +30,8 @@ _THINNEST = 0.001
 """[m] Thinner faces are no piece of an object."""
 _OFF_PADS = 0.008
 """[m] by which what is between the pads may be wider than it is on the line."""
+_OVERLAP = 0.004
+"""[m] by which the fingertips must reach beyond the line on which they hold something."""
 _SAME_TOUCH = 0.0005
 """[m] What is so much nearer to the line than what the fingers touch first is touched with it."""
 _ALONG, _HIGHER, _ASLANT = 0.5, 0.3, 0.1
@@ -72,7 +74,7 @@ class _Shape:
 
 
 def antipodal_lines(
-    body: Body, robot: RobotSpec, family: AntipodalFamily, lowest: float, widest: float, pad: float
+    body: Body, robot: RobotSpec, family: AntipodalFamily, lowest: float, widest: float, pad: float, reach: float
 ) -> Iterator[Line]:
     """The grasps of a family of an object where it is, direction by direction, the best of each first.
 
@@ -83,11 +85,12 @@ def antipodal_lines(
         lowest: [m] of the TCP above the object's lowest point at least.
         widest: [m] Only what is less wide is grasped.
         pad: [m] Half the height of the fingers.
+        reach: [m] that the fingertips extend beyond the TCP.
     """
     turn = gripper_rotation(body.yaw, 0.0)
     shape, (least, most) = _Shape.of(body), family.lever
     heavy = shape.body.mass_centre - shape.body.position
-    for line in _lines(shape, robot, replace(family, name="", lever=(0.0, math.inf)), lowest, widest, pad):
+    for line in _lines(shape, robot, replace(family, name="", lever=(0.0, math.inf)), lowest, widest, pad, reach):
         if not least <= math.hypot(*(line.tcp - heavy)[:2]) < most:
             continue
         yaw = math.remainder(line.yaw + body.yaw, 2 * math.pi)
@@ -100,14 +103,19 @@ def highest_line(body: Body) -> float:
     return max(high - min(_INSET, (high - low) / 2) for low, high in pieces) - body.bottom
 
 
-def lowest_line(lowest: float, pitch: float) -> float:
+def lowest_line(lowest: float, pitch: float, reach: float) -> float:
     """[m] above an object's lowest point from which on it is held so, the TCP `lowest` [m] above that at least."""
-    return lowest - TIP * math.sin(pitch)
+    return lowest - _tip(reach) * math.sin(pitch)
+
+
+def _tip(reach: float) -> float:
+    """[m] ahead of the TCP where the tips hold something, if they extend so far beyond it."""
+    return max(min(TIP, reach - _OVERLAP), 0.0)
 
 
 @lru_cache(maxsize=256)
 def _lines(
-    shape: _Shape, robot: RobotSpec, family: AntipodalFamily, lowest: float, widest: float, pad: float
+    shape: _Shape, robot: RobotSpec, family: AntipodalFamily, lowest: float, widest: float, pad: float, reach: float
 ) -> tuple[Line, ...]:
     """The grasps of an object with yaw 0, relative to its centre."""
     body, is_down = shape.body, math.cos(family.pitch) < 1e-6
@@ -115,13 +123,14 @@ def _lines(
         Scene(robot, RobotState(np.zeros(3), np.array(robot.home), 0.0), (body,), (), supports=())
     )
     found: list[Line] = []
+    tip = _tip(reach)
     # Straight down, half a turn makes no difference.
     for index in range(math.ceil(family.directions / 2) if is_down else family.directions):
         yaw = math.remainder(index * 2 * math.pi / family.directions, 2 * math.pi)
-        spans, rotation = _spans(body, yaw, family, lowest, widest), gripper_rotation(yaw, family.pitch)
+        spans, rotation = _spans(body, yaw, family, lowest, widest, tip), gripper_rotation(yaw, family.pitch)
         chosen: dict[tuple[int, int], _Span] = {}
         # Where the fingers do not fit as deep as the middle of the pads, their tips may.
-        for back in (0.0, TIP):
+        for back in (0.0, tip) if tip else (0.0,):
             there = [one._replace(tcp=one.tcp - back * rotation[:, 0]) for one in spans if one.pieces not in chosen]
             there = [one for one in there if one.tcp[2] > body.bottom + lowest - _ROUNDING]
             free = itertools.compress(there, _free(alone, there, robot, yaw, family.pitch))
@@ -131,7 +140,7 @@ def _lines(
                 # All that is between the pads, not on the line alone: nothing may be touched long before.
                 width = body.width_in_gripper(np.linalg.inv(pose_matrix(span.tcp, rotation)) @ body.pose)
                 if width < min(span.width + _OFF_PADS, widest) and _are_faces(
-                    body, span, rotation, pad, robot.finger_gap, family.friction
+                    body, span, rotation, (pad, min(TIP, reach)), robot.finger_gap, family.friction
                 ):
                     exact = span._replace(width=width)
                     if _free(alone, [exact], robot, yaw, family.pitch, rounded=False)[0]:
@@ -149,11 +158,11 @@ class _Span(NamedTuple):
     cost: float
 
 
-def _spans(body: Body, yaw: float, family: AntipodalFamily, lowest: float, widest: float) -> list[_Span]:
+def _spans(body: Body, yaw: float, family: AntipodalFamily, lowest: float, widest: float, tip: float) -> list[_Span]:
     """What can be held along level lines across the heading `yaw`."""
     heading = np.array((math.cos(yaw), math.sin(yaw), 0.0))
     across, up = np.array((-heading[1], heading[0], 0.0)), np.array((0.0, 0.0, 1.0))
-    lowest += body.bottom - TIP * math.sin(family.pitch)
+    lowest += body.bottom - tip * math.sin(family.pitch)
     grids = [_grid(piece, heading, up, lowest, family.spacing) for piece in body.placed]
     places = np.unique(np.concatenate(grids).round(_DECIMALS), axis=0)
     if not len(places):
@@ -207,9 +216,13 @@ def _joined(enter: Array, leave: Array) -> list[tuple[float, float, int, int]]:
     return joined
 
 
-def _are_faces(body: Body, span: _Span, rotation: Array, pad: float, gap: float, friction: float) -> bool:
-    """Whether what the closing fingers touch first, at any height, is as little aslant as what is on the line."""
-    ahead, high = np.meshgrid(np.linspace(-TIP, TIP, 5), np.linspace(-pad, pad, 9))
+def _are_faces(body: Body, span: _Span, rotation: Array, pad: tuple[float, float], gap: float, friction: float) -> bool:
+    """Whether what the closing fingers touch first, at any height, is as little aslant as what is on the line.
+
+    `pad`: [m] half the height of the fingers, and how far they reach beyond the TCP.
+    """
+    height, reach = pad
+    ahead, high = np.meshgrid(np.linspace(-TIP, reach, 5), np.linspace(-height, height, 9))
     points = span.tcp + np.stack((ahead, 0.0 * ahead, high), axis=-1).reshape(-1, 3) @ rotation.T
     along, half = rotation[:, 1], span.width / 2 + gap
     cuts = [piece.cut(points, np.tile(along, (len(points), 1))) for piece in body.placed]

@@ -47,6 +47,11 @@ class GripperClearances:
     pad_half_height: float
     least_depth: float
 
+    @property
+    def fingertips(self) -> float:
+        """[m] that the fingers extend beyond the TCP."""
+        return self.fingertip_reach - _TIP_CLEARANCE
+
     def above_support(self, pitch: float) -> float:
         """[m] of the TCP above the support at least, for fingertips and palm at a pitch [rad] to stay clear of it."""
         down, level = math.sin(pitch), math.cos(pitch)
@@ -122,7 +127,8 @@ def _centred(body: Body, robot: RobotSpec, family: GraspFamily) -> Iterator[Gras
 def _antipodal(body: Body, robot: RobotSpec, family: AntipodalFamily) -> Iterator[GraspPose]:
     gripper, widest = gripper_clearances(robot), _widest(robot, family)
     lowest = -math.inf if family.hangs else gripper.above_support(family.pitch)
-    for yaw, position, width in antipodal_lines(body, robot, family, lowest, widest, gripper.pad_half_height):
+    pad, reach = gripper.pad_half_height, gripper.fingertips
+    for yaw, position, width in antipodal_lines(body, robot, family, lowest, widest, pad, reach):
         T = pose_matrix(position, gripper_rotation(yaw, family.pitch))
         yield GraspPose(yaw, family.pitch, T, gripper_opening(robot, width / 2))
 
@@ -144,8 +150,9 @@ def too_wide(body: Body, robot: RobotSpec, families: Sequence[Family]) -> str:
         lines = [family for family in chosen if isinstance(family, AntipodalFamily)]
         if any(one.hangs for one in lines):
             return f"the gripper gets around no two opposite faces of {body.name} within the friction cones; {most}"
-        lowest = gripper_clearances(robot).above_support
-        needed, highest = min(lowest_line(lowest(one.pitch), one.pitch) for one in lines), highest_line(body)
+        gripper, highest = gripper_clearances(robot), highest_line(body)
+        heights = ((gripper.above_support(one.pitch), one.pitch) for one in lines)
+        needed = min(lowest_line(lowest, pitch, gripper.fingertips) for lowest, pitch in heights)
         if highest < needed:
             return (
                 f"{body.name} is too low: the pads could hold it up to {1000 * highest:.0f} mm above what it stands "

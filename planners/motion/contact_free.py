@@ -10,10 +10,12 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from planners.collision.hit_kernels import CollisionQuery, path_hits
 from planners.collision.scene_arrays import RobotArrays
@@ -35,6 +37,9 @@ _BESIDE = 0.03
 _SAG = 0.5
 """Height [m] to which such an object is lifted before anything turns, per metre to its centre: a pan turns by 13
 degrees between the fingers, and its far side is twice as far away as its centre."""
+_HANGS = 0.26
+"""[rad] by which such an object turns about the fingers until its far side hangs: the slanting wall of a bowl lies
+between the pads then. The corners and what is between them are free with it so, too."""
 _TIPS = 0.02
 """[m] above such an object's top: from there down the empty fingers, which have its wall between them, go straight."""
 _MOST_CORNERS = 10
@@ -129,7 +134,11 @@ def _shorter_path(
     widest = max(float(phase.finger_position.max()) for phase in phases)
     opening, held = robot.opening(widest), loaded.touched if loaded.held else None
     clear = world.with_padding(CLEARANCE).query(opening, held, 1 << SELF_BIT, first_only=True)
-    checks = _Checks(world, clear, world.query(opening, held, first_only=True))
+    hanging = None if held is None else _hanging(world, phases[0].states[:1], held)
+    hung = (
+        clear if hanging is None else world.with_padding(CLEARANCE).query(opening, hanging, 1 << SELF_BIT, first_only=True)
+    )
+    checks = _Checks(world, clear, hung, world.query(opening, held, first_only=True))
     at_start, at_end = (
         _straight(world, states, touched, held is not None)
         for states, touched in ((phases[0].states[:1], first), (phases[-1].states[-1:], last))
@@ -153,11 +162,14 @@ class _Checks(NamedTuple):
 
     world: CollisionWorld
     clear: CollisionQuery  # with `CLEARANCE` as padding, without the robot itself
+    hung: CollisionQuery  # the same with what is held as it hangs
     free: CollisionQuery  # with the world's own, with it
 
     def is_free(self, path: Array) -> bool:
         """Whether a path keeps `CLEARANCE` from all but the robot itself."""
-        return not path_hits(self.clear, path, STEP)
+        if path_hits(self.clear, path, STEP):
+            return False
+        return self.hung is self.clear or not path_hits(self.hung, path, STEP)
 
     def rounded(self, start: Array, corners: Array, end: Array, keeps: bool) -> Array | None:
         """The path along two lines and by corners between them, its corners rounded; None if it is not free.
@@ -222,6 +234,18 @@ def _straight(world: CollisionWorld, contact: Array, touched: HeldObject | None,
     if beside <= _BESIDE:
         return 0.0
     return _SAG * beside if is_held else float(up + world.scene.body(touched.name).half_extents[2]) + _TIPS
+
+
+def _hanging(world: CollisionWorld, contact: Array, held: HeldObject) -> HeldObject | None:
+    """An object that is held beside its middle as it hangs; None of what is held at its middle."""
+    if _straight(world, contact, held, True) == 0.0:
+        return None
+    T_world_tcp = tcp_poses(world.robot, contact[:, :-1])[0]
+    aside = T_world_tcp[:3, :3] @ held.T_tcp_object[:3, 3]
+    axis = T_world_tcp[:3, :3].T @ np.cross(aside, (0.0, 0.0, -1.0))  # in the frame of the TCP, about which it turns
+    T_tcp_turned = np.eye(4)
+    T_tcp_turned[:3, :3] = Rotation.from_rotvec(_HANGS * axis / np.linalg.norm(axis)).as_matrix()
+    return replace(held, T_tcp_object=T_tcp_turned @ held.T_tcp_object)
 
 
 def _lines(robot: RobotArrays, states: Array, in_contact: bool, least: float) -> Iterator[Array]:

@@ -106,12 +106,14 @@ class PlacementSearch:
         supports: names of those on which objects are put; none for the scene's first alone, R_plane of the paper.
         canonical: whether canonical placements come first.
         near_home: only the configuration nearest to home, for end-effector-controlled robots.
+        turns_least: whether releases come first at which the gripper is turned least from where it took the object.
     """
 
     arms: Mapping[str, Placer]
     supports: tuple[str, ...] = ()
     canonical: bool = False
     near_home: bool = False
+    turns_least: bool = False
     _volumes: dict[tuple[str, bytes, bytes], SweptVolume] = field(default_factory=dict, repr=False, compare=False)
     _depths: dict[tuple[object, ...], tuple[Array, float]] = field(default_factory=dict, repr=False, compare=False)
     _approaches: dict[tuple[object, ...], tuple[ContactQuery, Approach] | None] = field(
@@ -452,6 +454,7 @@ class PlacementSearch:
             return
         scene, (held, body) = world.scene, in_hand(world.scene)
         grid = grid or self.grid(scene.robot.arm_name)
+        poses = _least_turned_first(scene, poses) if self.turns_least else poses
         opening, own = opening_around(scene.robot, body, held), scene.mask(scene.held_names)
         placed = put_down(scene, poses.gripper_poses[0], level)
         found = scan_configurations(world, poses, grid, opening, body=placed, held=held, ignore=own, first_free=True)
@@ -467,6 +470,16 @@ class PlacementSearch:
 def _radius(scene: Scene) -> float:
     """[m] around a location that the held object takes."""
     return in_hand(scene)[1].radius + _GAP
+
+
+def _least_turned_first(scene: Scene, poses: GripperPoses) -> GripperPoses:
+    """Poses by how far the gripper is turned about the vertical from where it took the held object."""
+    held, body = scene.held, in_hand(scene)[1]
+    assert held is not None
+    across = (scene.body(body.name).pose @ np.linalg.inv(held.T_tcp_object))[:2, 1]  # along which the fingers close
+    turn = np.remainder(poses.gripper_poses[:, 3] - np.arctan2(-across[0], across[1]) + np.pi, 2 * np.pi) - np.pi
+    order = np.argsort(np.round(np.abs(turn), _DECIMALS), kind="stable")
+    return GripperPoses(poses.bases[order], poses.gripper_poses[order])
 
 
 def with_lowered(world: CollisionWorld, name: str) -> CollisionWorld:

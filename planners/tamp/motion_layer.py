@@ -16,7 +16,7 @@ from planners.clearing.lookahead import look_ahead
 from planners.clearing.moves import MoveMaker, NotPlaced
 from planners.clock import NO_DEADLINE, Deadline
 from planners.collision.opened import riding, without_moving
-from planners.collision.world import CollisionWorld, CompiledScenes
+from planners.collision.world import CollisionWorld, CompiledScenes, with_clearance_at_ends
 from planners.goals import Goal, holding
 from planners.grasping.candidates import GraspCandidate, GraspCandidates
 from planners.motion.approaches import is_handle, stand_off
@@ -35,7 +35,7 @@ from planners.placing.goal_places import placed_fact, reserved_regions
 from planners.placing.placements import Placement, PlacementSearch, with_lowered
 from planners.placing.surfaces import KeepClear, Surface
 from planners.problem import Problem
-from planners.scene import HeldObject, RobotState, Scene, StaticObstacle
+from planners.scene import Body, HeldObject, RobotState, Scene, StaticObstacle
 from planners.scene.cover import needs_drive
 from planners.scene.masks import FIXED_BITS
 from planners.strategies import Strategy
@@ -428,7 +428,9 @@ class MotionLayer:
                     scene = scene.with_held(None).with_body(after_last.body(last.target))
                 elif before is not None and is_handle(scene, before.name):
                     scene = after_last  # with what has been opened as it is then
-                found = self._merged(scene, phases, before, after)
+                is_put = after is not None and not is_handle(scene, after.name)
+                put = after_last.body(after.name) if after is not None and is_put else None
+                found = self._merged(scene, phases, before, after) or self._carried(scene, phases, before, after, put)
                 if found is not None and self.is_accepted(scene, [join(found)]):
                     phases = found
                 elif self.checks_at_end and not self.is_accepted(scene, [join(phases)]):
@@ -454,6 +456,21 @@ class MotionLayer:
                 X = np.vstack([phase.states[:, :-1] for phase in found])
                 self.motions.keep(key, found, scene, [WholeBodyPath(X, robot.opening(widest), held, left_alone)])
         return found
+
+    def _carried(
+        self,
+        scene: Scene,
+        phases: Sequence[Trajectory],
+        before: HeldObject | None,
+        after: HeldObject | None,
+        end: Body | None,
+    ) -> list[Trajectory] | None:
+        """The phases as one motion of what touches others where it was taken, or, at `end`, where it is put down."""
+        held = phases[0].phases[0].touched if phases[0].phases[0].held else None
+        if held is None or before is None:
+            return None
+        world = self.compiled.world(scene.with_held(None))
+        return merge_phases(with_clearance_at_ends(world, scene.body(held.name), end), phases, before, after)
 
     def is_accepted(self, scene: Scene, paths: Sequence[WholeBodyPath | Trajectory]) -> bool:
         """Whether MuJoCo finds no penetration on any of the paths."""

@@ -7,10 +7,12 @@ import re
 from collections.abc import Iterator
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 
-from assets.robots import FETCH
+from assets import RobotSpec
+from assets.robots import FETCH, robot as find_robot
 from planners import AntipodalFamily, Cause, Infeasible, Region, Solution, goals, solve
 from planners.collision.world import PADDING, CollisionWorld
 from planners.grasping.arm_configurations import gripper_hits
@@ -192,3 +194,27 @@ def test_what_is_too_low_for_its_edge_to_be_held_is_refused_with_both_heights() 
         r"plate is too low: the pads could hold it up to 10 mm above .*, and the fingertips need \d\d mm", told
     )
     assert too_wide(bowl(position=AT), FETCH, GRASP_SETS["all"]) == ""
+
+
+@pytest.fixture(scope="module")
+def short_fingered(tmp_path_factory: pytest.TempPathFactory) -> RobotSpec:
+    """A Panda whose fingertips reach 2.3 mm beyond the TCP."""
+    robot = find_robot("panda_mobile")
+    spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
+    for name in robot.finger_joints:
+        spec.joint(name).parent.pos[2] -= 0.0067
+    spec.compile()
+    path = tmp_path_factory.mktemp("robot") / "short.xml"
+    path.write_text(spec.to_xml())
+    return replace(robot, mjcf=str(path))
+
+
+@pytest.mark.parametrize("name", THINGS)
+def test_the_object_is_between_the_fingers_however_short_they_are(short_fingered: RobotSpec, name: str) -> None:
+    body, reach = THINGS[name], gripper_clearances(short_fingered).fingertips
+    depths, steps = np.linspace(-0.02, reach, 9), np.linspace(-0.5, 0.5, 201)
+    for family in ANTIPODAL:
+        for grasp in generate_grasps(body, short_fingered, (family,)):
+            R, middle = grasp.T_world_tcp[:3, :3], grasp.T_world_tcp[:3, 3]
+            points = middle + depths[:, None, None] * R[:, 0] + grasp.opening * steps[:, None] * R[:, 1]
+            assert np.any([is_inside(piece, points.reshape(-1, 3)) for piece in body.placed]), grasp

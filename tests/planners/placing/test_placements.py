@@ -258,3 +258,16 @@ def test_an_object_falls_into_a_bin_whose_walls_keep_the_hand_out(drop: float, h
     body = solution.actions[-1].scene.body("object_00")
     assert body.bottom == pytest.approx(walls[0].top, abs=0.003), "it lies on the floor of the bin"
     assert np.abs(body.position[:2] - pit.centre).max() < 0.02, "it was let go in the middle"
+
+
+def test_a_search_that_turns_least_releases_as_it_took_where_that_is_free() -> None:
+    scene = table_scene(cylinder("object_00", -0.2, 0.1))
+    workspace = Workspace.of(scene.robot, scene, saves_time=True)
+    found = [grasp for grasp in workspace.grasps().of_all_families(scene, "object_00") if not grasp.blockers]
+    turned = max(found, key=lambda grasp: abs(grasp.yaw))
+    for turns_least in (False, True):
+        search = replace(workspace.placements(), turns_least=turns_least)
+        world = CollisionWorld.from_scene(grasped(scene, turned))
+        placement = next(search.find(world, KeepClear(), STRATEGIES["lookahead"], np.random.default_rng(0)))
+        turn = abs(np.remainder(placement.yaw - turned.yaw + np.pi, 2 * np.pi) - np.pi)
+        assert (turn < np.pi / 24) == turns_least
