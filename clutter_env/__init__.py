@@ -75,34 +75,38 @@ ARM_RETRIEVE_TIME_LIMIT = 100
 """Control steps in an episode of ArmRetrieve: its script needs 75 at most, with an object put aside."""
 
 
+_ENTRY_POINTS = "clutter_env.envs.instruction"
+"""The module in which each has a name."""
+
+
 def _register_counts(name: str, counts: Iterable[int], most_steps: Callable[[int], int], entry_point: str = "") -> None:
     for count in counts:
         register(
             id=f"clutter_env/{name}-o{count}-v0",
-            entry_point=f"clutter_env.envs.{entry_point or f'{name.lower()}:{name}Env'}",
+            entry_point=f"{_ENTRY_POINTS}:{entry_point or name.lower()}",
             kwargs={"num_objects": count},
             max_episode_steps=most_steps(count),
         )
 
 
-_register_counts("Retrieve", OBJECT_COUNTS, time_limit, "relevance:retrieve_env")
-for _name, _module, _steps in (
-    ("Reach", "goal", 100),
-    ("Pick", "goal", 100),
-    ("ArmReach", "arm", 50),
-    ("ArmPick", "arm", 50),
+_register_counts("Retrieve", OBJECT_COUNTS, time_limit)
+for _name, _made_by, _steps in (
+    ("Reach", "reach", 100),
+    ("Pick", "pick", 100),
+    ("ArmReach", "arm_reach", 50),
+    ("ArmPick", "arm_pick", 50),
 ):
     register(
         id=f"clutter_env/{_name}-v0",
-        entry_point=f"clutter_env.envs.{_module}:{_name}Env",
+        entry_point=f"{_ENTRY_POINTS}:{_made_by}",
         max_episode_steps=_steps,
         additional_wrappers=(WrapperSpec("GoalInterface", "clutter_env.envs.goal:GoalInterface", {}),),
     )
 
-register(id="clutter_env/Open-v0", entry_point="clutter_env.envs.opening:OpenEnv", max_episode_steps=OPEN_TIME_LIMIT)
+register(id="clutter_env/Open-v0", entry_point=f"{_ENTRY_POINTS}:open_", max_episode_steps=OPEN_TIME_LIMIT)
 _register_counts("Rearrange", REARRANGE_COUNTS, rearrange_time_limit)
 _register_counts("Search", SEARCH_COUNTS, search_time_limit)
-_register_counts("ArmRetrieve", ARM_RETRIEVE_COUNTS, lambda _: ARM_RETRIEVE_TIME_LIMIT, "arm_retrieve:ArmRetrieveEnv")
+_register_counts("ArmRetrieve", ARM_RETRIEVE_COUNTS, lambda _: ARM_RETRIEVE_TIME_LIMIT, "arm_retrieve")
 _register_counts("Skill", SKILL_OBJECT_COUNTS, skill_budget)
 
 

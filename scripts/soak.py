@@ -9,7 +9,9 @@ from __future__ import annotations
 import resource
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import dataclass, field
+from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -18,7 +20,6 @@ import gymnasium as gym
 import mujoco
 import numpy as np
 import tyro
-from gymnasium.envs.registration import load_env_creator
 from numpy.typing import NDArray
 
 import clutter_env  # noqa: F401  registers the environments
@@ -168,6 +169,13 @@ def run_endurance(
     return result
 
 
+@cache
+def _what_opens(env_id: str) -> tuple[str | None, ...]:
+    """What may open in the layouts of an environment; in those of Skill, as in those of Retrieve, anything."""
+    with closing(gym.make(env_id)) as env:
+        return tuple(getattr(env.unwrapped, "opens", OPENS))
+
+
 def _kinds(variants: tuple[dict[str, Any], ...]) -> list[tuple[str, dict[str, Any]]]:
     """Id and keyword arguments of every environment; those with more objects than fit their table are left out."""
     kinds: list[tuple[str, dict[str, Any]]] = [(env_id, {}) for env_id in ARM_IDS]
@@ -175,8 +183,7 @@ def _kinds(variants: tuple[dict[str, Any], ...]) -> list[tuple[str, dict[str, An
         kinds.append((env_id, {"control_mode": mode, "task": task, **gym.spec(env_id).kwargs}))
     waiting = list(variants)
     for layout, env_id, mode in product(LAYOUTS, IDS, CONTROL_MODES):
-        kind: Any = load_env_creator(str(gym.spec(env_id).entry_point))
-        if LAYOUTS[layout].opens not in getattr(kind, "opens", OPENS):  # a function makes Retrieve's
+        if LAYOUTS[layout].opens not in _what_opens(env_id):
             continue
         keywords = {"control_mode": mode, "layout": layout, **gym.spec(env_id).kwargs}
         if "Retrieve" not in env_id:

@@ -45,7 +45,7 @@ SKILLS = 20
 """The budget of an episode: skills of a policy that acts by skills, each a pick with its place; a policy of two levels
 has as many picks, and as many places."""
 
-FREE_KEYWORDS = ("control_mode", "obs_mode", "image_size", "cameras", "frame_every", "reward_mode")
+FREE_KEYWORDS = ("control_mode", "obs_mode", "image_size", "cameras", "frame_every", "reward_mode", "instruction")
 """Keyword arguments of the environment that a policy may choose: they change neither the scenes nor the success. (In
 Search the scenes depend on the cameras, and `evaluate` refuses a policy that chooses them.)"""
 EE_ACTIONS = 10

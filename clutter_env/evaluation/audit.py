@@ -1,0 +1,159 @@
+"""The audit of a suite: what is won there without looking, and what its scenes can show.
+
+A score says little where a policy that sees nothing comes near it, where another draw of scenes gives another score, or
+where the difference from the next policy is smaller than so many scenes can show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from clutter_env.errors import LearningError
+from clutter_env.evaluation.blind import ROBOT, Demonstrations, blind, nearest, robot_only
+from clutter_env.evaluation.evaluate import Evaluation, evaluate
+from clutter_env.evaluation.paired import fewest_won, smallest_shown
+from clutter_env.evaluation.resampled import Spread, resampled
+from clutter_env.evaluation.scenes import SceneSet
+from clutter_env.policies.protocol import AnyPolicy
+from clutter_env.policies.registry import policy_families
+from clutter_env.reporting.intervals import Interval, wilson
+
+BLIND_SHARE = 0.3
+"""Share of the expert's score from which a blind policy shows that a suite does not ask for perception."""
+
+
+@dataclass(frozen=True)
+class Played:
+    """One policy of the audit.
+
+    Attributes:
+        policy: what it sees, in words.
+        clean: clean success on the scenes.
+        share: of the expert's success; 0 where that has none.
+        is_blind: whether it sees nothing of the scene.
+    """
+
+    policy: str
+    clean: Interval
+    share: float
+    is_blind: bool
+
+
+@dataclass(frozen=True)
+class Audit:
+    """What was found of a suite.
+
+    Attributes:
+        suite: its name.
+        scenes: number that were played, the first ones of the test split.
+        demonstrations: of the expert on the validation split that were clean successes.
+        expert: its name, and `expert_clean` its success on the same scenes.
+        played: the policies that see less, or know little.
+        spread: over other suites by the same rules; None if none were drawn.
+        fewest_won: see `paired.fewest_won`, for this number of scenes.
+        shown: the smallest difference below the expert that this number of scenes shows; see `paired.smallest_shown`.
+    """
+
+    suite: str
+    scenes: int
+    demonstrations: int
+    expert: str
+    expert_clean: Interval
+    played: tuple[Played, ...]
+    spread: Spread | None
+    fewest_won: int | None
+    shown: float | None
+
+    @property
+    def is_blind(self) -> bool:
+        """Whether a policy that sees nothing of the scene reaches `BLIND_SHARE` of the expert's score."""
+        return any(one.is_blind and one.share >= BLIND_SHARE for one in self.played)
+
+
+@dataclass(frozen=True)
+class AuditPlan:
+    """How much is played.
+
+    Attributes:
+        expert: that demonstrates, and with which the others are compared.
+        scenes: of the test split, the first ones.
+        demonstrations: scenes of the validation split that the expert plays.
+        network: whether networks of 0.1 million parameters are trained and played too.
+        suites: that are drawn by the same rules; 0 for none.
+        spread_policy: that plays them; "" for the expert.
+        workers: number of processes of the expert; the other policies play in one.
+    """
+
+    expert: str = "lookahead-all"
+    scenes: int = 100
+    demonstrations: int = 100
+    network: bool = False
+    suites: int = 0
+    spread_policy: str = ""
+    workers: int = 1
+
+
+def audit(suite: str, plan: AuditPlan, tick: Callable[[], object] = lambda: None) -> Audit:
+    """Play a suite with policies that see less and less, and say what its scenes can show.
+
+    Args:
+        suite: name of a suite.
+        plan: how much is played.
+        tick: called after every episode.
+
+    Raises:
+        SuiteError: there is no such suite.
+        LearningError: the expert cannot play it, or has no clean success.
+    """
+    scenes = SceneSet(suite, count=plan.scenes)
+    if scenes.family not in policy_families(plan.expert):
+        raise LearningError(f"{plan.expert} cannot play {scenes.name} ({scenes.family}): name another --expert")
+
+    def play(policy: str | AnyPolicy, on: SceneSet) -> Evaluation:
+        return evaluate(policy, on, workers=plan.workers if isinstance(policy, str) else 1, tick=tick)
+
+    expert = _clean(play(plan.expert, scenes))
+    known = Demonstrations.of(play(plan.expert, SceneSet(suite, "validation", count=plan.demonstrations)))
+    played = []
+    for name, policy, is_blind in _policies(known, plan.network):
+        clean = _clean(play(policy, scenes))
+        played.append(Played(name, clean, clean.mean / expert.mean if expert.mean else 0.0, is_blind))
+    spread = None
+    if plan.suites:
+        spread = resampled(plan.spread_policy or plan.expert, suite, plan.suites, plan.scenes, plan.workers, tick)
+    return Audit(
+        suite=suite,
+        scenes=plan.scenes,
+        demonstrations=len(known.actions),
+        expert=plan.expert,
+        expert_clean=expert,
+        played=tuple(played),
+        spread=spread,
+        fewest_won=fewest_won(plan.scenes),
+        shown=smallest_shown(plan.scenes, expert.mean),
+    )
+
+
+def episodes_of(plan: AuditPlan) -> int:
+    """Number of episodes that an audit plays."""
+    policies = 1 + 3 + 3 * plan.network + plan.suites
+    return policies * plan.scenes + plan.demonstrations
+
+
+def _policies(known: Demonstrations, network: bool) -> Iterator[tuple[str, AnyPolicy, bool]]:
+    """Name, policy, and whether it sees nothing of the scene."""
+    yield "blind: one sequence of actions", blind(known), True
+    yield "sees the robot: the demonstration with the likest robot", robot_only(known), True
+    yield "sees all: the demonstration with the likest scene", nearest(known), False
+    if network:
+        from clutter_env.evaluation.small_network import SmallNetwork  # needs torch
+
+        own = [name for name in ROBOT if name in known.first[0]]
+        yield "network, observations zeroed", SmallNetwork(known, ()), True
+        yield "network that sees the robot", SmallNetwork(known, own), True
+        yield "network that sees all", SmallNetwork(known, tuple(known.first[0])), False
+
+
+def _clean(found: Evaluation) -> Interval:
+    return wilson(sum(score.clean for score in found.scores), len(found.scores))

@@ -1,0 +1,135 @@
+"""Questions about scenes: every answer beside an exhaustive check, files that say what was asked, scores of rules."""
+
+from __future__ import annotations
+
+import json
+from contextlib import closing
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from PIL import Image
+
+from clutter_env.cli.main import main
+from clutter_env.errors import LearningError
+from clutter_env.evaluation.question_files import QUESTIONS, SCENES, asked, read_lines, scenes
+from clutter_env.evaluation.question_scores import RULES, answered, scored
+from clutter_env.evaluation.questions import DIRECTIONS, KINDS, SIDES, Asker, Question
+from scripts.check_questions import Checker
+
+FIRST = 40_000_000
+
+
+def wrong_of(objects: int, count: int) -> tuple[list[tuple[Question, object]], set[str]]:
+    """The wrong answers about some scenes, and the kinds that were asked."""
+    wrong, kinds = [], set[str]()
+    for kind, seed in scenes(objects, count, FIRST):
+        with closing(gym.make(kind.env_id, **kind.keywords)) as env:
+            scene, _, questions, _ = asked(env, seed, Asker())
+            wrong += [*Checker(env).wrong(scene, questions)]
+            kinds |= {question.kind for question in questions}
+    return wrong, kinds
+
+
+@pytest.mark.parametrize("objects", [3, 6])
+def test_an_exhaustive_check_agrees_with_every_answer(objects: int) -> None:
+    wrong, kinds = wrong_of(objects, 5)
+    assert wrong == []
+    assert {"taken now", "touched", "falls"} <= kinds
+
+
+@pytest.mark.slow
+def test_an_exhaustive_check_agrees_with_every_kind_of_answer() -> None:
+    wrong, kinds = wrong_of(6, 60)
+    assert wrong == []
+    assert kinds == set(KINDS)
+
+
+def test_the_check_finds_wrong_answers() -> None:
+    ((kind, seed),) = scenes(4, 1, FIRST)
+    with closing(gym.make(kind.env_id, **kind.keywords)) as env:
+        scene, target, questions, _ = asked(env, seed, Asker())
+        turned = [
+            Question(one.kind, one.about, one.text, not one.answer if isinstance(one.answer, bool) else ("nothing",))
+            for one in questions
+        ]
+        assert len([*Checker(env).wrong(scene, turned)]) == len(turned) > 0
+        assert target in {question.about for question in questions}
+
+
+def test_every_direction_has_one_side() -> None:
+    assert len(DIRECTIONS) == 24
+    assert {side: DIRECTIONS.count(side) for side in SIDES} == {"front": 7, "left": 5, "right": 5, "behind": 7}
+    assert (DIRECTIONS[0], DIRECTIONS[6], DIRECTIONS[12], DIRECTIONS[18]) == ("front", "right", "behind", "left")
+
+
+@pytest.mark.usefixtures("needs_gl")
+def test_files_say_what_was_asked_and_simple_rules_are_scored(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    chosen = {"scenes": 5, "image-size": 64, "out": tmp_path, "first-seed": FIRST}
+    main(["questions", "make", *(f"--{name}={value}" for name, value in chosen.items())])
+    questions = read_lines(tmp_path / QUESTIONS, ("id", "text"))
+    placed = {line["scene"]: line for line in read_lines(tmp_path / SCENES, ("objects",))}
+    assert len(placed) == 5
+    for question in questions:
+        names = [one["name"] for one in placed[question["scene"]]["objects"]]
+        assert question["about"] in names
+        assert question["about"] in question["text"]
+        shown = []
+        for files in question["images"].values():
+            masks, colours = (np.array(Image.open(tmp_path / files[part])) for part in ("segmentation", "rgb"))
+            assert (masks.shape, colours.shape) == ((64, 64), (64, 64, 3))
+            shown += masks.ravel().tolist()
+        answer = question["answer"] if question["kind"] in ("which", "touched", "falls") else []
+        assert {question["mask_values"][name] for name in (question["about"], *answer)} <= {*shown}
+    answers = [{"id": one["id"], "answer": one["answer"]} for one in questions]
+    (tmp_path / "answers.jsonl").write_text("".join(f"{json.dumps(one)}\n" for one in answers))
+    words = ["questions", "score", str(tmp_path), "--answers", str(tmp_path / "answers.jsonl")]
+    main([*words, "--baselines", *RULES, "--json", str(tmp_path / "scores.json")])
+    found = json.loads((tmp_path / "scores.json").read_text())
+    assert found["answers.jsonl"]["all"]["mean"] == 1.0
+    assert all(found[rule]["all"]["mean"] < 1.0 for rule in RULES)
+    assert "nearest-first" in capsys.readouterr().out
+    with pytest.raises(SystemExit, match="name --answers, or --baselines"):
+        main(words[:3])
+    with pytest.raises(SystemExit, match="valid values: 'random', 'nearest-first', 'shadow'"):
+        main([*words[:3], "--baselines", "best"])
+
+
+def _question(name: str, answer: object) -> dict[str, object]:
+    return {"id": name, "kind": "which", "scene": "one", "about": "a", "answer": answer, "choices": ["b", "c"]}
+
+
+def test_only_the_right_answer_of_the_right_type_counts() -> None:
+    questions = [_question("yes", True), _question("two", 2), _question("names", ["b", "c"]), _question("none", [])]
+    right = {"yes": True, "two": 2, "names": ["c", "b"], "none": []}
+    assert scored(questions, right)["all"].mean == 1.0
+    for name, given in {"yes": 1, "two": 2.5, "names": ["b"], "none": None}.items():
+        assert scored(questions, {**right, name: given})["which"].mean == 0.75
+    assert scored(questions, {})["all"].mean == 0.0
+    with pytest.raises(LearningError, match="no question 'other'"):
+        scored(questions, {"other": 1})
+
+
+def test_rules_answer_from_where_everything_stands() -> None:
+    at = {"a": (0.0, 0.0), "b": (-0.1, 0.0), "c": (0.3, 0.0)}
+    objects = [{"name": one, "position": (*xy, 0.8), "half_extents": (0.03, 0.03, 0.1)} for one, xy in at.items()]
+    placed = [{"scene": "one", "objects": objects}]
+    asked_of = [
+        {**_question(kind, []), "kind": kind, "choices": list(SIDES)} for kind in ("from where", "fewest", "which")
+    ]
+    shadow, near = (answered(rule, asked_of, placed) for rule in ("shadow", "nearest-first"))
+    assert shadow == {"from where": [], "fewest": 1, "which": ["b"]}
+    assert near == {"from where": ["left", "right", "behind"], "fewest": 1, "which": ["b"]}
+
+
+def test_a_file_that_is_none_is_told(tmp_path: Path) -> None:
+    file = tmp_path / "answers.jsonl"
+    file.write_text('{"id": 1}\n')
+    with pytest.raises(LearningError, match="line 1 has no 'answer'"):
+        read_lines(file, ("id", "answer"))
+    file.write_text("no json\n")
+    with pytest.raises(LearningError, match="cannot be read"):
+        read_lines(file, ())
