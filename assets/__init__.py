@@ -1,4 +1,4 @@
-"""What things are: robots, PDDL text, trained weights. Imports of the project only `irm.chain`, to read MJCF files."""
+"""Data of the project: robots, PDDL text, trained weights."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -46,7 +46,7 @@ __all__ = [
 if not TYPE_CHECKING:
 
     def __getattr__(name: str) -> Any:
-        """Everything about robots, made when it is first asked for: `import assets` for a file's path stays fast."""
+        """Import the names about robots at their first use, so that `import assets` for a file's path stays fast."""
         if name not in __all__:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         from assets import contacts, robots

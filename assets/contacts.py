@@ -19,9 +19,10 @@ class RobotContacts(NamedTuple):
     """Geoms of a robot's MJCF file, by their ids, that may touch each other or the ground.
 
     Attributes:
-        pairs: (s, 2) shapes that count against each other, of every arm: see `irm.self_contact`; and those of two arms,
-            of which the first links are neighbours for the rule while one arm moves.
-        above_ground: (g,) shapes that meet the ground. The base's do not: its wheels stand there, and it cannot tilt.
+        pairs: (s, 2) shapes of every arm that are tested against each other, see `irm.self_contact`, and shapes of two
+            different arms. While one arm moves, the rule takes the first links of two arms for neighbours.
+        above_ground: (g,) shapes that may hit the ground. Shapes of the base are left out: its wheels stand on the
+            ground, and it cannot tilt.
         solid: (k,) all shapes.
     """
 
@@ -31,13 +32,13 @@ class RobotContacts(NamedTuple):
 
 
 def paired_name(geom: int) -> str:
-    """The name in a simulation of a geom that has none in the robot's MJCF file, by its id there: pairs need names."""
+    """Name in a simulation of a geom without a name in the robot's MJCF file, by its id there. Pairs need names."""
     return f"robot_geom_{geom}"
 
 
 @cache
 def robot_contacts(robot: RobotSpec) -> RobotContacts:
-    """The contacts that count, read once from the robot's MJCF file; joints that stay are in their configuration."""
+    """Read the robot's contacts from its MJCF file, once. Joints that stay still are in `still_configuration`."""
     import mujoco  # the environments have it; a robot's data do without
 
     from irm.self_contact import BASE, is_solid, link_of_body
@@ -54,7 +55,7 @@ def robot_contacts(robot: RobotSpec) -> RobotContacts:
 
 
 def _pairs(model: mujoco.MjModel, geoms: NDArray[np.int64], robot: RobotSpec) -> NDArray[np.int64]:
-    """Pairs (s, 2) of ids of geoms that count while the active arm moves and the others stay."""
+    """Pairs (s, 2) of geom ids to test while the active arm moves and the others stay still."""
     from irm.self_contact import counted_pairs, is_excluded, link_of_body  # see `robot_contacts`
 
     qpos, links = np.zeros(model.nq), link_of_body(model, robot.drive_joints[3:])
@@ -66,7 +67,7 @@ def _pairs(model: mujoco.MjModel, geoms: NDArray[np.int64], robot: RobotSpec) ->
 
 
 def _pairs_of_arms(model: mujoco.MjModel, geoms: NDArray[np.int64], arms: Sequence[RobotSpec]) -> NDArray[np.int64]:
-    """Pairs (s, 2) of ids of geoms of two different arms that count while all arms move."""
+    """Pairs (s, 2) of geom ids of two different arms to test while all arms move."""
     from irm.self_contact import counted_pairs, is_excluded, link_of_body  # see `robot_contacts`
 
     if len(arms) == 1:

@@ -19,10 +19,10 @@ def path(relative: str) -> Path:
     """Path of a data file shipped with the package.
 
     Args:
-        relative: path below `assets/`, for example `"mjcf/fetch.xml"`; an absolute path is taken as it is.
+        relative: path below `assets/`, for example `"mjcf/fetch.xml"`, or an absolute path.
 
     Raises:
-        FileNotFoundError: no such file; the message lists the files that exist.
+        FileNotFoundError: no such file. The message lists the files that exist.
     """
     file = _ROOT / relative
     if not file.is_file():

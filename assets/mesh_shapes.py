@@ -1,7 +1,7 @@
-"""Boxes, cylinders and capsules in place of a mesh: around all of it, or around the parts into which planes cut it.
+"""Boxes, cylinders and capsules in place of a mesh: around the whole mesh, or around its parts between cutting planes.
 
-One shape around a bent link, such as an upper arm with its two joints, is far larger than the link: it touches others
-in most configurations, where the link touches none.
+A single shape around a bent link, such as an upper arm with its two joints, is far larger than the link. It touches
+other links in most configurations, where the link itself touches none.
 """
 
 from __future__ import annotations
@@ -22,23 +22,24 @@ from irm.rotations import frame_along
 Floats = NDArray[np.float64]
 
 _FACES, _TURNS, _ROUNDS = 12, 18, 100
-"""Faces of a hull whose normals are tried as axes; turns of a box about its axis; steps to the centre of a circle."""
+"""Faces of a hull whose normals are tried as axes, turns of a box about its axis, and steps to the centre of a
+circle."""
 _SHORTEST = 1e-4
-"""[m] Half length of a capsule that is a sphere."""
+"""[m] Smallest half length of a capsule, which is then nearly a sphere."""
 _LONG = 0.1
-"""[m] A mesh whose longest side is shorter is not cut."""
+"""[m] Shortest longest side of a mesh that is cut."""
 _CUTS = (0.2, 0.35, 0.5, 0.65, 0.8)
 """Places of the cuts along an axis, as shares of the mesh's length."""
 _WORTH = 0.9
-"""Share of the volume of one shape that several together fill at most."""
+"""Largest share of a single shape's volume that several shapes may fill together."""
 _POINTS = 5000
-"""Random points by which these volumes are compared."""
+"""Random points to compare these volumes."""
 _NECKS = (0.12, 0.18, 0.24, 0.3)
-"""Share of the distance between two joints at which a link may narrow, from each."""
+"""Places where a link may narrow, as shares of the distance between its two joints, from each joint."""
 _FLAT = 1e-5
-"""[m] Half thickness of a part of a mesh that has none."""
+"""[m] Half thickness given to a flat part of a mesh."""
 _FITTED = 5
-"""Ways to cut a mesh, those whose parts have the smallest hulls, of which shapes are fitted."""
+"""Number of cuts of a mesh to which shapes are fitted: those whose parts have the smallest hulls."""
 
 
 class JointAxis(NamedTuple):
@@ -51,15 +52,15 @@ class JointAxis(NamedTuple):
 def shapes_around(
     vertices: Floats, edges: NDArray[np.int64], joints: tuple[JointAxis, JointAxis] | None = None
 ) -> list[dict[str, Any]]:
-    """Shapes that together contain a mesh, and the space within it: one, or two or three that are much smaller.
+    """Find shapes that together contain a mesh and its interior: a single shape, or several that are much smaller.
 
     Args:
         vertices: (v, 3) [m].
         edges: (e, 2) indices of vertices.
-        joints: the two of a link, where known: links often end in cylinders about them.
+        joints: the two joints of a link, if known. Links often end in cylinders about them.
 
     Returns:
-        Keyword arguments of `MjsBody.add_geom` for each.
+        Keyword arguments of `MjsBody.add_geom` for each shape.
     """
     one = [smallest_around(vertices)[1]]
     if np.ptp(vertices, axis=0).max() < _LONG:
@@ -78,9 +79,9 @@ def shapes_around(
 def _around_joints(
     vertices: Floats, edges: NDArray[np.int64], first: JointAxis, second: JointAxis
 ) -> Iterator[list[dict[str, Any]]]:
-    """Shapes around what is between two joints of a link, cut or not, and cylinders about their axes around its ends.
+    """Shapes around the part of a link between two joints, cut or not, and cylinders about their axes around its ends.
 
-    None if the joints are too near each other.
+    Empty if the joints are too near each other.
     """
     along = second.point - first.point
     if (length := float(np.linalg.norm(along))) < _LONG:
@@ -102,7 +103,7 @@ def _around_joints(
 
 
 def _filled(shapes: list[dict[str, Any]], points: Floats) -> float:
-    """The share of points (n, 3) that are in one of several shapes."""
+    """Share of points (n, 3) that are inside any of several shapes."""
     inside = np.zeros(len(points), dtype=np.bool_)
     for shape in shapes:
         a, b, c = shape["size"]
@@ -119,7 +120,7 @@ def _filled(shapes: list[dict[str, Any]], points: Floats) -> float:
 
 
 def _parts(vertices: Floats, edges: NDArray[np.int64], axis: Floats, places: tuple[float, ...]) -> list[Floats]:
-    """The corners of the parts into which planes across an axis cut a mesh, at these shares of its length."""
+    """Corners of the parts of a mesh between planes across an axis, at given shares of its length."""
     heights = vertices @ axis
     bounds = heights.min() + np.ptp(heights) * np.array([0.0, *places, 1.0])
     parts = (_part(vertices, edges, heights, low, high) for low, high in itertools.pairwise(bounds))
@@ -127,12 +128,12 @@ def _parts(vertices: Floats, edges: NDArray[np.int64], axis: Floats, places: tup
 
 
 def _hull_volume(parts: list[Floats]) -> float:
-    """[m³] of the convex hulls of parts, all together."""
+    """Total volume of the convex hulls of parts [m³]."""
     return sum(float(ConvexHull(part).volume) for part in parts)
 
 
 def _part(vertices: Floats, edges: NDArray[np.int64], heights: Floats, low: float, high: float) -> Floats:
-    """The corners (n, 3) of what of a mesh lies between two planes: vertices, and where edges cross the planes."""
+    """Corners (n, 3) of the part of a mesh between two planes: vertices, and intersections of edges with the planes."""
     points = [vertices[(heights >= low) & (heights <= high)]]
     first, second = heights[edges].T
     for plane in (low, high):
@@ -143,7 +144,7 @@ def _part(vertices: Floats, edges: NDArray[np.int64], heights: Floats, low: floa
     part = np.concatenate(points)
     if not len(part):
         return part
-    # A part that is flat, or a point, has no hull: it is given a thickness.
+    # A flat part, or a point, has no hull, so it gets a thickness.
     centred = part - part.mean(axis=0)
     _, spreads, axes = np.linalg.svd(centred, full_matrices=False) if len(part) > 2 else (0, np.zeros(3), np.eye(3))
     for spread, axis in zip(spreads, axes, strict=True):
@@ -153,9 +154,10 @@ def _part(vertices: Floats, edges: NDArray[np.int64], heights: Floats, low: floa
 
 
 def smallest_around(corners: Floats) -> tuple[float, dict[str, Any]]:
-    """The smallest box, cylinder or capsule that contains points (v, 3): volume [m³], kind, size, place, orientation.
+    """Find the smallest box, cylinder or capsule that contains points (v, 3): volume [m³], kind, size, place,
+    orientation.
 
-    Its axis is one of the body, a principal one, or normal to one of the largest faces of their hull.
+    Its axis is an axis of the body, a principal axis, or normal to one of the largest faces of their hull.
     """
     hull = ConvexHull(corners)
     corners = corners[hull.vertices]

@@ -1,6 +1,6 @@
-"""PR2: holonomic base, torso lift, two arms; names, geometry and limits of the manufacturer's URDF.
+"""PR2: holonomic base, torso lift, two arms. Names, geometry and limits are those of the manufacturer's URDF.
 
-The base's origin is on the floor. The torso takes 25 s for its stroke: plans leave it where it is.
+The base's origin is on the floor. The torso takes 25 s for its stroke, so plans do not move it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _BLACK = (0.20, 0.20, 0.22, 1.0)
 _ROBOT, _GRIPPER = "robots/pr2/meshes", "grippers/meshes/pr2_gripper"
 
 _HALF_SIDE = 0.334
-"""[m] of the square base."""
+"""[m] Half side of the square base."""
 _TURN = 2 * math.pi
 _VELOCITY = (2.09, 2.08, 3.27, 3.3, 3.6, 3.08, 3.6)
 _ACCELERATION = (1.5, 1.5, 2.0, 2.0, 2.5, 2.5, 2.5)
@@ -35,9 +35,9 @@ _ARM_MESHES = (
 
 
 def _home(left: int) -> tuple[float, ...]:
-    """Elbow out and high, forearm folded inwards, gripper level, ahead and 1.1 m above the floor.
+    """Home configuration: elbow out and high, forearm folded inwards, gripper level, ahead and 1.1 m above the floor.
 
-    The left arm (1) is the mirror image of the right one (-1).
+    The left arm (1) is the mirror image of the right arm (-1).
     """
     return (0.74 * left, -0.1822, 1.4652 * left, -2.2878, 2.936 * left, -1.5532, 1.5298 * left)
 
@@ -81,7 +81,7 @@ def _meshes() -> tuple[LinkMesh, ...]:
 
 
 def _gripper_meshes(s: str) -> tuple[LinkMesh, ...]:
-    """Palm and fingers; the right finger is the left one turned about the approach."""
+    """Palm and fingers. The right finger is the left finger turned about the approach."""
     palm = LinkMesh(f"{s}_gripper_palm_link", f"{_GRIPPER}/gripper_palm.stl", _GREY)
     fingers = (
         LinkMesh(f"{s}_gripper_{side}_finger_link", f"{_GRIPPER}/{file}.stl", _BLACK, (x, y * left, 0.0), turn)
@@ -127,4 +127,4 @@ PR2 = RobotSpec(
     idle_arms=(_LEFT,),
     plans_torso=False,
 )
-"""The right arm is active; `PR2.using("left")` is the same robot with the other one."""
+"""PR2 with its right arm active. `PR2.using("left")` has the other arm active."""

@@ -1,9 +1,9 @@
-"""A robot for the environments from the file of an arm: on a base, with a lift, motors, fingers and simple shapes.
+"""Making of a robot for the environments from the file of an arm: base, lift, motors, fingers and simple shapes.
 
-The file is compiled, and what is needed of it is written anew: bodies, joints, inertias and collision shapes. In place
-of each mesh stands the smallest box, cylinder or capsule around it, or around each of its parts, so that the result
-needs no other file. The moving parts of its own gripper, whatever their linkage, are replaced by two sliding fingers
-with the same opening; its other joints are held where the file has them.
+The file is compiled. Then its bodies, joints, inertias and collision shapes are written to a new model. The smallest
+box, cylinder or capsule around a mesh, or around each of its parts, replaces the mesh, so that the result needs no
+other file. Two sliding fingers with the same opening replace the moving parts of its own gripper, whatever their
+linkage. Its other joints are fixed at their positions in the file.
 """
 
 from __future__ import annotations
@@ -34,54 +34,54 @@ BASE = ("base_x", "base_y", "base_yaw")
 FINGERS = ("left_finger", "right_finger")
 _NAMES = frozenset((*BASE, *FINGERS, "world", "mobile_base", "lift", "pillar", "gripper", "grip"))
 _BASE_GAINS = (20000.0, 20000.0, 10000.0)
-"""[N/m], [N/m], [N m/rad] of the base's position servos, as of the robots of the package."""
+"""[N/m], [N/m], [N m/rad] Gains of the base's position servos, as for the robots of the package."""
 _TRACTION, _WHEELS = 0.6 * 9.81, 2 / 3
-"""[N/kg] of rubber wheels in every direction; where they stand, as a share of the base's radius: those of Fetch."""
+"""[N/kg] Traction of rubber wheels in every direction, and their distance from the centre as a share of the base's
+radius. Values of Fetch."""
 _FINGER_GAIN, _FINGER_FORCE = 2000.0, 60.0
-"""[N/m], [N] of a finger, as of Fetch's."""
+"""[N/m], [N] Gain and force of a finger, as for Fetch."""
 _PAD = np.array([0.035, 0.006, 0.012])
 """[m] Half extents of a finger along the approach, the finger motion and across both."""
 _PALM = 0.02
-"""[m] Half depth of what carries the fingers."""
+"""[m] Half depth of the palm that carries the fingers."""
 _PAD_CENTRE = -0.02
-"""[m] of the fingers along the approach, from the TCP."""
+"""[m] Centre of the fingers along the approach, from the TCP."""
 _SAMPLES = 2000
-"""Random configurations in which it is found what touches."""
+"""Random configurations of the contact tests."""
 _SELDOM = 0.05
-"""Share of them in which bodies do not touch that belong together, as in `irm.self_contact`."""
+"""Largest share of configurations in which bodies that belong together do not touch, as in `irm.self_contact`."""
 _STILL = 1e-3
-"""[m] Range of the lift of a robot that has none."""
+"""[m] Range of the lift of a robot without a lift."""
 _BARE = 0.05
-"""[m] from a joint to the next one up to which a link between them needs no shape: those of its neighbours meet."""
+"""[m] Largest distance between two joints whose link needs no shape, because the shapes of its neighbours meet."""
 _COLUMN = 0.06
-"""[m] Radius of what stands for the base of an arm whose file gives it no shape."""
+"""[m] Radius of the column that represents the base of an arm without base shapes."""
 _TURN_IN_DEGREES = np.radians(6.3)
-"""[rad] A whole turn, rounded, of a file that gives radians, read as degrees."""
+"""[rad] A whole turn, rounded up, of a file in radians that is read as degrees."""
 _LEAST_MASS, _LEAST_INERTIA = 1e-3, 1e-6
-"""[kg], [kg m²] of a body that the file gives none."""
+"""[kg], [kg m²] of a body without mass or inertia in the file."""
 
 
 @dataclass(frozen=True)
 class Mounting:
-    """How an arm becomes a robot; lengths in m.
+    """Settings that turn an arm into a robot. Lengths in m.
 
     Attributes:
-        base: name of the body that the arm begins with, or of the file's own mobile base.
+        base: name of the arm's first body, or of the file's own mobile base.
         tip: name of the site or body between the finger tips, or of the flange.
         approach: axis of the tip along which the gripper approaches.
         turn: [rad] about it from the tip's y axis to the axis along which the fingers move.
-        on: x and z of `base` on a round base that is built for it; None for a file with a base of its own, on the
-            ground.
-        radius: of the round base.
-        lift: range of a lift that is built under the arm; None for none.
-        opening: of the gripper.
+        on: x and z of `base` on a round base that is built for it. None for a file with its own base on the ground.
+        radius: radius of the round base.
+        lift: range of a lift that is built under the arm. None for no lift.
+        opening: opening of the gripper.
         tool: from the tip to the point between the finger tips, along the approach.
-        without: names of bodies that are left out, with all that they carry.
-        apart: names of bodies, two by two, that cannot touch, whatever their shapes here.
-        drive: how the base moves: "holonomic", "differential" or "fixed", not at all; the round base is then a
-            pedestal as high as the arm's base.
-        mesh_scale: by which all meshes are scaled: 0.001 for a file that takes millimetres for metres.
-        radians: whether angles of an MJCF file are radians, although it does not say so.
+        without: names of bodies that are left out, with everything that they carry.
+        apart: names of bodies, in pairs, that cannot touch, whatever their shapes here.
+        drive: motion of the base: "holonomic", "differential" or "fixed". With "fixed", the round base is a pedestal as
+            high as the arm's base.
+        mesh_scale: scale of all meshes: 0.001 for a file in millimetres.
+        radians: whether angles of an MJCF file are in radians without a statement in the file.
     """
 
     base: str
@@ -100,7 +100,7 @@ class Mounting:
     radians: bool = False
 
     def check(self) -> None:
-        """Raise `InvalidRobot` if a number is not one that a robot can have."""
+        """Raise `InvalidRobot` if a number is impossible for a robot."""
         lengths = {"radius": self.radius, "opening": self.opening, "mesh_scale": self.mesh_scale}
         others = {"turn": (self.turn,), "tool": (self.tool,), "on": self.on or (), "lift": self.lift or ()}
         wrong = [f"{name} {value:g} must be positive" for name, value in lengths.items() if not 0.0 < value < np.inf]
@@ -114,8 +114,8 @@ class Mounting:
 
 
 class MadeRobot(NamedTuple):
-    """The MJCF text of a robot; its page, the keyword arguments of `RobotSpec.from_mjcf` but for `home`; and what was
-    found in the file and what became of it, by name."""
+    """The MJCF text of a robot, its page, and notes. `page`: keyword arguments of `RobotSpec.from_mjcf` except `home`.
+    `found`: notes by name on the parts of the file and their use."""
 
     mjcf: str
     page: dict[str, Any]
@@ -123,10 +123,10 @@ class MadeRobot(NamedTuple):
 
 
 def make_robot(file: Path, mounting: Mounting) -> MadeRobot:
-    """A robot of the file of an arm.
+    """Make a robot from the file of an arm.
 
     Raises:
-        InvalidRobot: the file cannot be read, or lacks what the mounting names; the message says what there is.
+        InvalidRobot: the file cannot be read, or lacks a name of the mounting. The message lists the names that exist.
     """
     mounting.check()
     try:
@@ -189,7 +189,7 @@ def make_robot(file: Path, mounting: Mounting) -> MadeRobot:
 
 
 def _check_angles(model: mujoco.MjModel, numbers: list[int]) -> None:
-    """Raise `InvalidRobot` if all hinges of an arm have ranges that are a turn in radians read as degrees."""
+    """Raise `InvalidRobot` if the ranges of all hinges look like radians read as degrees."""
     hinges = [k for k in numbers if int(model.jnt_type[k]) == int(mjtJoint.mjJNT_HINGE)]
     widest = float(np.abs(model.jnt_range[hinges]).max())
     if model.jnt_limited[hinges].all() and widest <= _TURN_IN_DEGREES:
@@ -200,7 +200,8 @@ def _check_angles(model: mujoco.MjModel, numbers: list[int]) -> None:
 
 
 class _Uncheckable(NamedTuple):
-    """Names of bodies, two by two, that touch as boxes, but their meshes never; and that touch nearly always."""
+    """Pairs of bodies' names. `as_boxes`: their shapes touch, but their meshes never do. `always`: they touch nearly
+    always."""
 
     as_boxes: list[tuple[str, str]]
     always: list[tuple[str, str]]
@@ -208,7 +209,8 @@ class _Uncheckable(NamedTuple):
 
 @dataclass
 class _Touches:
-    """Configurations in which two bodies touch, or do not; and whether their meshes touched in one."""
+    """Numbers of configurations in which two bodies touch (`shapes`) or not (`apart`), and whether their meshes ever
+    touched."""
 
     shapes: int = 0
     apart: int = 0
@@ -216,8 +218,8 @@ class _Touches:
 
 
 class _Maker:
-    """Copies a compiled model's bodies into a new `robot`: `bodies` by their old number, `joints` (name, slides), and
-    `given`, the limits of their motors by their names."""
+    """Copier of a compiled model's bodies into a new `robot`. `bodies`: the new bodies by their old ids. `joints`:
+    (name, slides). `given`: limits of their motors by their names."""
 
     def __init__(self, loaded: LoadedModel, mounting: Mounting, numbers: list[int]) -> None:
         self.model, self.mounting, self.numbers = loaded.model, mounting, numbers
@@ -242,7 +244,8 @@ class _Maker:
             self._add_round_base(base, *mounting.on)
 
     def _add_round_base(self, base: Any, x: float, z: float) -> None:
-        """A round base, a lift unless the file has one, and the arm with all that its base carries on them."""
+        """Add a round base, a lift unless the file has one, and on them the arm with everything that its base
+        carries."""
         model, mounting, r = self.model, self.mounting, self.mounting.radius
         if not z > 0.1:
             raise InvalidRobot(f"on={mounting.on!r}: the arm stands on a base that is higher than 0.1 m")
@@ -257,7 +260,7 @@ class _Maker:
                 name="column", type=mjtGeom.mjGEOM_CYLINDER, size=[0.1, half, 0], pos=[x, 0, 2 * height + half]
             )
         carrier = base if self._has_lift() else self._add_lift(base, place)
-        # A body of its own; on a pedestal without a lift it is a part of that: see `RobotSpec.fixed`.
+        # The arm's base is a separate body, or on a pedestal without a lift a part of it: see `RobotSpec.fixed`.
         stands = is_fixed and mounting.lift is None
         made = self.bodies[self.root] = (base if stands else carrier).add_body(
             name=self._name(model.body(self.root).name, "arm_base"), pos=place if stands else np.zeros(3)
@@ -268,10 +271,10 @@ class _Maker:
             self._copy(child, carrier)
 
     def _add_own_base(self, base: Any) -> None:
-        """The file's own base on the ground, a lift unless the file has one, and the arm on it.
+        """Add the file's own base on the ground, a lift unless the file has one, and the arm on it.
 
-        What carries the arm's first link goes with a lift that is added, so that it is that link's neighbour; unless it
-        is the base's only shape, as the chassis on a frame without shapes is.
+        The body that carries the arm's first link moves with an added lift, so that it stays the neighbour of that
+        link. It stays on the base if it has the base's only shape, such as a chassis on a frame without shapes.
         """
         model, up = self.model, np.zeros(3)
         stand = int(model.body_parentid[self.first])
@@ -285,12 +288,13 @@ class _Maker:
         self._copy(moved, carrier, up=up)
 
     def _is_all_of_the_base(self, stand: int) -> bool:
-        """Whether the base has no shape without a body and what that carries."""
+        """Whether all shapes of the base belong to a body and the bodies that it carries."""
         left = set(self._below(self.root)) - set(self._below(stand))
         return not any(self._solid_geoms(body) for body in left if not self._is_left_out(body))
 
     def _raised(self, base: Any) -> float:
-        """[m] by which a base and what it carries is raised, because in the file it is below the ground."""
+        """Height by which a base and everything on it is raised [m], because in the file it reaches below the
+        ground."""
         made = self.robot.compile()
         if not any(made.body_weldid[made.geom_bodyid] == made.body(base.name).id):
             name = self.model.body(self.root).name
@@ -312,7 +316,7 @@ class _Maker:
         return int(self.model.jnt_type[self.numbers[0]]) == int(mjtJoint.mjJNT_SLIDE)
 
     def _add_lift(self, base: Any, place: Floats) -> Any:
-        """The body of a lift of the mounting's range; of a millimetre, which nothing uses, if it says none."""
+        """Add the body of a lift with the mounting's range. Without one, the range is an unused millimetre."""
         low, high = self.mounting.lift or (0.0, _STILL)
         lift = base.add_body(name="lift", pos=place, **_inertia(5.0, [0.1, 0.1, 0.1]))
         lift.add_joint(
@@ -323,14 +327,14 @@ class _Maker:
         return lift
 
     def _copy(self, body: int, parent: Any, besides: int = -1, up: Floats | None = None) -> None:
-        """A body with all that it carries, but for what moves it without being of the arm beyond the last joint.
+        """Copy a body with everything that it carries, except moving bodies beyond the arm's last joint.
 
         Args:
-            body: of the file.
-            parent: of the robot.
-            besides: a body of the file that is left out, with all that it carries.
-            up: (3,) [m] The body stands there on `parent`, relative to its place on the root; None for on its own
-                parent in the file.
+            body: body of the file.
+            parent: body of the robot.
+            besides: body of the file that is left out, with everything that it carries.
+            up: (3,) offset on `parent` from the body's place on the root [m]. None places it relative to its own parent
+                in the file.
         """
         model = self.model
         if body == besides:
@@ -368,13 +372,14 @@ class _Maker:
             self._copy(child, made, besides)
 
     def _on_root(self, body: int, up: Floats) -> tuple[Floats, Floats]:
-        """Position [m] and wxyz of a body in the frame of the root, `up` (3,) farther."""
+        """Position [m] and quaternion wxyz of a body in the frame of the root, shifted by `up` (3,)."""
         R = self.data.xmat[self.root].reshape(3, 3)
         place = R.T @ (self.data.xpos[body] - self.data.xpos[self.root])
         return place + up, _quaternion(R.T @ self.data.xmat[body].reshape(3, 3))
 
     def _solid(self) -> NDArray[np.bool_]:
-        """Which geoms are shapes: those that can touch something, and of bodies without any all but marks of frames."""
+        """Mark the geoms that are shapes: those with collision bits. A body without any uses all its geoms except marks
+        of frames."""
         model, solid = self.model, is_solid(self.model)
         is_drawn = ~solid & (2 * model.geom_aabb[:, 3:].max(axis=1) > MARK)
         for body in range(1, model.nbody):
@@ -383,9 +388,9 @@ class _Maker:
         return np.asarray(solid & (model.geom_type != int(mjtGeom.mjGEOM_PLANE)))
 
     def _check_shapes(self, unread: Mapping[str, UnreadMesh]) -> None:
-        """Raise `InvalidRobot` if a link of the arm has no shape, or a body lacks one because its mesh is not read.
+        """Raise `InvalidRobot` if a link of the arm has no shape, or a body lacks a shape because its mesh is not read.
 
-        A link whose two joints are near each other needs none. The last one has the gripper.
+        A link whose two joints are near each other needs no shape. The last link has the gripper.
         """
         model, data = self.model, self.data
         moved = [int(model.jnt_bodyid[k]) for k in self.numbers]
@@ -415,7 +420,7 @@ class _Maker:
             )
 
     def _is_left_out(self, body: int) -> bool:
-        """Whether a body is left out: it is named, or moved beyond the arm's last joint; or what carries it is."""
+        """Whether a body, or a body that carries it, is named to be left out, or moves beyond the arm's last joint."""
         model, last, on_arm = self.model, int(self.model.jnt_bodyid[self.numbers[-1]]), False
         for one in reversed((body, *self._above(body))):
             first = int(model.body_jntadr[one])
@@ -425,7 +430,7 @@ class _Maker:
         return False
 
     def _add_column(self, base: Any) -> None:
-        """What stands for the base of an arm to which the file gives no shape: a column up to its first joint."""
+        """Add a column up to the first joint as the base of an arm whose base has no shape in the file."""
         still = [one for one in self._below(self.root) if self.first not in (one, *self._above(one))]
         if any(self._solid_geoms(one) for one in still if not self._is_left_out(one)):
             return
@@ -440,7 +445,7 @@ class _Maker:
             )
 
     def _add_geoms(self, to: Any, body: int) -> None:
-        """The shapes of a body."""
+        """Add the shapes of a body."""
         model = self.model
         for geom in self._solid_geoms(body):
             kind, place = mjtGeom(int(model.geom_type[geom])), (model.geom_pos[geom], model.geom_quat[geom])
@@ -453,7 +458,8 @@ class _Maker:
                 to.add_geom(type=kind, size=model.geom_size[geom], mass=0, pos=place[0], quat=place[1])
 
     def _joints_of(self, body: int) -> tuple[JointAxis, JointAxis] | None:
-        """The arm's joint that moves a body, and the next one, in the frame of the body; None if it has not both."""
+        """The arm's joint that moves a body, and the next joint, in the frame of the body. None if either is
+        missing."""
         here = [k for k in self.numbers[:-1] if int(self.model.jnt_bodyid[k]) == body]
         if not here:
             return None
@@ -465,16 +471,16 @@ class _Maker:
         return first, second
 
     def neighbours(self) -> Iterator[tuple[str, str]]:
-        """The arm's first link and what it stands on, if in the robot a lift is between them."""
+        """Yield the arm's first link and the body that it stands on, if the robot has a lift between them."""
         stand = self.bodies.get(int(self.model.body_parentid[self.first]))
         if stand is not None and stand.name != self.bodies[self.first].parent.name:
             yield stand.name, self.bodies[self.first].name
 
     def uncheckable(self, made: mujoco.MjModel) -> _Uncheckable:
-        """Pairs of bodies of links that are no neighbours, whose contacts say nothing, in many random configurations.
+        """Find pairs of bodies on distant links whose contacts are meaningless, in many random configurations.
 
-        The rule of `irm.self_contact` leaves out two shapes that nearly always touch. Of a body of several shapes each
-        may touch less often, and one of them always.
+        The rule of `irm.self_contact` leaves out two shapes that nearly always touch. In a body of several shapes, each
+        shape may touch less often although one of them always does.
         """
         numbers, names = self.numbers, [name for name, _ in self.joints]
         models = [(made, mujoco.MjData(made)), (self.model, mujoco.MjData(self.model))]
@@ -517,7 +523,7 @@ class _Maker:
         )
 
     def front(self, T_last_tcp: Floats) -> float:
-        """[m] How far the shapes of the last link and what is fixed to it reach along the approach, from the TCP."""
+        """Farthest point of the last link's shapes, and of bodies fixed to it, along the approach from the TCP [m]."""
         model, data, last = self.model, mujoco.MjData(self.model), int(self.model.jnt_bodyid[self.numbers[-1]])
         mujoco.mj_kinematics(model, data)
         reached = [-np.inf]
@@ -529,17 +535,17 @@ class _Maker:
         return max(reached)
 
     def _solid_geoms(self, body: int) -> list[int]:
-        """The geoms of a body of the file that are shapes for collisions."""
+        """The geoms of a body of the file that are collision shapes."""
         first, count = int(self.model.body_geomadr[body]), int(self.model.body_geomnum[body])
         return [geom for geom in range(first, first + count) if self.solid[geom]]
 
     def _children(self, body: int) -> list[int]:
-        """What a body carries; of the world only the robot: not what else a scene holds."""
+        """The children of a body. Of the world's children, only the robot, because a scene may hold other bodies."""
         children = [k for k in range(1, self.model.nbody) if k != body and int(self.model.body_parentid[k]) == body]
         return children if body else [k for k in children if k in (self.first, *self._above(self.first))]
 
     def _above(self, body: int) -> list[int]:
-        """The bodies that carry a body."""
+        """The ancestors of a body, the nearest first."""
         found = []
         while body:
             body = int(self.model.body_parentid[body])
@@ -547,7 +553,7 @@ class _Maker:
         return found
 
     def _below(self, body: int) -> list[int]:
-        """A body and all that it carries."""
+        """A body and its descendants."""
         return [body, *(below for child in self._children(body) for below in self._below(child))]
 
     def _name(self, name: str, otherwise: str) -> str:
@@ -555,7 +561,7 @@ class _Maker:
 
 
 def _add_gripper(robot: mujoco.MjSpec, wrist: Any, T_wrist_tcp: Floats, mounting: Mounting, front: float) -> None:
-    """Two sliding fingers and what carries them, on the body of the last joint, whose shapes end at `front` [m]."""
+    """Add a palm with two sliding fingers to the body of the last joint, whose shapes end at `front` [m]."""
     quat = _quaternion(T_wrist_tcp[:3, :3])
 
     def at(x: float) -> Floats:
@@ -595,10 +601,10 @@ def _finish_bodies(robot: mujoco.MjSpec) -> None:
 
 
 def _add_motors(robot: mujoco.MjSpec, made: mujoco.MjModel, motors: Mapping[str, Motor]) -> None:
-    """A position servo for each joint; in the file's text `ASSUMED` the names of those whose torques are assumed,
-    but for a lift that was added.
+    """Add a position servo for each joint. The text `ASSUMED` lists the joints with assumed torques, except an added
+    lift.
 
-    The base pushes as hard as its wheels hold, in whatever direction, and turns with that force at its wheels.
+    The base pushes in every direction with the traction of its wheels, and turns with this force at its wheels.
     """
     push = _TRACTION * float(made.body_subtreemass[made.body("mobile_base").id])
     turn = push * _WHEELS * float(footprint(made, "mobile_base")["base_radius"])
@@ -620,7 +626,7 @@ def _inertia(mass: float, inertia: Any, ipos: Any = (0, 0, 0), iquat: Any = (1, 
 
 
 def _surface(model: mujoco.MjModel, geom: int) -> tuple[Floats, NDArray[np.int64]]:
-    """Vertices (v, 3) [m] and edges (e, 2) of a geom that is a mesh, in the frame of its body."""
+    """Vertices (v, 3) [m] and edges (e, 2) of a mesh geom, in the frame of its body."""
     mesh = model.geom_dataid[geom]
     vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]].astype(float)
     faces = model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]

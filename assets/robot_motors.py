@@ -1,8 +1,8 @@
-"""Motors of a robot: torques that its file gives, what gravity asks of them, and what is assumed where it gives none.
+"""Motors of a robot: torques from its file, torques that gravity requires, and assumed torques where the file has none.
 
-Where a file gives no torque, a joint is assumed to have `_MARGIN` times what holds the arm and an object stretched out,
-whichever way gravity pulls, so that a joint about the vertical has its share. Joints that bear nothing, such as a wrist
-that turns the hand, have `_LEAST` of the largest.
+Where a file has no torque, a joint is assumed to have `_MARGIN` times the torque that holds the outstretched arm with
+an object. Gravity may pull in any direction, so that a joint about the vertical has its share too. A joint that bears
+no load, such as a wrist that turns the hand, has `_LEAST` of the largest torque.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 PAYLOAD = 0.25
-"""[kg] of the heaviest object of the standard set."""
+"""[kg] Mass of the heaviest object of the standard set."""
 ASSUMED = "assumed_torques"
-"""Name of the text in a made robot's file that lists its joints whose torques are assumed."""
+"""Name of the text in a made robot's file that lists its joints with assumed torques."""
 _GRAVITY = 9.81
 """[m/s²]"""
 _MARGIN = 2.0
-"""Published torques of Fetch's arm hold 2.1 to 4.7 times the weight of arm and object, the Panda's 1.5 to 3.6 times,
-of the joints that bear it."""
+"""Ratio of assumed to required torque. Published torques of the loaded joints hold 2.1 to 4.7 times the weight of arm
+and object for Fetch, and 1.5 to 3.6 times for the Panda."""
 _LEAST = 0.1
-"""Share of the largest torque, or stiffness, of an arm; the last joints of Fetch and Panda have 0.06 and 0.14 of it."""
+"""Least share of an arm's largest torque, or stiffness. The last joints of Fetch and Panda have 0.06 and 0.14 of it."""
 _BENT = 0.002
-"""[rad] by which an object of `PAYLOAD` bends a joint. The gains of PR2's arm controllers let it bend by 1.0 to 1.8
-mrad, those of the joint impedance example of the Panda's maker (libfranka) by 2.2 to 3.9."""
+"""[rad] Deflection of a joint under an object of `PAYLOAD`. It is 1.0 to 1.8 mrad with the gains of PR2's arm
+controllers, and 2.2 to 3.9 mrad with those of libfranka's joint impedance example for the Panda."""
 _SAMPLES = 2000
-"""Random configurations in which the largest torques are looked for."""
+"""Random configurations in the search for the largest torques."""
 
 
 @dataclass(frozen=True)
@@ -40,9 +40,9 @@ class Motor:
     """The position servo of a joint.
 
     Attributes:
-        limit: largest torque [N m], of a slide force [N].
-        stiffness: [N m/rad]; [N/m].
-        is_assumed: whether the file gives no limit.
+        limit: largest torque [N m], or force of a slide [N].
+        stiffness: [N m/rad], or [N/m] of a slide.
+        is_assumed: whether the limit is assumed, because the file has none.
     """
 
     limit: float
@@ -51,13 +51,13 @@ class Motor:
 
 
 class Payload(NamedTuple):
-    """What a robot can hold with its arm stretched out.
+    """Payload of a robot with its arm stretched out.
 
     Attributes:
-        kg: at the TCP, beside the arm's own weight; negative if the motors do not even hold that.
-        joint: the name of the first joint that gives way.
+        kg: mass at the TCP, in addition to the arm's own weight. Negative if the motors cannot hold the arm itself.
+        joint: name of the first joint that gives way.
         limit: its largest torque [N m].
-        weightless_kg: the same if springs or counterweights bear the arm, as `gravcomp` does in a simulation.
+        weightless_kg: `kg` if springs or counterweights bear the arm, as `gravcomp` does in a simulation.
     """
 
     kg: float
@@ -67,10 +67,11 @@ class Payload(NamedTuple):
 
 
 def given_limit(model: mujoco.MjModel, joint: int) -> float | None:
-    """The largest torque [N m], or force [N], that a file gives a joint; None if it gives none.
+    """Largest torque [N m], or force [N], of a joint in its file. None if the file has no limit.
 
-    It is the least of `actuatorfrcrange`, as which MuJoCo reads the `effort` of a URDF file, and what the actuators of
-    the joint can exert: their `forcerange` and, of motors, `ctrlrange` times gain, times `gear`. A limit of 0 is none.
+    It is the least of two kinds of limits. The first is `actuatorfrcrange`, to which MuJoCo maps the `effort` of a URDF
+    file. The second is the range of the joint's actuators: `forcerange`, and for motors `ctrlrange` times gain, each
+    times `gear`. A limit of 0 means no limit.
     """
     found = [float(np.abs(model.jnt_actfrcrange[joint]).max())] if model.jnt_actfrclimited[joint] else []
     at_joint = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
@@ -90,14 +91,14 @@ def given_limit(model: mujoco.MjModel, joint: int) -> float | None:
 def motors_of(
     model: mujoco.MjModel, lift: str, arm: Sequence[str], tcp: str, given: Mapping[str, float]
 ) -> dict[str, Motor]:
-    """The motors of lift and arm by the names of their joints.
+    """Motors of lift and arm by the names of their joints.
 
     Args:
-        model: of the robot, its motors need not be in it.
+        model: of the robot. It may lack the motors.
         lift: name of its joint.
         arm: names of joints, shoulder first.
         tcp: name of the site between the finger tips.
-        given: limits of joints by their names, [N m] and [N]; others are assumed.
+        given: limits of joints by their names, [N m] and [N]. Other limits are assumed.
     """
     needed, of_object = _moments(model, (lift, *arm), tcp)
     torques = [given.get(name, _MARGIN * bears) for name, bears in zip(arm, needed[1:], strict=True)]
@@ -110,14 +111,14 @@ def motors_of(
 
 
 _LIFT_STIFFNESS = 20000.0
-"""[N/m], as that of the lifts of the package's robots."""
+"""[N/m] Stiffness of a lift, as for the package's robots."""
 
 
 def payload_of(model: mujoco.MjModel, joints: Sequence[str], tcp: str) -> Payload | None:
-    """What a robot can hold at its TCP in the worst of `_SAMPLES` configurations; None if no motor has a limit.
+    """Payload of a robot at its TCP in the worst of `_SAMPLES` configurations. None if no motor has a limit.
 
     Args:
-        model: of the robot; its base is upright, and its actuators have the names of its joints.
+        model: of the robot, with an upright base. Its actuators have the names of its joints.
         joints: names of the arm's joints.
         tcp: name of the site between the finger tips.
     """
@@ -126,7 +127,7 @@ def payload_of(model: mujoco.MjModel, joints: Sequence[str], tcp: str) -> Payloa
     per_kg = np.where(np.abs(per_kg) > _NO_LEVER, per_kg, np.nan)
     if not (np.isfinite(limits) & np.isfinite(per_kg).any(axis=0)).any():
         return None
-    # The object's weight adds to the arm's, or works against it and is held longer.
+    # The object's weight either adds to the arm's weight, or counteracts it, so that the joint holds more.
     kg = np.nanmin((limits - own * np.sign(per_kg)) / np.abs(per_kg), axis=0, initial=np.inf)
     weightless = np.nanmin(limits / np.abs(per_kg), axis=0, initial=np.inf)
     first = int(kg.argmin())
@@ -134,11 +135,11 @@ def payload_of(model: mujoco.MjModel, joints: Sequence[str], tcp: str) -> Payloa
 
 
 _NO_LEVER = 1e-6
-"""[N m] of a kilogram at the TCP, up to which a joint bears nothing of it."""
+"""[N m] Torque of a kilogram at the TCP below which a joint does not bear it."""
 
 
 def _limit(model: mujoco.MjModel, name: str) -> float:
-    """[N m], [N] that the motor of a joint exerts at most."""
+    """Largest torque [N m] or force [N] of a joint's motor."""
     motor, joint = model.actuator(name), model.joint(name)
     limits = [np.inf]
     if motor.forcelimited[0]:
@@ -149,10 +150,10 @@ def _limit(model: mujoco.MjModel, name: str) -> float:
 
 
 def _moments(model: mujoco.MjModel, joints: Sequence[str], tcp: str) -> tuple[Floats, Floats]:
-    """(n,) each: the largest torques of all that joints carry with an object, and of the object alone.
+    """Largest torques (n,) of the joints' loads with an object, and of the object alone (n,).
 
-    The object's weight is taken to add to the arm's, and gravity to pull in the worst direction: a torque is linear in
-    it, so that its largest value is the norm of those for three axes.
+    The object's weight is assumed to add to the arm's, and gravity to pull in the worst direction. A torque is linear
+    in gravity, so that its largest value is the norm of those for three axes.
     """
     weights = [_weights(model, joints, tcp, axis) for axis in np.eye(3)]
     objects = [PAYLOAD * np.abs(per_kg) for _, per_kg in weights]
@@ -162,9 +163,10 @@ def _moments(model: mujoco.MjModel, joints: Sequence[str], tcp: str) -> tuple[Fl
 
 
 def _weights(model: mujoco.MjModel, joints: Sequence[str], tcp: str, down: Floats) -> tuple[Floats, Floats]:
-    """(s, n) each, in random configurations: what holds all that joints carry, and a kilogram at the TCP [N m].
+    """Torques (s, n) in random configurations that hold the joints' loads, and those of a kilogram at the TCP (s, n) [N
+    m].
 
-    Gravity pulls along `down` (3,). Joints that are not named are at 0.
+    Gravity pulls along `down` (3,). Other joints are at 0.
     """
     gravity, before = _GRAVITY * down, np.array(model.opt.gravity)
     data, site, numbers = mujoco.MjData(model), model.site(tcp).id, [model.joint(name).id for name in joints]

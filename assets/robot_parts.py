@@ -1,4 +1,4 @@
-"""What a robot is made of: joints, arms, meshes; and the checks of its fields."""
+"""Parts of a robot (joints, arms, meshes), and the checks of its fields."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 NO_TURN = (1.0, 0.0, 0.0, 0.0)
-"""The quaternion, wxyz, of frames that are parallel."""
+"""Quaternion wxyz between parallel frames."""
 
 AXES = {
     "x": (1.0, 0.0, 0.0),
@@ -21,7 +21,7 @@ AXES = {
     "-y": (0.0, -1.0, 0.0),
     "-z": (0.0, 0.0, -1.0),
 }
-"""The axes that have names."""
+"""Axes by their names."""
 
 
 def rotation_of(quaternion: ArrayLike) -> NDArray[np.float64]:
@@ -37,15 +37,15 @@ def rotation_of(quaternion: ArrayLike) -> NDArray[np.float64]:
 
 
 class InvalidRobot(ValueError):
-    """The fields of a `RobotSpec` are not those of a robot; the message names the field."""
+    """A `RobotSpec` with an invalid field. The message names the field."""
 
 
 class ChainLink(NamedTuple):
     """One joint of the chain torso → arm.
 
-    `offset` [m] and `quaternion` (wxyz) are the joint frame's origin and orientation in its parent's frame while the
-    joint is at zero; `axis` is "x", "y", "z", "-x", "-y", "-z" or a unit vector of the joint's frame; `prismatic`
-    joints move along it.
+    `offset` [m] and `quaternion` (wxyz): origin and orientation of the joint frame in its parent's frame, with the
+    joint at zero. `axis`: "x", "y", "z", "-x", "-y", "-z" or a unit vector of the joint's frame. `prismatic`: whether
+    the joint moves along the axis.
     """
 
     joint: str
@@ -79,11 +79,10 @@ class LinkMesh(NamedTuple):
 
 @dataclass(frozen=True)
 class ArmSpec:
-    """An arm with its gripper. The fields mean what those of the same names of `RobotSpec` mean, without the torso.
+    """An arm with its gripper. The fields have the meaning of those in `RobotSpec`, without the torso.
 
-    `chain` has one link per arm joint, the first relative to the torso; `home`, `max_velocity` and `max_acceleration`
-    are [rad], [rad/s] and [rad/s²] of its n joints. While another arm works, the arm stays in `home` with its gripper
-    closed.
+    `chain`: one link per arm joint, the first relative to the torso. `home`, `max_velocity`, `max_acceleration`: [rad],
+    [rad/s] and [rad/s²] of its n joints. While another arm works, the arm stays in `home` with its gripper closed.
     """
 
     name: str
@@ -105,10 +104,10 @@ class ArmSpec:
 
 
 ARM_FIELDS = ("tcp_offset", "tcp_quaternion", "tcp_site", "gripper_body", "finger_joints", "finger_geoms")
-"""Fields that a `RobotSpec` and an `ArmSpec` have alike."""
+"""Fields common to `RobotSpec` and `ArmSpec`."""
 
 _UNIT = 1e-6
-"""By how much the length of a unit vector or quaternion may differ from 1."""
+"""Tolerance of the length of a unit vector or quaternion."""
 
 _AXIS = "'x', 'y' or 'z', one of these with a minus sign, or a unit vector"
 
@@ -120,7 +119,7 @@ def require(holds: bool, name: str, problem: str) -> None:
 
 
 def check_chain(chain: object) -> None:
-    """The chain is a prismatic torso lift and at least one revolute joint, each with an axis and a range."""
+    """Check that a chain is a prismatic torso lift and at least one revolute joint, each with an axis and a range."""
     is_chain = isinstance(chain, tuple) and len(chain) >= 2 and all(isinstance(link, ChainLink) for link in chain)
     require(is_chain, "chain", "must be a tuple of ChainLink: a prismatic torso lift, then revolute arm joints")
     assert isinstance(chain, tuple)
@@ -138,7 +137,7 @@ def check_chain(chain: object) -> None:
 
 
 def check_names(name: str, value: object, count: int | None = None) -> None:
-    """A field is a tuple of different names, of so many if a count is given."""
+    """Check that a field is a tuple of different names, with `count` entries if given."""
     is_tuple = isinstance(value, tuple) and all(isinstance(entry, str) and entry for entry in value)
     require(is_tuple, name, f"must be a tuple of names, not {value!r}")
     assert isinstance(value, tuple)
@@ -147,7 +146,7 @@ def check_names(name: str, value: object, count: int | None = None) -> None:
 
 
 def check_numbers(name: str, value: object, count: int, positive: bool = False) -> None:
-    """A field is a tuple of so many finite, or positive, numbers."""
+    """Check that a field is a tuple of `count` finite, or positive, numbers."""
     is_tuple = isinstance(value, tuple) and all(isinstance(entry, Real) for entry in value)
     require(is_tuple, name, f"must be a tuple of numbers, not {value!r}")
     assert isinstance(value, tuple)
@@ -157,7 +156,7 @@ def check_numbers(name: str, value: object, count: int, positive: bool = False) 
 
 
 def check_unit(name: str, value: object, count: int) -> None:
-    """A field is a unit vector or quaternion of so many numbers."""
+    """Check that a field is a unit vector or quaternion of `count` numbers."""
     check_numbers(name, value, count)
     assert isinstance(value, tuple)
     require(abs(math.hypot(*value) - 1.0) < _UNIT, name, f"must have length 1, not {value!r}")

@@ -1,4 +1,4 @@
-"""A robot's data from its MJCF file: what the model holds is read, the rest must be said."""
+"""Reading of a robot's data from its MJCF file. The caller gives the data that the model lacks."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from irm.shapes import Shapes, with_pairs
 Floats = NDArray[np.float64]
 
 BASE_LIMITS = (1.0, 1.0, 1.5)
-"""[m/s], [m/s], [rad/s] of the base if nothing else is said; per second, also its accelerations."""
+"""[m/s], [m/s], [rad/s] Default velocity limits of the base. Per second, also its acceleration limits."""
 LIFT_LIMITS = (0.1, 0.5)
-"""[m/s], [m/s²] of the lift."""
+"""[m/s], [m/s²] Default limits of the lift."""
 ARM_LIMITS = (1.5, 2.0)
-"""[rad/s], [rad/s²] of the arm's joints."""
+"""[rad/s], [rad/s²] Default limits of the arm's joints."""
 _ROUNDING = 9
-"""Decimals that are kept of what is computed."""
+"""Decimals kept of computed values."""
 
 
 _NEEDED = ("base_joints", "tip", "finger_joints", "home")
@@ -48,11 +48,11 @@ _DEFAULTS: Mapping[str, Any] = {
     "finger_gap": 0.012,
     "ahead": (),
 }
-"""What may be said about a robot beside its MJCF file; empty values are read from it, or stand for slow limits."""
+"""Optional data of a robot in addition to its MJCF file. Empty values are read from the file, or become slow limits."""
 
 
 def read_fields(mjcf: str | Path, page: Mapping[str, Any]) -> dict[str, Any]:
-    """The fields of a robot's `RobotSpec`; arguments and exceptions as of `RobotSpec.from_mjcf`."""
+    """Read the fields of a robot's `RobotSpec`. Arguments and exceptions as in `RobotSpec.from_mjcf`."""
     if "arms" in page:
         return _with_arms(mjcf, page)
     known = (*_NEEDED, *_DEFAULTS)
@@ -62,7 +62,7 @@ def read_fields(mjcf: str | Path, page: Mapping[str, Any]) -> dict[str, Any]:
             f"what can be said: {', '.join((*known, 'base', 'arms'))}"
         )
     said = {**_DEFAULTS, **{name: tuple(value) if isinstance(value, list) else value for name, value in page.items()}}
-    # MuJoCo looks up whatever it is given: without these checks None ends the process.
+    # MuJoCo looks up any value without a check: None would end the process.
     check_names("base_joints", said["base_joints"], 3)
     check_names("finger_joints", said["finger_joints"], 2)
     check_names("finger_geoms", said["finger_geoms"])
@@ -105,7 +105,8 @@ def read_fields(mjcf: str | Path, page: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _with_arms(mjcf: str | Path, page: Mapping[str, Any]) -> dict[str, Any]:
-    """The fields of a robot with several arms: each is read as if it were the only one, and the first is active."""
+    """Read the fields of a robot with several arms. Each is read as if it were the only arm, and the first is
+    active."""
     arms, shared = page["arms"], {name: value for name, value in page.items() if name != "arms"}
     is_known = isinstance(arms, Mapping) and len(arms) > 1 and all(isinstance(arm, Mapping) for arm in arms.values())
     require(is_known, "arms", f"must hold what is said of each arm by its name, of two or more, not {arms!r}")
@@ -128,18 +129,18 @@ def read_shapes(
     still: Mapping[str, float],
     idle_joints: Collection[str],
 ) -> Shapes:
-    """The collision shapes of a robot, in the frames of base and chain.
+    """Read the collision shapes of a robot, in the frames of base and chain.
 
     Args:
         mjcf: its MJCF file.
         base_body: name of the base's body.
         chain: torso and arm.
-        fingers: the fingers' joints by name, and how far each goes [m].
-        still: positions of the joints that no action moves, by name [m], [rad].
+        fingers: travel of the fingers' joints by name [m].
+        still: positions of joints that no action moves, by name [m], [rad].
         idle_joints: names of the first joints of arms that do not act.
 
     Raises:
-        InvalidRobot: the file has collision geometry of a kind that is not known, or lacks a joint.
+        InvalidRobot: the file has collision geometry of an unknown kind, or lacks a joint.
     """
     model = mujoco.MjModel.from_xml_path(str(mjcf))
     data = mujoco.MjData(model)
@@ -166,10 +167,10 @@ def read_shapes(
 def collision_geoms(
     model: mujoco.MjModel, base_body: str, joints: Sequence[str], idle_joints: Collection[str]
 ) -> list[int]:
-    """Ids of a robot's geoms that can touch something: the gripper's, then others, then those of idle arms.
+    """Ids of a robot's collision geoms: the gripper's, then others, then those of idle arms.
 
     Args:
-        model: it contains the robot.
+        model: a model that contains the robot.
         base_body: name of the base's body.
         joints: names of the joints of torso and arm.
         idle_joints: names of the first joints of arms that do not act.
@@ -190,7 +191,7 @@ def collision_geoms(
 
 
 def _chain(arm: ArmChain) -> tuple[ChainLink, ...]:
-    """The chain with the frames that were read, their numbers rounded."""
+    """The chain of an arm, with rounded numbers."""
     return tuple(
         ChainLink(
             joint,
@@ -213,7 +214,7 @@ def _numbers(values: Floats) -> Any:
 
 
 def _quaternion(place: Floats) -> Any:
-    """wxyz of the orientation in a row of `ArmChain`."""
+    """Quaternion wxyz of the orientation in a row of `ArmChain`."""
     if place.size == 3:
         return (1.0, 0.0, 0.0, 0.0)
     quaternion = np.empty(4)
@@ -230,7 +231,7 @@ def _joint(model: mujoco.MjModel, name: str) -> int:
 
 
 def _gripper(model: mujoco.MjModel, finger_joints: tuple[str, ...], pads: tuple[str, ...]) -> dict[str, Any]:
-    """Pads, range and thickness of the fingers, and the gap between the pads of the closed gripper."""
+    """Read pads, range and thickness of the fingers, and the gap between the pads of the closed gripper."""
     joints = [_joint(model, name) for name in finger_joints]
     geoms = pads or tuple(_only_geom(model, int(model.jnt_bodyid[joint])) for joint in joints)
     data = mujoco.MjData(model)
@@ -251,7 +252,7 @@ def _gripper(model: mujoco.MjModel, finger_joints: tuple[str, ...], pads: tuple[
 
 
 def _only_geom(model: mujoco.MjModel, body: int) -> str:
-    """The name of the one geom of a body that can touch something."""
+    """The name of a body's only collision geom."""
     first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
     touching = [
         geom for geom in range(first, first + count) if model.geom_contype[geom] or model.geom_conaffinity[geom]
@@ -263,15 +264,15 @@ def _only_geom(model: mujoco.MjModel, body: int) -> str:
 
 
 def _half_extent(model: mujoco.MjModel, data: mujoco.MjData, geom: int, along: Floats) -> float:
-    """[m] from a geom's centre to its end along a direction, of the box around it."""
+    """Half extent of the box around a geom along a direction [m]."""
     return float(np.abs(along @ data.geom_xmat[geom].reshape(3, 3)) @ model.geom_aabb[geom, 3:])
 
 
 def footprint(model: mujoco.MjModel, base: str) -> dict[str, Any]:
-    """Radius and height of the cylinder about the base's axis that contains its geoms that can touch something.
+    """Radius and height of the cylinder about the base's axis that contains its collision geoms.
 
-    What is fixed to the base is a part of it. Those geoms count that reach farthest out: what stands on them is
-    narrower. If that one is not round, the outline of all is given too.
+    Bodies fixed to the base are a part of it. The geoms that reach farthest out determine the cylinder, because bodies
+    on top of them are narrower. If the farthest geom is not round, the outline of all geoms is returned too.
     """
     data = mujoco.MjData(model)
     data.qpos[:] = 0.0

@@ -1,4 +1,4 @@
-"""How low the shapes of a robot reach."""
+"""Lowest points of a robot's shapes."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from assets.robot_parts import InvalidRobot
 from irm.model_reading import hull_corners
 
 SUNK = 1e-4
-"""[m] below the ground to which a base may reach: what rounding leaves."""
+"""[m] Depth to which a base may reach below the ground, due to rounding."""
 
 
 def lowest_height(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> float:
-    """[m] of the lowest point of a geom above the ground."""
+    """Height of the lowest point of a geom above the ground [m]."""
     z, up = float(data.geom_xpos[geom, 2]), data.geom_xmat[geom].reshape(3, 3)[2]
     a, b, c = model.geom_size[geom]
     across = float(np.hypot(up[0], up[1]))

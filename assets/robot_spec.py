@@ -1,4 +1,4 @@
-"""What the project needs to know about a robot: names, geometry and limits, checked when a spec is made."""
+"""Description of a robot: names, geometry and limits, checked at construction."""
 
 from __future__ import annotations
 
@@ -33,21 +33,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RobotSpec:
-    """A mobile manipulator: planar base (x, y, yaw), torso lift, arm, parallel gripper; or an arm that stands: `fixed`.
+    """A mobile manipulator: planar base (x, y, yaw), torso lift, arm, parallel gripper. Or an arm on a `fixed` base.
 
-    Of a robot with several arms one is active, and the fields describe it: `using` makes another one active. The others
-    stay in their home configuration with closed grippers; collision checks include them.
+    A robot with several arms has one active arm, which the fields describe. `using` makes another arm active. The
+    others stay in their home configuration with closed grippers. Collision checks include them.
 
-    Vectors over joints are ordered base x, base y, base yaw, torso, arm; an *arm configuration* `q` is torso and arm
-    only, shape (1 + n,). Units are SI. The TCP frame has x along the approach, y along the finger motion.
+    Vectors over joints are ordered base x, base y, base yaw, torso, arm. An *arm configuration* `q` has only torso and
+    arm, shape (1 + n,). Units are SI. The TCP frame has x along the approach, y along the finger motion.
 
     Raises:
-        InvalidRobot: a field has a wrong length, or a value that cannot be; the message names the field.
+        InvalidRobot: a field has a wrong length, or an impossible value. The message names the field.
     """
 
     name: str
     mjcf: str
-    """The MJCF file: a path below `assets/`, or the absolute path of a file of your own."""
+    """MJCF file: a path below `assets/`, or the absolute path of the user's own file."""
     base_body: str
     base_joints: tuple[str, str, str]
     chain: tuple[ChainLink, ...]
@@ -60,53 +60,53 @@ class RobotSpec:
     head_configuration: tuple[float, ...]
     cameras: tuple[str, ...]
     home: tuple[float, ...]
-    """Configuration to start, drive and carry in, shape (1 + n,): torso [m], arm [rad]; the gripper is level and above
-    the objects, the arm beside what the head's camera is to see."""
+    """Configuration to start, drive and carry in, shape (1 + n,): torso [m], arm [rad]. The gripper is level and above
+    the objects. The arm is beside the view of the head's camera."""
     max_velocity: tuple[float, ...]
     """Shape (4 + n,): base [m/s, m/s, rad/s], torso [m/s], arm [rad/s]."""
     max_acceleration: tuple[float, ...]
     """Shape (4 + n,): like `max_velocity`, per second."""
     max_loaded_yaw_rate: float
-    """[rad/s] while an object is held; in faster turns it slips out of the fingers."""
+    """[rad/s] Limit while an object is held. In faster turns it slips out of the fingers."""
     max_tcp_velocity: tuple[float, float]
     """Linear [m/s] and angular [rad/s] TCP speed of a full "ee" action."""
     max_finger_velocity: float
-    """[m/s] of one finger."""
+    """[m/s] Limit of each finger."""
     max_finger_position: float
-    """[m] of one finger joint; 0 is closed."""
+    """[m] Upper limit of each finger joint. 0 is closed."""
     finger_gap_closed: float
     """[m] between the pads at finger position 0."""
     finger_thickness: float
-    """[m] of one finger along its motion."""
+    """[m] Thickness of a finger along its motion."""
     grasp_height: float
     """δ [m]: TCP above the object's lowest point in a side grasp."""
     grasp_axis_offset: float
     """ε [m]: TCP from the object's main axis."""
     base_radius: float
-    """[m] of the circle that contains the base footprint."""
+    """[m] Radius of the circle that contains the base footprint."""
     base_height: float
     """[m]."""
     meshes: tuple[LinkMesh, ...] = field(default=(), repr=False)
     mesh_package: str = ""
     mesh_folder: str = ""
     tcp_quaternion: tuple[float, float, float, float] = NO_TURN
-    """wxyz, of the TCP in the last arm frame, as `ChainLink.quaternion`; beside `tcp_offset`."""
+    """Orientation wxyz of the TCP in the last arm frame, as `ChainLink.quaternion`. `tcp_offset` is its position."""
     closed_form_ik: str = ""
     """Name of a closed-form solver of `irm.ik.closed_form`, "" for the generic route."""
     arm_name: str = ""
-    """Name of the active arm, of a robot with several."""
+    """Name of the active arm of a robot with several arms."""
     idle_arms: tuple[ArmSpec, ...] = ()
     base_outline: tuple[tuple[float, float], ...] = ()
-    """Corners x, y [m] of the base's convex footprint, of a base that is not round."""
+    """Corners x, y [m] of the convex footprint of a base that is not round."""
     plans_torso: bool = True
-    """Whether plans move the torso; a slow one stays at the height of `home`."""
+    """Whether plans move the torso. A slow torso stays at the height of `home`."""
     finger_gap: float = 0.012
-    """[m] between each finger of the open gripper and the object that it is about to take, or has let go."""
+    """[m] Gap between each finger of the open gripper and an object before a grasp, or after a release."""
     acts_with_all_arms: bool = False
-    """Whether actions and plans move all arms, one after another; if not, only the active one. See `with_all_arms`."""
+    """Whether actions and plans move all arms, one after another, or only the active arm. See `with_all_arms`."""
     ahead: tuple[float, ...] = ()
-    """Of a robot of one arm, which is aside at home: a configuration like `home` with the gripper before the middle of
-    the base and the arm unturned; () where that is `home`. See `in_front`."""
+    """Configuration like `home` with the gripper in front of the middle of the base and the arm unturned. Used for a
+    robot of one arm that is aside at home, otherwise (). See `in_front`."""
 
     def __post_init__(self) -> None:
         for name in ("name", "mjcf", "base_body", "tcp_site", "gripper_body"):
@@ -149,12 +149,12 @@ class RobotSpec:
         require(has_arms, "acts_with_all_arms", f"is for robots with several arms; {self.name} has one")
 
     def __hash__(self) -> int:
-        # Of a few fields: robots are the keys of many caches, some of which are asked in every control step.
+        # A hash of few fields, because robots are keys of many caches, some used in every control step.
         return hash((self.name, self.mjcf, self.arm_name, self.home))
 
     @classmethod
     def from_fields(cls, values: Mapping[str, Any]) -> RobotSpec:
-        """The robot that `dataclasses.asdict` took apart, also after it was written to JSON and read again.
+        """Make a robot from the dictionary of `dataclasses.asdict`, also after a round trip through JSON.
 
         Raises:
             InvalidRobot: an unknown or missing field, or a wrong value.
@@ -171,21 +171,22 @@ class RobotSpec:
 
     @classmethod
     def from_mjcf(cls, path: str | Path, **page: Any) -> RobotSpec:
-        """The robot of an MJCF file: joints, frames, limits, gripper and footprint are read from it.
+        """Read a robot from an MJCF file: joints, frames, limits, gripper and footprint.
 
         Args:
-            path: of the file; a path below `assets/` names a file of the package.
-            **page: what the file does not say. Needed are `base_joints`, names of the joints that move the base along
-                x, along y and about z; `tip`, name of the TCP's site; `finger_joints`; `home`. More fields may be said:
+            path: path of the file. A path below `assets/` names a file of the package.
+            **page: data that the file lacks. Required are `base_joints` (names of the joints that move the base along
+                x, along y and about z), `tip` (name of the TCP's site), `finger_joints` and `home`. Optional are
                 `name`, `finger_geoms`, `head_joints`, `head_configuration`, `grasp_height`, `grasp_axis_offset`,
-                `finger_gap`, `ahead`, and the limits, which are slow ones otherwise: a model has none. `base` is
-                "holonomic" if not said, "differential" or "fixed": how the base moves. Of a robot with several arms,
-                `arms` holds for each, by its name, what differs: `tip`, `finger_joints`, `home` (the same lift) and
-                what else may be said; the first one is active, see `using` and `with_all_arms`.
+                `finger_gap`, `ahead`, and the limits. A model has no limits of motion, so they are slow by default.
+                `base` is the motion of the base: "holonomic" (the default), "differential" or "fixed". For a robot with
+                several arms, `arms` has the fields of each arm by its name: `tip`, `finger_joints`, `home` (with the
+                same lift) and optional fields. The first arm is active, see `using` and `with_all_arms`.
 
         Raises:
             FileNotFoundError: there is no such file.
-            InvalidRobot: the file lacks what the page names, or they do not describe a robot; the message says what.
+            InvalidRobot: the file lacks a name of the page, or both do not describe a robot. The message gives the
+                reason.
         """
         from assets.robot_reading import read_fields  # a function needs the simulator, the package does not
 
@@ -213,12 +214,12 @@ class RobotSpec:
         """Collision shapes of robot, head and idle arms in `still_configuration`, for `irm` and the planner.
 
         Raises:
-            InvalidRobot: the MJCF file has collision geometry of a kind that is not known, or lacks a joint.
+            InvalidRobot: the MJCF file has collision geometry of an unknown kind, or lacks a joint.
         """
         return _shapes_of(self)
 
     def collision_geoms(self, model: Any) -> list[int]:
-        """Ids of the robot's geoms that can touch something, in a `mujoco.MjModel` that contains the robot.
+        """Ids of the robot's collision geoms, in a `mujoco.MjModel` that contains the robot.
 
         The gripper's come first, then others, then those of idle arms.
         """
@@ -233,7 +234,7 @@ class RobotSpec:
 
     @property
     def map_folder(self) -> Path | None:
-        """Folder with reachability maps of robots of the package; `irm.cached_map` finds them by their digest there."""
+        """Folder with reachability maps of the package's robots. `irm.cached_map` finds them by their digest."""
         return folder("maps")
 
     @property
@@ -260,10 +261,10 @@ class RobotSpec:
         return (ArmSpec(**arm), *self.idle_arms)
 
     def using(self, arm_name: str) -> RobotSpec:
-        """The same robot with the arm of that name active.
+        """Make the arm of that name active. Returns a new robot.
 
         Raises:
-            InvalidRobot: there is no such arm; the message lists the arms.
+            InvalidRobot: no such arm. The message lists the arms.
         """
         arms = {arm.name: arm for arm in self.arms}
         if arm_name not in arms:
@@ -282,41 +283,41 @@ class RobotSpec:
 
     @property
     def base_drive(self) -> str:
-        """How the base moves: "holonomic", in all directions, "differential", or "fixed", not at all."""
+        """Motion of the base: "holonomic" (in all directions), "differential" or "fixed"."""
         return "holonomic"
 
     def differential(self) -> RobotSpec:
-        """The same robot, whose base moves ahead and back and turns about its centre."""
+        """The same robot with a base that moves ahead and back and turns about its centre."""
         return self._driving(_Differential)
 
     def fixed(self) -> RobotSpec:
-        """The same robot, whose base stays where it is, as that of an arm on a pedestal; what it stands on or in does
-        not count as an obstacle to the base itself."""
+        """The same robot with a fixed base, as for an arm on a pedestal. Bodies that the base stands on or in are no
+        obstacles to the base itself."""
         return self._driving(_Fixed)
 
     def holonomic(self) -> RobotSpec:
-        """The same robot, whose base moves in all directions."""
+        """The same robot with a base that moves in all directions."""
         return self._driving(RobotSpec)
 
     def _driving(self, kind: type[RobotSpec]) -> RobotSpec:
         return kind(**{entry.name: getattr(self, entry.name) for entry in fields(self)})
 
     def with_all_arms(self) -> RobotSpec:
-        """The same robot, whose actions and plans move all arms, one after another.
+        """The same robot with actions and plans that move all arms, one after another.
 
         Raises:
-            InvalidRobot: it has one arm only.
+            InvalidRobot: the robot has a single arm.
         """
         return replace(self, acts_with_all_arms=True)
 
     @property
     def acting_arms(self) -> tuple[str, ...]:
-        """Names of the arms that actions and plans move, the active one first; ("",) if the only arm has no name."""
+        """Names of the arms that actions and plans move, the active arm first. ("",) if the only arm has no name."""
         return tuple(arm.name for arm in self.arms) if self.acts_with_all_arms else (self.arm_name,)
 
     @property
     def still_joints(self) -> tuple[str, ...]:
-        """Joints that no action moves: the head's, those of idle arms, and the fingers of these."""
+        """Joints that no action moves: those of the head, of idle arms, and of their fingers."""
         arms = (name for arm in self.idle_arms for name in (*arm.joints, *arm.finger_joints))
         return (*self.head_joints, *arms)
 
@@ -333,11 +334,11 @@ class RobotSpec:
 
     @property
     def max_opening(self) -> float:
-        """[m] between the pads of the fully open gripper."""
+        """Distance between the pads of the fully open gripper [m]."""
         return self.opening(self.max_finger_position)
 
     def opening(self, finger_position: float) -> float:
-        """[m] between the pads at a finger joint position [m]."""
+        """Distance between the pads at a finger joint position [m]."""
         return self.finger_gap_closed + 2 * finger_position
 
     def finger_position(self, opening: float) -> float:
@@ -345,10 +346,11 @@ class RobotSpec:
         return min(max((opening - self.finger_gap_closed) / 2, 0.0), self.max_finger_position)
 
     def velocity_feedforward(self, model: Any, joints: tuple[str, ...] = ()) -> list[float]:
-        """[s] for each drive joint: added to a motor's position command per unit of velocity, it cancels all damping.
+        """Time [s] for each drive joint. Added to a motor's position command per unit of velocity, it cancels all
+        damping.
 
         Args:
-            model: the `mujoco.MjModel`; the robot's position actuators have the names of its joints.
+            model: the `mujoco.MjModel`. The robot's position actuators have the names of its joints.
             joints: names of joints in place of the drive joints.
         """
         motors = [(model.joint(name), model.actuator(name)) for name in joints or self.drive_joints]
@@ -367,7 +369,7 @@ def _shapes_of(robot: RobotSpec) -> Shapes:
 
 @dataclass(frozen=True)
 class _Differential(RobotSpec):
-    """A robot with a differential base. Its data are those of the robot: a field would be in every record of robots."""
+    """A robot with a differential base. The drive is no field, because it would then be in every record of robots."""
 
     @property
     def base_drive(self) -> str:
@@ -385,11 +387,11 @@ class _Fixed(RobotSpec):
 
 @dataclass(frozen=True)
 class ActingJoints:
-    """The joints that actions move, in their order: base, torso and the active arm (4 + n), then other arms that act.
+    """Joints that actions move, in their order: base, torso and the active arm (4 + n), then other acting arms.
 
     Attributes:
         names: of the joints.
-        velocity, acceleration: their limits [m/s], [rad/s]; per second.
+        velocity, acceleration: their limits [m/s], [rad/s], and the same per second.
         lower, upper: ranges of torso and arms, without the base [m], [rad].
         home: of torso and arms.
         arms: names of the arms, the active one first.
@@ -408,7 +410,7 @@ class ActingJoints:
 
     @classmethod
     def of(cls, robot: RobotSpec) -> ActingJoints:
-        """Those of a robot."""
+        """The joints of a robot."""
         others = robot.idle_arms if robot.acts_with_all_arms else ()
         links = (*robot.chain, *(link for arm in others for link in arm.chain))
         return cls(
@@ -425,7 +427,7 @@ class ActingJoints:
 
     @property
     def num_grippers(self) -> int:
-        """How many grippers act."""
+        """Number of acting grippers."""
         return len(self.arms)
 
 
@@ -439,7 +441,7 @@ _POSITIVE = (
     "base_radius",
     "base_height",
 )
-"""Fields that are one positive number."""
+"""Fields with one positive number."""
 
 
 _KINDS = {
@@ -450,7 +452,7 @@ _KINDS = {
     "plans_torso": bool,
     "acts_with_all_arms": bool,
 }
-"""Fields that are a text or a flag."""
+"""Fields with a text or a flag."""
 
 
 def _as_arm(values: Mapping[str, Any]) -> ArmSpec:
@@ -459,5 +461,5 @@ def _as_arm(values: Mapping[str, Any]) -> ArmSpec:
 
 
 def _as_tuples(value: Any) -> Any:
-    """Lists, as JSON makes them, as the tuples that the fields hold."""
+    """Convert the lists of JSON to the tuples of the fields."""
     return tuple(_as_tuples(entry) for entry in value) if isinstance(value, list | tuple) else value

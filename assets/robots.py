@@ -1,4 +1,4 @@
-"""The robots that the project knows by name."""
+"""Robots known by name."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ __all__ = [
 
 
 class UnknownRobot(ValueError):
-    """No robot of that name; the message lists the known ones."""
+    """No robot of that name. The message lists the known robots."""
 
 
 _GREY = (0.356, 0.361, 0.376, 1.0)
@@ -107,7 +107,7 @@ _PAGES: dict[str, dict[str, Any]] = {
         "grasp_height": 0.08,
     }
 }
-"""By name, what is said of a robot beside its MJCF file `mjcf/<name>.xml`; see `docs/add_a_robot.md`."""
+"""Data of robots by name, in addition to their MJCF files `mjcf/<name>.xml`. See `docs/add_a_robot.md`."""
 
 
 def robot_names() -> tuple[str, ...]:
@@ -116,12 +116,12 @@ def robot_names() -> tuple[str, ...]:
 
 
 def robot(robot: str | RobotSpec | Mapping[str, Any]) -> RobotSpec:
-    """The robot of that name, or of an MJCF file that has its page beside it, `arm.xml` and `arm.json`.
+    """Find the robot of that name, or read an MJCF file with its page next to it, `arm.xml` and `arm.json`.
 
-    A `RobotSpec` is returned as it is, its fields as a dictionary make one.
+    A `RobotSpec` is returned unchanged. A dictionary of its fields is converted.
 
     Raises:
-        UnknownRobot: no robot of that name, or no such file or page; the message lists the known names.
+        UnknownRobot: no robot of that name, or no such file or page. The message lists the known names.
         InvalidRobot: the dictionary does not hold the fields of a `RobotSpec`, or the files do not describe a robot.
     """
     if isinstance(robot, RobotSpec):
@@ -143,13 +143,13 @@ def robot(robot: str | RobotSpec | Mapping[str, Any]) -> RobotSpec:
 
 @cache
 def _read(name: str) -> RobotSpec:
-    """A robot that is described by its file and its page, read once."""
+    """Read a robot from its file and its page, once."""
     return RobotSpec.from_mjcf(f"mjcf/{name}.xml", name=name, **_PAGES[name])
 
 
 @cache
 def _of_files(file: Path, page: Path, *_changed: int) -> RobotSpec:
-    """A robot of the user's own files, read once, and again when they have changed."""
+    """Read a robot from the user's own files, once, and again after they have changed."""
     try:
         return RobotSpec.from_mjcf(file, **json.loads(page.read_text(encoding="utf-8")))
     except (ValueError, TypeError) as problem:

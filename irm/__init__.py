@@ -1,4 +1,4 @@
-"""Where may the base stand so that the arm reaches a TCP pose? Reachability maps and their inverse.
+"""Reachability maps and inverse reachability maps: base poses from which an arm reaches a TCP pose.
 
 Example:
     from assets.robots import FETCH
@@ -86,12 +86,12 @@ _MODULES = (
     *("errors", "answers", "free_space", "chain", "grid", "kinematics", "robot_shape", "reachability_map"),
     *("inverse_map", "ik.solvers", "verification", "tolerance"),
 )
-"""Modules of the public names, in the order in which they are searched: those that load the least come first."""
+"""Modules of the public names, in search order. The modules that import the least come first."""
 
 if not TYPE_CHECKING:
 
     def __getattr__(name: str) -> Any:
-        """Import a public name when it is first asked for: the rule of self-contact is read without any kernel."""
+        """Import a public name at its first use. Some users need only light modules, without any compiled kernel."""
         if name not in __all__:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         for module in _MODULES:

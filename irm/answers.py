@@ -23,21 +23,22 @@ class Status(Enum):
 
 @dataclass(frozen=True)
 class BasePlacement:
-    """Where the base may stand, best first. Arrays are read-only; k = 0 if no base was found.
+    """Base poses that answer a query, best first. Arrays are read-only. Without a base, k = 0.
 
     Attributes:
         status: YES if one of the bases is certain, NO if there is certainly none, UNKNOWN otherwise.
         poses: (k, 3) base x, y [m] and yaw [rad] in [-π, π).
-        manipulability: (k,) μ of the map's cell; of paths and of several targets, the smallest one. With exact answers,
-            that of `configurations`.
-        torso: (k,) torso height at which the arm reaches with this μ [m]; of paths and of several targets (k, m).
-        approach_yaw: (k,) yaw of the TCP in the world [rad]; of several targets (k, m).
+        manipulability: (k,) μ of the map's cell. For paths and several targets, the smallest μ. With exact answers, μ
+            of `configurations`.
+        torso: (k,) torso height at which the arm reaches with this μ [m]. For paths and several targets (k, m).
+        approach_yaw: (k,) yaw of the TCP in the world [rad]. For several targets (k, m).
         certain: (k,) whether the arm certainly reaches from this base, free of self-collision.
-        configurations: with exact answers, (k, 1 + n) torso [m] and arm [rad] that reach, free of self-collision, NaN
-            where none is known; of paths and of several targets (k, m, 1 + n). Else None.
-        joints_alone: whether nothing is known about self-collision, because the arm has no shapes or the map ignores
-            them: YES and `certain` are then statements about the joints.
-        height, pitch, roll: (k,) of the TCP that each base is for [m], [rad], if the query was for ranges. Else None.
+        configurations: with exact answers, (k, 1 + n) torso [m] and arm joints [rad] that reach, free of
+            self-collision. NaN where none is known. For paths and several targets (k, m, 1 + n). Otherwise None.
+        joints_alone: whether self-collision is unknown, because the arm has no shapes or the map ignores them. YES and
+            `certain` are then statements about the joints alone.
+        height, pitch, roll: (k,) height [m] and angles [rad] of each base's TCP pose, if the query had ranges.
+            Otherwise None.
     """
 
     status: Status
@@ -70,7 +71,7 @@ class BasePlacement:
         return f"{self.status}{', joints alone' if self.joints_alone else ''}"
 
     def _table(self) -> list[tuple[str, ...]]:
-        """A row of names and one a base; of several targets, with the torso height for the first one."""
+        """A row of column names, then one row per base. For several targets, the torso height is that of the first."""
         rows = zip(self.poses, self.manipulability, self.torso, self.certain, strict=True)
         numbers = [(*pose, mu, *np.atleast_1d(torso)[:1], is_certain) for pose, mu, torso, is_certain in rows]
         words = [(*(f"{value:.3f}" for value in row[:-1]), "yes" if row[-1] else "no") for row in numbers]
@@ -78,13 +79,13 @@ class BasePlacement:
 
     @staticmethod
     def nothing(status: Status, positions: tuple[int, ...] = ()) -> BasePlacement:
-        """An answer without bases; of several targets, with their number."""
+        """An answer without bases. `positions`: (m,) for m targets."""
         none = np.empty((0, *positions))
         return BasePlacement(status, np.empty((0, 3)), np.empty(0), none, none, np.empty(0, dtype=bool))
 
     @staticmethod
     def of_rows(rows: Floats, configurations: Floats | None = None, joints_alone: bool = False) -> BasePlacement:
-        """From kernel rows (k, 7) or more columns, k ≥ 1: x, y, yaw, approach yaw, μ, torso, certain."""
+        """Answer from kernel rows (k, 7) or more columns, k ≥ 1: x, y, yaw, approach yaw, μ, torso, certain."""
         rows.setflags(write=False)
         certain = rows[:, 6] > 0.5
         certain.setflags(write=False)
@@ -96,7 +97,8 @@ class BasePlacement:
     def of_multi_rows(
         rows: Floats, torsos: Floats, yaws: Floats, status: Status, configurations: Floats | None = None
     ) -> BasePlacement:
-        """Of m positions, from kernel rows (k, 5): x, y, yaw, smallest μ, certain; torsos and yaws (k, m)."""
+        """Answer for m positions, from kernel rows (k, 5): x, y, yaw, smallest μ, certain. `torsos` and `yaws` are (k,
+        m)."""
         certain = rows[:, 4] > 0.5
         for array in (rows, torsos, yaws, certain):
             array.setflags(write=False)
@@ -109,13 +111,13 @@ class BasePlacement:
 
 @dataclass(frozen=True)
 class PlacementBatch:
-    """Answers to n queries with up to k bases each, best first; rows are filled with NaN beyond `count[i]`.
+    """Answers to n queries with up to k bases each, best first. Rows beyond `count[i]` are NaN.
 
     Attributes:
         count: (n,) bases found.
-        poses, manipulability, torso, approach_yaw, certain: (n, k, …) as of `BasePlacement`; `certain` is False where
-            none was found.
-        joints_alone: as of `BasePlacement`.
+        poses, manipulability, torso, approach_yaw, certain: (n, k, …) as in `BasePlacement`. `certain` is False where
+            no base was found.
+        joints_alone: as in `BasePlacement`.
     """
 
     count: NDArray[np.int64]
@@ -131,7 +133,7 @@ class PlacementBatch:
 
     @staticmethod
     def of_rows(rows: Floats, count: NDArray[np.int64], joints_alone: bool = False) -> PlacementBatch:
-        """From kernel rows (n, k, 7), see `BasePlacement.of_rows`."""
+        """Answers from kernel rows (n, k, 7), see `BasePlacement.of_rows`."""
         certain = rows[..., 6] > 0.5
         for array in (rows, count, certain):
             array.setflags(write=False)

@@ -1,7 +1,7 @@
-"""Exact decisions about the bases of an answer: which of them reach, by inverse kinematics and without self-collision.
+"""Exact decisions about the bases of an answer, by inverse kinematics without self-collision.
 
-A map says which bases reach at the centres of its cells. Between the centres, and between its rings of pitch, inverse
-kinematics decides. Both inverse maps share this module.
+A map knows which bases reach at the centres of its cells. Between these centres, and between its rings of pitch,
+inverse kinematics decides. Both inverse maps share this module.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 SPARE_BASES = 8
-"""Bases that are decided beyond the number wanted, in place of those that are dropped."""
+"""Bases decided beyond the requested number, to replace those that are dropped."""
 _MORE_BASES, _AT_A_TIME = 256, 16
-"""Bases decided exactly, beyond the number wanted, before an answer is given without a certain base; and how many of
-them at a time."""
+"""Bases decided beyond the requested number before an answer has no certain base, and the number decided at a time."""
 AtOneTurn = bool
 Ranked = Callable[[int, AtOneTurn], Floats]
-"""The best bases of a query: at most so many rows (m, 7) of x, y, yaw, approach yaw, μ, torso, certain. At one turn
-each if that is true: to the arm, a base is the same at every turn about the TCP. Else apart from each other."""
+"""The best bases of a query: at most the given number of rows (m, 7) of x, y, yaw, approach yaw, μ, torso, certain.
+With `AtOneTurn`, each base occurs at a single turn about the TCP, because every turn is the same to the arm. Otherwise
+the bases keep their distance from each other."""
 Poses = Callable[[Floats], Floats]
-"""T_world_tcp (m, 4, 4) that the bases of rows (m, 7) are for."""
+"""T_world_tcp (m, 4, 4) that belong to the bases of rows (m, 7)."""
 
 
 class Decided(NamedTuple):
     """Exact answers for k bases, with m TCP poses of each.
 
-    `may_reach` (k,): false where a pose is certainly out of reach; `certain` (k,): whether a configuration is known for
-    all; these `configurations` (k, m, 1 + n), NaN where there is none; and the poses, `T_base_tcp` (k, m, 4, 4).
+    `may_reach` (k,): false where a pose is certainly out of reach. `certain` (k,): whether a configuration is known for
+    every pose. `configurations` (k, m, 1 + n): NaN where none is known. `T_base_tcp` (k, m, 4, 4): the poses.
     """
 
     may_reach: NDArray[np.bool_]
@@ -51,16 +51,16 @@ class Decided(NamedTuple):
 
 
 class BaseDecisions:
-    """Decides the bases of one map by the exact solver of its arm."""
+    """Decisions about the bases of one map, by the exact solver of its arm."""
 
     def __init__(self, reachability_map: ReachabilityMap) -> None:
         self._map = reachability_map
 
     def is_wanted(self, options: QueryOptions, by_default: bool) -> bool:
-        """Whether the bases of a query are to be decided exactly; `by_default`: if the caller does not say.
+        """Whether to decide the bases of a query exactly. `by_default` holds where the caller leaves it open.
 
         Raises:
-            QueryError: the caller wants it, and the map does not know its arm.
+            QueryError: the caller requests it for a map without an arm.
         """
         if options.exact and self._map.chain is None:
             raise QueryError("exact=True needs the arm of the map; this map was made from poses")
@@ -70,15 +70,15 @@ class BaseDecisions:
 
     @property
     def is_fast(self) -> bool:
-        """Whether the arm has the closed form that takes little time: several poses of each base are decided then."""
+        """Whether the arm has a fast closed form. Then several poses of each base can be decided."""
         return self._map.chain is not None and self._map.chain.has_closed_form
 
     def settle(self, ranked: Ranked, poses: Poses, options: QueryOptions) -> tuple[Floats, Floats | None]:
-        """The answer for one TCP position: rows (k, 7) of bases, best first, and configurations (k, 1 + n) if decided.
+        """Settle one TCP position: rows (k, 7) of bases, best first, and configurations (k, 1 + n) if decided.
 
-        By default bases are decided where the map is not certain of the best one. μ and the order stay those of the
-        map, but bases that certainly do not reach are dropped, and those of which a configuration is known come before
-        those of which none was found. With `exact`, μ and torso are those of the configurations.
+        By default bases are decided only where the map is uncertain about the best one. μ and the order stay those of
+        the map. Bases that certainly do not reach are dropped. Bases with a known configuration come before the others.
+        With `exact`, μ and torso are those of the configurations.
         """
         rows = ranked(options.k, False)
         if not self.is_wanted(options, by_default=len(rows) > 0 and not rows[0, 6]):
@@ -99,17 +99,17 @@ class BaseDecisions:
         return rows, q
 
     def _decided(self, rows: Floats, poses: Poses, options: QueryOptions) -> tuple[Floats, Floats]:
-        """Those of the bases (m, 7) that may reach their poses, `options.k` at most, and configurations."""
+        """The bases of rows (m, 7) that may reach their poses, at most `options.k`, and their configurations."""
         kept, q = self.decide_rows(rows, poses(rows), options, options.k)
         return rows[kept], q[kept]
 
     def decide_rows(
         self, rows: Floats, T_world_tcp: Floats, options: QueryOptions, most: int = MOST_BASES
     ) -> tuple[Integers, Floats]:
-        """Which of the bases of rows (m, 7) may reach their poses (m, 4, 4), and configurations (m, 1 + n) that do.
+        """Indices of the bases of rows (m, 7) that may reach their poses (m, 4, 4), and configurations (m, 1 + n).
 
-        They are `most` at most, the certain and best first. Sets certainty and torso height of the rows, and with
-        `options.exact` μ, to those of the configurations.
+        At most `most` indices, certain bases first, then by μ. The rows are changed: they take certainty and torso
+        height from the configurations, and with `options.exact` also μ.
         """
         decided = self.decide(rows[:, :3], T_world_tcp[:, None])
         certain, q = decided.certain, decided.configurations[:, 0].copy()
@@ -123,7 +123,7 @@ class BaseDecisions:
         return kept[best_first(rows[kept, 4], certain[kept], np.ones(len(kept), dtype=bool))], q
 
     def decide(self, bases: Floats, T_world_tcp: Floats) -> Decided:
-        """Exact answers for k bases (k, 3) x, y [m] and yaw [rad], and m TCP poses of each (k, m, 4, 4)."""
+        """Decide k bases (k, 3) of x, y [m] and yaw [rad] for m TCP poses each (k, m, 4, 4)."""
         T = np.array(T_world_tcp)
         back = rotations(-bases[:, 2], np.zeros(len(bases)), np.zeros(len(bases)))[:, None]
         T[..., :2, 3] -= bases[:, None, :2]
@@ -137,7 +137,7 @@ class BaseDecisions:
         return Decided(np.all(answers != NO, axis=1), np.all(answers == YES, axis=1), configurations, T)
 
     def improve(self, decided: Decided, rows: NDArray[np.int64], torsos: Floats) -> tuple[Floats, Floats]:
-        """The best configurations (r, m, 1 + n) of some bases near the map's torso heights (r, m) [m], and their μ."""
+        """Best configurations (r, m, 1 + n) of some bases near the map's torso heights (r, m) [m], and their μ."""
         found = decided.configurations[rows]
         T, n = decided.T_base_tcp[rows].reshape(-1, 4, 4), found.shape[-1]
         q, mu = self._solver.improve(T, found.reshape(-1, n), torsos.reshape(-1))
@@ -152,5 +152,5 @@ class BaseDecisions:
 
 
 def best_first(mu: Floats, certain: NDArray[np.bool_], kept: NDArray[np.bool_]) -> Integers:
-    """Indices of those kept, the certain ones first, then by μ."""
+    """Indices of the kept bases, certain bases first, then by μ."""
     return np.flatnonzero(kept)[np.lexsort((-mu[kept], ~certain[kept]))]

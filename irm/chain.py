@@ -1,6 +1,6 @@
-"""An arm on its base as arrays for kernels: from a robot, an MJCF or a URDF file.
+"""Chain of torso and arm as arrays for kernels, from a robot, an MJCF file or a URDF file.
 
-Robots offer the data of `Robot`; irm knows none by name or by type. This module does not need the simulator.
+Robots offer the data of `Robot`. irm knows no robot by name or type. This module does not import the simulator.
 """
 
 from __future__ import annotations
@@ -27,18 +27,19 @@ PRISMATIC = 3
 Integers = NDArray[np.int64]
 FETCH_AXES = (2 + PRISMATIC, 2, 1, 0, 1, 0, 1, 0)
 _FULL_TURN_ROUNDING = 1e-4
-"""[rad] A joint range shorter than a full turn by less counts as unlimited: model files have rounded numbers."""
+"""[rad] A joint range that misses a full turn by less is unlimited: model files have rounded numbers."""
 _SAME_LIMIT = 1e-9
-"""[rad] Limits that differ by less are the same but for rounding; within it NO is proved with a margin."""
+"""[rad] Limits that differ by less are equal up to rounding. Within it NO is proved with a margin."""
 _ON_AXIS = 1e-4
-"""[rad], [m] A TCP whose approach lies this close to the last joint's axis is turned about it, for the same reason."""
+"""[rad], [m] A TCP turns about the last joint's axis if its approach lies this close to it, for the same reason."""
 
 
 class Joint(Protocol):
     """One joint of the chain torso → arm, as `assets.ChainLink`.
 
-    Its name; origin (3,) [m] and orientation (3, 3) of its frame in its parent's, at zero; unit vector (3,) of its axis
-    in its own frame; limits [m] or [rad]; and whether it slides along its axis.
+    `joint` is its name. `offset` (3,) [m] and `rotation` (3, 3) place its frame in its parent's frame at zero.
+    `direction` (3,) is the unit vector of its axis in its own frame. `lower` and `upper` are its limits [m] or [rad].
+    `prismatic`: whether it slides along its axis.
     """
 
     # fmt: off
@@ -64,8 +65,8 @@ _NO_TURN.setflags(write=False)
 
 
 class JointRow(NamedTuple):
-    """One joint of a table of joints; fields as of `Joint`. `direction` is (1, 0, 0), (0, 1, 0), (0, 0, 1), or any unit
-    vector."""
+    """One joint of a table of joints, with the fields of `Joint`. `direction` is (1, 0, 0), (0, 1, 0), (0, 0, 1), or
+    any unit vector."""
 
     joint: str
     offset: Sequence[float]
@@ -77,7 +78,7 @@ class JointRow(NamedTuple):
 
 
 class JointTable(NamedTuple):
-    """The joints of a chain and its TCP: what `frames_of` reads."""
+    """Joints of a chain and its TCP, the input of `frames_of`."""
 
     chain: Sequence[Joint]
     tcp_offset: Sequence[float]
@@ -85,7 +86,7 @@ class JointTable(NamedTuple):
 
 
 class Robot(Hashable, Protocol):
-    """A mobile manipulator; attributes as of `assets.RobotSpec`, which says what they mean."""
+    """A mobile manipulator. `assets.RobotSpec` explains the attributes."""
 
     # fmt: off
     @property
@@ -125,15 +126,15 @@ class ArmChain:
 
     Attributes:
         robot: its name.
-        offsets: (1 + n, 3) origin of each joint frame in its parent's frame [m], if all frames are parallel at zero;
-            else (1 + n, 12), followed by the orientation in the parent's frame, row by row.
-        axes: (1 + n,) 0, 1, 2 for hinges about x, y, z; 3, 4, 5 for slides along them.
+        offsets: (1 + n, 3) origin of each joint frame in its parent's frame [m], if all frames are parallel at zero.
+            Otherwise (1 + n, 12): origin, then orientation in the parent's frame, row by row.
+        axes: (1 + n,) 0, 1, 2 for hinges about x, y, z, and 3, 4, 5 for slides along them.
         lower, upper: (1 + n,) joint limits [m], [rad].
-        tip: (3,) TCP in the last link's frame [m]; (12,) with its orientation, as in `offsets`.
+        tip: (3,) TCP in the last link's frame [m], or (12,) with its orientation, as in `offsets`.
         joints: (1 + n) names, "" for an arm without a lift.
-        shapes: collision shapes of the whole robot; none for an arm of which only the joints are known.
+        shapes: collision shapes of the whole robot. Empty if only the joints are known.
         home_torso: torso height of a map whose torso does not move [m].
-        links: (7,) lengths for `irm.ik.closed_form`; empty for arms without the structure of Fetch's.
+        links: (7,) lengths for `irm.ik.closed_form`. Empty for arms without the structure of Fetch's arm.
     """
 
     robot: str
@@ -149,7 +150,7 @@ class ArmChain:
 
     @property
     def has_closed_form(self) -> bool:
-        """Whether `inverse` works for this arm."""
+        """Whether `irm.ik.closed_form` works for this arm."""
         return self.links.size > 0
 
     @property
@@ -164,7 +165,8 @@ class ArmChain:
 
     @property
     def reach(self) -> float:
-        """[m] between the first arm joint and the TCP at most: the lengths of all links, slides extended."""
+        """Upper bound of the distance between the first arm joint and the TCP [m]: all link lengths, slides
+        extended."""
         links = np.linalg.norm(self.offsets[2:, :3], axis=1).sum() + np.linalg.norm(self.tip[:3])
         slides = np.maximum(np.abs(self.lower[1:]), np.abs(self.upper[1:]))[self.axes[1:] >= PRISMATIC]
         return float(links + slides.sum())
@@ -225,10 +227,9 @@ class ArmChain:
     def from_joints(
         joints: Sequence[JointRow], tcp_offset: Sequence[float], tcp_rotation: Floats = _NO_TURN, name: str = "arm"
     ) -> ArmChain:
-        """The chain of a table of joints, one row for each from the base on: no file, and no model, is needed.
+        """The chain of a table of joints, one row per joint from the base on. It needs no file and no model.
 
-        The lift, a slide along z, comes first if there is one. Nothing is known of the shapes, so that every
-        configuration counts as free of self-collision.
+        A lift, a slide along z, comes first. The chain has no shapes, so every configuration is free of self-collision.
 
         Args:
             joints: of the arm.
@@ -257,21 +258,21 @@ class ArmChain:
 
     @staticmethod
     def from_mjcf(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: str = "x") -> ArmChain:
-        """The chain of any serial arm of 6 or 7 hinges, on a vertical lift if there is one.
+        """The chain of any serial arm of 6 or 7 hinges, with or without a vertical lift.
 
-        Frames, axes, their signs, the tool's rotation, limits and continuous joints are the model's, and so are the
-        values of a configuration; without a lift its first value is 0. All joints that are not between base and tip
-        stay at their initial positions.
+        Frames, axes, their signs, the tool's rotation, limits and continuous joints are those of the model.
+        Configurations have the model's joint values. Without a lift their first value is 0. Joints that are not between
+        base and tip stay at their initial positions.
 
         Args:
-            model: a compiled model, or the path of its file; a URDF file is read as by `from_urdf`.
-            base: name of the body whose frame is the base frame; z is up. "world" is the fixed one.
+            model: a compiled model, or the path of its file. A URDF file is read as in `from_urdf`.
+            base: name of the body whose frame is the base frame, with z up. "world" is the fixed body.
             tip: name of the site or body whose frame is the TCP frame.
-            approach: the axis of that frame along which the gripper approaches: "x", "-x", "y", "-y", "z" or "-z".
-                The x axis of irm's TCP frame is the approach; for any other axis than "x" the frame is turned.
+            approach: the axis of that frame along which the gripper approaches: "x", "-x", "y", "-y", "z" or "-z". The
+                x axis of irm's TCP frame is the approach, so the frame is turned for any other axis.
 
         Raises:
-            ChainError: no such body, or the joints between base and tip are not of this kind; the message lists them.
+            ChainError: no such body, or the joints between base and tip are not of this kind. The message lists them.
 
         Example:
             chain = ArmChain.from_mjcf("panda.xml", base="link0", tip="grip_site", approach="z")
@@ -286,10 +287,10 @@ class ArmChain:
 
     @staticmethod
     def from_urdf(path: str | Path, base: str, tip: str, approach: str = "x") -> ArmChain:
-        """The chain of such an arm in a URDF file; arguments, names of links, and errors as of `from_mjcf`.
+        """The chain of such an arm in a URDF file. Arguments, names of links and errors as in `from_mjcf`.
 
-        Collision meshes are shapes too, and of links without any, what is for the eye. Files of meshes may be missing:
-        these are no shapes, and a warning is logged.
+        Collision meshes are shapes too. Links without collision shapes use their visual shapes. A missing mesh file
+        yields no shape, and a warning is logged.
         """
         from irm.model_reading import load_urdf, read_arm  # see `from_mjcf`
 
@@ -307,14 +308,14 @@ def has_free_roll(chain: ArmChain) -> bool:
 
 
 def _with_links(chain: ArmChain, links: Floats) -> ArmChain:
-    """The chain with the lengths of its closed form, and its arrays read-only."""
+    """Make the chain's arrays read-only and add the lengths of its closed form."""
     for array in (chain.offsets, chain.axes, chain.lower, chain.upper, chain.tip, links):
         array.setflags(write=False)
     return replace(chain, links=links)
 
 
 def _fetch_links(chain: ArmChain) -> Floats:
-    """The seven lengths of `irm.ik.closed_form`; empty if the arm does not have the structure of Fetch's."""
+    """The seven lengths of `irm.ik.closed_form`. Empty if the arm does not have the structure of Fetch's arm."""
     if tuple(chain.axes.tolist()) != FETCH_AXES or chain.tip.size > 3:
         return np.empty(0)
     offset, lower, upper = chain.offsets, chain.lower, chain.upper
@@ -346,7 +347,7 @@ class ChainArrays(NamedTuple):
 
 
 class ChainKey:
-    """A chain that equals others with the same arrays, for `lru_cache`."""
+    """Key for `lru_cache`: chains with the same arrays are equal."""
 
     def __init__(self, chain: ArmChain) -> None:
         self.chain = chain
@@ -361,7 +362,7 @@ class ChainKey:
 
 
 def chain_arrays(chain: ArmChain, torso_range: tuple[float, float] | None = None) -> ChainArrays:
-    """Read-only copies of a chain's arrays, with other limits of its torso if given [m]."""
+    """Read-only copies of a chain's arrays. `torso_range` [m] replaces the limits of its torso."""
     arrays = ChainArrays(*(getattr(chain, name).copy() for name in ChainArrays._fields))
     if torso_range is not None:
         arrays.lower[0], arrays.upper[0] = torso_range
@@ -382,11 +383,11 @@ def pose_of(place: Floats) -> Floats:
 def frames_of(robot: Robot | JointTable) -> tuple[Floats, NDArray[np.int64], Floats]:
     """Offsets (1 + n, 3 or 12), axes (1 + n,) and tip (3,) or (12,) of a robot's chain, as in `ArmChain`.
 
-    A joint about an axis of its own frame keeps that frame; any other is given one with z along its axis.
+    A joint about an axis of its own frame keeps that frame. Any other joint gets a frame with z along its axis.
     """
 
     def place(offset: Sequence[float], R: Floats) -> Floats:
-        """(12,) origin and orientation, row by row, of a frame in its parent, which was turned by `before`."""
+        """(12,) origin and orientation, row by row, of a frame in its parent, which `before` turned."""
         return np.concatenate([before.T @ np.asarray(offset, dtype=float), (before.T @ R).ravel()])
 
     places, axes, before = [], [], np.eye(3)

@@ -1,8 +1,8 @@
-"""One base for several TCP positions: the waypoints of a path, or several targets.
+"""Base poses common to several TCP positions: the waypoints of a path, or several targets.
 
-The bases of one position, the reference, are searched by μ, the best first. For each of these bases, the
-μ of every other position is read from the voxel that contains it in the base frame. The score of a base is the smallest
-μ. It cannot exceed μ of the reference, so the search ends as early as that of a single position.
+The search goes through the bases of one position, the reference, by decreasing μ. For each base, it reads μ of every
+other position from the voxel that contains the position in the base frame. The score of a base is the smallest μ. It
+cannot exceed μ of the reference, so the search ends as early as for a single position.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from irm.rotations import as_poses, rotation, rotations, world_to_base, wrap_to_
 
 Floats = NDArray[np.float64]
 _ROUNDING = 1e-5
-"""[m] of the single precision in which bases are stored; [rad] by which a yaw may leave its window."""
+"""Rounding of bases stored in single precision [m], and the excess allowed of a yaw beyond its window [rad]."""
 _BASES_AT_A_TIME = 16
 """Bases computed by one call of the kernel: some milliseconds, after which the interpreter handles Ctrl-C."""
 _TORSOS, _ROLLS = 8, 36
@@ -120,7 +120,7 @@ def targets_of(
 def _keys(
     table: InverseTable, points: Floats, pitches: Floats, rolls: Floats, options: QueryOptions
 ) -> list[Key] | None:
-    """The key of every position; None if one of them is out of reach, or if no floor is free."""
+    """The key of every position. None if a position is out of reach, or if no floor is free."""
     rows = zip(points[:, 2].tolist(), pitches.tolist(), rolls.tolist(), strict=True)
     found = [find_key(table.grid, z, pitch, roll) for z, pitch, roll in rows]
     keys = [key for key in found if key is not None]
@@ -128,8 +128,8 @@ def _keys(
 
 
 class _Found(NamedTuple):
-    """k bases: `rows` (k, 5) of x, y, yaw, smallest μ, certain; `torsos` and approach `yaws` (k, m); and, of exact
-    answers, the `configurations` (k, m, 1 + n)."""
+    """k bases. `rows` (k, 5): x, y, yaw, smallest μ, certain. `torsos` and approach `yaws`: (k, m). `configurations`:
+    (k, m, 1 + n) of exact answers."""
 
     rows: Floats
     torsos: Floats
@@ -141,10 +141,10 @@ class _Found(NamedTuple):
 class _Search:
     """One search for a base common to m positions.
 
-    `keys` m of them; `reference`: index of the position whose bases are searched; `turns` (n,) of these bases;
-    `points` (n, m, 3): the positions at each turn; `windows` (m, 2): range of approach yaws of each; `pitches`, `rolls`
-    (m,) of each; `same_yaw`: whether all positions have one approach yaw; `fixed` (m,): which positions are the same at
-    every turn.
+    `keys`: (m,) keys of the positions. `reference`: index of the position whose bases are searched. `turns` (n,): turns
+    of these bases. `points` (n, m, 3): the positions at each turn. `windows` (m, 2): range of approach yaws of each
+    position. `pitches`, `rolls` (m,): angles of each position. `same_yaw`: whether all positions have one approach yaw.
+    `fixed` (m,): whether a position is the same at every turn.
     """
 
     table: InverseTable
@@ -175,13 +175,14 @@ class _Search:
         return BasePlacement.of_multi_rows(*found[:3], status, found.configurations)
 
     def _is_exact_wanted(self, found: _Found) -> bool:
-        """By default, for paths of arms that take little time, and where the map is certain of no base."""
+        """Whether to decide exactly. By default, for paths of arms with a fast closed form, and where no base is
+        certain."""
         decisions = self.table.decisions
         by_default = (self.same_yaw and decisions.is_fast) or not found.rows[:, 4].any()
         return decisions.is_wanted(self.options, by_default)
 
     def find_clear_of(self, solids: SolidBoxes, pivots: Floats) -> BasePlacement:
-        """The same at those turns at which gripper and wrist are in no solid box.
+        """The best common bases at the turns that keep gripper and wrist out of solid boxes.
 
         `pivots` (n, m, 3): points about which each position turns with the approach yaw.
         """
@@ -232,7 +233,7 @@ class _Search:
         )
 
     def _decided(self, found: _Found) -> _Found:
-        """Those of the bases that may reach all positions, with exact configurations, their μ, and certainty."""
+        """The bases that may reach all positions, with exact configurations, their μ, and certainty."""
         points = self.points[self._turn_numbers(found.yaws[:, self.reference])]
         T = np.tile(np.eye(4), (*found.yaws.shape, 1, 1))
         pitches, rolls = (np.tile(angles, len(points)) for angles in (self.pitches, self.rolls))
@@ -249,7 +250,7 @@ class _Search:
         return _Found(rows[by_mu], torsos[by_mu], found.yaws[order][by_mu], q[by_mu])
 
     def _turn_numbers(self, yaws: Floats) -> NDArray[np.int64]:
-        """(k,) which of the turns belong to the approach yaws (k,) of the reference."""
+        """(k,) indices of the turns that belong to the approach yaws (k,) of the reference."""
         turns = yaws - self.keys[self.reference].yaw_shift
         return np.asarray(np.abs(wrap_to_pi(turns[:, None] - self.turns)).argmin(axis=1))
 
@@ -262,7 +263,7 @@ class _Search:
         return T.reshape(-1, 4, 4)
 
     def _is_clear(self, base: Floats, T_world_tcp: Floats, solids: SolidBoxes) -> bool:
-        """Whether open fingers are in no box at TCP poses (m, 4, 4), and wrist and forearm in some configuration."""
+        """Whether open fingers avoid all boxes at TCP poses (m, 4, 4), and wrist and forearm in some configuration."""
         chain = self.table.reachability_map.chain
         if solids.block_open_fingers(T_world_tcp).any():
             return False
@@ -276,7 +277,7 @@ class _Search:
         return True
 
     def _is_out_of_reach(self) -> bool:
-        """Whether one of the positions certainly has no base at all, or two of them are too far apart for one base."""
+        """Whether a position certainly has no base, or two positions are too far apart for a common base."""
         points, options = self.points[0], self.options
         discs = [self.table.disc(point[2], pitch) for point, pitch in zip(points, self.pitches.tolist(), strict=True)]
         farthest = np.array([-np.inf if disc is None else sum(disc) for disc in discs])
@@ -294,11 +295,11 @@ class _Search:
 class MultiTargetQuery(NamedTuple):
     """The positions that the base must reach, for kernels.
 
-    `key` of the reference, whether pitch and roll are `exact`ly those of the map. `points` (n, m, 3): the m TCP
-    positions at each of the n yaws of the reference, the reference first. `yaws` (n,) of it [rad]. `windows` (m, 2):
-    lower end and length of each position's range of yaws [rad]. `groups` (m,): pitch and roll of each.
-    `same_yaw`: whether all positions have the yaw of the reference instead. `apart`: smallest distance between two
-    bases [m]. `base_yaws`: those that are allowed.
+    `key`: key of the reference. `exact`: whether pitch and roll are exactly those of the map. `points` (n, m, 3): the m
+    TCP positions at each of the n yaws of the reference, the reference first. `yaws` (n,): yaws of the reference [rad].
+    `windows` (m, 2): lower end and length of each position's range of yaws [rad]. `groups` (m,): group (pitch, roll) of
+    each position. `same_yaw`: whether all positions have the yaw of the reference. `apart`: smallest distance between
+    two bases [m]. `base_yaws`: allowed yaws of the base.
     """
 
     key: int
@@ -314,9 +315,9 @@ class MultiTargetQuery(NamedTuple):
 
 @njit(cache=True, inline="always")
 def _cell(bases: Bases, x: float, y: float, yaw: float, point: Floats, shift: float) -> tuple[int, int, int, bool]:
-    """Layer, x and y index of the voxel that contains a point in a base frame, and whether it and the next one exist.
+    """Layer, x and y index of the voxel that contains a point in a base frame, and whether it exists.
 
-    `shift` 0.5 gives the lowest of the eight voxels whose centres surround the point.
+    `shift` 0.5 gives the lowest of the eight voxels whose centres surround the point, and whether all eight exist.
     """
     c, s = cos(yaw), sin(yaw)
     dx, dy = point[0] - x, point[1] - y
@@ -333,7 +334,7 @@ def _cell(bases: Bases, x: float, y: float, yaw: float, point: Floats, shift: fl
 def _best_yaw(
     bases: Bases, group: int, x: float, y: float, yaw: float, point: Floats, low: float, span: float
 ) -> tuple[float, int]:
-    """Best μ of a TCP position in the frame of a base over the yaw samples within the window, and that sample."""
+    """Best μ of a TCP position in the frame of a base over the yaw samples in the window, and its sample."""
     yaws, side = bases.yaws[group], bases.side
     layer, i, j, inside = _cell(bases, x, y, yaw, point, 0.0)
     best, sample = 0.0, -1
@@ -351,7 +352,7 @@ def _best_yaw(
 
 @njit(cache=True)
 def _mu_at(bases: Bases, group: int, x: float, y: float, yaw: float, point: Floats, sample: int) -> float:
-    """μ of a TCP position in the frame of a base at one yaw sample; 0 out of reach."""
+    """μ of a TCP position in the frame of a base at one yaw sample. Zero out of reach."""
     layer, i, j, inside = _cell(bases, x, y, yaw, point, 0.0)
     mu, side = 0.0, bases.side
     if inside:
@@ -379,9 +380,9 @@ def _is_enclosed(bases: Bases, group: int, x: float, y: float, yaw: float, point
 def _best_common_base(
     bases: Bases, query: MultiTargetQuery, raster: Raster, taken: Floats, count: int
 ) -> tuple[float, int, int]:
-    """Score, base and turn of the best base that is free and apart from the first `count` rows of `taken`.
+    """Score, index and turn of the best free base that is apart from the first `count` rows of `taken`.
 
-    Bases of the reference come by decreasing μ, which their score cannot exceed.
+    Bases of the reference come by decreasing μ. Their score cannot exceed this μ.
     """
     best, best_base, best_turn = 0.0, -1, -1
     key, places, side = query.key, bases.places, bases.side
@@ -429,10 +430,10 @@ def best_common_bases(
     done: int,
     last: int,
 ) -> int:
-    """The best bases from which every position is reached, into rows `done` to `last`; those before are filled already.
+    """Write the best bases that reach every position into rows `done` to `last`. Earlier rows are filled already.
 
     `rows` (k, 5): x, y, yaw, smallest μ, certain (0 or 1). `torsos`, `yaws` (k, m): torso height and approach yaw of
-    each position. Returns how many rows are filled: fewer than `last` if there are no more bases.
+    each position. Returns the number of filled rows: fewer than `last` if no more bases exist.
     """
     side, group, places = bases.side, query.key % bases.groups, bases.places
     for k in range(done, last):

@@ -1,5 +1,5 @@
-"""How kernels are compiled: numba's `njit`, which also works where compiled kernels cannot be kept, and compiles a kept
-kernel again when one that it calls has changed."""
+"""Compilation of kernels: a `numba.njit` that also works without a writable cache, and that compiles a cached kernel
+again when a kernel that it calls has changed."""
 
 from __future__ import annotations
 
@@ -22,24 +22,25 @@ _NO_PLACE = "no locator available"
 """Part of numba's message when neither the package's folder nor the user's cache directory can be written."""
 
 WITHOUT_REFERENCE_COUNTS: dict[str, Any] = {"_nrt": False}
-"""Options of `njit` for a kernel that allocates nothing: numba then does not count references to the arrays inside its
+"""Options of `njit` for a kernel without allocation. Numba then skips counting the references to arrays inside its
 arguments, which takes half of the time of a short kernel."""
 
 _OPTIMISATION = 1
-"""Level at which LLVM optimises kernels, of 0 to 3. Numba's own, 3, takes a third longer to compile; kernels are not
-faster for it, and compute the same bits."""
+"""LLVM's optimisation level, 0 to 3. Numba's default, 3, takes a third longer to compile. Its kernels are not faster
+and compute the same bits."""
 
 
 _NEW_OBJECTS = 50_000
-"""Objects after which Python looks for garbage while a kernel is compiled. Numba makes millions, nearly all of which go
-away by themselves; after Python's own 700 (or 2,000) looking takes a tenth of the time."""
+"""New objects between two garbage collections while a kernel is compiled. Numba makes millions of objects, and
+reference counting frees nearly all of them. With Python's default of 700 (or 2,000), collection takes a tenth of the
+time."""
 
 
 class _Compiler(Compiler):  # type: ignore[misc]  # numba has no type hints
-    """Numba's compiler, at that level of optimisation."""
+    """Numba's compiler at optimisation level `_OPTIMISATION`."""
 
     def compile_extra(self, function: Callable[..., Any]) -> Any:
-        """Compile; numba's and Python's settings, which are global, are then as they were before."""
+        """Compile a function, then restore the global settings of numba and Python."""
         with global_compiler_lock:
             level, (new_objects, *older) = config.OPT, gc.get_threshold()
             config.OPT = min(level, type(level)(_OPTIMISATION))
@@ -53,14 +54,14 @@ class _Compiler(Compiler):  # type: ignore[misc]  # numba has no type hints
 
 
 _OPTIONS: dict[str, Any] = {"pipeline_class": _Compiler, "no_cfunc_wrapper": True}
-"""Options of all kernels. None is called from C, for which numba would compile the body of each once more."""
+"""Options of all kernels. No kernel is called from C, so numba need not compile each body again for a C wrapper."""
 
 _warned: set[str] = set()
-"""The reason of the warning, once it has been given."""
+"""Reason of the warning that was logged."""
 
 
 def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
-    """`numba.njit`, with or without options; with `cache` also where the compiled kernel cannot be kept.
+    """`numba.njit`, with or without options. With `cache`, it also works where the compiled kernel cannot be kept.
 
     Such a place is a read-only installation whose user has no home directory that can be written, or a full disk.
     Kernels are then compiled in memory, again in every process, and one warning names the variable NUMBA_CACHE_DIR.
@@ -85,9 +86,9 @@ def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
 
 
 def _make_cache_tolerant(kept: Any) -> None:
-    """Let numba's cache of a kernel warn where the disk has no room, and count as empty where it cannot be read.
+    """Make a kernel's cache warn on a full disk, and behave as empty where it cannot be read.
 
-    A kernel of this package may be kept for types of another one, whose modules have been renamed since.
+    A cached kernel of this package may refer to types of another package whose modules have been renamed since.
     """
     save, read = kept.save_overload, kept._cache_file._load_index
 
@@ -109,10 +110,11 @@ def _make_cache_tolerant(kept: Any) -> None:
 
 @cache
 def _digest_of_kernels(package: str) -> str:
-    """Of all files with kernels in this package and in the given one, whose kernels call those of this one.
+    """Digest of all files with kernels in this package and in the given package, whose kernels call those of this
+    package.
 
-    Numba asks only whether the file of a kernel has changed. This digest stands beside numba's version in the index of
-    its cache, the first thing that is read there: the rest may name modules that are gone.
+    Numba checks only whether the file of a kernel has changed. This digest extends numba's version in the index of its
+    cache. Numba reads the version first, before entries that may name modules that no longer exist.
     """
     digest = sha256()
     for name in sorted({__package__, package} - {"__main__"}):

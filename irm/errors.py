@@ -1,4 +1,4 @@
-"""Errors for misuse of this package; expected failures are values (`Status.NO`), not exceptions."""
+"""Errors for misuse of this package. Expected failures are values (`Status.NO`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The free floor: outlines of furniture grown by the base's footprint, in a raster with look-ups in O(1).
+"""Free floor: outlines of furniture grown by the base's radius, in a raster with look-ups in O(1).
 
 A cell of the raster is free if every point of it is free, blocked if every point is blocked, and mixed otherwise. For a
 point in a mixed cell the distance to the outlines is computed. So every answer is exact, also in narrow strips.
@@ -32,9 +32,9 @@ _FAR = 1e9
 class Raster(NamedTuple):
     """Free space as arrays for kernels.
 
-    `cells` (nx, ny) of BLOCKED, FREE, MIXED; `distance` (nx, ny) from a cell's centre to the nearest centre of a cell
-    that is not blocked [m]; polygons as `vertices` (v, 2) with `starts` (m + 1,), each grown
-    by its `radii` (m,) [m]. No cells at all: free everywhere.
+    `cells` (nx, ny): BLOCKED, FREE or MIXED. `distance` (nx, ny): from a cell's centre to the nearest centre of a cell
+    that is not blocked [m]. Polygons are `vertices` (v, 2) with `starts` (m + 1,), each grown by its `radii` (m,) [m].
+    An empty raster is free everywhere.
     """
 
     cells: Bytes
@@ -97,9 +97,9 @@ def _points_are_free(raster: Raster, x: Floats, y: Floats, free: NDArray[np.bool
 
 @njit(cache=True, inline="always")
 def floor_distance(raster: Raster, x: float, y: float) -> float:
-    """A lower bound of the distance from a point to the nearest free point [m].
+    """Lower bound of the distance from a point to the nearest free point [m].
 
-    Outside the raster it is the distance to the nearest point of its rectangle, or that point's own bound if larger.
+    Outside the raster, the distance to the nearest point of its rectangle, or the bound of that point if larger.
     """
     inside_x, inside_y = min(raster.x1, max(raster.x0, x)), min(raster.y1, max(raster.y0, y))
     inverse = 1.0 / raster.resolution
@@ -111,7 +111,7 @@ def floor_distance(raster: Raster, x: float, y: float) -> float:
 
 @njit(cache=True)
 def floor_gap(raster: Raster, x: float, y: float) -> float:
-    """A tighter bound than `floor_distance` near furniture: a free point is outside every grown outline."""
+    """Lower bound as `floor_distance`, tighter near furniture because a free point is outside every grown outline."""
     gap = floor_distance(raster, x, y)
     if gap > 0.0:
         for m in range(raster.radii.shape[0]):
@@ -121,8 +121,8 @@ def floor_gap(raster: Raster, x: float, y: float) -> float:
 
 @njit(cache=True)
 def classify_cells(raster: Raster, cells: NDArray[np.uint8]) -> None:
-    """Classify every cell, all FREE before, by its centre's distance to each outline, plus or minus half the cell's
-    diagonal. `cells` are the raster's own, which are read-only there."""
+    """Classify every cell, initially FREE, by its centre's distance to each outline, plus or minus half the cell's
+    diagonal. `cells` is a writable view of the raster's read-only cells."""
     x0, y0, resolution = raster.x0, raster.y0, raster.resolution
     vertices, starts, radii = raster.vertices, raster.starts, raster.radii
     width, depth = cells.shape
@@ -177,9 +177,9 @@ class FreeSpace:
             boxes: (k, 4) rows of centre x, y and size along x, y [m], or (k, 5) with a yaw [rad] last.
             radius: how far the base's centre must stay away from every outline [m], or (k,) from each of them. See
                 `irm.robot_radius` for the radius that contains a robot at the heights of an obstacle.
-            bounds: x_min, y_min, x_max, y_max of the floor the base's centre may be on; by default the boxes and
-                2 m around them.
-            resolution: edge of the raster's cells [m]; no effect on the answers, only on the speed.
+            bounds: x_min, y_min, x_max, y_max of the floor for the base's centre. By default the boxes and 2 m around
+                them.
+            resolution: edge of the raster's cells [m]. It changes the speed, not the answers.
 
         Raises:
             QueryError: a number is not finite, a size or the radius is negative, or the bounds are empty.
@@ -198,7 +198,8 @@ class FreeSpace:
         bounds: tuple[float, float, float, float] | None = None,
         resolution: float = 0.02,
     ) -> FreeSpace:
-        """Floor around simple polygons, each (v, 2) corners [m] in order; otherwise like `from_boxes`."""
+        """Floor around simple polygons, each (v, 2) corners [m] in order. The other arguments are those of
+        `from_boxes`."""
         from scipy.ndimage import distance_transform_edt  # a tenth of a second, which only this needs
 
         shape_rule = "a polygon is an array (v, 2) of at least 3 corners"
@@ -233,7 +234,7 @@ class FreeSpace:
         return FreeSpace(_read_only(raster._replace(distance=distance.astype(np.float32))))
 
     def is_free(self, x: float, y: float) -> bool:
-        """Whether the base's centre may be at a point [m]; points outside the bounds and NaN are not free.
+        """Whether the base's centre may be at a point [m]. Points outside the bounds and NaN are not free.
 
         Raises:
             QueryError: not two numbers.
@@ -242,7 +243,7 @@ class FreeSpace:
         return bool(point_is_free(self.raster, float(at[0]), float(at[1])))
 
     def are_free(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
-        """`is_free` of many points; `x` and `y` have the same shape, and so has the answer."""
+        """`is_free` of many points. `x`, `y` and the answer have the same shape."""
         free = np.empty(np.size(x), np.bool_)
         _points_are_free(self.raster, np.ravel(x), np.ravel(y), free)
         return free.reshape(np.shape(x))
@@ -254,7 +255,7 @@ class FreeSpace:
 
 
 def _numbers(values: ArrayLike, rule: str) -> Floats:
-    """An array of numbers; for anything else a `QueryError` with the rule as its message."""
+    """Convert to an array of numbers. Anything else raises a `QueryError` with the rule as its message."""
     try:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError):
@@ -286,7 +287,7 @@ def _bounds(
 
 
 def _read_only(raster: Raster) -> Raster:
-    """The raster, whose arrays are read-only like all others, so that kernels are compiled only once."""
+    """Make the raster's arrays read-only like all others, so that kernels are compiled only once."""
     for array in raster:
         if isinstance(array, np.ndarray):
             array.setflags(write=False)

@@ -1,10 +1,10 @@
-"""The distance between convex solids by GJK, compiled.
+"""Distance tests between convex solids by GJK, compiled.
 
-A solid is a *core*, an oriented box, cylinder, ellipsoid or convex hull, grown by a radius: a capsule is a segment (a
-box without width) grown by its radius. Whether two of them come closer than a threshold is decided by GJK (Gilbert,
+A solid is a *core* grown by a radius. The core is an oriented box, cylinder, ellipsoid or convex hull. A capsule is a
+segment (a box without width) grown by its radius. GJK decides whether two solids come closer than a threshold (Gilbert,
 Johnson & Keerthi, "A fast procedure for computing the distance between complex objects in three-dimensional space",
-1988): the simplex bounds the distance from above, its separating plane from below, and "free" is answered only when the
-plane proves it.
+1988). The simplex is an upper bound of the distance, its separating plane a lower bound. The answer is "free" only when
+the plane proves it.
 """
 
 from __future__ import annotations
@@ -23,30 +23,30 @@ Array = NDArray[np.float64]
 _NO_VERTICES, _NO_HULLS = np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
 
 BOX, CYLINDER, ELLIPSOID, HULL = 0, 1, 2, 3
-"""Kinds of cores. Half extents (3,) are those of a box, (radius, radius, half height) of a cylinder along its z axis,
-the semi-axes of an ellipsoid, and those of the box around a hull."""
+"""Kinds of cores. `half` (3,) has the half extents of a box, (radius, radius, half height) of a cylinder along its z
+axis, the semi-axes of an ellipsoid, or the half extents of the box around a hull."""
 
 _MAX_ITERATIONS = 40
-"""GJK needs 3 to 8 as a rule, some 20 for round solids; undecided pairs count as touching."""
+"""GJK usually needs 3 to 8 iterations, about 20 for round solids. An undecided pair is taken to touch."""
 _RELATIVE_GAP = 1e-7
-"""Upper and lower bound of the squared distance count as equal when this close."""
+"""Relative gap at which upper and lower bound of the squared distance are equal."""
 _TOUCHING = 1e-7
 """[m] Nearer than this, cores intersect."""
 _NO_VERTEX = np.int64(0)
 _FIRST, _SECOND, _THIRD = np.int64(0), np.int64(1), np.int64(2)
-"""Vertices of a simplex; typed, so that kernels are not compiled once more for constants."""
+"""Vertices of a simplex. They are typed, so that kernels are not compiled again for constants."""
 
 
 class Solids(NamedTuple):
     """n solids in the world. Lengths in metres.
 
     Attributes:
-        core: (n,) BOX, CYLINDER, ELLIPSOID or HULL; `half` (n, 3) its half extents; `radius` (n,) by which it is grown.
-        bound: (n,) radius of the sphere about the solid's centre that contains it.
+        core: (n,) BOX, CYLINDER, ELLIPSOID or HULL, with half extents `half` (n, 3), grown by `radius` (n,).
+        bound: (n,) radius of the bounding sphere about the solid's centre.
         position: (n, 3), `rotation` (n, 3, 3).
         vertices: (v, 3) corners of all hulls, each relative to its position and along its own axes.
-        first: (n + 1,) the corners of hull i are those from `first[i]` up to `first[i + 1]`; empty where nothing is a
-            hull.
+        first: (n + 1,) start of each hull's corners: hull i has those from `first[i]` up to `first[i + 1]`. Empty
+            without hulls.
     """
 
     core: NDArray[np.int64]
@@ -188,7 +188,7 @@ def _is_beyond(simplex: Array, i: int, j: int, k: int, inside: int) -> bool:
 
 @leaf_kernel
 def _reduce_tetrahedron(simplex: Array) -> tuple[float, float, float, int]:
-    """Closest point to the origin in the full simplex; all four bits are set when it contains the origin."""
+    """Closest point to the origin in the full simplex. All four bits are set if it contains the origin."""
     best = (0.0, 0.0, 0.0, 15)
     least = math.inf
     for face in ((0, 1, 2, 3), (0, 1, 3, 2), (0, 2, 3, 1), (1, 2, 3, 0)):
@@ -202,9 +202,10 @@ def _reduce_tetrahedron(simplex: Array) -> tuple[float, float, float, int]:
 
 @leaf_kernel
 def _add_vertex(simplex: Array, count: int, x: float, y: float, z: float) -> tuple[float, float, float, int]:
-    """Add a vertex to a simplex of `count` vertices, and drop those that do not span its closest point to the origin.
+    """Add a vertex to a simplex of `count` vertices, and drop vertices that do not span its closest point to the
+    origin.
 
-    Returns that point, and how many vertices remain; none if the simplex contains the origin.
+    Returns this point and the number of vertices that remain: 0 if the simplex contains the origin.
     """
     simplex[count, 0], simplex[count, 1], simplex[count, 2] = x, y, z
     if count == 0:
@@ -266,5 +267,5 @@ def are_within(a: Solids, i: int, b: Solids, j: int, padding: float, simplex: Ar
 
 @leaf_kernel
 def are_any_within(a: Solids, i: int, b: Solids, j: int, padding: float, simplex: Array) -> bool:
-    """As `are_within`, for solids of any kind: with these in it, checks of boxes and cylinders take a third longer."""
+    """As `are_within`, for solids of any kind. It takes a third longer for boxes and cylinders."""
     return bool(_are_within(_farthest_point, a, i, b, j, padding, simplex))

@@ -2,8 +2,8 @@
 
 Orientations are R(γ, β, α) = Rz(yaw γ) Ry(pitch β) Rx(roll α) of the TCP, whose x axis is the approach. The approach
 axes lie on 2 m - 1 rings of equal pitch, π / 2m apart, with 4 m yaws each, and at the 2 poles; m = 3 gives the 62 of
-the paper. At a pole, yaw and roll turn about the same axis; there the map has one *yaw* sample for every roll, and
-roll 0. A map of roll 0 alone has the yaws of the rings there, if its wrist does not roll freely.
+the paper. At a pole, yaw and roll turn about the same axis. There the map has roll 0 alone, with one *yaw* sample per
+roll. With one roll sample and a wrist that does not roll freely, the poles have as many yaws as the rings.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ _MAX_ROLLS = 96
 _ANGLE_ROUNDING = 1e-6
 """[rad] Two angles closer than this are the same sample."""
 _SHORT_LIFT = 0.2
-"""Share of a voxel's edge. A shorter lift stays at home in the cells, which would else be as thin as it is long; exact
-answers use all of it."""
+"""Share of a voxel's edge. A shorter lift stays at its home height in the map, because layers would be as thin as the
+lift is long. Exact answers use the whole lift."""
 _BYTES_PER_CELL = 10
-"""Memory that building takes for each cell of the grid: μ, torso height, flags, and two masks."""
+"""Bytes per cell while a map is built: μ, torso height, flags, and two masks."""
 MAX_BYTES = 6 * 2**30
-"""Memory that building a map may take. A finer map would take hours to build, and its cells have 32-bit numbers."""
+"""Most memory to build a map [bytes]. A finer map would take hours to build, and cells have 32-bit numbers."""
 
 
 @dataclass(frozen=True)
@@ -45,15 +45,15 @@ class MapParameters:
     Attributes:
         voxel: edge of the position cells [m].
         orientations: number of approach axes: 6, 26, 62, 114, 182, 266, … = 2 + 4 m (2 m - 1).
-        rolls: roll samples per approach axis; 0 chooses 1 for a wrist that rolls freely and 4 for any other.
+        rolls: roll samples per approach axis. 0 chooses 1 for a wrist that rolls freely and 4 for any other.
         pitches: the rings to keep [rad], () for all.
-        heights: lowest and highest TCP position to cover [m], all by default; limited by the reach of the arm.
-        lift: whether the torso is a free parameter of the map; if not, it stays at the height it has at home.
+        heights: lowest and highest TCP position to cover [m], limited by the reach of the arm. By default all.
+        lift: whether the torso is a free parameter of the map. If not, it stays at its home height.
         torso_margin: distance that the torso keeps from both ends of its lift [m].
-        self_collision: whether cells and μ are those of configurations free of self-collision; if not, those of the
-            joints alone, for those who check every configuration themselves.
+        self_collision: whether cells and μ are those of configurations free of self-collision. If not, they are those
+            of the joints alone, for callers that check every configuration.
         samples: random configurations, for arms without a closed form.
-        seed: of those configurations.
+        seed: seed of these configurations.
     """
 
     voxel: float = 0.05
@@ -92,7 +92,7 @@ def refinement(orientations: int) -> int:
     """m of an orientation count.
 
     Raises:
-        ReachabilityError: no such set; the message lists those there are.
+        ReachabilityError: no such set. The message lists the available counts.
     """
     counts = {2 + 4 * m * (2 * m - 1): m for m in range(1, _MAX_REFINEMENT + 1)}
     if orientations not in counts:
@@ -108,7 +108,7 @@ class Orientations:
     Attributes:
         pitch, roll: (k,) of each group [rad].
         count: (k,) yaw samples of each group, evenly spaced from 0.
-        start: (k + 1,) index of each group's first orientation; the last one is their number.
+        start: (k + 1,) index of each group's first orientation. The last entry is the number of orientations.
         free_roll: whether the map does not distinguish rolls.
         step: [rad] between rings.
     """
@@ -125,7 +125,7 @@ class Orientations:
         """The orientations of a map.
 
         Raises:
-            ReachabilityError: a requested pitch is not on a ring; the message lists the rings.
+            ReachabilityError: a requested pitch is not on a ring. The message lists the rings.
         """
         m = refinement(parameters.orientations)
         rolls = parameters.rolls or (1 if free_roll else 4)
@@ -202,7 +202,7 @@ def _rings(m: int, pitches: tuple[float, ...]) -> list[int]:
 
 
 def nearest_orientation(orientations: Orientations, R: Floats) -> Integers:
-    """(n,) index of the orientation cell that contains each rotation (n, 3, 3); -1 where the map has no such ring."""
+    """(n,) index of the orientation cell that contains each rotation (n, 3, 3). -1 where the map has no such ring."""
     yaw, pitch, roll = yaw_pitch_roll(R).T
     rings = np.unique(orientations.pitch)
     ring = np.abs(pitch[:, None] - rings).argmin(axis=1)
@@ -225,7 +225,7 @@ def nearest_orientation(orientations: Orientations, R: Floats) -> Integers:
 
 
 def orientation_neighbours(orientations: Orientations) -> Integers:
-    """(size, m) orientations next to each one, padded with -1: yaw ± 1, pitch ± 1, roll ± 1."""
+    """(size, m) neighbours of each orientation, padded with -1: yaw ± 1, pitch ± 1, roll ± 1."""
     pitch, roll, count, start = orientations.pitch, orientations.roll, orientations.count, orientations.start
     rolls = len(np.unique(roll))
     rows: list[set[int]] = [set() for _ in range(orientations.size)]
@@ -254,14 +254,14 @@ class MapGrid:
 
     Attributes:
         voxel: [m] edge of the cells along x and y.
-        thickness: [m] of a layer: the voxel's edge, or a little less, so that torso heights one layer apart include
-            both ends of the lift, unless that is shorter than a fifth of an edge.
+        thickness: [m] height of a layer: the voxel's edge or a little less. So torso heights one layer apart include
+            both ends of the lift. A lift shorter than a fifth of an edge does not change it.
         centre: (2,) x, y of the grid's centre in the base frame [m].
-        half: cells from the centre to the edge; the grid is (2 half, 2 half).
+        half: cells from the centre to the edge. The grid is (2 half, 2 half).
         bottom: [m] lower face of the lowest layer.
         layers: number of layers.
         torsos: (t,) torso heights, `thickness` apart [m].
-        torso_range: lowest and highest torso height of the map's configurations [m]; equal for a fixed torso.
+        torso_range: lowest and highest torso height of the map's configurations [m]. Equal for a fixed torso.
         orientations: of the TCP.
         cut_below, cut_above: whether the parameters' heights, not the arm's reach, end the grid there.
     """
@@ -291,7 +291,7 @@ class MapGrid:
         """The grid of all cells that the arm may reach within the heights of the parameters.
 
         Raises:
-            ReachabilityError: there are none, or more than memory should hold; the message gives their size.
+            ReachabilityError: no cells, or more than memory should hold. The message gives their size.
         """
         voxel = parameters.voxel
         lower, upper = float(chain.lower[0]), float(chain.upper[0])
@@ -303,8 +303,8 @@ class MapGrid:
             low, high = lower + margin, upper - margin
             torsos = (float(np.clip(chain.home_torso, low, high)),)
         if high - low >= _SHORT_LIFT * voxel:
-            # Layers are as thick as torso samples are apart, at most a voxel's edge, and the samples include both ends
-            # of the lift: so a lift by one sample moves the map of a fixed torso by one layer.
+            # Layers are as thick as the distance of torso samples, at most a voxel's edge. The samples include both
+            # ends of the lift. So a lift by one sample moves the map of a fixed torso by one layer.
             steps = int(np.ceil((high - low) / voxel - 1e-9))
             thickness = (high - low) / steps
             torsos = (*(low + k * thickness for k in range(steps)), high)
@@ -331,7 +331,7 @@ class MapGrid:
 
     @staticmethod
     def around(positions: Floats, parameters: MapParameters) -> MapGrid:
-        """The grid around TCP positions (n, 3) that were computed elsewhere; the lowest ones are centres of cells."""
+        """The grid around given TCP positions (n, 3). The lowest coordinates are centres of cells."""
         voxel, low, high = parameters.voxel, positions.min(axis=0), positions.max(axis=0)
         cells = np.floor((high - low) / voxel + 0.5).astype(np.int64) + 1
         half = int(cells[:2].max() + 1) // 2
@@ -344,7 +344,7 @@ class MapGrid:
         """The grid with the extent that `extent()` returned, for a map without an arm.
 
         Raises:
-            ReachabilityError: it is no such extent, or too large.
+            ReachabilityError: `extent` is malformed or too large.
         """
         try:
             x, y = (float(value) for value in extent["centre"])
@@ -368,7 +368,7 @@ class MapGrid:
         )
 
     def extent(self) -> dict[str, Any]:
-        """What does not follow from the parameters alone, for `of_extent`."""
+        """The part of the grid that the parameters alone do not determine, for `of_extent`."""
         return {"centre": list(self.centre), "half": self.half, "bottom": self.bottom, "layers": self.layers}
 
     @property
@@ -387,7 +387,7 @@ class MapGrid:
         return prod(self.shape)
 
     def layer(self, z: float) -> int:
-        """Index of the layer that contains a height [m]; may be outside the grid."""
+        """Index of the layer that contains a height [m]. It may be outside the grid."""
         return floor((z - self.bottom) / self.thickness)
 
     def layer_height(self, layer: int) -> float:

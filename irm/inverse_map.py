@@ -1,4 +1,4 @@
-"""The inverse reachability maps of equations 4 and 5, and their placement queries."""
+"""Inverse reachability maps of equations 4 and 5, and their placement queries."""
 
 from __future__ import annotations
 
@@ -51,9 +51,9 @@ from irm.rotations import rotation, rotations, wrap_to_pi
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 _ROWS_AT_A_TIME = 4096
-"""Bases computed by one call of a kernel: some milliseconds, after which the interpreter handles Ctrl-C."""
+"""Bases computed by one call of a kernel. It takes some milliseconds, after which the interpreter handles Ctrl-C."""
 _SQUARE = 0.1
-"""[m] Edge of the squares of `_neighbours_together`; a row of sixteen has the length of a large table."""
+"""[m] Edge of the squares of `_neighbours_together`. Sixteen in a row have the length of a large table."""
 
 
 class InverseReachabilityMap:
@@ -64,22 +64,22 @@ class InverseReachabilityMap:
 
     All queries take these keyword arguments, for all positions of a call:
 
-        pitch: of the TCP [rad], by default 0; a positive pitch points the approach down. In `query`, (low, high) is a
+        pitch: of the TCP [rad], by default 0. A positive pitch points the approach down. In `query`, (low, high) is a
             range of pitches.
-        roll: about the approach [rad], by default 0; ignored by maps of robots whose wrist rolls freely. In `query`,
+        roll: about the approach [rad], by default 0. Maps of robots whose wrist rolls freely ignore it. In `query`,
             (low, high) is a range of rolls.
         height: in `query`, a range (low, high) of heights of the TCP [m], in place of that of the position.
-        base_yaw_range: allowed yaws of the base in the world, (low, high) [rad]; None, the default, for all.
-        free_space: where the base may stand; None, the default, for everywhere.
-        k: number of bases to return at most, 1 to 100,000; by default 1.
+        base_yaw_range: allowed yaws of the base in the world, (low, high) [rad]. None, the default, allows all.
+        free_space: floor where the base may stand. None, the default, allows every place.
+        k: most bases to return, 1 to 100,000. By default 1.
         separation: smallest distance between two of them, by default 0.1 [m].
-        yaw_step: largest distance between two approach yaws that are tried, at least 0.001; by default 15° [rad].
-        exact: whether the bases are decided by exact inverse kinematics. Those that certainly do not reach are
-            dropped, `certain` is exact, and μ and torso are those of `configurations`. None, the default: for paths of
-            arms with a closed form; and in `query`, `query_path` and `query_multi` where the map is not certain of the
-            best base. In `query` μ and order are then those of the map still.
-        order: "manipulability", the default: highest μ first, as in the paper. "certainty": first those whose cells are
-            reached over their whole height, so that fewer have to be decided.
+        yaw_step: largest step between two approach yaws [rad], at least 0.001. By default 15°.
+        exact: whether exact inverse kinematics decides the bases. Bases that certainly do not reach are dropped,
+            `certain` is exact, and μ and torso are those of `configurations`. None, the default, decides paths of arms
+            with a closed form. It also decides in `query`, `query_path` and `query_multi` where the map is uncertain
+            about the best base. In `query`, μ and order are then still those of the map.
+        order: "manipulability", the default: highest μ first, as in the paper. "certainty": bases whose cells are
+            reached over their whole height come first, so that fewer need a decision.
 
     Their answers hold at most k bases, best first. The status is NO if certainly no base exists for any allowed yaw.
     They raise `QueryError` if a number is not finite, a range is empty, numbers of positions and ranges do not match,
@@ -110,13 +110,13 @@ class InverseReachabilityMap:
         yaw_range: tuple[float, float] = FULL_TURN,
         **keywords: Unpack[QueryKeywords],
     ) -> BasePlacement:
-        """The bases of highest μ from which the arm reaches a TCP pose.
+        """Find the bases of highest μ from which the arm reaches a TCP pose.
 
         Args:
-            position: (3,) of the TCP in the world, floor at z = 0 [m]; or its pose, an array (4, 4), which stands for
-                yaw_range, pitch and roll too. With ranges of pitch, roll or height the answer holds the best bases for
-                any pose of this set, and the height, pitch and roll that each of them is for.
-            yaw_range: allowed approach yaws in the world [rad], at most a full turn; (3.0, 3.4) crosses π. Ignored for
+            position: (3,) of the TCP in the world, floor at z = 0 [m], or its pose, an array (4, 4). A pose replaces
+                yaw_range, pitch and roll too. With ranges of pitch, roll or height, the answer has the best bases for
+                any pose of this set, each with its height, pitch and roll.
+            yaw_range: allowed approach yaws in the world [rad], at most a full turn. (3.0, 3.4) crosses π. Ignored for
                 a vertical approach of a wrist that rolls freely: every yaw of the TCP fits every yaw of the base.
             **keywords: of all queries.
         """
@@ -144,7 +144,7 @@ class InverseReachabilityMap:
 
     @property
     def is_of_joints_alone(self) -> bool:
-        """Whether the arm has no shapes, or the map ignores them, so that nothing is known about self-collision."""
+        """Whether self-collision is unknown, because the arm has no shapes or the map ignores them."""
         chain = self.reachability_map.chain
         return chain is not None and not len(chain.shapes.pairs)
 
@@ -188,10 +188,10 @@ class InverseReachabilityMap:
     def query_batch(
         self, positions: ArrayLike, *, yaw_ranges: ArrayLike = FULL_TURN, **keywords: Unpack[QueryKeywords]
     ) -> PlacementBatch:
-        """Many queries in one call; the answers have no status.
+        """Answer many queries in one call. The answers have no status.
 
         Args:
-            positions: (n, 3), or (3,) for one TCP position with several yaw ranges [m]; or TCP poses (n, 4, 4), each
+            positions: (n, 3), or (3,) for one TCP position with several yaw ranges [m]. Or TCP poses (n, 4, 4), each
                 with its own yaw, pitch and roll.
             yaw_ranges: (2,) for all queries, or (n, 2) one for each [rad].
             **keywords: of all queries.
@@ -247,16 +247,16 @@ class InverseReachabilityMap:
         yaw_range: tuple[float, float] = FULL_TURN,
         **keywords: Unpack[QueryKeywords],
     ) -> BasePlacement:
-        """Bases from which the TCP reaches every point of a path at a constant orientation.
+        """Find bases from which the TCP reaches every point of a path at a constant orientation.
 
-        μ of a base is the smallest one on the path.
+        μ of a base is the smallest μ on the path.
 
         Args:
-            waypoints: (m, 3) TCP positions in the world [m]; or, with a `target`, offsets from it in the approach
-                frame (x along the approach's horizontal direction, y to its left, z up), such as
-                [(-0.1, 0, 0), (0, 0, 0), (0, 0, 0.1)] for approach, grasp and lift.
+            waypoints: (m, 3) TCP positions in the world [m]. With a `target`, offsets from it in the approach frame: x
+                along the approach's horizontal direction, y to its left, z up. Approach, grasp and lift are for
+                instance [(-0.1, 0, 0), (0, 0, 0), (0, 0, 0.1)].
             target: (3,) in the world [m], or None.
-            solids: boxes, such as table tops, that gripper and wrist must not penetrate; None for none.
+            solids: boxes, such as table tops, that gripper and wrist must not penetrate. None if there are no boxes.
             yaw_range: as in `query`.
             **keywords: of all queries.
 
@@ -265,7 +265,7 @@ class InverseReachabilityMap:
             continuous motion of the arm connects them: see `irm.verify`.
 
         Raises:
-            QueryError: see the class; or a vertical approach comes with offsets that are not vertical.
+            QueryError: as for all queries, or a vertical approach with offsets that are not vertical.
         """
         from irm.common_bases import place_for_path  # its kernels, and inverse kinematics, when first asked for
 
@@ -285,14 +285,14 @@ class InverseReachabilityMap:
         arms: Sequence[InverseReachabilityMap] = (),
         **keywords: Unpack[QueryKeywords],
     ) -> BasePlacement:
-        """Bases from which the TCP reaches each of several targets; μ of a base is the smallest one of the targets.
+        """Find bases from which the TCP reaches each of several targets. μ of a base is the smallest μ of the targets.
 
         Args:
-            targets: (m, 3) TCP positions [m]; or TCP poses (m, 4, 4), each with its own angles.
+            targets: (m, 3) TCP positions [m], or TCP poses (m, 4, 4), each with its own angles.
             yaw_ranges: (2,) for all targets, or (m, 2) one for each [rad].
             pitches, rolls: (m,) one for each target, in place of `pitch` and `roll` [rad].
-            arms: m maps, the arm for each target at the same time, with the torso at one height; answers are then
-                exact. By default this map's arm reaches all of them, one after another.
+            arms: m maps, one arm per target. The arms reach their targets at the same time, with the torso at one
+                height, and answers are exact. By default this map's arm reaches all targets, one after another.
             **keywords: of all queries.
 
         Returns:
@@ -317,9 +317,10 @@ class InverseReachabilityMap:
     def _decide_batch(
         self, rows: Floats, counts: Integers, points: Floats, angles: Floats, options: QueryOptions
     ) -> None:
-        """Decide the bases (n, k, 7) of a batch exactly, in place; those that do not reach are dropped.
+        """Decide the bases (n, k, 7) of a batch exactly, in place. Bases that do not reach are dropped.
 
-        `points` (n, 3), and `angles` (n, 2), pitch and roll, are those of the queries."""
+        `points` (n, 3), and `angles` (n, 2), pitch and roll, are those of the queries.
+        """
         rank = np.arange(options.k)
         kept = rank < counts[:, None]
         found, query = rows[kept], np.nonzero(kept)[0]
@@ -350,7 +351,8 @@ def poses_at(point: Sequence[float], options: QueryOptions) -> Callable[[Floats]
 def _best_bases(
     bases: Bases, place: TcpPlace, window: YawWindow, options: QueryOptions, count: int, at_one_turn: bool
 ) -> Floats:
-    """(m, 7) rows of the kernel, m ≤ count. Many are computed in parts, between which Ctrl-C is handled."""
+    """(m, 7) rows of the kernel, m ≤ count. Large counts are computed in parts, so that Ctrl-C is handled in
+    between."""
     rows, progress = np.empty((count, 7)), np.zeros(3, dtype=np.int64)
     apart, raster = -SAME_PLACE if at_one_turn else max(options.separation, SAME_PLACE), options.free_space.raster
     while progress[0] == progress[2] < count:
@@ -360,9 +362,9 @@ def _best_bases(
 
 
 def _neighbours_together(keys: Integers, points: Floats) -> Integers:
-    """(n,) order of queries in which those of one key and one square of floor follow each other.
+    """(n,) order of queries that brings together queries of one key and one square of floor.
 
-    Kernels then find most of what they look up in the processor's nearest memory, which saves a fifth of their time.
+    Kernels then find most data in the processor's cache, which saves a fifth of their time.
     """
     column, row = np.floor(points[:, :2].T * (1.0 / _SQUARE)).astype(np.int64) & 15
     place = ((keys - keys.min()) << 8) | (column << 4) | row
@@ -372,7 +374,7 @@ def _neighbours_together(keys: Integers, points: Floats) -> Integers:
 
 
 _UPRIGHT = 1e-6
-"""1 - cos of the tilt up to which a base counts as upright: larger than rounding, smaller than the step of pitch."""
+"""1 - cos of the largest tilt of an upright base: larger than rounding, smaller than the step of pitch."""
 _YAW_ROUNDING = 1e-5
 """[rad]"""
 _BLOCK = 16_384
@@ -382,8 +384,8 @@ _BLOCK = 16_384
 class ClassicalInverseReachabilityMap:
     """Equation 4: T_eff = I, T_base = T_eff⁻¹ for every pose of the reachability map.
 
-    Which of these bases stand on the ground is known only at the query. The query moves the whole map to the TCP and
-    keeps the bases that are upright and at most half a layer from the floor. It does so for every allowed approach yaw.
+    Only a query can tell which bases stand on the ground. For every allowed approach yaw, it moves the whole map to the
+    TCP. It keeps the bases that are upright and at most half a layer from the floor.
 
     The half layer, and the nearest ring in place of the TCP's own pitch and roll, are the same as in the key of
     equation 5. So both maps have the same candidates and give the same best μ.
@@ -396,8 +398,8 @@ class ClassicalInverseReachabilityMap:
     def __init__(self, reachability_map: ReachabilityMap) -> None:
         self.reachability_map = rm = reachability_map.subset(reachability_map.manipulability > 0)
         self._mu, self._torso, self._flags = rm.manipulability, rm.torso, rm.flags
-        # In the other order, bases whose cell is reached over its whole height come before all others; not where a lift
-        # follows the height, in a map of the joints alone.
+        # In the order of certainty, bases whose cell is reached over its whole height come before all others. A map of
+        # the joints alone is excepted: there a lift follows the height.
         is_first = (self._flags & CERTAIN_IN_HEIGHT > 0) & (rm.chain is not None) & rm.parameters.self_collision
         self._by_certainty = np.ldexp(self._mu, 64 * is_first)
         self._decisions = BaseDecisions(rm)
@@ -414,13 +416,13 @@ class ClassicalInverseReachabilityMap:
         yaw_range: tuple[float, float] = FULL_TURN,
         **keywords: Unpack[QueryKeywords],
     ) -> BasePlacement:
-        """The bases of highest μ from which the arm reaches a TCP pose; arguments as of `InverseReachabilityMap.query`.
+        """Find the bases of highest μ that reach a TCP pose. Arguments as in `InverseReachabilityMap.query`.
 
-        The status is NO only if the TCP is out of the map's height or no floor is free: a base that this map does not
-        contain may still exist. By default bases are decided as there, so that both give the same answers.
+        The status is NO only if the TCP is out of the map's heights or no floor is free, because a base outside the map
+        may exist. By default bases are decided as in that method, so that both maps give the same answers.
 
         Raises:
-            QueryError: as of `InverseReachabilityMap.query`, or `exact` is true.
+            QueryError: as in `InverseReachabilityMap.query`, or `exact` is true.
         """
         if getattr(position, "ndim", 1) == 2:
             position, yaw_range, keywords = as_position_and_angles(position, yaw_range, keywords)

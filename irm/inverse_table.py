@@ -1,10 +1,10 @@
-"""The table of equation 5: the bases of every key [z, β, α], sorted so that a query tests few of them.
+"""Table of equation 5: the bases of every key [z, β, α], sorted so that a query tests few of them.
 
-The key of a TCP pose is a layer of heights and an orientation group (pitch, roll) of the map; its bases are laid out
-around the TCP at every allowed yaw. Where a cell's base lies relative to the TCP at approach yaw 0 depends on its yaw,
-x and y alone, so one table of places serves all keys with as many yaws. Of each base the number of its cell is stored,
-in the order of μ: the first free one is the best. For all approach yaws, only the best base of each voxel is ranked,
-which may lie at any angle around the TCP.
+The key of a TCP pose is a layer of heights and an orientation group (pitch, roll) of the map. Its bases are laid out
+around the TCP at every allowed yaw. A cell's yaw, x and y alone determine the place of its base relative to the TCP at
+approach yaw 0. So one table of places serves all keys with the same number of yaws. Each base is stored as the number
+of its cell, in the order of μ, so the first free base is the best. If all approach yaws are allowed, a base may lie at
+any angle around the TCP, and only the best base of each voxel is ranked.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Integers = NDArray[np.int64]
 TILE = 0.1
-"""[m] Edge of a tile: two voxels, so that about twenty places share one look-up of the floor."""
+"""[m] Edge of a tile: two voxels, so that about twenty places share a look-up of the floor."""
 _OUTER_VOXELS = 1.5 * float(np.sqrt(2.0))
 """Voxels by which the outer map extends beyond a reachable one: to the far corner of its diagonal neighbour."""
 
 
 class InverseTable:
-    """The bases of equation 5, found by the key of a TCP pose: what all queries on them share.
+    """Bases of equation 5, found by the key of a TCP pose. All queries share them.
 
     Attributes:
         reachability_map, grid: the map that was inverted, and its cells.
@@ -64,7 +64,7 @@ class InverseTable:
         self._in_order: dict[Order, Bases] = {"manipulability": self.bases}
 
     def bases_in(self, order: Order) -> Bases:
-        """The bases in an order; those by certainty are sorted at the first call."""
+        """The bases in an order. The order of certainty is sorted at the first call."""
         if order not in self._in_order:
             self._in_order[order] = in_order(self.bases, order)
         return self._in_order[order]
@@ -81,15 +81,14 @@ class InverseTable:
         return np.asarray(mu_of_cells(self.bases.cells, key, (yaw * side + x) * side + y))
 
     def disc(self, z: float, pitch: float) -> tuple[float, float] | None:
-        """Where the arm's lengths allow the base to be for a TCP at a height [m] and pitch [rad]; None for nowhere.
+        """Disc of base positions that the arm's lengths allow for a TCP height [m] and pitch [rad]. None if empty.
 
-        The base's centre is at most a radius from the wrist centre, which is a level distance behind the TCP. With a
-        closed form, the wrist centre is at most upper arm + forearm away from the lift axis. For any other arm, the TCP
-        is at most the sum of all link lengths away from the first joint. Without the arm's lengths, for the map of
-        somebody else, the base may be everywhere.
+        The disc is centred on the wrist centre, a horizontal distance behind the TCP. With a closed form, the shoulder
+        is at most upper arm + forearm away from the wrist centre. For any other arm, the TCP is at most the sum of all
+        link lengths away from the first joint. A map without an arm allows every base position.
 
         Returns:
-            That distance and that radius, both horizontal [m].
+            The distance behind the TCP and the radius of the disc, both horizontal [m].
         """
         chain = self.reachability_map.chain
         if chain is None:
@@ -115,7 +114,7 @@ class InverseTable:
         base_yaws: BaseYaws = ANY_YAW,
     ) -> bool:
         """Whether a base may exist for a TCP at `point` (3,) [m]: within the arm's lengths, and in the outer map, on or
-        near free floor. The outer map consists of all cells next to a reachable one."""
+        near free floor. The outer map consists of the reachable cells and all cells next to them."""
         disc, raster = self.disc(point[2], pitch), space.raster
         if disc is None:
             return False
@@ -133,7 +132,7 @@ class InverseTable:
         space: FreeSpace,
         base_yaws: BaseYaws = ANY_YAW,
     ) -> bool:
-        """The same by the outer map alone, for every TCP pose in the cell of a key."""
+        """`may_exist` by the outer map alone, for every TCP pose in the cell of a key."""
         keys = nearby_keys(self.grid, key)
         if keys is None:
             return True
@@ -153,7 +152,7 @@ class InverseTable:
 
 
 def best_apart(x: Floats, y: Floats, score: NDArray[Any], count: int, separation: float) -> Integers:
-    """Indices of at most `count` bases of highest score, each farther than `separation` [m] from the better ones."""
+    """Indices of at most `count` bases of highest score, each farther than `separation` [m] from all better bases."""
     chosen: list[int] = []
     left = score.astype(float)
     while len(chosen) < count and len(left) and left.max() > 0:
@@ -167,8 +166,8 @@ def best_apart(x: Floats, y: Floats, score: NDArray[Any], count: int, separation
 def inverse_reachability_on_floor(x: Floats, y: Floats, yaw: Floats) -> tuple[Floats, Floats, Floats]:
     """Equation 5: T_eff = [R(0, β, α), (0, 0, z)], T_base = [Rz(-γ), Rz(π - γ) (x, y, 0)].
 
-    The base stays on the floor, under a TCP at the origin with approach yaw 0. Height z, pitch β and roll α of the TCP
-    do not change: they are the key by which the bases are found.
+    The base stays on the floor, relative to a TCP above the origin with approach yaw 0. Height z, pitch β and roll α of
+    the TCP stay the same. They are the key of the bases.
 
     Args:
         x, y: (n,) TCP positions in the base frame [m].
@@ -187,7 +186,7 @@ for _array in _NO_RANKING:
 
 
 def invert_map(rm: ReachabilityMap) -> Bases:
-    """The bases of equation 5, one for every free pose of a map, by μ."""
+    """Invert a map by equation 5: one base per pose free of self-collision, by μ."""
     grid, counts = rm.grid, rm.grid.orientations.count
     kinds = np.unique(counts)
     kind = np.searchsorted(kinds, counts)
@@ -206,9 +205,9 @@ def invert_map(rm: ReachabilityMap) -> Bases:
 def in_order(bases: Bases, order: Order) -> Bases:
     """The same bases in another order.
 
-    In the order of certainty, cells that are reached over their whole height come before all others. μ is that of a
-    cell's centre; at other heights the cells above and below say whether the arm still reaches, free of itself. In a
-    map of the joints alone a lift follows the height, so that μ alone counts.
+    In the order of certainty, cells that are reached over their whole height come before all others. μ belongs to a
+    cell's centre. At other heights, the cells above and below tell whether the arm still reaches without
+    self-collision. In a map of the joints alone a lift follows the height, so that only μ decides.
     """
     return bases if order == "manipulability" or bases.lift_is_free else _ranked(bases._replace(by_certainty=True))
 
@@ -228,7 +227,7 @@ def _ranked(bases: Bases) -> Bases:
 
 
 def _places(grid: MapGrid, kinds: Integers) -> Places:
-    """Where the bases of keys with each of these numbers of yaws lie."""
+    """Places of the bases of keys, for each number of yaws."""
     columns: list[list[NDArray[Any]]] = []
     tiles: list[list[NDArray[Any]]] = []
     begun = 0

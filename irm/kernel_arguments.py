@@ -1,8 +1,8 @@
 """Kernels without reference counting, and named tuples passed to them by pointer, like a `const struct *` in C.
 
-Numba passes a tuple as separate arguments, seven for each of its arrays: some 500 for a `CollisionQuery`. Copying them
+Numba passes a tuple as separate arguments, seven for each of its arrays: about 500 for a `CollisionQuery`. Copying them
 takes a third of a collision check, and a kernel with so many arguments takes seconds to compile. A pointer is one
-argument: the address of the tuple. Its attributes are read as those of the tuple.
+argument: the address of the tuple. It has the attributes of the tuple.
 
     outer(packed(query), X)                                  # `outer` reads query.robot.offsets and so on
 
@@ -10,11 +10,11 @@ argument: the address of the tuple. Its attributes are read as those of the tupl
     def outer(query: CollisionQuery, X: Array) -> int:       # or called from Python with a small tuple itself
         return inner(pointer_to(query), X)
 
-A pointer does not keep what it points to: it may only be passed on to kernels that are called, never be returned. Of
-`pointer_to` the tuple must be an argument of the kernel that makes it.
+A pointer does not keep its tuple alive. A kernel may pass it on to kernels that it calls, but must not return it. The
+argument of `pointer_to` must be an argument of the calling kernel.
 
-This is the one module that rests on internals of numba and llvmlite (`numba.core`, code generation); its tests fail
-where a new version of theirs changes them.
+Only this module uses internals of numba and llvmlite (`numba.core`, code generation) to generate code. Its tests fail
+if a new version changes them.
 """
 
 from __future__ import annotations
@@ -42,22 +42,21 @@ from irm.compilation import njit
 
 Array = NDArray[np.float64]
 leaf_kernel = njit(cache=True, _nrt=False)
-"""`numba.njit` without reference counting, for kernels that neither allocate nor return arrays and call none that do.
+"""`numba.njit` without reference counting. Neither the kernel nor its callees may allocate or return arrays.
 
-Numba counts references, atomically, to every array taken out of a tuple. For the 50 arrays of a collision query
-this takes longer than the check itself. Numba compiles inner loops of its own in this way (`numba.misc.mergesort`); see
-https://github.com/numba/numba/issues/2350. A kernel that allocates after all is refused when it is compiled ("NRT
-required but not enabled").
+Numba counts references, atomically, to every array taken out of a tuple. For the 50 arrays of a collision query this
+takes longer than the check itself. Numba compiles its own inner loops in this way (`numba.misc.mergesort`), see
+https://github.com/numba/numba/issues/2350. A kernel that allocates fails to compile ("NRT required but not enabled").
 """
 inlined_kernel = njit(cache=True, _nrt=False, forceinline=True)
-"""A `leaf_kernel` that is compiled into its callers, for a few lines in an inner loop; it multiplies code."""
+"""A `leaf_kernel` compiled into its callers, for a few lines in an inner loop. It multiplies code."""
 
 
 @leaf_kernel
 def copy_row(source: Array, target: Array) -> None:
     """`target[:] = source` for arrays (d,) of the same length.
 
-    For the assignment itself numba compiles the text of an error message about shapes, half a second for each kernel.
+    Numba would compile the assignment with an error message about shapes, half a second per kernel.
     """
     for i in range(target.shape[0]):
         target[i] = source[i]
@@ -82,7 +81,7 @@ class StructPointer(types.Type):
     """
 
     def __init__(self, target: BaseNamedTuple) -> None:
-        """The name is short: it becomes a part of the names of all compiled kernels."""
+        """Choose a short name, because it becomes a part of the names of all compiled kernels."""
         self.target = target
         layout = hashlib.sha256(str(target).encode()).hexdigest()[:12]
         super().__init__(name=f"StructPointer({target.instance_class.__name__}, {layout})")
@@ -103,12 +102,12 @@ class _StructPointerModel(models.PrimitiveModel):  # type: ignore[misc]  # numba
 
 @infer_getattr
 class _StructPointerAttributes(AttributeTemplate):  # type: ignore[misc]  # numba has no type hints
-    """The attributes of a pointer are those of the tuple; of tuples in it there are pointers."""
+    """Attributes of a pointer: those of the tuple, with pointers in place of inner tuples."""
 
     key = StructPointer
 
     def generic_resolve(self, pointer: StructPointer, name: str) -> types.Type | None:
-        """The type of an attribute; None if the tuple has none of that name."""
+        """The type of an attribute. None if the tuple has no such field."""
         if name not in pointer.target.fields:
             return None
         field = pointer.target[pointer.target.fields.index(name)]
@@ -137,7 +136,7 @@ def _offset(context: Any, target: BaseNamedTuple, index: int) -> int:
 
 @intrinsic
 def pointer_to(_typing_context: Any, value: types.Type) -> tuple[Signature, Any]:
-    """The address of a named tuple, for kernels that this one calls; see the text above."""
+    """Address of a named tuple, for kernels that this kernel calls. The module's text explains its use."""
 
     def store(context: Any, builder: Any, _signature: Signature, values: Any) -> Any:
         """Emit code that stores the tuple on the stack of the kernel that makes the pointer."""
@@ -157,10 +156,10 @@ TupleT = TypeVar("TupleT", bound=tuple[Any, ...])
 
 
 def packed(value: TupleT) -> TupleT:
-    """A named tuple that kernels called from Python are given by its address; in Python its fields can be read.
+    """Pack a named tuple, so that Python passes it to kernels by its address. Its fields stay readable in Python.
 
-    Fields are arrays in C order, numbers, named tuples, and such tuples packed before. Kernels may write to all arrays,
-    also to those that are read-only here: one compiled kernel serves both.
+    Fields are arrays in C order, numbers, named tuples, and packed tuples. Kernels may write to all arrays, even to
+    arrays that are read-only in Python, because one compiled kernel serves both.
 
     Raises:
         TypeError: a field is of another kind.
@@ -169,7 +168,7 @@ def packed(value: TupleT) -> TupleT:
 
 
 class _Packed:
-    """A named tuple and its memory as kernels read it; what it holds is kept as long as this is."""
+    """A named tuple and its memory as kernels read it. It keeps its fields alive."""
 
     value: Any
     words: NDArray[np.uint64]
@@ -189,12 +188,13 @@ class _Packed:
         return getattr(self.value, name)
 
     def __getitem__(self, index: int) -> Any:
-        """A field by its number; so the fields can be iterated over too."""
+        """A field by its number, which also makes the fields iterable."""
         return self.value[index]
 
 
 def with_numbers(value: TupleT, **numbers: float | np.uint64) -> TupleT:
-    """A packed tuple with other numbers, of the same types, in some of its last fields; much faster than `packed`."""
+    """Copy a packed tuple with other numbers, of the same types, in some of its last fields. Much faster than
+    `packed`."""
     before, copy = cast(_Packed, value), _Packed.__new__(_Packed)
     fields, of_fields = before.value._fields, before.layout[1]
     copy.value, copy.words, copy.layout = before.value._replace(**numbers), before.words.copy(), before.layout
@@ -209,7 +209,7 @@ def with_numbers(value: TupleT, **numbers: float | np.uint64) -> TupleT:
 
 
 def _words_of(value: tuple[Any, ...]) -> tuple[list[NDArray[np.uint64]], Layout]:
-    """The memory of a tuple in pieces, and its layout: its class, and for each field its own layout or type."""
+    """Memory of a tuple in pieces, and its layout: the tuple's class, and the layout or type of each field."""
     parts: list[NDArray[np.uint64]] = []
     words: list[int] = []
     layout: list[Any] = []
@@ -217,7 +217,7 @@ def _words_of(value: tuple[Any, ...]) -> tuple[list[NDArray[np.uint64]], Layout]
         if isinstance(field, np.ndarray):
             if not field.flags.c_contiguous:
                 raise TypeError("an array of a packed tuple is not in C order")
-            # Without the two objects by which numba counts references: whoever packs it keeps the array.
+            # The two objects for numba's reference counts stay empty, because the packed tuple keeps the array alive.
             address = field.__array_interface__["data"][0]
             words += (0, 0, field.size, field.itemsize, address, *field.shape, *field.strides)
             layout.append((field.dtype.char, field.ndim))
@@ -246,7 +246,7 @@ def _pointer_type(layout: Layout) -> StructPointer:
 
 
 def _type_of(layout: Layout) -> tuple[BaseNamedTuple, int]:
-    """Numba's type of a tuple, and how many words it takes."""
+    """Numba's type of a tuple, and its size in words."""
     named, total = layout[0], 0
     fields: list[types.Type] = []
     found: types.Type
@@ -263,12 +263,13 @@ def _type_of(layout: Layout) -> tuple[BaseNamedTuple, int]:
 
 
 def layout_of(value: tuple[Any, ...]) -> Layout:
-    """What decides a named tuple's type for kernels, packed or not; hashed in microseconds, as the type is not."""
+    """Layout that determines a named tuple's type for kernels, packed or not. It is hashed in microseconds, unlike the
+    type."""
     return value.layout if isinstance(value, _Packed) else _words_of(value)[1]
 
 
 def kernel_address(kernel: Any, layout: Layout, *others: Any) -> int:
-    """The address of a kernel for `call_at`, compiled for a packed tuple of that layout and arguments like the others.
+    """Address of a kernel for `call_at`, compiled for a packed tuple of that layout and for arguments like the others.
 
     It is valid in this process alone.
     """
@@ -282,8 +283,9 @@ def kernel_address(kernel: Any, layout: Layout, *others: Any) -> int:
 def call_at(_typing_context: Any, _at: types.Type, arguments: BaseTuple) -> tuple[Signature, Any]:
     """The integer that the kernel at an address returns: `call_at(address, (query, X))`.
 
-    What calls a kernel by its name contains it, compiled once more, with all that it calls; this call does not. The
-    types of the arguments must be those that `kernel_address` was given; a named tuple is passed by its address.
+    A kernel that calls another kernel by name contains a second compiled copy of it and of its callees. This call
+    avoids the copy. The arguments must have the types given to `kernel_address`. A named tuple is passed by its
+    address.
     """
     for field in arguments:
         if isinstance(field, types.Array) and field.layout != "C":
@@ -291,7 +293,7 @@ def call_at(_typing_context: Any, _at: types.Type, arguments: BaseTuple) -> tupl
     passed = [StructPointer(field) if isinstance(field, BaseNamedTuple) else field for field in arguments]
 
     def call(context: Any, builder: Any, _signature: Signature, values: Any) -> Any:
-        """Emit the call, as numba emits that of a compiled function, and pass on its exception."""
+        """Emit the call as numba does for a compiled function, and pass on its exception."""
         given = cgutils.unpack_tuple(builder, values[1], len(passed))
         for index, field in enumerate(arguments):
             if isinstance(field, BaseNamedTuple):
@@ -308,7 +310,7 @@ def call_at(_typing_context: Any, _at: types.Type, arguments: BaseTuple) -> tupl
 
 @unbox(StructPointer)
 def _address_of(_pointer: StructPointer, packed: Any, c: Any) -> NativeValue:
-    """Emit code that takes the address out of what `packed` returns."""
+    """Emit code that reads the address of a packed tuple."""
     number = c.pyapi.object_getattr_string(packed, "address")
     address = c.builder.inttoptr(c.pyapi.number_as_ssize_t(number), _BYTE.as_pointer())
     c.pyapi.decref(number)

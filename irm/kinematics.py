@@ -3,7 +3,7 @@
 The base frame lies on the floor under the robot, x ahead. A configuration `q` is torso and arm, shape (1 + n,).
 
 Manipulability (equation 2 of the paper) is μ = sqrt(λ_min(A) / λ_max(A)) with A = J Jᵀ. The rows of J mix metres and
-radians, so μ depends on the unit of length; here it is the metre throughout: linear rows in m per unit of joint motion,
+radians, so μ depends on the unit of length. Here it is always the metre: linear rows in m per unit of joint motion,
 angular rows in rad.
 
 Example:
@@ -25,7 +25,7 @@ from irm.errors import ChainError
 
 @njit(cache=True, inline="always")
 def wrap(angle: float) -> float:
-    """The same angle in [-π, π), compiled."""
+    """Wrap an angle to [-π, π) [rad], compiled."""
     return angle - 2.0 * pi * floor((angle + pi) / (2.0 * pi))
 
 
@@ -38,9 +38,9 @@ def fk_frames(offsets: Floats, axes: Integers, tip: Floats, q: Floats, R: Floats
     """Frames of every link in the base frame, each after its own joint's motion.
 
     Args:
-        offsets, axes, tip: of `ArmChain`; rows of 3 numbers or of 12.
+        offsets, axes, tip: of `ArmChain`, with rows of 3 or 12 numbers.
         q: (n,) torso and arm.
-        R: (n + 1, 3, 3) filled with orientations; the last one is the TCP's.
+        R: (n + 1, 3, 3) filled with orientations, the TCP last.
         p: (n + 1, 3) filled with origins [m].
     """
     n = axes.shape[0]
@@ -97,7 +97,7 @@ def link_frames(chain: ArmChain, q: ArrayLike) -> tuple[Floats, Floats]:
         )
     R = np.empty((chain.size + 1, 3, 3))
     p = np.empty((chain.size + 1, 3))
-    # Copies, since kernels pass arrays that may be written to: for read-only ones it would be compiled once more.
+    # Copies are writable. For read-only arrays numba would compile the kernel again.
     fk_frames(chain.offsets.copy(), chain.axes.copy(), chain.tip.copy(), configuration, R, p)
     return R, p
 
@@ -116,12 +116,12 @@ def link_origins(chain: ArmChain, q: ArrayLike) -> Floats:
 
 
 _SWEEPS = 30
-"""Largest number of QL iterations per eigenvalue; three are usual."""
+"""Most QL iterations per eigenvalue. Three are usual."""
 
 
 @njit(cache=True)
 def _tridiagonalise(A: Floats, diagonal: Floats, beside: Floats) -> None:
-    """Householder reduction of a symmetric matrix, in place: the tridiagonal result has the eigenvalues of A."""
+    """Reduce a symmetric matrix by Householder, in place, to a tridiagonal matrix with the same eigenvalues."""
     n = A.shape[0]
     u = np.empty(n)
     w = np.empty(n)
@@ -198,7 +198,7 @@ def _eigenvalues(d: Floats, e: Floats) -> None:
 
 @njit(cache=True)
 def condition(J: Floats, A: Floats, diagonal: Floats, beside: Floats) -> float:
-    """μ of a (6, n) Jacobian; `A` (6, 6), `diagonal` and `beside` (6,) are scratch space."""
+    """μ of a (6, n) Jacobian. `A` (6, 6), `diagonal` and `beside` (6,) are scratch space."""
     rows, columns = J.shape
     for i in range(rows):
         for j in range(i, rows):

@@ -1,12 +1,13 @@
-"""The cells of a map that one configuration reaches: images of a cell under turns of the first and of the last joint.
+"""Images of a map's cell under turns of the first and the last joint, which share one solution.
 
-The first joint turns about the vertical axis in the middle of the grid: a quarter turn of it moves the TCP from the
-centre of one cell to that of another. The last joint of most arms turns the TCP about its own approach: a turn by the
-distance of two rolls of the map changes nothing but the roll. μ stays the same. So inverse kinematics is solved for one
-cell of up to four times the rolls, and of the images only the limits of the two joints are tested, and what touches:
+The first joint turns about the vertical axis in the middle of the grid. A quarter turn moves the TCP from the centre of
+one cell to that of another. The last joint of most arms turns the TCP about its approach. A turn by the step between
+two rolls of the map changes only the roll. μ stays the same. So inverse kinematics is solved for one cell per group of
+images: up to four times the number of rolls. Each image needs only tests of the two joints' limits, and of two kinds of
+contact:
 
-- links of the arm each other: the same in all images, but for the last link, which depends on the roll;
-- links of the arm the base or the torso: these are turned back in place of the arm.
+- between links of the arm: the same in all images, except for the last link, which depends on the roll.
+- between the arm and the base or torso: base and torso are turned back in place of the arm.
 
 An arm whose first axis is not vertical, or whose last axis is not the approach, has no such images.
 """
@@ -34,18 +35,18 @@ Singles = NDArray[np.float32]
 Integers = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 _ALIGNED = 1e-6
-"""Sine, and [m], by which an axis may be off the vertical, the grid's middle or the approach."""
+"""Tolerance of an axis: sine of its angle to the vertical or the approach, and [m] to the grid's middle."""
 _LIMIT_ROUNDING = 1e-9
 """[rad]"""
 
 
 class Images(NamedTuple):
-    """The images of the cells of a layer.
+    """Images of the cells of a layer.
 
-    `quarters`: 4 or 1 turns of the first joint; `rolls`: of the last one; `pan_sign`, `roll_sign`: of their joint
-    angles; `lower`, `upper` (2,): their limits [rad]. `orientation` (o, rolls): that of each image of an orientation
-    under the last joint, -1 for none. `root` (o,): the orientation whose image it is; `turned` (o,): its image under a
-    quarter turn.
+    `quarters`: 4 or 1 turns of the first joint. `rolls`: turns of the last joint. `pan_sign`, `roll_sign`: signs of
+    their joint angles. `lower`, `upper` (2,): their limits [rad]. `orientation` (o, rolls): images of each orientation
+    under the last joint, -1 for none. `root` (o,): orientation whose image it is. `turned` (o,): image under a quarter
+    turn.
     """
 
     quarters: int
@@ -60,12 +61,13 @@ class Images(NamedTuple):
 
 
 class Touching(NamedTuple):
-    """The shapes that may touch, for the test of images.
+    """Shapes that may touch, for the test of images.
 
-    Pairs of solids (s, 2): of `arm` links but the last; of the last link and another one of the arm, `hand`; of `torso`
-    or `base` and an arm link; and of these and the last one, `torso_hand` and `base_hand`. `fixed` (f,): solids of base
-    and torso, which of them are the base's, `is_base` (f,), and their places turned back by each quarter, `position`
-    (quarters, f, 3) and `rotation` (quarters, f, 3, 3). `last` (l,): solids of the last link.
+    Pairs of solids (s, 2) are grouped by their links. `arm`: two arm links, the last excepted. `hand`: the last link
+    and another arm link. `torso` and `base`: torso or base and an arm link. `torso_hand` and `base_hand`: torso or base
+    and the last link. `fixed` (f,): solids of base and torso. `is_base` (f,): which of them belong to the base.
+    `position` (quarters, f, 3) and `rotation` (quarters, f, 3, 3): their poses turned back by each quarter. `last`
+    (l,): solids of the last link.
     """
 
     arm: Integers
@@ -82,7 +84,7 @@ class Touching(NamedTuple):
 
 
 def images_of(chain: ArmChain, grid: MapGrid) -> Images:
-    """The images that the cells of an arm's map have."""
+    """Find the images of the cells of an arm's map."""
     n, orientations = chain.size, grid.orientations
     R, p = link_frames(chain, np.zeros(n))
     first, last = (R[joint][:, chain.axes[joint] % PRISMATIC] for joint in (1, n - 1))
@@ -102,7 +104,7 @@ def images_of(chain: ArmChain, grid: MapGrid) -> Images:
         image[start : start + count, 0] = np.arange(start, start + count)
         if rolls == 1 or orientations.is_pole(group):
             continue
-        # Groups of one ring follow each other, by increasing roll from 0.
+        # Groups of one ring are consecutive, by increasing roll from 0.
         number = round(float(orientations.roll[group]) % (2 * pi) / (2 * pi) * rolls)
         own = int(orientations.start[group - number])
         root[start : start + count] = own + np.arange(count)
@@ -115,7 +117,7 @@ def images_of(chain: ArmChain, grid: MapGrid) -> Images:
 
 
 def without_limits(chain: ArmChain, images: Images) -> tuple[Floats, Floats]:
-    """Limits (1 + n,) of an arm whose images are tested for the limits of the joints that make them."""
+    """Limits (1 + n,) of an arm without those of the joints that make images. The images are tested for these."""
     lower, upper = chain.lower.copy(), chain.upper.copy()
     for joint, count in ((1, images.quarters), (chain.size - 1, images.rolls)):
         if count > 1:
@@ -124,7 +126,7 @@ def without_limits(chain: ArmChain, images: Images) -> tuple[Floats, Floats]:
 
 
 def touching(chain: ArmChain, shapes: Shapes, images: Images) -> Touching:
-    """The shapes of an arm that may touch, by what turns them."""
+    """Group the pairs of an arm's shapes that may touch, by the joints that turn them."""
     last, link = chain.size - 1, shapes.link
     pairs = shapes.pairs.reshape(-1, 2)
     pairs = np.where((link[pairs[:, 0]] > link[pairs[:, 1]])[:, None], pairs[:, ::-1], pairs)
@@ -155,9 +157,9 @@ def is_within(images: Images, joint: int, angle: float) -> bool:
 
 @leaf_kernel
 def any_pair_near(placed: Placed, pairs: Integers) -> bool:
-    """Whether one of the pairs (s, 2) of solids that are placed comes nearer than the clearance.
+    """Whether any pair (s, 2) of placed solids comes nearer than the clearance.
 
-    That pair changes places with the first one: in the next configuration, which is a neighbour, it is near as well.
+    The pair found moves to the front, because it is probably near in the next, neighbouring configuration too.
     """
     for k in range(pairs.shape[0]):
         i, j = pairs[k, 0], pairs[k, 1]
@@ -170,7 +172,7 @@ def any_pair_near(placed: Placed, pairs: Integers) -> bool:
 
 @leaf_kernel
 def turn_back(some: Touching, placed: Placed, quarter: int) -> None:
-    """Turn base and torso back by quarters, with the torso at 0."""
+    """Turn base and torso back by quarter turns, with the torso at 0."""
     position, rotation = placed.solids.position, placed.solids.rotation
     for f in range(some.fixed.shape[0]):
         k = some.fixed[f]
@@ -192,7 +194,7 @@ def lower_base_of(some: Touching, placed: Placed, torso: float) -> None:
 def roll_hand(
     shapes: Shapes, some: Touching, placed: Placed, R: Floats, p: Floats, axis: int, cosine: float, sine: float
 ) -> None:
-    """Place the shapes of the last link, whose frame is `R` (3, 3), `p` (3,), turned about an axis of its own."""
+    """Place the shapes of the last link, with frame `R` (3, 3), `p` (3,), turned about an axis of its frame."""
     position, rotation = placed.solids.position, placed.solids.rotation
     u, v = (axis + 1) % 3, (axis + 2) % 3
     for k in some.last:

@@ -1,11 +1,11 @@
 """Best manipulability of every cell of a map by the closed form of Fetch's arm, compiled.
 
-Only configurations free of self-collision count. A cell whose centre is reached in others alone has μ = 0.
+Only configurations free of self-collision are used. A cell whose centre is reached only in self-collision has μ = 0.
 
-The arm's redundancy is scanned over its pan angle. Pan does not change μ, and the arm is symmetric about
-the plane y = 0. So the scan of one voxel gives eight: its images under quarter turns about the pan axis and under the
-reflection y → -y. The images differ by the pan limits and by what the arm touches. Of each, the configurations are
-tested from the highest μ down, at all heights of the torso at once: only the base changes its place under the arm.
+The arm's redundancy is scanned over its pan angle. Pan does not change μ, and the arm is symmetric about the plane y =
+0. So the scan of one voxel gives eight: its images under quarter turns about the pan axis and under the reflection y →
+-y. The images differ in pan limits and collisions. Each image tests its configurations from the highest μ down, at all
+heights of the torso at once, because only the base moves relative to the arm.
 """
 
 from __future__ import annotations
@@ -31,25 +31,26 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Integers = NDArray[np.int64]
 PAN_SAMPLES = 144
-"""Pan angles per turn, 2.5 degrees apart; a multiple of 4, so that quarter turns map samples to samples."""
+"""Pan angles per turn, 2.5 degrees apart. A multiple of 4, so that quarter turns map samples to samples."""
 
 
 class Layer(NamedTuple):
-    """One layer: best `mu` (t, o, x, y) of free configurations at each height of the torso, 0 for none, and whether
-    the centre is `reached` (o, x, y) by the arm, free or not."""
+    """One layer of cells. `mu` (t, o, x, y): best μ of free configurations at each height of the torso, 0 for none.
+    `reached` (o, x, y): whether the arm reaches the centre, free or not."""
 
     mu: Singles
     reached: NDArray[np.bool_]
 
     @staticmethod
     def empty(grid: MapGrid) -> Layer:
-        """With nothing in reach."""
+        """A layer with no cell in reach."""
         return Layer(np.zeros((len(grid.torsos), *grid.shape[1:]), np.float32), np.zeros(grid.shape[1:], np.bool_))
 
 
 class _Scan(NamedTuple):
-    """What the closed form is scanned with: the `arm`; its collision `shapes` and memory to place them; cosines and
-    sines of the pan angles, `turns` (n, 2), which of them are `allowed`, and the `torsos` (t,) [m]."""
+    """Input of a scan by the closed form: the `arm`, its collision `shapes`, and memory `placed` for them. `turns` (n,
+    2): cosines and sines of the pan angles. `allowed` (n,): pan angles within the limits. `torsos` (t,): heights
+    [m]."""
 
     arm: ChainArrays
     shapes: Shapes
@@ -60,8 +61,8 @@ class _Scan(NamedTuple):
 
 
 class _Profile(NamedTuple):
-    """Solutions of one voxel at all pan angles, two of each: `mu` (2n,), 0 for none, and `joints` (2n, 5) after the
-    pan joint."""
+    """Solutions of one voxel, two per pan angle. `mu` (2n,): 0 for none. `joints` (2n, 5): those after the pan
+    joint."""
 
     mu: Floats
     joints: Floats
@@ -69,7 +70,7 @@ class _Profile(NamedTuple):
 
 @njit(cache=True)
 def _pan_profile(scan: _Scan, approach: Floats, wrist: Floats, profile: _Profile) -> bool:
-    """Fill the profile; whether there is a solution at any angle."""
+    """Fill the profile. True if any angle has a solution."""
     arm, turns = scan.arm, scan.turns
     n = arm.axes.shape[0]
     R, p = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
@@ -93,9 +94,9 @@ def _pan_profile(scan: _Scan, approach: Floats, wrist: Floats, profile: _Profile
 
 @njit(cache=True)
 def _fill_cell(scan: _Scan, profile: _Profile, order: Integers, mirror: int, turn: int, best: Singles) -> bool:
-    """Write the best μ at each height of the torso into `best` (t,), for one image of a voxel; whether it is reached.
+    """Write the best μ at each torso height into `best` (t,), for one image of a voxel. True if it is reached.
 
-    `order` (m,) are the solutions of the profile, those of highest μ first.
+    `order` (m,): solutions of the profile by decreasing μ.
     """
     arm, samples = scan.arm, scan.turns.shape[0]
     shapes, placed = pointer_to(scan.shapes), pointer_to(scan.placed)
@@ -117,7 +118,7 @@ def _fill_cell(scan: _Scan, profile: _Profile, order: Integers, mirror: int, tur
         fk_frames(arm.offsets, arm.axes, arm.tip, q, R, p)
         place_shapes(shapes, placed, R, p)
         if not reached:
-            # The gripper is where it is, whatever the rest of the arm does.
+            # The gripper's pose is the same for all remaining solutions.
             reached = True
             if any_near(shapes, placed, 0, CLEARANCE):
                 return True
@@ -144,9 +145,9 @@ def _fill_cell(scan: _Scan, profile: _Profile, order: Integers, mirror: int, tur
 def _fill_plane(
     scan: _Scan, voxel: float, height: float, pitch: float, plane: Singles, reached: NDArray[np.bool_]
 ) -> None:
-    """Best μ of every voxel of one layer, `height` above the pan origin [m], for one pitch.
+    """Fill in the best μ of every voxel of one layer, `height` above the pan origin [m], for one pitch.
 
-    `plane` (t, yaw, 2h, 2h) at each height of the torso; `reached` (yaw, 2h, 2h).
+    `plane` (t, yaw, 2h, 2h): μ at each height of the torso. `reached`: (yaw, 2h, 2h).
     """
     yaws, half = reached.shape[0], reached.shape[1] // 2
     links, samples = scan.arm.links, scan.turns.shape[0]
@@ -178,7 +179,7 @@ def _fill_plane(
 
 
 def closed_form_layers(chain: ArmChain, grid: MapGrid, heights: Floats) -> Iterator[Layer]:
-    """One layer after the other.
+    """Yield the layers of a map in order.
 
     Args:
         chain: of an arm with a closed form.
@@ -201,7 +202,7 @@ def closed_form_layers(chain: ArmChain, grid: MapGrid, heights: Floats) -> Itera
 
 
 def shapes_at_every_roll(chain: ArmChain) -> Shapes:
-    """The shapes of a robot whose map does not distinguish rolls: its cells are free at all of them."""
+    """Shapes of a robot whose map does not distinguish rolls. A cell of it is free only if it is free at all rolls."""
     last = chain.size - 1
     return for_every_roll(chain.shapes, last, np.zeros(3), np.eye(3)[chain.axes[-1] % PRISMATIC])
 

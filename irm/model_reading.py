@@ -1,7 +1,7 @@
-"""The arm between two frames of a MuJoCo model: joint axes, limits and tool, and the shapes that may collide.
+"""Reading of the arm between two frames of a MuJoCo model: joint axes, limits, tool, and collision shapes.
 
-Everything is read at the joint positions 0, in the base frame: a line for the axis of each joint, and the pose of the
-tip. From these follow the frames of the chain: each has its origin on its joint's axis, and z along it.
+All quantities are read at joint positions 0, in the base frame: the line of each joint's axis, and the pose of the tip.
+They determine the frames of the chain. Each frame has its origin on its joint's axis, and z along it.
 """
 
 from __future__ import annotations
@@ -30,13 +30,14 @@ _LOG = logging.getLogger(__name__)
 
 Floats = NDArray[np.float64]
 CONTINUOUS = 2 * np.pi
-"""[rad] Limits of a joint that turns without end: from minus to plus this."""
+"""[rad] Limits of a continuous joint: minus and plus this value."""
 _UNNAMED = "MuJoCo Model"
-"""What MuJoCo calls a model without a name."""
+"""MuJoCo's name for a model without a name."""
 _PARALLEL = 1e-9
-"""Entry of a unit vector or rotation below which two directions are the same but for rounding."""
+"""Largest difference of entries of equal unit vectors or rotations, due to rounding."""
 _SAME_AXIS = 1e-12
-"""The same where one direction takes the other's place: a NO of the solver is proved with a tolerance of 1e-8 m."""
+"""Tolerance as `_PARALLEL` where one direction replaces the other. The solver proves a NO with a tolerance of 1e-8
+m."""
 APPROACHES = {
     name: np.array(rows, dtype=float)
     for name, rows in {
@@ -67,42 +68,42 @@ _NO_LIFT = _Joint("", True, np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.0, 0.0)
 
 _MESH_KINDS = (".stl", ".obj", ".msh")
 _LARGEST = 5.0
-"""[m] No link is longer; in millimetres, even a link of 1 cm is."""
+"""[m] Longest plausible mesh. In millimetres, even a link of 1 cm is longer."""
 MARK = 0.015
-"""[m] Longest side of what is drawn to mark a frame, and is no part of the robot."""
+"""[m] Longest side of a visual shape that marks a frame and is no part of the robot."""
 _TILTED = 1e-3
-"""[rad] of a base frame's z axis off the vertical; files round their angles."""
+"""[rad] Largest tilt of a base frame's z axis from the vertical. Files round their angles."""
 _HAIR = 1e-9
-"""[rad], [m] by which limits of a URDF file that are equal are exchanged: MuJoCo drops equal ones without a trace."""
+"""[rad], [m] Gap by which equal limits of a URDF file are crossed, because MuJoCo silently drops equal limits."""
 _MOST_TURNS, _LARGEST_IN_DEGREES = 7.0, 720.0
-"""[rad] Limits between these, of all hinges of an arm, are degrees: no arm turns farther than once each way at every
-joint, and larger numbers stand for no limit."""
+"""[rad] Limits of all hinges of an arm between these values are degrees. No arm turns farther than once each way at
+every joint, and larger numbers stand for no limit."""
 _URDF_COMPILER = {
     "fusestatic": "false",
     # Links without a mass are common in URDF files, and MuJoCo refuses those that move.
     "boundmass": "1e-6",
     "boundinertia": "1e-9",
     "balanceinertia": "true",
-    # The names of meshes are whole paths by then.
+    # The names of meshes are absolute paths at this point.
     "strippath": "false",
 }
-"""How MuJoCo shall read a URDF file, whatever the file itself says."""
+"""MuJoCo's compiler settings for a URDF file. They override those of the file."""
 
 
 class UnreadMesh(NamedTuple):
-    """A mesh of a URDF file that is no shape of the model: for collisions, or for the eye alone; and why not."""
+    """A mesh of a URDF file that yields no shape of the model: its use (collision or visual) and the reason."""
 
     is_for_collisions: bool
     reason: str
 
 
 class LoadedModel(NamedTuple):
-    """A compiled model, and what of a URDF file is not in it.
+    """A compiled model, and the data of a URDF file that MuJoCo does not keep.
 
     Attributes:
-        model: of all that MuJoCo reads.
-        unread: meshes that are not read, by the names of their links.
-        velocities: largest ones of joints by their names [rad/s], [m/s]; those that are not 0.
+        model: the model compiled by MuJoCo.
+        unread: meshes that cannot be read, by the names of their links.
+        velocities: velocity limits of joints by their names [rad/s], [m/s], without limits of 0.
     """
 
     model: mujoco.MjModel
@@ -111,7 +112,7 @@ class LoadedModel(NamedTuple):
 
 
 def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: str) -> dict[str, Any]:
-    """Fields of the `ArmChain` from `base` to `tip`, see `ArmChain.from_mjcf`; frames have z along the joints' axes.
+    """Read the fields of the `ArmChain` from `base` to `tip`, see `ArmChain.from_mjcf`.
 
     Raises:
         ChainError: no such file, body or site, or the joints between them are not those of an arm.
@@ -166,13 +167,13 @@ def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: 
 
 
 def load_robot(path: Path, mesh_scale: float = 1.0, radians: bool = False) -> LoadedModel:
-    """The compiled model of an MJCF or URDF file with all its meshes, each `mesh_scale` times as large as it says.
+    """Load an MJCF or URDF file with all its meshes, each scaled by `mesh_scale`.
 
-    With `radians`, angles of an MJCF file are radians, whatever its `<compiler>` says; those of a URDF file always are.
-    Which of the two it is the file itself tells, not its name. For a URDF file see `load_urdf`.
+    With `radians`, angles of an MJCF file are in radians regardless of its `<compiler>`. Those of a URDF file always
+    are. The first element of the file tells its kind, not its name. For a URDF file see `load_urdf`.
 
     Raises:
-        ChainError: it is neither.
+        ChainError: the file is neither.
         FileNotFoundError: there is no such file.
     """
     text, unread, velocities = _mujoco_urdf(path) if _first_element(path) == "robot" else ("", {}, {})
@@ -189,7 +190,7 @@ def load_robot(path: Path, mesh_scale: float = 1.0, radians: bool = False) -> Lo
 
 
 def load_model(path: Path) -> mujoco.MjModel:
-    """The compiled model of a file; raises `ChainError` if it is none."""
+    """Load the model of an MJCF file. Raises `ChainError` if it cannot be read."""
     try:
         return mujoco.MjModel.from_xml_path(str(path))
     except ValueError as problem:
@@ -197,7 +198,7 @@ def load_model(path: Path) -> mujoco.MjModel:
 
 
 def arm_joints(model: mujoco.MjModel, base: str, tip: str) -> list[int]:
-    """Numbers of the joints of an arm, its lift first if it has one; arguments and errors as of `read_arm`."""
+    """Ids of the joints of an arm, a lift first. Arguments and errors as in `read_arm`."""
     read_arm(model, base, tip, "x")
     is_site, number = _find_tip(model, tip)
     body = int(model.site_bodyid[number]) if is_site else number
@@ -205,7 +206,7 @@ def arm_joints(model: mujoco.MjModel, base: str, tip: str) -> list[int]:
 
 
 def tip_frame(model: mujoco.MjModel, body: int, tip: str, approach: str) -> Floats:
-    """T_body_tcp (4, 4) of a tip, with x along the approach, all joints as the file has them."""
+    """T_body_tcp (4, 4) of a tip, with x along the approach, at the model's initial joint positions."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     T = np.linalg.inv(_pose(data.xmat[body], data.xpos[body])) @ _tip_pose(model, data, tip)
@@ -214,15 +215,15 @@ def tip_frame(model: mujoco.MjModel, body: int, tip: str, approach: str) -> Floa
 
 
 def load_urdf(path: Path) -> mujoco.MjModel:
-    """The compiled model of a URDF file.
+    """Load the model of a URDF file.
 
-    Links keep their names and stay bodies of their own, also where they are fixed to others. Their shapes are those for
-    collisions; of a link that has none, those for the eye. Files of meshes may be missing: these are no shapes, and a
-    warning is logged for each.
+    Links keep their names and stay separate bodies, even where they are fixed to others. Their shapes are collision
+    shapes. A link without collision shapes has its visual shapes. A missing mesh file yields no shape, and a warning is
+    logged for each.
 
     Raises:
         FileNotFoundError: there is no such file.
-        ChainError: it is no URDF file.
+        ChainError: the file is no URDF file.
     """
     text, unread, _ = _mujoco_urdf(path)
     for link, mesh in unread.items():
@@ -234,7 +235,7 @@ def load_urdf(path: Path) -> mujoco.MjModel:
 
 
 def _without_comments(path: Path) -> bytes:
-    """The text of an XML file without its comments, in which MuJoCo allows what XML does not."""
+    """The text of an XML file without comments, because MuJoCo accepts comments that XML forbids."""
     return re.sub(rb"<!--.*?-->", b"", path.read_bytes(), flags=re.DOTALL).strip()
 
 
@@ -245,9 +246,9 @@ def _first_element(path: Path) -> str:
 
 
 def _mujoco_urdf(path: Path) -> tuple[str, dict[str, UnreadMesh], dict[str, float]]:
-    """The text of a URDF file for MuJoCo, with one kind of shapes for each link; and what `LoadedModel` has beside."""
+    """The text of a URDF file for MuJoCo, with one kind of shapes per link, and the other fields of `LoadedModel`."""
     builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
-    # Without namespaces, as MuJoCo reads it: a prefix is a part of a name, whether it is bound or not.
+    # Read without namespaces, as MuJoCo does: a prefix is a part of a name, bound or not.
     parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
     try:
         parser.Parse(_without_comments(path), True)
@@ -301,10 +302,10 @@ def _mujoco_urdf(path: Path) -> tuple[str, dict[str, UnreadMesh], dict[str, floa
 
 
 def _write_limits(robot: ElementTree.Element, path: Path) -> None:
-    """Write both limits of each joint of a URDF file that has one: the other is 0, and MuJoCo would read none.
+    """Write both limits of each URDF joint that has only one. The other is 0, and MuJoCo would read neither.
 
     Raises:
-        ChainError: a limit is no number.
+        ChainError: a limit is not a number.
     """
     for joint in robot.iter("joint"):
         limit = joint.find("limit")
@@ -324,7 +325,7 @@ def _write_limits(robot: ElementTree.Element, path: Path) -> None:
 
 
 def _is_mark(visual: ElementTree.Element) -> bool:
-    """Whether a visual shape marks a frame: a box, cylinder or sphere that is no longer than `MARK`."""
+    """Whether a visual shape marks a frame: boxes, cylinders or spheres up to `MARK` long."""
     sides = [float(word) for box in visual.iterfind("geometry/box") for word in box.get("size", "").split()]
     for kind in ("cylinder", "sphere"):
         for shape in visual.iterfind(f"geometry/{kind}"):
@@ -333,10 +334,10 @@ def _is_mark(visual: ElementTree.Element) -> bool:
 
 
 def _mesh_file(urdf: Path, name: str, mesh_folder: str) -> Path | str:
-    """The file of a URDF's mesh, or why there is none that MuJoCo reads.
+    """The file of a URDF's mesh, or the reason why MuJoCo cannot read it.
 
-    `package://` names are looked up in the folders above the URDF; where there is no such file, the name alone is
-    looked up in the `meshdir` of the file's `<compiler>`, where MuJoCo looks for it.
+    `package://` names are searched in the folders above the URDF. Then the bare file name is searched in the `meshdir`
+    of the file's `<compiler>`, as MuJoCo does.
     """
     parts = Path(name.removeprefix("package://").removeprefix("file://"))
     folders = [urdf.resolve().parent / mesh_folder, *urdf.resolve().parents]
@@ -354,8 +355,8 @@ def _mesh_file(urdf: Path, name: str, mesh_folder: str) -> Path | str:
 
 
 def _check_limits(model: mujoco.MjModel, numbers: list[int]) -> None:
-    """Raise `ChainError` if limits of an arm's joints leave no motion, and MuJoCo reads them as none; or if they seem
-    to be degrees."""
+    """Raise `ChainError` if a joint's limits leave no motion, which MuJoCo reads as no limits, or seem to be in
+    degrees."""
     for k in numbers:
         lower, upper = (round(float(limit), 6) + 0.0 for limit in model.jnt_range[k])
         is_given = lower != 0.0 or upper != 0.0 or model.jnt_range[k].any()
@@ -375,7 +376,8 @@ def _check_limits(model: mujoco.MjModel, numbers: list[int]) -> None:
 
 
 def _check_numbers(model: mujoco.MjModel) -> None:
-    """Raise `ChainError` if a place, size or mass in the file is no number: MuJoCo reads NaN with a warning alone."""
+    """Raise `ChainError` if a position, size or mass in the file is not finite. MuJoCo reads NaN with a mere
+    warning."""
     geoms = np.concatenate([model.geom_pos, model.geom_quat, model.geom_size], axis=1)
     bodies = np.concatenate([model.body_pos, model.body_quat, model.body_inertia, model.body_mass[:, None]], axis=1)
     joints = np.concatenate([model.jnt_pos, model.jnt_axis], axis=1)
@@ -393,7 +395,7 @@ def _slides(model: mujoco.MjModel, joint: int) -> bool:
 
 
 def _tied_joints(model: mujoco.MjModel, constraint: int, numbers: list[int]) -> list[int]:
-    """The joints of an arm that an <equality> holds together: of a fixed tendon, or between two bodies of the robot."""
+    """The joints of an arm that an <equality> couples: by a fixed tendon, or between two bodies of the robot."""
     kind, one, other = (int(rows[constraint]) for rows in (model.eq_type, model.eq_obj1id, model.eq_obj2id))
     if kind == int(mujoco.mjtEq.mjEQ_TENDON):
         wraps = [
@@ -416,7 +418,7 @@ def _tied_joints(model: mujoco.MjModel, constraint: int, numbers: list[int]) -> 
 
 
 def _check_joints_are_free(model: mujoco.MjModel, base: int, numbers: list[int]) -> None:
-    """Raise `ChainError` if a joint of the arm follows another one, or if the arm's first joint is left out."""
+    """Raise `ChainError` if a joint of the arm follows another joint, or if the arm's first joint is left out."""
     hinge, slide = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
     own = np.flatnonzero(model.jnt_bodyid == base)
     kinds = [int(kind) for kind in model.jnt_type[np.isin(model.jnt_bodyid, [base, *_carriers(model, base)])]]
@@ -445,7 +447,7 @@ def _check_joints_are_free(model: mujoco.MjModel, base: int, numbers: list[int])
 
 
 def _check_base_is_upright(model: mujoco.MjModel, data: mujoco.MjData, base: int) -> None:
-    """Raise `ChainError` if the z axis of the base frame is not vertical; it names the bodies above it that stand."""
+    """Raise `ChainError` if the z axis of the base frame is not vertical. It names the upright bodies that carry it."""
     mujoco.mj_kinematics(model, data)
     if (tilt := _tilt(data, base)) <= _TILTED:
         return
@@ -463,14 +465,14 @@ def _tilt(data: mujoco.MjData, body: int) -> float:
 
 
 def _carriers(model: mujoco.MjModel, body: int) -> Iterator[int]:
-    """The bodies that carry a body, the nearest first, the world last."""
+    """The ancestors of a body, the nearest first, the world last."""
     while body:
         body = int(model.body_parentid[body])
         yield body
 
 
 def check_sizes(model: mujoco.MjModel, geoms: Sequence[int]) -> None:
-    """Raise `ChainError` if one of some geoms is a mesh that is too large to be in metres."""
+    """Raise `ChainError` if a mesh among the geoms is too large to be in metres."""
     for geom in geoms:
         if int(model.geom_type[geom]) != int(mujoco.mjtGeom.mjGEOM_MESH):
             continue
@@ -484,7 +486,7 @@ def check_sizes(model: mujoco.MjModel, geoms: Sequence[int]) -> None:
 
 
 def _find_tip(model: mujoco.MjModel, name: str) -> tuple[bool, int]:
-    """Whether there is a site of that name, and the number of that site, or of the body of that name."""
+    """Whether the name belongs to a site, and the id of this site or of the body with this name."""
     for kind in (mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_BODY):
         number = mujoco.mj_name2id(model, kind, name)
         if number >= 0:
@@ -517,7 +519,7 @@ def _tool_rotation(approach: str) -> Floats:
 
 
 def _joints_between(model: mujoco.MjModel, base: int, tip: int, names: tuple[str, str]) -> list[int]:
-    """Numbers of the joints that move the tip relative to the base, from the base on."""
+    """Ids of the joints that move the tip relative to the base, from the base on."""
     found: list[int] = []
     body = tip
     while body != base:
@@ -537,10 +539,10 @@ def _joints_between(model: mujoco.MjModel, base: int, tip: int, names: tuple[str
 
 
 def _lift_and_hinges(joints: list[_Joint], names: tuple[str, str]) -> tuple[_Joint, list[_Joint]]:
-    """The lift, one that does not move if the arm has none, and the joints of the arm.
+    """The lift and the joints of the arm. An arm without a lift gets one that does not move.
 
     Raises:
-        ChainError: they are not those of an arm.
+        ChainError: these are not the joints of an arm.
     """
     lifts, hinges = [joint for joint in joints if joint.slides], [joint for joint in joints if not joint.slides]
     if len(hinges) not in (6, 7) or len(lifts) > 1 or [*lifts, *hinges] != joints:
@@ -556,10 +558,10 @@ def _lift_and_hinges(joints: list[_Joint], names: tuple[str, str]) -> tuple[_Joi
 
 
 def _frames(hinges: list[_Joint], T_base_tip: Floats) -> tuple[Floats, NDArray[np.int64], Floats]:
-    """Offsets (1 + n, 3 or 12), axes (1 + n,) and tip of the chain: frames of the lift, of each hinge, and of the TCP.
+    """Offsets (1 + n, 3 or 12), axes (1 + n,) and tip of the chain, from frames of the lift, each hinge, and the TCP.
 
-    If all axes are those of the base frame and the TCP has its orientation, all frames are parallel to it. Else each
-    hinge turns about the z axis of its own frame.
+    If all axes are those of the base frame and the TCP has its orientation, all frames are parallel to it. Otherwise
+    each hinge turns about the z axis of its own frame.
     """
     axis_numbers = [int(np.argmax(joint.axis)) for joint in hinges]
     away = [np.abs(joint.axis - np.eye(3)[k]).max() for joint, k in zip(hinges, axis_numbers, strict=True)]
@@ -576,10 +578,10 @@ def _frames(hinges: list[_Joint], T_base_tip: Floats) -> tuple[Floats, NDArray[n
 
 
 def _origins(hinges: list[_Joint]) -> list[Floats]:
-    """A point on each axis: on the first one that nearest to the second axis, then always that nearest to the last
-    point.
+    """A point on each axis: on the first axis the point nearest to the second axis, then always the point nearest to
+    the previous point.
 
-    The sum of their distances bounds the reach of the arm, so it should be small.
+    The sum of their distances is an upper bound of the arm's reach, so it should be small.
     """
     first, second = hinges[:2]
     normal = np.cross(first.axis, np.cross(first.axis, second.axis))
@@ -594,7 +596,7 @@ def _origins(hinges: list[_Joint]) -> list[Floats]:
 
 
 def tcp_pose_of_model(model: mujoco.MjModel, q: Mapping[str, float], base: str, tip: str, approach: str) -> Floats:
-    """T_base_tcp (4, 4) by MuJoCo with joints at the positions `q`, by their names; "" names no joint."""
+    """T_base_tcp (4, 4) by MuJoCo, with joints at the positions `q`, by their names. "" names no joint."""
     data = mujoco.MjData(model)
     for name, value in q.items():
         if name:
@@ -614,7 +616,7 @@ _KINDS = {
     int(mujoco.mjtGeom.mjGEOM_ELLIPSOID): ELLIPSOID,
     int(mujoco.mjtGeom.mjGEOM_MESH): HULL,
 }
-"""The core of each kind of geom; a capsule is a segment and a sphere a point, boxes without width."""
+"""The core of each kind of geom. A capsule is a segment and a sphere a point: boxes without width."""
 
 
 def _shapes_of_arm(
@@ -624,10 +626,10 @@ def _shapes_of_arm(
     frames: tuple[Floats, NDArray[np.int64], Floats],
     T_base_world: Floats,
 ) -> Shapes:
-    """The shapes of the robot that a chain belongs to: of all bodies that hang together, at and below its root.
+    """Shapes of the chain's whole robot: of all bodies in the tree of its root.
 
-    Joints that are not the chain's stay at their initial positions. Without a lift, what stands on the base is its
-    torso, a neighbour of the first link.
+    Joints outside the chain stay at their initial positions. Without a lift, the base and everything fixed to it are
+    the torso, a neighbour of the first link.
     """
     data = mujoco.MjData(model)
     data.qpos[model.jnt_qposadr[numbers]] = 0.0
@@ -658,19 +660,19 @@ def shapes_of(
     joints: Sequence[int],
     fingers: Mapping[int, float] | None = None,
 ) -> Shapes:
-    """The collision shapes of some geoms, with the pairs that count by `irm.self_contact`.
+    """Collision shapes of some geoms, with the pairs that `irm.self_contact` selects.
 
     Args:
         model: of the robot.
-        data: with the chain's joints at 0 and all others where they stay, after `mj_kinematics`.
+        data: with the chain's joints at 0 and all others at their fixed positions, after `mj_kinematics`.
         geoms: their ids, in the order of the result.
         links: of each body: BASE, 0 … n.
         places: T_world_base, then T_world_link of the n + 1 links (4, 4) each.
         joints: ids of the chain's joints.
-        fingers: ids of the bodies of fingers, each with how far its joint moves it from closed to open [m].
+        fingers: ids of the bodies of fingers, each with its joint's travel from closed to open [m].
 
     Raises:
-        ChainError: a geom is no box, capsule, cylinder, sphere, ellipsoid or mesh.
+        ChainError: a geom is of another kind than box, capsule, cylinder, sphere, ellipsoid or mesh.
     """
     if not geoms:
         return NO_SHAPES
@@ -709,7 +711,7 @@ def shapes_of(
 
 
 def hull_corners(model: mujoco.MjModel, geom: int) -> Floats:
-    """(v, 3) corners of the convex hull of a geom that is a mesh, in the geom's frame [m]."""
+    """(v, 3) corners of the convex hull of a mesh geom, in the geom's frame [m]."""
     mesh = model.geom_dataid[geom]
     vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]].astype(float)
     return np.asarray(vertices[ConvexHull(vertices).vertices])

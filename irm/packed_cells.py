@@ -1,10 +1,10 @@
-"""The cells of a map in little memory: two bits for each cell, and four bytes or two for each that is free.
+"""Cells of a map in little memory: two bits per cell, and two or four bytes per free cell.
 
-The cells of one key, a layer of heights and an orientation group, are numbered (yaw, x, y), the last one fastest: a
-*local* number. A bit says whether the cell's centre is reached, another whether it is reached free of self-collision.
-Keys without any cell share one block of zeros. The free cells, in this order, have a code: the number of one of the
-`levels` of μ, and that of the torso height. Up to `EXACT` free cells every value of μ is a level. Larger maps have as
-many levels, evenly spaced, as fit in two bytes with the torso height, and μ is rounded down to one of them.
+A key is a layer of heights and an orientation group. Its cells are numbered (yaw, x, y), the last index fastest: a
+*local* number. One bit tells whether the cell's centre is reached, another whether it is reached free of
+self-collision. Keys without any cell share one block of zeros. The free cells, in this order, have a code: the number
+of a level of μ in `levels`, and the number of the torso height. Up to `EXACT` free cells every value of μ is a level.
+Larger maps have evenly spaced levels, as many as fit in two bytes with the torso height. μ is rounded down to a level.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ Integers = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 Words = NDArray[np.uint64]
 EXACT = 2_000_000
-"""Free cells up to which every value of μ is kept as it is."""
+"""Most free cells for which every value of μ is stored exactly."""
 _BLOCK = 4
-"""Words for which the free cells before them are counted: a look-up counts the bits of three words at most."""
+"""Words per stored count of the free cells before them. A look-up counts the bits of at most four words."""
 
 
 class PackedCells(NamedTuple):
-    """The cells of a map, for kernels. Arrays are read-only.
+    """Cells of a map, for kernels. Arrays are read-only.
 
-    `offset` (keys,): first word of each key in `reached` and `free` (w,), the bits of the cells; `before` (w / 4,):
-    free cells before each four words; `codes` (m,) of the free cells, of μ and torso height: a level's number times
-    2^`torso_bits`, plus the number of the torso height; `levels` (l,) of μ, increasing.
+    `offset` (keys,): first word of each key in `reached` and `free` (w,), the bits of the cells. `before` (w / 4,):
+    number of free cells before each four words. `codes` (m,): codes of the free cells, the number of the level of μ
+    times 2^`torso_bits`, plus the number of the torso height. `levels` (l,): values of μ, increasing.
     """
 
     offset: Integers
@@ -45,7 +45,7 @@ class PackedCells(NamedTuple):
 
 
 def pack_cells(grid: MapGrid, reached: Bools, free: Bools, mu: Singles, torso: NDArray[np.uint8]) -> PackedCells:
-    """The cells of a map.
+    """Pack the cells of a map.
 
     Args:
         grid: of the map.
@@ -66,7 +66,7 @@ def pack_cells(grid: MapGrid, reached: Bools, free: Bools, mu: Singles, torso: N
 def join_cells(
     grid: MapGrid, reached: NDArray[np.uint8], free: NDArray[np.uint8], codes: NDArray[Any], levels: Singles
 ) -> PackedCells:
-    """The same from what a file holds: bits of all cells in order, (⌈cells / 8⌉,) bytes, and codes and levels."""
+    """Pack the cells of a map file: bits of all cells in order, (⌈cells / 8⌉,) bytes, and codes and levels."""
     offset, size = np.zeros(len(key_sizes(grid)), np.int64), key_sizes(grid)
     words = -(-size // (64 * _BLOCK)) * _BLOCK
     bits = [np.unpackbits(column, count=grid.size, bitorder="little").view(np.bool_) for column in (reached, free)]
@@ -93,7 +93,7 @@ def key_sizes(grid: MapGrid) -> Integers:
 
 
 def dense(grid: MapGrid, cells: PackedCells, words: Words) -> Bools:
-    """(layers, orientations, x, y) the bits of `reached` or `free`."""
+    """Unpack the bits of `reached` or `free`: (layers, orientations, x, y)."""
     bits = np.zeros(grid.size, np.bool_)
     first = 0
     for offset, size in zip(cells.offset.tolist(), key_sizes(grid).tolist(), strict=True):
@@ -146,7 +146,7 @@ def has_cell(words: Words, offset: int, local: int) -> bool:
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def code_of(cells: PackedCells, key: int, local: int) -> int:
-    """The code of a cell that is free."""
+    """The code of a free cell."""
     place = np.uint64(local)
     word = np.uint64(cells.offset[key]) + (place >> _6)
     block = word >> _2

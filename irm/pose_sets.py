@@ -1,6 +1,6 @@
-"""The keys of a set of gripper poses at one place: ranges of height, pitch and roll, as in section 3.2.2 of the paper.
+"""Keys of a set of gripper poses at one place: ranges of height, pitch and roll, as in section 3.2.2 of the paper.
 
-Every cell of the map that the ranges meet has one pose of the set: its own middle, or the nearest end of a range.
+Every cell of the map that the ranges meet yields one pose of the set: the cell's middle, or the nearest end of a range.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from irm.query_keys import Key, Range, find_key, yaw_window
 
 Floats = NDArray[np.float64]
 _ROUNDING = 1e-9
-"""[m], [rad] by which a cell must meet a range."""
+"""[m], [rad] Least overlap of a cell with a range."""
 
 
 class PoseSet(NamedTuple):
-    """n poses, one for each key.
+    """n poses, one per key.
 
-    `keys` (n); `angles` (n, 3): height [m], pitch and roll [rad] of each; `arrays` for kernels; `windows` (w, 5) of
-    turns.
+    `keys`: n keys. `angles` (n, 3): height [m], pitch and roll [rad] of each pose. `arrays`: the keys for kernels.
+    `windows` (w, 5): windows of turns.
     """
 
     keys: list[Key]
@@ -36,7 +36,8 @@ class PoseSet(NamedTuple):
 def poses_of_set(
     grid: MapGrid, height: Range, pitch: Range, roll: Range, yaw_range: Range, yaw_step: float
 ) -> PoseSet | None:
-    """The poses of ranges of height [m], pitch, roll and yaw [rad]; None if no arm configuration reaches these heights.
+    """Choose poses in ranges of height [m], pitch, roll and yaw [rad]. None if no arm configuration reaches these
+    heights.
 
     Raises:
         QueryError: the map covers none of these pitches or heights.
@@ -74,7 +75,7 @@ def poses_of_set(
 
 
 def _met(middles: list[float], half: float, asked: Range) -> list[float]:
-    """The values of a range that are nearest to the middles of the cells that it meets."""
+    """Values of a range nearest to the middles of the cells that it meets."""
     met = [k for k in middles if k - half < asked[1] - _ROUNDING and k + half > asked[0] + _ROUNDING]
     if not met:  # a single value, on the border of two cells
         met = [k for k in middles if abs(k - asked[0]) <= half + _ROUNDING][:1]

@@ -1,9 +1,9 @@
-"""Compiled queries for one TCP pose or for many: the best free bases of a key, and the proof that there is none.
+"""Compiled queries for one or many TCP poses: the best free bases of a key, and the proof that no base exists.
 
-Bases are tested in the order of μ (`Ranking`). To test a base at a turn is to look up one place on
-the floor. Where little floor is free, most places of the best bases are not. So the floor around the TCP is divided
-into sectors of rings. A mask of 64 bits says for each ring which of its sectors may contain free floor; it is computed
-when the first base on that ring is tested. One operation on masks then rejects a base at all its turns.
+Bases are tested in the order of μ (`Ranking`). The test of a base at a turn looks up one place on the floor. Where
+little floor is free, most places of the best bases are blocked. So the floor around the TCP is divided into sectors of
+rings. For each ring, a mask of 64 bits marks the sectors that may contain free floor. It is computed when the first
+base on that ring is tested. One operation on masks then rejects a base at all its turns.
 """
 
 from __future__ import annotations
@@ -29,24 +29,24 @@ RADIUS_STEP = 0.025
 SECTORS = 64
 """Directions around the TCP: the bits of one number."""
 PARTS = 4
-"""Parts of a sector: a base is known to lie in one of 256 directions."""
+"""Parts of a sector. So the direction of a base is stored as one of 256."""
 RING_WIDTH = 0.05
 """[m] of a ring of floor around the TCP."""
 RINGS = 64
-"""Number of rings; bases farther than all of them count for the last one."""
+"""Number of rings. Bases farther away belong to the last ring."""
 SAME_PLACE = 1e-6
 """[m] Two bases closer than this are the same base."""
 _SAME_ANGLE = 1e-9
 """[rad] As in `irm.query_keys`: rounding of a range of yaws."""
 ROUNDING = 1e-5
-"""[m] added to distances that must not be underestimated: bases are stored in single precision."""
+"""[m] Margin on distances that must not be underestimated. Bases are stored in single precision."""
 SHORT = 0.999
-"""Share of a distance to free floor by which the kernels step over places that cannot be free."""
+"""Share of a distance to free floor that kernels skip, because places on it cannot be free."""
 _SECTOR_SHIFT, _RING_SHIFT = np.uint64(PARTS.bit_length() - 1), np.uint64((SECTORS * PARTS).bit_length() - 1)
 _SECTOR_BITS, _PART_BITS = np.uint64(SECTORS - 1), np.uint64(PARTS - 1)
-"""Where ring, sector and part are in `Ranking.where`."""
+"""Bit positions of ring, sector and part in `Places.where`."""
 _FIRST = 2
-"""Bases that are tested before any mask is computed: mostly one of them is free."""
+"""Bases tested before any mask is computed. In most queries one of them is free."""
 SECTOR_WIDTH = 2.0 * pi / SECTORS
 """[rad] of a sector."""
 _COS, _SIN = (f((np.arange(SECTORS) + 0.5) * SECTOR_WIDTH) for f in (np.cos, np.sin))
@@ -54,18 +54,18 @@ _COS, _SIN = (f((np.arange(SECTORS) + 0.5) * SECTOR_WIDTH) for f in (np.cos, np.
 _ALL = np.uint64(0xFFFFFFFFFFFFFFFF)
 """Every sector."""
 _ONE = np.uint64(1)
-"""Indices without a sign are never counted from the end, which a kernel must otherwise test."""
+"""Unsigned one. Unsigned indices spare the kernel numba's test for negative indices."""
 
 
 class Places(NamedTuple):
-    """Where bases lie relative to the TCP at approach yaw 0, for each number of yaws that a key may have.
+    """Places of bases relative to the TCP at approach yaw 0, for each number of yaws that a key may have.
 
-    Of the places of all of them, one after the other: `x`, `y` (p,), `radius` (p,) from the TCP [m], `yaw` (p,) [rad];
-    `where` (p,): in which ring, `RING_WIDTH` wide, in which of the `SECTORS` around the TCP, and in which of its
-    `PARTS`, (ring * SECTORS + sector) * PARTS + part; `by_tile` (p,): their numbers, tile by tile. Of tiles, squares of
-    floor: the middle `tile_x`, `tile_y` (t,), the distance `tile_radius` (t,) from there to the farthest place [m], and
-    where they begin in `by_tile`, `tile_first` (t + 1,). `first` and `first_tile`: where the places and tiles of each
-    number of yaws begin. `area`: voxels of a layer.
+    The places of all numbers of yaws are concatenated. `x`, `y`, `radius` (p,): position and distance from the TCP [m].
+    `yaw` (p,): [rad]. `where` (p,): (ring * SECTORS + sector) * PARTS + part, with the number of the ring, the sector,
+    and its part. `by_tile` (p,): numbers of the places, tile by tile. Tiles are squares of floor. `tile_x`, `tile_y`
+    (t,): their middles. `tile_radius` (t,): distance from the middle to the farthest place [m]. `tile_first` (t + 1,):
+    their start in `by_tile`. `first` and `first_tile`: start of the places and tiles of each number of yaws. `area`:
+    voxels of a layer.
     """
 
     x: Singles
@@ -86,8 +86,8 @@ class Places(NamedTuple):
 class Ranking(NamedTuple):
     """Bases of every key, best first.
 
-    `cell` (n,): local numbers of their cells, see `irm.packed_cells`; `first` (keys + 1,): where each key's bases
-    begin; `skip` (keys, b): the first of a key's bases that is b `RADIUS_STEP` or farther from the TCP.
+    `cell` (n,): local numbers of their cells, see `irm.packed_cells`. `first` (keys + 1,): start of each key's bases.
+    `skip` (keys, b): rank of a key's first base at distance b `RADIUS_STEP` or farther from the TCP.
     """
 
     cell: NDArray[Any]
@@ -96,15 +96,16 @@ class Ranking(NamedTuple):
 
 
 class Bases(NamedTuple):
-    """The bases of equation 5 as arrays for kernels.
+    """Bases of equation 5 as arrays for kernels.
 
-    `cells` of the map; `places` of bases around the TCP; per group `kind` (g,), the number of its table of places, and
-    `yaws` (g,), how many it has; `beside` (g, m): groups within one step of pitch and roll, padded with -1, none where
-    the map lacks some; `torsos` (t,) heights [m]; `corner` (3,): lowest one of the grid in the base frame [m]; `side`:
-    voxels along x and y; numbers of `groups` and `layers`; `voxel`, `thickness`: edges of the cells [m]; `torso_lower`,
-    `torso_upper`: range in which the torso can follow the TCP's height [m]; equal if it is fixed; `lift_is_free`:
-    whether a base is certain where the torso follows, because self-collision does not count; `by_certainty`: whether
-    bases whose cell is reached over its whole height come first. `ranked`: all bases; `rings`: the best of each voxel.
+    `cells`: cells of the map. `places`: places of bases around the TCP. `kind` (g,): number of each group's table of
+    places. `yaws` (g,): number of yaws of each group. `beside` (g, m): groups within one step of pitch and roll, padded
+    with -1, all -1 where the map lacks a neighbour. `torsos` (t,): heights [m]. `corner` (3,): lowest corner of the
+    grid in the base frame [m]. `side`: voxels along x and y. `groups`, `layers`: their numbers. `voxel`, `thickness`:
+    edges of the cells [m]. `torso_lower`, `torso_upper`: range in which the torso can follow the TCP's height [m],
+    equal for a fixed torso. `lift_is_free`: whether a base is certain where the torso follows, because self-collision
+    is ignored. `by_certainty`: whether bases whose cell is reached over its whole height come first. `ranked`: all
+    bases. `rings`: the best base of each voxel.
     """
 
     cells: PackedCells
@@ -128,8 +129,8 @@ class Bases(NamedTuple):
 
 
 class TcpPlace(NamedTuple):
-    """A TCP pose for kernels: number of its `key`, position `x`, `y` [m], `height_offset` above the middle of the key's
-    layer [m], and whether its pitch and roll are `exact`ly those of the key."""
+    """A TCP pose for kernels. `key`: number of its key. `x`, `y`: position [m]. `height_offset`: height above the
+    middle of the key's layer [m]. `exact`: whether its pitch and roll are exactly those of the key."""
 
     key: int
     x: float
@@ -141,9 +142,9 @@ class TcpPlace(NamedTuple):
 class PlaceQueries(NamedTuple):
     """n TCP poses for kernels.
 
-    `keys` (n,): their numbers, -1 where the TCP is out of reach; `positions` (n, 3) of the TCP [m]; `height_offsets`
-    (n,) [m]; `ranges` (n, 2): lowest and highest turn of each, and `shifts` (n,), what to add to a turn to get the
-    approach yaw [rad]; `exact` (n,) as in `TcpPlace`.
+    `keys` (n,): their numbers, -1 where the TCP is out of reach. `positions` (n, 3): TCP positions [m].
+    `height_offsets` (n,): as in `TcpPlace` [m]. `ranges` (n, 2): lowest and highest turn of each pose [rad]. `shifts`
+    (n,): approach yaw minus turn [rad]. `exact` (n,): as in `TcpPlace`.
     """
 
     keys: Integers
@@ -155,12 +156,12 @@ class PlaceQueries(NamedTuple):
 
 
 class Turns(NamedTuple):
-    """The yaws at which a key's bases are laid out around the TCP, the preferred ones first.
+    """Yaws at which a key's bases are laid out around the TCP, by preference.
 
-    `yaws` (n,) [rad]; `directions` (n, 2): their cosines and sines; `sectors` (`PARTS`, n): the
-    sectors, one or two, in one of which a base of each part of sector 0 is after the turn; `all_sectors` (`PARTS`,):
-    these together; `all_around`: whether the turns cover all yaws in the steps of the map's own yaw samples, or of a
-    divisor of these; `yaw_shift`: what to add to a turn to get the approach yaw [rad].
+    `yaws` (n,): the turns [rad]. `directions` (n, 2): their cosines and sines. `sectors` (`PARTS`, n): mask of the one
+    or two sectors that may contain a base of each part of sector 0 after the turn. `all_sectors` (`PARTS`,): union of
+    these masks. `all_around`: whether the turns cover all yaws in the steps of the map's yaw samples, or in a divisor
+    of this step. `yaw_shift`: approach yaw minus turn [rad].
     """
 
     yaws: Floats
@@ -172,15 +173,15 @@ class Turns(NamedTuple):
 
 
 class RingMasks(NamedTuple):
-    """The rings of floor around a TCP, `RING_WIDTH` wide: `sectors` (b,) that may contain free floor, one bit each, all
-    of them while it is not computed; `is_known` (b,) whether it is."""
+    """Rings of floor around a TCP, `RING_WIDTH` wide. `sectors` (b,): mask of the sectors that may contain free floor,
+    all bits set until it is computed. `is_known` (b,): whether it is computed."""
 
     sectors: NDArray[np.uint64]
     is_known: NDArray[np.bool_]
 
 
 class FloorAround(NamedTuple):
-    """The free floor around a TCP, how far `apart` two bases on it must be [m], and the allowed `yaws` of bases."""
+    """Free floor around a TCP, the least distance `apart` of two bases [m], and the allowed `yaws` of bases."""
 
     raster: Raster
     masks: RingMasks
@@ -190,7 +191,7 @@ class FloorAround(NamedTuple):
 
 @njit(cache=True)
 def floor_around(raster: Raster, apart: float, yaws: BaseYaws) -> FloorAround:
-    """A floor whose masks are not computed yet."""
+    """Prepare the floor around a TCP, with no mask computed yet."""
     return FloorAround(raster, RingMasks(np.full(RINGS, _ALL), np.zeros(RINGS, np.bool_)), apart, yaws)
 
 
@@ -203,9 +204,9 @@ def is_allowed(yaws: BaseYaws, yaw: float) -> bool:
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def _free_sectors(raster: Raster, px: float, py: float, gap: float, ring: int) -> np.uint64:
-    """The mask of one ring around a TCP at (px, py), from which no free floor is nearer than `gap` [m].
+    """The mask of one ring around a TCP at (px, py). The nearest free floor is at least `gap` [m] away.
 
-    A point outside the raster is at least as far from free floor as the nearest point of the raster is.
+    A point outside the raster is at least as far from free floor as the nearest point of the raster.
     """
     if ring == RINGS - 1:
         return _ALL
@@ -227,7 +228,7 @@ def _free_sectors(raster: Raster, px: float, py: float, gap: float, ring: int) -
 
 @njit(cache=True, inline="always")
 def _turned_back(mask: np.uint64, sector: np.uint64) -> np.uint64:
-    """A mask of sectors seen from one of them."""
+    """Rotate a mask of sectors so that `sector` becomes the first."""
     return (mask >> sector) | (mask << ((np.uint64(SECTORS) - sector) & np.uint64(SECTORS - 1)))
 
 
@@ -252,7 +253,7 @@ def _next_candidate(
     end: int,
     all_turns: NDArray[np.uint64],
 ) -> np.int64:
-    """The first rank in `rank` … `end` whose base may be on free floor, as far as the masks are known; else `end`."""
+    """First rank from `rank` on whose base may be on free floor by the known masks, or `end`."""
     at, last, start = np.uint64(rank), np.uint64(end), np.uint64(table)
     while at < last:
         place = np.uint64(where[start + np.uint64(cell[at])])
@@ -274,12 +275,12 @@ def _next_in_order(
     taken: Floats,
     count: int,
 ) -> tuple[int, int]:
-    """The first base of a ranking, from `start` on, that is free and apart from the first `count` rows of `taken`.
+    """First base of a ranking, from `start` on, that is free and apart from the first `count` rows of `taken`.
 
-    Returns the rank of the base and its turn, or (end of the key's ranking, -1) if there is no such base.
+    Returns the rank of the base and its turn, or (end of the key's ranking, -1) without such a base.
 
-    On the rings a turn by one yaw sample of the map is the same as the next yaw sample of the same voxel. So only the
-    best sample of each voxel is needed, and all its positions around the TCP are equally good.
+    In the ranking `rings`, a turn by one yaw sample of the map equals the next yaw sample of the same voxel. So only
+    the best sample of each voxel is needed, and all its positions around the TCP are equally good.
     """
     raster, masks, places = around.raster, around.masks, bases.places
     cell, where = ranking.cell, places.where
@@ -333,16 +334,16 @@ def turns_of(yaws: Floats) -> Floats:
 
 @njit(cache=True, inline="always")
 def _outward(k: int, count: int) -> int:
-    """The k-th of the numbers below `count` in the order of their distance from the middle, the lower one first."""
+    """The k-th of the numbers below `count`, ordered by distance from the middle, the lower number first."""
     half = (k + 1) // 2
     return (count - 1) // 2 + (half if (k + count) % 2 else -half)
 
 
 @njit(cache=True)
 def lay_out_turns(window: YawWindow) -> Turns:
-    """The turns of a window.
+    """Lay out the turns of a window.
 
-    Those nearest to the middle of the window come first. Turns that cover all yaws are equally good.
+    Turns nearest to the middle of the window come first. Turns that cover all yaws are equally good.
     """
     length = window.high - window.low
     all_around = length >= 2.0 * pi - _SAME_ANGLE
@@ -375,7 +376,7 @@ def is_upright(bases: Bases, layer: int, group: int, local: int) -> bool:
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def _is_certain_in_pitch(bases: Bases, layer: int, group: int, local: int) -> bool:
-    """Whether the same holds at the neighbouring pitches and rolls: CERTAIN_IN_PITCH."""
+    """Whether `is_upright` holds at the neighbouring pitches and rolls too: CERTAIN_IN_PITCH."""
     beside, area = bases.beside, bases.places.area
     if beside[group, 0] < 0:
         return False
@@ -395,7 +396,7 @@ def _is_certain_in_pitch(bases: Bases, layer: int, group: int, local: int) -> bo
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def _fill_row(bases: Bases, place: TcpPlace, turns: Turns, turn: int, local: int, row: Floats) -> None:
-    """x, y, yaw, approach yaw, μ, torso, certain (0 or 1) of a base at a turn, into `row` (7,)."""
+    """Write x, y, yaw, approach yaw, μ, torso, certain (0 or 1) of a base at a turn into `row` (7,)."""
     places, lower, upper = bases.places, bases.torso_lower, bases.torso_upper
     layer, group = place.key // bases.groups, place.key % bases.groups
     at = places.first[bases.kind[group]] + local
@@ -419,10 +420,10 @@ def _fill_row(bases: Bases, place: TcpPlace, turns: Turns, turn: int, local: int
 def _best_bases(
     bases: Bases, ranking: Ranking, place: TcpPlace, turns: Turns, around: FloorAround, rows: Floats, progress: Integers
 ) -> None:
-    """The k best bases for one TCP pose, each apart from the better ones, into `rows`.
+    """Write the k best bases for one TCP pose, each apart from all better bases, into `rows`.
 
     `rows` (k, 7): x, y, yaw, approach yaw, μ, torso, certain (0 or 1). `progress` (3,): rows filled, rank where the
-    search goes on, and the number of rows at which to pause. The search is over if fewer rows than that are filled.
+    search continues, and the number of rows at which to pause. The search is over if fewer rows are filled.
     """
     turn = 0
     while turn >= 0 and progress[0] < min(progress[2], rows.shape[0]):
@@ -438,7 +439,8 @@ def _best_bases(
 def _best_bases_at_turns(
     bases: Bases, place: TcpPlace, turns: Turns, around: FloorAround, rows: Floats, progress: Integers
 ) -> None:
-    """`_best_bases` by itself: what lays out the turns allocates, and counting references would slow this down."""
+    """`_best_bases` in a kernel of its own. The layout of the turns allocates memory, and its reference counting would
+    slow the search down."""
     ranking = bases.rings if turns.all_around and around.apart >= 0.0 else bases.ranked
     _best_bases(bases, ranking, place, turns, around, rows, progress)
 
@@ -454,8 +456,9 @@ def best_bases(
     rows: Floats,
     progress: Integers,
 ) -> None:
-    """The best bases for the turns of a window, `apart` from each other [m]; `rows` and `progress` as `_best_bases`. If
-    `apart` is negative, each base that is ranked counts at one turn alone: others are the same for the arm."""
+    """Write the best bases for the turns of a window, `apart` from each other [m]. `rows` and `progress` as in
+    `_best_bases`. If `apart` is negative, each ranked base is found at a single turn, because its other turns are the
+    same for the arm."""
     _best_bases_at_turns(bases, place, lay_out_turns(window), floor_around(raster, apart, yaws), rows, progress)
 
 
@@ -470,7 +473,7 @@ def _best_bases_of_some(
     counts: Integers,
     progress: Integers,
 ) -> None:
-    """The best bases of those queries whose numbers are in `order`, with the same turns."""
+    """Write the best bases of the queries whose numbers are in `order`, all with the same turns."""
     ranking = bases.rings if turns.all_around else bases.ranked
     for i in order:
         progress[0], progress[1], progress[2] = 0, 0, rows.shape[1]
@@ -498,10 +501,10 @@ def best_bases_batch(
     rows: Floats,
     counts: Integers,
 ) -> None:
-    """The best bases of those of n queries whose numbers are in `order` (m,), in this order.
+    """Write the best bases of the queries whose numbers are in `order` (m,), in this order.
 
-    Neighbours with the same range share their turns; the rest of the `window` is that of all queries. `rows` (n, k, 7)
-    as in `_best_bases`, with NaN where no base was found; `counts` (n,) of the bases found.
+    Neighbours with the same range share their turns. All queries share the rest of the `window`. `rows` (n, k, 7): as
+    in `_best_bases`, with NaN where no base was found. `counts` (n,): bases found.
     """
     progress, around, ranges = np.zeros(3, np.int64), floor_around(raster, apart, yaws), queries.ranges
     first, end, shifts = 0, order.shape[0], queries.shifts
@@ -521,9 +524,9 @@ def best_bases_batch(
 
 
 class KeySet(NamedTuple):
-    """n keys for kernels, of a set of gripper poses at one place: their `numbers` (n,), the TCP's `height_offsets` (n,)
-    above the middles of their layers [m], whether pitch and roll are `exact` (n,), and which of the windows of turns is
-    theirs, `window` (n,)."""
+    """n keys for kernels, of a set of gripper poses at one place. `numbers` (n,): numbers of the keys. `height_offsets`
+    (n,): TCP height above the middles of their layers [m]. `exact` (n,): whether pitch and roll are exactly the key's.
+    `window` (n,): index of each key's window of turns."""
 
     numbers: Integers
     height_offsets: Floats
@@ -543,11 +546,12 @@ def best_bases_of_set(
     yaws: BaseYaws,
     rows: Floats,
 ) -> int:
-    """The best bases of several keys together, `apart` from each other [m], into `rows` (k, 8): seven columns as in
-    `_best_bases`, and which of the keys. Returns how many there are.
+    """Write the best bases of several keys together, `apart` from each other [m], into `rows` (k, 8): seven columns as
+    in `_best_bases`, and the index of the key. Returns the number of bases.
 
-    `windows` (w, 5): of turns, the columns of `YawWindow`. Of each key the μ of its next base is a bound. The key with
-    the highest bound is searched for a base that is free and apart, which is then its bound, until it is the best one.
+    `windows` (w, 5): windows of turns, with the columns of `YawWindow`. Each key's upper bound is μ of its next base.
+    The search takes the key with the highest bound and finds its next base that is free and apart. Its μ becomes the
+    key's bound. This repeats until the base found is the best.
     """
     turns = [
         lay_out_turns(YawWindow(windows[w, 0], windows[w, 1], windows[w, 2], int(windows[w, 3]), windows[w, 4]))
@@ -585,7 +589,7 @@ def best_bases_of_set(
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def _score(bases: Bases, key: int, ranking: Ranking, rank: int) -> float:
-    """By what the base at a rank of a key is compared with those of other keys; negative at the ranking's end."""
+    """Score to compare the base at a rank of a key with those of other keys. Negative at the ranking's end."""
     if rank >= ranking.first[key + 1]:
         return -1.0
     local = np.int64(ranking.cell[rank])
@@ -607,9 +611,9 @@ def base_turns(window: YawWindow) -> Floats:
 def disc_meets_floor(
     px: float, py: float, level: float, radius: float, turns: Floats, half_turn: float, raster: Raster
 ) -> bool:
-    """Whether any free floor lies within `radius` of the wrist centre, `level` behind the TCP [m], at any approach yaw.
+    """Whether free floor lies within `radius` of the wrist centre, `level` behind the TCP [m], at any approach yaw.
 
-    `turns` (n,) are approach yaws, `2 half_turn` apart [rad].
+    `turns` (n,): approach yaws, `2 half_turn` apart [rad].
     """
     if raster.cells.size == 0:
         return True
@@ -633,11 +637,11 @@ def any_base_near(
     slack: float,
     allowed: BaseYaws,
 ) -> bool:
-    """Whether any base of any of the `keys`, free of self-collision or not, lies within `slack` of free floor at one of
-    the turns, and may have a yaw that is `allowed`.
+    """Whether any base of the `keys`, free of self-collision or not, lies within `slack` of free floor at a turn, with
+    an `allowed` yaw.
 
-    `yaws` (n,) of the turns, and `turns` (n, 2), their cosines and sines, are `2 half_turn` apart [rad]; the arc
-    between them is added to the slack, and half of it and one and a half yaw samples to the allowed yaws.
+    `yaws` (n,): the turns, `2 half_turn` apart [rad]. `turns` (n, 2): their cosines and sines. The slack is extended by
+    the arc between two turns. The allowed yaws are extended by half a turn step and one and a half yaw samples.
     """
     places, first_tile = bases.places, bases.places.first_tile
     for kind in range(first_tile.shape[0] - 1):
@@ -675,7 +679,7 @@ def _is_tile_near(
     slack: float,
     allowed: BaseYaws,
 ) -> bool:
-    """The same for those places of one tile whose bits are set in `some`."""
+    """`any_base_near` for the places of one tile whose bits are set in `some`."""
     first, last = places.tile_first[tile], places.tile_first[tile + 1]
     empty = True
     for k in range(first, last):
@@ -709,12 +713,12 @@ def _is_tile_near(
 
 
 _DIGIT = 11
-"""Bits of a number by which it is sorted at a time; two such digits hold every level of μ, see `irm.packed_cells`."""
+"""Bits per pass of the radix sort. Two such digits hold every level of μ, see `irm.packed_cells`."""
 
 
 @njit(cache=True)
 def _descending(value: Integers, space: Integers) -> Integers:
-    """The order of numbers ≥ 0 from the largest down, equal ones as they come; `space` (2, as many or more) for it."""
+    """Stable descending order of numbers ≥ 0 by radix sort. `space` (2, count or more) is scratch space."""
     starts, order, count = np.empty((1 << _DIGIT) + 1, np.int64), space[0], value.shape[0]
     for digit in range(2):
         starts[:] = 0
@@ -735,10 +739,10 @@ def _descending(value: Integers, space: Integers) -> Integers:
 def rank_bases(
     bases: Bases, cells: NDArray[Any], by_certainty: bool, only_rings: bool
 ) -> tuple[Integers, NDArray[np.int32]]:
-    """Sort the bases of every key into `cells` (n,), best first; `first` and `skip` of their `Ranking`.
+    """Sort the bases of every key into `cells` (n,), best first. Returns `first` and `skip` of their `Ranking`.
 
-    Of all free cells, or with `only_rings` of the best one of each voxel. Equal ones are in the order of tiles, or of
-    voxels.
+    All free cells are ranked, or with `only_rings` the best cell of each voxel. Equal cells follow the order of tiles,
+    or of voxels.
     """
     places, packed, groups = bases.places, bases.cells, bases.groups
     keys = bases.layers * groups
@@ -790,7 +794,7 @@ def rank_bases(
 
 @njit(cache=True)
 def bases_of_key(bases: Bases, key: int) -> tuple[Floats, Floats, Floats, Floats]:
-    """x, y [m], yaw [rad] and μ of the bases of a key relative to the TCP at approach yaw 0, best first; each (n,)."""
+    """x, y [m], yaw [rad] and μ, each (n,), of a key's bases relative to the TCP at approach yaw 0, best first."""
     first, last = bases.ranked.first[key], bases.ranked.first[key + 1]
     table = bases.places.first[bases.kind[key % bases.groups]]
     x, y, yaw, mu = np.empty(last - first), np.empty(last - first), np.empty(last - first), np.empty(last - first)

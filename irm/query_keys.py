@@ -1,6 +1,6 @@
-"""What a query asks for: its keyword arguments, validated in one place, and the keys and turns that they stand for.
+"""Validation of a query's keyword arguments, and the keys and turns of its TCP poses.
 
-The key of a TCP pose is a layer of heights and an orientation group (pitch, roll) of the map; its bases are laid out
+The key of a TCP pose is a layer of heights and an orientation group (pitch, roll) of the map. Its bases are laid out
 around the TCP at every allowed yaw.
 """
 
@@ -27,27 +27,27 @@ FULL_TURN = (-np.pi, np.pi)
 YAW_STEP = float(np.radians(15))
 """[rad] between the approach yaws tried."""
 SEPARATION = 0.1
-"""[m] between the bases of one answer, so that the second base is an alternative to the first one."""
+"""[m] between the bases of an answer, so that the second base is an alternative to the first."""
 SMALLEST_YAW_STEP = 1e-3
 """[rad]: 6,284 yaws per turn."""
 _FARTHEST = 1e7
-"""[m] from the world's origin along x and y: beyond it the next number is more than 1 nm away, and what is computed
-from a base and a TCP would be wrong."""
+"""[m] Limit of x and y from the world's origin. Beyond it, neighbouring floating-point numbers are more than 1 nm
+apart, too coarse for differences between a base and a TCP."""
 MOST_BASES = 100_000
-"""Largest `k`: more than there are bases for one TCP pose on any map of a reasonable size."""
+"""Largest `k`: more than the bases of one TCP pose on any map of a reasonable size."""
 _ROUNDING = 1e-9
 """[rad] by which a range may exceed a full turn."""
 
 
 Order = Literal["manipulability", "certainty"]
-"""Bases of highest μ first; or first those whose cell is reached over its whole height, then the others."""
+"""Order of bases: by μ alone, or first the bases whose cell is reached over its whole height."""
 
 
 Range = tuple[float, float]
 
 
 class BaseYaws(NamedTuple):
-    """Allowed yaws of the base in the world: from `low` on over a `span` [rad]; all if that is infinite."""
+    """Allowed yaws of the base in the world: a `span` from `low` on [rad]. An infinite span allows all."""
 
     low: float
     span: float
@@ -57,7 +57,7 @@ ANY_YAW = BaseYaws(-pi, inf)
 
 
 class QueryKeywords(TypedDict, total=False):
-    """The keyword arguments that all queries share; `InverseReachabilityMap` says what they mean."""
+    """Keyword arguments of all queries. `InverseReachabilityMap` explains them."""
 
     pitch: float | Range
     roll: float | Range
@@ -72,7 +72,7 @@ class QueryKeywords(TypedDict, total=False):
 
 
 class QueryOptions(NamedTuple):
-    """The same, validated."""
+    """Validated keyword arguments of a query."""
 
     pitch: float = 0.0
     roll: float = 0.0
@@ -84,14 +84,14 @@ class QueryOptions(NamedTuple):
     order: Order = "manipulability"
     base_yaws: BaseYaws = ANY_YAW
     ranges: tuple[Range, Range, Range | None] | None = None
-    """Of pitch, roll and height, if one of them is a range; height is None for that of the position."""
+    """Ranges of pitch, roll and height, if any of them is a range. Height is None for that of the position."""
 
 
 def checked_options(keywords: QueryKeywords, *, may_be_set: bool = False) -> QueryOptions:
-    """The options of one call; `may_be_set`: whether ranges of pitch, roll and height are allowed.
+    """Validate the options of one call. `may_be_set`: whether ranges of pitch, roll and height are allowed.
 
     Raises:
-        QueryError: a value is not of its kind, not finite or out of its range.
+        QueryError: a value has a wrong type, is not finite or is out of its range.
         TypeError: there is no such keyword.
     """
     try:
@@ -149,8 +149,8 @@ def _validated(
 
 
 _recent = lru_cache(maxsize=16, typed=True)(_validated)
-"""Validation takes a tenth of the time of a query, and most queries repeat the options of the last one. Typed, since
-True and 1 are equal, and one of them is a wrong number of bases."""
+"""Validation takes a tenth of the time of a query, and most queries repeat the options of the last one. The cache is
+typed, because True equals 1 but is not a valid number of bases."""
 
 
 def _as_number(name: str, unit: str, value: Any) -> float:
@@ -164,7 +164,7 @@ def _as_number(name: str, unit: str, value: Any) -> float:
 
 
 def _as_range(name: str, value: Any) -> Range:
-    """A number, or a tuple of two numbers that is a range, as a range."""
+    """Convert a number, or a tuple of two numbers, to a range."""
     unit = "[m]" if name == "height" else "[rad]"
     if name != "height" and not isinstance(value, tuple):
         number = _as_number(name, unit, value)
@@ -184,7 +184,7 @@ _TOO_FAR = f"a TCP is at most {_FARTHEST:g} m from the world's origin; give posi
 
 
 def as_position(position: Iterable[float]) -> tuple[float, float, float]:
-    """Three finite numbers; anything else is a `QueryError`."""
+    """Convert to three finite numbers. Anything else raises a `QueryError`."""
     try:
         x, y, z = map(float, position)
     except (TypeError, ValueError):
@@ -199,10 +199,10 @@ def as_position(position: Iterable[float]) -> tuple[float, float, float]:
 def as_position_and_angles(
     T_world_tcp: Iterable[Any], yaw_range: tuple[float, float], keywords: QueryKeywords
 ) -> tuple[Floats, tuple[float, float], QueryKeywords]:
-    """Position, yaw range and keywords of the query for one TCP pose (4, 4).
+    """Convert one TCP pose (4, 4) to position, yaw range and keywords of a query.
 
     Raises:
-        QueryError: not a rotation and a translation, or angles are given beside it.
+        QueryError: not a rotation and a translation, or angles are given in addition.
     """
     given = [name for name in ("pitch", "roll") if name in keywords] + ["yaw_range"] * (yaw_range != FULL_TURN)
     if given:
@@ -215,10 +215,10 @@ def as_position_and_angles(
 def as_positions_and_angles(
     T_world_tcp: ArrayLike, yaw_ranges: Any, keywords: QueryKeywords
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Positions (n, 3), ranges of yaws (n, 2), pitches and rolls (n,) of TCP poses (n, 4, 4).
+    """Convert TCP poses (n, 4, 4) to positions (n, 3), ranges of yaws (n, 2), pitches and rolls (n,).
 
     Raises:
-        QueryError: these are no poses, or angles are given beside them.
+        QueryError: not an array of poses, or angles are given in addition.
     """
     given = [name for name in ("pitch", "roll") if name in keywords] + ["yaw_ranges"] * (yaw_ranges is not FULL_TURN)
     if given:
@@ -231,7 +231,7 @@ def as_positions_and_angles(
 
 
 def as_positions(positions: ArrayLike) -> Floats:
-    """(n, 3) finite numbers, n ≥ 1; anything else is a `QueryError`."""
+    """Convert to (n, 3) finite numbers, n ≥ 1. Anything else raises a `QueryError`."""
     try:
         points = np.ascontiguousarray(np.atleast_2d(np.asarray(positions, dtype=float)))
     except (TypeError, ValueError):
@@ -244,7 +244,7 @@ def as_positions(positions: ArrayLike) -> Floats:
 
 
 def as_yaw_range(yaw_range: Iterable[float]) -> tuple[float, float]:
-    """A pair of finite angles, at most a turn apart [rad]; anything else is a `QueryError`."""
+    """Convert to a pair of finite angles, at most a turn apart [rad]. Anything else raises a `QueryError`."""
     try:
         low, high = map(float, yaw_range)
     except (TypeError, ValueError):
@@ -259,7 +259,7 @@ def as_yaw_range(yaw_range: Iterable[float]) -> tuple[float, float]:
 
 
 def as_yaw_ranges(yaw_ranges: ArrayLike) -> Floats:
-    """(r, 2) ranges, each as in `as_yaw_range`; one pair (2,) gives r = 1."""
+    """Convert to (r, 2) ranges, each as in `as_yaw_range`. One pair (2,) gives r = 1."""
     try:
         ranges = np.atleast_2d(np.asarray(yaw_ranges, dtype=float))
     except (TypeError, ValueError):
@@ -274,21 +274,21 @@ def as_yaw_ranges(yaw_ranges: ArrayLike) -> Floats:
 
 
 _EXACT = 1e-6
-"""[rad] within which a TCP orientation counts as that of the map's ring."""
+"""[rad] Largest deviation of a TCP orientation on a ring of the map."""
 _POLE_STEP = float(np.radians(15))
-"""[rad] Largest distance between the turns around a vertical approach."""
+"""[rad] Largest step between the turns around a vertical approach."""
 _OUTER_STEP = float(np.radians(5))
-"""[rad] between the turns at which the outer map is searched."""
+"""[rad] Step between the turns of the search in the outer map."""
 _OUTER_STEPS = 1.5
-"""Yaw samples by which the outer map extends beyond a reachable one: to the far edge of its neighbour."""
+"""Yaw samples by which the outer map extends beyond a reachable sample: to the far edge of its neighbour."""
 
 
 class Key(NamedTuple):
     """A layer and an orientation group of the map, and the TCP's offsets from them.
 
-    `number`: of the key; the groups of one layer have consecutive numbers. `height_offset`: of the TCP above the
-    layer's middle [m]. `exact`: whether pitch and roll are those of the group.
-    `yaw_shift`: what to subtract from the approach yaw to get the turn; at a pole, the roll [rad].
+    `number`: number of the key. The groups of one layer have consecutive numbers. `height_offset`: height of the TCP
+    above the layer's middle [m]. `exact`: whether pitch and roll are those of the group. `yaw_shift`: approach yaw
+    minus turn, at a pole the roll [rad].
     """
 
     layer: int
@@ -300,10 +300,10 @@ class Key(NamedTuple):
 
 
 class YawWindow(NamedTuple):
-    """A range of turns: yaws at which a key's bases are laid out around the TCP. Kernels lay out the turns themselves.
+    """Range of turns: yaws at which a key's bases are laid out around the TCP. Kernels lay out the turns themselves.
 
-    `low`, `high` and the largest `step` between two turns [rad]; `samples`: for a full turn, the number of turns is a
-    multiple of this; `shift`: what to add to a turn to get the approach yaw [rad].
+    `low`, `high`: ends of the range [rad]. `step`: largest step between two turns [rad]. `samples`: divisor of the
+    number of turns, for a full turn. `shift`: approach yaw minus turn [rad].
     """
 
     low: float
@@ -314,7 +314,7 @@ class YawWindow(NamedTuple):
 
 
 def find_key(grid: MapGrid, z: float, pitch: float, roll: float) -> Key | None:
-    """The key of a TCP at height `z` [m]; None if no arm configuration reaches this height.
+    """Find the key of a TCP at height `z` [m]. None if no arm configuration reaches this height.
 
     Raises:
         QueryError: an angle is not finite, or the map was built without this height or pitch.
@@ -328,14 +328,14 @@ def find_key(grid: MapGrid, z: float, pitch: float, roll: float) -> Key | None:
 
 
 def find_keys(grid: MapGrid, z: Floats, pitch: float, roll: float) -> tuple[Key, Integers, Floats]:
-    """Keys of many TCP heights (n,) at one pitch and roll.
+    """Find the keys of many TCP heights (n,) at one pitch and roll.
 
     Returns:
-        A key whose layer, number and height offset have no meaning; key numbers (n,), -1 where the height is out of
-        reach; and height offsets (n,) [m].
+        A key without meaningful layer, number and height offset. Key numbers (n,), -1 where the height is out of reach.
+        Height offsets (n,) [m].
 
     Raises:
-        QueryError: as `find_key`, for the lowest or the highest of them.
+        QueryError: as `find_key`, for the lowest or the highest height.
     """
     for height in (float(z.min()), float(z.max())):
         if not 0 <= grid.layer(height) < grid.layers:
@@ -367,14 +367,15 @@ def _require_covered(grid: MapGrid, z: float) -> None:
 
 
 def _number(grid: MapGrid, layer: Any, group: int) -> Any:
-    """Number of a key, or of the keys of many layers."""
+    """Number of a key, or numbers of the keys of many layers."""
     return layer * len(grid.orientations.pitch) + group
 
 
 def yaw_window(grid: MapGrid, key: Key, yaw_range: tuple[float, float], step: float) -> YawWindow:
     """The window of turns for a checked range of approach yaws.
 
-    For an exactly vertical approach of a wrist that rolls freely it is a full turn: the wrist makes up for the yaw.
+    For an exactly vertical approach of a wrist that rolls freely it is a full turn, because the wrist compensates the
+    yaw.
     """
     orientations, shift = grid.orientations, key.yaw_shift
     samples = int(orientations.count[key.group])
@@ -384,7 +385,7 @@ def yaw_window(grid: MapGrid, key: Key, yaw_range: tuple[float, float], step: fl
 
 
 def nearby_keys(grid: MapGrid, key: Key) -> Integers | None:
-    """Numbers of the keys whose cells touch those of a key; None if the map was built without some of them."""
+    """Numbers of the keys whose cells touch those of a key. None if the map lacks some of them."""
     orientations = grid.orientations
     if (key.layer == 0 and grid.cut_below) or (key.layer == grid.layers - 1 and grid.cut_above):
         return None
@@ -397,7 +398,7 @@ def nearby_keys(grid: MapGrid, key: Key) -> Integers | None:
 
 
 def outer_turns(grid: MapGrid, key: Key, yaw_range: tuple[float, float]) -> tuple[Floats, float]:
-    """Turns (n,) for the outer map, and the largest distance of any yaw in the range from the nearest of them [rad]."""
+    """Turns (n,) for the outer map, and the largest distance of any yaw in the range from the nearest turn [rad]."""
     widening = _OUTER_STEPS * 2 * np.pi / grid.orientations.count[key.group]
     return linspace_angles((yaw_range[0] - key.yaw_shift - widening, yaw_range[1] - key.yaw_shift + widening))
 

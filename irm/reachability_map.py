@@ -1,7 +1,7 @@
-"""The reachability map: TCP poses in reach, in the base frame, and their manipulability (equations 1 to 3).
+"""Reachability map: TCP poses in reach, in the base frame, and their manipulability (equations 1 to 3).
 
-A map is kept in one `.npz` file, which is written whole or not at all and validated on load. `cached_map` loads the
-file that comes with a robot, or builds the map at the first call and keeps it in the user's cache directory.
+A map is stored in one `.npz` file, written atomically and validated on load. `cached_map` loads the file that ships
+with a robot. Otherwise it builds the map at the first call and stores it in the user's cache directory.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Bools = NDArray[np.bool_]
 ProgressBar = Callable[..., Iterable[Any]]
-"""Called with items, `desc=` (what is being done) and `total=`; yields the same items. For example `tqdm.tqdm`."""
+"""Called with items, `desc=` (the name of the task) and `total=`. Yields the same items. For example `tqdm.tqdm`."""
 CERTAIN_IN_HEIGHT = 1
 """Bit of `flags`: the cells above and below are reachable too."""
 CERTAIN_IN_PITCH = 2
 """Bit of `flags`: the neighbouring pitches (and rolls), and the cells above and below these, are reachable too."""
 FORMAT = "reachability map 6"
-"""Changed whenever the numbers of a map, or their meaning, change."""
+"""Version of the format. It changes whenever the numbers of a map, or their meaning, change."""
 _COLUMNS = {"reached": (np.uint8,), "free": (np.uint8,), "codes": (np.uint16, np.uint32), "levels": (np.float32,)}
-"""Arrays of a file, see `join_cells`, and their kinds."""
+"""Arrays of a file, see `join_cells`, and their allowed types."""
 _ROUNDING = 1e-9
-"""Part of a voxel by which rounding may move a pose."""
+"""Share of a voxel by which rounding may move a pose."""
 _LOG = logging.getLogger(__name__)
 
 
@@ -54,18 +54,18 @@ class ReachabilityMap:
 
     Attributes:
         robot: name of the robot.
-        key: digest of robot and parameters; maps with equal keys are equal.
-        parameters: what the map covers.
+        key: digest of robot and parameters. Maps with equal keys are equal.
+        parameters: range and resolution of the map.
         grid: its cells.
         packed: the cells in little memory, for kernels.
-        chain: the arm; None for a map of poses that were computed elsewhere.
+        chain: the arm. None for a map of poses that were computed elsewhere.
         cells: (n,) uint32 numbers of the reachable cells, increasing.
-        manipulability: (n,) float32 best μ found at the cell's centre (equation 2; linear rows in m); 0 where every
-            configuration that was found touches the robot itself. See `irm.packed_cells` for its precision.
+        manipulability: (n,) float32 best μ found at the cell's centre (equation 2, linear rows in m). Zero where every
+            configuration found is in self-collision. See `irm.packed_cells` for its precision.
         torso_index: (n,) uint8 torso height of that configuration, an index into `grid.torsos`.
         flags: (n,) uint8 of CERTAIN_IN_HEIGHT, CERTAIN_IN_PITCH.
 
-    The last four, and all other arrays of n or more entries, are made anew at every access.
+    The last four, and all other arrays of n or more entries, are computed at every access.
 
     Example:
         rm = ReachabilityMap.build(FETCH, voxel=0.05, orientations=62)
@@ -81,18 +81,18 @@ class ReachabilityMap:
 
     @staticmethod
     def build(robot: Robot | ArmChain, *, progress: ProgressBar | None = None, **parameters: Any) -> ReachabilityMap:
-        """The map of a robot.
+        """Build the map of a robot.
 
         Args:
             robot: a `RobotSpec`, or the chain of any other arm (`ArmChain.from_mjcf`). If it has the structure of
-                Fetch's arm, the closed form is used; otherwise sampling and numerical inverse kinematics.
-            progress: shows how far it is, such as `tqdm.tqdm`.
+                Fetch's arm, the closed form is used. Otherwise sampling and numerical inverse kinematics.
+            progress: progress bar, such as `tqdm.tqdm`.
             **parameters: the fields of `MapParameters`, such as `voxel=0.05` and `orientations=62`.
 
         Raises:
-            ReachabilityError: the robot or the parameters make no sense.
+            ReachabilityError: the robot or the parameters are invalid.
         """
-        # Most maps are loaded: these imports are saved.
+        # Most maps are loaded, not built. These imports are then not needed.
         from irm.map_kernels import closed_form_layers
         from irm.sampled_layers import sampled_layers
 
@@ -101,7 +101,7 @@ class ReachabilityMap:
         if not (progress is None or callable(progress)):
             raise ReachabilityError(f"progress={progress!r} must be None or a function that shows progress: tqdm.tqdm")
         grid = MapGrid.of(chain, wanted)
-        # Heights of the layers' middles above each torso sample; samples are one layer apart, so most coincide.
+        # Heights of the layers' middles above each torso sample. Samples are one layer apart, so most heights coincide.
         lowest, count = grid.layer_height(0) - grid.torsos[-1], grid.layers + len(grid.torsos) - 1
         heights = np.asarray(lowest + np.arange(count) * grid.thickness)
         if chain.has_closed_form:
@@ -116,21 +116,21 @@ class ReachabilityMap:
     def from_poses(
         T_base_tcp: ArrayLike, manipulability: ArrayLike, *, robot: str = "unknown", **parameters: Any
     ) -> ReachabilityMap:
-        """A map of TCP poses that were computed elsewhere, each in the cell whose centre is nearest.
+        """Make a map of TCP poses that were computed elsewhere, each in the cell with the nearest centre.
 
-        Its grid lies around the poses. It is saved, loaded, inverted and queried like any other map, but no exact
-        answers are known for it, and nothing is known about other heights.
+        Its grid lies around the poses. It is saved, loaded, inverted and queried like any other map. But it has no
+        exact answers, and no information about other heights.
 
         Args:
             T_base_tcp: (n, 4, 4) TCP poses in reach, x along the approach, in a base frame on the floor with z up.
-                Those on no ring of `pitches` are left out.
-            manipulability: (n,) how good each pose is, in (0, 1].
+                Poses off the rings of `pitches` are left out.
+            manipulability: (n,) quality of each pose, in (0, 1].
             robot: a name.
             **parameters: `voxel`, `orientations`, `pitches` and `rolls` of `MapParameters`, as fine as the poses are.
                 With 1 roll, the default, the map does not distinguish rolls.
 
         Raises:
-            ReachabilityError: these are no poses, or values out of range, or none is left.
+            ReachabilityError: the poses are invalid, values are out of range, or no pose is left.
 
         Example:
             T, mu = read_pose_table("robocare_right_reachability_map.npy")
@@ -159,10 +159,10 @@ class ReachabilityMap:
         return ReachabilityMap(robot, f"poses{digest.hexdigest()[:16]}", wanted, grid, packed)
 
     def save(self, path: str | Path) -> None:
-        """Write the map to one `.npz` file; it replaces an old one only when it is complete.
+        """Write the map to one `.npz` file. It replaces an old file only when it is complete.
 
         Raises:
-            OSError: the disk is full or cannot be written; the error names the file, and nothing is left behind.
+            OSError: the disk is full or cannot be written. The error names the file, and no partial file remains.
         """
         about: dict[str, Any] = {"format": FORMAT, "robot": self.robot, "key": self.key}
         about |= {"parameters": asdict(self.parameters)}
@@ -184,12 +184,12 @@ class ReachabilityMap:
 
         Args:
             path: of the file.
-            robot: that the map should belong to; None for a map made by `from_poses`.
+            robot: expected robot of the map. None for a map made by `from_poses`.
 
         Raises:
             FileNotFoundError: no such file.
-            MapFileError: the file is damaged or is no map.
-            MapMismatchError: it is the map of another robot, or of this robot before it was changed.
+            MapFileError: the file is damaged or is not a map.
+            MapMismatchError: the map belongs to another robot, or to an earlier version of this robot.
         """
         about, columns = _read(Path(path))
         name, key, extent = about.get("robot"), about.get("key"), about.get("grid")
@@ -224,21 +224,21 @@ class ReachabilityMap:
 
     @property
     def cells(self) -> NDArray[np.uint32]:
-        """(n,) numbers of the cells that are reached, increasing."""
+        """(n,) numbers of the reached cells, increasing."""
         return _read_only(np.flatnonzero(self.reached).astype(np.uint32))
 
     @property
     def manipulability(self) -> Singles:
-        """(n,) best μ of each."""
+        """(n,) best μ of each reached cell."""
         return _read_only(self._of_codes(self.packed.levels[self.packed.codes >> self.packed.torso_bits]))
 
     @property
     def torso_index(self) -> NDArray[np.uint8]:
-        """(n,) number of its torso height."""
+        """(n,) number of each cell's torso height."""
         return _read_only(self._of_codes((self.packed.codes & ((1 << self.packed.torso_bits) - 1)).astype(np.uint8)))
 
     def _of_codes(self, values: NDArray[Any]) -> NDArray[Any]:
-        """(n,) values of the free cells at all cells that are reached, 0 at the others."""
+        """Extend values of the free cells to all reached cells (n,), with 0 at the others."""
         every = np.zeros(len(self), values.dtype)
         every[self.reachable[self.reached]] = values
         return every
@@ -249,7 +249,7 @@ class ReachabilityMap:
         return _read_only(_certainty(self.reachable, self.grid.orientations)[self.reached])
 
     def subset(self, keep: NDArray[Any]) -> ReachabilityMap:
-        """The map of some of its poses; its key ends with their number.
+        """Make the map of some of its poses. Its key ends with their number.
 
         Args:
             keep: mask (n,) or increasing indices.
@@ -297,11 +297,11 @@ class ReachabilityMap:
 
     @property
     def reachable(self) -> Bools:
-        """(layers, orientations, x, y) whether a cell's centre is in reach of a configuration that is free."""
+        """(layers, orientations, x, y) whether a free configuration reaches a cell's centre."""
         return _read_only(dense(self.grid, self.packed, self.packed.free))
 
     def are_free(self, cells: NDArray[np.int64]) -> Bools:
-        """(m,) whether cells (m, 4), each layer, orientation, x and y, are in reach of a free configuration."""
+        """(m,) whether free configurations reach cells (m, 4), each of layer, orientation, x and y."""
         layer, orientation, x, y = cells.T
         start, side = self.grid.orientations.start, 2 * self.grid.half
         group = np.searchsorted(start, orientation, side="right") - 1
@@ -311,12 +311,12 @@ class ReachabilityMap:
 
     @property
     def reached(self) -> Bools:
-        """(layers, orientations, x, y) whether it is in reach of any configuration, also in self-collision."""
+        """(layers, orientations, x, y) whether any configuration reaches a cell's centre, in self-collision or not."""
         return _read_only(dense(self.grid, self.packed, self.packed.reached))
 
 
 def cache_folder() -> Path:
-    """The directory `CLUTTER_ENV_CACHE` if set, else the user's cache directory."""
+    """The directory `CLUTTER_ENV_CACHE` if set, or the user's cache directory."""
     if own := os.environ.get("CLUTTER_ENV_CACHE"):
         return Path(own)
     import platformdirs  # maps are built and queried without it
@@ -327,8 +327,8 @@ def cache_folder() -> Path:
 def cache_file(robot: Robot | ArmChain, **parameters: Any) -> Path:
     """The file of a robot's map in the cache.
 
-    Its name contains the digest of all that a map depends on: after a change of the robot, the parameters or the format
-    the file has another name, and the old one is no longer used.
+    Its name contains the digest of everything a map depends on. After a change of the robot, the parameters or the
+    format, the file has another name, and the old file is no longer used.
     """
     wanted = MapParameters(**parameters)
     chain = _chain_of(robot, wanted)
@@ -336,25 +336,25 @@ def cache_file(robot: Robot | ArmChain, **parameters: Any) -> Path:
 
 
 def shipped_file(robot: Robot | ArmChain, **parameters: Any) -> Path | None:
-    """The map that comes with a robot, in its `map_folder` under the same name; None if there is none."""
+    """The map file that ships with a robot, in its `map_folder` under the same name. None without such a file."""
     folder = None if isinstance(robot, ArmChain) else robot.map_folder
     file = folder and folder / cache_file(robot, **parameters).name
     return file if file and file.exists() else None
 
 
 def is_map_at_hand(robot: Robot | ArmChain, **parameters: Any) -> bool:
-    """Whether `cached_map` has a file to load, so that it need not build the map."""
+    """Whether `cached_map` can load a file, and need not build the map."""
     return shipped_file(robot, **parameters) is not None or cache_file(robot, **parameters).exists()
 
 
 def cached_map(robot: Robot | ArmChain, *, progress: ProgressBar | None = None, **parameters: Any) -> ReachabilityMap:
-    """The map of a robot: the one that comes with it, or the one in the cache, or built and kept there.
+    """Load the map of a robot, shipped or cached, or build it and store it in the cache.
 
-    A damaged file in the cache, or one of another robot, is replaced.
+    A damaged file in the cache, or a file of another robot, is replaced.
 
     Args:
         robot: see `ReachabilityMap.build`.
-        progress: shows how far building is, such as `tqdm.tqdm`.
+        progress: progress bar of the build, such as `tqdm.tqdm`.
         **parameters: the fields of `MapParameters`.
     """
     file = cache_file(robot, **parameters)
@@ -373,7 +373,7 @@ def cached_map(robot: Robot | ArmChain, *, progress: ProgressBar | None = None, 
 
 
 def _chain_of(robot: Robot | ArmChain, parameters: MapParameters) -> ArmChain:
-    """The arm as a map with these parameters knows it: without shapes if self-collision does not count."""
+    """The arm for a map with these parameters, without shapes if self-collision is ignored."""
     chain = ArmChain.of(robot)
     return chain if parameters.self_collision else replace(chain, shapes=NO_SHAPES)
 
@@ -444,10 +444,10 @@ def _read_only(array: NDArray[Any]) -> NDArray[Any]:
 
 
 def _merge_torso_heights(layers: Iterable[Layer], grid: MapGrid) -> PackedCells:
-    """Best μ over the torso heights, and its torso height: a lift of the torso shifts the map of a fixed torso up.
+    """Find the best μ over the torso heights, and its torso height. A lift shifts the map of a fixed torso up.
 
-    Layer `height` of a fixed torso belongs to as many layers of the map as there are torso heights. So a layer of the
-    map is complete after the last of these, and only those that are not complete are kept as arrays of numbers.
+    Layer `height` of a fixed torso contributes to one layer of the map per torso height. So a layer of the map is
+    complete after the last contribution. Only incomplete layers are kept as arrays of numbers.
     """
     count, shape = len(grid.torsos), grid.shape[1:]
     reached, free = np.zeros((2, *grid.shape), np.bool_)
@@ -472,7 +472,7 @@ def _merge_torso_heights(layers: Iterable[Layer], grid: MapGrid) -> PackedCells:
 
 
 def _certainty(reachable: Bools, orientations: Orientations) -> NDArray[np.uint8]:
-    """Flags of every cell (layers, orientations, x, y), given which are in reach."""
+    """Flags of every cell (layers, orientations, x, y), from the cells in reach."""
     upright = np.zeros_like(reachable)  # with the cells above and below; false in the outermost layers
     upright[1:-1] = reachable[1:-1] & reachable[:-2] & reachable[2:]
     flags = upright.astype(np.uint8) * np.uint8(CERTAIN_IN_HEIGHT)
@@ -490,7 +490,7 @@ def _certainty(reachable: Bools, orientations: Orientations) -> NDArray[np.uint8
 
 
 def _groups_beside(orientations: Orientations, group: int) -> list[int]:
-    """Groups within one step of pitch and roll; empty if the map lacks the ring on one side."""
+    """Groups within one step of pitch and roll. Empty if the map lacks the ring on one side."""
     pitch, roll = orientations.pitch, orientations.roll
     near_pitch = np.abs(pitch - pitch[group]) < orientations.step * 1.01
     sides = np.unique(np.sign(np.round((pitch[near_pitch] - pitch[group]) / orientations.step)))
@@ -504,7 +504,8 @@ def _groups_beside(orientations: Orientations, group: int) -> list[int]:
 
 
 def neighbouring_groups(orientations: Orientations) -> NDArray[np.int64]:
-    """(groups, m) groups within one step of pitch and roll of each, padded with -1; none if the map lacks some."""
+    """(groups, m) groups within one step of pitch and roll of each, padded with -1. All -1 if the map lacks a
+    neighbour."""
     rows = [_groups_beside(orientations, group) for group in range(len(orientations.pitch))]
     width = max(1, *(len(row) for row in rows)) if rows else 1
     return np.array([row + [-1] * (width - len(row)) for row in rows], dtype=np.int64)

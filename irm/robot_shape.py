@@ -1,16 +1,16 @@
-"""The collision shapes of a robot's model: the radius of its trunk, and what of its arm penetrates solid boxes.
+"""Collision shapes of a robot's model: the radius of its trunk, and tests of its arm against solid boxes.
 
 The base stops in any direction in front of an obstacle, so its outline is a circle. It depends on the heights of the
 obstacle: a torso may extend farther than the base below it.
 
-A map knows the floor plan and the arm's joints. It does not know that a low gripper whose approach rises has its wrist
-inside the table. Some parts of the arm have the same place in the TCP frame in every configuration: the last link;
-balls of the link before it, around points of the last joint's axis; and a ball of the link before that one, around the
-point where the last two axes meet. Where such a part is inside a box, no base serves the TCP pose. Fingers count where
-they are inside both when closed and when open.
+A map knows the floor plan and the arm's joints. It does not know that a low gripper with a rising approach has its
+wrist inside the table. Some parts of the arm have the same place in the TCP frame in every configuration. These are the
+last link, and balls inside the link before it, around points of the last joint's axis. The third is a ball inside the
+link before that, around the point where the last two axes meet. Where such a part is inside a box, no base can reach
+the TCP pose. Fingers block a pose only if they are inside a box both when closed and when open.
 
-The link before the last one may be anywhere in the rings through which its corners turn about the last axis. Where a
-ring is inside a box, the angles of the last two joints decide: they place the last two links before the gripper.
+The link before the last may be anywhere in the rings through which its corners turn about the last axis. Where a ring
+is inside a box, the angles of the last two joints decide, because they place the last two links before the gripper.
 """
 
 from __future__ import annotations
@@ -32,11 +32,12 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 _CORNERS = 48
-"""Corners of the polygon around a circle; it is 0.2% larger than the circle."""
+"""Corners of the polygon around a circle. The polygon is 0.2% larger than the circle."""
 _TOUCH = 0.001
-"""[m] of penetration that still counts as contact; more than round solids differ from the polyhedra around them."""
+"""[m] Penetration up to which solids merely touch. It exceeds the difference of round solids and the polyhedra around
+them."""
 _MEET = 1e-6
-"""[m] by which two axes that meet may miss each other."""
+"""[m] Largest distance of two axes that meet."""
 _BALL_STEP = 0.01
 """[m] between the balls on the last joint's axis."""
 
@@ -44,7 +45,7 @@ _BALL_STEP = 0.01
 def robot_radius(robot: Robot, low: float = 0.0, high: float = inf) -> float:
     """Radius of the circle around the base's centre that contains base, torso and head between two heights [m].
 
-    All torso heights count. The arm does not: where it may be depends on its configuration.
+    It covers all torso heights. The arm is left out, because its place depends on its configuration.
 
     Args:
         robot: with a model.
@@ -52,7 +53,7 @@ def robot_radius(robot: Robot, low: float = 0.0, high: float = inf) -> float:
         high: its highest point [m].
 
     Returns:
-        The radius [m]; 0 if no part of the robot is between these heights.
+        The radius [m]. Zero if no part of the robot is between these heights.
 
     Raises:
         QueryError: the heights are not increasing numbers.
@@ -65,7 +66,8 @@ def robot_radius(robot: Robot, low: float = 0.0, high: float = inf) -> float:
     radius = 0.0
     for points, lowered, raised in _trunk(robot):
         bottom, top = float(low) - raised, float(high) - lowered
-        # The part of a convex hull between two heights is the hull of its corners there and of where edges cross them.
+        # The part of a convex hull between two heights is the hull of its corners there and of its edges' crossings
+        # with both heights.
         inside = [points[(points[:, 2] >= bottom) & (points[:, 2] <= top)]]
         for height in (bottom, top):
             below, above = points[points[:, 2] < height], points[points[:, 2] > height]
@@ -79,7 +81,7 @@ def robot_radius(robot: Robot, low: float = 0.0, high: float = inf) -> float:
 
 @lru_cache(maxsize=8)
 def _trunk(robot: Robot) -> tuple[tuple[Floats, float, float], ...]:
-    """The geoms that do not move with the arm: corners (n, 3) in the base frame with the torso at 0, and the range of
+    """Geoms that do not move with the arm: corners (n, 3) in the base frame with the torso at 0, and the range of
     heights by which the torso lifts them [m]."""
     from irm.self_contact import is_solid  # see `_posed`
 
@@ -100,7 +102,7 @@ def _trunk(robot: Robot) -> tuple[tuple[Floats, float, float], ...]:
 
 
 def _posed(robot: Robot, q: dict[str, float]) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """The robot's model with some joints at these positions, all others at their initial ones."""
+    """The robot's model with joints at given positions, all others at their initial positions."""
     import mujoco  # a function needs the simulator, the package does not
 
     model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
@@ -112,7 +114,7 @@ def _posed(robot: Robot, q: dict[str, float]) -> tuple[mujoco.MjModel, mujoco.Mj
 
 
 def _world_corners(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Floats:
-    """(n, 3) points of the world whose convex hull contains a geom."""
+    """(n, 3) points in the world whose convex hull contains a geom."""
     return np.asarray(_geom_corners(model, geom) @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom])
 
 
@@ -150,17 +152,17 @@ def _ball(radius: float) -> Floats:
 
 
 class Balls(NamedTuple):
-    """`centres` (f, n, 3) in the TCP frame at f positions of the fingers, and `radii` (n,) of n balls [m]."""
+    """n balls: `centres` (f, n, 3) in the TCP frame at f positions of the fingers, and `radii` (n,) [m]."""
 
     centres: Floats
     radii: Floats
 
 
 class Forearm(NamedTuple):
-    """The two links before the last one with the last two joints at 0, the one nearer to the gripper first.
+    """The two links before the last, with the last two joints at 0, the link nearer to the gripper first.
 
-    Their `corners`, each (n, 3), and the `origins` (2, 3) and `axes` (2, 3) of the joints that follow them, in the TCP
-    frame [m].
+    `corners`: (n, 3) of each link. `origins` (2, 3) and `axes` (2, 3): those of the joints that follow the links, in
+    the TCP frame [m].
     """
 
     corners: tuple[Floats, Floats]
@@ -170,14 +172,14 @@ class Forearm(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SolidBoxes:
-    """Boxes in the world, and balls in the TCP frame that stand for parts of a robot's arm.
+    """Boxes in the world, and balls in the TCP frame that represent parts of a robot's arm.
 
     Attributes:
         boxes: (k, 7) rows of centre x, y, z, size along x, y, z [m] and yaw [rad].
-        filled: balls that the arm certainly fills, of radius 0 for corners.
-        swept: balls around the rings that the link before the last one may fill.
+        filled: balls that the arm certainly fills. Corners have radius 0.
+        swept: balls around the rings that the link before the last may fill.
         opened: corners of the open fingers.
-        forearm: the two links before the last one.
+        forearm: the two links before the last.
 
     Example:
         table = SolidBoxes.of(FETCH, [(0.0, 0.0, 0.73, 0.7, 1.0, 0.04)])
@@ -211,20 +213,21 @@ class SolidBoxes:
         return SolidBoxes(np.column_stack([rows, np.zeros((len(rows), 7 - rows.shape[1]))]), *_parts(robot))
 
     def block(self, T_world_tcp: Floats, pivots: Floats, half_turn: float = 0.0) -> Bools:
-        """Whether the arm penetrates a box at each of some TCP poses, from wherever it reaches them.
+        """Whether the arm penetrates a box at each TCP pose, in every configuration that reaches the pose.
 
         Args:
             T_world_tcp: (n, 4, 4).
             pivots: (n, 2) x, y of vertical axes [m].
-            half_turn: [rad]; if positive, whether it does so at every turn of the pose about its pivot by at most this.
+            half_turn: [rad]. If positive, the arm must penetrate at every turn of the pose about its pivot by at most
+                this angle.
 
         Returns:
-            (n,); false also where only parts that depend on the configuration are inside.
+            (n,). False also where only parts that depend on the configuration are inside.
         """
         return self._are_inside(self.filled, T_world_tcp, pivots, half_turn)
 
     def may_block(self, T_world_tcp: Floats) -> Bools:
-        """(n,) whether it depends on the configuration if the arm is free at the TCP poses (n, 4, 4)."""
+        """(n,) whether a collision at the TCP poses (n, 4, 4) may depend on the configuration."""
         return self._are_inside(self.swept, T_world_tcp, T_world_tcp[:, :2, 3], 0.0)
 
     def block_open_fingers(self, T_world_tcp: Floats) -> Bools:
@@ -239,7 +242,7 @@ class SolidBoxes:
             configurations: (k, 1 + n) that reach it.
 
         Returns:
-            (k,); nothing is said of the links nearer to the base.
+            (k,). The links nearer to the base are not tested.
         """
         (wrist, forearm), origins, axes = self.forearm
         wrist_angle, last_angle = configurations[:, -2], configurations[:, -1]
@@ -268,9 +271,9 @@ class SolidBoxes:
 
 
 def _distance(box: Floats, points: Floats, narrower: Floats) -> Floats:
-    """Distances of points (n, p, 3) from a box (7,), negative inside [m]; infinite where nothing is left of it.
+    """Distances of points (n, p, 3) from a shrunken box (7,), negative inside [m]. Infinite where the box vanishes.
 
-    The box is narrower by as much (n, p) on all four sides.
+    `narrower` (n, p): how much each of the four vertical sides moves inward [m].
     """
     local = _in_box(box, points)
     half = np.broadcast_to(box[3:6] / 2, points.shape) - narrower[..., None] * (1.0, 1.0, 0.0)
@@ -295,7 +298,7 @@ def _turned(points: Floats, origin: Floats, axis: Floats, angles: Floats) -> Flo
 
 @lru_cache(maxsize=8)
 def _parts(robot: Robot) -> tuple[Balls, Balls, Balls, Forearm]:
-    """What the arm certainly fills at a TCP pose, what it may fill, and the links that may."""
+    """Balls that the arm certainly fills at a TCP pose, balls that it may fill, open fingers, and the forearm."""
     from irm.self_contact import is_solid  # see `_posed`
 
     poses = [_posed(robot, dict.fromkeys(robot.finger_joints, at)) for at in (0.0, robot.max_finger_position)]
@@ -307,7 +310,7 @@ def _parts(robot: Robot) -> tuple[Balls, Balls, Balls, Forearm]:
     fingers = [int(model.joint(name).bodyid[0]) for name in robot.finger_joints]
 
     def shapes(data: mujoco.MjData, *bodies: int) -> list[Floats]:
-        """Corners (n, 3) in the TCP frame of every solid that is rigidly connected with one of some bodies."""
+        """Corners (n, 3) in the TCP frame of every solid rigidly connected with one of the bodies."""
         welded = [model.body_weldid[model.geom_bodyid] == model.body_weldid[body] for body in bodies]
         geoms = [geom for of_body in welded for geom in np.flatnonzero(of_body & is_solid(model)).tolist()]
         return [(_world_corners(model, data, geom) - tcp) @ R for geom in geoms]
@@ -338,7 +341,7 @@ def _corners(shapes: list[Floats]) -> Floats:
 
 
 def _room(shapes: list[Floats], points: Floats) -> Floats:
-    """(n,) radius of the largest ball around each point (n, 3) that is inside one of the shapes; negative outside."""
+    """(n,) radius of the largest ball around each point (n, 3) inside one of the shapes. Negative outside."""
     from scipy.spatial import ConvexHull  # a tenth of a second, which only this needs
 
     room = np.full(len(points), -np.inf)
@@ -349,7 +352,7 @@ def _room(shapes: list[Floats], points: Floats) -> Floats:
 
 
 def _meeting_point(first: Floats, along_first: Floats, second: Floats, along_second: Floats) -> Floats:
-    """(1, 3) where two lines meet, (0, 3) if they do not."""
+    """Intersection (1, 3) of two lines, (0, 3) if they miss each other."""
     normal = np.cross(along_first, along_second)
     apart = second - first
     if normal @ normal < _MEET or abs(apart @ normal) > _MEET * float(np.sqrt(normal @ normal)):

@@ -1,4 +1,4 @@
-"""Rotations of frames as matrices, in the paper's ZYX convention, and angles within one turn."""
+"""Rotation matrices in the paper's ZYX convention, and angles within one turn."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ Angle = TypeVar("Angle", float, NDArray[np.floating[Any]])
 _POLE = 1e-6
 """Horizontal length of the approach axis below which the yaw is undefined and is set to 0."""
 _NOT_RIGID = 1e-5
-"""How far RᵀR may be from the identity: poses in single precision count as poses."""
+"""Largest deviation of RᵀR from the identity. It allows poses in single precision."""
 
 _CROSS = np.array([(0, 0, 0, 0, 0, -1, 0, 1, 0), (0, 0, 1, 0, 0, 0, -1, 0, 0), (0, -1, 0, 1, 0, 0, 0, 0, 0)], float)
-"""For each axis the matrix of the cross product with it, row by row."""
+"""Matrix of the cross product with each axis, row by row."""
 _TINY = 1e-12
-"""[rad] of a turn that is none."""
+"""[rad] Smallest angle of a rotation: no division by zero."""
 _arctan2 = np.frompyfunc(math.atan2, 2, 1)
 
 
 def arctan2(sine: ArrayLike, cosine: ArrayLike) -> Floats:
-    """Angles [rad], to the same bits on all processors; the last ones of NumPy's own depend on AVX-512."""
+    """Angles [rad], with the same bits on all processors. The last bits of NumPy's arctan2 depend on AVX-512."""
     return np.asarray(_arctan2(sine, cosine), dtype=float)
 
 
 def as_poses(T_base_tcp: ArrayLike) -> Floats:
-    """(n, 4, 4) poses.
+    """Convert to poses (n, 4, 4).
 
     Raises:
-        QueryError: not an array of finite numbers of that shape, or not rotations and translations.
+        QueryError: not an array of finite numbers of this shape, or not rotations and translations.
     """
     try:
         T = np.asarray(T_base_tcp, dtype=float)
@@ -57,7 +57,7 @@ def rotation(yaw: float, pitch: float, roll: float) -> Floats:
 
 
 def rotations(yaw: Floats, pitch: Floats, roll: Floats) -> Floats:
-    """The same for many angles (n,) [rad]: (n, 3, 3)."""
+    """`rotation` for many angles (n,) [rad]: (n, 3, 3)."""
     rows = _rows(np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll))
     return np.ascontiguousarray(np.moveaxis(np.array(rows), 2, 0))
 
@@ -72,7 +72,7 @@ def _rows(cy: Any, sy: Any, cp: Any, sp: Any, cr: Any, sr: Any) -> list[list[Any
 
 
 def rotations_by(vectors: Floats) -> Floats:
-    """(..., 3, 3) of rotation vectors (..., 3) [rad]."""
+    """Rotations (..., 3, 3) of rotation vectors (..., 3) [rad]."""
     angle = np.maximum(np.linalg.norm(vectors, axis=-1), _TINY)[..., None, None]
     K = (vectors @ _CROSS).reshape(*vectors.shape, 3)
     half = np.sin(angle / 2) / angle
@@ -80,7 +80,7 @@ def rotations_by(vectors: Floats) -> Floats:
 
 
 def rotation_vectors(R: Floats) -> Floats:
-    """(..., 3) [rad] of rotations (..., 3, 3); 0 of half turns, whose axis has no sign."""
+    """Rotation vectors (..., 3) [rad] of rotations (..., 3, 3). Zero for half turns, whose axis has no sign."""
     twice = R.reshape(*R.shape[:-2], 9) @ _CROSS.T
     sine = np.linalg.norm(twice, axis=-1)
     angle = arctan2(sine, np.trace(R, axis1=-2, axis2=-1) - 1.0)
@@ -96,7 +96,7 @@ def world_to_base(base: Floats) -> Floats:
 
 
 def yaw_pitch_roll(R: Floats) -> Floats:
-    """(n, 3) angles of rotations (n, 3, 3); at the poles the yaw is 0, and the roll is the whole turn."""
+    """(n, 3) angles of rotations (n, 3, 3). At the poles the yaw is 0, and the roll is the whole turn."""
     horizontal = np.hypot(R[:, 0, 0], R[:, 1, 0])
     pitch = np.arctan2(-R[:, 2, 0], horizontal)
     regular = horizontal > _POLE
@@ -107,7 +107,7 @@ def yaw_pitch_roll(R: Floats) -> Floats:
 
 
 def wrap_to_pi(angle: Angle) -> Angle:
-    """The same angle, or array of angles, in [-π, π)."""
+    """Wrap an angle, or an array of angles, to [-π, π) [rad]."""
     return (angle + pi) % (2 * pi) - pi
 
 

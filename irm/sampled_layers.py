@@ -1,12 +1,12 @@
 """Best manipulability of every cell of a map for any arm, by sampling, compiled.
 
 Random configurations give cells that may be reachable. From each configuration, numerical inverse kinematics moves the
-TCP to the cell's centre. Every solution is a seed for the neighbouring cells, in the same layer and in the one above. A
-cell counts only if its centre was reached. μ is the best one that was found: a lower bound of the best possible one.
-Cells beside these that iteration did not reach, and those reached only in self-collision, are then solved in closed
-form, at `FREE_ANGLES` angles of the free joint, if the arm has one.
+TCP to the cell's centre. Every solution is a seed for the neighbouring cells, in the same layer and in the layer above.
+A cell is reached only if its centre is reached. μ is the best value found: a lower bound of the best possible value. If
+the arm has a closed form, it then solves two kinds of cells, at `FREE_ANGLES` angles of the free joint. These are
+neighbours that iteration did not reach, and cells reached only in self-collision.
 
-Each solution counts for all images of its cell, see `irm.map_images`; only one cell of them is solved.
+Each solution serves all images of its cell, see `irm.map_images`. Only one cell of the images is solved.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Integers = NDArray[np.int64]
 ATTEMPTS = 4
-"""Largest number of seeds per cell."""
+"""Most seeds per cell."""
 FREE_ANGLES = 24
 """Angles of the free joint at which a cell is solved in closed form."""
 _BETTER = 1.1
@@ -55,14 +55,14 @@ _BETTER = 1.1
 
 
 _OPEN = 2
-"""Neither free (1) nor touching (0), but not known yet."""
+"""Unknown so far: neither free (1) nor touching (0)."""
 
 
 class _Growth(NamedTuple):
-    """The layer that grows. Of each cell: `heights` (o, x, y, t), the best μ of free configurations at each height of
-    the torso; `own` (o, x, y), the largest of them; whether it is `reached` (o, x, y). Of each cell that is solved
-    (o, x, y): `best`, the smallest `own` of its images; the `configuration` (o, x, y, n) of highest `mu`, which is -1
-    for none; and how many `attempts` were made."""
+    """The layer that grows. Every cell has three arrays. `heights` (o, x, y, t): best μ of free configurations at each
+    height of the torso. `own` (o, x, y): the largest of these. `reached` (o, x, y): whether the cell is reached. Four
+    arrays (o, x, y) belong to the cells that are solved. `best`: smallest `own` of the cell's images. `configuration`
+    (o, x, y, n): that of highest `mu`. `mu`: -1 for none. `attempts`: number of attempts."""
 
     heights: Singles
     own: Singles
@@ -74,9 +74,10 @@ class _Growth(NamedTuple):
 
 
 class _Arm(NamedTuple):
-    """The arm that a layer is filled for: its `chain`, without the limits of the joints that make `images`; whether its
-    wrist has a `free_roll`; its collision `shapes`, memory to place them, those that are `touching`, the `torsos` (t,)
-    [m], and memory for what is known to be free of the torso, `is_free` (quarters, 0), and the base, (quarters, 1 + t).
+    """The arm of a layer. `chain`: its joints, without the limits of the joints that make `images`. `free_roll`:
+    whether its wrist rolls freely. `shapes`: its collision shapes, with memory `placed` for them and the pairs
+    `touching`. `torsos` (t,): heights [m]. `is_free` (quarters, 1 + t): memory for tests against the torso (first
+    column) and the base (others).
     """
 
     chain: ChainArrays
@@ -100,13 +101,13 @@ class _Cells(NamedTuple):
 
 
 def sampled_layers(chain: ArmChain, grid: MapGrid, heights: Floats, parameters: MapParameters) -> Iterator[Layer]:
-    """One layer after the other.
+    """Yield the layers of a map in order.
 
     Args:
         chain: of any arm.
         grid: of the map.
         heights: (m,) of the layers' middles above the base frame with the torso at 0 [m].
-        parameters: how many samples, and their seed.
+        parameters: number of samples, and their seed.
     """
     images, orientations = images_of(chain, grid), grid.orientations
     rng = np.random.default_rng(parameters.seed)
@@ -148,8 +149,8 @@ def sampled_layers(chain: ArmChain, grid: MapGrid, heights: Floats, parameters: 
 def _sorted_by_layer(
     chain: ArmChain, grid: MapGrid, images: Images, configurations: Floats, heights: Floats
 ) -> tuple[Floats, Integers]:
-    """The configurations whose TCP is inside a cell, turned so that the cell is one that is solved, and that cell
-    (layer, orientation, x, y), lowest layer first."""
+    """Select the configurations whose TCP is inside a cell, and turn each to the image that is solved. Returns them and
+    their cells (layer, orientation, x, y), lowest layer first."""
     R, p = tcp_frames(chain_arrays(chain), configurations)
     half = 2 * grid.half
     layer = np.floor((p[:, 2] - heights[0]) / grid.thickness + 0.5).astype(np.int64)
@@ -174,7 +175,7 @@ def _sorted_by_layer(
 
 
 class _Frames(NamedTuple):
-    """Memory: frames of the links and Jacobian of a configuration, and that of `condition`."""
+    """Memory for the frames of the links and the Jacobian of a configuration, and for `condition`."""
 
     R: Floats
     p: Floats
@@ -193,11 +194,10 @@ def _make_frames(n: int) -> _Frames:
 
 @njit(cache=True)
 def _take(arm: _Arm, growth: _Growth, at: tuple[int, int, int], q: Floats, frames: _Frames, only_lacking: bool) -> bool:
-    """Whether a configuration that reaches a cell is better for one of its images than what that image has; it is then
-    the image's.
+    """Give a configuration that reaches a cell to every image that it improves. True if it improves any image.
 
-    `frames`: those of the links at the configuration. `only_lacking`: whether only images count that have no free
-    configuration. Of one that touches the robot itself at every height of the torso, μ is 0.
+    `frames`: frames of the links at the configuration. `only_lacking`: whether only images without a free configuration
+    are considered. A configuration in self-collision at every height of the torso has μ = 0.
     """
     shapes, placed, some = pointer_to(arm.shapes), pointer_to(arm.placed), pointer_to(arm.touching)
     images, (o, x, y), n = arm.images, at, arm.chain.axes.shape[0]
@@ -274,7 +274,7 @@ def _mu(arm: _Arm, frames: _Frames) -> np.float32:
 
 @njit(cache=True)
 def _is_wanted(growth: _Growth, images: Images, at: tuple[int, int, int], q: Floats) -> bool:
-    """Whether a configuration may serve an image that has no free one, or is the first one of the cell."""
+    """Whether a configuration may serve an image without a free configuration, or is the first of the cell."""
     if growth.mu[at] < 0.0:
         return True
     (o, x, y), side, last = at, growth.best.shape[1], q.shape[0] - 1
@@ -295,7 +295,8 @@ def _is_wanted(growth: _Growth, images: Images, at: tuple[int, int, int], q: Flo
 
 @njit(cache=True)
 def _fill_layer(arm: _Arm, centres: _Cells, seeds: Floats, at: Integers, growth: _Growth) -> None:
-    """Solve the cells `at` (m, 3) from `seeds` (m, n), then their neighbours from them, until no cell improves."""
+    """Solve the cells `at` (m, 3) from `seeds` (m, n), then their neighbours from these solutions, until no cell
+    improves."""
     n = arm.chain.axes.shape[0]
     frames = _make_frames(n)
     width, images = centres.x.shape[0], arm.images
@@ -350,7 +351,7 @@ def _fill_layer(arm: _Arm, centres: _Cells, seeds: Floats, at: Integers, growth:
 
 @njit(cache=True)
 def _complete_layer(arm: _Arm, solver: SolverArrays, angles: Floats, centres: _Cells, growth: _Growth) -> None:
-    """Solve in closed form the cells an image of which has no free configuration, that are reached or beside one."""
+    """Solve in closed form the cells with an image without a free configuration, if they or a neighbour are reached."""
     n = arm.chain.axes.shape[0]
     frames, found, goal = _make_frames(n), np.empty((8, n)), np.empty(3)
     reached, width, images = growth.reached, centres.x.shape[0], arm.images

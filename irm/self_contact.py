@@ -1,10 +1,10 @@
-"""Which shapes of a robot may touch each other: the rule that its maps, its planner and its physics share.
+"""Pairs of a robot's shapes that are tested for self-collision: the common rule of its maps, planner and physics.
 
-A pair counts if its links are not neighbours and it does not touch in nearly all of 1,000 random configurations. Shapes
+A pair is tested if its links are not neighbours, unless it touches in nearly all of 1,000 random configurations. Shapes
 that touch in nearly every configuration belong together, such as boxes around the meshes of short links. MoveIt's Setup
-Assistant decides in the same way.
+Assistant uses the same rule.
 
-NumPy and MuJoCo suffice here: the environments, which do without compiled kernels, read the rule too.
+This module needs only NumPy and MuJoCo, because the environments use the rule without compiled kernels.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ if TYPE_CHECKING:
     import mujoco
 
 BASE = -1
-"""Link number of what is fixed to the base; 0 is the torso with the head, 1 … n are the links of the arm."""
+"""Link number of bodies fixed to the base. 0 is the torso with the head, 1 … n are the links of the arm."""
 CLEARANCE = 0.002
-"""[m] that shapes of a pair keep apart in a configuration that is free; the planner's padding too."""
+"""[m] Least distance of the shapes of a pair in a free configuration, and the planner's padding."""
 _SAMPLES, _NEARLY_ALWAYS = 1000, 0.95
-"""Random configurations, and the share of them in which a pair must touch to be left out."""
+"""Number of random configurations, and the share in which a pair must touch to be left out."""
 
 
 def is_solid(model: mujoco.MjModel) -> NDArray[np.bool_]:
-    """Mark the geoms (ngeom,) that are shapes for collisions: those with any collision bit, or named in a pair."""
+    """Mark the collision geoms (ngeom,): those with any collision bit, or named in a pair."""
     solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
     solid[model.pair_geom1], solid[model.pair_geom2] = True, True
     return np.asarray(solid)
 
 
 def link_of_body(model: mujoco.MjModel, joints: Sequence[str]) -> list[int]:
-    """The link that each body of a model belongs to: that of the nearest of the chain's `joints` that moves it.
+    """The link of each body of a model: that of the nearest of the chain's `joints` that moves it.
 
-    The head belongs to the torso, the fingers to the last link; BASE for the base and for what is not of the robot.
+    The head belongs to the torso, the fingers to the last link. The base and bodies outside the robot have BASE.
     """
     moved = {int(model.joint(joint).bodyid[0]): number for number, joint in enumerate(joints)}
     links: list[int] = []
@@ -54,13 +54,13 @@ def counted_pairs(
     links: Sequence[int],
     joints: Sequence[int],
 ) -> NDArray[np.int64]:
-    """Pairs (s, 2) of indices into `geoms` that count, in increasing order.
+    """Find the pairs (s, 2) of indices into `geoms` to test, in increasing order.
 
-    Masks and `<exclude>` do not decide: many models let a robot pass through itself.
+    Collision masks and `<exclude>` are ignored, because many models let a robot pass through itself.
 
     Args:
         model: of the robot.
-        qpos: (nq,) positions of the joints that are not the chain's.
+        qpos: (nq,) positions of the joints outside the chain.
         geoms: ids of the shapes.
         links: number of the link of each body: BASE, 0 … n.
         joints: ids of the chain's joints.
@@ -73,7 +73,7 @@ def counted_pairs(
 
 
 def is_excluded(model: mujoco.MjModel, pairs: NDArray[np.integer]) -> NDArray[np.bool_]:
-    """Mark the pairs (s, 2) of geom ids whose bodies the file excludes from contact with each other."""
+    """Mark the pairs (s, 2) of geom ids whose bodies the model excludes from contact with each other."""
     bodies = np.sort(model.geom_bodyid[pairs].reshape(-1, 2), axis=1).astype(np.int64)
     ends = np.sort(np.stack([model.exclude_signature >> 16, model.exclude_signature & 0xFFFF], axis=-1), axis=1)
     return np.isin(bodies @ (1 << 16, 1), ends.astype(np.int64) @ (1 << 16, 1))
@@ -103,7 +103,7 @@ def _count_touching(
 
 
 def _all_colliding(model: mujoco.MjModel, geoms: Sequence[int]) -> mujoco.MjModel:
-    """A copy of the model in which all of these geoms, and no others, can touch each other."""
+    """Copy the model so that exactly these geoms can touch each other."""
     import mujoco  # see `_count_touching`
 
     free = copy.copy(model)

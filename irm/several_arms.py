@@ -1,9 +1,9 @@
-"""One base from which several arms of one robot reach a TCP pose each: left and right hand at a tray.
+"""Base poses from which several arms of one robot reach a TCP pose each, such as both hands at a tray.
 
-Every base of the arm with the fewest of them is a candidate, at every allowed yaw. For each, μ of the other arms' TCP
-poses is read from their maps; the smallest one is its score. The best bases are then decided exactly, at one height of
-the torso for all arms, because they stand on the same lift. The arms' collision with each other is not checked: for the
-shapes of one arm, the others are at home.
+Every base of the arm with the fewest bases is a candidate, at every allowed yaw. μ of the other arms' TCP poses is read
+from their maps, and the smallest μ is the candidate's score. The best bases are then decided exactly, at one height of
+the torso for all arms, because they are on the same lift. Collisions between the arms are not checked: in the shapes of
+one arm, the others are at home.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from irm.rotations import rotation, world_to_base, wrap_to_pi
 
 Floats = NDArray[np.float64]
 _TORSO_STEP = 0.03
-"""[m] between the heights of the torso at which the arms are tried together."""
+"""[m] Step between the torso heights at which the arms are solved together."""
 _ROUNDING = 1e-5
-"""[rad] by which a yaw may leave its window."""
+"""[rad] Excess allowed of a yaw beyond its window."""
 
 
 def place_for_arms(
     tables: list[InverseTable], targets: Floats, windows: Floats, pitches: Floats, rolls: Floats, options: QueryOptions
 ) -> BasePlacement:
-    """`InverseReachabilityMap.query_multi` with an arm for each of the targets (m, 3): `tables` (m) of these arms.
+    """`InverseReachabilityMap.query_multi` with one arm per target (m, 3). `tables`: m tables of these arms.
 
-    Of each target there are a range of yaws `windows` (m, 2), and `pitches`, `rolls` (m,) [rad].
+    `windows` (m, 2): range of yaws of each target. `pitches`, `rolls` (m,): its angles [rad].
     """
     if len(tables) != len(targets):
         raise QueryError(f"{len(tables)} arms do not go with {len(targets)} targets")
@@ -71,7 +71,7 @@ def place_for_arms(
 def _scored(
     tables: list[InverseTable], keys: list[Key], targets: Floats, windows: Floats, options: QueryOptions
 ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-    """x, y, yaw (n,), approach yaws (n, m) and smallest μ (n,) of all free bases at which every arm reaches its
+    """x, y, yaw (n,), approach yaws (n, m) and smallest μ (n,) of all free bases from which every arm reaches its
     target by its map."""
     reference = int(np.argmin([table.count_of(key) for table, key in zip(tables, keys, strict=True)]))
     table, key = tables[reference], keys[reference]
@@ -99,7 +99,7 @@ def _scored(
 def _best_yaws(
     table: InverseTable, key: Key, target: Floats, window: Floats, base: tuple[Floats, Floats, Floats]
 ) -> tuple[Floats, Floats]:
-    """Best μ of a target (n,), 0 for none, over the map's yaw samples in the window, and that approach yaw (n,)."""
+    """Best μ of a target (n,), 0 for none, over the map's yaw samples in the window, and its approach yaw (n,)."""
     (x, y, yaw), grid = base, table.grid
     dx, dy, c, s = target[0] - x, target[1] - y, np.cos(yaw), np.sin(yaw)
     yaws, side, layer = int(grid.orientations.count[key.group]), 2 * grid.half, grid.layer(float(target[2]))
@@ -118,7 +118,8 @@ def _best_yaws(
 
 
 def _together(tables: list[InverseTable], T_base_tcp: Floats, q: Floats) -> bool:
-    """Whether each arm reaches its pose (m, 4, 4) with the torso at one height; the configurations into `q` (m, n)."""
+    """Whether each arm reaches its pose (m, 4, 4) with the torso at one height. Writes the configurations to `q` (m,
+    n)."""
     low = max(table.grid.torso_range[0] for table in tables)
     high = min(table.grid.torso_range[1] for table in tables)
     if low > high:

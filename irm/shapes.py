@@ -1,7 +1,7 @@
-"""The collision shapes of a robot, and whether a configuration of its arm is free of self-collision; compiled.
+"""Collision shapes of a robot, and the test of a configuration for self-collision, compiled.
 
-Which pairs of shapes count is decided once, when a robot is read, by `irm.self_contact`. A configuration is free if all
-of them keep `CLEARANCE` apart.
+`irm.self_contact` selects the tested pairs of shapes once, when a robot is read. A configuration is free if all pairs
+keep `CLEARANCE` apart.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ class Shapes(NamedTuple):
 
     Attributes:
         core, half, radius, bound: (p, …) as in `Solids`.
-        link: (p,) BASE, 0 … n; `position` (p, 3) and `rotation` (p, 3, 3) in that link's frame.
-        opened: (p, 3) from its position with closed fingers to that with open ones; 0 for all but fingers.
+        link: (p,) BASE, 0 … n, with `position` (p, 3) and `rotation` (p, 3, 3) in that link's frame.
+        opened: (p, 3) displacement from closed to open fingers. Zero for all shapes except fingers.
         vertices: (v, 3), `first` (p + 1,): corners of hulls, as in `Solids`.
-        pairs: (s, 2) solids that count against each other, in the order of `groups`.
-        groups: (5,) where in `pairs` four groups begin and end: the last link and the torso; others without the base;
-            the last link and the base; others with the base.
+        pairs: (s, 2) pairs of solids to test, in the order of `groups`.
+        groups: (5,) bounds of four groups in `pairs`: last link and torso, other pairs without the base, last link and
+            base, other pairs with the base.
     """
 
     core: NDArray[np.int64]
@@ -46,7 +46,7 @@ class Shapes(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """Memory of one thread: the `solids` in the base frame, and `simplex` (4, 3) for GJK."""
+    """Memory of one thread: `solids` in the base frame, and `simplex` (4, 3) for GJK."""
 
     solids: Solids
     simplex: Array
@@ -57,13 +57,13 @@ NO_SHAPES = Shapes(
     *(np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(1, np.int64)),
     *(np.zeros((0, 2), np.int64), np.zeros(5, np.int64)),
 )
-"""Those of an arm of which only the joints are known: every configuration is free."""
+"""Shapes of an arm with known joints alone: every configuration is free."""
 for _array in NO_SHAPES:
     _array.setflags(write=False)
 
 
 def with_pairs(shapes: Shapes, pairs: NDArray[np.int64], last: int) -> Shapes:
-    """The same shapes with these pairs (s, 2), in the order of the groups; `last` is the number of the last link."""
+    """Set the pairs (s, 2) of shapes, in the order of the groups. `last` is the number of the last link."""
     links = np.sort(shapes.link[pairs], axis=1).reshape(-1, 2)
     group = 2 * (links[:, 0] == BASE) + 1 - ((links[:, 0] <= 0) & (links[:, 1] == last))
     order = np.argsort(group, kind="stable")
@@ -75,7 +75,7 @@ def with_pairs(shapes: Shapes, pairs: NDArray[np.int64], last: int) -> Shapes:
 
 
 def for_every_roll(shapes: Shapes, last: int, point: Array, axis: Array) -> Shapes:
-    """The same robot, whose last link is the cylinder that its shapes sweep when it turns about its axis.
+    """Replace the shapes of the last link by cylinders that they sweep in a turn about the last joint's axis.
 
     Args:
         shapes: of the robot.
@@ -147,7 +147,7 @@ def place_shapes(shapes: Shapes, placed: Placed, R: Array, p: Array) -> None:
 
 @leaf_kernel
 def lower_base(shapes: Shapes, placed: Placed, by: float) -> None:
-    """Lower what is fixed to the base [m]: as if the torso, with all that it carries, were raised."""
+    """Lower the shapes fixed to the base [m], which equals a lift of the torso with everything that it carries."""
     for k in range(shapes.link.shape[0]):
         if shapes.link[k] == BASE:
             placed.solids.position[k, 2] = shapes.position[k, 2] - by
@@ -167,7 +167,7 @@ def is_pair_near(solids: Solids, i: int, j: int, clearance: float, simplex: Arra
 
 @leaf_kernel
 def any_near(shapes: Shapes, placed: Placed, group: int, clearance: float) -> bool:
-    """Whether a pair of one of the four groups of `Shapes.groups` comes nearer than a clearance [m], once placed."""
+    """Whether a placed pair in one of the four groups of `Shapes.groups` comes nearer than a clearance [m]."""
     for pair in range(shapes.groups[group], shapes.groups[group + 1]):
         if is_pair_near(placed.solids, shapes.pairs[pair, 0], shapes.pairs[pair, 1], clearance, placed.simplex):
             return True
@@ -176,7 +176,7 @@ def any_near(shapes: Shapes, placed: Placed, group: int, clearance: float) -> bo
 
 @leaf_kernel
 def is_free(shapes: Shapes, placed: Placed, R: Array, p: Array) -> bool:
-    """Whether a configuration with these frames of the links, as of `place_shapes`, is free of self-collision."""
+    """Whether a configuration with these frames of the links, as in `place_shapes`, is free of self-collision."""
     place_shapes(shapes, placed, R, p)
     touches = False
     for group in range(4):

@@ -1,4 +1,4 @@
-"""Bases that tolerate error: the probability that the arm still reaches when the base stops a little elsewhere."""
+"""Bases that tolerate errors: the probability that the arm still reaches if the base stops slightly off."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from irm.rotations import rotations, world_to_base
 
 Floats = NDArray[np.float64]
 _CANDIDATES = 30
-"""Bases that are compared for each one wanted: those of highest μ are often at the edge of what is free."""
+"""Bases compared per requested base. Bases of highest μ are often at the edge of the feasible region."""
 _SAMPLES = 400
-"""Random errors of the base: the probability is known to 2.5%."""
+"""Random errors of the base. They give the probability with a standard error of at most 2.5%."""
 
 
 class TolerantPlacement(NamedTuple):
-    """A `placement` whose bases are in the order of `probability` (k,), the highest first."""
+    """A `placement` with bases in the order of `probability` (k,), the highest first."""
 
     placement: BasePlacement
     probability: Floats
@@ -40,9 +40,9 @@ def query_tolerant(
     yaw_range: tuple[float, float] = FULL_TURN,
     **keywords: Unpack[QueryKeywords],
 ) -> TolerantPlacement:
-    """The bases from which the arm most likely reaches a TCP pose, if the base stops with a normal error.
+    """Find the bases from which the arm most likely reaches a TCP pose, if the base stops with a normal error.
 
-    The approach yaw of each base is kept. Ties are in the order of μ.
+    Each base keeps its approach yaw. Ties are in the order of μ.
 
     Args:
         inverse_map: of the robot.
@@ -53,7 +53,7 @@ def query_tolerant(
         **keywords: of all queries.
 
     Raises:
-        QueryError: as `InverseReachabilityMap.query`, or the covariance is none.
+        QueryError: as `InverseReachabilityMap.query`, or the covariance is invalid.
 
     Example:
         placement, probability = query_tolerant(bases, cup, np.diag([0.03, 0.03, 0.05]) ** 2, rng, k=5)

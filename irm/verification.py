@@ -1,13 +1,13 @@
-"""Is a base good? By the map (`classify`), by exact inverse kinematics (`decide`), and along a path (`verify`).
+"""Tests of base poses: by the map (`classify`), by exact inverse kinematics (`decide`), and along a path (`verify`).
 
 A pose lies between the centres of neighbouring cells: eight voxels, two rings of pitch, two yaws (and two rolls). The
 answer is YES if these and the voxels around them are all in reach: they form the inner map. It is NO if none of them is
-in reach: the pose is outside the outer map. Otherwise the cells are too coarse to decide. `decide` asks exact inverse
+in reach: the pose is outside the outer map. Otherwise the cells are too coarse to decide. `decide` solves exact inverse
 kinematics for every pose. The values are those of `irm.Status`.
 
-A map contains neither configurations nor obstacles but the robot itself. `verify` takes the bases of a placement in
-order and returns the first one that is valid: the arm reaches every TCP pose exactly, free of self-collision and in a
-configuration that the caller accepts, and consecutive configurations are close to each other.
+A map contains no configurations, and no obstacles except the robot itself. `verify` takes the bases of a placement in
+order and returns the first valid base. There the arm reaches every TCP pose exactly, free of self-collision, in a
+configuration that the caller accepts. Consecutive configurations are close to each other.
 """
 
 from __future__ import annotations
@@ -41,31 +41,30 @@ Bools = NDArray[np.bool_]
 _ANGLE_ROUNDING = 1e-6
 """[rad]"""
 _STEEP = pi / 2.0 - _ANGLE_ROUNDING
-"""[rad] Pitch of a pole, but for rounding."""
+"""[rad] Pitch of a pole, reduced by rounding."""
 _MARGIN = 1
-"""Voxels that count beyond the eight nearest, in every direction. Measured on 200,000 random poses with 62 and 266
-orientations: no wrong answer with 1; one wrong YES and four wrong NO with 0, which gives a third to a half fewer
-UNKNOWN."""
+"""Voxels tested beyond the eight nearest, in every direction. Measured on 200,000 random poses with 62 and 266
+orientations: no wrong answer with 1. With 0, one wrong YES and four wrong NO, but a third to a half fewer UNKNOWN."""
 _WHOLE_MAP = "three-valued answers need a map of all pitches and heights: build it without `pitches` and `heights`"
 _COMPARED = 200
 """Random configurations of `compare_with_model`."""
 
 _TORSOS = 8
-"""Torso heights that are tried, evenly over the range."""
+"""Torso heights tried, evenly over the range."""
 _ANGLES = 36
-"""Angles of the free joint that are tried at each; for arms without a closed form, configurations to start from."""
+"""Angles of the free joint tried at each height. For arms solved numerically, starting configurations."""
 LARGEST_STEP, LARGEST_LIFT = 0.35, 0.06
 """Largest motion of an arm joint [rad] and of the torso [m] between consecutive TCP poses."""
 _SAME = 1e-6
-"""[m], and the same number for entries of rotation matrices: two correct chains differ by rounding only."""
+"""[m], and for entries of rotation matrices: two correct chains differ only by rounding."""
 
 
 def decide(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> NDArray[np.int8]:
     """(n,) `Status` values of TCP poses (n, 4, 4) in the base frame.
 
-    By the exact solver of the map's arm, see `ExactSolver.solve`: YES is a configuration that reaches, NO is proved.
-    UNKNOWN is left where the solver has no answer. Where the map is that of somebody else and its arm is not known, the
-    map answers, see `classify`; poses that it does not cover are then UNKNOWN.
+    The exact solver of the map's arm decides, see `ExactSolver.solve`. YES has a configuration that reaches, NO is
+    proved. UNKNOWN means that the solver has no answer. For a map without an arm, the map decides, see `classify`. If
+    it does not cover all pitches and heights, all answers are UNKNOWN.
 
     Args:
         rm: of any pitches and heights.
@@ -87,8 +86,8 @@ def decide(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> NDArray[np.int8]:
 def classify(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> NDArray[np.int8]:
     """(n,) `Status` values of TCP poses (n, 4, 4) in the base frame, by a map of all pitches and heights alone.
 
-    NO is sure. A map that was filled by samples may miss what is rarely reached: there the lengths of the links have
-    to prove it, and if they do not, the answer is UNKNOWN.
+    NO is certain. A map filled by samples may miss cells that are rarely reached. There the link lengths must prove the
+    NO. Without this proof, the answer is UNKNOWN.
 
     Raises:
         QueryError: not an array of poses, or the map does not cover all pitches and heights.
@@ -105,7 +104,7 @@ def classify(rm: ReachabilityMap, T_base_tcp: ArrayLike) -> NDArray[np.int8]:
 
 
 def _place(grid: MapGrid, T: Floats) -> tuple[Floats, Floats, _Rings]:
-    """For kernels: positions (n, 3) of poses in cells from the centre of the first one, their yaw, pitch and roll
+    """Arguments for kernels: positions (n, 3) of poses in cells from the first cell's centre, their yaw, pitch and roll
     (n, 3) [rad], and the rings of the grid."""
     edge = grid.half * grid.voxel
     corner = np.array([grid.centre[0] - edge, grid.centre[1] - edge, grid.bottom])
@@ -124,8 +123,9 @@ def _place(grid: MapGrid, T: Floats) -> tuple[Floats, Floats, _Rings]:
 
 
 class _Rings(NamedTuple):
-    """The rings of pitch, from straight up to straight down: their `pitch` [rad], rolls, whether these are as close as
-    the rings, step [rad], and for each ring its first orientation and its number of yaws."""
+    """Rings of pitch, from straight up to straight down. `pitch`: pitch of each ring [rad]. `rolls`: number of rolls.
+    `has_close_rolls`: whether these are as close as the rings. `step`: between rings [rad]. `start`: each ring's first
+    orientation. `yaws`: its number of yaws."""
 
     pitch: Floats
     rolls: int
@@ -137,7 +137,7 @@ class _Rings(NamedTuple):
 
 @njit(cache=True)
 def _orientation(rings: _Rings, ring: int, yaw: float, roll: float, next_yaw: int, next_roll: int) -> int:
-    """The orientation sample of a ring at or below a yaw and a roll, or the next one."""
+    """The orientation sample of a ring at or below a yaw and a roll, or the next sample."""
     start, count = rings.start[ring], rings.yaws[ring]
     if abs(rings.pitch[ring]) > _STEEP:
         turn = yaw - copysign(roll, rings.pitch[ring])
@@ -148,7 +148,7 @@ def _orientation(rings: _Rings, ring: int, yaw: float, roll: float, next_yaw: in
 
 @njit(cache=True)
 def _count_cells(cells: Bools, orientation: int, voxel: Floats) -> int:
-    """How many of the voxels around a point, in units of voxels from the first centre, are true."""
+    """Number of true voxels around a point, given in units of voxels from the first centre."""
     layers, _, width, depth = cells.shape
     i, j, k = floor(voxel[0]), floor(voxel[1]), floor(voxel[2])
     count = 0
@@ -163,8 +163,8 @@ def _count_cells(cells: Bools, orientation: int, voxel: Floats) -> int:
 def _classify(
     reachable: Bools, reached: Bools, voxels: Floats, angles: Floats, rings: _Rings, answers: NDArray[np.int8]
 ) -> None:
-    """Fill `answers` (n,) by the cells around each pose, whose place is as in `_place`: inside if all are `reachable`,
-    outside if none is `reached`."""
+    """Fill `answers` (n,) by the cells around each pose, with arguments of `_place`: YES if all are `reachable`, NO if
+    none is `reached`."""
     whole = (2 + 2 * _MARGIN) ** 3
     for n in range(voxels.shape[0]):
         ring = floor((angles[n, 1] + pi / 2.0) / rings.step)
@@ -200,17 +200,17 @@ class Verified:
 
 @dataclass(frozen=True)
 class NotVerified:
-    """None of the bases is valid.
+    """Result without a valid base.
 
     Attributes:
-        reached: (k,) number of TCP poses, from the first on, that were reached from each base.
+        reached: (k,) number of TCP poses reached from each base, from the first pose on.
     """
 
     reached: tuple[int, ...]
 
 
 def tcp_poses(positions: ArrayLike, yaw: float, pitch: float = 0.0, roll: float = 0.0) -> Floats:
-    """T_world_tcp of one orientation at several positions.
+    """Make T_world_tcp of one orientation at several positions.
 
     Args:
         positions: (m, 3), or (3,) for m = 1 [m].
@@ -231,9 +231,9 @@ def tcp_poses(positions: ArrayLike, yaw: float, pitch: float = 0.0, roll: float 
 
 
 def configurations(chain: ArmChain, T_base_tcp: ArrayLike, torso_range: tuple[float, float] | None = None) -> Floats:
-    """(k, 1 + n) configurations free of self-collision that reach a pose (4, 4), over the arm's free parameters.
+    """Find configurations (k, 1 + n) free of self-collision that reach a pose (4, 4), over the arm's free parameters.
 
-    `torso_range` are lowest and highest height of the lift, its limits by default [m].
+    `torso_range`: lowest and highest height of the lift [m], by default its limits.
     """
     low, high = torso_range or (float(chain.lower[0]), float(chain.upper[0]))
     torsos = np.linspace(low, high, _TORSOS if high > low else 1)
@@ -252,17 +252,18 @@ def verify(
     *,
     limit: int = 5,
 ) -> Verified | NotVerified:
-    """The first of the best bases from which the arm reaches every TCP pose free of collisions.
+    """Find the first base of a placement from which the arm reaches every TCP pose free of collisions.
 
     Args:
-        arm: the map of the robot, whose torso heights are kept to; or the chain, whose lift may go to its ends.
-        placement: what to verify.
-        poses_of: from the rank of a base to its T_world_tcp (m, 4, 4); bases may differ in their approach yaw.
-        is_free: whether a configuration that is free of self-collision is free of others too; None accepts it.
-        limit: number of bases to test at most.
+        arm: the robot's map, with its range of torso heights, or a chain, with the whole range of its lift.
+        placement: bases to verify.
+        poses_of: function from the rank of a base to its T_world_tcp (m, 4, 4). Bases may differ in their approach yaw.
+        is_free: whether a configuration free of self-collision is free of other collisions too. None accepts every
+            configuration.
+        limit: most bases to test.
 
     Raises:
-        QueryError: `poses_of` returns anything but poses (m, 4, 4) with m ≥ 1, or the map knows no arm.
+        QueryError: `poses_of` does not return poses (m, 4, 4) with m ≥ 1, or the map has no arm.
 
     Example:
         placement = inverse_map.query_path(offsets, target=cup, free_space=floor, k=5)
@@ -289,11 +290,11 @@ def verify(
 
 
 def _configuration_path(chain: ArmChain, base: Floats, candidates: list[Floats], is_free: IsFree | None) -> Floats:
-    """One of the configurations (k, 1 + n) of each TCP pose, within a step of the one before, up to the last pose that
-    has one."""
+    """Choose one configuration (k, 1 + n) per TCP pose, each within a step of the previous one, up to the last pose
+    with such a configuration."""
     limits = np.full(chain.size, LARGEST_STEP)
     limits[0] = LARGEST_LIFT
-    # Angles of joints that turn without limit count modulo a turn.
+    # Angles of joints without limits are compared modulo a turn.
     turning = (chain.axes < PRISMATIC) & (chain.upper - chain.lower >= 2 * np.pi)
     layers: list[Floats] = []
     parents: list[NDArray[np.int64]] = []
@@ -318,8 +319,8 @@ def _configuration_path(chain: ArmChain, base: Floats, candidates: list[Floats],
 
 
 def _nearest_parents(found: Floats, before: Floats, limits: Floats, turning: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """For each configuration (k, n) the nearest of those before (m, n), measured in steps; -1 if none is within one
-    step."""
+    """For each configuration (k, n) the nearest of the previous ones (m, n), measured in steps. -1 if none is within
+    one step."""
     from scipy.spatial import KDTree  # a tenth of a second, which only this needs
 
     turn = np.where(turning, 2 * np.pi / limits, 0.0)  # of joints that turn without limit; 0 for the others
@@ -329,7 +330,7 @@ def _nearest_parents(found: Floats, before: Floats, limits: Floats, turning: NDA
 
 
 def compare_with_model(chain: ArmChain, model: mujoco.MjModel, base: str, tip: str, approach: str = "x") -> None:
-    """Compare the TCP poses of a chain with those of MuJoCo in random configurations; arguments as of `from_mjcf`.
+    """Compare the TCP poses of a chain with those of MuJoCo in random configurations. Arguments as in `from_mjcf`.
 
     Raises:
         ChainError: they differ by more than rounding.

@@ -1,3 +1,3 @@
-"""Inverse kinematics: closed forms, iteration, and exact answers whether an arm reaches a pose."""
+"""Inverse kinematics: closed forms, iteration, and exact decisions whether an arm reaches a pose."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The solver of one arm as arrays: what the kernels of `irm.ik` that solve and search share."""
+"""Solver of one arm as arrays, shared by the solving and searching kernels of `irm.ik`."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ Floats = NDArray[np.float64]
 
 
 class SolverArrays(NamedTuple):
-    """The solver of one arm, for kernels; the same type for all arms.
+    """Solver of one arm, for kernels. All arms have the same type.
 
-    `kind`: CLOSED_FORM, SPHERICAL, PARALLEL or ITERATIVE. `spherical`, `parallel`: structure of the arm; zeros where it
-    has another one. `bounds`: for proofs of NO, the spherical structure, or that of `find_bounds` if the arm has none
-    or another fits it better; zeros for others. `seeds` (m, 1 + n) configurations; m = 0 for arms with a closed form.
-    `free`, `elbow`: joint of the chain whose angle is a parameter, -1 for none, and joint at the elbow.
-    `other_solutions`: address of the kernel for arms that are not CLOSED_FORM, so that a planner for Fetch need not
-    compile it; 0 for those that are.
+    `kind`: CLOSED_FORM, SPHERICAL, PARALLEL or ITERATIVE. `spherical`, `parallel`: structure of the arm, zeros for
+    another structure. `bounds`: structure for proofs of NO. It is the spherical structure, or that of `find_bounds` if
+    the arm has none or this fits better. Otherwise zeros. `seeds` (m, 1 + n): configurations, m = 0 for arms with a
+    closed form. `free`: joint of the chain whose angle is a parameter, -1 for none. `elbow`: joint at the elbow.
+    `other_solutions`: address of the kernel for arms that are not CLOSED_FORM, otherwise 0. So a planner for Fetch need
+    not compile it.
     """
 
     kind: int

@@ -1,18 +1,18 @@
-"""Inverse kinematics of arms with the structure of Fetch's arm, compiled: closed forms, and exact answers.
+"""Inverse kinematics of arms with the structure of Fetch's arm, compiled: closed forms, and exact decisions.
 
 The structure: a vertical lift, a vertical pan axis, then lift (y), roll (x), flex (y), roll (x), flex (y), roll (x)
 with every offset after the lift joint along x. The last three axes meet in the wrist centre, so position and
-orientation of the TCP can be solved one after the other. `links` are the seven lengths of such an arm [m]:
+orientation of the TCP can be solved one after the other. The seven lengths `links` of such an arm are [m]:
 
     pan_x, pan_z        pan axis in the base frame with the torso at 0
     shoulder_x, shoulder_z   lift axis in the frame that pans
     upper_arm, forearm, gripper   lift axis → elbow → wrist centre → TCP
 
-Exact answers come from branch and bound over the two free parameters. With the torso height and the pan angle fixed,
-the closed form says whether a pose is reached. A rectangle of torso heights and pan angles is examined at its middle.
-If the middle does not reach the pose, interval arithmetic bounds the joint limits over the whole rectangle: either no
-point of it reaches the pose, or it is cut in two. So YES comes with a configuration, NO is proved, and a pose is
-UNKNOWN only if the rectangles that remain are very small.
+Exact decisions use branch and bound over the two free parameters. With torso height and pan angle fixed, the closed
+form tells whether a pose is reached. A rectangle of torso heights and pan angles is tested at its middle. If the middle
+does not reach the pose, interval arithmetic bounds the joint angles over the whole rectangle. Either it proves that no
+point of the rectangle reaches the pose, or the rectangle is cut in two. So YES comes with a configuration, NO is
+proved, and a pose is UNKNOWN only if the remaining rectangles are very small.
 
 In the plane that turns with the pan joint (x ahead, z up, origin at the lift axis), the wrist centre v depends on its
 distance ρ from the pan axis, on φ = bearing of the wrist centre - pan, and on its height:
@@ -42,9 +42,9 @@ MAX_SOLUTIONS = 8
 _SINGULAR = 1e-9
 """Sine or length [m] below which an angle is undefined and is set to 0."""
 _NO_ROWS = np.int64(0)
-"""Typed, so that `_wrist` is not compiled once more for the constant."""
+"""Zero with a type, so that `_wrist` is not compiled again for the constant."""
 _ROUNDING = 1e-9
-"""How far rounding may push a cosine beyond ±1, or an angle [rad] beyond its limit."""
+"""Largest excess of a cosine beyond ±1, or of an angle beyond its limit [rad], due to rounding."""
 
 
 @njit(cache=True)
@@ -52,7 +52,7 @@ def _wrist(arm: ChainArrays, q: Floats, R: Floats, out: Floats, count: int) -> i
     """Complete shoulder and elbow in `q[1:5]` with both wrist solutions that give the TCP orientation `R`.
 
     With R47 = (Rz(q1) Ry(q2) Rx(q3) Ry(q4))ᵀ R = Rx(q5) Ry(q6) Rx(q7), its first column gives q5 and q6, its first row
-    q6 and q7. Writes the solutions within the limits into `out[count:]`; returns the new count.
+    q6 and q7. Writes the solutions within the limits into `out[count:]`. Returns the new count.
     """
     M = R.copy()
     for joint in range(1, 5):
@@ -90,9 +90,9 @@ def _wrist(arm: ChainArrays, q: Floats, R: Floats, out: Floats, count: int) -> i
 
 @njit(cache=True)
 def ik_arm(arm: ChainArrays, R: Floats, p: Floats, torso: float, upper_arm_roll: float, out: Floats) -> int:
-    """Every solution for a TCP at `R` (3, 3), `p` (3,) in the base frame, with the torso and the upper-arm roll given.
+    """Find every solution for a TCP at `R` (3, 3), `p` (3,) in the base frame, with given torso and upper-arm roll.
 
-    They are written into `out` (8, 8), rows of (torso, arm) with roll joints in [-π, π]; returns their number.
+    Writes them into `out` (8, 8), rows of (torso, arm) with roll joints in [-π, π]. Returns their number.
 
     The wrist centre seen from the lift axis is v = Ry(q2) u with u = (L1 + L2 c4, L2 s3 s4, -L2 c3 s4). Equating
     lengths gives v_x as a linear function of c4, and v_x² + v_z² = u_x² + u_z² a quadratic in c4.
@@ -146,15 +146,15 @@ def ik_arm(arm: ChainArrays, R: Floats, p: Floats, torso: float, upper_arm_roll:
 
 @njit(cache=True)
 def ik_pan(arm: ChainArrays, approach: Floats, wrist: Floats, c1: float, s1: float, out: Floats) -> int:
-    """Every arm configuration with the approach axis `approach` (3,) and the wrist centre `wrist` (3,), for a pan angle
-    of cosine `c1` and sine `s1`; the pan's limits are not checked.
+    """Find every arm configuration with the approach axis `approach` (3,) and the wrist centre `wrist` (3,), for a pan
+    angle of cosine `c1` and sine `s1`. The limits of the pan joint are not checked.
 
-    `wrist` is relative to the pan axis at shoulder height, for a torso at 0 [m]. The solutions are written into `out`
-    (2, 5), rows of (lift, upper-arm roll, elbow, forearm roll, wrist flex); returns their number.
+    `wrist` is relative to the pan axis at shoulder height, for a torso at 0 [m]. Writes the solutions into `out` (2,
+    5), rows of (lift, upper-arm roll, elbow, forearm roll, wrist flex). Returns their number.
 
-    Solutions that differ only in the signs of elbow and wrist have the same link poses and the same manipulability;
-    one of each is returned, with a positive elbow and wrist. The roll of the TCP is not determined. Requires symmetric
-    limits of elbow and wrist flex.
+    Solutions that differ only in the signs of elbow and wrist have the same link poses and the same manipulability.
+    Only the solution with a positive elbow and wrist is returned. The roll of the TCP stays undetermined. Elbow and
+    wrist flex must have symmetric limits.
     """
     links, lower, upper = arm.links, arm.lower, arm.upper
     L1, L2 = links[4], links[5]
@@ -193,9 +193,9 @@ def ik_pan(arm: ChainArrays, approach: Floats, wrist: Floats, c1: float, s1: flo
 
 
 SLACK = 1e-8
-"""[m], [m²] or [rad] by which a bound must be violated, so that rounding cannot exclude a solution."""
+"""[m], [m²] or [rad] Least violation of a bound that counts, so that rounding cannot exclude a solution."""
 MAX_RECTANGLES = 4000
-"""Rectangles examined before a pose stays open. Most poses need fewer than 30."""
+"""Most rectangles examined per pose before it stays UNKNOWN. Most poses need fewer than 30."""
 
 
 @njit(cache=True)
@@ -232,8 +232,8 @@ def products(a0: float, a1: float, b0: float, b1: float) -> tuple[float, float]:
 
 
 class WristBox(NamedTuple):
-    """A box of wrist centres: lowest and highest distance `rho` from the pan axis [m], angle `turn` from the plane of
-    the arm [rad], and `height` above the lift axis [m]."""
+    """A box of wrist centres: ranges of the distance `rho` from the pan axis [m], the angle `turn` from the plane of
+    the arm [rad], and the `height` above the lift axis [m]."""
 
     rho0: float
     rho1: float
@@ -246,8 +246,8 @@ class WristBox(NamedTuple):
 class LiftBounds(NamedTuple):
     """Bounds of the lift angle over a box of wrist centres.
 
-    `is_possible`: whether the lengths of the arm and the limit of the elbow allow any; `bend` and `bearing`: smallest
-    and largest value of the two angles of which the lift is the sum [rad].
+    `is_possible`: whether the lengths of the arm and the limit of the elbow allow any lift angle. `bend` and `bearing`:
+    smallest and largest value of the two angles that make up the lift [rad].
     """
 
     is_possible: bool
@@ -282,7 +282,7 @@ def lift_bounds(links: Floats, upper: Floats, box: WristBox) -> LiftBounds:
     widest -= side_near * side_near
     if widest < -SLACK:
         return LiftBounds(False, 0.0, 0.0, 0.0, 0.0)
-    # Of a straight elbow the root is 0: rounding of what is below it must not bound the lift angle.
+    # The root is 0 for a straight elbow. Rounding of the radicand must not bound the lift angle.
     narrowest = min(near - a0 * a0, far - a1 * a1) - side_far * side_far - SLACK
     h0, h1 = sqrt(max(0.0, narrowest)), sqrt(max(0.0, widest + SLACK))
     bend0 = atan2(h0 if a1 > 0.0 else h1, a1)
@@ -302,9 +302,10 @@ def lift_of_branch(bounds: LiftBounds, branch: int) -> tuple[float, float]:
 
 
 class _Pose(NamedTuple):
-    """A pose relative to the arm: `rho`, `bearing` of the wrist centre about the pan axis [m], [rad]; its `height`
-    above the lift axis with the torso at 0 [m]; the approach axis as `level` (its horizontal length), `yaw` [rad] and
-    `upward`; `inner`: scalar product of the horizontal parts of wrist centre and approach [m]."""
+    """A pose relative to the arm. `rho`, `bearing`: polar coordinates of the wrist centre about the pan axis [m],
+    [rad]. `height`: its height above the lift axis with the torso at 0 [m]. `level`, `yaw`, `upward`: horizontal
+    length, yaw [rad] and vertical component of the approach axis. `inner`: scalar product of the horizontal parts of
+    wrist centre and approach [m]."""
 
     rho: float
     bearing: float
@@ -330,7 +331,7 @@ def _flex_is_possible(
 ) -> bool:
     """Whether the wrist flex may be within its limit for any lift angle in `lift` (2,).
 
-    `ahead`: range of the approach's component along the plane; `up`: range of the wrist centre's height [m].
+    `ahead`: range of the approach's component along the plane. `up`: range of the wrist centre's height [m].
     """
     cosine = cosine_range(lift[0], lift[1])
     sine = cosine_range(lift[0] - 0.5 * pi, lift[1] - 0.5 * pi)
@@ -343,9 +344,9 @@ def _flex_is_possible(
 
 @njit(cache=True)
 def _may_reach(links: Floats, lower: Floats, upper: Floats, pose: _Pose, box: Floats, lift: Floats) -> bool:
-    """Whether any point of a rectangle may reach a pose: false only if none does.
+    """Whether any point of a rectangle may reach a pose. False only if no point does.
 
-    `box` (4,): lowest and highest torso height [m] and pan angle [rad]; `lift` (2,) is scratch space.
+    `box` (4,): lowest and highest torso height [m] and pan angle [rad]. `lift` (2,) is scratch space.
     """
     up = pose.height - box[1], pose.height - box[0]
     wrist = WristBox(pose.rho, pose.rho, pose.bearing - box[3], pose.bearing - box[2], up[0], up[1])
@@ -366,7 +367,8 @@ def _may_reach(links: Floats, lower: Floats, upper: Floats, pose: _Pose, box: Fl
 
 @njit(cache=True)
 def decide_poses(arm: ChainArrays, T: Floats, answers: NDArray[np.int8], configurations: Floats) -> None:
-    """Fill `answers` (n,) and `configurations` (n, 8) for poses T (n, 4, 4), as `irm.ik.solvers.ExactSolver.solve`."""
+    """Fill `answers` (n,) and `configurations` (n, 8) for poses T (n, 4, 4), as in
+    `irm.ik.solvers.ExactSolver.reach`."""
     links, lower, upper = arm.links, arm.lower, arm.upper
     queue, lift, rows = np.empty((MAX_RECTANGLES + 2, 4)), np.empty(2), np.empty((2, 5))
     approach, wrist = np.empty(3), np.empty(3)
@@ -407,7 +409,7 @@ def decide_poses(arm: ChainArrays, T: Floats, answers: NDArray[np.int8], configu
 
 @njit(cache=True)
 def _turn_wrist(arm: ChainArrays, T: Floats, q: Floats, R: Floats, p: Floats) -> None:
-    """Set the last joint of `q`, 0 before, so that the TCP has the roll of T (4, 4)."""
+    """Set the last joint of `q`, initially 0, so that the TCP has the roll of T (4, 4)."""
     fk_frames(arm.offsets, arm.axes, arm.tip, q, R, p)
     sine = cosine = 0.0
     for i in range(3):

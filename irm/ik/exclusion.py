@@ -1,10 +1,11 @@
-"""Proofs that no configuration of a box reaches a TCP pose, compiled.
+"""Proofs that no configuration in a box reaches a TCP pose, compiled.
 
-A box is a range of heights of the lift and of angles of the free joint. In a box the pose, as the other joints see it,
-is known up to an error. So is the arm: its axes meet, or are parallel, up to the rounding of its file; the closed form
-is that of an arm whose axes do so exactly, and whose TCP poses differ by at most the structure's `error` and `turn`.
-The error is carried through the closed form, joint by joint, as a range of angles (`irm.ik.ranges`). A branch ends
-where a range is empty, or outside the limits. If all branches end, no configuration reaches.
+A box is a range of heights of the lift and of angles of the free joint. In a box, the pose relative to the other joints
+is known up to an error. The arm is known up to an error too, because its axes meet, or are parallel, only up to the
+rounding of its file. The closed form describes an arm with exact axes, whose TCP poses differ by at most the
+structure's `error` and `turn`. The error passes through the closed form, joint by joint, as a range of angles
+(`irm.ik.ranges`). A branch ends where a range is empty or outside the limits. If all branches end, no configuration
+reaches the pose.
 """
 
 from __future__ import annotations
@@ -47,14 +48,14 @@ from irm.ik.subproblems import (
 
 Floats = NDArray[np.float64]
 _SHORTEST = 1e-12
-"""[m] Smallest length that is divided by."""
+"""[m] Smallest divisor."""
 _UNDETERMINED = 0.3
-"""[rad] Half width of a range from which an angle counts as not determined."""
+"""[rad] Half width of a range above which an angle is undetermined."""
 _STILL = (0.0, 0.0, 0.0)
 
 
 class Angle(NamedTuple):
-    """A range of a joint's angle: its middle, and half of its width [rad]."""
+    """Range of a joint's angle: its middle, and half of its width [rad]."""
 
     middle: float
     half: float
@@ -73,20 +74,20 @@ def _chord(half: float) -> float:
 
 @njit(cache=True, inline="always")
 def _about(error: float) -> float:
-    """Error of an angle about an axis at right angles to a vector, when the rotation has an error [rad]."""
+    """Error of an angle about an axis at right angles to a vector, for a rotation with an error [rad]."""
     chord = _chord(error)
     return asin(chord) if chord < 1.0 else pi
 
 
 @njit(cache=True, inline="always")
 def _beyond(turn: float) -> float:
-    """By how much a product of rotations by angles whose sum is `turn` differs at most from the sum of the angles."""
+    """Upper bound of the error of a linearised product of rotations, for angles with the sum `turn`."""
     return exp(turn) - 1.0 - turn
 
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def _moved(axis: Vector, reference: Vector, v: Vector, motions: tuple[Vector, Vector], rest: float) -> Direction:
-    """The direction of a vector about an axis, when its end may move to and fro by two motions, and by `rest` [m]."""
+    """Direction of a vector about an axis, if its end may move to and fro by two motions, and by `rest` [m]."""
     length = max(norm(v), _SHORTEST)
     unit, along = scale(1.0 / length, v), rest
     away, around = away_and_around(axis, unit)
@@ -103,15 +104,15 @@ def _moved(axis: Vector, reference: Vector, v: Vector, motions: tuple[Vector, Ve
 def may_reach_spherical(
     arm: SphericalArm, goal: SphericalGoal, lift: float, free: Angle, fifth: Angle, error: float, angles: Floats
 ) -> bool:
-    """Whether an arm with a wrist may reach a pose with lift and two joints within ranges: false is proved.
+    """Whether an arm with a wrist may reach a pose with lift and two joints in ranges. False is proved.
 
     Args:
-        arm, goal: see their types; the goal is that of the middle of the lift's range.
-        lift: half of that range [m].
-        free: range of the free joint; without one any middle, with a half width of 0.
+        arm, goal: see their types. The goal belongs to the middle of the lift's range.
+        lift: half width of this range [m].
+        free: range of the free joint. Without a free joint any middle, with a half width of 0.
         fifth: range of the fifth joint.
         error: of the goal's wrist at this height [m].
-        angles: (1, 7) filled with the middles of the first branch that is left, in the order of solving [rad].
+        angles: (1, 7) filled with the middles of the first remaining branch, in the order of solving [rad].
     """
     axis_1, axis_2, axis_3, axis_4 = row(arm.axes, 0), row(arm.axes, 1), row(arm.axes, 2), row(arm.axes, 3)
     pivot, shoulder, elbow = point(arm.pivot), point(arm.shoulder), point(arm.elbow)
@@ -119,7 +120,7 @@ def may_reach_spherical(
     to_wrist = subtract(add(pivot, about_pivot), shoulder)
     tangent, distance = cross(axis_1, about_pivot), norm(to_wrist)
     radius, offset = norm(tangent), norm(cross(axis_1, subtract(shoulder, pivot)))
-    # The square of the distance, by its slopes and largest curvatures: of the free angle, of the lift, and of both.
+    # Range of the squared distance, by its slopes and largest curvatures in the free angle, in the lift, and in both.
     upward, slant = rotate(axis_1, -free.middle, goal.upward), norm(cross(axis_1, goal.upward))
     spread = 2.0 * abs(dot(tangent, to_wrist)) * free.half + (radius + slant * lift) * offset * free.half * free.half
     spread += (2.0 * abs(dot(upward, to_wrist)) + lift) * lift
@@ -134,7 +135,7 @@ def may_reach_spherical(
     middle, least, most = distance_range(axis_4, upper_arm, forearm, low, high)
     if most < 0.0:
         return False
-    # The wrist moves along the tangent and upward, but for the curvature.
+    # The wrist moves along the tangent and upward, up to the curvature.
     rest = error + (0.5 * radius * free.half + slant * lift) * free.half
     seen = _moved(axis_2, axis_3, to_wrist, (scale(free.half, tangent), scale(lift, upward)), rest)
     across = norm(cross(axis_4, forearm))
@@ -167,10 +168,10 @@ def may_reach_spherical(
 def _may_turn_wrist(
     arm: SphericalArm, goal: SphericalGoal, first: tuple[Angle, Angle, Angle, Angle], fifth: Angle, angles: Floats
 ) -> bool:
-    """Whether the wrist may have the goal's orientation with the `first` four angles, and the `fifth`, in ranges."""
+    """Whether the wrist may have the goal's orientation with the `first` four angles and the `fifth` in ranges."""
     axis_5, axis_6, axis_7 = row(arm.axes, 4), row(arm.axes, 5), row(arm.axes, 6)
     v, side = goal.last_axis, goal.side
-    # The four axes, as they are seen once all four joints are turned back: the rotation has an error about each.
+    # The four axes after all four joints are turned back. The rotation has an error about each.
     seen = row(arm.axes, 0), row(arm.axes, 1), row(arm.axes, 2), row(arm.axes, 3)
     for k in range(4):
         axis, angle = row(arm.axes, k), -first[k].middle
@@ -184,8 +185,8 @@ def _may_turn_wrist(
     half_1, half_2, half_3, half_4 = first[0].half, first[1].half, first[2].half, first[3].half
     low, high, loose = fifth.middle - fifth.half, fifth.middle + fifth.half, TOLERANCE
     if half_3 > _UNDETERMINED:
-        # Where the third axis lies along the fifth, only the sum of their angles is determined. A turn about the one
-        # is the same turn about the other, but for twice the angle between them; the fourth then turns in between.
+        # Where the third axis lies along the fifth, only the sum of their angles is determined. A turn about one equals
+        # the same turn about the other, up to twice the angle between them. The fourth then turns in between.
         loose += 2.0 * asin(min(1.0, norm(cross(seen[2], axis_5)))) + half_4
         low, high, half_3, half_4 = low - half_3, high + half_3, 0.0, 0.0
     halves = half_1, half_2, half_3, half_4
@@ -210,7 +211,7 @@ def _may_turn_wrist(
         if half_6 < 0.0:
             continue
         turned = rotate(axis_6, -q6, rotate(axis_5, -q5, side))
-        # Of the errors about the axes only the components along the last one turn the last joint.
+        # Only the components of the errors along the last axis turn the last joint.
         after_6 = rotate(axis_6, q6, axis_7)
         after_5 = rotate(axis_5, q5, after_6)
         error = loose + abs(dot(after_6, axis_5)) * half_5 + abs(dot(axis_7, axis_6)) * half_6
@@ -227,7 +228,7 @@ def _may_turn_wrist(
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def may_reach_parallel(arm: ParallelArm, goal: ParallelGoal, error: float) -> bool:
-    """Whether an arm with three parallel axes may reach a pose whose position has an error [m]: false is proved."""
+    """Whether an arm with three parallel axes may reach a pose whose position has an error [m]. False is proved."""
     axis_1, along, axis_5, axis_6 = row(arm.axes, 0), row(arm.axes, 1), row(arm.axes, 4), row(arm.axes, 5)
     height, turn = dot(along, subtract(row(arm.points, 4), row(arm.points, 0))), TOLERANCE + arm.turn
     middle, least, most = component_range(along, scale(-1.0, axis_1), goal.to_meeting, height, error)
@@ -238,7 +239,7 @@ def may_reach_parallel(arm: ParallelArm, goal: ParallelGoal, error: float) -> bo
             continue
         last = rotate(axis_1, -q1, goal.last_axis)
         moved = min(2.0, turn + _sine(axis_1, last) * half_1)
-        # A component changes with the sine of its angle, and by half of the square of the motion.
+        # A component changes by the motion times the sine of its angle, and by half of the squared motion.
         change = _sine(along, last) * moved + 0.5 * moved * moved
         middle_5, least_5, most_5 = component_range(along, axis_5, axis_6, dot(along, last), change)
         for j in range(2):
@@ -253,7 +254,7 @@ def may_reach_parallel(arm: ParallelArm, goal: ParallelGoal, error: float) -> bo
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def _may_bend(arm: ParallelArm, goal: ParallelGoal, first: Angle, fifth: Angle, error: float) -> bool:
-    """Whether the other joints may reach with the first and the fifth in some ranges."""
+    """Whether the other joints may reach the pose with the first and the fifth joint in ranges."""
     axis_1, along, axis_5, axis_6 = row(arm.axes, 0), row(arm.axes, 1), row(arm.axes, 4), row(arm.axes, 5)
     axis_3, axis_4, turn = row(arm.axes, 2), row(arm.axes, 3), TOLERANCE + arm.turn
     turned = rotate(axis_5, -fifth.middle, along)

@@ -13,22 +13,22 @@ from irm.kinematics import arm_jacobian, fk_frames
 
 Floats = NDArray[np.float64]
 MAX_STEPS = 25
-"""Largest number of Newton-like steps; 6 are usual from a seed in a neighbouring cell."""
+"""Most Newton-like steps. From a seed in a neighbouring cell, 6 are usual."""
 POSITION_TOLERANCE = 1e-5
-"""[m] and [rad]: a pose this close in each coordinate counts as reached."""
+"""[m] and [rad] Largest error in each coordinate of a reached pose."""
 _STEP_LIMIT = 0.4
-"""[rad] or [m]: largest joint motion in one step, so that the linearisation is valid."""
+"""[rad] or [m] Largest joint motion in one step, so that the linearisation is valid."""
 _DAMPING = 0.05
 """Damping per unit of remaining error: strong far from the goal, zero at the goal."""
 _STALL = 0.97
-"""If the error shrinks by less than this factor in three consecutive steps, the iteration ends without a solution."""
+"""Ratio of successive errors. Three consecutive steps above it end the iteration without a solution."""
 
 
 @njit(cache=True)
 def _pose_error(R: Floats, p: Floats, R_goal: Floats, p_goal: Floats, free_roll: bool, error: Floats) -> float:
-    """Position difference and rotation vector to the goal, into `error` (6,); its largest entry.
+    """Write position difference and rotation vector to the goal into `error` (6,). Returns its largest entry.
 
-    With a free roll the rotation is the shortest one that aligns the x axes.
+    With a free roll, the rotation is the shortest that aligns the x axes.
     """
     for i in range(3):
         error[i] = p_goal[i] - p[i]
@@ -65,7 +65,7 @@ def _pose_error(R: Floats, p: Floats, R_goal: Floats, p_goal: Floats, free_roll:
 
 @njit(cache=True)
 def _damped_step(J: Floats, error: Floats, damping: float, A: Floats, y: Floats, step: Floats) -> None:
-    """step = Jᵀ (J Jᵀ + damping)⁻¹ error, by Cholesky; `A` (6, 6) and `y` (6,) are scratch space."""
+    """step = Jᵀ (J Jᵀ + damping)⁻¹ error, by Cholesky. `A` (6, 6) and `y` (6,) are scratch space."""
     n = J.shape[1]
     for i in range(6):
         for j in range(i + 1):
@@ -96,10 +96,10 @@ def _damped_step(J: Floats, error: Floats, damping: float, A: Floats, y: Floats,
 def approach_pose(
     arm: ChainArrays, R_goal: Floats, p_goal: Floats, free_roll: bool, q: Floats, R: Floats, p: Floats, J: Floats
 ) -> bool:
-    """Move the arm joints of `q` (n,) in place until the TCP is at the goal; whether it is reached within the limits.
+    """Move the arm joints of `q` (n,) in place to the goal of the TCP. True if it is reached within the limits.
 
-    The torso `q[0]` stays. `R` (n + 1, 3, 3), `p` (n + 1, 3) and `J` (6, n - 1) hold the frames and the Jacobian at the
-    result.
+    The torso `q[0]` stays fixed. `R` (n + 1, 3, 3), `p` (n + 1, 3) and `J` (6, n - 1) receive the frames and the
+    Jacobian at the result.
     """
     n, lower, upper = arm.axes.shape[0], arm.lower, arm.upper
     error, step, y, A = np.empty(6), np.empty(n - 1), np.empty(6), np.empty((6, 6))
@@ -137,10 +137,10 @@ def refine(chain: ChainArrays, R: Floats, p: Floats, q: Floats) -> bool:
 
 @njit(cache=True)
 def refine_within(chain: ChainArrays, R: Floats, p: Floats, low: float, high: float, q: Floats) -> bool:
-    """The same with the lift, which may move from `low` to `high` [m], and with joints that stay at a limit.
+    """`refine` with a lift that may move from `low` to `high` [m], and with joints held at their limits.
 
-    A joint at a limit that the next step would exceed is held, and the step of the others is computed again: near a
-    corner of the limits clamping alone ends beside the solution.
+    A joint is held at a limit that the next step would exceed, and the step of the others is computed again. Near a
+    corner of the limits, clamping alone would miss the solution.
     """
     n = chain.axes.shape[0]
     frames, origins, J = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n - 1))

@@ -1,11 +1,11 @@
-"""Where the joints certainly do not reach, whatever the structure of the arm: proved by two outer maps of points.
+"""Proof that the joints do not reach a pose, for any structure of the arm, by two outer maps of points.
 
-How far the last joint's origin is from the arm's first axis, and how far along it, does not depend on the angle of the
-first joint; from joint to joint, what a point may have as these two coordinates follows from what it has at the axis
-before: a solid of revolution, seen from the next axis. Only its surface is followed. Every cell that the image of a
-surface may touch is marked, and what it encloses is filled: the solid grows by a cell or two at every joint, and
-misses nothing. The same is done for the first joint's origin as the hand sees it. For the joint at either end the
-angles within its limits are tried, and the second table of each side is asked as well.
+Two coordinates of the last joint's origin do not depend on the angle of the first joint: its distance from the first
+axis, and its position along this axis. The possible coordinates about one axis form a solid of revolution, which
+determines those about the next axis. Only the surface of the solid is followed. Every cell that the image of the
+surface may touch is marked, and the interior is filled. So the solid grows by a cell or two at every joint, and
+contains every possible point. The same is done for the first joint's origin in the frame of the hand. For the joint at
+either end, the angles within its limits are tried, and the second table of each side is tested as well.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ Bools = NDArray[np.bool_]
 _CELLS = 300
 """Cells of a table from the axis to the reach of the arm."""
 _SPARE = 24
-"""Cells around that, for what the solids grow."""
+"""Additional cells around these, for the growth of the solids."""
 _ANGLES = 144
-"""Angles of the joint at either end that are tried."""
+"""Tried angles of the joint at either end."""
 _LIFT_STEP = 0.01
-"""[m] between the heights of the lift that are tried."""
+"""[m] Step between the tried heights of the lift."""
 _ROUNDING = 1e-7
-"""[m] By which a length may be wrong: of a file, of a pose, and of the tables, whose numbers have seven digits."""
+"""[m] Error of a length in a file, in a pose, or in the tables, whose numbers have seven digits."""
 
 
 class _Side(NamedTuple):
-    """What is known of a point as one end of the arm sees it: cells of `size` [m] of the coordinates about the axis of
-    the joint there and about the next one, `axes` (2,), and how far each cell is from a possible one, `tables` (2, r,
-    z) [m]. `turns` (m, 3, 3), `shift` (3,): from the frame of the first axis to that of the second one, at angles
-    that are at most `half_step` from any within the limits [rad]."""
+    """Possible places of a point relative to one end of the arm. `axes` (2,): axis of the joint there and the next
+    axis. `tables` (2, r, z): distance of each cell from a possible cell, in coordinates about these axes [m]. `size`:
+    edge of the cells [m]. `turns` (m, 3, 3), `shift` (3,): from the frame of the first axis to that of the second, at
+    angles at most `half_step` from any angle within the limits [rad]."""
 
     tables: NDArray[np.float32]
     size: float
@@ -69,7 +69,7 @@ def are_out_of_reach(chain: ArmChain, torso_range: tuple[float, float], T_base_t
 
 @lru_cache(maxsize=16)
 def _sides(key: ChainKey) -> tuple[_Side, _Side]:
-    """The last joint's origin as the base sees it, and the first joint's as the hand does."""
+    """The last joint's origin relative to the base, and the first joint's origin relative to the hand."""
     chain, n = key.chain, key.chain.size - 1
     steps = [pose_of(place) for place in chain.offsets[1:]]  # step k leads from link k to joint k + 1
     back: list[Floats] = [np.asarray(np.linalg.inv(step)) for step in steps]
@@ -79,8 +79,9 @@ def _sides(key: ChainKey) -> tuple[_Side, _Side]:
 
 
 def _side(chain: ArmChain, point: Floats, steps: list[Floats], joints: list[int], step: Floats, sign: float) -> _Side:
-    """A point that is fixed before the first of some `joints`, as the last two of them see it; between them are `steps`
-    (4, 4). From the last to the one before leads `step`, after a turn by the angle of the last one and a `sign`."""
+    """Follow a point, fixed before the first of `joints`, to the axes of the last two. `steps` (4, 4): transforms
+    between the joints. `step`: transform from the last joint to the one before, after a turn by `sign` times the last
+    joint's angle."""
     from scipy.ndimage import binary_erosion, binary_fill_holes, distance_transform_edt  # a tenth of a second to import
 
     size, axes, middle = chain.reach / _CELLS, chain.axes[joints], _CELLS + _SPARE
@@ -93,7 +94,7 @@ def _side(chain: ArmChain, point: Floats, steps: list[Floats], joints: list[int]
         _revolve(np.argwhere(solid & ~inner), size, axis, R, at, next_axis, marks)
         solid = binary_fill_holes(np.concatenate([marks[::-1], marks]))[middle:]
         solids.append(solid)
-    # Between middles of cells, less what two points may be away from these.
+    # Distances between middles of cells, reduced by the distance of two points from these middles.
     gaps = np.array([distance_transform_edt(~solid) - np.sqrt(2.0) for solid in solids[:-3:-1]])
     tables = np.asarray(gaps * size - _ROUNDING, dtype=np.float32)
     end, angles = joints[-1], np.zeros((3, _ANGLES))
@@ -107,10 +108,10 @@ def _side(chain: ArmChain, point: Floats, steps: list[Floats], joints: list[int]
 def _revolve(
     cells: NDArray[np.int64], size: float, axis: int, R: Floats, p: Floats, next_axis: int, marks: Bools
 ) -> None:
-    """Mark where the circles of cells (m, 2) about an axis are about the next one, and all cells beside.
+    """Mark the circles of cells (m, 2) about an axis in coordinates about the next axis, and all adjacent cells.
 
-    A point of a cell is at most 0.71 sizes from its middle, and in a turn at most half a size from the nearest angle:
-    less than one size together, so that it is in a cell that is marked.
+    A point of a cell is at most 0.71 sizes from its middle. In a turn it is at most half a size from the nearest angle,
+    at right angles to that distance. Together this is less than one size, so the point is in a marked cell.
     """
     middle = marks.shape[1] // 2
     x, y = np.empty(3), np.empty(3)
@@ -130,7 +131,8 @@ def _revolve(
 
 @njit(cache=True)
 def _are_impossible(near: _Side, far: _Side, from_near: Floats, from_far: Floats, slack: float) -> Bools:
-    """(n,) whether at none of h heights both points (n, h, 3) are possible, each within `slack` [m]."""
+    """(n,) whether every one of h heights excludes at least one of two points (n, h, 3), each with a tolerance `slack`
+    [m]."""
     impossible = np.ones(from_near.shape[0], np.bool_)
     for n in range(from_near.shape[0]):
         for k in range(from_near.shape[1]):
@@ -158,7 +160,7 @@ def _may_be(side: _Side, x: Floats, slack: float) -> bool:
 
 @njit(cache=True)
 def _gap(side: _Side, which: int, *x: float) -> float:
-    """[m] that a point is at least away from where it is possible."""
+    """Lower bound of a point's distance from its possible places [m]."""
     axis, (_, across, length) = side.axes[which], side.tables.shape
     away = int(hypot(x[(axis + 1) % 3], x[(axis + 2) % 3]) / side.size)
     along = floor(x[axis] / side.size) + length // 2

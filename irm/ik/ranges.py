@@ -1,9 +1,9 @@
-"""Ranges of joint angles, compiled: all angles that solve a subproblem whose vectors are known up to an error.
+"""Ranges of joint angles, compiled: all solutions of a subproblem whose vectors are known up to an error.
 
-For each subproblem of `irm.ik.subproblems` that is used to prove NO. A range is a middle and half of its width [rad];
-it contains every solution for every value of what is known within its error. A half width of π or more is every angle,
-a negative one is none. Near a singularity a range grows with the square root of the error, or is every angle: so no
-proof rests on an angle that the pose hardly determines.
+The module covers the subproblems of `irm.ik.subproblems` that serve to prove NO. A range is a middle and half of its
+width [rad]. It contains the solutions for all input values within their errors. A half width of π or more means every
+angle, a negative half width none. Near a singularity a range grows with the square root of the error, or becomes every
+angle. So no proof relies on an angle that the pose hardly determines.
 """
 
 from __future__ import annotations
@@ -15,25 +15,25 @@ from irm.compilation import WITHOUT_REFERENCE_COUNTS, njit
 from irm.ik.subproblems import Vector, angle_about, cross, dot, norm, perpendicular, scale
 
 TOLERANCE = 1e-8
-"""[m], [rad] by which a pose, and a limit, may be wrong: rounding of numbers, of axes that are read from a file, and of
-the angles here, which is less than 1e-12."""
+"""[m], [rad] Error of a pose and of a limit: rounding of numbers, of axes in a file, and of the angles here (less than
+1e-12)."""
 _SHORTEST = 1e-9
-"""Length [m], or length squared, below which a vector or an angle is not determined."""
+"""Length [m], or squared length, below which a vector or an angle is undetermined."""
 _ROUNDING = 1e-12
-"""By which rounding may push a cosine."""
+"""Rounding error of a cosine."""
 
 
 @njit(cache=True, inline="always")
 def turned_by(chord: float, length: float) -> float:
-    """Largest angle by which a vector of a length changes its direction when its end moves by a chord [rad]."""
+    """Largest change of direction of a vector with a given length, if its end moves by a chord [rad]."""
     return asin(chord / length) if chord < length else pi
 
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def within(middle: float, half: float, lower: float, upper: float) -> tuple[float, float]:
-    """The part of a range that is within joint limits, turns of 2π counted as the same angle.
+    """Intersection of a range with joint limits, modulo 2π.
 
-    Where it is in two parts, the range that contains both.
+    An intersection of two parts yields the range that contains both.
     """
     centre, room = 0.5 * (lower + upper), 0.5 * (upper - lower) + TOLERANCE
     away = middle - centre
@@ -50,11 +50,11 @@ def within(middle: float, half: float, lower: float, upper: float) -> tuple[floa
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def distance_range(axis: Vector, fixed: Vector, moved: Vector, low: float, high: float) -> tuple[float, float, float]:
-    """Of the angles for which |fixed + Rot(axis, angle) moved| is from `low` to `high` [m]: see subproblem 3.
+    """Range of the angles with |fixed + Rot(axis, angle) moved| from `low` to `high` [m], see subproblem 3.
 
     Returns:
-        A middle, and how far from it on both sides the angles are at least and at most; the latter is negative for
-        none [rad].
+        A middle, and the least and largest distance of the angles from it on both sides [rad]. The latter is negative
+        for none.
     """
     along = dot(axis, fixed) * dot(axis, moved)
     twice = 2.0 * norm(cross(axis, fixed)) * norm(cross(axis, moved))
@@ -69,7 +69,8 @@ def distance_range(axis: Vector, fixed: Vector, moved: Vector, low: float, high:
 def component_range(
     direction: Vector, axis: Vector, moved: Vector, value: float, error: float
 ) -> tuple[float, float, float]:
-    """The same of those for which direction · Rot(axis, angle) moved is within an error of a value: subproblem 4."""
+    """Range of the angles with direction · Rot(axis, angle) moved within an error of a value, as in `distance_range`:
+    subproblem 4."""
     along = dot(direction, axis) * dot(axis, moved)
     a, b = dot(direction, moved) - along, dot(direction, cross(axis, moved))
     radius = sqrt(a * a + b * b)
@@ -81,14 +82,14 @@ def component_range(
 
 @njit(cache=True, inline="always")
 def _between(smallest: float, largest: float) -> tuple[float, float]:
-    """Smallest and largest angle from 0 to π with a cosine between two; the latter is negative for none."""
+    """Smallest and largest angle from 0 to π with a cosine in a range. The latter is negative for none."""
     if smallest > 1.0 + _ROUNDING or largest < -1.0 - _ROUNDING:
         return 0.0, -1.0
     return acos(max(-1.0, min(1.0, largest + _ROUNDING))), acos(max(-1.0, min(1.0, smallest - _ROUNDING)))
 
 
 class Direction(NamedTuple):
-    """A direction as an axis sees it: angle `far` from the axis and `azimuth` from a reference, each with its error
+    """A direction relative to an axis: angle `far` from the axis and `azimuth` from a reference, each with its error
     [rad]."""
 
     far: float
@@ -99,7 +100,7 @@ class Direction(NamedTuple):
 
 @njit(cache=True, inline="always")
 def away_and_around(axis: Vector, v: Vector) -> tuple[Vector, Vector]:
-    """Unit vectors at right angles to a unit vector `v`, in which it moves away from an axis and around it."""
+    """Unit vectors perpendicular to a unit vector `v`: its directions of motion away from an axis and around it."""
     around = cross(axis, v)
     if norm(around) < _SHORTEST:
         around = perpendicular(v)
@@ -109,12 +110,12 @@ def away_and_around(axis: Vector, v: Vector) -> tuple[Vector, Vector]:
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def direction(axis: Vector, reference: Vector, v: Vector, away: float, around: float, rest: float) -> Direction:
-    """A direction about an axis, its azimuth from a reference.
+    """Direction relative to an axis, with the azimuth from a reference.
 
     Args:
         axis, reference, v: unit vectors.
-        away, around: how far the end of `v` may move in the two directions of `away_and_around`.
-        rest: how far it may move in any direction besides.
+        away, around: largest motion of the end of `v` in the two directions of `away_and_around`.
+        rest: largest additional motion in any direction.
     """
     sine = norm(cross(axis, v))
     far, azimuth = atan2(sine, dot(axis, v)), angle_about(axis, reference, v)
@@ -122,14 +123,14 @@ def direction(axis: Vector, reference: Vector, v: Vector, away: float, around: f
     least = sine - away - rest  # distance from the axis
     if least <= 0.0:
         return Direction(far, total, azimuth, pi)
-    # What moves around is farther from the axis only by the square of the motion.
+    # A motion around the axis increases the distance from it only by the square of the motion.
     moved = away + rest + 0.5 * (around + rest) * (around + rest) / least
     return Direction(far, min(total, turned_by(moved, 1.0)), azimuth, turned_by(around + rest, least))
 
 
 class Meeting(NamedTuple):
-    """Ranges of the two angles of subproblem 2: middles are `side_1 - azimuth_1` and `-side_2 - azimuth_2` of one
-    solution, and with the other sign of both sides of the other one; `half_1` is negative for none [rad]."""
+    """Ranges of the two angles of subproblem 2 [rad]. One solution has the middles `side_1 - azimuth_1` and `-side_2 -
+    azimuth_2`. The other has both sides with the opposite sign. `half_1` is negative for none."""
 
     azimuth_1: float
     side_1: float
@@ -141,10 +142,10 @@ class Meeting(NamedTuple):
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def meeting_ranges(axis_1: Vector, start_1: Direction, axis_2: Vector, start_2: Direction) -> Meeting:
-    """Of angles for which Rot(axis_1, a) start_1 and Rot(axis_2, b) start_2 have one direction.
+    """Ranges of the angles for which Rot(axis_1, a) start_1 and Rot(axis_2, b) start_2 have the same direction.
 
-    Azimuths of the directions are from the other axis. The axes and the common direction are corners of a spherical
-    triangle, all of whose sides are known: that between the axes, and the angles between each axis and its vector.
+    Azimuths of the directions are measured from the other axis. The axes and the common direction are corners of a
+    spherical triangle with three known sides: between the axes, and between each axis and its vector.
     """
     between = atan2(norm(cross(axis_1, axis_2)), dot(axis_1, axis_2))
     far_1, error_1, far_2, error_2 = start_1.far, start_1.far_error, start_2.far, start_2.far_error
@@ -162,10 +163,11 @@ def meeting_ranges(axis_1: Vector, start_1: Direction, axis_2: Vector, start_2: 
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def _corner(far: float, error: float, other: float, other_error: float, c: float, s: float) -> tuple[float, float]:
-    """The range of a triangle's angle between a side `far` and one of cosine `c` and sine `s`, opposite to `other`.
+    """Range of a spherical triangle's angle between a side `far` and a side with cosine `c` and sine `s`, opposite to
+    `other`.
 
-    Its cosine falls when the opposite side grows. Along the side it has its extremes at the ends, or where the angle
-    opposite to the fixed side is right.
+    Its cosine falls as the opposite side grows. As a function of `far`, it has its extremes at the ends, or where the
+    angle opposite to the fixed side is right.
     """
     low, high = far - error, far + error
     if low <= _SHORTEST or high >= pi - _SHORTEST:

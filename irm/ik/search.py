@@ -1,12 +1,12 @@
-"""Answers for one TCP pose by branch and bound over the lift and one or two joints, compiled: arms with a structure.
+"""Branch and bound for one TCP pose over the lift and one or two joints, compiled, for arms with a structure.
 
-With the lift and the free joint fixed, the closed form says whether a pose is reached. A box of heights and angles is
-first tried at its middle. If no point of it may reach the pose (`irm.ik.exclusion`), it is left out, else it is cut in
-two. NO is proved: every box was left out. YES comes with a configuration that forward kinematics confirms. A pose is
-UNKNOWN where very small boxes are left.
+With lift and free joint fixed, the closed form tells whether a pose is reached. A box of heights and angles is first
+tested at its middle. If no point of it may reach the pose (`irm.ik.exclusion`), the box is excluded. Otherwise it is
+cut in two. NO is proved, because every box was excluded. YES comes with a configuration that forward kinematics
+confirms. A pose is UNKNOWN where very small boxes remain.
 
-An arm whose wrist is not spherical has no closed form. Once its fifth joint is fixed too, the same proof serves: boxes
-have a range of its angles as well. At their middles nothing fits exactly; from there the configuration is refined.
+An arm whose wrist is not spherical has no closed form. With its fifth joint fixed too, the same proof applies, so boxes
+have a range of its angles as well. At their middles no solution is exact, so the configuration is refined from there.
 """
 
 from __future__ import annotations
@@ -32,25 +32,26 @@ Floats = NDArray[np.float64]
 LARGEST_LIFT, LARGEST_ANGLE = 0.05, 10.0 * pi / 180.0
 """[m], [rad] Largest size of the first boxes."""
 _ROUNDING = 1e-9
-"""[m], [rad] A range that is longer by less is no longer."""
+"""[m], [rad] Excess length of a range that is neglected."""
 _LEVER = 0.3
-"""[m] The motion of the wrist with the free joint by which boxes are made about as long as wide."""
+"""[m] Motion of the wrist per angle of the free joint, which makes boxes about as long as wide."""
 _MOST_BOXES = 4000
-"""Boxes examined before a pose stays open."""
+"""Most boxes examined per pose before it stays UNKNOWN."""
 _FINEST = 4.0 * TOLERANCE
 """[m], [rad] Smallest size of a box."""
 _FINEST_ERROR = 0.25
-"""Of the error of the arm's structure [m]: smaller boxes are hardly left out where this one is not."""
+"""Size of the smallest box relative to the error of the arm's structure [m]. Smaller boxes are hardly ever excluded."""
 _CLOSE, _CLOSER = 0.1, 0.3
-"""[rad] Excess from which a configuration is refined, and by which factor it must be less than the last one's."""
+"""[rad] Initial excess, and factor. A configuration is refined if its excess is below the factor times that of the best
+refined configuration so far."""
 _MOST_FAILURES = 64
-"""Solutions of the closed form that are refined in vain at most: at a singularity of an arm whose axes do not quite
-meet, all are such."""
+"""Most solutions of the closed form that are refined without success. At a singularity of an arm whose axes nearly
+meet, all refinements fail."""
 
 
 class _Trial(NamedTuple):
-    """What is tried: an arm and a pose, `R` (3, 3) and `p` (3,); `q` (1 + n,) is the last solution, with its torso,
-    `angles` (1, 7) or (1, 6) the last angles of the closed form, and `lowered` (3,) scratch space."""
+    """Arm and pose of a search. `R` (3, 3), `p` (3,): the pose. `q` (1 + n,): last solution, with its torso. `angles`
+    (1, 7) or (1, 6): last angles of the closed form. `lowered` (3,): scratch space."""
 
     has_wrist: bool
     chain: ChainArrays
@@ -66,10 +67,10 @@ class _Trial(NamedTuple):
 
 @njit(cache=True)
 def search(arm: SolverArrays, R: Floats, p: Floats, low: float, high: float, q: Floats) -> int:
-    """The answer for a TCP pose with the lift from `low` to `high` [m]; a solution into `q` (1 + n,).
+    """Decide a TCP pose with the lift from `low` to `high` [m]. Writes a solution into `q` (1 + n,).
 
     Args:
-        arm: its solver, of an arm with a structure of `irm.ik.structure`.
+        arm: solver of an arm with a structure of `irm.ik.structure`.
         R, p: (3, 3), (3,) of the TCP in the base frame.
         low, high: range of the lift [m].
         q: (1 + n,) filled where the answer is YES.
@@ -156,7 +157,7 @@ def _count(length: float, largest: float) -> int:
 
 @njit(cache=True)
 def _excess(trial: _Trial, lift: float, angle: float) -> float:
-    """By how much the best solution at a height and an angle misses, less the slack of the structure; its angles into
+    """Excess of the best solution at a height and an angle, minus the slack of the structure. Writes its angles into
     `trial.angles`."""
     trial.lowered[2] = trial.p[2] - lift
     if trial.has_wrist:
@@ -168,7 +169,7 @@ def _excess(trial: _Trial, lift: float, angle: float) -> float:
 
 @njit(cache=True)
 def _refined(trial: _Trial, low: float, high: float, lift: float) -> bool:
-    """Whether the last angles tried, refined, are a solution, which is then in `trial.q`."""
+    """Refine the last angles. True if they become a solution, in `trial.q`."""
     trial.q[0] = lift
     for joint in range(trial.angles.shape[1]):
         column = trial.bounds.columns[joint] if trial.has_wrist else joint + 1
@@ -179,7 +180,7 @@ def _refined(trial: _Trial, low: float, high: float, lift: float) -> bool:
 
 @njit(cache=True)
 def _may_reach(trial: _Trial, box: Floats) -> bool:
-    """Whether any point of a box may reach the pose: false is proved.
+    """Whether any point of a box may reach the pose. False is proved.
 
     `box` (6,): middle and half size of its heights [m], and of the angles of the free joint and of the fifth [rad].
     """
@@ -198,7 +199,7 @@ def _may_reach(trial: _Trial, box: Floats) -> bool:
 
 @njit(cache=True)
 def _coprime_stride(count: int) -> int:
-    """A step through 0 … count - 1 that visits every number once, and far ones first."""
+    """A step through 0 … count - 1 that visits every number once, distant numbers first."""
     stride = max(1, floor(0.382 * count))
     while True:
         a, b = count, stride

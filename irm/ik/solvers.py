@@ -1,14 +1,14 @@
-"""Solvers of any arm: exact answers whether it reaches a TCP pose, and its configurations for given free parameters.
+"""Solvers of any arm: exact decisions about TCP poses, and configurations for given free parameters.
 
-`ExactSolver` answers each YES with a configuration within the limits and free of self-collision as its proof. NO is
-proved. An arm with the structure of Fetch's arm is solved by `irm.ik.closed_form`. With a structure of
-`irm.ik.structure` a branch and bound over the free joint, and over the lift if there is one, uses the closed form
-(`irm.ik.search`). Without such a structure the arm is solved from random configurations, and NO is proved in the same
-way with one joint more fixed, or by `irm.ik.outer_reach` alone.
+`ExactSolver` proves each YES by a configuration within the limits and free of self-collision. NO is proved too. An arm
+with the structure of Fetch's arm is solved by `irm.ik.closed_form`. With a structure of `irm.ik.structure`, branch and
+bound over the free joint and the lift uses the closed form (`irm.ik.search`). Without such a structure, the arm is
+solved from random configurations. NO is then proved in the same way with one more joint fixed, or by
+`irm.ik.outer_reach` alone.
 
 `arm_solutions` is for kernels. The free parameters are the height of the lift and, for seven joints, the angle of one
-of them. With these the closed form of the arm has up to eight solutions. An arm without a known closed form is solved
-by iteration from one of many stored configurations; the second parameter is then the number of that configuration.
+joint. With these fixed, the closed form of the arm has up to eight solutions. An arm without a known closed form is
+solved by iteration from a stored configuration. The second parameter is then the number of this configuration.
 """
 
 from __future__ import annotations
@@ -50,36 +50,38 @@ Floats = NDArray[np.float64]
 _ROUNDING = 1e-9
 """[m] Lengths that differ by less are equal."""
 SEEDS, LIFT_SEEDS = 60, 180
-"""Random configurations for arms without a closed form, and for poses that it leaves open: without a lift, and with."""
+"""Random configurations for arms without a closed form, and for poses that it leaves UNKNOWN: without and with a
+lift."""
 FIRST_SEEDS = 20
-"""Configurations from which an arm without a closed form is solved before a proof of NO is looked for."""
+"""Starting configurations of an arm without a closed form before a proof of NO is tried."""
 _UPPER_ARM_ROLL, _ELBOW_FLEX = 3, 4
-"""Joints of `irm.ik.closed_form`: the one whose angle is free, and the elbow."""
+"""Joints of `irm.ik.closed_form`: the free joint and the elbow."""
 _SEEDS = 200
-"""Configurations from which an arm without a closed form is solved."""
+"""Stored starting configurations of an arm without a closed form."""
 FREE_SEARCHES = ((0.05, 24), (0.015, 144))
-"""Steps of the lift [m] and angles of the free joint at which a configuration free of self-collision is looked for."""
+"""Steps of the lift [m] and numbers of angles of the free joint in the searches for a configuration free of
+self-collision."""
 _PLACE_ERROR = 1e-4
-"""[m] More than the gripper's place, and a distance between two shapes, may be wrong."""
+"""[m] Exceeds the errors of the gripper's place and of a distance between two shapes."""
 NARROW, FREE_SEEDS = 0.03, 40
-"""Share of the heights and angles at which a pose is reached, below which they may miss most of its configurations: at
-limits. Then it is solved from so many random configurations too."""
+"""Share of heights and angles that reach a pose, below which the grid may miss most configurations near limits. The
+pose is then solved from `FREE_SEEDS` random configurations too."""
 IMPROVING_ANGLES = 72
-"""Angles of the free joint of which the best one is taken."""
+"""Angles of the free joint compared for the best μ."""
 _EXACT = 1e-8
 """[rad] Solutions of an arm with less slack need no refinement."""
 
 
 class ExactSolver:
-    """Decides poses of one arm without a map.
+    """Exact decisions about TCP poses of one arm, without a map.
 
     Attributes:
-        chain: of an arm of 6 or 7 hinges.
-        torso_range: lowest and highest height of its lift [m]; equal if it does not move.
+        chain: chain of an arm of 6 or 7 hinges.
+        torso_range: lowest and highest height of its lift [m]. Equal for a fixed lift.
 
     Raises:
-        QueryError: the heights are not finite numbers, the lower one first; of `solve` and `reach`, the poses are no
-            array (n, 4, 4) of rotations and translations.
+        QueryError: the heights are not finite numbers in increasing order. `solve` and `reach` raise it if the poses
+            are not an array (n, 4, 4) of rotations and translations.
 
     Example:
         status, q = ExactSolver(chain).solve(T_base_tcp)
@@ -90,26 +92,27 @@ class ExactSolver:
             raise QueryError(f"torso_range is the lowest and the highest height of the lift [m], not {torso_range}")
         self.chain = chain
         self.torso_range = torso_range or (float(chain.lower[0]), float(chain.upper[0]))
-        # Numba takes a third of a millisecond to look at such a tuple; a pointer costs nothing.
+        # Numba takes a third of a millisecond to inspect such a tuple. A pointer costs nothing.
         self._arrays, self._is_free = packed(solver_arrays(chain)), SelfCollision(chain)
 
     @property
     def is_iterative(self) -> bool:
-        """Whether the arm has none of the structures with closed forms: answers then take milliseconds."""
+        """Whether the arm has no structure with a closed form. A decision then takes milliseconds."""
         return self._arrays.kind == ITERATIVE
 
     def solve(self, T_base_tcp: ArrayLike) -> tuple[NDArray[np.int8], Floats]:
-        """Which poses the arm reaches in a configuration that is free of self-collision.
+        """Decide which poses the arm reaches in a configuration free of self-collision.
 
-        NO is proved, with a tolerance for rounding in the pose, the limits and the arm's file: the joints do not reach
-        the pose, or the gripper would be inside the base. A pose is UNKNOWN where the joints reach it and the gripper
-        is free, but no configuration that was tried is; or, rarely, where the proof does not close.
+        NO is proved, with a tolerance for rounding in the pose, the limits and the arm's file. Either the joints do not
+        reach the pose, or the gripper would be in collision with the base or the torso. A pose is UNKNOWN if the joints
+        reach it and the gripper is free, but every tried configuration is in self-collision. Rarely, it is UNKNOWN
+        because the proof is incomplete.
 
         Args:
             T_base_tcp: (n, 4, 4).
 
         Returns:
-            (n,) `Status` values, and (n, 1 + dof) the configuration that reaches each pose; NaN where none is known.
+            (n,) `Status` values, and (n, 1 + dof) a configuration that reaches each pose, NaN where none is known.
         """
         T = as_poses(T_base_tcp)
         status, q = self._reach(T)
@@ -138,12 +141,14 @@ class ExactSolver:
         return status, q
 
     def improve(self, T_base_tcp: Floats, q: Floats, torsos: Floats) -> tuple[Floats, Floats]:
-        """Configurations of higher μ for poses (n, 4, 4), given one for each (n, 1 + dof), NaN for none.
+        """Find configurations of higher μ for poses (n, 4, 4), from one configuration each (n, 1 + dof), NaN for none.
 
-        Of free ones at the `torsos` (n,) [m] that are given, at `IMPROVING_ANGLES` angles of the free joint.
+        Candidates are the free configurations at given torso heights `torsos` (n,) [m], at `IMPROVING_ANGLES` angles of
+        the free joint.
 
         Returns:
-            (n, 1 + dof) the best of these and of those given, and (n,) their μ; NaN where none was given.
+            (n, 1 + dof) the best of the candidates and the given configurations, and (n,) their μ, NaN where none was
+            given.
         """
         q, mu, angles = q.copy(), np.full(len(q), np.nan), free_angles(self.chain, IMPROVING_ANGLES)
         for n in np.flatnonzero(~np.isnan(q[:, 0])):
@@ -152,7 +157,7 @@ class ExactSolver:
         return q, mu
 
     def reach(self, T_base_tcp: ArrayLike) -> tuple[NDArray[np.int8], Floats]:
-        """The same without regard to self-collision."""
+        """`solve` without regard to self-collision."""
         return self._reach(as_poses(T_base_tcp))
 
     def _reach(self, T_base_tcp: Floats) -> tuple[NDArray[np.int8], Floats]:
@@ -177,7 +182,7 @@ class ExactSolver:
 
     @cached_property
     def _seeds(self) -> Floats:
-        """(m, 1 + n) random configurations, from which poses may be reached that are open otherwise."""
+        """(m, 1 + n) random starting configurations for poses that are still UNKNOWN."""
         (low, high), rng = self.torso_range, np.random.default_rng(0)
         seeds = random_seeds(self.chain, SEEDS if low == high else LIFT_SEEDS, low, rng)
         seeds[:, 0] = rng.uniform(low, high, len(seeds))
@@ -186,7 +191,7 @@ class ExactSolver:
 
 @njit(cache=True)
 def _search_poses(arm: SolverArrays, T: Floats, low: float, high: float, status: NDArray[np.int8], q: Floats) -> None:
-    """Search boxes of lift and free joint for every open pose (n, 4, 4); what cannot be decided stays open."""
+    """Search boxes of lift and free joint for every UNKNOWN pose (n, 4, 4). Undecided poses stay UNKNOWN."""
     for n in range(len(T)):
         if status[n] == UNKNOWN:
             status[n] = search(arm, T[n, :3, :3].copy(), T[n, :3, 3].copy(), low, high, q[n])
@@ -198,7 +203,7 @@ def _search_poses(arm: SolverArrays, T: Floats, low: float, high: float, status:
 def _solve_from_seeds(
     chain: ChainArrays, T: Floats, seeds: Floats, low: float, high: float, status: NDArray[np.int8], q: Floats
 ) -> None:
-    """Solve the open poses (n, 4, 4) from configurations `seeds` (m, 1 + dof)."""
+    """Solve the UNKNOWN poses (n, 4, 4) from configurations `seeds` (m, 1 + dof)."""
     trial = np.empty(seeds.shape[1])
     for n in np.flatnonzero(status == UNKNOWN):
         R, p = T[n, :3, :3].copy(), T[n, :3, 3].copy()
@@ -219,12 +224,12 @@ _NO_PARALLELS = ParallelArm(
 
 
 def solver_arrays(chain: ArmChain) -> SolverArrays:
-    """The solver of an arm; made once for all chains with the same arrays."""
+    """The solver of an arm, made once for all chains with the same arrays."""
     return _solver_of(ChainKey(chain))
 
 
 def free_angles(chain: ArmChain, count: int) -> Floats:
-    """(count,) values of the second free parameter, evenly over its range; one value if the arm has none."""
+    """(count,) values of the second free parameter, evenly over its range. A single value if the arm has none."""
     solver = solver_arrays(chain)
     if solver.kind == ITERATIVE:
         return np.arange(float(min(count, len(solver.seeds))))
@@ -268,7 +273,7 @@ def _solver_without_address(chain: ArmChain) -> SolverArrays:
 
 @njit(cache=True)
 def arm_solutions(arm: SolverArrays, R: Floats, p: Floats, torso: float, free: float, found: Floats) -> int:
-    """Every configuration within the limits that reaches a TCP pose.
+    """Find every configuration within the limits that reaches a TCP pose, for given free parameters.
 
     Args:
         arm: its solver.
@@ -302,7 +307,7 @@ def _other_solutions(arm: SolverArrays, R: Floats, p: Floats, torso: float, free
     kept = 0
     for k in range(count):
         found[k, 0] = torso
-        # A UR arm whose last axis lies along the parallel ones has solutions of which only some reach.
+        # A UR arm whose last axis lies along the parallel axes has solutions that miss the pose.
         is_exact = arm.kind == SPHERICAL and slack < _EXACT
         if is_exact or refine(arm.chain, R, p, found[k]):
             found[kept, 0] = torso
@@ -313,7 +318,7 @@ def _other_solutions(arm: SolverArrays, R: Floats, p: Floats, torso: float, free
 
 
 def all_solutions(chain: ArmChain, T_base_tcp: Floats, torsos: Floats, angles: Floats) -> Floats:
-    """(k, 1 + n) every configuration that reaches a pose (4, 4), on a grid of the two free parameters."""
+    """Find all configurations (k, 1 + n) that reach a pose (4, 4), on a grid of the two free parameters."""
     R, p = np.ascontiguousarray(T_base_tcp[:3, :3]), np.ascontiguousarray(T_base_tcp[:3, 3])
     return np.asarray(_solutions_on_grid(packed(solver_arrays(chain)), R, p, torsos, angles))
 
@@ -331,7 +336,7 @@ def _solutions_on_grid(arm: SolverArrays, R: Floats, p: Floats, torsos: Floats, 
 
 
 class SelfCollision:
-    """Whether a configuration is free of self-collision: an `is_free` for `verify`, by the chain's shapes.
+    """Test of configurations for self-collision by the chain's shapes: an `is_free` for `verify`.
 
     Example:
         is_free = SelfCollision(chain)
@@ -343,11 +348,11 @@ class SelfCollision:
         self.memory = packed(chain.shapes), packed(make_placed(chain.shapes))
 
     def __call__(self, _base: Floats | None, q: ArrayLike) -> bool:
-        """Whether no pair of shapes touches in the configuration `q` (1 + n,); the base pose does not matter."""
+        """Whether the configuration `q` (1 + n,) is free of self-collision. The base pose is ignored."""
         return bool(self.of(np.asarray(q, dtype=float)[None])[0])
 
     def of(self, Q: Floats) -> NDArray[np.bool_]:
-        """(k,) the same of many configurations (k, 1 + n)."""
+        """(k,) whether configurations (k, 1 + n) are free of self-collision."""
         return np.asarray(_are_free(self._chain, *self.memory, Q))
 
 
@@ -365,9 +370,10 @@ def _are_free(chain: ChainArrays, shapes: Shapes, placed: Placed, Q: Floats) -> 
 def _find_free(
     arm: SolverArrays, shapes: Shapes, placed: Placed, R: Floats, p: Floats, torsos: Floats, angles: Floats, q: Floats
 ) -> tuple[int, int]:
-    """YES with a free configuration for a TCP pose in `q`, which reaches it; NO if the gripper is in no place that is
-    free, else UNKNOWN. And at how many heights and angles it is reached; at a height where the gripper is not free, at
-    all. After YES or NO none is counted."""
+    """Search a free configuration for the TCP pose that `q` reaches. Returns YES with this configuration in `q`, NO if
+    the gripper is in collision at every height, or UNKNOWN. Also returns the number of heights and angles at which the
+    pose is reached, where a height with the gripper in collision adds all its angles. This number is meaningless after
+    YES or NO."""
     n, reached = q.shape[0], 0
     frames, origins, found = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((8, n))
     fk_frames(arm.chain.offsets, arm.chain.axes, arm.chain.tip, q, frames, origins)
@@ -406,7 +412,7 @@ def _find_free_from(
     seeds: Floats,
     q: Floats,
 ) -> bool:
-    """Whether a configuration that is found from one of some seeds (m, 1 + n) is free; it is then in `q`."""
+    """Search a free configuration from seeds (m, 1 + n). True if one is found, in `q`."""
     n, trial = q.shape[0], q.copy()
     frames, origins = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
     for k in range(len(seeds)):
@@ -423,7 +429,8 @@ def _find_free_from(
 def _improve(
     arm: SolverArrays, shapes: Shapes, placed: Placed, R: Floats, p: Floats, torso: float, angles: Floats, q: Floats
 ) -> float:
-    """μ of the best free configuration for a TCP pose at a torso height, or of `q` if it is better; it is then `q`."""
+    """Write the best free configuration for a TCP pose at a torso height into `q`, unless `q` is better. Returns its
+    μ."""
     n, chain = q.shape[0], arm.chain
     frames, origins, found = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((8, n))
     J, A, d, e = np.empty((6, n - 1)), np.empty((6, 6)), np.empty(6), np.empty(6)
@@ -443,10 +450,10 @@ def _improve(
 
 @leaf_kernel
 def _is_gripper_blocked(shapes: Shapes, placed: Placed, R: Floats, p: Floats, low: float, high: float) -> bool:
-    """Whether the gripper at this place touches the base, or the torso at every height from `low` to `high` [m].
+    """Whether the gripper at its place touches the base, or the torso at every height from `low` to `high` [m].
 
-    The heights are relative to that of the frames, which are changed. Between two heights at which both touch, they
-    are nearer than half the step. The frames are those of a configuration that reaches the pose up to an error.
+    The heights are relative to that of the frames, which are changed. Between two tested heights with contact, gripper
+    and torso stay closer than half the step. The frames belong to a configuration that reaches the pose up to an error.
     """
     place_shapes(shapes, placed, R, p)
     if any_near(shapes, placed, 2, CLEARANCE - _PLACE_ERROR):

@@ -1,11 +1,11 @@
-"""The geometry of an arm that gives it a closed form: axes that meet in one point, or that are parallel.
+"""Geometry of an arm that gives it a closed form: axes that meet in one point, or that are parallel.
 
-Two structures are known, which most arms of 6 or 7 hinges have:
+Most arms of 6 or 7 hinges have one of two structures:
 
-- A spherical wrist: three successive axes at one end meet in a point. Of the other joints, the first one is a free
-  parameter if there are seven; the next two axes meet; the last one is the elbow. The three axes may be the last ones
-  (PR2, Kinova Gen3, KUKA iiwa) or the first ones (Panda, xArm 7): then the arm is solved from the TCP to the base.
-- Six joints of which the second, third and fourth are parallel, and the last two meet (UR).
+- A spherical wrist: three successive axes at one end meet in a point. With seven joints, the first of the other joints
+  is a free parameter. The next two axes meet. The last one is the elbow. The three axes may be the last (PR2, Kinova
+  Gen3, KUKA iiwa) or the first (Panda, xArm 7). In the second case the arm is solved from the TCP to the base.
+- Six joints whose second, third and fourth axes are parallel, and whose last two axes meet (UR).
 """
 
 from __future__ import annotations
@@ -21,11 +21,10 @@ from irm.kinematics import link_frames
 
 Floats = NDArray[np.float64]
 _MEET = 5e-4
-"""[m] Axes that pass each other this closely count as meeting: model files have rounded numbers, and the wrist of the
-Kinova Gen3 is 0.2 mm off. Solutions are refined afterwards."""
+"""[m] Largest distance of axes that meet. Model files have rounded numbers, and the wrist of the Kinova Gen3 is 0.2 mm
+off. Solutions are refined afterwards."""
 _SLACK_PER_METRE = 20.0
-"""[rad/m] How much joint angles of such an arm may differ from the exact ones, per length by which axes miss each
-other: a lever arm of 5 cm."""
+"""[rad/m] Error of such an arm's joint angles, per distance by which axes miss each other: a lever arm of 5 cm."""
 _ROUNDING = 1e-9
 """[rad] Slack of an arm whose axes meet exactly."""
 _PARALLEL = 2e-5
@@ -33,20 +32,20 @@ _PARALLEL = 2e-5
 _APART = 1e-3
 """Sine of the angle above which two axes are certainly not parallel."""
 _ARC = 1.0 + 1e-6
-"""Of an angle so small to its sine, at most."""
+"""Largest ratio of such a small angle to its sine."""
 CLOSED_FORM, SPHERICAL, PARALLEL, ITERATIVE = range(4)
-"""How an arm is solved: by `irm.ik.closed_form`, by the two structures of this file, or by iteration."""
+"""Kinds of solvers: by `irm.ik.closed_form`, by the two structures of this file, or by iteration."""
 
 
 class SphericalArm(NamedTuple):
     """An arm with a spherical wrist, at zero, in the frame that it is solved from.
 
-    `axes` (7, 3), in the order of solving; for six joints the first one is no joint. Points (3,) [m]: `pivot` on the
-    free axis, `shoulder` where the next two axes meet, `elbow` on the fourth axis, `wrist` where the last two meet;
-    `offset` (3,) from the fifth axis to the wrist: 0 if it is spherical. `R_tool` (3, 3) and `tool`
-    (3,): end at zero. `lower`, `upper` (7,) in the same order. `columns` (7,): joint of the chain, -1 for none.
-    `reversed`: whether the arm is solved from the TCP to the base. `slack`: error of the solutions' angles [rad].
-    `error`: largest distance of its TCP positions from those of the arm whose axes do not quite meet [m].
+    `axes` (7, 3): in the order of solving, where an arm of six joints has a first axis without a joint. Points (3,) are
+    in [m]. `pivot`: on the free axis. `shoulder`: where the next two axes meet. `elbow`: on the fourth axis. `wrist`:
+    where the last two axes meet. `offset` (3,): from the fifth axis to the wrist, 0 if the wrist is spherical. `R_tool`
+    (3, 3) and `tool` (3,): end at zero. `lower`, `upper` (7,): limits in the same order. `columns` (7,): joint of the
+    chain, -1 for none. `reversed`: whether the arm is solved from the TCP to the base. `slack`: error of the solutions'
+    angles [rad]. `error`: largest distance of its TCP positions from those of the real arm, whose axes nearly meet [m].
     """
 
     axes: Floats
@@ -66,11 +65,12 @@ class SphericalArm(NamedTuple):
 
 
 class ParallelArm(NamedTuple):
-    """Six joints of which the second to fourth are parallel, at zero, in the base frame.
+    """An arm of six joints whose second to fourth axes are parallel, at zero, in the base frame.
 
-    `axes` (6, 3); `points` (5, 3) on the axes: the last one is where the fifth and sixth axes meet [m]. `R_tool` (3, 3)
-    and `tool` (3,): TCP at zero. `lower`, `upper` (6,). `slack`: error of the solutions [rad]. `error`, `turn`: largest
-    differences of its TCP poses from those of the arm whose axes are not quite parallel, or meet not quite [m], [rad].
+    `axes`: (6, 3). `points` (5, 3): points on the axes, the last where the fifth and sixth axes meet [m]. `R_tool` (3,
+    3) and `tool` (3,): TCP at zero. `lower`, `upper` (6,): limits. `slack`: error of the solutions [rad]. `error`,
+    `turn`: largest differences of its TCP poses from those of the real arm, whose axes are nearly parallel or nearly
+    meet [m], [rad].
     """
 
     axes: Floats
@@ -92,7 +92,7 @@ class _Line(NamedTuple):
 
 
 def find_structure(chain: ArmChain) -> SphericalArm | ParallelArm | None:
-    """The structure of an arm; None if it has no closed form that is known here."""
+    """Find the structure of an arm. None if it has no closed form known here."""
     if np.any(chain.axes[1:] >= PRISMATIC):
         return None
     from_base, from_tcp = _views(chain)
@@ -100,10 +100,11 @@ def find_structure(chain: ArmChain) -> SphericalArm | ParallelArm | None:
 
 
 def find_bounds(chain: ArmChain) -> SphericalArm | None:
-    """For an arm without such a structure: one with a closed form once the fifth joint is fixed too, for proofs of NO.
+    """Find a structure with a closed form after the fifth joint is fixed too, for proofs of NO.
 
-    The last two axes of seven meet, and two others as for a spherical wrist. With six joints there is one more, fixed,
-    at either end. None if no axes of the arm are such; of several ones that with the smallest offset.
+    The last two of seven axes meet, and two others as for a spherical wrist. An arm of six joints gets one more, fixed
+    joint at either end. Of several structures, the one with the smallest offset is returned. None if the arm has no
+    such axes.
     """
     if np.any(chain.axes[1:] >= PRISMATIC):
         return None
@@ -112,7 +113,7 @@ def find_bounds(chain: ArmChain) -> SphericalArm | None:
 
 
 class _View(NamedTuple):
-    """An arm at zero, seen from one of its ends: its lines, and the other end."""
+    """An arm at zero, seen from one end: the lines of its axes, and the other end."""
 
     lines: list[_Line]
     R_tool: Floats
@@ -124,7 +125,7 @@ def _views(chain: ArmChain) -> tuple[_View, _View]:
     n = chain.size
     R, p = link_frames(chain, np.zeros(n))
     lines = [_Line(p[k], R[k][:, chain.axes[k] % PRISMATIC]) for k in range(1, n)]
-    # Seen from the TCP the joints come in the opposite order, and each one turns the other way.
+    # Seen from the TCP, the joints come in the opposite order, and each turns the other way.
     from_tcp = [_Line(R[n].T @ (line.point - p[n]), -(R[n].T @ line.axis)) for line in reversed(lines)]
     return _View(lines, R[n], p[n], False), _View(from_tcp, R[n].T, -R[n].T @ p[n], True)
 
@@ -135,14 +136,15 @@ def _spherical(chain: ArmChain, view: _View) -> SphericalArm | None:
 
 
 def _offset_wrist(chain: ArmChain, view: _View, is_last: bool) -> SphericalArm | None:
-    """The arm with a wrist on its last two axes; `is_last`: of six joints add the seventh, in place of the first."""
+    """The arm with a wrist on its last two axes. `is_last`: add a seventh axis to six joints at the end, not at the
+    start."""
     lines = list(view.lines)
     if len(lines) == 6 and is_last:
         before, last = lines[-2:]
         side = np.cross(before.axis, last.axis)
         if np.linalg.norm(side) < _APART:
             return None
-        # Where the last axis is nearest to the one before: its component across that one must vanish.
+        # Point of the last axis nearest to the previous axis, where its component across the previous axis vanishes.
         across = np.cross(before.axis, side)
         at = last.point + last.axis * float(across @ (before.point - last.point)) / float(across @ last.axis)
         lines.append(_Line(at, np.cross(last.axis, side / np.linalg.norm(side))))
@@ -161,7 +163,7 @@ def _offset_wrist(chain: ArmChain, view: _View, is_last: bool) -> SphericalArm |
 def _with_wrist(
     chain: ArmChain, view: _View, lines: list[_Line], wrist: Floats, from_wrist: Floats
 ) -> SphericalArm | None:
-    """The arm of six or seven `lines`, those of the view and perhaps a fixed one after them, with a known wrist."""
+    """The arm of six or seven `lines`, those of the view and possibly a fixed line after them, with a known wrist."""
     shoulder, from_shoulder = _common_point(lines[-6:-4])
     if from_shoulder.max() > _MEET:
         return None
@@ -187,7 +189,7 @@ def _with_wrist(
         columns=np.array(columns),
         reversed=view.reversed,
         slack=_ROUNDING + _SLACK_PER_METRE * error,
-        # An axis that is moved to one side moves what it turns by less than twice as much.
+        # An axis moved sideways moves the points that it turns by less than twice as much.
         error=float(2.0 * (from_wrist.sum() + from_shoulder.sum())),
     )
 
@@ -201,7 +203,7 @@ def _parallel(chain: ArmChain, view: _View) -> ParallelArm | None:
     tilt = sum(float(np.linalg.norm(np.cross(along, line.axis))) for line in lines[2:4])
     if away.max() > _MEET or tilt > 2 * _PARALLEL:
         return None
-    # An axis that is tilted turns the TCP by less than twice as much, at most at the reach of the arm.
+    # A tilted axis turns the TCP by less than twice as much, at most at the reach of the arm.
     turn = 2.0 * tilt * _ARC
     axes = np.array([line.axis for line in lines])
     axes[2:4] = np.sign(axes[2:4] @ along)[:, None] * along
@@ -219,7 +221,7 @@ def _parallel(chain: ArmChain, view: _View) -> ParallelArm | None:
 
 
 def _common_point(lines: list[_Line]) -> tuple[Floats, Floats]:
-    """The point nearest to some axes, and its distances from them [m]: infinite if neighbours are parallel."""
+    """The point nearest to the axes, and its distances from them [m]. Infinite if neighbours are parallel."""
     if any(np.linalg.norm(np.cross(a.axis, b.axis)) < _PARALLEL for a, b in itertools.pairwise(lines)):
         return np.full(3, np.nan), np.full(len(lines), np.inf)
     projections = [np.eye(3) - np.outer(line.axis, line.axis) for line in lines]

@@ -1,14 +1,14 @@
 """Inverse kinematics of arms with a structure of `irm.ik.structure`, compiled.
 
-Spherical wrist: the distance from the shoulder to the wrist gives the elbow (subproblem 3), its direction the two
-joints of the shoulder (subproblem 2), the orientation the three joints of the wrist (subproblems 2 and 1).
+Spherical wrist: the distance from the shoulder to the wrist gives the elbow (subproblem 3). Its direction gives the two
+joints of the shoulder (subproblem 2). The orientation gives the three joints of the wrist (subproblems 2 and 1).
 
-By how much the best solution misses the goal or the limits, its *excess*, is a continuous function of the free angle,
-and 0 where there is a solution.
+The *excess* of the best solution measures how far it misses the goal or the limits. It is a continuous function of the
+free angle, and 0 where a solution exists.
 
 Six joints whose second to fourth axes are parallel (UR arms): the height of the wrist along the parallel axes gives the
-first joint, that of the last axis the fifth (subproblem 4). The sixth and the sum of the parallel ones follow
-(subproblem 1), then the elbow from a distance (subproblem 3).
+first joint (subproblem 4). The component of the last axis along them gives the fifth joint (subproblem 4). The sixth
+joint and the sum of the parallel joints follow (subproblem 1), then the elbow from a distance (subproblem 3).
 """
 
 from __future__ import annotations
@@ -43,20 +43,20 @@ from irm.ik.subproblems import (
 
 Floats = NDArray[np.float64]
 _LENGTH_WEIGHT = 4.0
-"""How much a missing length counts, measured by the motion of the wrist with the free joint."""
+"""Weight of a missing length, relative to the motion of the wrist with the free joint."""
 _SHORTEST = 1e-3
-"""[m] Smallest length that these measures are divided by."""
+"""[m] Smallest divisor of these measures."""
 _PARALLEL = 1e-6
 """Sine of the angle below which two axes are parallel."""
 _ANY = 1e9
 """[rad] More than any excess."""
 _NONE = np.int64(0)
-"""No solution yet; a literal 0 would compile what takes it twice."""
+"""No solution yet. A literal 0 would make numba compile its callees twice."""
 
 
 class SphericalGoal(NamedTuple):
-    """A pose to be reached: the `wrist`, and where its orientation takes the last axis and a `side` of it; `upward`:
-    the direction in which the wrist moves when the lift goes down."""
+    """A pose to reach: the `wrist`, and the images of the last axis and of a `side` of it under its orientation.
+    `upward`: direction in which the wrist moves when the lift goes down."""
 
     wrist: Vector
     last_axis: Vector
@@ -82,24 +82,25 @@ def spherical_goal(arm: SphericalArm, R: Floats, p: Floats) -> SphericalGoal:
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def spherical_excess(arm: SphericalArm, goal: SphericalGoal, free: float, best: Floats) -> float:
-    """By how much the best solution for a `free` angle misses the goal or the limits [rad].
+    """Excess of the best solution for a `free` angle beyond the goal or the limits [rad].
 
-    0 if there is a solution within the limits. The excess is a continuous function of the free angle. Near a
-    singularity some joints move fast when the free joint turns; there their excess counts less, as the motion of what
-    they turn, so that the slope of this function is bounded. The solution's angles are written into `best` (1, 7).
+    Zero if a solution is within the limits. The excess is a continuous function of the free angle. Near a singularity
+    some joints move fast when the free joint turns. Their excess is then measured by the motion of the vectors that
+    they turn, so that the slope of this function is bounded. Writes the solution's angles into `best` (1, 7).
     """
     return _search_spherical(arm, goal, free, _ANY, best)[1]
 
 
 @njit(cache=True)
 def spherical_solutions(arm: SphericalArm, R: Floats, p: Floats, free: float, found: Floats) -> int:
-    """All configurations of an arm with a spherical wrist for a TCP pose, with the free joint at an angle [rad].
+    """Find all configurations of an arm with a spherical wrist for a TCP pose, with a given angle of the free joint
+    [rad].
 
     Args:
-        arm: see its type; if it has six joints, `free` is not used.
+        arm: see its type. With six joints, `free` is not used.
         R, p: (3, 3), (3,) of the TCP in the base frame, lowered by the height of the lift.
         free: angle of the free joint.
-        found: (8, 1 + n) whose columns of the arm are filled.
+        found: (8, 1 + n), filled in the columns of the arm.
 
     Returns:
         The number of solutions within the limits.
@@ -119,7 +120,8 @@ def spherical_solutions(arm: SphericalArm, R: Floats, p: Floats, free: float, fo
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def _is_within(arm: SphericalArm, angles: Floats) -> bool:
-    """Whether no joint exceeds its limits by more than the slack: near a singularity the excess counts less."""
+    """Whether every joint is within its limits, up to the slack. The excess alone is no proof near a singularity, where
+    it is reduced."""
     excess = 0.0
     for joint in range(7):
         excess = max(excess, nearest_turn(angles[joint], arm.lower[joint], arm.upper[joint])[1])
@@ -130,9 +132,9 @@ def _is_within(arm: SphericalArm, angles: Floats) -> bool:
 def _search_spherical(
     arm: SphericalArm, goal: SphericalGoal, free: float, enough: float, rows: Floats
 ) -> tuple[np.int64, float]:
-    """Solutions for a `free` angle whose excess, see `spherical_excess`, is less than `enough`.
+    """Find solutions for a `free` angle with an excess, see `spherical_excess`, below `enough`.
 
-    They are written into `rows`: all into (8, 7), only the best one into (1, 7).
+    Writes them into `rows`: all if it is (8, 7), only the best if it is (1, 7).
 
     Returns:
         The number of solutions if there is room for all; and the excess of the best one if there is room for one.
@@ -170,15 +172,15 @@ def _search_spherical(
 
 @njit(cache=True, inline="always")
 def _sine(axis: Vector, v: Vector) -> float:
-    """Of the angle between an axis and a vector."""
+    """Sine of the angle between an axis and a vector."""
     return norm(cross(axis, v)) / max(norm(v), _SHORTEST)
 
 
 @njit(cache=True, inline="always")
 def _motion(excess: float, sine: float, ease: float) -> float:
-    """How far a vector must move so that a joint that meets it turns by `excess` [rad].
+    """Motion of a vector that turns the joint that meets it by `excess` [rad].
 
-    `sine` is that of the angle between the axis and the vector. Where `ease`, see `angles_to_meet`, is 0 two solutions
+    `sine` belongs to the angle between the axis and the vector. Where `ease`, see `angles_to_meet`, is 0, two solutions
     coincide, and the joint turns with the square root of the motion.
     """
     return min(sine * excess, ease * excess + 0.5 * sine * excess * excess)
@@ -194,7 +196,7 @@ def _with_wrist(
     rows: Floats,
     count: np.int64,
 ) -> tuple[np.int64, float]:
-    """Write the solutions with the `first` four angles, whose excess is `others`, into `rows[count:]`.
+    """Write the solutions with the `first` four angles, which have the excess `others`, into `rows[count:]`.
 
     Returns:
         The new `count` and `enough`, see `_search_spherical`.
@@ -230,8 +232,8 @@ def _with_wrist(
 
 
 class ParallelGoal(NamedTuple):
-    """A pose to be reached: what it has turned since zero, `moved` and its inverse `to_tool` (3, 3); the last axis; and
-    the way from the first axis to where the last two meet."""
+    """A pose to reach. `moved` (3, 3): its rotation since zero. `to_tool` (3, 3): the inverse. `last_axis`: the last
+    axis. `to_meeting`: vector from the first axis to the meeting point of the last two."""
 
     moved: Floats
     to_tool: Floats
@@ -250,16 +252,17 @@ def parallel_goal(arm: ParallelArm, R: Floats, p: Floats) -> ParallelGoal:
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def parallel_excess(arm: ParallelArm, goal: ParallelGoal, best: Floats) -> float:
-    """By how much the best solution misses a goal or the limits [rad]; its joint angles into `best` (1, 6).
+    """Excess of the best solution beyond a goal or the limits [rad]. Writes its joint angles into `best` (1, 6).
 
-    0 if there is a solution within the limits.
+    Zero if a solution is within the limits.
     """
     return _search_parallel(arm, goal, _ANY, best)[1]
 
 
 @njit(cache=True)
 def parallel_solutions(arm: ParallelArm, R: Floats, p: Floats, found: Floats) -> int:
-    """All configurations within the limits for such a pose, into the last six columns of `found` (8, 7); how many."""
+    """Write all configurations within the limits for a TCP pose into the last six columns of `found` (8, 7). Returns
+    their number."""
     rows = np.empty((8, 6))
     count, _enough = _search_parallel(arm, parallel_goal(arm, R, p), arm.slack, rows)
     found[:count, 1:] = rows[:count]
@@ -268,7 +271,7 @@ def parallel_solutions(arm: ParallelArm, R: Floats, p: Floats, found: Floats) ->
 
 @njit(cache=True, **WITHOUT_REFERENCE_COUNTS)
 def _search_parallel(arm: ParallelArm, goal: ParallelGoal, enough: float, rows: Floats) -> tuple[np.int64, float]:
-    """Solutions whose excess is less than `enough`: all into `rows` (8, 6), only the best one into (1, 6).
+    """Find solutions with an excess below `enough`. Writes all into `rows` (8, 6), or only the best into (1, 6).
 
     Returns:
         The number of solutions if there is room for all; and the excess of the best one if there is room for one.
@@ -288,7 +291,8 @@ def _search_parallel(arm: ParallelArm, goal: ParallelGoal, enough: float, rows: 
             turned = rotate(axis_5, -angle_5, along)
             q6 = angle_about(scale(-1.0, axis_6), turned, back)
             angle_6, excess_6 = nearest_turn(q6, arm.lower[5], arm.upper[5])
-            # Where the last axis is parallel to the others any angle may serve: only what comes before counts.
+            # Where the last axis is parallel to the others, its joint may have any angle. Only the earlier joints
+            # determine the excess.
             is_any = norm(cross(turned, axis_6)) < _PARALLEL + arm.slack
             excess = max(_LENGTH_WEIGHT * missed_1, missed_5, excess_1, excess_5, 0.0 if is_any else excess_6)
             if excess < enough:

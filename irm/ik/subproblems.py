@@ -1,8 +1,8 @@
-"""Subproblems of inverse kinematics, compiled: angles about known axes that move one vector to another.
+"""Subproblems of inverse kinematics, compiled: rotation angles about known axes that move one vector to another.
 
-Subproblems 1 to 4 of Elias & Wen, "IK-Geo: unified robot inverse kinematics using subproblem decomposition" (2022);
-the first three are those of Paden and Kahan. Axes have unit length. Where a subproblem has no solution, it returns the
-nearest angles and by how much it failed, so that its answer is continuous.
+Subproblems 1 to 4 of Elias & Wen, "IK-Geo: unified robot inverse kinematics using subproblem decomposition" (2022). The
+first three are those of Paden and Kahan. Axes have unit length. A subproblem without a solution returns the nearest
+angles and its error, so that its answer is continuous.
 
 Vectors are tuples of three numbers, which numba keeps in registers.
 """
@@ -93,7 +93,7 @@ def rotate(axis: Vector, angle: float, v: Vector) -> Vector:
 
 @njit(cache=True)
 def perpendicular(v: Vector) -> Vector:
-    """A vector at right angles to a unit vector; its length is at least sqrt(2/3)."""
+    """A vector at right angles to a unit vector, of length at least sqrt(2/3)."""
     x, y, z = abs(v[0]), abs(v[1]), abs(v[2])
     if x <= y and x <= z:
         return 0.0, v[2], -v[1]
@@ -116,11 +116,11 @@ def angle_about(axis: Vector, start: Vector, end: Vector) -> float:
 def angles_to_meet(
     axis_1: Vector, start_1: Vector, axis_2: Vector, start_2: Vector
 ) -> tuple[float, float, float, float, float, float]:
-    """Subproblem 2: angles for which Rot(axis_1, a) start_1 = Rot(axis_2, b) start_2; only directions count.
+    """Subproblem 2: angles for which Rot(axis_1, a) start_1 and Rot(axis_2, b) start_2 have the same direction.
 
     Returns:
-        a and b of the first solution, a and b of the second; the angle by which the two cones fail to meet [rad]; and
-        how far the common direction is from the plane of the axes, 0 to 1: near 0 both angles change fast.
+        a and b of the first solution, and a and b of the second. The angle by which the two cones fail to meet [rad].
+        The distance of the common direction from the plane of the axes, 0 to 1. Near 0 both angles change fast.
     """
     u, v = scale(1.0 / max(norm(start_1), _TINY), start_1), scale(1.0 / max(norm(start_2), _TINY), start_2)
     between, c1, c2 = dot(axis_1, axis_2), dot(axis_1, u), dot(axis_2, v)
@@ -182,7 +182,8 @@ def angles_to_component(direction: Vector, axis: Vector, moved: Vector, value: f
 
 @njit(cache=True, inline="always")
 def nearest_turn(angle: float, lower: float, upper: float) -> tuple[float, float]:
-    """The same angle within half a turn of the middle of its limits, and by how much it exceeds them [rad]."""
+    """Turn an angle to within half a turn of the middle of its limits. Returns the angle and its excess over the limits
+    [rad]."""
     middle = 0.5 * (lower + upper)
     away = angle - middle
     away -= 2.0 * pi * floor((away + pi) / (2.0 * pi))

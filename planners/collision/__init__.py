@@ -1,1 +1,1 @@
-"""Which objects does a configuration or a motion touch? Compiled checks of a scene, one bit per object."""
+"""Compiled collision checks of configurations and motions in a scene, with one bit per object."""

@@ -1,7 +1,7 @@
-"""Hits of the robot while the base drives straight, the arm rigid: one check of one configuration.
+"""Collisions of the robot while the base drives straight with a rigid arm, by one check of one configuration.
 
-The robot moves along a vector and hits an obstacle if and only if the obstacle moves against it and hits the robot. So
-the whole drive is checked at its start, in a world in which every obstacle is the volume that it sweeps.
+A robot that moves along a vector hits an obstacle exactly if the obstacle, moved the opposite way, hits the resting
+robot. So the whole drive is checked at its start, in a world in which every obstacle is its swept volume.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ Array = NDArray[np.float64]
 
 
 class DriveWorlds(NamedTuple):
-    """The two worlds in which a configuration hits what the robot hits on a drive out, the arm rigid in it.
+    """Two worlds in which a configuration hits the same objects as the robot on a drive out with a rigid arm.
 
     Attributes:
-        inside: to be checked where the robot is before it moves; static obstacles reach down by the rise.
-        driven: to be checked where the straight drive begins. Obstacles are boxes along the drive, one for each object
-            however many pieces it has. That of an object begins at its axis, so that the half of it on the robot's side
-            is left out.
+        inside: for a check at the robot's pose before it moves. Static obstacles are extended downward by the rise.
+        driven: for a check at the start of the straight drive. Obstacles are boxes along the drive, a single box for
+            each object however many pieces it has. An object's box begins at its axis, so that its half on the robot's
+            side is left out.
     """
 
     inside: CollisionWorld
@@ -37,17 +37,17 @@ class DriveWorlds(NamedTuple):
 def drive_worlds(
     world: CollisionWorld, direction: Array, distance: float, rise: float, left_standing: Body | None = None
 ) -> DriveWorlds:
-    """The worlds for a drive along a horizontal unit vector (2,) over a distance [m].
+    """Make the worlds for a drive along a horizontal unit vector (2,) over a distance [m].
 
-    On the way the robot may also move up by `rise` [m] without touching a static obstacle. For static obstacles that
-    are not boxes along or across the drive the answer is conservative, as it is for the object `left_standing`.
+    During the drive the robot may also rise by `rise` [m] without contact with static obstacles. The answer is
+    conservative for static obstacles other than boxes along or across the drive, and for the object `left_standing`.
     """
     R, scene, obstacles = np.eye(3), world.scene, world.obstacles
     R[:2, 0], R[:2, 1] = direction, (-direction[1], direction[0])
     half_way, down = 0.5 * distance * R[:, 0], np.array([0.0, 0.0, 0.5 * rise])
 
     def swept(bodies: Sequence[Body]) -> tuple[Array, Array]:
-        """Boxes that objects sweep from their axes on, against the drive."""
+        """Boxes that objects sweep, beginning at their axes, against the drive."""
         centre, half = _boxes_around(bodies, R)
         return centre - half_way, np.column_stack((np.full(len(half), 0.5 * distance), half[:, 1:]))
 

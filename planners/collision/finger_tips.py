@@ -1,4 +1,4 @@
-"""The tips of closed fingers, with which what opens is pushed, and the way on which a point of it goes."""
+"""Tips of the closed fingers, which push drawers and doors, and the direction in which a pushed point moves."""
 
 from __future__ import annotations
 
@@ -16,33 +16,33 @@ from planners.scene import Opening
 Array = NDArray[np.float64]
 
 _TIP = 0.012
-"""[m] Half the length of the fingers, from their tips, that touches."""
+"""[m] Half of the touching length of the fingers, from their tips."""
 
 
 @dataclass(frozen=True)
 class FingerTips:
-    """The ends of the closed fingers as a box.
+    """Ends of the closed fingers as a box.
 
     Attributes:
-        ahead: [m] of its middle, from the TCP along the approach.
-        half: (3,) [m] along the approach, along the motion of the fingers, across both.
+        ahead: its middle, from the TCP along the approach [m].
+        half: (3,) half extents along the approach, along the motion of the fingers, and across both [m].
     """
 
     ahead: float
     half: tuple[float, float, float]
 
     def middle(self, T_world_tcp: Array) -> Array:
-        """(3,) [m] in the world."""
+        """Middle of the box in the world (3,) [m]."""
         return np.asarray(T_world_tcp[:3, 3] + self.ahead * T_world_tcp[:3, 0])
 
     def reach(self, rotation: Array, direction: Array) -> float:
-        """[m] that they extend from their middle in a direction (3,), the hand turned by a rotation (3, 3)."""
+        """Extent of the box from its middle in a direction (3,) [m], with the hand turned by a rotation (3, 3)."""
         return float(np.abs(direction @ rotation) @ self.half)
 
 
 @cache
 def finger_tips(robot: RobotSpec) -> FingerTips:
-    """The ends of a robot's closed fingers."""
+    """Find the ends of a robot's closed fingers."""
     arrays = robot_arrays(robot)
     T_tcp_link = np.linalg.inv(pose_of(arrays.tip))
     fingers = arrays.slides & (arrays.link == len(robot.chain) - 1)
@@ -54,6 +54,6 @@ def finger_tips(robot: RobotSpec) -> FingerTips:
 
 
 def way_of(opening: Opening, point: Array, position: float) -> Array:
-    """(3,) unit vector in which a point (3,) [m] of what opens moves at first, on the way to a position."""
+    """Unit vector (3,) of the initial motion of a point (3,) [m] on a drawer or door, on the way to a position."""
     sign = 1.0 if (position - opening.position) * (opening.open - opening.shut) > 0 else -1.0
     return sign * opening.direction(point)

@@ -1,4 +1,4 @@
-"""Which parts of the ground are connected for the base, whatever the arm does and wherever the objects stand."""
+"""Connected parts of the ground for the base, for any arm configuration and any places of the objects."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from planners.scene import Scene, StaticObstacle
 Array = NDArray[np.float64]
 
 _CELL, _MOST_CELLS = 0.04, 600
-"""[m] edge of the cells; where more than so many would lie side by side, they are larger."""
+"""[m] Edge of the cells, and the most cells side by side. Cells are larger where more would be needed."""
 _AROUND = 1.5
 """[m] of ground around all obstacles: wide enough to drive around them."""
 _ENDLESS = 20.0
-"""[m] Half extent from which on an obstacle, such as a plane, has no way around it."""
+"""[m] Half extent above which the base cannot drive around an obstacle, such as a plane."""
 _UPRIGHT = 1e-6
 """Rounding of the cosine between an axis of a solid and the vertical."""
 _ROUND = 0.009
@@ -33,7 +33,7 @@ _NEIGHBOURS = np.ones((3, 3), dtype=np.int64)
 
 
 class _Core(NamedTuple):
-    """The largest upright cylinder about the base's axis inside one of its solids: radius, bottom and top [m]."""
+    """Largest upright cylinder about the base's axis inside one of its solids: radius, bottom and top [m]."""
 
     radius: float
     bottom: float
@@ -42,26 +42,26 @@ class _Core(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class GroundMap:
-    """The ground in cells, and for each its connected part.
+    """Cells of the ground, and the connected part of each.
 
-    A cell counts unless no point of it is free for the `_Core` of the base, so that places in different parts are
-    proved to be apart for it; places in one part need not be connected for the whole robot.
+    A cell belongs to a part if any point of it is free for the `_Core` of the base. So places in different parts are
+    proved to be disconnected. Places in the same part may still be disconnected for the whole robot.
 
     Attributes:
-        scene: whose static obstacles, robot and start.
+        scene: scene with the static obstacles, the robot and its start.
     """
 
     scene: Scene
 
     @cached_property
     def _space(self) -> FreeSpace:
-        """The ground around all obstacles that have an end, and around the robot."""
+        """Ground around all bounded obstacles, and around the robot."""
         core, outlines, radii = _core(self.scene.robot), [], []
         for one in self.scene.static_obstacles:
             if _is_upright(one) and one.lower[2] < core.top and one.upper[2] > core.bottom:
                 outlines.append(one.outline)
                 radii.append(max(core.radius - (_ROUND * one.half_extents[0] if one.shape == "cylinder" else 0.0), 0.0))
-        # Round what the base passes below too: from there the arm reaches it.
+        # Obstacles that the base passes below extend the map too, because the arm reaches them from there.
         around = [one.outline for one in self.scene.static_obstacles]
         points = [self.scene.state.base[None, :2], *(one for one in around if np.ptp(one, axis=0).max() < _ENDLESS)]
         low, high = np.vstack(points).min(axis=0) - _AROUND, np.vstack(points).max(axis=0) + _AROUND
@@ -75,7 +75,7 @@ class GroundMap:
 
     @property
     def cell(self) -> float:
-        """[m] edge of a cell."""
+        """Edge of a cell [m]."""
         return float(self._space.raster.resolution)
 
     @cached_property
@@ -84,33 +84,33 @@ class GroundMap:
         return np.asarray(ndimage.label(self._space.raster.cells != BLOCKED, _NEIGHBOURS)[0], dtype=np.int64)
 
     def part_of(self, places: ArrayLike) -> NDArray[np.int64]:
-        """The parts (k,) in which places (k, 2 or more) x, y [m] lie; beyond the map that of its nearest cell."""
+        """Parts (k,) that contain places (k, 2 or more) x, y [m]. Beyond the map, the part of its nearest cell."""
         index = np.floor((np.atleast_2d(np.asarray(places, float))[:, :2] - self.origin) / self.cell).astype(int)
         i, j = index.clip(0, np.array(self.parts.shape) - 1).T
         return np.asarray(self.parts[i, j])
 
     def are_connected(self, start: ArrayLike, places: ArrayLike) -> NDArray[np.bool_]:
-        """Whether the base may get from one place (2 or more,) to others (k, 2 or more): False is proved.
+        """Whether the base may get from one place (2 or more,) to others (k, 2 or more). False is proved.
 
-        Where the start is inside an obstacle nothing is proved.
+        If the start is inside an obstacle, nothing is proved.
         """
         part = self.part_of(start)[0]
         return np.asarray((part == 0) | (self.part_of(places) == part))
 
     def can_reach(self, bases: Array) -> NDArray[np.bool_]:
-        """`are_connected` of base poses (k, 3) from where the robot of the scene is."""
+        """`are_connected` for base poses (k, 3) from the base pose of the scene's robot."""
         return self.are_connected(self.scene.state.base, bases)
 
 
 def _is_upright(obstacle: StaticObstacle) -> bool:
-    """Whether its outline is its section at every height."""
+    """Whether an obstacle has the same horizontal section, its outline, at every height."""
     is_level = np.abs(obstacle.rotation[2]) > 1 - _UPRIGHT
     return bool(is_level.any() if obstacle.shape == "box" else obstacle.shape == "cylinder" and is_level[2])
 
 
 @cache
 def _core(robot: RobotSpec) -> _Core:
-    """Of a base that has no upright solid about its axis, a line without height: nothing is proved then."""
+    """The core of a base. Without an upright solid about its axis, a line without height, so that nothing is proved."""
     arrays, best = robot_arrays(robot), _Core(0.0, 0.0, 0.0)
     for i in np.flatnonzero((arrays.link == BASE) & (arrays.radius == 0.0)):
         R, half, (x, y, z) = arrays.rotation[i], arrays.half[i], arrays.position[i]

@@ -1,10 +1,10 @@
-"""Which obstacles do a configuration, a straight motion and a whole path hit? Compiled, callable from other kernels.
+"""Collision checks of configurations, straight motions and whole paths, compiled, callable from other kernels.
 
     hits = configuration_hits(query, query.active, base, q)
 
-`query` is a `CollisionQuery`, which `CollisionWorld.query` makes and packs: kernels get its address, from Python and
-from each other. A result is a 64-bit mask: bit i for object i,
-`STATIC_BIT` for static obstacles and the ground, `SELF_BIT` for the robot itself.
+`query` is a `CollisionQuery`, which `CollisionWorld.query` makes and packs. Kernels get its address, from Python and
+from each other. A result is a 64-bit mask: bit i for object i, `STATIC_BIT` for static obstacles and the ground,
+`SELF_BIT` for the robot itself.
 """
 
 from __future__ import annotations
@@ -41,20 +41,20 @@ _NONE = np.uint64(0)
 _STATIC = np.uint64(1 << STATIC_BIT)
 _SELF = np.uint64(1 << SELF_BIT)
 _BLOCK = 6
-"""Checks along a path of which one may stand for all."""
+"""Checks along a path that a single check with more padding may replace."""
 _AROUND = 4
-"""Of an edge one check may stand for all that are fewer than so many, a power of two, away from it."""
+"""A single check of an edge may replace all checks that are fewer than this number away. A power of two."""
 
 
 class Attached(NamedTuple):
-    """The held object, for kernels: its h solids, then copies of them with their bottoms raised.
+    """Held object, for kernels: its h solids, then copies of them with raised bottoms.
 
-    The copies are checked against static obstacles, so that an object that stands on the table can be lifted from it.
+    The copies are checked against static obstacles, so that an object can be lifted from the table that it stands on.
 
     Attributes:
-        bit: of the object, -1 for none.
-        solids: 2 h of them, in the TCP frame; none for no object.
-        reach: (3 + n,) how far each joint moves any point of robot or object at most, per radian or metre.
+        bit: bit of the object, -1 for none.
+        solids: 2 h solids in the TCP frame, empty without an object.
+        reach: (3 + n,) upper bound of the motion of any point of robot or object, per radian or metre of each joint.
     """
 
     bit: int
@@ -66,11 +66,11 @@ class Scratch(NamedTuple):
     """Memory of one thread, written by every check: the robot with n joints and p primitives, placed in the world.
 
     Attributes:
-        R: (n + 2, 3, 3) orientations of the link frames, then of the TCP's and the base's.
+        R: (n + 2, 3, 3) orientations of the link frames, then of TCP and base.
         p: (n + 2, 3) their origins [m].
-        solids: p + 2 h solids: the robot's primitives, then those of the held object, as in `Attached`.
-        x: (3 + n,) the whole-body configuration that is checked, on the way along an edge.
-        slack: (1 + n,) [m] how far the base and the links move there until the last check beside it.
+        solids: p + 2 h solids: the robot's primitives, then the held object's solids, as in `Attached`.
+        x: (3 + n,) whole-body configuration of the current check along an edge.
+        slack: (1 + n,) upper bound of the motion of base and links from there to the last check that it replaces [m].
         simplex: (4, 3) for `are_within`.
     """
 
@@ -83,18 +83,19 @@ class Scratch(NamedTuple):
 
 
 class CollisionQuery(NamedTuple):
-    """What is checked against what, for kernels.
+    """Input of a collision check, for kernels.
 
     Attributes:
         robot: the robot's primitives.
         obstacles: objects and static obstacles.
-        attached: the held object, or none; it moves with the TCP and is never an obstacle.
+        attached: the held object, or none. It moves with the TCP and is never an obstacle.
         scratch: memory that every check writes to, made for this robot and held object.
-        opening: of the gripper [m].
-        active: mask of the bits to look for; all others stay 0.
-        padding: [m] Nearer counts as a hit.
-        first_only: stop at the first hit: the mask is then 0 only if nothing is hit, but may lack other hits.
-        check_configuration, check_edge: addresses of two kernels that most others call, so that each is compiled once.
+        opening: opening of the gripper [m].
+        active: mask of the bits to check. All others stay 0.
+        padding: distance below which solids are in collision [m].
+        first_only: stop at the first hit. The mask is then 0 only without any hit, but may lack other hits.
+        check_configuration, check_edge: addresses of two kernels that most others call, so that each is compiled only
+            once.
     """
 
     robot: RobotArrays
@@ -110,7 +111,7 @@ class CollisionQuery(NamedTuple):
 
 
 def packed_query(query: CollisionQuery) -> CollisionQuery:
-    """The query as kernels read it, with the addresses of what they call."""
+    """Pack a query for kernels, with the addresses of the kernels that they call."""
     without = packed(query)
     configuration, edge = _addresses(layout_of(without))
     return with_numbers(without, check_configuration=configuration, check_edge=edge)
@@ -124,7 +125,7 @@ def _addresses(query: Layout) -> tuple[int, int]:
 
 
 def make_scratch(robot: RobotArrays, attached: Attached) -> Scratch:
-    """Memory for checks of this robot with this held object, or none."""
+    """Allocate memory for checks of this robot with this held object, or none."""
     n, held, solids = robot.offsets.shape[0], attached.solids, robot.core.shape[0] + attached.solids.core.shape[0]
     return Scratch(
         R=np.empty((n + 2, 3, 3)),
@@ -147,7 +148,7 @@ def make_scratch(robot: RobotArrays, attached: Attached) -> Scratch:
 
 @inlined_kernel
 def _compose(R: Array, p: Array, frame: int, local: Array, turn: Array, row: int, solids: Solids, index: int) -> None:
-    """Write the world pose of solid `index`, which is at `local[row]`, `turn[row]` in frame `frame` of R, p."""
+    """Write the world pose of solid `index`, given by `local[row]`, `turn[row]` in frame `frame` of R, p."""
     position, rotation = solids.position, solids.rotation
     ax, ay, az = R[frame, 0, 0], R[frame, 0, 1], R[frame, 0, 2]
     bx, by, bz = R[frame, 1, 0], R[frame, 1, 1], R[frame, 1, 2]
@@ -165,7 +166,8 @@ def _compose(R: Array, p: Array, frame: int, local: Array, turn: Array, row: int
 
 @leaf_kernel
 def _move_frames(R: Array, p: Array, count: int, base: Array) -> None:
-    """Transform the first `count` frames from the base frame to the world; write the base's own frame after them."""
+    """Transform the first `count` frames from the base frame to the world, and write the base's own frame after
+    them."""
     c, s = math.cos(base[2]), math.sin(base[2])
     for k in range(count):
         x, y = p[k, 0], p[k, 1]
@@ -182,7 +184,7 @@ def _move_frames(R: Array, p: Array, count: int, base: Array) -> None:
 
 @inlined_kernel
 def _place_solid(robot: RobotArrays, scratch: Scratch, slide: float, i: int) -> None:
-    """Write the world pose of the robot's primitive `i`, of a finger that has moved by `slide` [m]."""
+    """Write the world pose of the robot's primitive `i`. A finger has moved by `slide` [m]."""
     R, p, link, along, position = scratch.R, scratch.p, robot.link, robot.slide, scratch.solids.position
     frame = robot.offsets.shape[0] + 1 if link[i] == BASE else link[i]
     _compose(R, p, frame, robot.position, robot.rotation, i, scratch.solids, i)
@@ -197,7 +199,8 @@ def _place_solid(robot: RobotArrays, scratch: Scratch, slide: float, i: int) -> 
 def place_robot(
     robot: RobotArrays, attached: Attached, scratch: Scratch, base: Array, q: Array, opening: float
 ) -> None:
-    """Write the world poses of all primitives, and of the held object, into `scratch`; `opening` of the gripper [m]."""
+    """Write the world poses of all primitives, and of the held object, into `scratch`, for an `opening` of the gripper
+    [m]."""
     R, p, solids = scratch.R, scratch.p, scratch.solids
     fk_frames(robot.offsets, robot.axes, robot.tip, q, R, p)
     tcp, count = robot.offsets.shape[0], robot.core.shape[0]
@@ -212,7 +215,7 @@ def place_robot(
 
 @njit(cache=True)
 def place_along(query: CollisionQuery, X: Array) -> tuple[Array, Array]:
-    """World poses of all p primitives, then of the held object's h, at each of n whole-body configurations (n, 3 + j).
+    """World poses of all p primitives, then of the held object's h solids, at n whole-body configurations (n, 3 + j).
 
     Returns:
         positions (n, p + h, 3) [m] and rotations (n, p + h, 3, 3).
@@ -246,7 +249,7 @@ def _object_hits(
     first_only: bool,
     simplex: Array,
 ) -> np.uint64:
-    """The wanted objects that the first `count` solids come nearer to than `padding` [m]."""
+    """Mask of the wanted objects that are nearer than `padding` [m] to the first `count` solids."""
     pieces, first, radius = obstacles.pieces, obstacles.first, obstacles.radius
     bottom, top, centre = obstacles.bottom, obstacles.top, obstacles.centre
     lower, upper = obstacles.lower, obstacles.upper
@@ -280,7 +283,7 @@ def _object_hits(
 def _solid_hits_static(
     solids: Solids, i: int, is_base: bool, obstacles: Obstacles, padding: float, simplex: Array
 ) -> bool:
-    """Whether solid i comes nearer than `padding` [m] to a static obstacle or, if it is not the base, the ground."""
+    """Whether solid i is nearer than `padding` [m] to a static obstacle or, if it is not the base, the ground."""
     static, extent = obstacles.static, obstacles.extent
     position, centre, core = solids.position, static.position, static.core
     x, y, z = position[i, 0], position[i, 1], position[i, 2]
@@ -301,7 +304,7 @@ def _solid_hits_static(
 
 @leaf_kernel
 def arm_hits_static(query: CollisionQuery, base: Array, q: Array) -> bool:
-    """Whether the robot without its gripper hits something static: primitives are placed until one does."""
+    """Whether the robot without its gripper hits a static obstacle. Primitives are placed until the first hit."""
     robot, scratch, link = query.robot, query.scratch, query.robot.link
     fk_frames(robot.offsets, robot.axes, robot.tip, q, scratch.R, scratch.p)
     _move_frames(scratch.R, scratch.p, robot.offsets.shape[0] + 1, base)
@@ -326,10 +329,10 @@ def _hits_static(
     padding: float,
     simplex: Array,
 ) -> bool:
-    """Whether the robot's `count` solids, or the `held` ones, come nearer than `padding` [m] to an obstacle.
+    """Whether the robot's `count` solids, or the `held` solids, are nearer than `padding` [m] to a static obstacle.
 
-    These are the static obstacles and the ground; what is fixed to the base may be near the ground, and to anything if
-    the base `stands` still.
+    Static obstacles include the ground. Solids of the base may be near the ground, and near any static obstacle if the
+    base `stands` still.
     """
     for k in range(count + held):
         i = k if k < count else held + k
@@ -342,7 +345,8 @@ def _hits_static(
 
 @inlined_kernel
 def _are_apart(position: Array, i: int, j: int, reach: float) -> bool:
-    """Whether two centres are farther apart than `reach` [m], so that the spheres about two solids do not meet."""
+    """Whether two centres are farther apart than `reach` [m], so that the bounding spheres of two solids do not
+    meet."""
     x, y, z = position[i, 0] - position[j, 0], position[i, 1] - position[j, 1], position[i, 2] - position[j, 2]
     return bool(x * x + y * y + z * z > reach * reach)
 
@@ -351,7 +355,7 @@ def _are_apart(position: Array, i: int, j: int, reach: float) -> bool:
 def _hits_itself(
     solids: Solids, pairs: NDArray[np.int64], held: int, held_from: int, count: int, padding: float, simplex: Array
 ) -> bool:
-    """Whether distant links, or the `held` solids and links other than the gripper, come nearer than `padding` [m]."""
+    """Whether distant links, or the `held` solids and links except the gripper, are nearer than `padding` [m]."""
     position, bounds, radius = solids.position, solids.bound, solids.radius
     for j in range(count, count + held):
         for i in range(held_from, count):
@@ -372,9 +376,9 @@ def _hits_itself(
 
 @inlined_kernel
 def configuration_hits(query: CollisionQuery, active: np.uint64, base: Array, q: Array) -> np.uint64:
-    """What the robot and the held object come nearer to than the query's padding, as a mask.
+    """Mask of everything nearer to the robot or the held object than the query's padding.
 
-    `active` is the mask of the bits to look for: the query's, or some of them.
+    `active`: mask of the bits to check, those of the query or some of them.
     """
     return np.uint64(call_at(query.check_configuration, (query, active, base, q)))
 
@@ -407,7 +411,7 @@ def _configuration_hits(query: CollisionQuery, active: np.uint64, base: Array, q
 
 @njit(cache=True)
 def many_hits(query: CollisionQuery, base: Array, Q: Array) -> NDArray[np.uint64]:
-    """`configuration_hits` of each row of `Q` (k, n) at one base pose (3,): (k,)."""
+    """`configuration_hits` (k,) of each row of `Q` (k, n) at one base pose (3,)."""
     hits = np.empty(Q.shape[0], np.uint64)
     for row in range(Q.shape[0]):
         hits[row] = configuration_hits(query, query.active, base, Q[row])
@@ -416,9 +420,9 @@ def many_hits(query: CollisionQuery, base: Array, Q: Array) -> NDArray[np.uint64
 
 @leaf_kernel
 def edge_samples(reach: Array, start: Array, end: Array, step: float) -> int:
-    """Into how many parts a straight motion must be cut so that no point moves more than `step` [m] in one.
+    """Number of parts of a straight motion, so that no point moves more than `step` [m] in any part.
 
-    `reach` (3 + n,) is that of `Attached`; `start` and `end` (3 + n,) are whole-body configurations.
+    `reach` (3 + n,): as in `Attached`. `start` and `end` (3 + n,): whole-body configurations.
     """
     length = math.hypot(end[0] - start[0], end[1] - start[1])
     for joint in range(2, start.shape[0]):
@@ -428,7 +432,7 @@ def edge_samples(reach: Array, start: Array, end: Array, step: float) -> int:
 
 @leaf_kernel
 def motion_on_edge(reach: Array, start: Array, end: Array, share: float, slack: Array) -> None:
-    """Write how far points of the base and the links move at most (1 + n,) [m] on a share of a straight motion."""
+    """Write upper bounds (1 + n,) [m] of the motion of base and links on a share of a straight motion."""
     far = math.hypot(end[0] - start[0], end[1] - start[1]) + abs(end[2] - start[2]) * reach[2]
     for link in range(slack.shape[0]):
         far += abs(end[2 + link] - start[2 + link]) * reach[2 + link] if link > 0 else 0.0
@@ -437,9 +441,9 @@ def motion_on_edge(reach: Array, start: Array, end: Array, share: float, slack: 
 
 @leaf_kernel
 def is_clear_around(query: CollisionQuery, x: Array, opening: float, slack: Array) -> bool:
-    """Whether nothing that counts is hit at a configuration (3 + n,), nor where each link has moved by its slack.
+    """Whether a configuration (3 + n,) is collision-free for the active bits, even after each link moves by its slack.
 
-    `slack` (1 + n,) [m] of the base and the links: what all joints before do, added up; `opening` of the gripper [m].
+    `slack` (1 + n,): sum of the motions by all joints up to the base or each link [m]. `opening`: of the gripper [m].
     """
     robot, obstacles, attached, padding = query.robot, query.obstacles, query.attached, query.padding
     scratch, active, link = query.scratch, query.active, query.robot.link
@@ -447,7 +451,7 @@ def is_clear_around(query: CollisionQuery, x: Array, opening: float, slack: Arra
     solids, simplex, count = scratch.solids, scratch.simplex, robot.core.shape[0]
     held, last = attached.solids.core.shape[0] // 2, slack.shape[0] - 1
     if active & _SELF != _NONE:
-        # Two links move against each other by what the joints between them do.
+        # Only the joints between two links move these links relative to each other.
         for i in range(robot.held_from, count if held > 0 else 0):
             wide = padding + slack[last] - slack[link[i] + 1]
             for j in range(count, count + held):
@@ -485,7 +489,7 @@ def is_clear_around(query: CollisionQuery, x: Array, opening: float, slack: Arra
 
 @leaf_kernel
 def _hits_on_edge(query: CollisionQuery, start: Array, end: Array, share: int, parts: int) -> np.uint64:
-    """What is hit at so many of the `parts` of an edge from its start."""
+    """Mask of collisions at `share` of the `parts` of an edge from its start."""
     x = query.scratch.x
     for joint in range(x.shape[0]):
         x[joint] = start[joint] + (end[joint] - start[joint]) * share / parts
@@ -494,11 +498,11 @@ def _hits_on_edge(query: CollisionQuery, start: Array, end: Array, share: int, p
 
 @inlined_kernel
 def edge_hits(query: CollisionQuery, start: Array, end: Array, step: float) -> np.uint64:
-    """What a straight motion between two whole-body configurations (3 + n,) hits; `start` itself is not checked.
+    """Mask of collisions of a straight motion between two whole-body configurations (3 + n,). `start` is not checked.
 
-    No point of the robot moves more than `step` [m] between two checks, so nothing deeper
-    than `step / 2 - padding` is missed. The end comes first, then ever finer subdivisions: a blocked edge is refused
-    early. The finest are left out where nothing is so near that they could hit it.
+    No point of the robot moves more than `step` [m] between two checks, so every collision deeper than `step / 2 -
+    padding` is found. The end comes first, then ever finer subdivisions, so that a blocked edge is found early. The
+    finest checks are skipped where everything is too far away for a collision.
     """
     return np.uint64(call_at(query.check_edge, (query, start, end, step)))
 
@@ -531,7 +535,7 @@ def _edge_hits(query: CollisionQuery, start: Array, end: Array, step: float) -> 
 
 @leaf_kernel
 def _add_motion(reach: Array, before: Array, now: Array, moved_before: Array, moved: Array) -> None:
-    """Write how far the base and each joint have moved a point at most (1 + n,) [m], one configuration later."""
+    """Write upper bounds (1 + n,) [m] of a point's motion by the base and each joint, one configuration later."""
     way = math.hypot(now[0] - before[0], now[1] - before[1])
     moved[0] = moved_before[0] + way + abs(now[2] - before[2]) * reach[2]
     for joint in range(1, moved.shape[0]):
@@ -540,9 +544,9 @@ def _add_motion(reach: Array, before: Array, now: Array, moved_before: Array, mo
 
 @leaf_kernel
 def _motion_about(moved: Array, first: Array, last: Array, slack: Array) -> None:
-    """Write how far points of the base and the links are at most [m] from where they are now, between two places.
+    """Write upper bounds [m] of the distance of points of base and links from their present places, between two states.
 
-    The places are given as what the base and each joint have `moved` a point until now, and until there: (1 + n,).
+    The motions by the base and each joint, (1 + n,) each, are given up to now as `moved`, and up to the two states.
     """
     far = 0.0
     for link in range(slack.shape[0]):
@@ -552,10 +556,11 @@ def _motion_about(moved: Array, first: Array, last: Array, slack: Array) -> None
 
 @njit(cache=True)
 def unproved_states(query: CollisionQuery, states: Array) -> NDArray[np.bool_]:
-    """Whether something may be hit at each state or half-way to its neighbours (m,); elsewhere it is proved to be free.
+    """Whether a collision is possible at each state or half-way to its neighbours (m,). Elsewhere the motion is proved
+    free.
 
-    Of a stretch of a motion through states (m, 3 + n + 1), the finger's position [m] last, nothing is hit if in its
-    middle everything is farther away than a point of the robot moves from there; if not, its halves are looked at.
+    `states` (m, 3 + n + 1): the finger's position [m] is last. A stretch of the motion is free if everything is farther
+    from its middle state than any point of the robot moves within the stretch. Otherwise its halves are examined.
     """
     m, d, gap = states.shape[0], states.shape[1] - 1, query.robot.gap
     # Every second row is half-way between two states.
@@ -587,17 +592,18 @@ def unproved_states(query: CollisionQuery, states: Array) -> NDArray[np.bool_]:
 
 @njit(cache=True)
 def path_hits(query: CollisionQuery, X: Array, step: float) -> np.uint64:
-    """What a piecewise straight motion through whole-body configurations `X` (k, 3 + n) hits, both ends included.
+    """Mask of collisions of a piecewise straight motion through whole-body configurations `X` (k, 3 + n), ends
+    included.
 
-    No point of the robot moves more than `step` [m] between two checks. Of every `_BLOCK` of them one comes first, with
-    so much more distance that the others need not follow where nothing is that near; these come first everywhere.
+    No point of the robot moves more than `step` [m] between two checks. In each block of `_BLOCK` checks, one comes
+    first with more padding. If it is free, the others are not needed. All these first checks come before the others.
     """
     reach, d = query.attached.reach, X.shape[1]
     edges, total = np.empty(X.shape[0], np.int64), 1
     for row in range(1, X.shape[0]):
         edges[row] = edge_samples(reach, X[row - 1], X[row], step)
         total += edges[row]
-    # All configurations that are checked, and how far the base and each joint have moved a point until then.
+    # All configurations to check, and upper bounds of a point's motion by the base and each joint until then.
     points, moved = np.empty((total, d)), np.zeros((total, d - 2))
     copy_row(X[0], points[0])
     at = 0
@@ -618,7 +624,7 @@ def path_hits(query: CollisionQuery, X: Array, step: float) -> np.uint64:
             order[count] = block
             count += 1
         stride //= 2
-    # The blocks in ever finer subdivisions: what is hit is found early.
+    # The blocks follow in ever finer subdivisions, so that collisions are found early.
     for place in range(blocks):
         block = int(order[place])
         first, last = block * _BLOCK, min(block * _BLOCK + _BLOCK, total) - 1
@@ -642,7 +648,8 @@ def path_hits(query: CollisionQuery, X: Array, step: float) -> np.uint64:
 
 @njit(cache=True)
 def edges_that_hit(query: CollisionQuery, X: Array, step: float) -> NDArray[np.bool_]:
-    """Which edges of a motion through `X` (k, 3 + n) hit something, both ends included: (k - 1,); see `path_hits`."""
+    """Whether each edge (k - 1,) of a motion through `X` (k, 3 + n) is in collision, both ends included. See
+    `path_hits`."""
     found = np.zeros(max(X.shape[0] - 1, 0), np.bool_)
     if path_hits(query, X, step) != _NONE:
         for row in range(found.shape[0]):

@@ -1,4 +1,4 @@
-"""What a drawer or door touches on its way, and the scene with it elsewhere: of a handle that is to be pulled."""
+"""Swept volume of a drawer or door whose handle is pulled, and the scene after it has moved."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from planners.scene.moving import carried_by, moved
 Array = NDArray[np.float64]
 
 STEPS = 12
-"""Places on the way of what opens at which is looked what it touches."""
+"""Places on the way of a drawer or door at which collisions are tested."""
 GAP = 0.004
-"""[m] that what opens keeps from objects on its way, and what is put down from there."""
+"""[m] Gap between a drawer or door and objects on its way, and objects that are put down beside this way."""
 
 
 def way(opening: Opening, position: float, steps: int = STEPS) -> Array:
-    """Positions (steps,) on the way to another one, without the present one."""
+    """Positions (steps,) on the way to another position, without the present one."""
     return np.asarray(np.linspace(opening.position, position, steps + 1)[1:])
 
 
 def pulled(scene: Scene, position: float | None = None, turned: float | None = None) -> Scene:
-    """A scene with a handle after it has been pulled, to a position or as far as it is to be, a lever turned before."""
+    """Scene after its handle has been pulled, to a position or to the requested one. A lever is turned before."""
     assert scene.pull is not None
     pull = scene.pull
     if pull.lever:
@@ -34,25 +34,25 @@ def pulled(scene: Scene, position: float | None = None, turned: float | None = N
 
 
 def is_pushed(scene: Scene, name: str) -> bool:
-    """Whether an object stands for a part of what opens that closed fingers push."""
+    """Whether an object represents a part of a drawer or door that closed fingers push."""
     return scene.pull is not None and scene.pull.pushes and scene.pull.handle == name
 
 
 def without_moving(scene: Scene) -> Scene:
-    """A scene with a handle without the parts that move with it: what stays where it is while it is pulled."""
+    """Scene without the parts that move with its handle: everything that stays in place during the pull."""
     assert scene.pull is not None
     moving = {*scene.opening(scene.pull.opening).parts}
     return replace(scene, static_obstacles=tuple(one for one in scene.static_obstacles if one.name not in moving))
 
 
 def riding(scene: Scene) -> tuple[str, ...]:
-    """Names of the objects that move with what is pulled, the handle among them."""
+    """Names of the objects that move with the pulled drawer or door, including the handle."""
     assert scene.pull is not None
     return (*carried_by(scene, scene.opening(scene.pull.opening)), scene.pull.handle)
 
 
 def swept_objects(world: CollisionWorld) -> int:
-    """Mask of the objects that what is pulled would touch on its way, other than those that ride on it."""
+    """Mask of the objects in the swept volume of the pulled drawer or door, except those that move with it."""
     scene = world.scene
     assert scene.pull is not None
     opening, mask = scene.opening(scene.pull.opening), 0

@@ -1,4 +1,4 @@
-"""A scene's robot, objects and static obstacles as arrays for kernels."""
+"""Conversion of a scene's robot, objects and static obstacles to arrays for kernels."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from planners.scene import AsideObject, Body, Scene, Solid
 Array = NDArray[np.float64]
 
 CORES = {"box": BOX, "cylinder": CYLINDER, "capsule": BOX, "sphere": BOX, "ellipsoid": ELLIPSOID, "hull": HULL}
-"""A capsule is a segment, a sphere a point, both boxes without width, grown by their radius."""
+"""Core of each shape. A capsule is a segment and a sphere a point, both boxes without width, grown by their radius."""
 _KNOWN = ("boxes", "capsules", "cylinders", "spheres")
 
 
@@ -40,22 +40,24 @@ class GeometryError(ValueError):
 
 
 class RobotArrays(NamedTuple):
-    """A robot for kernels: a chain of n joints and p collision solids, those of the gripper first. Lengths in metres.
+    """Robot for kernels: a chain of n joints and p collision solids, those of the gripper first. Lengths in metres.
 
     Attributes:
-        offsets: (n, 3 or 12), `axes` (n,), `tip` (3,), `lower`, `upper` (n,): see `ArmChain`.
+        offsets: (n, 3 or 12), with `axes` (n,), `tip` (3,), `lower`, `upper` (n,), see `ArmChain`.
         ik: its inverse kinematics.
-        core: (p,) BOX or CYLINDER; `half` (p, 3) its half extents; `radius` (p,) by which it is grown.
-        bound: (p,) radius of the sphere about the solid's centre that contains it.
-        link: (p,) BASE, 0 (torso with head and idle arms) … n - 1; `position` (p, 3) and `rotation` (p, 3, 3) in that
-            link's frame.
-        slides: (p,) whether it is part of a finger; `slide` (p, 3) its motion in its link per metre of that.
-        gap: opening of the closed gripper; `slide_end`: upper limit of the finger joints.
-        self_pairs: (s, 2) solids checked for self-collision: those on links that are not neighbours.
-        held_from: solids from this one on are checked against the held object; those before are the gripper's.
+        core: (p,) BOX or CYLINDER, with half extents `half` (p, 3), grown by `radius` (p,).
+        bound: (p,) radius of the bounding sphere about the solid's centre.
+        link: (p,) BASE, 0 (torso with head and idle arms) … n - 1, with `position` (p, 3) and `rotation` (p, 3, 3) in
+            that link's frame.
+        slides: (p,) whether it is part of a finger. `slide` (p, 3): its motion in its link per metre of the finger's
+            motion.
+        gap: opening of the closed gripper. `slide_end`: upper limit of the finger joints.
+        self_pairs: (s, 2) pairs of solids checked for self-collision, on links that are not neighbours.
+        held_from: index of the first solid that is checked against the held object. Earlier solids belong to the
+            gripper.
         reach: (3 + n,) upper bound of the motion of any point of the robot per radian or metre of each joint.
-        tip_reach: (3 + n,) the same for the TCP alone.
-        stands: whether the base does not move, so that the static obstacles that it touches do not count.
+        tip_reach: (3 + n,) as `reach`, for the TCP alone.
+        stands: whether the base is fixed, so that its contacts with static obstacles are ignored.
     """
 
     offsets: NDArray[np.float64]
@@ -83,15 +85,15 @@ class RobotArrays(NamedTuple):
 
 
 class Obstacles(NamedTuple):
-    """n objects, made of p solids, and m static obstacles for kernels. Lengths in metres, in the world.
+    """Obstacles for kernels: n objects made of p solids, and m static obstacles. Lengths in metres, in the world.
 
     Attributes:
-        pieces: p solids, those of object i from `first[i]` up to `first[i + 1]`; `first` is (n + 1,).
+        pieces: p solids. Object i has those from `first[i]` up to `first[i + 1]`. `first` is (n + 1,).
         centre: (n, 3) positions of the objects.
-        radius, bottom, top: (n,) the upright cylinder about its position that contains each object.
+        radius, bottom, top: (n,) upright bounding cylinder about each object's position.
         lower, upper: (3,) corners of a box that contains all objects.
-        static: m solids, the one with the highest top first.
-        extent: (m, 3) half extents of the box about the centre of each, along the world's axes, that contains it.
+        static: m solids, by decreasing height of their tops.
+        extent: (m, 3) half extents of the bounding box about the centre of each, along the world's axes.
     """
 
     pieces: Solids
@@ -109,7 +111,7 @@ class Obstacles(NamedTuple):
     def of(
         cls, pieces: Solids, first: NDArray[np.int64], upright: tuple[Array, ...], static: Solids, extent: Array
     ) -> Obstacles:
-        """Objects with their `upright` cylinders (position, radius, bottom, top), and static obstacles; packed."""
+        """Pack objects with their `upright` cylinders (position, radius, bottom, top), and static obstacles."""
         centre, radius, bottom, top = upright
         lower = [*(centre[:, :2] - radius[:, None]).min(axis=0, initial=np.inf), bottom.min(initial=np.inf)]
         upper = [*(centre[:, :2] + radius[:, None]).max(axis=0, initial=-np.inf), top.max(initial=-np.inf)]
@@ -117,12 +119,12 @@ class Obstacles(NamedTuple):
         return packed(cls(pieces, first, centre, radius, bottom, top, *box, static, extent))
 
     def rows(self, index: int) -> range:
-        """The rows of an object's solids in `pieces`."""
+        """Rows of an object's solids in `pieces`."""
         return range(int(self.first[index]), int(self.first[index + 1]))
 
 
 def obstacle_arrays(scene: Scene) -> Obstacles:
-    """The objects in the order of their bits, and the static obstacles, the one with the highest top first."""
+    """Convert the objects in the order of their bits, and the static obstacles by decreasing height of their tops."""
     bodies = scene.objects
     upright = np.array([(body.radius, body.bottom, body.top) for body in bodies]).reshape(-1, 3).T.copy()
     static = sorted(scene.static_obstacles, key=lambda obstacle: -(obstacle.position[2] + obstacle.extent[2]))
@@ -137,7 +139,7 @@ def obstacle_arrays(scene: Scene) -> Obstacles:
 
 
 def with_object(obstacles: Obstacles, index: int, body: Body) -> Obstacles:
-    """The same obstacles with the arrays' rows of one object, number `index`, made from `body`: it has moved."""
+    """The same obstacles after object number `index` has moved. Its rows in the arrays are made from `body`."""
 
     def put(rows: NDArray[Any], place: int | slice, row: ArrayLike) -> NDArray[Any]:
         """A copy of `rows` with some of them replaced."""
@@ -159,7 +161,7 @@ def with_object(obstacles: Obstacles, index: int, body: Body) -> Obstacles:
 
 
 def body_solids(body: Body) -> Solids:
-    """The solids of an object where it is."""
+    """Solids of an object at its place."""
     if body.shape == "pieces":
         return moved_solids(_piece_arrays(body.pieces), body.rotation, body.position)
     return Solids(
@@ -173,7 +175,7 @@ def body_solids(body: Body) -> Solids:
 
 
 def body_bound(body: Body) -> float:
-    """[m] of the sphere about an object's centre that contains it."""
+    """Radius of the bounding sphere about an object's centre [m]."""
     half = body.half_extents
     return float(np.hypot(half[0], half[2]) if body.shape == "cylinder" else np.linalg.norm(half))
 
@@ -184,7 +186,7 @@ def _piece_arrays(pieces: tuple[Solid, ...]) -> Solids:
 
 
 def solid_arrays(solids: Sequence[Solid]) -> Solids:
-    """Convex solids as arrays, in their own frame."""
+    """Convert convex solids to arrays, in their own frame."""
     is_round = np.array([solid.shape in ("capsule", "sphere") for solid in solids], dtype=bool)
     half = _rows([solid.half_extents for solid in solids])
     radius = np.where(is_round, half[:, 0], 0.0)
@@ -203,7 +205,7 @@ def solid_arrays(solids: Sequence[Solid]) -> Solids:
 
 
 def join_solids(parts: Sequence[Solids]) -> Solids:
-    """Solids in one, in their order."""
+    """Concatenate solids in their order."""
     columns = zip(*(_NO_SOLIDS, *parts), strict=True)
     corners = [np.diff(part.first) if len(part.first) else np.zeros(len(part.core), np.int64) for part in parts]
     first = np.concatenate([np.zeros(1, np.int64), *corners]).cumsum()
@@ -211,8 +213,8 @@ def join_solids(parts: Sequence[Solids]) -> Solids:
 
 
 def moved_solids(solids: Solids, rotation: Array, position: Array) -> Solids:
-    """Solids given in a frame that is at `position` (3,) with axes `rotation` (3, 3) in another one."""
-    # One product a row: those of whole arrays round differently with their length.
+    """Transform solids from a frame at `position` (3,) with axes `rotation` (3, 3) to the outer frame."""
+    # One product per row, because products of whole arrays round differently with their length.
     return solids._replace(
         position=_rows([position + rotation @ one for one in solids.position]),
         rotation=np.array([rotation @ one for one in solids.rotation]).reshape(-1, 3, 3),
@@ -220,9 +222,9 @@ def moved_solids(solids: Solids, rotation: Array, position: Array) -> Solids:
 
 
 def shrunk_solids(solids: Solids, by: float | Array, least: float = 0.0) -> Solids:
-    """The same n solids with surfaces farther in by up to `by` [m], one number or (n,).
+    """Move the surfaces of n solids inward by up to `by` [m], one number or (n,).
 
-    Half extents of more than `least` [m] stay above it. Of a hull all corners move towards its middle.
+    Half extents of more than `least` [m] stay above it. All corners of a hull move towards its middle.
     """
     if not np.any(by):
         return solids
@@ -243,7 +245,7 @@ def _rows(vectors: Sequence[Array]) -> Array:
 
 
 def robot_of(scene: Scene) -> RobotArrays:
-    """The solids of a scene's robot, packed; objects that idle arms hold are solids of the torso, behind all others.
+    """Solids of a scene's robot, packed. Objects that idle arms hold become solids of the torso, after all others.
 
     Raises:
         GeometryError: the robot has collision geometry that cannot be represented.
@@ -255,7 +257,7 @@ def robot_of(scene: Scene) -> RobotArrays:
 
 
 def _with_aside(arrays: RobotArrays, scene: Scene, one: AsideObject) -> RobotArrays:
-    """The robot with an object that an idle arm holds; hulls and ellipsoids in it count as the boxes around them."""
+    """The robot with an object that an idle arm holds. The boxes around its hulls and ellipsoids replace them."""
     body, chain = scene.body(one.held.name), ArmChain.from_robot(scene.robot.using(one.arm))
     home = next(arm.home for arm in scene.robot.arms if arm.name == one.arm)
     R, p = link_frames(chain, np.array((scene.robot.home[0], *home)))
@@ -285,10 +287,10 @@ def _with_aside(arrays: RobotArrays, scene: Scene, one: AsideObject) -> RobotArr
 
 @cache
 def robot_arrays(robot: RobotSpec) -> RobotArrays:
-    """The collision solids of a robot, with its head and idle arms in `robot.still_configuration`; read once, packed.
+    """Collision solids of a robot, with its head and idle arms in `robot.still_configuration`. Read once, packed.
 
     Raises:
-        GeometryError: its MJCF has a collision geom that is no box, capsule, cylinder or sphere.
+        GeometryError: its MJCF has a collision geom other than boxes, capsules, cylinders and spheres.
     """
     chain, shapes = ArmChain.from_robot(robot), robot.shapes
     if np.any(shapes.core > CYLINDER):
@@ -322,7 +324,7 @@ def robot_arrays(robot: RobotSpec) -> RobotArrays:
 
 
 def _reach(chain: ArmChain, link: NDArray[np.int64], position: Array, bound: Array) -> Array:
-    """Per joint, upper bound of the distance from its axis of any point that it turns; 1 for slides."""
+    """Upper bound of the distance of any turned point from each joint's axis. 1 for slides."""
     solids, reach = list(zip(link, position, bound, strict=True)), np.ones(3 + chain.size)
     reach[2] = max(_leg_length(chain, BASE, 2, *solid) for solid in solids)
     for joint in range(1, chain.size):
@@ -332,7 +334,8 @@ def _reach(chain: ArmChain, link: NDArray[np.int64], position: Array, bound: Arr
 
 
 def _leg_length(chain: ArmChain, joint: int, axis: int, link: int, position: Array, bound: float) -> float:
-    """[m] from the axis of a joint to the farthest point of a sphere on a later link, with the arm stretched out."""
+    """Distance from a joint's axis to the farthest point of a sphere on a later link, with the arm stretched out
+    [m]."""
     legs = [*chain.offsets[joint + 1 : link + 1, :3], position]
     across = np.delete(np.arange(3), axis)
     return float(np.linalg.norm(legs[0][across]) + sum(np.linalg.norm(leg) for leg in legs[1:]) + bound)

@@ -1,4 +1,4 @@
-"""Straight lines of the TCP on a standing base, its orientation kept. Collisions are not checked here."""
+"""Straight lines of the TCP with constant orientation on a standing base. Collisions are not checked here."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ _DAMPING = 1e-4
 LINE_STEP = 0.01
 """[m] between samples of a straight line."""
 LINE_JUMP = 0.15
-"""[rad] that a joint may turn between samples: more means a singularity."""
+"""[rad] Largest turn of a joint between samples. A larger turn means a singularity."""
 _VERTICAL = 1e-9
-"""By how much the z component of a vertical direction may differ from 1."""
+"""Tolerance of a vertical direction's z component."""
 
 
 @leaf_kernel
@@ -46,11 +46,11 @@ def _error(R: Array, p: Array, R_goal: Array, p_goal: Array, error: Array) -> No
 def solve_near(robot: RobotArrays, R_goal: Array, p_goal: Array, speed: Array, q: Array) -> bool:
     """Move `q` (n,) to the nearest configuration whose TCP is at a pose in the base frame.
 
-    Damped least squares. Joints move in proportion to their `speed` (n,), and those at a limit stay there. The robot
-    is packed.
+    Damped least squares. Joints move in proportion to their `speed` (n,), and those at a limit stay there. The robot is
+    packed.
 
     Returns:
-        whether the pose was reached within the tolerances; if not, `q` is where the search ended.
+        Whether the pose was reached within the tolerances. If not, `q` is the end of the search.
     """
     n = q.shape[0]
     R, p = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
@@ -102,13 +102,13 @@ def solve_near(robot: RobotArrays, R_goal: Array, p_goal: Array, speed: Array, q
 def follow_line(
     robot: RobotArrays, q_start: Array, direction: Array, distance: float, step: float, jump: float, speed: Array
 ) -> Array:
-    """Configurations (k, n) along a straight line of the TCP, every `step` [m] or less, `q_start` (n,) included.
+    """Find configurations (k, n) along a straight line of the TCP, every `step` [m] or less, `q_start` (n,) included.
 
     `direction` (3,) is a unit vector in the base frame, `jump` the greatest change of a joint [m, rad] per sample. The
     joints share the motion by their `speed` (n,). The robot is packed.
 
     Returns:
-        the part that can be followed: fewer than `ceil(distance / step) + 1` rows at a joint limit or a singularity.
+        The part that can be followed: fewer than `ceil(distance / step) + 1` rows at a joint limit or a singularity.
     """
     n = q_start.shape[0]
     parts = max(1, math.ceil(distance / step - 1e-9))
@@ -132,9 +132,9 @@ def follow_line(
 def trace_straight(
     world: CollisionWorld, base: Array, q_start: Array, direction: ArrayLike, distance: float
 ) -> Array | None:
-    """Waypoints (n, 8) of torso and arm along a straight line, from `q_start` (8,) on; None if it cannot be followed.
+    """Find waypoints (n, 8) of torso and arm along a straight line from `q_start` (8,). None if it cannot be followed.
 
-    `direction` is a unit vector (3,) in the world, `distance` in [m], `base` (3,) where the base stands.
+    `direction` (3,): unit vector in the world. `distance`: [m]. `base` (3,): base pose.
     """
     along = np.asarray(direction, dtype=float)
     c, s = math.cos(base[2]), math.sin(base[2])
@@ -147,7 +147,7 @@ def trace_straight(
 def trace_by_torso(
     world: CollisionWorld, _base: Array, q_start: Array, direction: ArrayLike, distance: float
 ) -> Array | None:
-    """As `trace_straight`, of a vertical line and with the torso alone: within its limits, however the arm is."""
+    """As `trace_straight`, for a vertical line by the torso alone, within its limits, for any arm configuration."""
     robot, along = world.robot, np.asarray(direction, dtype=float)
     end = q_start[0] + distance * along[2]
     if abs(along[2]) < 1.0 - _VERTICAL or not robot.lower[0] <= end <= robot.upper[0]:
@@ -158,5 +158,5 @@ def trace_by_torso(
 
 
 def _samples(distance: float) -> int:
-    """Samples of a line, both ends included."""
+    """Number of samples of a line, both ends included."""
     return max(1, math.ceil(distance / LINE_STEP - 1e-9)) + 1

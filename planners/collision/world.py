@@ -1,9 +1,9 @@
-"""Which objects does this configuration hit? The scene compiled for fast checks, one bit per object.
+"""Scene compiled for fast collision checks, with one bit per object.
 
     world = CollisionWorld.from_scene(scene)
     world.names_of(world.hits(scene.state.base, scene.state.q, opening=0.1))
 
-And what the same arrays answer about a scene itself: which objects stand on others, and whether it is possible at all.
+The same arrays tell which objects of a scene stand on others, and whether the scene is valid.
 """
 
 from __future__ import annotations
@@ -50,27 +50,27 @@ from planners.scene.bodies import release_pitch, up_axis
 PADDING = 0.002
 """[m] Distance that the robot keeps from everything else."""
 STEP = 0.006
-"""[m] that a point of the robot may move between two checks: what slips between them is at most 1 mm deep."""
+"""[m] Largest motion of a point of the robot between two checks. A missed collision is at most 1 mm deep."""
 SUPPORT_SLACK = 0.0005
-"""[m] The bottom of a held object may press into a static obstacle: an object that rests on the table can be lifted."""
+"""[m] Overlap allowed of a held object's bottom with a static obstacle, so that it can be lifted from a table."""
 _ALL = (1 << 64) - 1
 _KEPT = 32
-"""Arrangements kept, one for each arm; a look-ahead goes through one for each object to clear."""
+"""Arrangements kept. A look-ahead uses one for each object to clear, per arm."""
 _CONTACT = 0.002
-"""[m] Objects nearer than this touch each other."""
+"""[m] Largest distance of objects in contact."""
 _LEAN = 0.005
-"""[m] that the lowest point of an object may be below the highest point of the one it stands on: one of them leans."""
+"""[m] Largest depth of an object's lowest point below its supporter's highest point, where one of them leans."""
 _SIZES = 19
-"""Sizes tried by which an object that is lifted beside others counts as smaller: 0.25 mm apart."""
+"""Reductions tried for the size of an object that is lifted beside others, 0.25 mm apart."""
 OVERLAP = 0.002
-"""[m] by which objects may overlap, and the robot may overlap static obstacles: more than soft contacts allow."""
+"""[m] Largest overlap of objects, and of the robot and static obstacles. More than soft contacts allow."""
 
 _SEARCHED, _GRID = 2.0, 0.05
-"""[m] around a base pose at which the robot is inside something, and how far apart, a free one is looked for."""
+"""[m] Half width and step of the search for a free base pose around a base pose in collision."""
 
 
 class _Carried(NamedTuple):
-    """A held object, or none, prepared for checks."""
+    """Held object, or none, prepared for checks."""
 
     held: HeldObject | None  # kept, as the robot is, so that its id, by which it is remembered, stays its own
     robot: RobotArrays
@@ -82,17 +82,17 @@ class _Carried(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class CollisionWorld:
-    """A scene compiled for collision checks; meant to be built once and passed on.
+    """Scene compiled for collision checks. Build it once and pass it on.
 
-    Masks are as in `Scene`: bit i is object i; STATIC_BIT and SELF_BIT are added. What is checked depends on the
-    `opening` of the gripper [m], the `held` object, which moves with the TCP and is no obstacle, and on the mask
-    `ignore` of bits that do not count.
+    Masks are as in `Scene`: bit i is object i, with STATIC_BIT and SELF_BIT added. Three arguments determine a check:
+    `opening` of the gripper [m], the `held` object, which moves with the TCP and is no obstacle, and `ignore`, a mask
+    of ignored bits.
 
     Attributes:
         scene: the scene it was compiled from.
-        robot, obstacles: the same as arrays for kernels.
+        robot, obstacles: arrays of both for kernels.
         padding: [m] Nearer counts as a hit.
-        yields: [m] by which the held object counts as smaller among objects; see `with_clearance_around`.
+        yields: reduction of the held object's size in checks against objects [m], see `with_clearance_around`.
     """
 
     scene: Scene
@@ -105,7 +105,7 @@ class CollisionWorld:
 
     @classmethod
     def from_scene(cls, scene: Scene, padding: float = PADDING) -> CollisionWorld:
-        """Compile a scene; the robot's head is assumed to be in `robot.head_configuration`.
+        """Compile a scene. The robot's head is assumed to be in `robot.head_configuration`.
 
         Raises:
             GeometryError: the robot has collision geometry that cannot be represented.
@@ -113,13 +113,13 @@ class CollisionWorld:
         return cls(scene, robot_of(scene), obstacle_arrays(scene), padding)
 
     def with_padding(self, padding: float) -> CollisionWorld:
-        """The same world with another distance to keep [m]."""
+        """The same world with another padding [m]."""
         if padding not in self._padded:
             self._padded[padding] = replace(self, padding=padding)
         return self._padded[padding]
 
     def with_body(self, body: Body) -> CollisionWorld:
-        """The same world with the object of that name moved; only its own rows are compiled again.
+        """The same world with the object of that name moved. Only its own rows are compiled again.
 
         Raises:
             UnknownObject: no object of that name.
@@ -128,32 +128,32 @@ class CollisionWorld:
         return self.with_obstacles(moved, self.scene.with_body(body))
 
     def with_smaller(self, mask: int, by: float) -> CollisionWorld:
-        """The same world with the surfaces of the objects of a mask farther in by `by` [m]."""
+        """The same world with the surfaces of a mask's objects moved inward by `by` [m]."""
         counted = [bool(mask >> i & 1) for i in range(len(self.scene.objects))]
         inwards = by * np.repeat(counted, np.diff(self.obstacles.first))
         pieces = shrunk_solids(self.obstacles.pieces, inwards, by)
         return self.with_obstacles(self.obstacles._replace(pieces=pieces))
 
     def with_obstacles(self, obstacles: Obstacles, scene: Scene | None = None) -> CollisionWorld:
-        """The same world with other obstacles; what is prepared for checks is not shared with it."""
+        """The same world with other obstacles. It does not share the data prepared for checks."""
         return replace(self, scene=scene or self.scene, obstacles=obstacles, _carried={})
 
     def for_arm(self, arm: str) -> CollisionWorld:
-        """The same world with that arm active and nothing in any gripper; this one if the arm is active already."""
+        """The same world with that arm active and empty grippers. This world if the arm is already active."""
         if arm == self.scene.robot.arm_name:
             return self
         scene = replace(self.scene, held=None, aside=()).using(arm)
         return replace(self, scene=scene, robot=robot_of(scene))
 
     def active(self, ignore: int = 0) -> np.uint64:
-        """The bits that count when those of `ignore` do not; what idle arms hold is a part of the robot."""
+        """All bits except those of `ignore` and of objects in idle arms, which are a part of the robot."""
         return np.uint64(_ALL & ~int(ignore) & ~self.scene.mask(one.held.name for one in self.scene.aside))
 
     def _carry(self, held: HeldObject | None, robot: RobotArrays) -> _Carried:
-        """What is computed once for each held object, and for none; raises `UnknownObject`.
+        """Data computed once for each held object, and for none. Raises `UnknownObject`.
 
-        Worlds with the same obstacles share it, wherever the robot is in their scenes and whatever more than `PADDING`
-        they keep.
+        Worlds with the same obstacles share it, for any pose of the robot in their scenes and any padding above
+        `PADDING`.
         """
         is_in_hand = held is not None and self.scene.held is not None and self.scene.held.name == held.name
         key = id(held), id(robot), min(self.padding, PADDING), self.yields, is_in_hand
@@ -168,7 +168,7 @@ class CollisionWorld:
         return self._carried[key]
 
     def _attach(self, held: HeldObject) -> Attached:
-        """The held object's solids for kernels, and copies with their bottoms raised; see `Attached`."""
+        """The held object's solids for kernels, and copies with raised bottoms, see `Attached`."""
         body = self.scene.body(held.name)
         position, rotation = held.T_tcp_object[:3, 3], held.T_tcp_object[:3, :3]
         solids = body_solids(body.at_pose(np.eye(4)))
@@ -180,16 +180,17 @@ class CollisionWorld:
         )
 
     def _with_raised_bottom(self, solids: Solids, body: Body, held: HeldObject) -> Solids:
-        """The solids of an object, in its frame, without what is next to the support; of several pieces all are raised.
+        """Solids of an object, in its frame, without their lowest layer next to the support. Several pieces are all
+        raised.
 
-        What points up is what does where the object rests in the scene, or, held already, where it is put down.
+        The upward direction is that of the object at rest in the scene or, if it is already held, where it is put down.
         """
         if self.scene.held is not None and self.scene.held.name == body.name:
             pitch = release_pitch(body, held)
             up = held.T_tcp_object[:3, :3].T @ (-np.sin(pitch), 0.0, np.cos(pitch))
         else:
             up = body.rotation.T @ up_axis(body)
-        # By what it takes to be lifted; a motion that keeps more from everything keeps the rest below too.
+        # The least height that allows the lift. A motion with more padding keeps the rest of it from the support too.
         raised, axis = 0.5 * (min(self.padding, PADDING) + SUPPORT_SLACK), int(np.abs(up).argmax())
         if body.shape == "pieces":
             return solids._replace(position=solids.position + 2 * raised * up)
@@ -209,9 +210,10 @@ class CollisionWorld:
         first_only: bool = False,
         robot: RobotArrays | None = None,
     ) -> CollisionQuery:
-        """What kernels check; with `first_only` they stop at the first hit. Of a part of the robot if that is given."""
+        """Input of the kernels. With `first_only` they stop at the first hit. `robot`: a part of the robot to check
+        alone."""
         carried, active = self._carry(held, robot or self.robot), self.active(ignore)
-        # Fingers that are commanded to close on the held object stay at its width.
+        # Fingers commanded to close on the held object stay at its width.
         apart, padding = max(float(opening), carried.width), float(self.padding)
         key = apart, int(active), padding, first_only
         if not carried.queries:
@@ -219,7 +221,7 @@ class CollisionWorld:
             query = CollisionQuery(carried.robot, self.obstacles, attached, scratch, apart, active, padding, first_only)
             carried.queries[key] = packed_query(query)
         elif key not in carried.queries:
-            # They differ in numbers alone.
+            # The queries differ only in numbers.
             known = next(iter(carried.queries.values()))
             carried.queries[key] = with_numbers(
                 known, opening=apart, active=active, padding=padding, first_only=first_only
@@ -229,13 +231,13 @@ class CollisionWorld:
     def hits(
         self, base: ArrayLike, q: ArrayLike, opening: float, held: HeldObject | None = None, ignore: int = 0
     ) -> int:
-        """What one configuration hits, as a mask: base x [m], y [m], yaw [rad] (3,), torso [m] and arm [rad] (8,)."""
+        """Mask of collisions of one configuration: base x [m], y [m], yaw [rad] (3,), torso [m] and arm [rad] (8,)."""
         return int(self.hits_many(base, np.asarray(q, dtype=float)[None], opening, held, ignore)[0])
 
     def hits_many(
         self, base: ArrayLike, Q: ArrayLike, opening: float, held: HeldObject | None = None, ignore: int = 0
     ) -> NDArray[np.uint64]:
-        """What each configuration of `Q` (k, 8) hits at one base pose: masks (k,)."""
+        """Masks of collisions (k,) of each configuration of `Q` (k, 8) at one base pose."""
         query = self.query(opening, held, ignore)
         hits: NDArray[np.uint64] = many_hits(query, np.array(base, dtype=float), np.array(Q, dtype=float, order="C"))
         return hits
@@ -249,39 +251,39 @@ class CollisionWorld:
         step: float = STEP,
         first_only: bool = False,
     ) -> int:
-        """What a piecewise straight motion hits, as a mask.
+        """Mask of collisions of a piecewise straight motion.
 
         Args:
             X: (k, 11) whole-body configurations, base and `q`.
             opening, held, ignore: as for all checks.
-            step: [m] No point of the robot moves more between two checks.
+            step: largest motion of any point of the robot between two checks [m].
             first_only: stop at the first hit: the mask is then 0 only if nothing is hit, but may lack other hits.
         """
         query = self.query(opening, held, ignore, first_only)
         return int(path_hits(query, np.array(X, dtype=float, order="C"), float(step)))
 
     def edges_that_hit(self, X: ArrayLike, opening: float, ignore: int = 0, step: float = STEP) -> NDArray[np.bool_]:
-        """Which of the straight parts of a motion hit something: (k - 1,); arguments as for `path_hits`."""
+        """Whether each straight part (k - 1,) of a motion is in collision. Arguments as for `path_hits`."""
         query = self.query(opening, None, ignore, first_only=True)
         return np.asarray(edges_that_hit(query, np.array(X, dtype=float, order="C"), float(step)))
 
     def names_of(self, mask: int) -> tuple[str, ...]:
-        """What the set bits stand for: names of objects, "a static obstacle", "the robot itself"."""
+        """Names of the set bits: names of objects, "a static obstacle", "the robot itself"."""
         special = (("a static obstacle", STATIC_BIT), ("the robot itself", SELF_BIT))
         return (*self.scene.names_of(mask), *(name for name, bit in special if int(mask) >> bit & 1))
 
 
 @lru_cache(maxsize=16)
 def _empty_handed(robot: RobotArrays, part: RobotArrays) -> tuple[Attached, Scratch]:
-    """No held object, and memory for checks of a part of the robot, or of all of it; packed."""
+    """Empty `Attached`, and memory for checks of a part of the robot or the whole robot, packed."""
     attached = packed(Attached(-1, join_solids(()), np.array(robot.reach)))
     return attached, packed(make_scratch(part, attached))
 
 
 class CompiledScenes:
-    """Compiles scenes and remembers them: where only the robot or what it holds differs, the arrays are shared.
+    """Cache of compiled scenes. Scenes that differ only in the robot's state or its held object share the arrays.
 
-    Created once in a solve and handed down. Two scenes have the same arrangement if they have the very same bodies.
+    Created once per solve and passed down. Two scenes have the same arrangement if they have identical bodies.
     """
 
     def __init__(self) -> None:
@@ -289,7 +291,7 @@ class CompiledScenes:
         self._worlds: dict[tuple[object, ...], CollisionWorld] = {}
 
     def world(self, scene: Scene) -> CollisionWorld:
-        """The scene, compiled; its `scene` attribute is the one asked for."""
+        """The compiled scene, with `scene` as its attribute."""
         key = (scene.robot, *scene.supports, *scene.static_obstacles, *scene.objects, *scene.aside)
         known = self._worlds.pop(key, None)
         if known is None:
@@ -303,7 +305,7 @@ class CompiledScenes:
 
 
 def objects_on(world: CollisionWorld, name: str) -> int:
-    """Mask of the objects that stand on that one or are in it, directly or on each other; raises `UnknownObject`."""
+    """Mask of the objects on or in an object, directly or through others. Raises `UnknownObject`."""
     scene = world.scene
     below = [scene.body(name)]
     found = 0
@@ -319,17 +321,17 @@ def objects_on(world: CollisionWorld, name: str) -> int:
 
 
 def with_clearance_around(world: CollisionWorld, name: str) -> CollisionWorld:
-    """The same world in which that object can be lifted although others are nearer to it than the padding already.
+    """The same world, adapted so that an object can be lifted although others are already nearer than the padding.
 
-    Objects under it are lowered by the padding. Beside others, and where it leans on one or presses into it, it counts,
-    once held, as smaller by what lacks, so that the lift may come nearer to them by `SUPPORT_SLACK` at most. What the
-    robot keeps from those beside it stays the padding.
+    Objects under it are lowered by the padding. Where others are beside it, or it leans on or presses into one, the
+    held object is reduced by the missing distance. So the lift may come nearer to them by `SUPPORT_SLACK` at most. The
+    robot itself keeps the padding from these objects.
     """
     body, scene, gap = world.scene.body(name), world.scene, world.padding + SUPPORT_SLACK
     index, obstacles, yields, far = scene.index(name), world.obstacles, 0.0, max(gap, _CONTACT)
     away = np.hypot(*(obstacles.centre - obstacles.centre[index])[:, :2].T) - obstacles.radius - obstacles.radius[index]
     above = np.maximum(obstacles.bottom - obstacles.top[index], obstacles.bottom[index] - obstacles.top)
-    # Even overlaps of `OVERLAP` are mended; what overlaps more stays in the way.
+    # Overlaps up to `OVERLAP` are compensated. Objects that overlap more stay in collision.
     sizes = np.linspace(0.0, gap + OVERLAP, _SIZES)
     for row in np.flatnonzero((away < far) & (above < far)).tolist():
         other, lacks = scene.objects[row], gap
@@ -357,10 +359,11 @@ def with_clearance_at_ends(world: CollisionWorld, start: Body, end: Body | None)
 
 
 def _stands_on(world: CollisionWorld, body: Body, supporter: Body) -> bool:
-    """Whether one object touches another that is under it; a held object stands on nothing."""
+    """Whether an object touches another object under it. A held object stands on nothing."""
     scene = world.scene
     is_held = any(name in scene.held_names for name in (body.name, supporter.name))
-    # Of a sheet that is thinner than `_LEAN` the upper half counts: it stands neither on itself nor on what is beside.
+    # For a sheet thinner than `_LEAN` only the upper half supports, so that it stands neither on itself nor on objects
+    # beside it.
     if is_held or body.bottom < max(supporter.top - _LEAN, (supporter.top + supporter.bottom) / 2):
         return False
     obstacles = world.obstacles
@@ -369,7 +372,7 @@ def _stands_on(world: CollisionWorld, body: Body, supporter: Body) -> bool:
 
 
 def are_near(solids: Sequence[Solid], body: Body, gap: float) -> bool:
-    """Whether an object comes as near as `gap` [m] to any of some solids in the world."""
+    """Whether an object is within `gap` [m] of any of the solids in the world."""
     lower, upper = body.corners.min(axis=0) - gap, body.corners.max(axis=0) + gap
     near = [one for one in solids if (one.lower <= upper).all() and (one.upper >= lower).all()]
     if not near:
@@ -379,7 +382,7 @@ def are_near(solids: Sequence[Solid], body: Body, gap: float) -> bool:
 
 
 def _are_near(some: tuple[Solids, Sequence[int]], others: tuple[Solids, Sequence[int]], padding: float) -> bool:
-    """Whether some solids, by their rows, come as near to others as `padding` [m]."""
+    """Whether some solids, by their rows, are within `padding` [m] of others."""
     (a, rows), (b, other_rows) = (packed(some[0]), some[1]), (packed(others[0]), others[1])
     for i, j in product(rows, other_rows):
         near = are_within if max(a.core[i], b.core[j]) <= CYLINDER else are_any_within
@@ -392,7 +395,7 @@ def validate(world: CollisionWorld) -> None:
     """Check that the objects of a scene do not overlap and that the robot is not inside a static obstacle.
 
     Raises:
-        SceneError: they do, or it is; the message names them.
+        SceneError: they overlap, or it is inside. The message names them.
     """
     scene = world.scene
     pairs = [pair for pair in overlaps(world) if not set(scene.held_names) & set(pair)]
@@ -403,7 +406,8 @@ def validate(world: CollisionWorld) -> None:
 
 
 def _where_inside(scene: Scene) -> str:
-    """Which links of the robot are inside which static obstacles, and the nearest base pose at which none is."""
+    """Message that names the links of the robot inside static obstacles, and the nearest base pose without a
+    collision."""
     bare = replace(scene, objects=(), held=None, aside=(), static_obstacles=())
     around = {"the ground": CollisionWorld.from_scene(bare)}
     if not is_inside_static(around["the ground"]):
@@ -422,7 +426,7 @@ def _where_inside(scene: Scene) -> str:
 
 
 def _is_inside(world: CollisionWorld, link: int) -> bool:
-    """Whether one link of the robot, by its number, overlaps the ground or a static obstacle by more than `OVERLAP`."""
+    """Whether a link of the robot, by its number, overlaps the ground or a static obstacle by more than `OVERLAP`."""
     robot, state = world.robot, world.scene.state
     rows = robot.link == link
     if not rows.any():
@@ -436,7 +440,8 @@ def _is_inside(world: CollisionWorld, link: int) -> bool:
 
 
 def _nearest_free_base(scene: Scene) -> list[float] | None:
-    """Base x, y [m], yaw [rad] nearest to where the robot is at which it touches nothing in its configuration."""
+    """The nearest base pose x, y [m], yaw [rad] without a collision in the robot's configuration. None if none is
+    found."""
     world, state = CollisionWorld.from_scene(replace(scene, held=None, aside=())), scene.state
     steps = np.arange(-_SEARCHED, _SEARCHED + _GRID / 2, _GRID)
     shifts = np.array(list(product(steps, steps)))
@@ -448,7 +453,7 @@ def _nearest_free_base(scene: Scene) -> list[float] | None:
 
 
 def is_inside_static(world: CollisionWorld) -> bool:
-    """Whether the robot, where it stands, overlaps the ground or a static obstacle by more than `OVERLAP`."""
+    """Whether the robot at its pose overlaps the ground or a static obstacle by more than `OVERLAP`."""
     state, objects = world.scene.state, world.scene.mask(world.scene.names)
     return bool(world.with_padding(-OVERLAP).hits(state.base, state.q, 0.0, ignore=objects) >> STATIC_BIT & 1)
 

@@ -1,4 +1,4 @@
-"""The world as the planner sees it: `Scene`, what it is made of, object masks, and how it is read from MuJoCo."""
+"""World model of the planner: `Scene`, its parts, object masks, and the reading of a MuJoCo simulation."""
 
 from planners.scene.bodies import AsideObject, Body, HeldObject, ParkedArm, RobotState, UnknownObject
 from planners.scene.masks import MAX_OBJECTS, SELF_BIT, STATIC_BIT

@@ -1,4 +1,4 @@
-"""Movable objects and how they rest, the state of the robot and what it holds. Immutable, in world coordinates."""
+"""Movable objects, their resting poses, the robot's state and its held objects. Immutable, in world coordinates."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ from scipy.spatial import ConvexHull
 from planners.scene.solid import BOX_CORNERS, SceneError, Solid, frozen
 
 UPRIGHT_TILT = 0.17
-"""[rad] An object tilted by less still counts as standing."""
+"""[rad] Largest tilt of a standing object."""
 Shape = Literal["cylinder", "box", "pieces"]
 Array = NDArray[np.float64]
 _PAD = 0.004 * np.array([(0.0, 0.0, 0.0), (1, 0, 0), (-1, 0, 0), (0, 0, 1), (0, 0, -1)])
-"""[m] Points of a finger pad, in the TCP frame, at which an object of several pieces is measured."""
+"""[m] Points of a finger pad, in the TCP frame, where the width of an object of several pieces is measured."""
 TIP = 0.012
-"""[m] beyond them, where it is measured if it is held by the fingertips."""
+"""[m] Distance beyond these points, where an object held by the fingertips is measured."""
 JOINED = 0.002
-"""[m] Pieces of an object nearer to each other than this, on a line, count as joined there."""
+"""[m] Largest gap on a line between pieces of an object that are joined there."""
 _ON_FACE = 0.002
-"""[m] that the centre of mass must be inside the edges of a face on which an object of several pieces rests."""
+"""[m] Least distance of the centre of mass inside the edges of a face on which an object of several pieces rests."""
 _SAME_FACE = 0.02
-"""[rad] Faces of a hull at a smaller angle count as one."""
+"""[rad] Angle of two faces of a hull below which they are the same face."""
 _FACES = np.array([(0, 0, 1), (0, 0, -1), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)], dtype=float)
-"""Directions out of the faces of a box, those of its z axis first; the first two are the ends of a cylinder."""
+"""Directions out of the faces of a box, its z axis first. The first two are the ends of a cylinder."""
 _DIGITS = 3
-"""Pitches are rounded to so many decimals [rad]: what remains is closed by the gap under the object."""
+"""Decimals of rounded pitches [rad]. The gap under the object absorbs the remainder."""
 
 
 class UnknownObject(SceneError):
-    """No object of that name; the message lists the known ones."""
+    """No object of that name. The message lists the known objects."""
 
 
 def pose_matrix(position: ArrayLike, rotation: ArrayLike) -> Array:
-    """The pose (4, 4) with an origin (3,) and a rotation matrix, (3, 3) or (9,) as MuJoCo has it."""
+    """Make the pose (4, 4) of an origin (3,) and a rotation matrix, (3, 3) or MuJoCo's (9,)."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = np.reshape(rotation, (3, 3)), position
     return T
@@ -50,9 +50,9 @@ def pose_matrix(position: ArrayLike, rotation: ArrayLike) -> Array:
 class Body:
     """A rigid object, upright or toppled: a cylinder, a box, or several convex pieces, such as a mug with its handle.
 
-    `half_extents` (3,) [m] (a cylinder: radius, radius, half height), `position` (3,) [m] of the centre,
-    `quaternion` (4,) wxyz, all in the world. Of an object of several pieces these are the box around it and its centre;
-    `pieces` are given in the frame there. See `of_pieces`. `centre_of_mass` (3,) [m] is in that frame, too; () for its
+    `half_extents` (3,) [m]: for a cylinder radius, radius, half height. `position` (3,) [m] of the centre and
+    `quaternion` (4,) wxyz are in the world. For an object of several pieces, these describe the box around it. `pieces`
+    are given in the frame of this box, see `of_pieces`. `centre_of_mass` (3,) [m] is in this frame too, or () for its
     origin.
     """
 
@@ -81,9 +81,9 @@ class Body:
         quaternion: ArrayLike = (1, 0, 0, 0),
         centre_of_mass: ArrayLike | None = None,
     ) -> Body:
-        """An object made of convex solids that are given in a frame at `position` (3,), `quaternion` (4,) wxyz.
+        """Make an object of convex solids, given in a frame at `position` (3,), `quaternion` (4,) wxyz.
 
-        Its `centre_of_mass` (3,) [m] is in that frame; None for pieces of one density that do not overlap.
+        Its `centre_of_mass` (3,) [m] is in this frame. None assumes pieces of one density that do not overlap.
 
         Example:
             neck = Solid("neck", (0, 0, 0.15), (0.015, 0.015, 0.05), "cylinder")
@@ -120,44 +120,45 @@ class Body:
 
     @property
     def yaw(self) -> float:
-        """[rad] of the body's x axis about the vertical."""
+        """Yaw of the body's x axis about the vertical [rad]."""
         rotation = self.rotation
         return math.atan2(rotation[1, 0], rotation[0, 0])
 
     @property
     def mass_centre(self) -> NDArray[np.float64]:
-        """(3,) [m] its centre of mass in the world."""
+        """Centre of mass (3,) in the world [m]."""
         return self.position + self.rotation @ (self.centre_of_mass or (0.0, 0.0, 0.0))
 
     @cached_property
     def solids(self) -> tuple[Solid, ...]:
-        """The convex solids that it consists of, in its own frame: one of a cylinder or box."""
+        """Convex solids of the object, in its own frame. A cylinder or box has a single one."""
         if self.shape == "pieces":
             return self.pieces
         return (Solid(self.name, np.zeros(3), self.half_extents, self.shape),)
 
     @cached_property
     def placed(self) -> tuple[Solid, ...]:
-        """The same where they are, in the world."""
+        """Convex solids of the object in the world."""
         return tuple(solid.moved(self.rotation, self.position) for solid in self.solids)
 
     @cached_property
     def outline(self) -> NDArray[np.float64]:
-        """(k, 2) [m] corners, counter-clockwise, of its convex hull seen from above: of what is round a polygon."""
+        """Corners (k, 2) [m], counter-clockwise, of its convex hull seen from above. Round solids become polygons."""
         points = self.corners[:, :2]
         return np.asarray(points[ConvexHull(points).vertices])
 
     @property
     def resting_directions(self) -> Array:
-        """(k, 3) in its own frame: what may point up when it rests on a level plane; of a cylinder, standing."""
+        """Directions (k, 3) in its own frame that may point up when it rests on a level plane. A cylinder only
+        stands."""
         if self.shape == "pieces":
             return _resting_directions(self.pieces, self.centre_of_mass or (0.0, 0.0, 0.0))
         return _FACES if self.shape == "box" else _FACES[:2]
 
     def reach(self, direction: ArrayLike) -> float:
-        """[m] from the centre to the farthest plane perpendicular to a world `direction` (3,) of unit length, that way.
+        """Distance from the centre to the farthest touching plane in a world `direction` (3,) of unit length [m].
 
-        For a cylinder or a box it is the same the other way.
+        For a cylinder or a box, the opposite direction has the same distance.
         """
         local = np.asarray(direction, dtype=float) @ self.rotation
         if self.shape == "box":
@@ -167,15 +168,16 @@ class Body:
         return max(float(local @ piece.position + piece.reach(local[None])[0]) for piece in self.pieces)
 
     def half_extent_along(self, direction: ArrayLike) -> float:
-        """[m] from the centre to the farther of the two planes perpendicular to a `direction` that touch it."""
+        """Distance from the centre to the farther of the two touching planes perpendicular to a `direction` [m]."""
         if self.shape != "pieces":
             return self.reach(direction)
         return max(self.reach(direction), self.reach(-np.asarray(direction, dtype=float)))
 
     def width_in_gripper(self, T_tcp_body: ArrayLike) -> float:
-        """[m] of the body along the line on which the fingers close, held at T_tcp_body (4, 4).
+        """Width of the body along the line on which the fingers close, held at T_tcp_body (4, 4) [m].
 
-        Of an object of several pieces what is between the pads: a handle, the wall under a rim, or all of a bottle.
+        For an object of several pieces, the width of the part between the pads: a handle, the wall under a rim, or a
+        whole bottle.
         """
         T = np.asarray(T_tcp_body, dtype=float)
         if self.shape != "pieces":
@@ -190,12 +192,12 @@ class Body:
 
     @cached_property
     def corners(self) -> NDArray[np.float64]:
-        """(k, 3) [m] points in the world whose convex hull contains it."""
+        """Points (k, 3) in the world whose convex hull contains it [m]."""
         return np.concatenate([solid.corners for solid in self.placed])
 
     @cached_property
     def radius(self) -> float:
-        """[m] of the upright circle about `position` that contains the body's outline from above."""
+        """Radius of the circle about `position` that contains the body's outline seen from above [m]."""
         vertical = self.rotation[2]
         if self.shape == "cylinder":
             half, radius = self.half_extents[2], self.half_extents[0]
@@ -210,22 +212,22 @@ class Body:
 
     @property
     def half_width(self) -> float:
-        """[m] that the fingers must span to each side: a cylinder's radius, half the wider side of a box."""
+        """Half width that the fingers must span [m]: a cylinder's radius, or half the wider side of a box."""
         return float(self.half_extents[:2].max())
 
     @cached_property
     def bottom(self) -> float:
-        """[m] height of the lowest point."""
+        """Height of the lowest point [m]."""
         return float(self.position[2]) - self.reach((0.0, 0.0, -1.0))
 
     @cached_property
     def top(self) -> float:
-        """[m] height of the highest point."""
+        """Height of the highest point [m]."""
         return float(self.position[2]) + self.reach((0.0, 0.0, 1.0))
 
     @property
     def foot(self) -> NDArray[np.float64]:
-        """(3,) [m] the point under its centre at the height of its lowest point."""
+        """Point (3,) under its centre at the height of its lowest point [m]."""
         return np.array([*self.position[:2], self.bottom])
 
     @cached_property
@@ -234,7 +236,7 @@ class Body:
         return bool(self.rotation[2, 2] > math.cos(UPRIGHT_TILT))
 
     def at(self, position: ArrayLike, quaternion: ArrayLike | None = None) -> Body:
-        """The same object elsewhere; it keeps its orientation unless told."""
+        """The same object at another position. By default it keeps its orientation."""
         orientation = self.quaternion if quaternion is None else quaternion
         return replace(self, position=np.asarray(position), quaternion=np.asarray(orientation))
 
@@ -251,9 +253,9 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class RobotState:
-    """Where the robot is: `base` (3,) x [m], y [m], yaw [rad]; `q` (8,) torso [m] and arm [rad].
+    """State of the robot. `base` (3,): x [m], y [m], yaw [rad]. `q` (8,): torso [m] and arm [rad].
 
-    `finger_position` [m] is what each finger is commanded to.
+    `finger_position` [m]: commanded position of each finger.
     """
 
     base: NDArray[np.float64]
@@ -278,18 +280,18 @@ class HeldObject:
 
     @property
     def key(self) -> tuple[str, bytes]:
-        """The same for the same object in the same place between the fingers."""
+        """Key that is equal for the same object in the same place between the fingers."""
         return self.name, self.T_tcp_object.tobytes()
 
     @classmethod
     def grasped(cls, body: Body, T_world_tcp: NDArray[np.float64]) -> HeldObject:
-        """An object as fingers at T_world_tcp (4, 4) hold it that close on it where it is."""
+        """Grasp an object at its present pose with fingers that close at T_world_tcp (4, 4)."""
         return cls(body.name, np.linalg.inv(T_world_tcp) @ body.pose)
 
 
 @dataclass(frozen=True, eq=False)
 class AsideObject:
-    """An object that an idle arm holds in its home configuration: the arm's name, and the object in its gripper."""
+    """Object that an idle arm holds in its home configuration: the arm's name, and the object in its gripper."""
 
     arm: str
     held: HeldObject
@@ -297,7 +299,7 @@ class AsideObject:
 
 @dataclass(frozen=True, eq=False)
 class ParkedArm:
-    """An arm that was active before: its name, and where it was left, `q` (n,) [rad]: at home but for whole turns."""
+    """Arm that was active before: its name, and its configuration `q` (n,) [rad], at home up to whole turns."""
 
     arm: str
     q: NDArray[np.float64]
@@ -307,9 +309,9 @@ class ParkedArm:
 
 
 def up_axis(body: Body) -> Array:
-    """The direction (3,) in the world, fixed to the object, that points up once it rests as it lies or stands now.
+    """Direction (3,) in the world, fixed to the object, that points up once it rests as it lies or stands now.
 
-    Of pieces that stand on something round, as a ball or an egg, or have no face to rest on: straight up.
+    Straight up for pieces that stand on a round solid, such as a ball or an egg, or have no face to rest on.
     """
     z_axis = body.rotation[:, 2]
     if body.shape == "cylinder" and abs(z_axis[2]) < math.sqrt(0.5):
@@ -324,9 +326,10 @@ def up_axis(body: Body) -> Array:
 
 
 def resting_ways(body: Body) -> tuple[Body, ...]:
-    """The object where it is, once for each way in which it may rest after it has been put down.
+    """The object at its position, once for each orientation in which it may rest after it has been put down.
 
-    As it stands, if it does; else standing first, and on its other sides, turned by the smallest angle.
+    A standing object keeps its orientation. Otherwise it is turned by the smallest angle, first to stand, then onto its
+    other sides.
     """
     if body.is_upright:
         return (body,)
@@ -343,7 +346,7 @@ def leans(body: Body) -> bool:
 
 
 def with_up(body: Body, up: Array) -> Array:
-    """The pose (4, 4) of an object turned by the smallest angle such that a world direction (3,) of it points up."""
+    """Pose (4, 4) of an object after the smallest turn that makes its world direction `up` (3,) point up."""
     T, (x, y, z) = body.pose, up
     if z < -1 + 1e-9:
         T[:3, :3] = np.diag((1.0, -1.0, -1.0)) @ T[:3, :3]
@@ -354,19 +357,19 @@ def with_up(body: Body, up: Array) -> Array:
 
 
 def release_pitch(body: Body, held: HeldObject) -> float:
-    """Pitch [rad] of the gripper at which a held object rests on a level plane: standing if it can be, else lying.
+    """Pitch [rad] of the gripper at which a held object rests on a level plane: standing if possible, or lying.
 
-    It is the pitch of the grasp if the object stood when it was taken and has not slipped. Level where no pitch between
-    level and straight down lets the object rest.
+    It equals the pitch of the grasp if the object stood when it was taken and has not slipped. It is 0 (level) if no
+    pitch between level and straight down lets the object rest.
     """
     pitches = (round(math.atan2(-up[0], up[2]), _DIGITS) + 0.0 for up in _resting_axes(body, held.T_tcp_object[:3, :3]))
     return next((pitch for pitch in pitches if -UPRIGHT_TILT <= pitch <= math.pi / 2 + UPRIGHT_TILT), 0.0)
 
 
 def _resting_axes(body: Body, rotation: Array) -> Iterator[Array]:
-    """Directions (3,) in the TCP frame that may point up when the object rests; `rotation` (3, 3) is R_tcp_object.
+    """Directions (3,) in the TCP frame that may point up when the object rests. `rotation` (3, 3) is R_tcp_object.
 
-    The object's own z axis comes before the others: it stands if it can.
+    The object's own z axis comes first, so that it stands if possible.
     """
     axes = [*(body.resting_directions @ rotation.T)]
     if body.shape == "cylinder":
@@ -378,10 +381,9 @@ def _resting_axes(body: Body, rotation: Array) -> Iterator[Array]:
 
 
 def _between_pads(intervals: Array) -> float:
-    """[m] that fingers must span that close on intervals (k, 2) [m] of a line from both sides of its zero, 0 for none.
+    """Width that fingers must span to close on intervals (k, 2) of a line from both sides of its zero [m], 0 for none.
 
-    It is the joined interval at zero, or, where zero is in a hollow, all from the nearest on one side to that on the
-    other.
+    It covers the joined interval at zero. If zero is in a hollow, it covers the nearest intervals on both sides.
     """
     joined: list[Array] = []
     for low, high in intervals[np.argsort(intervals[:, 0])]:
@@ -398,9 +400,9 @@ def _between_pads(intervals: Array) -> float:
 
 @lru_cache(maxsize=256)
 def _resting_directions(pieces: tuple[Solid, ...], middle: tuple[float, ...]) -> Array:
-    """Directions (k, 3), in the frame of pieces, that may point up when they rest on a level plane.
+    """Directions (k, 3) in the frame of pieces that may point up when the pieces rest on a level plane.
 
-    The z axis comes first if they stand on their bottom, then those of the largest faces of the hull.
+    The z axis comes first if they can stand on their bottom, then the directions of the largest faces of the hull.
     """
     hull = ConvexHull(np.concatenate([piece.corners for piece in pieces]))
     normals, corners = hull.equations[:, :3], hull.points[hull.simplices]
@@ -411,7 +413,7 @@ def _resting_directions(pieces: tuple[Solid, ...], middle: tuple[float, ...]) ->
     for side, (normal, is_same) in enumerate(zip(normals, are_same, strict=True)):
         if is_found[side]:
             continue
-        # The face seen along its normal, and the centre of mass above it.
+        # Project the face and the centre of mass along the face's normal.
         across = np.linalg.svd(normal[None])[2][1:]
         face = ConvexHull(hull.points[np.unique(hull.simplices[is_same])] @ across.T)
         if (face.equations[:, :2] @ (across @ np.array(middle)) + face.equations[:, 2] < -_ON_FACE).all():

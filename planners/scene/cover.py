@@ -14,32 +14,34 @@ from planners.scene.solid import StaticObstacle
 Array = NDArray[np.float64]
 
 DRIVE_CLEARANCE = 0.25
-"""[m] beyond the side of the support at which the TCP ends a straight drive out: the gripper, what it holds and the arm
-that unfolds are then clear of the shelves."""
+"""[m] Distance of the TCP beyond the side of the support at the end of a straight drive out. The gripper, the held
+object and the unfolding arm are then clear of the shelves."""
 BACK = 0.10
-"""[m] that the gripper backs off before it moves sideways: the fingertips are then clear of the object."""
+"""[m] Distance by which the gripper backs off before it moves sideways. The fingertips are then clear of the object."""
 LEAST_LIFT = 0.03
-"""[m] that an object is lifted under a shelf at least before it is moved."""
+"""[m] Least lift of an object under a shelf before it is moved."""
 HELD_GAP = 0.002
-"""[m] that an object keeps from others while it is moved out."""
+"""[m] Gap between an object that is moved out and other objects."""
 _HEADROOM = 0.8
-"""[m] A static obstacle higher above the support does not matter: the arm unfolds below it."""
+"""[m] Greatest height above the support of a static obstacle that covers it. Below a higher one the arm can unfold."""
 _FOOTROOM = 0.015
-"""[m] Nothing stands below a static obstacle that is lower above the support: it is a wall, as that of a bin."""
+"""[m] Least height above the support of a static obstacle that covers it. A lower one is a wall, such as that of a
+bin."""
 _BOARD = 0.05
-"""[m] A static obstacle that measures less each way from its middle is no shelf: a gripper comes down beside it, as
-beside a piece of the rim of a bowl."""
+"""[m] Least half extent of a shelf. A gripper can come down beside a smaller static obstacle, such as a piece of a
+bowl's rim."""
 _REACH = 0.10
-"""[m] around a location within which a shelf is in the way of a gripper that comes from above."""
+"""[m] Distance from a location within which a shelf blocks a gripper from above."""
 
 
 def is_covered(scene: Scene, point: ArrayLike) -> bool:
-    """Whether a static obstacle hangs over a point (3,) [m] on a support, in the way of a gripper from above."""
+    """Whether a static obstacle above a point (3,) [m] on a support blocks a gripper from above."""
     return any(_hangs_over(obstacle, np.asarray(point, dtype=float)) for obstacle in scene.static_obstacles)
 
 
 def needs_drive(scene: Scene, point: ArrayLike) -> bool:
-    """Whether the base drives in and out, the arm rigid, with what stands at a point: under a shelf, if it moves."""
+    """Whether the base drives in and out with a rigid arm for an object at a point: under a shelf, unless the base is
+    fixed."""
     return scene.robot.base_drive != "fixed" and is_covered(scene, point)
 
 
@@ -50,7 +52,8 @@ def _hangs_over(obstacle: StaticObstacle, point: Array) -> bool:
 
 
 def driven_out_of(scene: Scene, body: Body) -> StaticObstacle:
-    """What the base drives out of with an object under a shelf: its support, or, on the floor, what hangs over it."""
+    """Static obstacle that the base drives out of with an object: its support or, on the floor, the obstacle above
+    it."""
     support = scene.support_under(body)
     if support in scene.static_obstacles:
         return support
@@ -59,7 +62,8 @@ def driven_out_of(scene: Scene, body: Body) -> StaticObstacle:
 
 
 def direction_out(support: StaticObstacle, bases: ArrayLike) -> Array:
-    """Horizontal unit vectors (..., 2) out from a support, across the side before which base poses (..., 3) stand."""
+    """Horizontal unit vectors (..., 2) out of a support, across the side in front of which base poses (..., 3)
+    stand."""
     axes = support.rotation[:2, np.argsort(np.abs(support.rotation[2]))[:2]]
     half = [support.half_extent_along((*axis, 0.0)) for axis in axes.T]
     away = (np.asarray(bases, dtype=float)[..., :2] - support.position[:2]) @ axes
@@ -69,15 +73,15 @@ def direction_out(support: StaticObstacle, bases: ArrayLike) -> Array:
 
 
 def drive_out(support: StaticObstacle, base: ArrayLike, T_world_tcp: Array) -> Array:
-    """Base poses (3, 3) of a drive out from under a shelf, the arm rigid: inside, backed off, outside.
+    """Base poses (3, 3) of a drive out from under a shelf with a rigid arm: inside, backed off, outside.
 
-    The gripper first moves `BACK` against its own heading, so that the open fingers let go of the object, then straight
-    out of the support. The drive in is the same in reverse.
+    The gripper first moves by `BACK` against its own heading, so that the open fingers leave the object. Then it moves
+    straight out of the support. The drive in is the reverse.
 
     Args:
-        support: what the base drives out of; see `driven_out_of`.
+        support: static obstacle that the base drives out of, see `driven_out_of`.
         base: (3,) x [m], y [m], yaw [rad] inside.
-        T_world_tcp: (4, 4) of the gripper then; its y axis is level.
+        T_world_tcp: (4, 4) of the gripper inside, with a level y axis.
     """
     poses = np.tile(np.asarray(base, dtype=float), (3, 1))
     direction, back = direction_out(support, poses[0]), -BACK * heading(T_world_tcp)
@@ -87,18 +91,19 @@ def drive_out(support: StaticObstacle, base: ArrayLike, T_world_tcp: Array) -> A
 
 
 def heading(T_world_tcp: Array) -> Array:
-    """Unit vector (2,) in which a gripper whose y axis is level points, seen from above."""
+    """Unit vector (2,) of the heading of a gripper with a level y axis, seen from above."""
     return np.array([T_world_tcp[1, 1], -T_world_tcp[0, 1]])
 
 
 def distances_out(support: StaticObstacle, tcps: Iterable[Array], direction: Array) -> list[float]:
-    """[m] along `direction` (2,) until each TCP at (2,) is `DRIVE_CLEARANCE` beyond the support."""
+    """Distances along `direction` (2,) until each TCP at (2,) is `DRIVE_CLEARANCE` beyond the support [m]."""
     edge = float(direction @ support.position[:2]) + support.half_extent_along((*direction, 0.0))
     return [max(edge + DRIVE_CLEARANCE - float(direction @ tcp), 0.0) for tcp in tcps]
 
 
 def objects_before(scene: Scene, body: Body, shifts: Array, direction: Array) -> NDArray[np.uint64]:
-    """What an object touches when it is moved along `direction` (2,), shifted by (k, 2) [m] before: masks (k,)."""
+    """Masks (k,) of objects in the swept volume of an object that moves along `direction` (2,), after shifts (k, 2)
+    [m]."""
     across = np.array([-direction[1], direction[0], 0.0])
     half, starts, masks = (
         body.half_extent_along(across) + HELD_GAP,

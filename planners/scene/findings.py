@@ -1,7 +1,7 @@
-"""What is odd about a scene, with numbers: findings, their report, and those that only the model can tell.
+"""Findings about problems of a scene, with numbers, their report, and the findings that need the model.
 
-Masses, friction, names and ties are in the model that a scene is read from; `Scene.findings` keeps what is odd there.
-What is odd about the places of objects is found by `planners.check`.
+Masses, friction, names and ties are in the model that a scene is read from. `Scene.findings` keeps the problems found
+there. `planners.check` finds problems with the places of objects.
 """
 
 from __future__ import annotations
@@ -25,26 +25,26 @@ from planners.scene.robot_names import robot_prefix
 _GRAVITY = 9.81
 """[m/s²]"""
 _BORNE = 0.99
-"""Share of its weight from which on MuJoCo's `gravcomp` keeps an object in the air."""
+"""Share of its weight above which MuJoCo's `gravcomp` keeps an object in the air."""
 _SLIPPERY = 0.05
-"""Friction below which it is the friction, and not the weight, for which fingers cannot hold an object."""
+"""Friction below which the friction, not the weight, is the reason that fingers cannot hold an object."""
 _NEAR = 0.01
-"""[m] A free body that is farther from everything falls by as much at least."""
+"""[m] Distance of a free body from all others above which it falls, at least by as much."""
 _JOINED = {int(mujoco.mjtEq.mjEQ_WELD): "is welded to", int(mujoco.mjtEq.mjEQ_CONNECT): "is joined (<connect>) to"}
 
 
 class Reason(StrEnum):
-    """What can be odd about a scene.
+    """Kind of a problem in a scene.
 
     Attributes:
-        SUNK: an object is inside a static obstacle by more than contacts of simulators let it [mm].
-        FLOATING: an object touches nothing and falls [mm].
-        UNSTABLE: its centre of mass is beside what it stands on [mm].
-        TOO_HEAVY: it is heavier than the arm or the fingers hold [kg].
+        SUNK: an object is deeper inside a static obstacle than contacts of simulators allow [mm].
+        FLOATING: an object has no contact and falls [mm].
+        UNSTABLE: its centre of mass is beside its support [mm].
+        TOO_HEAVY: it is heavier than the arm or the fingers can hold [kg].
         SLIPPERY: the fingers cannot hold it for lack of friction [friction].
-        TOUCHES_ROBOT: it touches the robot, which does not hold it.
+        TOUCHES_ROBOT: it touches the robot without being held.
         UNNAMED: a body with a free joint has no name, so that no plan can move it.
-        TIED: something that the planner knows nothing of holds it, or lets it through.
+        TIED: something unknown to the planner holds it, or lets it pass through.
     """
 
     SUNK = "sunk into furniture"
@@ -59,14 +59,14 @@ class Reason(StrEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """Something odd about an object.
+    """Problem of an object in a scene.
 
     Attributes:
-        reason: what kind of thing it is.
-        object: name of the object; of a body without a name "".
-        amount: how much, in the unit of the reason; 0 where there is no amount.
+        reason: kind of the problem.
+        object: name of the object, "" for a body without a name.
+        amount: amount in the unit of the reason, 0 for a reason without an amount.
         text: one sentence with the number.
-        is_certain: whether a plan that takes the object fails for it; not where something is assumed.
+        is_certain: whether a plan that takes the object fails because of it. False if it rests on an assumption.
     """
 
     reason: Reason
@@ -81,7 +81,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class SceneReport:
-    """What is odd about a scene; `str()` is grouped by reason, and a report without findings is false."""
+    """Report of a scene's problems. `str()` is grouped by reason, and a report without findings is false."""
 
     findings: tuple[Finding, ...] = ()
 
@@ -103,8 +103,8 @@ class SceneReport:
 def model_findings(
     model: mujoco.MjModel, robot: RobotSpec, bodies: Iterable[int], data: mujoco.MjData | None = None
 ) -> tuple[Finding, ...]:
-    """What is odd that only the model tells: about free bodies without a name, and some of the others, by their ids;
-    in a state of the model also about the rest of the free bodies, which a planner takes as static."""
+    """Find the problems that need the model: those of free bodies without a name, and of `bodies`, given by their ids.
+    With a state of the model, also those of the other free bodies, which a planner takes as static."""
     chosen = list(bodies)
     found = [*_weights(model, robot, chosen), *_ties(model, chosen)]
     free = set(model.jnt_bodyid[model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE)].tolist())
@@ -124,7 +124,7 @@ def model_findings(
 
 
 def _touches(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> bool:
-    """Whether a free body is near anything else that can touch, or can touch nothing itself."""
+    """Whether a free body is near another colliding geom, or has no colliding geom itself."""
     touches, of = can_touch(model), model.body_rootid[model.geom_bodyid]
     own = np.flatnonzero(touches & (of == body)).tolist()
     for one in own:
@@ -137,11 +137,11 @@ def _touches(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> bool:
 
 
 def _weights(model: mujoco.MjModel, robot: RobotSpec, bodies: Sequence[int]) -> Iterator[Finding]:
-    """What is heavier than the arm holds, or than the fingers hold by friction."""
+    """Findings about objects heavier than the arm holds, or than the fingers hold by friction."""
     grip = _Grip.of(model, robot)
     frictions, priorities = grip.frictions(model)[bodies], grip.priorities(model)[bodies]
     masses = model.body_subtreemass[bodies]
-    # Without friction no force holds anything, even where the fingers have no limit.
+    # Without friction the capacity is 0, even if the fingers have no limit of force.
     capacities = 2 * frictions / _GRAVITY * np.where(frictions > 0, grip.force, 0.0)
     for index in np.flatnonzero((masses > PAYLOAD) | (masses > capacities)).tolist():
         name, mass, held = str(model.body(bodies[index]).name), float(masses[index]), float(capacities[index])
@@ -163,7 +163,8 @@ def _weights(model: mujoco.MjModel, robot: RobotSpec, bodies: Sequence[int]) -> 
 
 @dataclass(frozen=True)
 class _Grip:
-    """What the fingers hold with: their friction, its priority, whether contacts have any, the force of one [N]."""
+    """Grip of the fingers: friction, its priority, `condim` (1 for contacts without friction), force of one finger
+    [N]."""
 
     friction: float
     priority: int
@@ -191,7 +192,7 @@ class _Grip:
         )
 
     def frictions(self, model: mujoco.MjModel) -> NDArray[np.float64]:
-        """(nbody,) Sliding friction between the fingers and the best geom of each free body, by MuJoCo's rules."""
+        """Sliding friction (nbody,) between the fingers and the best geom of each free body, by MuJoCo's rules."""
         over, same = model.geom_priority > self.priority, model.geom_priority == self.priority
         friction = np.where(same, np.maximum(model.geom_friction[:, 0], self.friction), self.friction)
         friction = np.where(over, model.geom_friction[:, 0], friction)
@@ -202,7 +203,7 @@ class _Grip:
         return best
 
     def priorities(self, model: mujoco.MjModel) -> NDArray[np.int64]:
-        """(nbody,) The highest priority of the geoms of each free body."""
+        """Highest priority (nbody,) of the geoms of each free body."""
         touches, most = can_touch(model), np.zeros(model.nbody, dtype=np.int64)
         np.maximum.at(most, model.body_rootid[model.geom_bodyid[touches]], model.geom_priority[touches])
         return most
@@ -210,7 +211,7 @@ class _Grip:
 
 @dataclass(frozen=True)
 class _ArmPayload:
-    """What an arm holds stretched out [kg], and whether that follows from torques that are assumed."""
+    """Payload of an outstretched arm [kg], and whether it follows from assumed torques."""
 
     kg: float
     is_assumed: bool
@@ -218,12 +219,12 @@ class _ArmPayload:
 
 @cache
 def _payload(robot: RobotSpec) -> _ArmPayload | None:
-    """By the torques of the robot's file; None where it gives none."""
+    """Payload by the torques of the robot's file. None if it has none."""
     model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
     found: Payload | None = payload_of(model, robot.arm_joints, robot.tcp_site)
     if found is None:
         return None
-    # Springs or counterweights bear the arm where its motors would not, or where the model says so.
+    # Springs or counterweights bear the arm if its motors are too weak for it, or if the model says so.
     tip = int(model.site_bodyid[model.site(robot.tcp_site).id])
     is_borne = found.kg <= 0 or float(model.body_gravcomp[tip]) > _BORNE
     is_assumed = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TEXT, ASSUMED) >= 0
@@ -231,7 +232,8 @@ def _payload(robot: RobotSpec) -> _ArmPayload | None:
 
 
 def _ties(model: mujoco.MjModel, bodies: Iterable[int]) -> Iterator[Finding]:
-    """What holds free bodies, ties them to others or lets them pass through: the planner knows nothing of it."""
+    """Findings about ties of free bodies that the planner does not know: they hold bodies, or let them pass through
+    others."""
     free, found = set(bodies), dict[str, Finding]()
     for ends, what, taken in _joins(model):
         for one, other in itertools.permutations(ends, 2):
@@ -249,7 +251,8 @@ def _ties(model: mujoco.MjModel, bodies: Iterable[int]) -> Iterator[Finding]:
 
 
 def _joins(model: mujoco.MjModel) -> Iterator[tuple[list[int], str, str]]:
-    """Ids of bodies with something between them; what one of them does with another one; as what a planner takes it."""
+    """Yield ties in a model: ids of the bodies, the relation of one to another in words, and the planner's view of
+    it."""
     is_on = not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
     for tie in np.flatnonzero(model.eq_active0) if is_on else ():
         ends = [int(model.eq_obj1id[tie]), int(model.eq_obj2id[tie])]
@@ -273,7 +276,7 @@ def _joins(model: mujoco.MjModel) -> Iterator[tuple[list[int], str, str]]:
 
 
 def _pulling_tendons(model: mujoco.MjModel) -> NDArray[np.bool_]:
-    """Which tendons do something, rather than only to be seen or measured: (ntendon,)."""
+    """Mark the tendons (ntendon,) that exert forces, unlike those that are only drawn or measured."""
     pulls = (model.tendon_stiffness > 0) | (model.tendon_damping > 0) | (model.tendon_frictionloss > 0)
     pulls |= model.tendon_limited.astype(bool)
     pulls[model.actuator_trnid[model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_TENDON), 0]] = True

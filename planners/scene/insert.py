@@ -1,4 +1,4 @@
-"""A robot of this project put into somebody's MuJoCo model, in place of the robot that is there, if any."""
+"""Insertion of a robot of this project into a user's MuJoCo model, in place of a robot there."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from planners.scene.mujoco_reading import floor_planes
 from planners.scene.solid import SceneError
 
 _SAME = 0.001
-"""[m] A floor no farther from z = 0 is there: the planner takes the two as one."""
+"""[m] Largest height of a floor that is taken to be at z = 0, as the planner does."""
 
 
 def insert_robot(
@@ -28,23 +28,23 @@ def insert_robot(
     without: Iterable[str] = (),
     prefix: str | None = None,
 ) -> mujoco.MjModel:
-    """A model of a scene with a robot in it, for `prepare` and `Scene.from_mujoco`.
+    """Make a model of a scene with a robot in it, for `prepare` and `Scene.from_mujoco`.
 
-    Keyframes of the scene are left out: they say nothing about the robot.
+    Keyframes of the scene are left out, because they lack the robot.
 
     Args:
-        scene: MJCF file, its text, or a specification, which is not written.
-        robot: to put in.
-        base: x, y [m], yaw [rad] of its base when its joints are 0, on the highest floor of the scene, a plane that can
-            touch something, or at z = 0 where there is none; or x, y, z [m], yaw [rad].
-        without: names of bodies to leave out with all that they carry, actuators, constraints and sensors: another
-            robot above all.
-        prefix: what stands before all names of the robot. By default it keeps its own names, or, where the scene has
-            one of them, gets its own name and a slash; `robot_prefix` tells.
+        scene: MJCF file, its text, or a specification, which is not modified.
+        robot: robot to insert.
+        base: x, y [m], yaw [rad] of its base with its joints at 0, on the highest floor of the scene (a colliding
+            plane), or at z = 0 without a floor. Or x, y, z [m], yaw [rad].
+        without: names of bodies to leave out, such as another robot, with everything that they carry, and their
+            actuators, constraints and sensors.
+        prefix: prefix of all names of the robot. By default it has no prefix or, if a name exists in the scene, the
+            robot's name and a slash. `robot_prefix` finds it.
 
     Raises:
-        SceneError: a scene that MuJoCo cannot read, that lacks such a body, or that has names of the robot behind the
-            prefix; a base that is not three or four finite numbers. The message says which.
+        SceneError: MuJoCo cannot read the scene, or the scene lacks such a body, or already has names of the robot
+            behind the prefix. Or the base is not three or four finite numbers. The message gives the reason.
     """
     if isinstance(without, str):
         raise SceneError(f"without is a collection of names of bodies, not one string; use [{without!r}]")
@@ -70,7 +70,7 @@ def insert_robot(
 
 
 def _base(base: ArrayLike) -> tuple[float, float, float | None, float]:
-    """x, y, z [m] and yaw [rad] of a base given by three numbers, without z, or four."""
+    """Parse a base of three numbers, without z, or four: x, y, z [m] and yaw [rad]."""
     try:
         given = np.array(base, dtype=float).ravel()
     except (TypeError, ValueError):
@@ -84,7 +84,7 @@ def _base(base: ArrayLike) -> tuple[float, float, float | None, float]:
 def _inserted(
     spec: mujoco.MjSpec, robot: RobotSpec, base: tuple[float, float, float | None, float], prefix: str
 ) -> mujoco.MjModel:
-    """The model of a scene, which is written, with a robot in it behind a prefix."""
+    """Compile a scene with a robot behind a prefix. The specification is modified."""
     x, y, z, yaw = base
     for key in list(spec.keys):
         spec.delete(key)
@@ -98,7 +98,7 @@ def _inserted(
 
 
 def _floor_of(spec: mujoco.MjSpec) -> float:
-    """[m] height of the highest floor of a scene without a robot; 0 where it has none."""
+    """Height of the highest floor of a scene without a robot [m], 0 without a floor."""
     if not any(geom.type == mujoco.mjtGeom.mjGEOM_PLANE for geom in spec.geoms):
         return 0.0
     with _no_warnings_of_mujoco():
@@ -112,7 +112,7 @@ def _floor_of(spec: mujoco.MjSpec) -> float:
 
 @contextmanager
 def _no_warnings_of_mujoco() -> Iterator[None]:
-    """Without a handler, MuJoCo writes its own to standard error and to a file in the working directory."""
+    """Silence MuJoCo's warnings, which it otherwise writes to standard error and to a file in the working directory."""
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda text: None)  # noqa: ARG005  what it gets
     try:
@@ -122,7 +122,7 @@ def _no_warnings_of_mujoco() -> Iterator[None]:
 
 
 def _read(scene: str | Path | mujoco.MjSpec, without: Iterable[str]) -> mujoco.MjSpec:
-    """A copy of the scene without these bodies; raises `SceneError` for a body that it lacks."""
+    """A copy of the scene without these bodies. Raises `SceneError` for a body that it lacks."""
     if isinstance(scene, mujoco.MjModel):
         raise SceneError("scene is an MJCF file, its text or an MjSpec: no robot can be put into a compiled MjModel")
     if isinstance(scene, mujoco.MjSpec):

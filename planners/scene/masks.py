@@ -11,9 +11,9 @@ STATIC_BIT = 63
 SELF_BIT = 62
 """Bit of a hit mask for the robot itself."""
 FIXED_BITS = 1 << STATIC_BIT | 1 << SELF_BIT
-"""Hits that no clearing can remove."""
+"""Collisions that clearing cannot remove."""
 MAX_OBJECTS = 60
-"""Objects in one scene at most: one bit each in a 64-bit word, besides the two bits above."""
+"""Most objects in a scene: one bit each in a 64-bit word, in addition to the two bits above."""
 
 Mask: TypeAlias = int | np.int64
-"""A set of objects; a Python int outside compiled code."""
+"""Set of objects, a Python int outside compiled code."""

@@ -1,4 +1,4 @@
-"""Scenes in which something has been opened or shut: what moves with a drawer or door, and what is in its way."""
+"""Scenes after a drawer or door has moved, and the objects that move with it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 def carried_by(scene: Scene, opening: Opening) -> tuple[str, ...]:
-    """Names of the objects that stand on what opens, directly or on each other: they move with it."""
+    """Names of the objects on a drawer or door, directly or on each other, which move with it."""
     faces = [one for one in scene.static_obstacles if one.name in opening.parts]
     standing = [body for body in scene.objects if body.name not in scene.held_names]
     found = [body for body in standing if any(_stands_on(body, face) for face in faces)]
@@ -31,16 +31,16 @@ def _stands_on(body: Body, face: StaticObstacle) -> bool:
 
 
 def moved(scene: Scene, name: str, position: float, besides: Collection[str] = ()) -> Scene:
-    """The scene with what opens at a position, and what stands in it moved along.
+    """Move an opening to a position, and the objects in it along with it. Returns the new scene.
 
     Args:
         scene: the world.
-        name: of what opens.
+        name: name of the opening.
         position: [m] or [rad].
-        besides: names of objects that move with it too.
+        besides: names of further objects that move with it.
 
     Raises:
-        UnknownOpening: nothing of that name opens.
+        UnknownOpening: no opening of that name.
     """
     opening = scene.opening(name)
     T = opening.motion(position)
@@ -57,7 +57,7 @@ def moved(scene: Scene, name: str, position: float, besides: Collection[str] = (
 
 
 def without_pull(scene: Scene) -> Scene:
-    """The scene with the handle that is to be pulled among the static obstacles again."""
+    """Return the handle to pull to the static obstacles of the scene."""
     if scene.pull is None:
         return scene
     handle = scene.body(scene.pull.handle)
@@ -73,7 +73,7 @@ def without_pull(scene: Scene) -> Scene:
 
 
 def _opening_in(one: Opening, moving: Opening, position: float, R: Array, p: Array) -> Opening:
-    """What opens after another one has moved: itself at its position, a lever on it elsewhere."""
+    """An opening after another has moved: the moved opening at its new position, or a lever moved along with it."""
     if one.name == moving.name:
         return replace(one, position=position)
     if {*one.parts} <= {*moving.parts}:
@@ -82,6 +82,6 @@ def _opening_in(one: Opening, moving: Opening, position: float, R: Array, p: Arr
 
 
 def _region_in(region: Region, R: Array, p: Array) -> Region:
-    """A region on something that has moved about the vertical or not at all about it."""
+    """A region on an obstacle that has moved, by a turn about the vertical or without a turn."""
     x, y = p[:2] + R[:2, :2] @ np.array(region.centre)
     return replace(region, centre=(float(x), float(y)), yaw=region.yaw + math.atan2(R[1, 0], R[0, 0]))

@@ -1,4 +1,4 @@
-"""Read the robot, the movable objects and the static obstacles of a MuJoCo simulation, which is not written."""
+"""Reading of the robot, the movable objects and the static obstacles of a MuJoCo simulation, which is not modified."""
 
 from __future__ import annotations
 
@@ -25,46 +25,47 @@ from planners.scene.solid import FLOOR, SceneError, Solid, StaticObstacle
 Array: TypeAlias = NDArray[np.float64]
 SolidT = TypeVar("SolidT", bound=Solid)
 Movable: TypeAlias = Iterable[str] | Callable[[str], bool]
-"""The bodies that may be moved: their names, or a predicate that is asked for the name of each free body."""
+"""Movable bodies: their names, or a predicate on the names of free bodies."""
 _ADVICE = "leave the body out of `movable`, it is a static obstacle then"
 _ON_THE_FLOOR = 0.001
-"""[m] and rounding of a rotation matrix: how far the base may be off what it stands on, or tilted."""
+"""[m] and entry of a rotation matrix: largest distance of the base from its ground, and largest tilt."""
 _SHAPES: dict[int, Shape] = {
     int(mujoco.mjtGeom.mjGEOM_CYLINDER): "cylinder",
     int(mujoco.mjtGeom.mjGEOM_BOX): "box",
 }
 IsObstacle: TypeAlias = Callable[[Any], bool]
-"""Whether a geom counts; it is asked with MuJoCo's accessor `model.geom(id)`: `.name`, `.group`, `.contype`, …"""
+"""Whether a geom is an obstacle. The argument is MuJoCo's accessor `model.geom(id)`: `.name`, `.group`, `.contype`,
+…"""
 _AXIS_TOLERANCE = 1e-6
-"""Rounding of the entries of a rotation matrix: a box this near to the world's axes is taken to lie along them."""
+"""Rounding of the entries of a rotation matrix. A box this near to the world's axes is taken to lie along them."""
 _GROUND_TOLERANCE = 0.001
-"""[m] An upward horizontal plane no higher than this is the ground, which every scene has."""
+"""[m] Greatest height of an upward horizontal plane that is the ground, which every scene has."""
 _PLANE = np.array([50.0, 50.0, 0.5])
-"""[m] Half extents of the box that stands for a plane: wider than any scene, thicker than any step of a motion."""
+"""[m] Half extents of the box that replaces a plane: wider than any scene, thicker than any step of a motion."""
 
 _JOINTS: dict[int, JointKind] = {
     int(mujoco.mjtJoint.mjJNT_SLIDE): "slide",
     int(mujoco.mjtJoint.mjJNT_HINGE): "hinge",
 }
 _OUT_OF_REACH = 2.5
-"""[m] A top that is higher, such as a wall's, is named last among what objects can stand on."""
+"""[m] Height above which a top, such as a wall's, comes last in a list of supports."""
 _LONGEST = {"slide": 10.0, "hinge": 8 * math.pi}
-"""[m], [rad] Longest range: a longer one says that there is none."""
+"""[m], [rad] Longest range. A longer one means no range."""
 _LEFT_OPEN = (0.8, 0.97)
-"""Shares of its range between which something is left open."""
+"""Shares of its range between which an opening is left open."""
 _TOO_LITTLE = 0.05
-"""[N], [N m] A weight that moves nothing in the time of a plan: axes are level or upright to some thousandths."""
+"""[N], [N m] Load that is too small to move an opening during a plan. Axes are level or upright to some thousandths."""
 _SLENDER = 0.05
-"""[m] Twice the second half extent of a part that may be a handle although its name does not say so."""
+"""[m] Largest thickness (twice the second half extent) of a part that may be a handle without a handle's name."""
 
 
 def is_object_name(name: str) -> bool:
-    """Whether a free body of that name is movable, unless told otherwise."""
+    """Whether a free body of that name is movable by default."""
     return name.startswith("object_")
 
 
 def can_touch(model: mujoco.MjModel) -> NDArray[np.bool_]:
-    """Which geoms take part in some contact, by their contact bits or by an explicit pair: (ngeom,)."""
+    """Mark the geoms (ngeom,) that may have contacts, by their contact bits or by an explicit pair."""
     touches: NDArray[np.bool_] = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
     touches[model.pair_geom1] = True
     touches[model.pair_geom2] = True
@@ -72,12 +73,12 @@ def can_touch(model: mujoco.MjModel) -> NDArray[np.bool_]:
 
 
 def robot_bodies(model: mujoco.MjModel, robot: RobotSpec) -> frozenset[int]:
-    """Ids of the base body and all that is attached to it; raises `SceneError` where the model lacks parts of it."""
+    """Ids of the base body and its descendants. Raises `SceneError` if the model lacks parts of the robot."""
     return _with_attached(model, [model.body(robot_prefix(model, robot) + robot.base_body).id])
 
 
 def _with_attached(model: mujoco.MjModel, bodies: Iterable[int]) -> frozenset[int]:
-    """These bodies and all that are attached to them; MuJoCo numbers parents before their children."""
+    """These bodies and their descendants. MuJoCo numbers parents before their children."""
     found = set(bodies)
     for body in range(model.nbody):
         if int(model.body_parentid[body]) in found:
@@ -87,12 +88,12 @@ def _with_attached(model: mujoco.MjModel, bodies: Iterable[int]) -> frozenset[in
 
 @dataclass(frozen=True, eq=False)
 class RobotJoints:
-    """Where the robot's base and joints are found in `qpos`.
+    """Addresses of the robot's base and joints in `qpos`.
 
     Attributes:
         columns: (4 + n,) addresses of base x, y, yaw, torso and arm.
-        origin: (3,) x [m], y [m], yaw [rad] of the base in the world when its three joints are 0.
-        ground: [m] height of the ground on which the base stands: exactly 0 where it is within `_ON_THE_FLOOR`.
+        origin: (3,) x [m], y [m], yaw [rad] of the base in the world with its three joints at 0.
+        ground: height of the ground under the base [m]. Exactly 0 if it is within `_ON_THE_FLOOR`.
     """
 
     columns: NDArray[np.int64]
@@ -101,7 +102,7 @@ class RobotJoints:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec) -> RobotJoints:
-        """Look them up; raises `SceneError` unless the base stands upright on the ground, on nothing that moves."""
+        """Look up the joints. Raises `SceneError` unless the base stands upright on ground that does not move."""
         prefix = robot_prefix(model, robot)
         columns = np.array([model.joint(prefix + name).qposadr[0] for name in robot.drive_joints])
         body = model.body(prefix + robot.base_body).id
@@ -128,14 +129,14 @@ class RobotJoints:
         return joints
 
     def read(self, data: mujoco.MjData) -> Array:
-        """(4 + n,) base pose in the world, x [m], y [m], yaw [rad], then torso [m] and arm [rad]."""
+        """Read (4 + n,) base pose in the world, x [m], y [m], yaw [rad], then torso [m] and arm [rad]."""
         values = data.qpos[self.columns]
         (x, y, yaw), c, s = self.origin, np.cos(self.origin[2]), np.sin(self.origin[2])
         values[:3] = x + c * values[0] - s * values[1], y + s * values[0] + c * values[1], yaw + values[2]
         return np.asarray(values)
 
     def positions(self, drive: Array) -> Array:
-        """(4 + n,) joint positions of a whole-body configuration (4 + n,) in the world: the inverse of `read`."""
+        """Joint positions (4 + n,) of a whole-body configuration (4 + n,) in the world: the inverse of `read`."""
         values = np.array(drive, dtype=float)
         (x, y, yaw), c, s = self.origin, np.cos(self.origin[2]), np.sin(self.origin[2])
         dx, dy = values[0] - x, values[1] - y
@@ -144,7 +145,7 @@ class RobotJoints:
 
 
 def _carries(model: mujoco.MjModel, data: mujoco.MjData, joints: RobotJoints, height: float) -> bool:
-    """Whether a floor, or the level top of a box that does not move, is at a height [m] under the robot's base."""
+    """Whether a floor, or the level top of a fixed box, is at a height [m] under the robot's base."""
     if any(abs(float(data.geom_xpos[plane, 2]) - height) <= _ON_THE_FLOOR for plane in floor_planes(model, data)):
         return True
     is_box = (model.geom_type == int(mujoco.mjtGeom.mjGEOM_BOX)) & can_touch(model)
@@ -156,16 +157,16 @@ def _carries(model: mujoco.MjModel, data: mujoco.MjData, joints: RobotJoints, he
 
 
 def floor_planes(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[int, ...]:
-    """Ids of the horizontal planes that face up and can touch something, at any height."""
+    """Ids of the colliding horizontal planes that face up, at any height."""
     is_floor = (model.geom_type == int(mujoco.mjtGeom.mjGEOM_PLANE)) & can_touch(model)
     return tuple(np.flatnonzero(is_floor & (data.geom_xmat[:, 8] > 1 - _AXIS_TOLERANCE)).tolist())
 
 
 def measured_from(ground: float, model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
-    """A state in which heights are measured from the ground [m] on which the robot stands: the planner's z = 0.
+    """A state with heights measured from the robot's ground [m], the planner's z = 0.
 
-    It is `data` itself where the ground is at 0. Poses are not to be worked out from it again: mocap bodies and what
-    the model places stay where they were.
+    It is `data` itself if the ground is at 0. Do not run kinematics on it again: mocap bodies and bodies placed by the
+    model would be at their old heights.
     """
     if ground == 0.0:
         return data
@@ -178,7 +179,7 @@ def measured_from(ground: float, model: mujoco.MjModel, data: mujoco.MjData) -> 
 
 
 def robot_state_of(model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec) -> RobotState:
-    """Where its base, joints and fingers are."""
+    """Read the state of the robot's base, joints and fingers."""
     drive, prefix = RobotJoints.of(model, data, robot).read(data), robot_prefix(model, robot)
     fingers = [data.joint(prefix + name).qpos[0] for name in robot.finger_joints]
     return RobotState(drive[:3], drive[3:], float(np.mean(fingers)))
@@ -186,13 +187,13 @@ def robot_state_of(model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec)
 
 @dataclass(frozen=True, eq=False)
 class MovableBodies:
-    """The movable objects of a model, in its order: bodies with a free joint and geoms that can touch.
+    """Movable objects of a model, in its order: bodies with a free joint and colliding geoms.
 
     Attributes:
-        names: of the n bodies.
+        names: names of the n bodies.
         bodies: (n,) their ids.
-        objects: (n,) the same as the planner has them, in the frames of the bodies.
-        addresses: (n, 7) of the poses of the bodies in `qpos`.
+        objects: (n,) the planner's objects, in the frames of the bodies.
+        addresses: (n, 7) addresses of the bodies' poses in `qpos`.
     """
 
     names: tuple[str, ...]
@@ -202,7 +203,8 @@ class MovableBodies:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, robot: RobotSpec, movable: Movable = is_object_name) -> MovableBodies:
-        """Look them up; raises `SceneError` for a name that is no free body, or a body that cannot be represented."""
+        """Look up the objects. Raises `SceneError` for a name without a free body, or a body that cannot be
+        represented."""
         bodies = _movable_ids(model, robot, movable)
         found = [movable_body(model, body) for body in bodies]
         return cls(
@@ -220,7 +222,7 @@ class MovableBodies:
     def poses(self, data: mujoco.MjData) -> tuple[Array, Array]:
         """Centres (n, 3) [m] and quaternions (n, 4) wxyz of the objects.
 
-        They are worked out from the joints: `data.xpos` is one time step behind after a step.
+        They are computed from the joints, because `data.xpos` is one time step behind after a step.
         """
         values = data.qpos[self.addresses]
         if self._are_centred:
@@ -233,11 +235,11 @@ class MovableBodies:
         return centres, quaternions
 
     def read(self, data: mujoco.MjData) -> tuple[Body, ...]:
-        """The objects where they are now."""
+        """Read all objects at their present poses."""
         return tuple(body.at(*pose) for body, *pose in zip(self.objects, *self.poses(data), strict=True))
 
     def read_one(self, data: mujoco.MjData, index: int) -> Body:
-        """One object where it was at the last step, as sites of the model are."""
+        """Read one object at its pose of the last step, which is also that of the model's sites."""
         body = int(self.bodies[index])
         return self.objects[index].at_pose(pose_matrix(data.xpos[body], data.xmat[body]) @ self.objects[index].pose)
 
@@ -262,15 +264,16 @@ def _movable_ids(model: mujoco.MjModel, robot: RobotSpec, movable: Movable) -> l
 
 
 def movable_body(model: mujoco.MjModel, body: int) -> Body:
-    """A body with a free joint as the planner has it, in its own frame: one cylinder or box, else convex pieces.
+    """Convert a body with a free joint to the planner's object, in its own frame: one cylinder or box, or convex
+    pieces.
 
     Raises:
-        SceneError: it has other joints, no geom that can touch, or one that cannot be represented.
+        SceneError: it has other joints, no colliding geom, or a geom that cannot be represented.
     """
     name, touches = str(model.body(body).name), can_touch(model)
     if model.body_jntnum[model.body_rootid == body].sum() > 1:
         raise SceneError(f"movable body {name!r} has joints besides its free joint; {_ADVICE}")
-    # A body with a free joint is a child of the world, so that it is the root of all that is attached to it.
+    # A body with a free joint is a child of the world, so it is the root of its descendants.
     geoms = [int(geom) for geom in np.flatnonzero(touches & (model.body_rootid[model.geom_bodyid] == body))]
     if not geoms:
         raise SceneError(f"movable body {name!r} has no geom that can touch something; {_ADVICE}")
@@ -288,7 +291,7 @@ def movable_body(model: mujoco.MjModel, body: int) -> Body:
 
 
 def _in_root(model: mujoco.MjModel, body: int, root: int, position: Array, rotation: Array) -> tuple[Array, Array]:
-    """Position (3,) and rotation (3, 3) in the frame of a body, in that of another one to which it is attached."""
+    """Transform position (3,) and rotation (3, 3) from the frame of a body to that of its ancestor `root`."""
     while body != root:
         offset, turn = local_pose(model, "body", body)
         position, rotation, body = offset + turn @ position, turn @ rotation, int(model.body_parentid[body])
@@ -303,7 +306,7 @@ def local_pose(model: mujoco.MjModel, kind: Literal["body", "geom"], index: int)
 
 
 class FoundObstacle(NamedTuple):
-    """A static obstacle, and the name and number of the body that it belongs to in the model; many have no name."""
+    """Static obstacle, and the name (often empty) and id of its body in the model."""
 
     obstacle: StaticObstacle
     body: str
@@ -317,13 +320,14 @@ def static_obstacles_of(
     movable: Iterable[int],
     is_obstacle: IsObstacle | None = None,
 ) -> tuple[FoundObstacle, ...]:
-    """Every geom that is neither on the robot nor on a movable body, where it is now, with the name of its body.
+    """Read every geom that is neither on the robot nor on a movable body, at its present pose, with the name of its
+    body.
 
-    Horizontal planes at ground height or below are the ground and are left out, other planes become boxes. What is
-    attached to the movable bodies, given by their ids, goes with them. By default geoms count that can touch something.
+    Horizontal planes at ground height or below are the ground and are left out. Other planes become boxes. Descendants
+    of the movable bodies, given by their ids, belong to these. By default all colliding geoms are obstacles.
 
     Raises:
-        SceneError: a geom that cannot be represented, something deformable, or a geom on the robot that is not its own.
+        SceneError: a geom that cannot be represented, a deformable body, or a foreign geom on the robot.
     """
     if model.nflex:
         names = [model.flex(i).name or f"flex_{i}" for i in range(model.nflex)]
@@ -333,7 +337,7 @@ def static_obstacles_of(
         part = model.body(model.geom_bodyid[touching])
         if part.id not in on_robot:
             continue
-        # No check would see what moves with the robot but is not in its MJCF.
+        # Collision checks would miss a geom that moves with the robot but is not in its MJCF.
         own = part.name.removeprefix(prefix), str(model.geom(touching).name).removeprefix(prefix)
         if own not in _own_geoms(robot):
             raise SceneError(
@@ -361,9 +365,9 @@ def _ground_planes(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[int, ...
 
 
 def require_floor(model: mujoco.MjModel, data: mujoco.MjData, height: float = 0.0) -> None:
-    """Raise `SceneError` where all floors are lower than the ground on which a planner would put things.
+    """Raise `SceneError` if all floors are lower than the ground on which a planner would put objects.
 
-    `data` is measured from that ground, whose `height` [m] in the model the message says.
+    `data` is measured from this ground. `height` [m] is its height in the model, for the message.
     """
     ground = _ground_planes(model, data)
     highest = max(ground, key=lambda plane: float(data.geom_xpos[plane, 2]), default=None)
@@ -376,7 +380,8 @@ def require_floor(model: mujoco.MjModel, data: mujoco.MjData, height: float = 0.
 
 @cache
 def _own_geoms(robot: RobotSpec) -> frozenset[tuple[str, str]]:
-    """Names of body and geom of every geom of the robot's own MJCF; of one without a name also that in simulations."""
+    """Names of body and geom of every geom in the robot's own MJCF. A geom without a name also has its name in
+    simulations."""
     model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
     bodies = [str(model.body(model.geom_bodyid[geom]).name) for geom in range(model.ngeom)]
     own = {(body, str(model.geom(geom).name)) for geom, body in enumerate(bodies)}
@@ -384,7 +389,7 @@ def _own_geoms(robot: RobotSpec) -> frozenset[tuple[str, str]]:
 
 
 def geom_name(model: mujoco.MjModel, geom: int) -> str:
-    """Of the geom; of one without a name, its body's and its number."""
+    """Name of a geom, or, without a name, its body's name and its id."""
     return str(model.geom(geom).name) or f"{model.body(model.geom_bodyid[geom]).name}/geom_{geom}"
 
 
@@ -396,7 +401,7 @@ def _obstacle(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> StaticOb
 
 
 def _solid(kind: type[SolidT], model: mujoco.MjModel, geom: int, position: Array, rotation: Array, way: str) -> SolidT:
-    """A geom at a pose in some frame; raises `SceneError`, which says the other `way`, if it cannot be represented."""
+    """Convert a geom at a pose in some frame. Raises `SceneError` with the advice `way` if it cannot be represented."""
     name, shape, size = geom_name(model, geom), mujoco.mjtGeom(int(model.geom_type[geom])), model.geom_size[geom]
     match shape:
         case mujoco.mjtGeom.mjGEOM_BOX:
@@ -419,7 +424,7 @@ def _solid(kind: type[SolidT], model: mujoco.MjModel, geom: int, position: Array
 
 
 def _box(kind: type[SolidT], name: str, position: Array, half: Array, rotation: Array) -> SolidT:
-    """A box along the axes of the frame is written as one without rotation."""
+    """Make a box. A box along the axes of the frame gets no rotation."""
     absolute = np.abs(rotation)
     if np.abs(absolute - absolute.round()).max() <= _AXIS_TOLERANCE:
         return kind(name, position, absolute @ half)
@@ -427,7 +432,7 @@ def _box(kind: type[SolidT], name: str, position: Array, half: Array, rotation: 
 
 
 def _mesh_points(model: mujoco.MjModel, mesh: int) -> Array:
-    """(n, 3) [m] vertices of a mesh in its geom's frame; those of its convex hull where MuJoCo has worked them out."""
+    """Vertices (n, 3) of a mesh in its geom's frame [m]. If MuJoCo has its convex hull, only those of the hull."""
     first, graph = int(model.mesh_vertadr[mesh]), int(model.mesh_graphadr[mesh])
     points = np.array(model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])], dtype=float)
     if graph < 0:
@@ -437,7 +442,7 @@ def _mesh_points(model: mujoco.MjModel, mesh: int) -> Array:
 
 
 def declared_supports(model: mujoco.MjModel) -> tuple[str, ...]:
-    """Names of the geoms on which objects may be put, by the model's custom tuple "supports"; none without it."""
+    """Names of the geoms on which objects may be put, by the model's custom tuple "supports". Empty without it."""
     index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TUPLE, "supports")
     if index < 0:
         return ()
@@ -449,12 +454,12 @@ def declared_supports(model: mujoco.MjModel) -> tuple[str, ...]:
 def find_supports(
     found: Sequence[FoundObstacle], wanted: Iterable[str], objects: Sequence[Body] = ()
 ) -> tuple[str, ...]:
-    """Names of the obstacles on which objects can be put: each the geom of that name, or, of that body, the highest
-    level one at least half as large as its largest, so that of a bin it is not the rim; without duplicates.
+    """Find the obstacles on which objects can be put, by the names of geoms or bodies, without duplicates. For a body,
+    it is the highest level top at least half as large as the largest: the floor of a bin, not its rim.
 
     Raises:
-        SceneError: there is none of a name; the message lists what objects can stand on, with heights [m], that on
-            which `objects` stand first.
+        SceneError: no support of a name. The message lists the possible supports with heights [m], those with `objects`
+            first.
     """
     level = [one for one in found if one.obstacle.has_level_top]
     names: list[str] = []
@@ -472,14 +477,15 @@ def find_supports(
 
 
 def likely_support(found: Sequence[FoundObstacle], objects: Sequence[Body]) -> str:
-    """Name of the obstacle on whose level top most objects stand, of several the largest; the floor where none does."""
+    """Name of the obstacle with most objects on its level top, the largest of several. The floor if no object stands on
+    one."""
     level = [one.obstacle for one in found if one.obstacle.has_level_top]
     best = max(level, key=lambda top: (_standing(top, objects), _area(top)), default=None)
     return FLOOR if best is None or not _standing(best, objects) else best.name
 
 
 def support_bodies(found: Sequence[FoundObstacle], supports: Sequence[str]) -> tuple[tuple[str, str], ...]:
-    """Names of bodies of which one support alone is a part, each with the name of that support."""
+    """Names of bodies with exactly one support among their parts, each with the name of this support."""
     own: dict[str, list[str]] = {}
     for one in found:
         if one.obstacle.name in supports and one.body not in ("", "world", one.obstacle.name):
@@ -488,7 +494,8 @@ def support_bodies(found: Sequence[FoundObstacle], supports: Sequence[str]) -> t
 
 
 def _described(level: Sequence[FoundObstacle], objects: Sequence[Body]) -> list[str]:
-    """What objects can stand on in words, its body's name too where that means it, that with most objects first."""
+    """Descriptions of the possible supports, those with most objects first. The body's name is added if it selects the
+    support."""
     ranked = sorted(
         level,
         key=lambda one: (-_standing(one.obstacle, objects), one.obstacle.top > _OUT_OF_REACH, -_area(one.obstacle)),
@@ -505,7 +512,7 @@ def _described(level: Sequence[FoundObstacle], objects: Sequence[Body]) -> list[
 
 
 def _largest_high(tops: Sequence[StaticObstacle]) -> StaticObstacle:
-    """The highest of the level tops of a body that are at least half as large as its largest: of a bin the floor."""
+    """The highest level top of a body at least half as large as its largest: the floor of a bin."""
     largest = max(map(_area, tops))
     return max((top for top in tops if _area(top) >= largest / 2), key=lambda top: (top.top, _area(top), top.name))
 
@@ -515,12 +522,12 @@ def _area(top: StaticObstacle) -> float:
 
 
 def _standing(top: StaticObstacle, objects: Sequence[Body]) -> int:
-    """How many objects stand on a level top."""
+    """Number of objects on a level top."""
     return sum(abs(body.bottom - top.top) <= RESTING and bool(top.is_under(body.position[:2])) for body in objects)
 
 
 def _why_none(there: Sequence[StaticObstacle]) -> str:
-    """Why these obstacles, which have the name of a support, are none."""
+    """Reason why the obstacles with a support's name are no supports."""
     axes = [np.abs(one.rotation[2]).max() for one in there if one.shape == "box"]
     axes += [abs(one.rotation[2, 2]) for one in there if one.shape == "cylinder"]
     if axes:
@@ -535,16 +542,16 @@ def openings_of(
     found: Sequence[FoundObstacle],
     handles: Mapping[str, Sequence[str]] = MappingProxyType({}),
 ) -> tuple[Opening, ...]:
-    """What opens: bodies on one slide or hinge with a range, on something that does not move or on such a body.
+    """Find openings: bodies on one slide or hinge with a range, on a fixed body or on another opening.
 
     Args:
         model, data: the simulation.
-        robot: whose joints are none.
+        robot: robot, whose joints are no openings.
         found: the static obstacles, with the names of their bodies.
-        handles: names of the geoms by which a body is taken, by its name.
+        handles: names of each body's handle geoms, by the body's name.
 
     Raises:
-        SceneError: a body with handles that does not open, or a handle that is no part of it.
+        SceneError: a body with handles that is no opening, or a handle that is not a part of it.
     """
     openings = [
         _opening(model, data, int(model.jnt_bodyid[joint]), joint, found, handles.get(name))
@@ -559,7 +566,7 @@ def openings_of(
 
 
 def opening_joints(model: mujoco.MjModel, robot: RobotSpec) -> dict[str, int]:
-    """Ids of the joints of what opens, by the names of the bodies; see `openings_of`."""
+    """Ids of the joints of openings, by the names of the bodies, see `openings_of`."""
     on_robot, found = robot_bodies(model, robot), dict[str, int]()
     for body in range(1, model.nbody):
         joint = int(model.body_jntadr[body])
@@ -573,12 +580,12 @@ def opening_joints(model: mujoco.MjModel, robot: RobotSpec) -> dict[str, int]:
 
 
 def opening_name(model: mujoco.MjModel, body: int) -> str:
-    """The name of what opens: of its body, else "opening_12" with the body's number."""
+    """Name of an opening: its body's name, or "opening_12" with the body's id."""
     return str(model.body(body).name) or f"opening_{body}"
 
 
 def _hangs_on_openings(model: mujoco.MjModel, body: int) -> bool:
-    """Whether a body does not move, or moves on slides and hinges alone, one each."""
+    """Whether a body and its ancestors are fixed, or have a single slide or hinge each."""
     while body:
         joints = int(model.body_jntnum[body])
         if joints > 1 or (joints and int(model.jnt_type[model.body_jntadr[body]]) not in _JOINTS):
@@ -595,7 +602,7 @@ def _opening(
     found: Sequence[FoundObstacle],
     named: Sequence[str] | None,
 ) -> Opening:
-    """A body that opens, as it is now."""
+    """Make the opening of a body in its present state."""
     along = _with_attached(model, [body])
     parts = [one for one in found if one.body_id in along]
     name, names = opening_name(model, body), [one.obstacle.name for one in parts]
@@ -631,7 +638,7 @@ def _opening(
 def _weight_towards_shut(
     model: mujoco.MjModel, data: mujoco.MjData, joint: int, along: Iterable[int], ends: tuple[float, float]
 ) -> float:
-    """[N] or [N m] with which its weight shuts what is open: the least where it is left, 0 for what is too little."""
+    """Least force [N] or torque [N m] by which its weight shuts an opening that is left open. 0 if it is too small."""
     if model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY):
         return 0.0
     shut, wide = ends

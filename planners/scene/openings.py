@@ -1,6 +1,6 @@
-"""What opens: drawers, doors, lids and knobs, bodies on one slide or hinge.
+"""Openings: drawers, doors, lids and knobs, which are bodies on one slide or hinge.
 
-What moves with an opening is among the static obstacles of a scene, where it is now; see `planners.scene.moving`.
+The moving parts of an opening are static obstacles of a scene, at their present poses. See `planners.scene.moving`.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ Array = NDArray[np.float64]
 JointKind: TypeAlias = Literal["slide", "hinge"]
 
 _KNOB = 0.02
-"""[m] from the hinge up to which a handle turns in its place."""
+"""[m] Largest distance from the hinge of a handle that turns in place."""
 _HANDLES = ("handle", "knob", "pull", "grip")
-"""Words in the names of what is taken by the hand."""
+"""Words in the names of handles."""
 
 
 class UnknownOpening(SceneError):
-    """Nothing of that name opens; the message lists what does."""
+    """No opening of that name. The message lists the openings."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,20 +33,20 @@ class Opening:
     """A drawer, door, lid or knob: a body that moves on one slide or hinge.
 
     Attributes:
-        name: of its body.
+        name: name of its body.
         kind: "slide" or "hinge".
-        axis: (3,) unit vector in the world along which it slides, or about which it turns, where positions grow.
-        point: (3,) [m] a point of the hinge.
-        position: [m] or [rad] where it is.
-        shut, open: [m] or [rad] the ends of its range: where it is closed, and as far open as it goes.
+        axis: (3,) unit vector in the world along which it slides, or about which it turns, towards higher positions.
+        point: (3,) a point of the hinge [m].
+        position: present position [m] or [rad].
+        shut, open: ends of its range, closed and fully open [m] or [rad].
         parts: names of the static obstacles that move with it.
-        handles: names of those of them that are taken by the hand, the likeliest first.
-        friction: [N] or [N m] that it takes to move it.
-        spring: [N] or [N m] with which a spring pulls it towards lower positions where it is open; less than zero
-            towards higher ones.
+        handles: names of the parts to grasp, the likeliest first.
+        friction: force [N] or torque [N m] that moves it.
+        spring: force [N] or torque [N m] of a spring towards lower positions while it is open. Negative towards higher
+            positions.
 
     Raises:
-        SceneError: a kind that is none, an axis without length, or numbers that are not finite.
+        SceneError: an unknown kind, an axis of length zero, or numbers that are not finite.
     """
 
     name: str
@@ -76,21 +76,21 @@ class Opening:
 
     @property
     def share(self) -> float:
-        """How far it is open: 0 shut, 1 as far as it goes."""
+        """Opened share: 0 shut, 1 fully open."""
         return (self.position - self.shut) / (self.open - self.shut) if self.open != self.shut else 0.0
 
     def at_share(self, share: float) -> float:
-        """The position [m] or [rad] at which it is open by a share."""
+        """Position of an opened share [m] or [rad]."""
         return self.shut + share * (self.open - self.shut)
 
     @property
     def springs_shut(self) -> bool:
-        """Whether a spring shuts it when nobody holds it."""
+        """Whether a spring shuts it when it is released."""
         towards_shut = self.spring if self.open > self.shut else -self.spring
         return towards_shut > max(self.friction, 0.0)
 
     def motion(self, position: float) -> Array:
-        """(4, 4) that takes points from where they are now to where they are with the opening at a position."""
+        """Transform (4, 4) of points from their present places to those with the opening at a position."""
         T, by = np.eye(4), position - self.position
         if self.kind == "slide":
             T[:3, 3] = by * self.axis
@@ -102,19 +102,19 @@ class Opening:
         return T
 
     def is_about(self, point: Array) -> bool:
-        """Whether a point (3,) [m] is so near to the hinge that it turns in its place, as the middle of a knob."""
+        """Whether a point (3,) [m] is so near to the hinge that it turns in place, such as the middle of a knob."""
         away = point - self.point
         return self.kind == "hinge" and float(np.linalg.norm(away - (away @ self.axis) * self.axis)) < _KNOB
 
     def lever_arm(self, point: Array) -> float:
-        """[m] of a point (3,) [m] from the hinge; infinite of what slides, which no lever moves more easily."""
+        """Distance of a point (3,) from the hinge [m]. Infinite for a slide, where the point makes no difference."""
         if self.kind == "slide":
             return math.inf
         away = point - self.point
         return float(np.linalg.norm(away - (away @ self.axis) * self.axis))
 
     def direction(self, point: Array) -> Array:
-        """(3,) unit vector in which a point (3,) [m] of it moves when it is opened further; zero on the hinge."""
+        """Unit vector (3,) of the motion of a point (3,) [m] as it opens further. Zero on the hinge."""
         sign = 1.0 if self.open >= self.shut else -1.0
         if self.kind == "slide":
             return sign * self.axis
@@ -124,24 +124,25 @@ class Opening:
 
 
 def is_handle_name(name: str) -> bool:
-    """Whether something of that name is taken by the hand."""
+    """Whether a name is that of a handle."""
     return any(word in name.lower() for word in _HANDLES)
 
 
 @dataclass(frozen=True, eq=False)
 class Pull:
-    """A handle that stands among the objects of a scene: taken by the hand, it moves what opens, and is not lifted.
+    """Handle among the objects of a scene. It is grasped to move an opening, and is not lifted.
 
-    It may be any part that closed fingers push.
+    It may also be any part that closed fingers push.
 
     Attributes:
-        handle: name of the object that stands for it.
-        opening: name of what opens.
-        position: [m] or [rad] to which it is to be moved.
-        swept: where nothing may be put meanwhile.
-        pushes: whether closed fingers push it, in place of a grasp.
-        lever: name of what opens on it and is turned first by the same hand, which holds it meanwhile; "" for none.
-        turned: [m] or [rad] to which that is turned.
+        handle: name of the object that represents it.
+        opening: name of the opening.
+        position: goal position of the opening [m] or [rad].
+        swept: regions where no object may be put during the pull.
+        pushes: whether closed fingers push it, without a grasp.
+        lever: name of an opening on it, such as a door handle, that the same hand turns first and holds during the
+            pull. "" for none.
+        turned: goal position of the lever [m] or [rad].
     """
 
     handle: str

@@ -1,4 +1,4 @@
-"""Somebody's model made fit for execution: a copy with the changes that it needs, each of which is reported."""
+"""Preparation of a user's model for execution: a copy with the necessary changes, each of which is reported."""
 
 from __future__ import annotations
 
@@ -19,26 +19,27 @@ from planners.scene.robot_names import robot_prefix
 from planners.scene.solid import SceneError
 
 COMMAND_STEP = 0.01
-"""[s] Motor commands change this often; a time step must divide it."""
+"""[s] Interval of motor commands. A time step must divide it."""
 _IMPRATIO = 10.0
-"""Stiffness of friction over that of normal forces, as in the environments of this project."""
+"""Ratio of the stiffness of friction to that of normal forces, as in the environments of this project."""
 _EULER_STEP = 0.005
-"""[s] Longest time step with the explicit integrator: with longer ones Fetch's arm shakes."""
+"""[s] Longest time step with the explicit integrator. Fetch's arm shakes with longer steps."""
 _MARGIN = 0.002
-"""[m] Greatest margin of a geom: those of two add up, and what rests 5 mm above a face is not at rest on it."""
+"""[m] Greatest margin of a geom. The margins of two geoms add up, and an object 5 mm above a face is not at rest on
+it."""
 _DISABLED = {
     mujoco.mjtDisableBit.mjDSBL_CONTACT: "contacts",
     mujoco.mjtDisableBit.mjDSBL_CONSTRAINT: "constraints",
     mujoco.mjtDisableBit.mjDSBL_ACTUATION: "motors",
 }
-"""Without any of these no robot holds anything."""
+"""Flags of MuJoCo that disable a part of the physics that every grasp needs."""
 _PLANE = int(mujoco.mjtGeom.mjGEOM_PLANE)
 _NAMED = 6
-"""Names of geoms in a line of a printed `Prepared`; more are counted."""
+"""Most names of geoms in a line of a printed `Prepared`. The others are only counted."""
 
 
 class Change(NamedTuple):
-    """What was changed, its values before and after, and why."""
+    """Change of a model: the property, its values before and after, and the reason."""
 
     what: str
     before: str
@@ -48,13 +49,14 @@ class Change(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A model fit for `execute`, and what was changed in it; `str()` groups the changes by their reason.
+    """Model fit for `execute`, and its changes. `str()` groups the changes by their reason.
 
     Attributes:
-        model: a copy; states of the original are states of the copy.
-        changes: in the order of the model; none if it was fit as it is.
-        not_mended: what plans will fail for or deviate by, in words: free bodies that are too heavy or too slippery for
-            the robot or have no name, their welds, tendons and contact exclusions. See `planners.check`.
+        model: a copy. States of the original are states of the copy.
+        changes: changes in the order of the model. Empty if it was already fit.
+        not_mended: remaining problems, in words, for which plans will fail or deviate: free bodies that are too heavy
+            or too slippery for the robot or have no name, their welds, tendons and contact exclusions. See
+            `planners.check`.
     """
 
     model: mujoco.MjModel
@@ -78,22 +80,22 @@ class Prepared:
 
 
 def prepare(model: mujoco.MjModel, robot: RobotSpec) -> Prepared:
-    """A copy of a model in which the robot can touch what is not the robot, and can be driven by `execute`.
+    """Copy a model so that the robot can touch other bodies, and `execute` can drive it.
 
-    Contact bits: a geom that can touch something but no geom of the robot, which is then a ghost to it, gets the bits
-    of the robot; planes do not, since the base stands in the ground. Margins: those over `_MARGIN`, by which objects
-    rest above what they stand on, become 0. Time step: one that does not divide `COMMAND_STEP` becomes the next shorter
-    one that does, one too long for the integrator `_EULER_STEP`. Flags: what is disabled and the robot needs is
-    enabled. Contacts: the elliptic friction cone and `_IMPRATIO`, without which what is held creeps out of the fingers.
-    Fingers: the range of their position actuators becomes such that a command to close presses with all their force on
-    objects of any width. What is odd about free bodies, such as welds or a weight that is too much, is named and left.
+    Contact bits: a colliding geom that cannot touch the robot is a ghost to it. It gets the bits of the robot. Planes
+    do not, because the base stands in the ground. Margins: objects rest above their supports by the margins, so margins
+    over `_MARGIN` become 0. Time step: one that does not divide `COMMAND_STEP` becomes the next shorter step that does.
+    One too long for the integrator becomes `_EULER_STEP`. Flags: disabled physics that the robot needs is enabled.
+    Contacts: the elliptic friction cone and `_IMPRATIO` keep held objects from creeping out of the fingers. Fingers:
+    the range of their position actuators is extended, so that a command to close presses with their whole force on
+    objects of any width. Problems of free bodies, such as welds or too much weight, are named but not changed.
 
     Args:
-        model: that contains the robot; it is not written.
+        model: model that contains the robot. It is not modified.
         robot: which robot it is.
 
     Raises:
-        SceneError: the model lacks parts of the robot, or the robot has no geom that can touch something.
+        SceneError: the model lacks parts of the robot, or the robot has no colliding geom.
     """
     mended, changes = copy.copy(model), []
     on_robot = _robot_geoms(model, robot)
@@ -148,7 +150,7 @@ def prepare(model: mujoco.MjModel, robot: RobotSpec) -> Prepared:
 
 
 def _full_grips(model: mujoco.MjModel, robot: RobotSpec) -> Iterator[tuple[int, float]]:
-    """The position actuators of fingers that press less on thinner objects, and the command [m] that mends it."""
+    """The position actuators of fingers that press less on thinner objects, and the command [m] that corrects it."""
     prefix = robot_prefix(model, robot)
     for name in (prefix + finger for finger in robot.finger_joints):
         actuator = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name)
@@ -160,10 +162,10 @@ def _full_grips(model: mujoco.MjModel, robot: RobotSpec) -> Iterator[tuple[int, 
 
 
 def ghosts(model: mujoco.MjModel, robot: RobotSpec, bodies: Collection[int] | None = None) -> tuple[int, ...]:
-    """Ids of the geoms that can touch something, but no geom of the robot, which passes through them.
+    """Ids of the colliding geoms that cannot touch any geom of the robot, so that it passes through them.
 
-    Those of the bodies with these ids, or of all, but then no planes. Explicit contact pairs and exclusions are not
-    looked at. Errors are those of `prepare`.
+    Only geoms of the bodies with these ids, or of all bodies, then without planes. Explicit contact pairs and
+    exclusions are ignored. Errors are those of `prepare`.
     """
     contype, conaffinity, body = model.geom_contype, model.geom_conaffinity, model.geom_bodyid
     is_asked = model.geom_type != _PLANE if bodies is None else np.isin(body, list(bodies))
@@ -174,7 +176,7 @@ def ghosts(model: mujoco.MjModel, robot: RobotSpec, bodies: Collection[int] | No
 
 
 def _robot_geoms(model: mujoco.MjModel, robot: RobotSpec) -> NDArray[np.int64]:
-    """Ids of the robot's geoms that have contact bits."""
+    """Ids of the robot's geoms with contact bits."""
     of_robot = np.isin(model.geom_bodyid, list(robot_bodies(model, robot)))
     found = np.flatnonzero(of_robot & ((model.geom_contype != 0) | (model.geom_conaffinity != 0)))
     if not found.size:

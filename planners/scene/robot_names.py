@@ -1,4 +1,4 @@
-"""Names of a robot in somebody's model: those of its own MJCF file, behind a prefix where they would clash."""
+"""Names of a robot in a user's model: those of its own MJCF file, with a prefix where they would clash."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from planners.scene.solid import SceneError
 
 
 def robot_prefix(model: mujoco.MjModel, robot: RobotSpec) -> str:
-    """What stands before all names of a robot in a model: "" where it has those of its own MJCF file.
+    """Prefix of all names of a robot in a model, "" if it has the names of its own MJCF file.
 
     Raises:
-        SceneError: the model lacks parts of the robot, or has it twice behind prefixes, so that no one is meant.
+        SceneError: the model lacks parts of the robot, or has it twice behind prefixes, which is ambiguous.
     """
     if not (missing := _missing(model, robot, "")):
         return ""
@@ -35,7 +35,7 @@ def robot_prefix(model: mujoco.MjModel, robot: RobotSpec) -> str:
 
 
 def _missing(model: mujoco.MjModel, robot: RobotSpec, prefix: str) -> list[str]:
-    """Names of the parts of a robot that a model lacks with a prefix before them."""
+    """Names of the parts of a robot that a model lacks behind a prefix."""
     kinds = {
         mujoco.mjtObj.mjOBJ_BODY: (robot.base_body,),
         mujoco.mjtObj.mjOBJ_JOINT: (*robot.drive_joints, *robot.finger_joints),

@@ -1,6 +1,6 @@
-"""The world as the planner sees it: one immutable snapshot of robot, movable objects and static obstacles.
+"""World model of the planner: one immutable snapshot of robot, movable objects and static obstacles.
 
-World frame: z up, the ground on which the robot stands at z = 0; see `Scene.ground`.
+The world frame has z up, with the robot's ground at z = 0. See `Scene.ground`.
 """
 
 from __future__ import annotations
@@ -49,38 +49,40 @@ from planners.scene.solid import FLOOR, SceneError, StaticObstacle
 SUPPORT = "table_top"
 """Name of the support in the scenes of this package."""
 _FLOOR_SIZE = np.array([1.5, 1.5, 0.5])
-"""[m] Half extents of the box under the floor, about the robot, that the floor is as a support."""
+"""[m] Half extents of the box about the robot that represents the floor as a support."""
 _SUNK = 0.02
-"""[m] that the lowest point of an object may be below the top of what it stands on: soft contacts, rounding."""
+"""[m] Largest depth of an object's lowest point below its support's top, by soft contacts and rounding."""
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Everything that the planner may know, at one instant. Object i of `objects` is bit i of every mask.
+    """Complete input of the planner at one instant. Object i of `objects` is bit i of every mask.
 
     Attributes:
         robot: which robot it is.
-        state: where it is.
-        objects: what may be moved: cylinders, boxes, objects of several convex pieces.
-        static_obstacles: what may not be touched, the support among it; the ground z = 0 is always there.
-        held: the object in the gripper, None for none. The fingers are commanded to close on it, whatever finger
-            position `state` was given with.
-        aside: objects that idle arms hold in their home configuration, by arm; they move with the robot.
-        parked: where arms that were active before were left; the others are at home.
-        supports: names of the static obstacles on whose level top faces objects may be put, the first of them R_plane
-            of the paper; "floor" is the floor, and () the floor alone. Objects may stand anywhere: see `support_under`.
+        state: state of the robot.
+        objects: movable objects: cylinders, boxes, objects of several convex pieces.
+        static_obstacles: obstacles without allowed contact, including the support. The ground z = 0 always exists in
+            addition.
+        held: the object in the gripper, None for none. The fingers are commanded to close on it, whatever the finger
+            position of the given `state`.
+        aside: objects that idle arms hold in their home configuration, by arm. They move with the robot.
+        parked: configurations of arms that were active before. The others are at home.
+        supports: names of the static obstacles on whose level top faces objects may be put. The first is R_plane of the
+            paper. "floor" is the floor, and () means only the floor. Objects may stand elsewhere too, see
+            `support_under`.
         regions: named rectangles on supports, for goals.
         openings: drawers, doors, lids and knobs, whose parts are among the static obstacles.
-        pull: a handle that stands among the objects, to be pulled; None in scenes as they are.
-        ground: [m] height of the scene's z = 0 in the model that it was read from: that of the ground, or of the table,
-            on which the robot stands. All heights of the scene and of its plans are measured from there.
-        support_bodies: names of bodies of the model of which one support alone is a part, each with the name of that
-            support; goals that are solved may use either.
-        findings: what is odd about the objects that only the model tells; `planners.check` adds the rest.
+        pull: a handle among the objects, to be pulled. None in scenes read from a model.
+        ground: height of the scene's z = 0 in its model [m]: that of the ground or table on which the robot stands. All
+            heights of the scene and its plans are measured from there.
+        support_bodies: names of the model's bodies with exactly one support among their parts, each with the name of
+            this support. Goals may use either name.
+        findings: problems of objects that need the model. `planners.check` adds the others.
 
     Raises:
-        SceneError: two objects, static obstacles or regions have the same name, there are too many objects for a mask,
-            or a region lies on no support.
+        SceneError: two objects, static obstacles or regions have the same name, a mask cannot hold all objects, or a
+            region lies on no support.
         UnknownObject: the object in the gripper is not among the objects.
     """
 
@@ -119,7 +121,7 @@ class Scene:
             taken.add(region.name)
         if self.held is not None:
             self.index(self.held.name)
-            # Commanded to close completely, the fingers press on what is between them.
+            # A command to close completely makes the fingers press on the object between them.
             object.__setattr__(self, "state", replace(self.state, finger_position=0.0))
         for one in self.aside:
             self.index(one.held.name)
@@ -130,18 +132,18 @@ class Scene:
         return tuple(body.name for body in self.objects)
 
     def index(self, name: str) -> int:
-        """Bit of an object; raises `UnknownObject`."""
+        """Bit of an object. Raises `UnknownObject`."""
         names = self.names
         if name not in names:
             raise UnknownObject(f"no object {name!r}; known objects: {', '.join(names) or 'none'}")
         return names.index(name)
 
     def body(self, name: str) -> Body:
-        """The object of that name; raises `UnknownObject`."""
+        """The object of that name. Raises `UnknownObject`."""
         return self.objects[self.index(name)]
 
     def opening(self, name: str) -> Opening:
-        """What opens of that name; raises `UnknownOpening`."""
+        """The opening of that name. Raises `UnknownOpening`."""
         for one in self.openings:
             if one.name == name:
                 return one
@@ -150,13 +152,13 @@ class Scene:
 
     @property
     def support(self) -> StaticObstacle:
-        """The first support, R_plane of the paper, else the floor; raises `SceneError` if it has no level top."""
+        """The first support, R_plane of the paper, or the floor. Raises `SceneError` if it has no level top."""
         return self.support_named(self.supports[0] if self.supports else FLOOR)
 
     def support_under(self, body: Body) -> StaticObstacle:
-        """What carries an object, other objects aside: the highest level top under its centre, or the floor.
+        """Support of an object, regardless of other objects: the highest level top under its centre, or the floor.
 
-        An object in the air is over the support that it would fall on.
+        The support of an object in the air is that on which it would fall.
         """
         level = (one for one in self.static_obstacles if one.has_level_top and one.top <= body.bottom + _SUNK)
         under = [one for one in level if one.is_under(body.position[:2])]
@@ -168,10 +170,10 @@ class Scene:
         return StaticObstacle(FLOOR, np.append(self.state.base[:2], -_FLOOR_SIZE[2]), _FLOOR_SIZE)
 
     def support_named(self, name: str) -> StaticObstacle:
-        """The static obstacle of that name, on which objects can be put.
+        """Find the static obstacle of that name, on which objects can be put.
 
         Raises:
-            SceneError: none of that name has a level top; the message lists those that have one.
+            SceneError: no static obstacle of that name has a level top. The message lists those with a level top.
         """
         for obstacle in self.static_obstacles:
             if obstacle.name == name and obstacle.has_level_top:
@@ -184,7 +186,7 @@ class Scene:
 
     @property
     def held_names(self) -> tuple[str, ...]:
-        """Names of the objects in the grippers, that of the active arm first; () for none."""
+        """Names of the objects in the grippers, that of the active arm first. () for none."""
         in_hand = () if self.held is None else (self.held.name,)
         return (*in_hand, *(one.held.name for one in self.aside))
 
@@ -195,17 +197,18 @@ class Scene:
         return (*active, *(one.arm for one in self.aside))
 
     def mask(self, names: Iterable[str]) -> int:
-        """The bits of these objects."""
+        """Mask of these objects."""
         return sum({1 << self.index(name) for name in names})
 
     def names_of(self, mask: int) -> tuple[str, ...]:
-        """The objects whose bits are set; the bits of static obstacles and of the robot are left out."""
+        """Names of the objects in a mask, without the bits of static obstacles and the robot."""
         return tuple(body.name for i, body in enumerate(self.objects) if int(mask) >> i & 1)
 
     def moved_since(self, before: Scene) -> int:
-        """Mask of the objects with other poses than before, or that are held in one scene alone; all, if others exist.
+        """Mask of the objects with changed poses, or held in only one scene. All objects if the scenes have different
+        ones.
 
-        The robot does not matter.
+        The robot is ignored.
         """
         if self.names != before.names:
             return (1 << max(len(self.names), len(before.names))) - 1
@@ -218,7 +221,7 @@ class Scene:
         return mask
 
     def with_state(self, state: RobotState) -> Scene:
-        """The same scene with the robot elsewhere."""
+        """The same scene with the robot in another state."""
         return replace(self, state=state)
 
     def with_body(self, body: Body) -> Scene:
@@ -231,10 +234,10 @@ class Scene:
         return replace(self, held=held)
 
     def using(self, arm: str) -> Scene:
-        """The same scene with another arm active; the one that is active now is taken to be at home.
+        """The same scene with another arm active. The present arm is assumed to be at home.
 
         Raises:
-            InvalidRobot: there is no such arm; the message lists the arms.
+            InvalidRobot: no such arm. The message lists the arms.
         """
         if arm == self.robot.arm_name:
             return self
@@ -249,7 +252,7 @@ class Scene:
         return replace(self, robot=robot, state=state, held=held, aside=aside, parked=parked)
 
     def holding(self, name: str) -> Scene | None:
-        """The same scene with the arm active that holds that object; None if none holds it."""
+        """The same scene with the arm active that holds an object. None if no arm holds it."""
         if self.held is not None and self.held.name == name:
             return self
         return next((self.using(one.arm) for one in self.aside if one.held.name == name), None)
@@ -269,33 +272,33 @@ class Scene:
         regions: Iterable[Region] = (),
         handles: Mapping[str, Sequence[str]] = MappingProxyType({}),
     ) -> Scene:
-        """A snapshot of a simulation; neither `model` nor `data` is written.
+        """Read a snapshot of a simulation. Both `model` and `data` stay unchanged.
 
-        Each finger counts as commanded to where it is, unless an object is held.
-        What is neither the robot nor movable is a static obstacle where it is now. Of these, bodies on one slide or
-        hinge with a range open: see `openings`.
+        Each finger is assumed to be commanded to its position, unless an object is held. All geoms except those of the
+        robot and of movable bodies are static obstacles at their present poses. Among them, bodies on one slide or
+        hinge with a range are openings, see `openings`.
 
         Args:
-            model: it contains the robot, with the names of `robot`.
+            model: a model that contains the robot, with the names of `robot`.
             data: after a step or `mj_forward`.
             robot: which robot it is.
             held: name of the object in the gripper, "" for none.
-            movable: names of the bodies that may be moved, or a predicate on the names of free bodies; by default
-                names that begin with "object_". Each has one free joint; of geoms that can touch, one cylinder or box,
-                or any number of boxes, cylinders, capsules, spheres, ellipsoids and meshes (their convex hulls).
-            support: name of the geom on whose level top face objects are put, or of the body that it belongs to;
-                "floor" for the floor; by default "table_top" where there is one, else what most objects stand on.
-            more_supports: names of other geoms or bodies on which objects may be put; by default those that the model
-                declares, the geoms of its custom tuple "supports".
-            obstacles: predicate that is asked with `model.geom(id)` for every geom that is neither on the robot nor on
-                a movable body; by default geoms that can touch something are static obstacles.
+            movable: names of the movable bodies, or a predicate on the names of free bodies. By default names that
+                begin with "object_". Each has a single free joint. Its colliding geoms are one cylinder or box, or any
+                number of boxes, cylinders, capsules, spheres, ellipsoids and meshes (as convex hulls).
+            support: name of the geom on whose level top face objects are put, or of its body. "floor" means the floor.
+                By default "table_top" if it exists, or the support of most objects.
+            more_supports: names of other geoms or bodies on which objects may be put. By default the geoms of the
+                model's custom tuple "supports".
+            obstacles: predicate on `model.geom(id)` for every geom that is neither on the robot nor on a movable body.
+                By default all colliding geoms are static obstacles.
             regions: named rectangles on supports, for goals.
-            handles: by the name of a body that opens, the names of the geoms by which it is taken; by default those
-                with "handle", "knob", "pull" or "grip" in the name of the geom or its body, else its slender parts.
+            handles: names of the handle geoms of each opening, by the name of its body. By default geoms with "handle",
+                "knob", "pull" or "grip" in their name or that of their body, or slender parts.
 
         Raises:
-            SceneError: a movable body with joints of its own, a geom that cannot be represented, a name that is
-                missing; the message says which, and lists the valid names. Or `data` has no poses yet.
+            SceneError: a movable body has other joints, a geom cannot be represented, a name is missing, or `data` has
+                no poses yet. The message names the cause and lists the valid names.
             UnknownObject: no object named `held`.
         """
         if not data.geom_xmat.any():

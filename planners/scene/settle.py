@@ -1,4 +1,4 @@
-"""Objects of a simulation come to rest before it is read, the robot held still."""
+"""Settling of a simulation's objects with the robot held still, before the scene is read."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from planners.scene.mujoco_reading import robot_bodies
 from planners.scene.solid import SceneError
 
 _SLOW, _LONG = 0.005, 0.2
-"""[m/s], [rad/s] below which everything must stay for so long [s] to be at rest."""
+"""Largest velocity at rest [m/s], [rad/s], and the time for which all velocities must stay below it [s]."""
 _MOVED = 0.001
-"""[m] An object that has moved less is not named."""
+"""[m] Least motion of an object that is reported."""
 
 
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """A state in which objects rest, and how far they moved.
+    """State with objects at rest, and the distances that they moved.
 
     Attributes:
-        data: a copy of the state that was given, at the same time, with all velocities 0.
-        moved: by the names of bodies with a free joint, how far [m] their origins moved; those under a millimetre are
-            left out.
-        is_at_rest: whether everything came to rest in the time given.
+        data: a copy of the given state, at the same time, with all velocities 0.
+        moved: distances that the origins of bodies with a free joint moved, by name [m]. Distances under a millimetre
+            are left out.
+        is_at_rest: whether all objects came to rest in the given time.
     """
 
     data: mujoco.MjData
@@ -39,13 +39,13 @@ class Settled:
 
 
 def settle(model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec, seconds: float = 5.0) -> Settled:
-    """Let objects fall and come to rest; the same state always ends in the same one.
+    """Let objects fall and come to rest. The result is deterministic.
 
     Args:
-        model: as made by `prepare`: with the contacts that an execution has.
-        data: the state; it is not written.
-        robot: whose joints stay where they are.
-        seconds: simulated time [s] after which it ends even if something still moves.
+        model: model made by `prepare`, with the contacts of an execution.
+        data: the state, which is not modified.
+        robot: robot, whose joints are held still.
+        seconds: most simulated time [s], even if objects still move.
 
     Raises:
         SceneError: the model lacks the robot, or the time is not positive.

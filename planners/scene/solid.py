@@ -1,4 +1,4 @@
-"""Convex solids: pieces of objects, and static obstacles, which nothing moves. Immutable."""
+"""Convex solids: pieces of objects, and static obstacles. Immutable."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ Array = NDArray[np.float64]
 SolidShape = Literal["box", "cylinder", "capsule", "sphere", "ellipsoid", "hull"]
 
 FLOOR = "floor"
-"""Name of the floor as a support, which is no static obstacle: every scene has it."""
+"""Name of the floor as a support. It is no static obstacle, and every scene has it."""
 _EQUAL_EXTENTS = {"cylinder": (0, 1), "capsule": (0, 1), "sphere": (0, 1, 2)}
-"""Half extents that must be equal, since the solid is round about its z axis or about every axis."""
+"""Half extents that must be equal, because the solid is round about its z axis or about every axis."""
 _SAME = 1e-9
 """[m] Rounding of lengths that must be equal."""
 LEVEL = 1e-6
-"""Rounding of the entries of a rotation matrix: an axis this near to the vertical is vertical."""
+"""Rounding of the entries of a rotation matrix. An axis this near to the vertical is vertical."""
 _SIDES = 24
-"""Sides of the polygon around a round solid: its corners are 0.9% of the radius away from a circle."""
+"""Sides of the polygon around a round solid. Its corners are 0.9% of the radius away from the circle."""
 BOX_CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 _AROUND = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
 """Corners of a rectangle, counter-clockwise."""
@@ -34,7 +34,7 @@ class SceneError(ValueError):
 
 
 def frozen(values: ArrayLike, shape: tuple[int, ...], what: str) -> NDArray[np.float64]:
-    """A read-only copy of that shape; raises `SceneError` if it has another one or is not finite."""
+    """Make a read-only copy. Raises `SceneError` if it has another shape or is not finite."""
     array = np.array(values, dtype=float)
     if array.shape != shape or not np.isfinite(array).all():
         raise SceneError(f"{what} must be finite with shape {shape}, not {array!r}")
@@ -43,7 +43,7 @@ def frozen(values: ArrayLike, shape: tuple[int, ...], what: str) -> NDArray[np.f
 
 
 def _around(elevations: ArrayLike) -> Array:
-    """Unit vectors (k, 3) at these elevations [rad], `_SIDES` about the z axis at each; one for a pole."""
+    """Unit vectors (k, 3) at elevations [rad], `_SIDES` about the z axis at each, a single one for a pole."""
     rows = []
     for elevation in np.asarray(elevations, dtype=float):
         turns = np.arange(_SIDES if abs(elevation) < 1.5 else 1) * (2 * np.pi / _SIDES)
@@ -53,7 +53,7 @@ def _around(elevations: ArrayLike) -> Array:
 
 
 _BETWEEN = np.pi / 12
-"""[rad] between the elevations of the normals of a sphere."""
+"""[rad] Step between the elevations of the normals of a sphere."""
 _FACES = np.concatenate((np.eye(3), -np.eye(3)))
 _AROUND_CYLINDER = _around((0.0, -np.pi / 2, np.pi / 2))
 _ROUND = _around(_BETWEEN * np.arange(-6.0, 7.0))
@@ -62,16 +62,17 @@ _ROUND = _around(_BETWEEN * np.arange(-6.0, 7.0))
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A convex solid in some frame: the world for a static obstacle, an object for one of its pieces.
+    """Convex solid in a frame: the world for a static obstacle, or the object's frame for a piece.
 
     Attributes:
         name: unique among its kind.
-        position: (3,) [m] centre of the box around the solid, in the frame.
-        half_extents: (3,) [m] of that box along the solid's own axes. A cylinder has (radius, radius, half height), a
-            capsule the same with its caps included, a sphere three times its radius, an ellipsoid its semi-axes.
+        position: (3,) centre of the box around the solid, in the frame [m].
+        half_extents: (3,) half extents of this box along the solid's own axes [m]. A cylinder has (radius, radius, half
+            height), a capsule the same including its caps, a sphere (radius, radius, radius), an ellipsoid its
+            semi-axes.
         shape: "box", "cylinder", "capsule", "sphere", "ellipsoid" or "hull" (the convex hull of `vertices`).
         rotation: (3, 3) R_frame_solid.
-        vertices: (n, 3) [m] corners of a hull relative to `position`, along its own axes; (0, 3) for other shapes.
+        vertices: (n, 3) corners of a hull relative to `position`, along its own axes [m]. (0, 3) for other shapes.
 
     Raises:
         SceneError: an array has the wrong shape or is not finite, or the half extents do not fit the shape.
@@ -113,7 +114,7 @@ class Solid:
     def hull(
         cls, name: str, points: ArrayLike, position: ArrayLike = (0, 0, 0), rotation: ArrayLike | None = None
     ) -> Self:
-        """The convex hull of points (n, 3) [m] given in a frame at `position` (3,) with axes `rotation` (3, 3).
+        """Make the convex hull of points (n, 3) [m], given in a frame at `position` (3,) with axes `rotation` (3, 3).
 
         Raises:
             SceneError: the points lie in one plane.
@@ -128,7 +129,7 @@ class Solid:
         return cls(name, np.asarray(position) + R @ centre, (high - low) / 2, "hull", R, corners - centre)
 
     def reach(self, directions: Array) -> Array:
-        """(k,) [m] from `position` to the farthest planes perpendicular to directions (k, 3) of unit length."""
+        """Distances (k,) from `position` to the farthest touching planes in directions (k, 3) of unit length [m]."""
         local, half = directions @ self.rotation, self.half_extents
         if self.shape == "box":
             return np.asarray(np.abs(local) @ half)
@@ -142,22 +143,22 @@ class Solid:
 
     @cached_property
     def lower(self) -> Array:
-        """(3,) [m] smallest coordinates of its points in the frame."""
+        """Smallest coordinates (3,) of its points in the frame [m]."""
         return self.position - self.reach(-np.eye(3))
 
     @cached_property
     def upper(self) -> Array:
-        """(3,) [m] largest coordinates of its points in the frame."""
+        """Largest coordinates (3,) of its points in the frame [m]."""
         return self.position + self.reach(np.eye(3))
 
     @cached_property
     def extent(self) -> Array:
-        """(3,) [m] half extents of the smallest box about `position`, along the axes of the frame, that contains it."""
+        """Half extents (3,) of the smallest bounding box about `position`, along the axes of the frame [m]."""
         axes = np.eye(3)
         return np.maximum(self.reach(axes), self.reach(-axes))
 
     def half_extent_along(self, direction: ArrayLike) -> float:
-        """[m] from `position` to the farther plane perpendicular to a `direction` (3,) that touches the solid."""
+        """Distance from `position` to the farther touching plane perpendicular to a `direction` (3,) [m]."""
         along = np.asarray(direction, dtype=float)
         return float(self.reach(np.stack((along, -along))).max())
 
@@ -168,9 +169,9 @@ class Solid:
 
     @cached_property
     def outline(self) -> Array:
-        """(k, 2) [m] corners, in order, of a convex polygon that contains it seen from above.
+        """Corners (k, 2), in order, of a convex polygon that contains it seen from above [m].
 
-        It is exact for boxes and hulls; for round solids its sides touch the outline.
+        It is exact for boxes and hulls. For round solids its sides touch the outline.
         """
         if self.shape == "box" and self.is_axis_aligned:
             return np.asarray(_AROUND * self.half_extents[:2] + self.position[:2])
@@ -186,7 +187,7 @@ class Solid:
 
     @cached_property
     def corners(self) -> Array:
-        """(k, 3) [m] points of the frame whose convex hull contains it: exact for boxes and hulls."""
+        """Points (k, 3) in the frame whose convex hull contains it, exact for boxes and hulls [m]."""
         half, ring = self.half_extents, 1.0 / np.cos(np.pi / _SIDES)
         if self.shape == "hull":
             local = self.vertices
@@ -204,9 +205,9 @@ class Solid:
 
     @cached_property
     def planes(self) -> tuple[Array, Array]:
-        """Outward normals (k, 3) of planes around it and their distances (k,) [m] from the origin of the frame.
+        """Outward normals (k, 3) of planes around it, and their distances (k,) from the frame's origin [m].
 
-        What is behind all of them is the solid: exact for boxes and hulls, for round solids a polyhedron around it.
+        The space behind all planes is the solid. It is exact for boxes and hulls, and a polyhedron around round solids.
         """
         if self.shape == "hull":
             equations = ConvexHull(self.corners).equations
@@ -216,15 +217,15 @@ class Solid:
 
     @cached_property
     def volume(self) -> float:
-        """[m³]."""
+        """Volume of the hull of `corners` [m³]."""
         return float(ConvexHull(self.corners).volume)
 
     def moved(self, rotation: Array, position: Array) -> Self:
-        """The same solid, given in a frame that is at `position` (3,) with axes `rotation` (3, 3) in another one."""
+        """Transform a solid from a frame at `position` (3,) with axes `rotation` (3, 3) to the outer frame."""
         return replace(self, position=position + rotation @ self.position, rotation=rotation @ self.rotation)
 
     def cut(self, origins: Array, directions: Array) -> tuple[Array, Array, Array, Array]:
-        """Where lines through `origins` (n, 3) along unit vectors `directions` (n, 3) enter and leave it.
+        """Intersect it with lines through `origins` (n, 3) along unit vectors `directions` (n, 3).
 
         Returns:
             distances (n,) [m] along each line at which it enters and leaves, the first not less than the second where
@@ -244,12 +245,12 @@ class Solid:
 
 @dataclass(frozen=True, eq=False)
 class StaticObstacle(Solid):
-    """A convex solid that stays where it is: a table top, a wall, a pillar, a bottle that the robot must not touch.
+    """Convex solid that the robot must not touch or move: a table top, a wall, a pillar, a bottle.
 
-    Its frame is the world, and its name unique among the static obstacles of a scene.
+    Its frame is the world. Its name is unique among the static obstacles of a scene.
 
     Attributes:
-        body: name of the body that it is a part of, "" for none: one that is hollow is a place for objects.
+        body: name of its body, "" for none. A hollow body is a place for objects.
     """
 
     body: str = ""
@@ -268,7 +269,7 @@ class StaticObstacle(Solid):
         return bool(vertical.any() if self.shape == "box" else self.shape == "cylinder" and vertical[2])
 
     def is_under(self, points: Array) -> NDArray[np.bool_]:
-        """Which points (..., 2) [m] lie above or below its outline; of an upright cylinder, its circle."""
+        """Whether points (..., 2) [m] lie above or below its outline, for an upright cylinder its circle."""
         away = points - self.position[:2]
         if self.shape == "cylinder" and self.has_level_top:
             return np.asarray(np.hypot(away[..., 0], away[..., 1]) <= self.half_extents[0])
@@ -278,6 +279,6 @@ class StaticObstacle(Solid):
 
     @cached_property
     def _sides(self) -> tuple[Array, Array]:
-        """(k, 2) [m] corners of its outline, from `position`, and the sides that begin there."""
+        """Corners (k, 2) of its outline relative to `position`, and the sides that begin there [m]."""
         corners = self.outline - self.position[:2]
         return corners, np.roll(corners, -1, axis=0) - corners

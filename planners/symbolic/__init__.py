@@ -1,1 +1,1 @@
-"""The task-planning problem: facts with references, transitions, and the task planners."""
+"""Task-planning problem (facts with references, transitions) and task planners."""

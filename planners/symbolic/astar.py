@@ -1,4 +1,4 @@
-"""A task planner of our own: A* over the symbolic state."""
+"""Built-in task planner: A* over the symbolic state."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ from planners.symbolic.transitions import apply_action, arm_actions
 
 
 class AStar:
-    """A* search in process: nothing to install, shortest plans."""
+    """A* search in process, which finds shortest plans and needs no installation."""
 
     name = "astar"
 
     def plan(self, problem: TaskProblem, time_limit: float = math.inf) -> TaskPlan | NoPlan:
-        """A shortest plan; "unsolvable" if it is proved that there is none, "gave up" after `time_limit` [s].
+        """Find a shortest plan. "unsolvable" is a proof that no plan exists, "gave up" comes after `time_limit` [s].
 
-        Each step is an arm action with the drive to where it is possible: a drive to anywhere else is wasted.
+        Each step of the search is an arm action with the drive that makes it possible, because every other drive is
+        useless.
         """
         deadline = time.perf_counter() + time_limit
         to_go = LowerBound(problem)
@@ -57,14 +58,14 @@ class AStar:
 
 
 class LowerBound:
-    """A lower bound on the number of actions from a state to the goal; infinite if the goal is out of reach.
+    """Lower bound on the number of actions from a state to the goal, infinite if the goal is out of reach.
 
-    Counts every pick-up and put-down that no plan can do without, and a drive for each set of base poses that these
-    do not share with others. Where objects may be held aside, put-downs do not count.
+    It adds every pick-up and put-down that all plans need, and a drive for each group of their base poses without a
+    common pose. Where objects may be held aside, put-downs are left out.
     """
 
     def __init__(self, problem: TaskProblem) -> None:
-        """Look up once what actions never change: which base poses and trajectories reach which grasp."""
+        """Look up the facts that actions never change: the base poses and trajectories that reach each grasp."""
         self._problem = problem
         bases: dict[str, set[str]] = defaultdict(set)
         trajectories: dict[str, set[str]] = defaultdict(set)
@@ -98,7 +99,8 @@ class LowerBound:
         return len(steps) + _number_of_groups(steps) - is_standing_right
 
     def _necessary(self, state: SymbolicState, stands_at: dict[str, str]) -> set[str]:
-        """The target, what is not yet placed, and every object that obstructs all grasps of a necessary object."""
+        """Names of the target, objects not yet placed, and every object that obstructs all grasps of a necessary
+        object."""
         necessary: set[str] = set()
         blockers = state.blockers()
         frontier = [self._problem.target] if self._problem.target else []
@@ -126,7 +128,7 @@ def _successors(state: SymbolicState) -> Iterator[tuple[tuple[GroundAction, ...]
 
 
 def _number_of_groups(sets: Iterable[frozenset[str]]) -> int:
-    """Number of sets that are left when those with a common element are merged."""
+    """Number of sets left after sets with a common element are merged."""
     merged: list[frozenset[str]] = []
     for item in sets:
         touching = [other for other in merged if other & item]

@@ -1,6 +1,6 @@
-"""Task planners behind one protocol: kairos in process, any engine of unified-planning, and our own A* (`astar`).
+"""Task planners behind one protocol: kairos in process, any engine of unified-planning, and the built-in A* (`astar`).
 
-Built-in and user-written planners pass the same check of their answers, `checked_answer`; `answer_of` asks them.
+`answer_of` runs a planner. `checked_answer` checks the answers of built-in and user-written planners alike.
 """
 
 from __future__ import annotations
@@ -29,46 +29,48 @@ from planners.symbolic.problem import (
 from planners.symbolic.transitions import InapplicableActionError, update_from_action
 
 ENGINES = ("kairos", "astar", "fast-downward", "fast-downward:ff", "up:NAME")
-"""Names that `task_planner` knows; NAME is any engine of unified-planning, "fast-downward" short for one of them."""
+"""Names known to `task_planner`. NAME is any engine of unified-planning, and "fast-downward" is short for one of
+them."""
 
 FF_SEARCHES = ("let(hff,ff(),ehc(hff,preferred=[hff]))", "let(hff,ff(),eager_greedy([hff]))")
-"""FF (Hoffmann 2001) in Fast Downward's words: enforced hill climbing along helpful actions; where that finds no plan,
-greedy best-first search along all actions. Fast Downward is GPL: its users install it, no extra of ours names it."""
+"""FF (Hoffmann 2001) in Fast Downward's options: enforced hill climbing along helpful actions and, if it finds no plan,
+greedy best-first search along all actions. Fast Downward is GPL, so its users install it, and no extra of this package
+names it."""
 
 _VALID = (
     f"valid names: {', '.join(ENGINES)}; or an object with a method plan(problem, time_limit) that returns a TaskPlan "
     "or a NoPlan"
 )
 _LONGEST = 500
-"""Characters of an engine's own words, the last ones, that an error carries."""
+"""Most characters of an engine's output that an error carries, from its end."""
 _ACTION_NAMES = {name.lower(): name for name in ("MoveBase", "PickUp", "PutDownGeneral", "PutDownForClearance")}
 
 
 class UnknownEngineError(ValueError):
-    """No task planner of that name, or an object that is none; the message says what is valid."""
+    """No task planner of that name, or an object that is no task planner. The message lists valid choices."""
 
 
 class MissingEngineError(ValueError):
-    """The task planner is not installed; the message says how to install it."""
+    """The task planner is not installed. The message tells how to install it."""
 
 
 class EngineFailedError(RuntimeError):
-    """The task planner broke down: neither a plan nor a proof that there is none. Carries its output."""
+    """The task planner failed without a plan or a proof that no plan exists. Carries its output."""
 
 
 class InvalidAnswerError(RuntimeError):
-    """A task planner returned something that is no answer to its problem; the message says what and why."""
+    """A task planner returned an invalid answer to its problem. The message gives the answer and the reason."""
 
 
 def task_planner(choice: str | TaskPlanner | None = None) -> TaskPlanner:
-    """The task planner of that name, the same object if it is a task planner already, or the default one.
+    """Find the task planner of that name. A task planner is returned unchanged, None gives the default.
 
     Args:
         choice: one of `ENGINES`, any object with the `TaskPlanner` protocol, or None for `default_engine`.
 
     Raises:
-        UnknownEngineError: neither; the message lists the valid names and says what an object must have.
-        MissingEngineError: it is not installed; the message says how to install it.
+        UnknownEngineError: the choice is neither. The message lists the valid names and the required method.
+        MissingEngineError: it is not installed. The message tells how to install it.
     """
     match default_engine() if choice is None else choice:
         case "kairos":
@@ -101,7 +103,7 @@ def task_planner(choice: str | TaskPlanner | None = None) -> TaskPlanner:
 
 
 def default_engine() -> str:
-    """kairos where it is installed (its wheels are for Linux), otherwise our own A*."""
+    """Name of the default: kairos if it is installed (its wheels are for Linux), or the built-in A*."""
     return "kairos" if find_spec("kairos") else "astar"
 
 
@@ -111,7 +113,7 @@ class Kairos:
     name = "kairos"
 
     def __init__(self) -> None:
-        """Load the planner; raises `MissingEngineError`."""
+        """Load the planner. Raises `MissingEngineError`."""
         self._kairos = _require("kairos", "kairos-planner")
         self._parse_domain = cache(self._kairos.parse_domain)
 
@@ -128,15 +130,15 @@ class Kairos:
 
 
 class UnifiedPlanning:
-    """Any one-shot planner that unified-planning knows by name."""
+    """One-shot planner that unified-planning knows by name."""
 
     def __init__(self, engine: str, name: str, options: Sequence[Mapping[str, str]] = ({},)) -> None:
-        """Find the engine; raises `MissingEngineError`.
+        """Find the engine. Raises `MissingEngineError`.
 
         Args:
             engine: its name in unified-planning.
-            name: under which its plans are known here.
-            options: parameters of the engine; the next ones are tried where those before find no plan.
+            name: name under which its plans are known here.
+            options: sets of parameters of the engine. Each set is tried if the previous ones find no plan.
         """
         self.name = name
         self._engine = engine
@@ -181,9 +183,10 @@ _IN_PROCESS = (AStar, Kairos)
 
 
 def answer_of(planner: TaskPlanner, problem: TaskProblem, time_limit: float) -> TaskPlan | NoPlan:
-    """The answer of a task planner within `time_limit` [s], checked; `cpu_seconds` counts the processes that it starts.
+    """Run a task planner within `time_limit` [s] and check its answer. `cpu_seconds` includes the processes that it
+    starts.
 
-    Without time it is not asked: "gave up". Raises `InvalidAnswerError`, see `checked_answer`.
+    Without time left, the answer is "gave up". Raises `InvalidAnswerError`, see `checked_answer`.
     """
     if time_limit <= 0:
         return checked_answer(problem, NoPlan("gave up"), planner)
@@ -193,11 +196,11 @@ def answer_of(planner: TaskPlanner, problem: TaskProblem, time_limit: float) -> 
 
 
 def checked_answer(problem: TaskProblem, answer: TaskPlan | NoPlan, planner: TaskPlanner) -> TaskPlan | NoPlan:
-    """The same answer, a plan without detours, a refusal with its cause if one of the usual causes can be shown.
+    """Check an answer. Returns a plan without detours, or a refusal with its cause if a usual cause can be proved.
 
     Raises:
-        InvalidAnswerError: neither a `TaskPlan` nor a `NoPlan`, or a plan with an action that is not applicable, or
-            one that does not end with the target held; or a `NoPlan` with an unknown reason.
+        InvalidAnswerError: the answer is neither a `TaskPlan` nor a `NoPlan`, a plan has an inapplicable action or does
+            not reach the goal, or a `NoPlan` has an unknown reason.
     """
     name = str(getattr(planner, "name", type(planner).__name__))
     if isinstance(answer, NoPlan):
@@ -223,7 +226,7 @@ def checked_answer(problem: TaskProblem, answer: TaskPlan | NoPlan, planner: Tas
 
 
 def without_detours(actions: Iterable[GroundAction]) -> tuple[GroundAction, ...]:
-    """The same plan with one base motion in place of several in a row: any base pose can be reached from any other."""
+    """Merge successive base motions of a plan into one, because any base pose can be reached from any other."""
     kept: list[GroundAction] = []
     for action in actions:
         if action.name == "MoveBase" and kept and kept[-1].name == "MoveBase":
@@ -236,7 +239,7 @@ def without_detours(actions: Iterable[GroundAction]) -> tuple[GroundAction, ...]
 
 
 def _spelled(steps: Iterable[tuple[str, Iterable[str]]]) -> TaskPlan:
-    """A plan in the domain's spelling; planners fold names to lower case."""
+    """Restore the domain's spelling of a plan, because planners fold names to lower case."""
     return TaskPlan(
         tuple(
             GroundAction(_ACTION_NAMES[name.lower()], tuple(symbol_of(arg.lower()) for arg in args))
@@ -246,18 +249,18 @@ def _spelled(steps: Iterable[tuple[str, Iterable[str]]]) -> TaskPlan:
 
 
 def _require(module: str, package: str) -> Any:
-    """An optional module; raises `MissingEngineError`."""
+    """Import an optional module. Raises `MissingEngineError`."""
     if find_spec(module.partition(".")[0]) is None:
         raise MissingEngineError(f"this task planner is not installed; install it with: pip install {package}")
     return importlib.import_module(module)
 
 
 def why_unsolvable(problem: TaskProblem) -> tuple[Reason, tuple[str, ...]] | None:
-    """Why no plan can exist, with the names of the objects concerned; None if none of the usual causes holds.
+    """Find a usual cause why no plan can exist, with the names of the objects concerned. None without such a cause.
 
-    Removes, one by one, the objects that can be grasped, first as if there were always a location to put them. If the
-    target is not removed, it waits for objects that wait for each other, or for one that cannot be grasped at all. Of
-    goals with places none is looked for: their order is a fact.
+    Removes graspable objects one by one, at first as if a location were always free. If the target remains, it waits
+    for objects that wait for each other, or for an object without any grasp. Goals with places are not examined,
+    because their order is given.
     """
     if problem.placed:
         return None
@@ -281,7 +284,7 @@ def why_unsolvable(problem: TaskProblem) -> tuple[Reason, tuple[str, ...]] | Non
 
 
 def _removable(state: SymbolicState, objects: Collection[str], free: Collection[str] = ()) -> set[str]:
-    """`free`, the held object, and what of `objects` can be taken one by one after them."""
+    """`free`, the held objects, and the objects of `objects` that can be taken one by one after them."""
     blockers = state.blockers()
     gone = {*free, *state.all_held}
     while True:
@@ -296,7 +299,7 @@ def _removable(state: SymbolicState, objects: Collection[str], free: Collection[
 
 
 def _circle(state: SymbolicState, stuck: Collection[str]) -> tuple[str, ...]:
-    """The stuck objects that some other stuck object waits for, directly or not, and that wait themselves."""
+    """Names of the stuck objects that wait for each other, directly or indirectly."""
     circle = set(stuck)
     while True:
         waited_for = {fact[1] for fact in state.find("obstructs", None, None, None) if fact[3] in circle}
@@ -306,7 +309,7 @@ def _circle(state: SymbolicState, stuck: Collection[str]) -> tuple[str, ...]:
 
 
 def _grasp_trajectories(state: SymbolicState, name: str) -> set[str]:
-    """Arm trajectories that end at a grasp of the object where it stands."""
+    """Arm trajectories that end at a grasp of the object at its present location."""
     grasps = [g for at in state.find("objectAt", name, None) for g in state.find("isGrasp", None, name, at[2])]
     return {motion[1] for grasp in grasps for motion in state.find("isMotion", None, None, grasp[1])}
 
@@ -318,7 +321,7 @@ def _locations(state: SymbolicState, name: str) -> set[str]:
 
 
 def _has_free_location(state: SymbolicState, held: str) -> bool:
-    """Whether a held object can be put down now: nothing can be moved out of the way first."""
+    """Whether a held object can be put down now, without any other object moved away first."""
     blockers = state.blockers().get(held, {})
     grasps = [g for g in state.find("isGrasp", None, held, None) if g[3] in _locations(state, held)]
     return any(not blockers.get(motion[1]) for g in grasps for motion in state.find("isMotion", None, None, g[1]))

@@ -1,4 +1,4 @@
-"""The symbolic side of the planner: facts with references, the task-planning problem, and what a task planner returns.
+"""Symbolic part of the planner: facts with references, the task-planning problem, and the results of a task planner.
 
 Symbols such as `robot_gp_object_36` are references (Lee & Kim 2019, section 3.2): names for poses and paths that are
 assumed to exist until motion planning binds or refutes them. Names follow the paper's Fig. 13.
@@ -21,7 +21,7 @@ Atom: TypeAlias = tuple[str, ...]
 GRIPPER = "robot_gripper"
 """The gripper of a robot that acts with one arm."""
 ROBOT_INIT_LOC = "robot_init_loc"
-"""The base pose the robot starts from."""
+"""Symbol of the robot's initial base pose."""
 
 _DECIDES = {
     "objectAt": 1,
@@ -36,23 +36,23 @@ _DECIDES = {
     "isMotion": 3,
     "obstructs": 3,
 }
-"""The argument that decides whether a fact matters for the target; facts with other predicates always do."""
+"""Argument that decides whether a fact is relevant for the target. Facts with other predicates always are."""
 _LEGAL_SYMBOL, _CODE = re.compile(r"[a-z][a-z0-9_-]*"), re.compile(r"u-([0-9a-f]{2})+")
-"""Names that PDDL can hold; names that stand for others, of which they are the bytes."""
+"""Legal names in PDDL, and names that encode the bytes of others."""
 
 
 class SymbolError(ValueError):
-    """A fact that the domain does not know."""
+    """A fact unknown to the domain."""
 
 
 @dataclass(frozen=True)
 class SymbolicState:
-    """The facts that hold, and the location symbols that must not be offered again.
+    """Facts that hold, and location symbols that must not be offered again.
 
     Attributes:
-        facts: ground atoms; whatever is absent is false.
-        retired: locations used before; a new location gets a new symbol.
-        holds_aside: whether one gripper may hold an object while another one takes the next.
+        facts: ground atoms. All others are false.
+        retired: locations used before. A new location gets a new symbol.
+        holds_aside: whether a gripper may hold an object while another gripper takes the next.
     """
 
     facts: frozenset[Atom]
@@ -67,7 +67,7 @@ class SymbolicState:
         return found
 
     def find(self, *pattern: str | None) -> list[Atom]:
-        """Facts that match a predicate and its arguments, None standing for any argument; sorted."""
+        """Find the facts, sorted, that match a predicate and its arguments. None matches any argument."""
         facts = self._by_predicate.get(pattern[0], ())
         for place, symbol in enumerate(pattern):
             if place and symbol is not None:
@@ -89,7 +89,7 @@ class SymbolicState:
         return tuple(sorted(fact[-1] for kind in ("empty", "graspedBy") for fact in self._by_predicate.get(kind, ())))
 
     def gripper_for(self, name: str) -> str:
-        """The gripper that holds an object, or else the first one that reaches all its grasps."""
+        """The gripper that holds an object, or the first gripper that reaches all its grasps."""
         holding = self.find("graspedBy", name, None)
         if holding:
             return holding[0][2]
@@ -99,11 +99,11 @@ class SymbolicState:
 
     @property
     def robot_at(self) -> str:
-        """The base pose the robot is at."""
+        """Symbol of the robot's present base pose."""
         return self.find("robotAt", None)[0][1]
 
     def blockers(self) -> dict[str, dict[str, set[str]]]:
-        """Objects in the way: blocked object → arm trajectory → blocking objects."""
+        """Obstructing objects: blocked object → arm trajectory → blocking objects."""
         found: dict[str, dict[str, set[str]]] = defaultdict(lambda: defaultdict(set))
         for _, blocker, trajectory, name in self.find("obstructs", None, None, None):
             found[name][trajectory].add(blocker)
@@ -112,12 +112,12 @@ class SymbolicState:
 
 @dataclass(frozen=True)
 class TaskProblem:
-    """Reach a state in which a gripper holds the target, and objects are where they are to be.
+    """Task: reach a state in which a gripper holds the target, and objects are at their goal locations.
 
     Attributes:
         state: the facts at the start.
-        target: name of the object to hold, by the gripper that reaches the grasp chosen for it; "" for none.
-        placed: the facts `objectAt` wanted.
+        target: name of the object to hold, by the gripper that reaches the grasp chosen for it. "" for none.
+        placed: the goal facts `objectAt`.
     """
 
     state: SymbolicState
@@ -136,16 +136,17 @@ class TaskProblem:
 
     @property
     def goals(self) -> frozenset[Atom]:
-        """All facts wanted."""
+        """All goal facts."""
         return frozenset((*self.placed, self.goal) if self.target else self.placed)
 
     @property
     def is_solved(self) -> bool:
-        """Whether they all hold already."""
+        """Whether all goal facts already hold."""
         return self.goals <= self.state.facts
 
     def relevant_objects(self) -> frozenset[str]:
-        """The target and what is to be placed, what obstructs these however indirectly, and what is held."""
+        """Names of the target, objects to place, everything that directly or transitively obstructs them, and held
+        objects."""
         blockers = self.state.blockers()
         relevant = {self.target, *(fact[1] for fact in self.placed), *self.state.all_held} - {""}
         frontier = [*relevant]
@@ -156,7 +157,7 @@ class TaskProblem:
         return frozenset(relevant)
 
     def pruned(self) -> TaskProblem:
-        """The same problem without the objects that do not matter; it has the same shortest plans."""
+        """Remove the irrelevant objects. The result has the same shortest plans."""
         kept = set(self.relevant_objects())
         grasps = [fact for fact in self.state.facts if fact[0] == "isGrasp" and fact[2] in kept]
         kept |= {symbol for _, arm_pose, _, location in grasps for symbol in (arm_pose, location)}
@@ -165,7 +166,7 @@ class TaskProblem:
         return replace(self, state=replace(self.state, facts=facts))
 
     def text(self) -> str:
-        """The problem in PDDL, against `assets/pddl/domain.pddl`; names that PDDL cannot hold stand there in code.
+        """The problem in PDDL, for `assets/pddl/domain.pddl`. Illegal names are encoded.
 
         Raises:
             SymbolError: a fact that the domain does not know.
@@ -198,22 +199,21 @@ class TaskProblem:
 
 
 def _in_code(symbol: str) -> str:
-    """The name that stands in PDDL for a symbol: itself, if PDDL can hold it."""
+    """Name of a symbol in PDDL: the symbol itself if it is legal, or its code."""
     is_legal = _LEGAL_SYMBOL.fullmatch(symbol) and not _CODE.fullmatch(symbol)
     return symbol if is_legal else f"u-{symbol.encode().hex()}"
 
 
 def symbol_of(name: str) -> str:
-    """The symbol for which a name stands in PDDL."""
+    """Symbol of a name in PDDL, the inverse of the encoding."""
     return bytes.fromhex(name[2:]).decode() if _CODE.fullmatch(name) else name
 
 
 class GroundAction(NamedTuple):
-    """An action of the domain with its arguments, in the order of Fig. 4.
+    """Action of the domain with its arguments, in the order of Fig. 4.
 
-    MoveBase(pose1, pose2, traj); PickUp(obj, gripper, pose1, pose2, traj, objLoc);
-    PutDownGeneral(obj, gripper, pose1, pose2, traj, targetLoc);
-    PutDownForClearance(obs, tar, gripper, pose1, pose2, traj, targetLoc).
+    MoveBase(pose1, pose2, traj); PickUp(obj, gripper, pose1, pose2, traj, objLoc); PutDownGeneral(obj, gripper, pose1,
+    pose2, traj, targetLoc); PutDownForClearance(obs, tar, gripper, pose1, pose2, traj, targetLoc).
     """
 
     name: str
@@ -221,12 +221,12 @@ class GroundAction(NamedTuple):
 
     @property
     def object(self) -> str | None:
-        """The object taken or put down; None for a base motion."""
+        """The object taken or put down, None for a base motion."""
         return None if self.name == "MoveBase" else self.args[0]
 
     @property
     def gripper(self) -> str | None:
-        """The gripper that takes or puts down; None for a base motion."""
+        """The gripper that takes or puts down, None for a base motion."""
         return None if self.name == "MoveBase" else self.args[2 if self.name == "PutDownForClearance" else 1]
 
     def __str__(self) -> str:
@@ -235,7 +235,8 @@ class GroundAction(NamedTuple):
 
 @dataclass(frozen=True)
 class TaskPlan:
-    """Actions that lead to the goal, if every reference in them can be bound; `engine` names who found them."""
+    """Actions that lead to the goal if every reference in them can be bound. `engine` names the planner that found
+    them."""
 
     actions: tuple[GroundAction, ...]
     engine: str = ""
@@ -246,15 +247,15 @@ Reason: TypeAlias = Literal["cyclic", "no grasp", "no location", "unsolvable", "
 
 @dataclass(frozen=True)
 class NoPlan:
-    """Why a task planner returned no plan.
+    """Answer of a task planner without a plan, with its reason.
 
     Attributes:
-        reason: "cyclic": the objects of `evidence` wait for one another, whatever is done first; "no grasp": those of
-            `evidence` cannot be grasped at all; "no location": those of `evidence` must go but have nowhere to be
-            put; "unsolvable": proved, for another reason; "gave up": not proved, by the time limit or because the
-            engine is incomplete.
+        reason: "cyclic": the objects of `evidence` wait for each other in every order. "no grasp": the objects of
+            `evidence` have no grasp. "no location": the objects of `evidence` must be moved but have no location.
+            "unsolvable": proved, for another reason. "gave up": not proved, because of the time limit or an incomplete
+            engine.
         evidence: names of the objects concerned.
-        engine: name of the task planner that says so.
+        engine: name of the task planner.
     """
 
     reason: Reason
@@ -264,47 +265,47 @@ class NoPlan:
 
 @runtime_checkable
 class TaskPlanner(Protocol):
-    """Anything that solves a `TaskProblem`: one of `planners.symbolic.engines`, or an object of your own.
+    """Solver of a `TaskProblem`: one of `planners.symbolic.engines`, or the user's own object.
 
-    Its name in reports is its attribute `name` if it has one, else the name of its class.
+    Its name in reports is its attribute `name` or, without one, the name of its class.
     """
 
     def plan(self, problem: TaskProblem, time_limit: float) -> TaskPlan | NoPlan:
-        """A plan for the problem, or why there is none.
+        """Find a plan for the problem, or the reason why none is found.
 
         Args:
-            problem: without the objects that do not matter; `problem.text()` is its PDDL, `domain_text()` the domain's.
-                The names in the text are those of the plan once `symbol_of` has read them.
-            time_limit: [s] of wall time; a planner that does not end by then returns `NoPlan("gave up")`.
+            problem: problem without irrelevant objects. `problem.text()` is its PDDL, `domain_text()` the domain's.
+                `symbol_of` converts names in the text to those of the plan.
+            time_limit: wall time [s]. A planner that does not finish in time returns `NoPlan("gave up")`.
         """
         ...
 
 
 _ALL_EMPTY, _ONE_EMPTY = "(forall (?any - gripper) (empty ?any))", "(empty ?gripper)"
-"""Condition of PickUp on the grippers: by the paper, and where an object may be held aside."""
+"""Condition of PickUp on the grippers: that of the paper, and that with objects held aside."""
 
 
 @cache
 def domain_text(holds_aside: bool = False) -> str:
-    """The PDDL domain; with `holds_aside` a gripper may take an object while another one holds one."""
+    """The PDDL domain. With `holds_aside`, a gripper may take an object while another gripper holds an object."""
     text = path("pddl/domain.pddl").read_text(encoding="utf-8")
     return text.replace(_ALL_EMPTY, _ONE_EMPTY) if holds_aside else text
 
 
 @cache
 def _argument_types() -> dict[str, tuple[str, ...]]:
-    """Types of the arguments of the domain's predicates; they give the type of every symbol in the problem text."""
+    """Types of the arguments of the domain's predicates, which give the type of every symbol in the problem text."""
     declared = re.sub(r";.*", "", domain_text()).partition("(:predicates")[2].partition("(:action")[0]
     return {name: tuple(re.findall(r"- (\S+)", rest)) for name, rest in re.findall(r"\((\w+)([^()]*)\)", declared)}
 
 
 def format_atom(atom: Atom) -> str:
-    """A fact as PDDL writes it."""
+    """Format a fact in PDDL."""
     return f"({' '.join(atom)})"
 
 
 def format_plan(actions: Iterable[GroundAction], robot: str = "fetch") -> str:
-    """A plan as the paper prints it (Fig. 13): number and action in capitals, arguments on the next line."""
+    """Format a plan as in the paper (Fig. 13): number and action in capitals, arguments on the next line."""
     lines = []
     for number, action in enumerate(actions, start=1):
         lines.append(f"{number} {action.name.upper()}_{robot.upper()}")

@@ -1,11 +1,11 @@
-"""References, and how the symbolic state changes: by an action of the plan, and by what motion planning found out.
+"""References, and changes of the symbolic state by actions of the plan and by results of motion planning.
 
-References are the symbols that stand for poses, paths and locations. Their names follow Fig. 13 of Lee & Kim 2019:
+References are symbols for poses, paths and locations. Their names follow Fig. 13 of Lee & Kim 2019:
 `robot_gp_object_36` is the base pose for grasping object_36, `arm_pdp_table_loc_36` the arm pose for putting it down at
 `table_loc_36`, and `…_mp_…` are the motion paths there.
 
-`update_from_action` and `update_from_error` are the two updates of Algorithm 1 (Lee & Kim 2019). Besides the effects
-that PDDL knows they rebind references: a fact about a path is dropped once that path's symbol means another path.
+`update_from_action` and `update_from_error` are the two updates of Algorithm 1 (Lee & Kim 2019). In addition to the
+effects in PDDL they rebind references. A fact about a path is dropped once the path's symbol means another path.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from planners.symbolic.problem import GRIPPER, ROBOT_INIT_LOC, Atom, GroundActio
 
 
 class References(NamedTuple):
-    """The symbols of one arm motion: where the base stands, where the arm ends, and the two paths there."""
+    """Symbols of one arm motion: the base pose, the final arm pose, and the paths of base and arm to them."""
 
     base_pose: str
     arm_pose: str
@@ -29,12 +29,12 @@ class References(NamedTuple):
 
 
 def grasp_references(name: str) -> References:
-    """References for grasping an object where it stands."""
+    """References for grasping an object at its present location."""
     return References(f"robot_gp_{name}", f"arm_gp_{name}", f"robot_mp_{name}", f"arm_mp_{name}")
 
 
 def placement_references(location: str) -> References:
-    """References for putting something down at a location."""
+    """References for putting an object down at a location."""
     return References(f"robot_pdp_{location}", f"arm_pdp_{location}", f"robot_mp_{location}", f"arm_mp_{location}")
 
 
@@ -44,10 +44,10 @@ def initial_state(
     grippers: Collection[str] = (GRIPPER,),
     held_obstructs: str = "",
 ) -> SymbolicState:
-    """The facts of a scene before any motion is planned: every object can be grasped where it stands.
+    """Facts of a scene before any motion is planned: every object can be grasped at its location.
 
-    `held` are objects by the gripper that holds them; they may be put down, as no obstacles until an error says so, or
-    as obstacles of `held_obstructs`, for which they were taken away.
+    `held`: objects by the gripper that holds them. They may be put down. They are no obstacles until an error reports
+    it, or, with `held_obstructs`, obstacles of the object for which they were taken away.
     """
     facts: set[Atom] = {("robotAt", ROBOT_INIT_LOC)}
     facts |= {("graspedBy", held[one], one) if one in held else ("empty", one) for one in grippers}
@@ -67,13 +67,13 @@ def initial_state(
 
 
 class Moved(NamedTuple):
-    """One move of a plan for a goal with places.
+    """Move of a plan for a goal with places.
 
     Attributes:
         object: its name.
-        blockers: names of what is in the way of its grasp.
-        is_put_down: whether it is put down again, rather than held.
-        obstructs: the object that it is put aside for; "" if it is put where the goal wants it.
+        blockers: names of the objects that obstruct its grasp.
+        is_put_down: whether it is put down again, or stays held.
+        obstructs: the object for which it is put aside. "" if it is put at its goal location.
     """
 
     object: str
@@ -83,9 +83,10 @@ class Moved(NamedTuple):
 
 
 def with_moves(state: SymbolicState, moves: Sequence[Moved]) -> tuple[SymbolicState, tuple[Atom, ...]]:
-    """The state with the references of these moves, in this order, and without those of others; the facts wanted.
+    """The state with the references of these moves, in this order, without those of other moves. Also returns the goal
+    facts.
 
-    A goal with places is a conjunction of such facts: `objectAt` a location for placement, or for clearance.
+    A goal with places is a conjunction of facts `objectAt` with a location for placement or clearance.
     """
     stale = {fact for fact in state.facts if fact[0] in ("obstructs", "obstacle", "waitsFor")}
     offers = {fact[1:3] for fact in state.find("isClearanceLocation", None, None, None)}
@@ -113,14 +114,14 @@ def with_moves(state: SymbolicState, moves: Sequence[Moved]) -> tuple[SymbolicSt
 
 
 def reached_by(state: SymbolicState, name: str, gripper: str) -> SymbolicState:
-    """The state in which this gripper alone reaches the grasp that an object's references stand for."""
+    """The state in which only this gripper reaches the grasp of an object's references."""
     pose = grasp_references(name).arm_pose
     others = {("outOfReach", other, pose) for other in state.grippers if other != gripper}
     return state.changed(add=others, remove={("outOfReach", gripper, pose)})
 
 
 def motion_facts(references: References, name: str, location: str) -> set[Atom]:
-    """The facts that say: this motion reaches object `name` at `location`."""
+    """Facts that a motion reaches object `name` at `location`."""
     return {
         ("isGrasp", references.arm_pose, name, location),
         ("isMotion", references.arm_trajectory, references.base_pose, references.arm_pose),
@@ -129,7 +130,7 @@ def motion_facts(references: References, name: str, location: str) -> set[Atom]:
 
 
 def next_location(state: SymbolicState, name: str) -> str:
-    """A symbol for a new place for object `name`: `table_loc_36`, `table_loc_36_2`, …"""
+    """New symbol of a location for object `name`: `table_loc_36`, `table_loc_36_2`, …"""
     base = f"table_loc_{name.removeprefix('object_')}"
     taken = state.retired | {fact[3] for fact in state.facts if fact[0] == "isGrasp" and fact[2] != name}
     taken |= {fact[1] for fact in state.facts if fact[0] == "occupied"}
@@ -138,28 +139,28 @@ def next_location(state: SymbolicState, name: str) -> str:
 
 
 class InapplicableActionError(ValueError):
-    """An action whose preconditions do not hold, or whose name or number of arguments is wrong."""
+    """An action with unmet preconditions, or with a wrong name or number of arguments."""
 
 
 @dataclass(frozen=True)
 class GraspObstructed:
-    """The grasp now bound to the object's references is obstructed by these objects, and by no others."""
+    """Error: exactly these objects obstruct the grasp that is now bound to the object's references."""
 
     object: str
     blockers: frozenset[str]
 
 
 def unmet_preconditions(state: SymbolicState, action: GroundAction) -> tuple[Atom, ...]:
-    """The facts that keep an action from being applied: missing ones, and ones that must not hold ("not", …)."""
+    """Facts that make an action inapplicable: missing facts, and facts that must not hold ("not", …)."""
     required, forbidden = _preconditions(state, action)
     return (*sorted(required - state.facts), *sorted(("not", *fact) for fact in forbidden & state.facts))
 
 
 def apply_action(state: SymbolicState, action: GroundAction) -> SymbolicState:
-    """The state after an action, by the effects of the PDDL domain alone.
+    """The state after an action, by only the effects of the PDDL domain.
 
     Raises:
-        InapplicableActionError: a precondition does not hold; the message lists them.
+        InapplicableActionError: a precondition does not hold. The message lists them.
     """
     if unmet := unmet_preconditions(state, action):
         raise InapplicableActionError(f"{action} is not applicable: {', '.join(map(str, unmet))}")
@@ -167,9 +168,9 @@ def apply_action(state: SymbolicState, action: GroundAction) -> SymbolicState:
 
 
 def update_from_action(state: SymbolicState, action: GroundAction) -> SymbolicState:
-    """The state after a verified action (Algorithm 1, updateInitialStateFromAction); raises as `apply_action`.
+    """The state after a verified action (Algorithm 1, updateInitialStateFromAction). Raises as `apply_action`.
 
-    An object that was put down keeps its grasp references: they now mean grasps at its new place.
+    An object that was put down keeps its grasp references, which now mean grasps at its new place.
     """
     state = apply_action(state, action)
     if action.name not in ("PutDownGeneral", "PutDownForClearance"):
@@ -186,10 +187,10 @@ def update_from_action(state: SymbolicState, action: GroundAction) -> SymbolicSt
 
 
 def update_from_error(state: SymbolicState, error: GraspObstructed) -> SymbolicState:
-    """The state with what a failed motion taught (Algorithm 1, updateInitialStateFromError; section 3.4).
+    """The state after a failed motion (Algorithm 1, updateInitialStateFromError, section 3.4).
 
-    Adds obstacle, obstructs and isClearanceLocation facts in place of what was known about an earlier binding of the
-    same references.
+    Adds facts obstacle, obstructs and isClearanceLocation. They replace those of an earlier binding of the same
+    references.
     """
     trajectory = grasp_references(error.object).arm_trajectory
     state = _without_obstructions(state, trajectory)
@@ -209,7 +210,7 @@ def applicable_actions(state: SymbolicState) -> Iterator[GroundAction]:
 
 
 def arm_actions(state: SymbolicState) -> Iterator[tuple[GroundAction, str]]:
-    """Every pick-up and put-down that is possible now, or would be after a drive, with the base pose it needs."""
+    """Every pick-up and put-down that is possible now or after a drive, with its base pose."""
     for _, trajectory, base, arm_pose in state.find("isMotion", None, None, None):
         for _, _, name, location in state.find("isGrasp", arm_pose, None, None):
             motion = (base, arm_pose, trajectory, location)
@@ -263,7 +264,7 @@ def _effects(state: SymbolicState, action: GroundAction) -> tuple[set[Atom], set
 
 
 def _without_obstructions(state: SymbolicState, trajectory: str) -> SymbolicState:
-    """Forget what stood in the way of a path, and which of it was an obstacle for nothing else."""
+    """Remove the facts on objects that obstruct a path, and the obstacle facts of those that obstruct no other path."""
     stale = state.find("obstructs", None, trajectory, None)
     state = state.changed(remove=stale)
     for _, blocker, _, name in stale:
@@ -275,7 +276,7 @@ def _without_obstructions(state: SymbolicState, trajectory: str) -> SymbolicStat
 
 
 def _offer_clearance(state: SymbolicState, obstacle: str, target: str) -> SymbolicState:
-    """Say that `obstacle` is one, and that there is a place for it where it does not obstruct `target`."""
+    """Add the facts that `obstacle` is an obstacle with a location where it does not obstruct `target`."""
     offered = state.find("isClearanceLocation", None, obstacle, None)
     location = offered[0][1] if offered else next_location(state, obstacle)
     facts = motion_facts(placement_references(location), obstacle, location)
