@@ -21,7 +21,7 @@ above."""
 
 @dataclass(frozen=True)
 class ClearancePlan:
-    """A grasp and a placement for each object to clear. Strategies that do not plan ahead have no placements.
+    """A grasp and a placement for each object to clear. Empty placements for strategies that do not plan ahead.
 
     Attributes:
         commitments: a grasp for the target and for every object that must go before it.

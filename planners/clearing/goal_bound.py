@@ -4,10 +4,10 @@ Take the objects that a plan has moved by its end, each with an option whose blo
 self-clearable set (see `planners.clearing.lower_bound`) for one more, imaginary object: the goal. All objects that must
 move block the goal.
 
-An object that goes straight to its place also waits for the objects that stand there, and for the objects that the
-robot hits when it releases the object there. An object that is put aside first does not wait for them, but is picked
-twice: it adds one more member to the set. Some objects block a put-down in every way to release the object. The goal
-waits for them through one more imaginary member, which is no pick.
+An object that goes straight to its place also waits for the objects that stand there. It waits for the objects that the
+robot hits at the release, too. An object that is put aside first does not wait for them, but is picked twice: it adds
+one more member to the set. Some objects block a put-down in every way to release the object. The goal waits for them
+through one more imaginary member, which is no pick.
 
 So the size of the smallest set gives the number of picks, including the buffers of swaps and cyclic shifts. Plans that
 move objects in other ways need no fewer picks.
@@ -38,13 +38,14 @@ class LowerBound:
     """Lower bound of the picks of any plan for a goal, for the declared grasps.
 
     Attributes:
-        picks: fewest picks. None if no plan exists (see `cause`). Without a proof, the picks of the best set found.
+        picks: fewest picks. None if planning is impossible (see `cause`). Without a proof, the picks of the best set
+            found.
         objects: the objects to pick, in an order in which they can be taken.
         aside: objects that must be picked twice. They are put aside first, since others wait for them to leave.
         proved: whether `picks` is exact for the places where objects stand. If not, only `least` is proved.
         least: no plan has fewer picks.
-        cause: "" or why no plan exists: "unreachable", "no self-clearable set", "no clearance location" if objects do
-            not fit at their places whatever else moves, or "time limit" if the search was aborted.
+        cause: "", or why planning is impossible: "unreachable", "no self-clearable set", "time limit" or "no clearance
+            location". With the last one, the objects are too many or too large for their places.
         expansions: search nodes visited.
     """
 
@@ -190,8 +191,7 @@ class PickTable:
             return straight + [mask | bit[f"{_ASIDE}{name}"] for mask in masks]
 
         def put_down(name: str) -> list[int]:
-            """Masks of what must have happened before an object stands at its end, one for each way to release it
-            there."""
+            """Masks of the moves before an object stands at its end, one for each way to release it there."""
             before = waits[name] & ~bit[name] & ~held | sum({put.get(one, 0) for one in self._below(name)})
             return [mask & ~held | before for mask in puts.get(name, PutDownMasks()).ever]
 
@@ -267,8 +267,7 @@ def with_what_stands_on(goal: Goal, names: Collection[str]) -> tuple[str, ...]:
 
 
 def order_circle(scene: Scene, goal: Goal, to_move: Collection[str]) -> tuple[str, ...]:
-    """Names of objects that wait for each other in a circle by the goal's order and the objects that must leave first,
-    or ()."""
+    """Names of objects that wait for each other in a circle by the goal's order and `waits_for`, () for none."""
     waits = waits_for(scene, goal, to_move) if goal.order else {}
     return circle_of(to_move, waits, goal.order, scene.held_names)
 
@@ -303,8 +302,7 @@ def waits_for(scene: Scene, goal: Goal, to_move: Collection[str]) -> dict[str, f
     """Names of the objects that must leave before an object can go straight to its end, by its name.
 
     An object on another one comes after the last move of that one, which waits for objects of its own. An object to
-    hold
-    comes after all others. An object that waits for itself cannot go straight to its end.
+    hold comes after all others. An object that waits for itself cannot go straight to its end.
     """
     below = {fact.object: fact.where for fact in goal.placed if fact.where in to_move}
     own = {fact.object: must_go_first(scene, scene.body(fact.object), fact) for fact in goal.placed}

@@ -1,8 +1,7 @@
 """Planning ahead: find all moves up to the goal before the first motion is planned.
 
 A best-first search (A*) over scenes. In each scene, the lower bound gives the fewest remaining picks, their objects,
-and
-the objects to put aside first. The search simulates these moves first, each with a grasp and a placement that keeps
+and the objects to put aside first. The search simulates these moves first, each with a grasp and a placement that keeps
 clear of later moves. If an object finds no placement, or only one in the way of others, other moves are tried. The
 search continues from the scene with the fewest picks in total.
 """
@@ -260,8 +259,7 @@ class _Search:
                 yield self._made(now, step, is_strict=False)
 
     def _otherwise(self, now: _Situation) -> _Tries:
-        """Tries that cost one more pick: put aside an object that moves again later, or move an object that need not
-        move."""
+        """Tries at the cost of a pick: put aside an object that moves again later, or move one that need not move."""
         ready = self._ready(now)
         yield from self._out_of_places(now)
         for step in ready:
@@ -294,8 +292,7 @@ class _Search:
         """Make a step. None if it cannot be made.
 
         A strict step keeps clear of all later steps, so that they stay as planned. After any other step the remaining
-        steps are
-        computed again.
+        steps are computed again.
         """
         maker, name, goal = self.maker, step.name, self.maker.goal
         rest = tuple(one for one in now.steps if one is not step)
@@ -326,8 +323,7 @@ class _Search:
         """Pairs of the remaining steps and the choices of grasps to keep clear of.
 
         Strict: all later grasps, then other grasps of the same objects that together sweep little volume. Otherwise:
-        the grasps
-        of the next half of the steps, of the next step, of none.
+        the grasps of the next half of the steps, of the next step, of none.
         """
         if self.maker.strategy.region == "none":
             yield rest, [KeepClear()]
@@ -356,8 +352,7 @@ class _Search:
         """The same steps with grasps that together sweep little volume, chosen from the last step backwards.
 
         Each step takes a grasp that is free at its turn and adds the fewest cells to the volume that later grasps
-        sweep. A
-        smaller Negative Goal Region leaves more space for objects that are put aside.
+        sweep. A smaller Negative Goal Region leaves more space for objects that are put aside.
         """
         scene, chosen, swept = now.scene, list(rest), 0
         for index in reversed(range(len(rest))):
@@ -423,8 +418,7 @@ class _Search:
         return fewest
 
     def _is_refuted(self, now: _Situation, name: str) -> bool:
-        """Whether the put-down at the goal place was refuted, and neither the held object nor the blockers have moved
-        since."""
+        """Whether the put-down at the goal place was refuted, with the same object in hand or the same blockers."""
         is_in_vain = name in now.scene.held_names and name in self.maker.not_placed.blockers
         return is_in_vain or bool(self._refuted_by(now, name))
 
@@ -434,8 +428,7 @@ class _Search:
         return tuple(sorted(known.difference(move.name for move in now.moves)))
 
     def _moving_these_too(self, now: _Situation, name: str, found: Collection[str]) -> _Situation | None:
-        """Move these objects too, for a place. If they were placed there too early, begin from the start with a later
-        order."""
+        """Move these objects too, for a place. If they went there too early, begin again with another order."""
         too_early = {(name, move.name) for move in now.moves if move.is_general and move.name in found}
         new = tuple(one for one in found if one not in now.waiting)
         if too_early and not too_early <= now.later:
@@ -465,7 +458,7 @@ class _Search:
         return self.maker.holds_aside and is_last and not step.is_general and not now.scene.held_names
 
     def _held_aside(self, now: _Situation) -> _Situation | None:
-        """End the plan with the last obstacle in one gripper and the target in another. None without such grasps."""
+        """End the plan with the last obstacle in one gripper and the target in another. None if the search fails."""
         obstacle, target = (step.taken for step in now.steps)
         if obstacle is None or target is None:
             return None

@@ -1,9 +1,10 @@
 """The exact minimum number of objects that any plan must clear, for a declared set of grasp options.
 
 Option j of object o is a grasp of o. Its *blockers* are the objects that it hits where they stand now. A set of objects
-is *self-clearable* for a target if its objects and then the target can be removed in some order, each with an option
-whose blockers were all removed before. Take the objects that any plan has moved when it holds the target, monotone or
-not. They form a self-clearable set. The smallest such set is therefore a lower bound of the number of objects to clear.
+is *self-clearable* for a target if its objects, then the target, can be removed in some order. Each removal needs an
+option whose blockers were all removed before. Take the objects that any plan has moved when it holds the target,
+monotone or not. They form a self-clearable set. The smallest such set is therefore a lower bound of the number of
+objects to clear.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ class ClearanceFloor:
     bound, a plan also needs a location for every object. Locations are not considered here.
 
     Attributes:
-        count: number of objects. None for a target without a plan (see `cause`).
+        count: number of objects. None if planning is impossible (see `cause`).
         objects: their names, in an order in which they can be removed.
         proved: whether `count` is exact. Otherwise `count` is an upper bound.
         lower_bound: no plan clears fewer.
@@ -79,14 +80,11 @@ def self_clearable_sets(
     """Yield every self-clearable set that needs all its objects, up to `slack` more than the fewest, fewest first.
 
     The search is iterative deepening over disjoint landmarks. An object is regarded as free until its options are
-    needed
-    for a set that would be smallest. So the answer is exact for all declared options.
+    needed for a set that would be smallest. So the answer is exact for all declared options.
 
     It always yields at least one result. If no set exists, the result says why. If the limit is reached before the
-    first
-    set is proved smallest, the result has `proved=False` and both bounds. The iterator ends early at the limit and at
-    the
-    deadline. If no set is known by the deadline, the cause of its one result is TIME_LIMIT.
+    first set is proved smallest, the result has `proved=False` and both bounds. The iterator ends early at the limit
+    and at the deadline. If no set is known by the deadline, the cause of its one result is TIME_LIMIT.
     """
     enumeration = _Enumeration(_Options(blockers, target, names), expansions, deadline)
     fewest: int | None = None
@@ -234,8 +232,7 @@ class _Options:
         """Objects of a self-clearable set, each with its option, in an order in which they can be removed.
 
         Removing an object never blocks another one, so any free object may be next. The lowest index is taken, with its
-        first
-        free option. The target is last.
+        first free option. The target is last.
         """
         order: list[tuple[int, int]] = []
         removed, waiting = 0, [*bits(found & ~(1 << self.target)), self.target]

@@ -73,8 +73,7 @@ class NotPlaced:
         return NotPlaced({**self.blockers, name: blockers}, {**self.pitches, **refused})
 
     def without_blocker(self, moved: str) -> NotPlaced:
-        """Remove a blocker after it has moved. An object with no other blocker is dropped: its place may be free
-        now."""
+        """Remove a blocker after its move. Objects without other blockers are dropped: their places may be free."""
         left = {name: names - {moved} for name, names in self.blockers.items()}
         return NotPlaced({name: names for name, names in left.items() if names}, self.pitches)
 
@@ -106,7 +105,7 @@ class MoveMaker:
     saves_time: bool = False
 
     def hold(self, scene: Scene, name: str) -> Move | None:
-        """Take an object such that it can be held where the goal wants it. None if no grasp is free."""
+        """Take an object such that it can be held where the goal wants it. None if every grasp is blocked."""
         if name in scene.held_names:
             return Move(name, None, None, True, scene)
         point = next(fact.point for fact in self.goal.facts if isinstance(fact, Holding) and fact.object == name)
@@ -126,7 +125,7 @@ class MoveMaker:
         waiting: Collection[str],
         following: str = "",
     ) -> Move | None:
-        """Take an object and put it where the goal wants it, or aside. None if no free grasp leads to a placement.
+        """Take an object and put it where the goal wants it, or aside. None if all grasps or placements fail.
 
         Args:
             scene: the scene before the move. The object may be held.
@@ -184,8 +183,7 @@ class MoveMaker:
         """Find unblocked grasps of all pitches with a collision-free approach and retreat.
 
         If `is_exact`, for a place with an exact yaw, several grasps of each pitch follow, since a grasp from another
-        side may
-        fit there. Blockers found on the way are remembered for the scene.
+        side may fit there. Blockers found on the way are remembered for the scene.
         """
         seen: set[object] = set()
         candidates, holding = self.candidates, scene.arms_that_hold
@@ -216,8 +214,7 @@ class MoveMaker:
         """Whether the gripper can approach a grasp and leave it again.
 
         In the open, other objects are ignored: they can be moved. Under a shelf, the grasp's blockers must include
-        every object
-        in the way.
+        every object in the way.
         """
         world = self.candidates.compiled.world(scene)
         if not grasp.drives:
@@ -261,16 +258,14 @@ class MoveMaker:
     def _from_above_first(
         self, scene: Scene, name: str, grasps: Iterable[GraspCandidate], following: str
     ) -> Iterator[GraspCandidate]:
-        """Grasps for a place between walls, from above first, then from all sides. A hand from above has the most
-        clearance."""
+        """Grasps for a place between walls, from above first: there the hand has the most clearance."""
         found = sorted(grasps, key=lambda one: -one.pitch)
         yield from found
         known = {_hold(scene, one) for one in found}
         yield from (one for one in self.free_grasps(scene, name, True, following) if _hold(scene, one) not in known)
 
     def _deepest_first(self, scene: Scene, grasps: Iterable[GraspCandidate], place: Place) -> list[GraspCandidate]:
-        """Sort the grasps by how far they bring the object into a place under a shelf: at the back it blocks fewer
-        others."""
+        """Grasps sorted by how deep they bring the object under a shelf: at the back it blocks fewer others."""
 
         def depth(grasp: GraspCandidate) -> float:
             return self.placements.depth(self.candidates.compiled.world(grasped(scene, grasp)), place)[1]

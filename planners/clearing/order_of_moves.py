@@ -78,11 +78,10 @@ class Order:
 
     @classmethod
     def of(cls, scene: Scene, goal: Goal, waiting: Collection[str], candidates: GraspCandidates) -> Order | None:
-        """Create the order for objects that are to move. None if the goal needs no order: see `is_under_shelf`.
+        """Create the order for objects that are to move. None if the order is free: see `is_under_shelf`.
 
         Also None if an object lies or goes onto another object, or fits nowhere at its place. Areas are filled from the
-        far
-        side. `waiting` begins with the objects that can move first.
+        far side. `waiting` begins with the objects that can move first.
         """
         if not is_under_shelf(scene, goal) or scene.held_names:
             return None
@@ -206,8 +205,7 @@ class Order:
 
 
 def is_under_shelf(scene: Scene, goal: Goal) -> bool:
-    """Whether the moves need an order: a place is under a shelf, and the goal has neither an order nor an object to
-    hold.
+    """Whether the moves need an order: a place is under a shelf. Not for goals with an order or a held object.
 
     A robot that acts with several arms needs none.
     """

@@ -77,8 +77,7 @@ def task_and_motion_plan(search: Search) -> Solution | Infeasible:
 
 
 def initial_state(search: Search) -> PlanState | Infeasible:
-    """Initial state s0: the facts of the scene, with grasp references bound. Infeasible if the goal is proved
-    unreachable."""
+    """Initial state s0: the facts of the scene, with grasp references bound. Infeasible if that is proved."""
     scene = search.problem.scene
     robot = scene.robot
     if not search.is_greedy:
@@ -111,8 +110,7 @@ def raise_target(search: Search, state: PlanState) -> PlanState:
     """Append the arm motion that holds an object where the goal wants it, if nothing else of the goal is unmet.
 
     If the goal gives a point, the arm brings the object there. Otherwise the arm goes home if the object is not lifted
-    yet,
-    as after a plan that was ended early. Without need or without such a motion, F and s0 stay as they are.
+    yet, as after a plan that was ended early. Without need or without such a motion, F and s0 stay as they are.
     """
     to_hold = next((fact for fact in search.goal.facts if isinstance(fact, Holding)), None)
     scene = None if to_hold is None else state.scene.holding(to_hold.object)
@@ -133,8 +131,7 @@ def raise_target(search: Search, state: PlanState) -> PlanState:
 
 
 def finish(search: Search, state: PlanState, plan: TaskPlan) -> PlanState | Infeasible:
-    """Move the held object to its point once the task plan is done. If the goal is still unmet, plan the moves
-    again."""
+    """Move the held object to its point once the task plan is done. If the goal is still unmet, plan again."""
     state = raise_target(search, state)
     if is_goal(search, state):
         return state
@@ -214,8 +211,7 @@ def update_initial_state_from_action(state: PlanState, action: GroundAction, mot
 def update_initial_state_from_error(
     search: Search, state: PlanState, error: Refutation | Infeasible
 ) -> PlanState | Infeasible:
-    """s0 = updateInitialStateFromError(s0, e): add the blocking objects as facts, or bind the grasp references
-    again."""
+    """s0 = updateInitialStateFromError(s0, e): add blocking objects as facts, or bind the grasp references again."""
     if isinstance(error, Infeasible):
         return error
     is_aside_in_hand = state.clearance_plan.aside in state.scene.held_names

@@ -61,9 +61,8 @@ def _attempt(
     """Run Algorithm 1 once, with what is `known` from the run before it.
 
     With a target, a strategy that does not plan ahead starts each run afresh, as in the paper. Where motions are
-    shortened,
-    MuJoCo checks them once, at the end, as it rarely refutes one. If it does, the run is repeated with a check of each
-    motion.
+    shortened, MuJoCo checks them once, at the end, as it rarely refutes one. If it does, the run is repeated with a
+    check of each motion.
     """
     before, workspace, compiled = rng.bit_generator.state, problem.workspace, problem.compiled
     remembers = strategy.plans_ahead or not problem.target
@@ -82,10 +81,8 @@ def is_final(outcome: Solution | Infeasible, near_home: bool) -> bool:
     """Whether another attempt cannot improve the result.
 
     Another attempt can improve a plan that clears an object twice, or a plan with a refuted motion and more picks than
-    the
-    lower bound. A refusal that follows from all grasps is final, which two of the causes mean. The grasps near home are
-    not
-    all grasps. After a time limit no attempt follows.
+    the lower bound. A refusal that follows from all grasps is final, which two of the causes mean. The grasps near home
+    are not all grasps. After a time limit no attempt follows.
     """
     if isinstance(outcome, Solution):
         if outcome.bound is not None:
@@ -98,8 +95,7 @@ def is_final(outcome: Solution | Infeasible, near_home: bool) -> bool:
 def best_outcome(
     outcomes: Sequence[Solution | Infeasible], is_proved: bool, deadline: Deadline
 ) -> Solution | Infeasible:
-    """Choose the plan with the fewest objects cleared twice, then the fewest clearances. Without a plan: the last
-    refusal.
+    """Choose the plan with the fewest objects cleared twice, then the fewest clearances, else the last refusal.
 
     After the deadline, a refusal without a proof has the cause "time limit".
     """

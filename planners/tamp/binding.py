@@ -207,9 +207,8 @@ def _pick_up(search: Search, state: PlanState, action: GroundAction, name: str) 
     """Take an object with the chosen grasp.
 
     Objects in collision at the grasp itself become facts if the strategy is greedy. Objects in the way of the approach
-    or
-    the retreat are remembered with the grasp, and other grasps are compared with it. A grasp without any motion is not
-    offered again.
+    or the retreat are remembered with the grasp, and other grasps are compared with it. A grasp without any motion is
+    not offered again.
     """
     grasp = state.clearance_plan.commitments.grasps[name]
     if is_handle(state.scene, name):

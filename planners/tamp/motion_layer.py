@@ -217,10 +217,8 @@ class MotionLayer:
         """Drive to the base pose where the pick begins.
 
         That is the base pose of the grasp. If the base must drive under a shelf for the grasp, it is a pose in front of
-        the
-        shelf. If another arm takes the object, the active arm moves home first. If no base path exists, all grasps at
-        base
-        poses that the roadmap excludes as well are banned.
+        the shelf. If another arm takes the object, the active arm moves home first. If no base path exists, all grasps
+        at base poses that the roadmap excludes as well are banned.
         """
         base = (
             stand_off(scene.using(grasp.arm), grasp.base, grasp.q, scene.body(grasp.object))
@@ -235,8 +233,7 @@ class MotionLayer:
         return driven
 
     def drive_to_placement(self, scene: Scene, placement: Placement) -> BoundMotion | NoPath:
-        """Drive to the base pose where the put-down begins. Under a shelf, it is in front, on a straight line to the
-        final pose."""
+        """Drive to the base pose where the put-down begins. For a place under a shelf, it is in front of the shelf."""
         is_inside = needs_drive(scene, placement.body.foot)
         base = stand_off(scene, placement.base, placement.q, placement.body) if is_inside else placement.base
         return self.drive(scene, base)

@@ -91,8 +91,7 @@ def is_same(one: Any, other: Any) -> bool:
 
 
 def _encode(plan: Stored) -> tuple[dict[str, Any], list[NDArray[Any]]]:
-    """Encode a plan as JSON values and arrays. Objects and arrays that occur several times are stored once, by
-    number."""
+    """Encode a plan as JSON values and arrays. Repeated objects and arrays are stored once, by number."""
     classes = _classes_of(type(plan))
     objects: list[dict[str, Any]] = []
     arrays: list[NDArray[Any]] = []

@@ -74,7 +74,7 @@ class BoundAction:
 
     @property
     def released(self) -> Body | None:
-        """Object at the pose of its release. None for an action without a release."""
+        """Object at the pose of its release. None if the action is no put-down."""
         if self.grip is None or not self.is_clearance:
             return None
         state, held = self.grip
@@ -105,8 +105,7 @@ class SolveStats:
     """Counts and CPU times [s] of one solve.
 
     `unusable` is the number of grasps that are free by the lower bound but without a motion to or from them. If it is
-    not
-    0, a plan may clear more objects than the bound says.
+    not 0, a plan may clear more objects than the bound says.
     """
 
     replans: int = 0
@@ -142,8 +141,8 @@ class Solution(Stored):
         target: name of the object that the plan takes, "" for a goal with places.
         strategy: the strategy that made the plan.
         goal: the goal that the plan reaches. None in files of older versions means that the target is held.
-        bound: lower bound of picks and pulls of handles together. Absent (None) for a target if the strategy does not
-            plan ahead.
+        bound: lower bound of picks and pulls of handles together. Set for goals with places, and for a target if the
+            strategy plans ahead.
         end: the scene at the end, held objects at their poses in the gripper. None in files of older versions.
     """
 

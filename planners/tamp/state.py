@@ -26,8 +26,9 @@ from planners.tamp.motion_layer import BoundMotion, MotionLayer
 from planners.tamp.solution import BoundAction, Infeasible, ReplanRecord, SolveStats
 
 MAX_CLEARANCES, MAX_REPLANS, MAX_ASIDE = 60, 200, 6
-"""Limits after which a run is given up: put-downs in one plan beyond one for each object that the goal places, turns of
-the loop with a refuted action, and moves of one object aside for a goal with places.
+"""Limits after which a run is given up. First: put-downs in one plan, in addition to one for each object that the goal
+places. Second: turns of the loop that end with a refuted action. Third: times that one object is put aside for a goal
+with places.
 """
 TASK_PLANNING_S = 10.0
 """Wall time [s] for one call of the task planner. A longer call ends the run."""
@@ -150,8 +151,7 @@ class Search:
         """End the search without a plan.
 
         A cause that lies in the grasps alone becomes "motion" once a grasp was refuted or an object moved. If refuted
-        motions
-        used up the choices or the time, the detail gives the most frequent reason.
+        motions used up the choices or the time, the detail gives the most frequent reason.
         """
         cleared = tuple(self.clearances)
         if cause.lies_in_grasps and (self.motion_layer.has_refuted or self.history or cleared):
@@ -177,8 +177,7 @@ class Search:
         return self.infeasible(Cause.GIVEN_UP, f"given up after {counts}{without}{why}", ())
 
     def kept_out(self, scene: Scene) -> tuple[str, ...]:
-        """Names of objects that no gripper can put into the container where the goal wants them, for lack of
-        clearance."""
+        """Names of objects that no gripper can release inside the container where the goal wants them."""
         candidates = self.motion_layer.candidates
         unmet = self.goal.unmet(as_seen(scene), self.problem.start)
         facts = [fact for fact in self.goal.placed if any(getattr(one, "object", "") == fact.object for one in unmet)]
