@@ -57,8 +57,7 @@ class Condition:
     choices: list[str] = field(default_factory=list)
 
     def alternatives(self) -> list[tuple[Literal, ...]]:
-        """Expand the condition into alternative sets of literals. All literals of one set must hold. Supersets of
-        others are dropped.
+        """Expand the condition into alternative sets of literals. All literals of one set must hold.
 
         Raises:
             GoalError: a variable with an unknown range, an unknown type, or too many alternatives.

@@ -1,8 +1,9 @@
 """A planning problem: a goal in a scene, checked and compiled once for all planning.
 
-planner = Planner("fetch") problem = planner.problem(scene, "object_03") planner.lower_bound_of(problem),
-planner.solve_problem(problem) problem = problem.in_scene(changed)  # the objects elsewhere: what did not change is not
-worked out again
+planner = Planner("fetch")
+problem = planner.problem(scene, "object_03")
+problem.lower_bound(), planner.solve_problem(problem)
+problem = problem.in_scene(changed)  # objects have moved: results for unmoved parts are reused
 """
 
 from __future__ import annotations
