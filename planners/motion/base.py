@@ -175,7 +175,7 @@ def _standing(world: CollisionWorld, X: Array, opening: float, held: HeldObject 
 def _moved_away(world: CollisionWorld, start: Array, q: Array, opening: float, held: HeldObject | None) -> Array | None:
     """Free base pose (3,) near the start, on a straight line away from the objects that the robot touches.
 
-    None if it touches a static obstacle or nothing, or if the search fails.
+    None if it is free already, if it touches static obstacles, or if the search fails.
     """
     touched = world.hits(start, q, opening, held)
     if not touched or touched & FIXED_BITS:

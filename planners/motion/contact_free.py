@@ -54,7 +54,7 @@ _TINY = 1e-12
 def merge_phases(
     world: CollisionWorld, phases: Sequence[Trajectory], first: HeldObject | None, last: HeldObject | None
 ) -> list[Trajectory] | None:
-    """Merge phases into one motion on a shorter path. None if the search fails or saves no time.
+    """Merge phases into one motion on a shorter path. None if it fails or takes as long.
 
     The phases keep their shares of the time. The fingers move while the robot moves.
 

@@ -25,7 +25,7 @@ _STEP = 0.004
 class Track(NamedTuple):
     """Poses (k, 4, 4) of the TCP in the world, and positions (k,) [m] or [rad] of the opening part.
 
-    `turned` (k,) [m] or [rad] are the positions of its lever, None if it has no lever.
+    `turned` (k,) [m] or [rad] are the positions of its lever, if any.
     """
 
     poses: Array

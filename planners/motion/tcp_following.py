@@ -78,7 +78,8 @@ def is_behind(wanted: Array, actual: Array, precision: float) -> bool:
 
 
 def allowed(trajectory: Trajectory, time: float, beside: float, near: float = CONTROL_STEP) -> float:
-    """Lag [m] allowed for the TCP: `PRECISE` within `near` [s] of a contact, `beside` on its lines, else `ON_THE_WAY`."""
+    """Lag [m] allowed for the TCP: `PRECISE` within `near` [s] of a contact, `beside` on lines there, or
+    `ON_THE_WAY`."""
     phases = trajectory.phases
     contacts = [number for number, phase in enumerate(phases) if is_contact(phase)]
     if any(phases[number].start - near <= time <= phases[number].start + near for number in contacts):
