@@ -1,4 +1,4 @@
-"""Task and motion planning: what to do, in which order, along which path.
+"""Task and motion planning: actions, their order and their paths.
 
 Example:
     scene = Scene.from_mujoco(env.unwrapped.model, env.unwrapped.data, env.unwrapped.robot)
@@ -6,7 +6,7 @@ Example:
 
 A strategy and a task planner of your own are passed as objects: a `Strategy`, anything with the `TaskPlanner` protocol.
 
-Names are loaded when they are first asked for, so that `planners.goals` costs no compiled code.
+Names are loaded on first use, so that `planners.goals` needs no compiled code.
 """
 
 from importlib import import_module
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def __getattr__(name: str) -> Any:
-    """A name of `planners.face`; modules of this package are left to the import system."""
+    """Load a name of `planners.face`. Modules of this package are left to the import system."""
     if name == "__all__":
         return __dir__()
     if name.startswith("_") or find_spec(f"{__name__}.{name}"):
@@ -29,5 +29,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """The names of the package."""
+    """Names of the package."""
     return [name for name in dir(import_module("planners.face")) if not name.startswith("_")]

@@ -1,4 +1,4 @@
-"""Why a solve ended without a plan."""
+"""Causes of a solve without a plan."""
 
 from __future__ import annotations
 
@@ -6,20 +6,19 @@ from enum import StrEnum
 
 
 class Cause(StrEnum):
-    """Why a solve ended without a plan.
+    """Cause of a solve without a plan.
 
     Attributes:
-        NO_SELF_CLEARABLE_SET: whatever is removed first, some object that must go before the target blocks itself.
-        UNREACHABLE: no free base pose and arm configuration reach the target.
-        TOO_WIDE: no grasp of the grasp set fits around the target.
-        NO_WAY_FOR_BASE: some do, but the base can drive to none of them.
-        NO_CLEARANCE_LOCATION: an object must be put down, but no location keeps clear of what remains to be done.
-        MOTION: grasps exist, but motion planning refuted so many, or objects were put aside so, that no way to clear
-            and take the target is left.
-        SPRINGS_SHUT: what must be opened shuts again when nobody holds it.
-        NOT_AT_REST: an object that is to be taken is sunk into furniture, or in the air; see `planners.check`.
-        TOO_HEAVY: one is heavier than the arm or the fingers hold.
-        TOO_SLIPPERY: the fingers cannot hold one for lack of friction.
+        NO_SELF_CLEARABLE_SET: in every order, some object that must go before the target waits for itself.
+        UNREACHABLE: every base pose and arm configuration that reaches the target is in collision, or none exists.
+        TOO_WIDE: the target is too wide for every grasp of the grasp set.
+        NO_WAY_FOR_BASE: grasps exist, but the base can drive to none of them.
+        NO_CLEARANCE_LOCATION: an object must be put down, but every location is in the way of later steps.
+        MOTION: grasps exist, but none is left after refuted motions, or after objects were put aside.
+        SPRINGS_SHUT: a door, drawer or lid that must be opened shuts again when it is released.
+        NOT_AT_REST: an object to take is sunk into furniture, or in the air. See `planners.check`.
+        TOO_HEAVY: an object to take is too heavy for the arm or the fingers.
+        TOO_SLIPPERY: friction is too low for the fingers to hold an object to take.
         TIME_LIMIT: the time limit was reached.
         GIVEN_UP: the limit on replans or put-downs was reached.
     """
@@ -39,5 +38,5 @@ class Cause(StrEnum):
 
     @property
     def lies_in_grasps(self) -> bool:
-        """Whether it follows from the grasps alone, before any motion is planned."""
+        """Whether the cause follows from the grasps alone, before any motion is planned."""
         return self in (Cause.NO_SELF_CLEARABLE_SET, Cause.UNREACHABLE, Cause.TOO_WIDE)

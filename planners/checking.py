@@ -1,4 +1,4 @@
-"""What is odd about a scene before anything is planned in it: objects that are sunk, in the air, or about to topple.
+"""Check of a scene before planning: objects that are sunk, in the air, or about to topple.
 
 print(check(scene))
 """
@@ -20,35 +20,35 @@ from planners.scene.findings import Finding, Reason, SceneReport
 Array = NDArray[np.float64]
 
 _SUNK = RESTING - 1e-6
-"""[m] What is as deep in furniture is not taken as resting on it."""
+"""Depth [m] in furniture from which on an object is sunk, not resting."""
 _FALLS = 0.01
-"""[m] An object that falls so far is not where the plan has it."""
+"""Fall [m] after which an object is no longer where the plan expects it."""
 _STEP, _EXACT = 0.005, 1e-4
-"""[m] by which an object is moved until it touches, or touches no longer; how exactly that is found then."""
+"""Step [m] by which an object is moved until it touches, or is clear, and the accuracy [m] of the result."""
 _FARTHEST = 0.3
-"""[m] Up to which it is measured how deep an object is in furniture."""
+"""Largest depth [m] in furniture that is measured."""
 _FOOT, _BESIDE = 0.004, 0.005
-"""[m] Points so far above the lowest one belong to the foot, and the centre of mass may be so far beside it: outlines
-of round shapes are polygons."""
+"""Height [m] of the foot above the lowest point. Tolerance [m] of the centre of mass beside the foot: outlines of round
+shapes are polygons."""
 _TURNS = np.linspace(0.0, 2 * np.pi, 180, endpoint=False)
 _DIRECTIONS = np.column_stack((np.cos(_TURNS), np.sin(_TURNS)))
 _CAUSES = {
     Reason.TOO_HEAVY: Cause.TOO_HEAVY,
     Reason.SLIPPERY: Cause.TOO_SLIPPERY,
 }
-"""Reasons for which a plan that takes an object fails in execution, and the causes that a refusal gives."""
+"""Causes of a refusal, by the finding that makes a plan with the object fail in execution."""
 
 
 def check(scene: Scene) -> SceneReport:
-    """What is odd about a scene, with numbers.
+    """Report what is odd about a scene, with numbers.
 
-    Found are objects that are sunk into furniture, in the air, or stand with their centre of mass beside their foot;
-    objects that touch the robot; and, in scenes read from a simulation, objects too heavy or too slippery for the
-    robot, objects that are tied to others, and free bodies without a name. A body that floats because it is tied, such
-    as by a weld, is named as tied alone.
+    Findings are about objects that are sunk into furniture or in the air, that stand with their centre of mass beside
+    their foot, or that touch the robot. In scenes read from a simulation, objects may also be too heavy or too slippery
+    for the robot, or tied to others. Free bodies without a name are reported, too. A body that floats because it is
+    tied, as by a weld, is only reported as tied.
 
     Args:
-        scene: it is not changed; see `planners.settle` for objects that are in the air or sunk.
+        scene: the scene, which is not changed. See `planners.settle` for objects that are in the air or sunk.
 
     Raises:
         GeometryError: the robot has collision geometry that cannot be represented.
@@ -58,7 +58,7 @@ def check(scene: Scene) -> SceneReport:
 
 
 def hindrance(scene: Scene, names: Collection[str]) -> tuple[Cause, tuple[Finding, ...]] | None:
-    """Why the robot cannot carry objects of these names, with the findings; None if nothing is known."""
+    """Cause and findings if the robot cannot carry objects of these names. None if it can, as far as is known."""
     report = SceneReport(scene.findings)
     for reason, cause in _CAUSES.items():
         if found := tuple(one for one in report.about(names, (reason,)) if one.is_certain):
@@ -67,12 +67,12 @@ def hindrance(scene: Scene, names: Collection[str]) -> tuple[Cause, tuple[Findin
 
 
 def not_at_rest(scene: Scene, names: Collection[str]) -> tuple[Finding, ...]:
-    """The findings about objects of these names that are sunk into furniture or in the air."""
+    """Findings about objects of these names that are sunk into furniture or in the air."""
     return SceneReport(tuple(_places(scene, names))).about(names, (Reason.SUNK, Reason.FLOATING))
 
 
 def _places(scene: Scene, names: Collection[str]) -> Iterator[Finding]:
-    """What is odd about where objects are, in the order of the scene."""
+    """Findings about the poses of objects, in the order of the scene."""
     tied = {one.object for one in scene.findings if one.reason is Reason.TIED}
     for body in scene.objects:
         if body.name not in names or body.name in scene.held_names or (scene.pull and scene.pull.handle == body.name):
@@ -99,14 +99,14 @@ def _at_robot(scene: Scene) -> Iterator[Finding]:
 
 
 def _around(scene: Scene, body: Body) -> list[tuple[str, tuple[Solid, ...]]]:
-    """Names and solids of all that an object can stand on, the ground aside."""
+    """Names and solids of everything that an object can stand on, except the ground."""
     others = [one for one in scene.objects if one.name not in (body.name, *scene.held_names)]
     static = [(one.name, (one,)) for one in scene.static_obstacles]
     return [*static, *((one.name, one.placed) for one in others)]
 
 
 def _depth(scene: Scene, body: Body) -> tuple[float, str]:
-    """[m] that an object has to be moved, up or to a side, to be clear of a static obstacle, the deepest, and which."""
+    """Shortest move [m], up or sideways, that frees an object from the static obstacle around it, and its name."""
     deepest, into = 0.0, ""
     for one in scene.static_obstacles:
         if not are_near([one], body, 0.0):
@@ -122,7 +122,7 @@ def _depth(scene: Scene, body: Body) -> tuple[float, str]:
 
 
 def _until_clear(one: Solid, body: Body, way: Array) -> float:
-    """[m] that an object has to be moved along a unit vector (3,) to be clear of a solid; infinite if that is far."""
+    """Move [m] along a unit vector (3,) that frees an object from a solid. Infinite beyond `_FARTHEST`."""
     for low, high in pairwise(np.arange(0.0, _FARTHEST, _STEP)):
         if not are_near([one], body.at(body.position + high * way), 0.0):
             while high - low > _EXACT:
@@ -136,7 +136,7 @@ def _until_clear(one: Solid, body: Body, way: Array) -> float:
 
 
 def _fall(around: list[tuple[str, tuple[Solid, ...]]], body: Body) -> tuple[float, str]:
-    """[m] that an object falls until it touches something, and what; 0 where it touches something already."""
+    """Height [m] that an object falls until it touches something, with that name. 0 if it already touches something."""
     below = "the ground"
     if body.bottom <= RESTING or any(are_near(solids, body, RESTING) for _, solids in around):
         return 0.0, below
@@ -156,7 +156,7 @@ def _fall(around: list[tuple[str, tuple[Solid, ...]]], body: Body) -> tuple[floa
 
 
 def _beside(around: list[tuple[str, tuple[Solid, ...]]], body: Body) -> float:
-    """[m] that the centre of mass is beside what an object stands on; 0 where it leans on something, or lies."""
+    """Distance [m] of the centre of mass from the contact area. 0 if the object leans on something, or lies."""
     if body.shape == "cylinder" and not body.is_upright:
         return 0.0
     foot = body.corners[body.corners[:, 2] <= body.bottom + _FOOT][:, :2]
@@ -176,7 +176,7 @@ def _beside(around: list[tuple[str, tuple[Solid, ...]]], body: Body) -> float:
 
 
 def _common(points: Array, outline: Array) -> Array:
-    """(k, 2) Corners of what the convex hull of points (n, 2) has in common with a convex outline (m, 2)."""
+    """Corners (k, 2) of the intersection of the convex hull of points (n, 2) and a convex outline (m, 2)."""
     centre = points.mean(axis=0)
     around = np.argsort(np.arctan2(*(points - centre).T[::-1]))
     inside, middle = points[around], outline.mean(axis=0)

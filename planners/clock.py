@@ -1,4 +1,4 @@
-"""Clocks: the deadline that a solve hands down, and CPU time, of child processes too where an engine starts some."""
+"""Clocks: the deadline of a solve, and CPU time, with that of child processes if an engine starts some."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from numbers import Real
 
 
 class TimeLimitError(ValueError):
-    """A time limit that is not a number of seconds, not negative."""
+    """A time limit that is no number of seconds of at least 0."""
 
 
 @dataclass(frozen=True)
 class Deadline:
-    """A point in wall time at which a solve ends. Without one, no clock has an influence on its answer.
+    """A point in wall time at which a solve ends. Without a deadline, the answer depends on no clock.
 
     Attributes:
-        at: [s] on the clock of `time.monotonic`.
+        at: time [s] on the clock of `time.monotonic`.
     """
 
     at: float = math.inf
 
     @classmethod
     def after(cls, time_limit: float | None) -> Deadline:
-        """The deadline `time_limit` [s] from now, None for none; raises `TimeLimitError`."""
+        """Deadline `time_limit` [s] from now. None means without end. Raises `TimeLimitError`."""
         if time_limit is None:
             return NO_DEADLINE
         if not isinstance(time_limit, Real) or isinstance(time_limit, bool) or not time_limit >= 0:
@@ -38,7 +38,7 @@ class Deadline:
 
     @property
     def remaining(self) -> float:
-        """[s] left; 0 once it is over, infinite for no deadline."""
+        """Time left [s]: 0 once the deadline is over, infinite without one."""
         return max(0.0, self.at - time.monotonic())
 
     @property
@@ -51,19 +51,19 @@ NO_DEADLINE = Deadline()
 
 
 _of_children = 0.0
-"""[s] of CPU time of the child processes that `children_counted` has seen."""
+"""CPU time [s] of the child processes measured by `children_counted`."""
 
 
 def cpu_seconds() -> float:
-    """[s] of CPU time of this process, and of the child processes that `children_counted` has seen."""
+    """CPU time [s] of this process, and of the child processes measured by `children_counted`."""
     return time.process_time() + _of_children
 
 
 @contextmanager
 def children_counted() -> Iterator[None]:
-    """Let `cpu_seconds` count the child processes that end inside; they are counted for the whole process.
+    """Add the child processes that end inside this context to `cpu_seconds`, for the whole process.
 
-    They are not read with every look at the clock: `os.times` is a system call that can take half a millisecond.
+    They are read once, at the end: `os.times` is a system call that can take half a millisecond.
     """
     global _of_children
     before = _children_seconds()

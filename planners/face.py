@@ -1,4 +1,4 @@
-"""The names of the package, from the modules that define them; `planners` itself loads them when one is asked for."""
+"""The names of the package, from the modules that define them. `planners` loads them on first use."""
 
 from irm.gjk import CYLINDER as CYLINDER
 from planners.cause import Cause as Cause

@@ -1,4 +1,4 @@
-"""Facts of a goal, and what each of them means in a scene: data and plain geometry."""
+"""Facts of a goal, and their meaning in a scene: data and plain geometry."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ if TYPE_CHECKING:
     from planners.scene import Body, Scene, StaticObstacle
 
 LIFTED = 0.10
-"""[m] above where it stood from which on an object in the gripper counts as held up."""
+"""Height [m] above its former place from which on an object in the gripper is held up."""
 TOLERANCE, YAW_TOLERANCE = 0.02, 0.1
-"""[m] and [rad] about a pose, if no other tolerance is given."""
+"""Default tolerances [m] and [rad] of a pose."""
 OPEN_SHARE, AJAR = 0.8, 0.05
-"""Share of its range from which on something counts as open if no other is given; and up to which it counts as shut,
-or may lack of what is wanted."""
+"""Default share of the range from which on something is open. Share up to which it is shut, and tolerance of a wanted
+share."""
 
 
 @dataclass(frozen=True)
 class Holding:
-    """The object is in a gripper, raised `LIFTED` above where it stood, or with its centre at a point.
+    """Fact: the object is in a gripper, raised `LIFTED` above where it stood, or with its centre at a point.
 
     Attributes:
-        object: its name.
-        point: x, y, z [m] of its centre; None for any.
-        tolerance: [m] about the point.
+        object: name of the object.
+        point: x, y, z [m] of its centre, None for any.
+        tolerance: tolerance [m] of the point.
 
     Raises:
-        GoalError: not three finite numbers, or a tolerance that is not positive.
+        GoalError: the point is not three finite numbers, or the tolerance is not positive.
     """
 
     object: str
@@ -54,7 +54,7 @@ class Holding:
             raise GoalError(f"a point is three finite numbers, its tolerance is positive, not {self!r:.200}")
 
     def holds(self, scene: Scene, start: Scene | None = None) -> bool:
-        """Whether it is; see `Goal.holds`."""
+        """Whether the object is held so. See `Goal.holds`."""
         if self.object not in scene.held_names:
             return False
         body = scene.body(self.object)
@@ -69,23 +69,23 @@ class Holding:
 
 @dataclass(frozen=True)
 class Pulled(Holding):
-    """The handle has been pulled, and what it opens with it: of the scene in which it stands among the objects."""
+    """Fact: the handle, which is among the scene's objects, has been pulled, and its drawer or door with it."""
 
     def holds(self, scene: Scene, start: Scene | None = None) -> bool:
-        """Whether it is elsewhere than at the start; see `Goal.holds`."""
+        """Whether the handle is elsewhere than at the start. See `Goal.holds`."""
         return start is not None and scene.body(self.object) is not start.body(self.object)
 
 
 @dataclass(frozen=True)
 class On:
-    """The object rests on a support, on another object, or in a region with its whole footprint.
+    """Fact: the object rests on a support, on another object, or in a region with its whole footprint.
 
-    On something hollow it is inside, or on the rim.
+    On a hollow object it is inside, or on the rim.
 
     Attributes:
-        object: its name.
+        object: name of the object.
         place: name of the support, the other object, or the region.
-        pose: where on another object it is to stand: of a goal that says so by other facts.
+        pose: its pose on another object, if other facts of the goal give one.
     """
 
     object: str
@@ -98,7 +98,7 @@ class On:
         return self.place
 
     def holds(self, scene: Scene, start: Scene | None = None) -> bool:
-        """Whether it does; see `Goal.holds`."""
+        """Whether the object rests there. See `Goal.holds`."""
         if self.place in region_names(scene):
             return Inside(self.object, self.place).holds(scene, start)
         body = scene.body(self.object)
@@ -116,7 +116,7 @@ class On:
 
 @dataclass(frozen=True)
 class Inside:
-    """The object rests within a region or the face of a support, with its whole footprint; or in something hollow."""
+    """Fact: the object rests with its whole footprint within a region or the face of a support, or in a hollow."""
 
     object: str
     region: str
@@ -127,7 +127,7 @@ class Inside:
         return self.region
 
     def holds(self, scene: Scene, start: Scene | None = None) -> bool:
-        """Whether it does; see `Goal.holds`."""
+        """Whether the object rests there. See `Goal.holds`."""
         body = scene.body(self.object)
         if self.region in region_names(scene):
             region = region_named(scene, self.region)
@@ -142,20 +142,19 @@ class Inside:
 
 @dataclass(frozen=True)
 class At:
-    """The object rests at a place.
+    """Fact: the object rests at a pose.
 
     Attributes:
-        object: its name.
-        x, y: [m] of its centre.
-        yaw: [rad], None for any; of an upright cylinder it never matters.
-        z: [m] of its centre, None for any: where one support lies above another it says on which of them.
-        tolerance: [m].
-        yaw_tolerance: [rad].
-        within: names of regions and supports in which its whole footprint is to be, too: of a goal that says so by
-            other facts.
+        object: name of the object.
+        x, y: position [m] of its centre.
+        yaw: yaw [rad], None for any. It is ignored for an upright cylinder.
+        z: height [m] of its centre, None for any. It chooses between supports that lie above each other.
+        tolerance: tolerance of the position [m].
+        yaw_tolerance: tolerance of the yaw [rad].
+        within: names of regions and supports that its whole footprint must lie in, if other facts of the goal say so.
 
     Raises:
-        GoalError: a number that is not finite, or a tolerance that is not positive.
+        GoalError: a number is not finite, or a tolerance is not positive.
     """
 
     object: str
@@ -169,7 +168,7 @@ class At:
 
     @property
     def where(self) -> str:
-        """None: "", which names no place."""
+        """Empty: a pose names no place."""
         return ""
 
     def __post_init__(self) -> None:
@@ -185,7 +184,7 @@ class At:
             raise GoalError(f"a place needs finite numbers and positive tolerances, not {self!r:.200}")
 
     def holds(self, scene: Scene, start: Scene | None = None) -> bool:
-        """Whether it does; see `Goal.holds`."""
+        """Whether the object rests at the pose. See `Goal.holds`."""
         body = scene.body(self.object)
         if math.hypot(body.position[0] - self.x, body.position[1] - self.y) > self.tolerance:
             return False
@@ -200,38 +199,38 @@ class At:
 
 @dataclass(frozen=True)
 class Clear:
-    """No object stands in the region, or on the support."""
+    """Fact: no object stands in the region, or on the support."""
 
     region: str
 
     def holds(self, scene: Scene, start: Scene | None = None) -> bool:  # noqa: ARG002  as of the other facts
-        """Whether none does; see `Goal.holds`."""
+        """Whether no object stands there. See `Goal.holds`."""
         return not occupants(scene, self.region)
 
 
 @dataclass(frozen=True)
 class Before:
-    """The last move of one object comes before the first one of another; a scene cannot show whether it did."""
+    """Fact: the last move of one object comes before the first move of another. A scene cannot show it."""
 
     first: str
     second: str
 
     def holds(self, scene: Scene, start: Scene | None = None) -> bool:  # noqa: ARG002  as of the other facts
-        """True: it is about the plan; see `Goal.is_in_order`."""
+        """True, since the fact is about the plan. See `Goal.is_in_order`."""
         return True
 
 
 @dataclass(frozen=True)
 class Open:
-    """A drawer, door or lid is open.
+    """Fact: a drawer, door or lid is open.
 
     Attributes:
-        opening: its name.
-        share: of its range, from 0 (shut) to 1.
-        amount: [m] or [rad] that it is open at least, in place of the share.
+        opening: name of the drawer, door or lid.
+        share: least share of its range, from 0 (shut) to 1.
+        amount: least opening [m] or [rad], in place of the share.
 
     Raises:
-        GoalError: a share that is not between 0 and 1, or an amount that is not positive.
+        GoalError: the share is not between 0 and 1, or the amount is not positive.
     """
 
     opening: str
@@ -249,12 +248,12 @@ class Open:
             raise GoalError(f"a share is above 0 and at most 1, an amount is positive, not {self!r:.200}")
 
     def position_in(self, scene: Scene) -> float:
-        """[m] or [rad] from which on it holds."""
+        """Position [m] or [rad] from which on the fact holds."""
         one = scene.opening(self.opening)
         return one.at_share(self.share if self.amount is None else min(self.amount / abs(one.open - one.shut), 1.0))
 
     def holds(self, scene: Scene, start: Scene | None = None) -> bool:  # noqa: ARG002  as of the other facts
-        """Whether it is; see `Goal.holds`."""
+        """Whether it is open so far, with tolerance `AJAR`. See `Goal.holds`."""
         one = scene.opening(self.opening)
         lacks = (self.position_in(scene) - one.position) * math.copysign(1.0, one.open - one.shut)
         return lacks <= AJAR * abs(one.open - one.shut)
@@ -262,30 +261,30 @@ class Open:
 
 @dataclass(frozen=True)
 class Closed:
-    """A drawer, door or lid is shut, but for `AJAR` of its range."""
+    """Fact: a drawer, door or lid is shut, to within `AJAR` of its range."""
 
     opening: str
 
     def position_in(self, scene: Scene) -> float:
-        """[m] or [rad] where it is then."""
+        """Position [m] or [rad] of the shut state."""
         return scene.opening(self.opening).shut
 
     def holds(self, scene: Scene, start: Scene | None = None) -> bool:  # noqa: ARG002  as of the other facts
-        """Whether it is; see `Goal.holds`."""
+        """Whether it is shut. See `Goal.holds`."""
         return scene.opening(self.opening).share <= AJAR
 
 
 @dataclass(frozen=True)
 class Turned:
-    """A knob, or anything else that opens, is at an angle.
+    """Fact: a knob, or anything else that opens, is at an angle.
 
     Attributes:
-        opening: its name.
-        angle: [rad], of a slide [m], from where it is shut towards where it is open.
-        tolerance: [rad], [m].
+        opening: name of the knob.
+        angle: angle [rad], or distance [m] of a slide, from shut towards open.
+        tolerance: tolerance [rad] or [m].
 
     Raises:
-        GoalError: a number that is not finite, or a tolerance that is not positive.
+        GoalError: a number is not finite, or the tolerance is not positive.
     """
 
     opening: str
@@ -303,17 +302,17 @@ class Turned:
             raise GoalError(f"an angle is finite, its tolerance positive, not {self!r:.200}")
 
     def position_in(self, scene: Scene) -> float:
-        """[m] or [rad] where it is then."""
+        """Position [m] or [rad] of that angle."""
         one = scene.opening(self.opening)
         return one.shut + math.copysign(self.angle, (one.open - one.shut) * self.angle)
 
     def holds(self, scene: Scene, start: Scene | None = None) -> bool:  # noqa: ARG002  as of the other facts
-        """Whether it is; see `Goal.holds`."""
+        """Whether it is at the angle. See `Goal.holds`."""
         return abs(scene.opening(self.opening).position - self.position_in(scene)) <= self.tolerance
 
 
 def out_of_range(scene: Scene, fact: Open | Closed | Turned) -> str:
-    """What is wrong with an amount or an angle that is beyond the range of what opens; "" if it is not."""
+    """Message about an amount or an angle beyond the range of the opening, "" for none."""
     one = scene.opening(fact.opening)
     most, unit = abs(one.open - one.shut), "m" if one.kind == "slide" else "rad"
     if isinstance(fact, Open) and fact.amount is not None and fact.amount > (1 + AJAR) * most:
@@ -328,19 +327,19 @@ VALID = (
     "holding(a), holding(a, point), on(a, place), inside(a, region), at(a, pose), clear(region), before(a, b), "
     "open_(drawer), closed(drawer), turned(knob, angle), joined by &"
 )
-"""The facts that there are, in words."""
+"""All kinds of facts, in words."""
 
 
 # The geometry of scenes.
 
 
 def region_names(scene: Scene) -> tuple[str, ...]:
-    """The scene's regions."""
+    """Names of the scene's regions."""
     return tuple(region.name for region in scene.regions)
 
 
 def region_named(scene: Scene, name: str) -> Region:
-    """The region of that name; raises `GoalError`, which lists the known ones."""
+    """Region of that name. Raises `GoalError`, which lists the known regions."""
     for region in scene.regions:
         if region.name == name:
             return region
@@ -348,7 +347,7 @@ def region_named(scene: Scene, name: str) -> Region:
 
 
 def occupants(scene: Scene, place: str) -> tuple[str, ...]:
-    """Names of the objects that stand in a region, or on a support, directly or on others; held ones stand nowhere."""
+    """Names of the objects in a region or on a support, also on top of other objects. Held objects are left out."""
     region = region_named(scene, place) if place in region_names(scene) else None
     face = scene.support_named(place if region is None else region.support)
     standing = [body for body in scene.objects if body.name not in scene.held_names]
@@ -358,9 +357,9 @@ def occupants(scene: Scene, place: str) -> tuple[str, ...]:
 
 
 def height_below(scene: Scene, body: Body) -> float:
-    """[m] of the highest level face under the centre of an object, on which it stands or would fall.
+    """Height [m] of the highest level face under the centre of an object, on which it stands or would fall.
 
-    What is held beside the supports is compared with the first one.
+    If no support is under a held object, it is the height of the scene's first support.
     """
     under = scene.support_under(body)
     is_beside = under.name not in scene.supports and body.name in scene.held_names
@@ -368,27 +367,27 @@ def height_below(scene: Scene, body: Body) -> float:
 
 
 def is_at_rest(scene: Scene, body: Body, level: float, start: Scene | None = None) -> bool:
-    """Whether an object stands on a face at a height [m], upright, or lying as it did at the start."""
+    """Whether an object rests on a face at a height [m]: upright, or lying if it lay at the start."""
     is_standing = body.is_upright or (start is not None and not start.body(body.name).is_upright)
     return is_standing and body.name not in scene.held_names and stands_at(scene, body, level)
 
 
 def stands_at(scene: Scene, body: Body, level: float) -> bool:
-    """Whether an object's lowest point is at a face at a height [m], and at no other face under its centre rather."""
+    """Whether an object's lowest point is at a face at a height [m], and no other face under its centre is nearer."""
     away = abs(body.bottom - level)
     return away <= RESTING and all(abs(body.bottom - other) >= away for other in levels_under(scene, body))
 
 
 def is_in_hollow(scene: Scene, body: Body, name: str) -> bool:
-    """Whether an object has been let go inside an object, or a body that does not move, of that name."""
+    """Whether an object was released inside an object or a static body of that name."""
     hollow = None if {body.name, name} & {*scene.held_names} else hollow_of(scene, name)
     return hollow is not None and hollow.contains(body)
 
 
 def levels_under(scene: Scene, body: Body) -> Iterator[float]:
-    """[m] heights of the supports and objects under the centre of an object, within `RESTING` of its lowest point.
+    """Heights [m] of supports and objects under the centre of an object, within `RESTING` of its lowest point.
 
-    Of an object that it is in, the floor.
+    For an object in a container, the container's floor is included.
     """
     for name in scene.supports:
         face = scene.support_named(name)
@@ -406,26 +405,25 @@ def levels_under(scene: Scene, body: Body) -> Iterator[float]:
 
 
 def has_yaw(body: Body) -> bool:
-    """Whether turning the object about the vertical changes anything: not of an upright cylinder."""
+    """Whether a turn about the vertical changes the object: False for an upright cylinder."""
     return not (body.shape == "cylinder" and body.is_upright)
 
 
 def names_in(fact: Fact) -> tuple[str, ...]:
-    """The names in a fact, in the order of its fields."""
+    """Names in a fact, in the order of its fields."""
     return tuple(getattr(fact, entry.name) for entry in fields(fact) if entry.type == "str")
 
 
 def support_at(scene: Scene, fact: At) -> StaticObstacle:
-    """The support on which an object is to stand at a pose.
+    """Support on which an object is to stand at a pose.
 
-    With a height that the pose gives, the one whose top is nearest to it. Else only those count on which the object has
-    room below what lies or hangs above them: a counter has none where a tray lies on it, a table has below a board that
-    is high enough. Of these it is the one on which the object stands at that pose already, else the one on which it
-    stands elsewhere, as under the same board, else the highest: it is reached from above.
+    If the pose gives a height, it is the support whose top is nearest to it. Otherwise only supports with enough
+    clearance above them are considered: not a counter under a tray, but a table below a shelf that is high enough. Of
+    these, the support on which the object already stands comes first, else the highest, which is reached from above.
 
     Args:
-        scene: with the object where it stands.
-        fact: the pose, which is over some support.
+        scene: the scene with the object where it stands.
+        fact: the pose, over some support.
     """
     body, point = scene.body(fact.object), np.array([fact.x, fact.y])
     under = supports_under(scene, fact)
@@ -439,20 +437,20 @@ def support_at(scene: Scene, fact: At) -> StaticObstacle:
 
 
 def supports_under(scene: Scene, fact: At) -> list[StaticObstacle]:
-    """The supports under a pose, one at least where a goal means something."""
+    """Supports under a pose. A valid goal has at least one."""
     point = np.array([fact.x, fact.y])
     return [face for face in map(scene.support_named, scene.supports) if face.is_under(point)]
 
 
 def is_filled(scene: Scene, point: Array, height: float) -> bool:
-    """Whether a static obstacle is in the upright line of a height [m] from a point (3,) of a face up."""
+    """Whether a static obstacle lies on the vertical line of a height [m] above a point (3,) of a face."""
     low, high = point[2] + RESTING / 2, point[2] + height
     over = (one for one in scene.static_obstacles if one.lower[2] < high and one.top > low)
     return any(bool(one.is_under(point[:2])) for one in over)
 
 
 def whole_face(face: StaticObstacle) -> Region:
-    """The top face of a support as a region; of a round one, the square around it."""
+    """Top face of a support as a region. For a round support, the square around it."""
     x_axis = face.rotation[:2, 0] if face.shape == "box" else np.array([1.0, 0.0])
     yaw = float(np.arctan2(x_axis[1], x_axis[0]))
     return Region(face.name, face.name, tuple(face.position[:2]), tuple(face.half_extents[:2]), yaw)

@@ -1,7 +1,7 @@
 """Plans for an arm whose controller moves the gripper and chooses the joints itself.
 
-Such an arm bends its elbow elsewhere than the plan does. It may run into a limit of a joint and stay there, or touch
-what the plan passes. Which of several plans it can follow is found out with a model of the controller.
+Such an arm moves its elbow elsewhere than the plan does. It may get stuck at a joint limit, or touch objects that the
+plan avoids. A model of the controller tells which of several plans the arm can follow.
 """
 
 from __future__ import annotations
@@ -24,30 +24,30 @@ from planners.tamp.solution import BoundAction, Infeasible, Solution
 from planners.workspace import Workspace
 
 _Cost: TypeAlias = tuple[bool, bool, int, int, int]
-"""Of a plan: whether the controller cannot follow it to its end; whether it takes too long; how many objects it
-touches; how many picks it has more than the lower bound; its steps."""
+"""Cost of a plan: whether the controller fails to follow it, whether it takes too long, touched objects, picks above
+the lower bound, steps."""
 _GOOD, _ENOUGH = (False, False, 0, 0), 3
-"""How the cost of good plans begins, and how many of them are compared."""
+"""First entries of the cost of a good plan, and number of good plans to compare."""
 
 
 @dataclass(frozen=True)
 class FollowingPlanner(Planner):
-    """A planner that returns, of several plans, one that the controller can follow.
+    """A planner that makes several plans and returns a plan that the controller can follow.
 
-    The first plans are for the goal as it is, with arm configurations near home, where such controllers keep the
-    joints, and with all. The others move one of the objects before, or after, all others of the goal. Good plans are
-    those that a model of the controller follows to their end in time, that touch no object on the way and take none
-    without need. Of the first three, the one that takes the fewest steps is returned.
+    The first plans are for the goal as it is: with arm configurations near home, where such controllers keep the
+    joints, then with all. The next plans move one of the objects before or after all others of the goal. In a good
+    plan, a model of the controller reaches the end in time, touches no object on the way, and makes no needless pick.
+    Of the first three good plans, the one with the fewest steps is returned.
 
-    If there are none, motions are looked at one by one, near home: those that the controller cannot follow, or that
-    touch an object, are replaced, as by one with another grasp. If there is no good plan then either, the one is
-    returned that comes nearest to this.
+    Without a good plan, motions are checked one by one, near home. A motion that the controller cannot follow, or that
+    touches an object, is replaced, for example by another grasp. If this fails too, the plan of the least cost is
+    returned.
 
     Attributes:
-        controller: the model. Other than with `follower`, motions are planned as for joint control.
-        near_home: whether only arm configurations near home count.
-        by_motion: whether motions are refused that the controller cannot follow.
-        steps_left: tells how many steps of the controller are left; None: enough.
+        controller: the model. Unlike with `follower`, motions are planned as for joint control.
+        near_home: whether only arm configurations near home are used.
+        by_motion: whether motions are refused if the controller cannot follow them.
+        steps_left: function for the number of controller steps left. None means enough.
     """
 
     controller: TcpFollower | None = None
@@ -56,7 +56,7 @@ class FollowingPlanner(Planner):
     steps_left: Callable[[], float] | None = None
 
     def workspace(self, scene: Scene) -> Workspace:
-        """That of `Planner`, near home if so chosen."""
+        """Workspace of `Planner`, near home if so chosen."""
         workspace = replace(super().workspace(scene), controller=self.controller if self.by_motion else None)
         return workspace.only_near_home() if self.near_home else workspace
 
@@ -69,7 +69,7 @@ class FollowingPlanner(Planner):
         time_limit: float | None = None,
         start: Scene | None = None,
     ) -> Solution | Infeasible:
-        """Plan for a goal; see the function `solve`."""
+        """Plan for a goal. See the function `solve`."""
         deadline = Deadline.after(time_limit)
         wanted, drawn = Goal.of(goal, scene), np.random.default_rng(rng or 0)
         plans: list[tuple[_Cost, Solution]] = []
@@ -111,9 +111,9 @@ class FollowingPlanner(Planner):
 
 
 def _own(action: BoundAction, goal: Goal | None) -> tuple[str, ...]:
-    """Names of the objects that an action is to touch: what it moves, and what that is put on or into.
+    """Names of the objects that an action may touch: the moved object, and the object below or around its place.
 
-    Of what opens, the handle and what stands in it.
+    For an opening, these are the handle and the contents.
     """
     scene = action.scene
     if _is_pull(action):
@@ -129,13 +129,13 @@ def _is_pull(action: BoundAction) -> bool:
 
 
 def _best(plans: Sequence[tuple[_Cost, Solution]], refusals: Sequence[Infeasible], goal: Goal) -> Solution | Infeasible:
-    """The plan of the least cost, else the first refusal: that of the goal as it is."""
+    """Plan of the least cost, else the first refusal, which is for the goal as it is."""
     found = min(plans, key=lambda plan: plan[0])[1] if plans else refusals[0]
     return replace(found, goal=goal)
 
 
 def _orders(goal: Goal, scene: Scene, start: Scene) -> Iterator[Goal]:
-    """The goal as it is; then with each object that it places moved before, or after, all others."""
+    """The goal as it is, then variants with each placed object moved before, or after, all others."""
     yield goal
     names = [fact.object for fact in goal.placed if not fact.holds(scene, start)]
     for name in names if len(names) > 1 else ():
@@ -144,6 +144,6 @@ def _orders(goal: Goal, scene: Scene, start: Scene) -> Iterator[Goal]:
             ordered = replace(goal, facts=(*goal.facts, *facts))
             try:
                 ordered.check(scene)
-            except GoalError:  # against the goal's own order, or what stands on what
+            except GoalError:  # against the goal's own order, or against a stack
                 continue
             yield ordered

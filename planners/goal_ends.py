@@ -1,4 +1,4 @@
-"""Where an object is to be when several facts of a goal say so: the narrowest of them, or a contradiction."""
+"""The place of an object if several facts of a goal give one: the narrowest place, or a contradiction."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
     from planners.scene import Scene
 
 Placed: TypeAlias = On | Inside | At
-"""A fact that says where an object is to stand."""
+"""A fact that gives the place of an object."""
 _NARROWER = (At, Inside, On)
-"""Kinds of facts, the one that says most first."""
+"""Kinds of facts, the most specific first."""
 
 
 def narrowest(facts: Sequence[Fact]) -> tuple[Placed, ...]:
-    """The fact of each object that says most of where it is to stand, as far as their kinds tell."""
+    """The most specific fact about the place of each object, by kind."""
     found: dict[str, Placed] = {}
     for kind in _NARROWER:
         for fact in facts:
@@ -45,7 +45,7 @@ def narrowest(facts: Sequence[Fact]) -> tuple[Placed, ...]:
 
 
 def ends_in(scene: Scene, facts: Sequence[Fact]) -> tuple[Placed, ...]:
-    """The one fact of each object that says where it is to stand, and keeps to the others; see `contradiction_in`."""
+    """The fact that gives the place of each object and agrees with the other facts. See `contradiction_in`."""
     found: dict[str, Placed] = {}
     for fact in facts:
         if isinstance(fact, On | Inside | At):
@@ -55,7 +55,7 @@ def ends_in(scene: Scene, facts: Sequence[Fact]) -> tuple[Placed, ...]:
 
 
 def _at_height(scene: Scene, pose: At) -> At:
-    """A pose with its height where several supports lie one above the other: in a hand, an object stands on none."""
+    """Add the height to a pose over several supports, since an object in a hand later stands on none."""
     if pose.z is not None or len(supports_under(scene, pose)) < 2:
         return pose
     body = scene.body(pose.object)
@@ -63,7 +63,7 @@ def _at_height(scene: Scene, pose: At) -> At:
 
 
 def contradiction_in(scene: Scene, facts: Sequence[Fact]) -> tuple[Fact, Fact] | None:
-    """Two facts that say of the same object that it is held, or where it stands, and cannot both hold; None: none."""
+    """Find two facts about the same object, held or placed, that cannot both hold. None if all agree."""
     found: dict[str, tuple[Fact, Fact]] = {}
     for fact in facts:
         if not isinstance(fact, Holding | On | Inside | At):
@@ -81,7 +81,7 @@ def contradiction_in(scene: Scene, facts: Sequence[Fact]) -> tuple[Fact, Fact] |
 
 
 def excludes(scene: Scene, end: Fact, fact: Fact) -> bool:
-    """Whether an object that is where one fact says cannot be where another one does."""
+    """Whether two facts about an object exclude each other."""
     if isinstance(end, Holding) or isinstance(fact, Holding):
         return isinstance(end, Holding) != isinstance(fact, Holding)
     if not isinstance(end, On | Inside | At) or not isinstance(fact, On | Inside | At):
@@ -94,7 +94,7 @@ def excludes(scene: Scene, end: Fact, fact: Fact) -> bool:
 
 
 def _faces(scene: Scene, fact: Placed) -> set[str]:
-    """Names of the supports and objects one of which it is to stand on, for sure."""
+    """Names of the supports and objects that can carry the object if the fact holds."""
     if isinstance(fact, At):
         around = np.concatenate(([(fact.x, fact.y)], (fact.x, fact.y) + fact.tolerance * RIM))
         found = {name for name in scene.supports if scene.support_named(name).is_under(around).any()}
@@ -104,7 +104,7 @@ def _faces(scene: Scene, fact: Placed) -> set[str]:
 
 
 def _outline(scene: Scene, fact: Placed) -> Array | None:
-    """(k, 2) [m] corners of what its centre is to be in; None for a support or an object."""
+    """Corners (k, 2) [m] of the area of its centre. None for a support or an object."""
     if isinstance(fact, At):
         return np.array((fact.x, fact.y)) + fact.tolerance * RIM
     place = _place(fact)
@@ -116,7 +116,7 @@ def _place(fact: On | Inside) -> str:
 
 
 def _joined(scene: Scene, one: Placed, other: Placed, facts: Sequence[Fact]) -> Placed | None:
-    """One fact about an object that says what two of them say; None if they contradict each other."""
+    """Join two facts about an object into one. None if they contradict each other."""
     if isinstance(one, At) and isinstance(other, At):
         return _nearer(one, other) or _nearer(other, one)
     if isinstance(other, At):
@@ -129,7 +129,7 @@ def _joined(scene: Scene, one: Placed, other: Placed, facts: Sequence[Fact]) -> 
 
 
 def _nearer(one: At, other: At) -> At | None:
-    """The first pose, if all that it allows is allowed by the second one; None if not."""
+    """The first pose, if the second pose allows everything that the first one allows. None otherwise."""
     away = math.hypot(one.x - other.x, one.y - other.y) + one.tolerance
     turn = 0.0
     if other.yaw is not None:
@@ -146,7 +146,7 @@ def _nearer(one: At, other: At) -> At | None:
 
 
 def _is_in(scene: Scene, one: On | Inside, other: On | Inside) -> bool:
-    """Whether an object that is where one fact says is where the other one does."""
+    """Whether the first fact implies the second."""
     inner, outer = _place(one), _place(other)
     if inner in region_names(scene):
         region = region_named(scene, inner)
@@ -160,14 +160,14 @@ def _is_in(scene: Scene, one: On | Inside, other: On | Inside) -> bool:
 
 
 def _pose_in(scene: Scene, pose: At, fact: On | Inside, facts: Sequence[Fact]) -> Placed | None:
-    """A pose that keeps to a place; None if what it allows is not there."""
+    """Restrict a pose to a place. None if the pose lies elsewhere."""
     place = _place(fact)
     if place in scene.names:
         given = fact.pose if isinstance(fact, On) else None
         nearer = pose if given is None else _nearer(pose, given) or _nearer(given, pose)
         return On(pose.object, place, nearer) if nearer is not None and _is_over(scene, pose, place, facts) else None
     if place not in (*region_names(scene), *scene.supports):
-        return None  # a pose is on a support or an object
+        return None  # poses are on supports or objects only
     region = region_named(scene, place) if place in region_names(scene) else None
     face, body = scene.support_named(place if region is None else region.support), scene.body(pose.object)
     if support_at(scene, pose).name != face.name:
@@ -179,7 +179,7 @@ def _pose_in(scene: Scene, pose: At, fact: On | Inside, facts: Sequence[Fact]) -
     if region is None and isinstance(fact, On):
         return pose
     area = region or whole_face(face)
-    # Its corners may be turned out of the way: so much of it sticks out at least.
+    # Its corners may be turned away from the edge: at least the inner circle sticks out.
     inner = float(min(body.half_extents[:2] if body.is_upright else body.half_extents))
     half = np.array(area.half_extents) - inner + EDGE
     if half.min() < 0:
@@ -191,7 +191,7 @@ def _pose_in(scene: Scene, pose: At, fact: On | Inside, facts: Sequence[Fact]) -
 
 
 def _is_over(scene: Scene, pose: At, below: str, facts: Sequence[Fact]) -> bool:
-    """Whether a pose is over an object, however it is turned, where that one stands or is to stand."""
+    """Whether a pose is over an object, at any yaw, where that object stands or is to stand."""
     ends = [fact for fact in narrowest(facts) if fact.object == below]
     if ends and not isinstance(ends[0], At):
         return False

@@ -1,4 +1,4 @@
-"""Facts of a goal as PDDL text, and facts that do not hold: which need not be said, and which a goal cannot say."""
+"""Facts of a goal as PDDL text, and negated facts: some follow from the others, some cannot be expressed."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ ARGUMENTS: dict[str, tuple[Callable[..., Fact], int]] = {
     for kind in get_args(Fact)
     if all(entry.type == "str" for entry in fields(kind) if entry.default is MISSING)
 }
-"""Facts that names alone can say, and how many."""
+"""Facts whose arguments are names only, with the number of names."""
 _AMOUNTS = {"open": (Open, ("share", "amount"), ()), "turned": (Turned, ("angle", "tolerance"), ("angle",))}
-"""Facts of what opens that take numbers: which they may have, and which they need."""
+"""Facts about openings that take numbers: valid numbers, required numbers."""
 
 
 def fact_of(tree: Tree, text: str) -> Fact:
-    """The fact that words say; raises `GoalError`."""
+    """Fact of a list of words. Raises `GoalError`."""
     if isinstance(tree, list) and tree and isinstance(tree[0], str):
         tree = [tree[0].lower(), *tree[1:]]
         if any(isinstance(part, str) and not isinstance(part, Quoted) and part.startswith("?") for part in tree):
@@ -71,19 +71,19 @@ def fact_of(tree: Tree, text: str) -> Fact:
 
 
 def domain_of(scene: Scene) -> dict[str, tuple[str, ...]]:
-    """The names for which variables stand, by type: `?x`, as `?x - object`, is one of the objects."""
+    """Names that variables range over, by type: `?x`, as `?x - object`, ranges over the objects."""
     regions, supports = region_names(scene), tuple(scene.supports)
     return {"object": scene.names, "support": supports, "region": regions, "place": (*supports, *regions)}
 
 
 def without_negations(facts: Sequence[Fact], denied: Sequence[Fact], scene: Scene | None) -> tuple[Fact, ...] | None:
-    """Facts that say that some hold and others do not; None if they cannot.
+    """Turn facts and negated facts into facts. None if that is impossible.
 
-    That a fact does not hold need not be said where the others exclude it. That no object of the scene is on a support,
-    or in a region that no object overlaps in part, is that it is clear.
+    A negated fact may be left out if the other facts exclude it. If all objects are denied to be on a support, the
+    support is clear. The same holds for a region, unless an object overlaps it in part.
 
     Raises:
-        GoalError: a fact is to hold, and not to hold.
+        GoalError: a fact must hold and must not hold.
     """
     ends = {name: fact for fact in facts if (name := getattr(fact, "object", ""))}
     left: list[Fact] = []
@@ -92,7 +92,7 @@ def without_negations(facts: Sequence[Fact], denied: Sequence[Fact], scene: Scen
             raise GoalError(f"the goal says that {pddl_of(fact)} holds, and that it does not")
         end = ends.get(getattr(fact, "object", ""))
         is_said = end is not None and scene is not None and excludes(scene, end, fact)
-        # What is held at the end of a plan is what its goal says.
+        # At the end of a plan, only the objects of the goal are held.
         is_said |= isinstance(fact, Holding) and (
             end is not None or (scene is not None and fact.object not in scene.held_names)
         )
@@ -114,7 +114,7 @@ def without_negations(facts: Sequence[Fact], denied: Sequence[Fact], scene: Scen
 
 
 def says_all(facts: Sequence[Fact], others: Sequence[Fact], scene: Scene | None) -> bool:
-    """Whether facts say all that others do, that a support is clear since all objects are elsewhere among it."""
+    """Whether facts imply all others. A support is clear, for example, if all objects are elsewhere."""
     ends = {name: fact for fact in facts if (name := getattr(fact, "object", ""))}
 
     def is_empty(place: str) -> bool:
@@ -133,7 +133,7 @@ def _is_area(scene: Scene, name: str) -> bool:
 
 
 def _is_clear_if_empty(scene: Scene, fact: On | Inside) -> bool:
-    """Whether a place is clear once no object is there as a fact has it: none overlaps it in part."""
+    """Whether a place is clear once the fact holds for no object: no object overlaps the place in part."""
     place = names_in(fact)[1]
     if place in scene.supports:
         return isinstance(fact, On)

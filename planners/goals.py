@@ -1,4 +1,4 @@
-"""Goals: what a plan is to bring about, as data that planner and environment share, and a geometric check of it.
+"""Goals of plans, as data that planner and environment share, and their geometric check.
 
     from planners import goals
 
@@ -6,7 +6,7 @@
     goal = goals.Goal.from_pddl("(and (on object_1 tray) (inside object_2 left) (holding object_3))")
     goal.holds(scene)
 
-Only data and plain geometry: nothing here plans or is compiled.
+Only data and plain geometry are here: no planning, no compiled code.
 """
 
 from __future__ import annotations
@@ -59,21 +59,21 @@ if TYPE_CHECKING:
     from planners.scene import Scene
 
 _SHOWN = 3
-"""Alternatives that a refusal lists."""
+"""Number of alternatives that a refusal lists."""
 
 
 @dataclass(frozen=True)
 class Goal:
-    """Facts that must all hold; joined by `&`.
+    """Facts that must all hold, joined by `&`.
 
     Attributes:
-        facts: in the order in which they were given, each once.
-        placed: of each object the one fact that says most of where it is to stand; of a goal that was read with a
-            scene, or by `in_scene`, one that keeps to the others.
-        is_settled: whether `in_scene` has made it.
+        facts: the facts in their given order, each once.
+        placed: for each object, the most specific fact about its place. In a goal read with a scene, or made by
+            `in_scene`, it agrees with the other facts.
+        is_settled: whether `in_scene` has made the goal.
 
     Raises:
-        GoalError: no fact, something that is none, or a name that is no text.
+        GoalError: the goal has no fact, an invalid fact, or an invalid name.
     """
 
     facts: tuple[Fact, ...]
@@ -102,12 +102,12 @@ class Goal:
 
     @classmethod
     def of(cls, goal: str | Goal | Sequence[Sequence[str]], scene: Scene | None = None) -> Goal:
-        """A goal as it is, of a PDDL text, of a list of facts, `[["on", "a", "tray"]]`, or of a name: it is held.
+        """Read a goal: a `Goal`, PDDL text, a list of facts, `[["on", "a", "tray"]]`, or the name of an object to hold.
 
-        With a scene it is the goal there, as of `from_pddl` and `in_scene`.
+        With a scene, names are resolved in it, as in `from_pddl` and `in_scene`.
 
         Raises:
-            GoalError: none of these; with a scene, also what `from_pddl` and `in_scene` raise.
+            GoalError: the argument is none of these. With a scene, also the errors of `from_pddl` and `in_scene`.
         """
         if isinstance(goal, str) and goal.lstrip().startswith("("):
             return cls.from_pddl(goal, scene)
@@ -127,7 +127,7 @@ class Goal:
 
     @property
     def target(self) -> str:
-        """Name of the object that is to be held, anywhere, if that is all, else ""."""
+        """Name of the object to hold anywhere, if that is the whole goal, else ""."""
         match self.facts:
             case (Holding(name, None),):
                 return name
@@ -135,56 +135,55 @@ class Goal:
 
     @property
     def held(self) -> tuple[str, ...]:
-        """Names of the objects that are to be held."""
+        """Names of the objects to hold."""
         return tuple(fact.object for fact in self.facts if isinstance(fact, Holding))
 
     @property
     def cleared(self) -> tuple[str, ...]:
-        """Names of the regions and supports that are to be clear."""
+        """Names of the regions and supports to clear."""
         return tuple(fact.region for fact in self.facts if isinstance(fact, Clear))
 
     @property
     def openings(self) -> tuple[Open | Closed | Turned, ...]:
-        """The facts about what opens."""
+        """Facts about doors, drawers, lids and knobs."""
         return tuple(fact for fact in self.facts if isinstance(fact, Open | Closed | Turned))
 
     @property
     def order(self) -> tuple[tuple[str, str], ...]:
-        """Pairs of objects of which the first one is to be moved before the second."""
+        """Pairs of objects. The first one must move before the second."""
         return tuple((fact.first, fact.second) for fact in self.facts if isinstance(fact, Before))
 
     def holds(self, scene: Scene, start: Scene | None = None) -> bool:
         """Whether all facts hold in a scene, by its geometry alone.
 
-        An object rests where its lowest point is within `RESTING` of the face, and it is upright, or lay already at
-        the start.
+        An object rests on a face if its lowest point is within `RESTING` of it. It must be upright, or must have lain
+        at the start already.
 
         Args:
-            scene: in which held objects have the pose at which they are held.
-            start: the scene before anything was moved, from which the height of held objects counts; without it they
-                must be that high above the support under them.
+            scene: the scene, with held objects at their poses in the grippers.
+            start: the scene before anything was moved. The height of held objects is measured from there. Without it,
+                it is measured from the support under them.
 
         Raises:
-            GoalError: the goal means nothing in that scene.
+            GoalError: the goal is invalid in that scene.
         """
         return not self.unmet(scene, start)
 
     def unmet(self, scene: Scene, start: Scene | None = None) -> tuple[Fact, ...]:
-        """The facts that do not hold; arguments and errors as of `holds`."""
+        """Facts that do not hold. Arguments and errors as for `holds`."""
         self.check(scene)
         return tuple(fact for fact in self.facts if not fact.holds(scene, start))
 
     def in_scene(self, scene: Scene) -> Goal:
-        """The same goal, settled for a scene, in which nothing has been moved yet; one that is settled stays as it is.
+        """Settle the goal for a scene in which nothing has been moved yet. A settled goal stays as it is.
 
-        Names are spelled as the scene has them. PDDL makes no difference between capitals and small letters: a name
-        that fits one of the scene's so is that one; of two that differ in nothing else, the one that is meant must be
-        spelled exactly. What several facts say of one object is put together in `placed`, and which support is meant
-        where several lie one above the other: see `planners.facts.support_at`. Unknown names and contradictions stay
-        for `check`.
+        Names are spelled as in the scene. PDDL does not distinguish capitals: a name matches a name of the scene with
+        other capitals. If two names of the scene differ only in capitals, the goal must use the exact spelling. Several
+        facts about one object are joined in `placed`. For supports above each other, `planners.facts.support_at`
+        chooses. Unknown names and contradictions are left to `check`.
 
         Raises:
-            GoalError: a name fits several of the scene's.
+            GoalError: a name matches several names of the scene.
         """
         if self.is_settled:
             return self
@@ -194,16 +193,16 @@ class Goal:
         return replace(goal, placed=ends_in(scene, goal.facts), is_settled=True)
 
     def is_in_order(self, moved: Collection[str]) -> bool:
-        """Whether objects that were taken in this order, some perhaps twice, keep to every `before`."""
+        """Whether picks in this order, with possible repetitions, obey every `before`."""
         moves = list(moved)
         last = {name: index for index, name in enumerate(moves)}
         return all(first not in last or second not in moves[: last[first]] for first, second in self.order)
 
     def check(self, scene: Scene) -> None:
-        """Check that the goal means something in a scene.
+        """Check that the goal is valid in a scene.
 
         Raises:
-            GoalError: it names something that is not there, or contradicts itself; the message says what is valid.
+            GoalError: the goal names something unknown, or contradicts itself. The message lists the valid names.
         """
         for message in self._unknown_names(scene):
             raise GoalError(message)
@@ -228,7 +227,7 @@ class Goal:
         self._check_contradictions(scene)
 
     def _unknown_names(self, scene: Scene) -> Iterator[str]:
-        """What is wrong with each name that the scene does not have."""
+        """Messages about the names that are not in the scene."""
         for fact in self.facts:
             for entry, name in zip(fields(fact), names_in(fact), strict=False):
                 kinds = _kinds(fact, entry.name, scene, name)
@@ -282,35 +281,36 @@ class Goal:
                 raise GoalError(f"the goal asks for a circle: {' -> '.join(error.args[1])}") from error
 
     def to_pddl(self) -> str:
-        """The goal as PDDL; `from_pddl` reads it."""
+        """The goal as PDDL, which `from_pddl` reads."""
         texts = [pddl_of(fact) for fact in self.facts]
         return texts[0] if len(texts) == 1 else f"(and {' '.join(texts)})"
 
     def sentence(self) -> str:
-        """The goal in English; `from_sentence` reads it again. See `planners.goal_sentence`."""
+        """The goal in English, which `from_sentence` reads. See `planners.goal_sentence`."""
         return sentence_of(self.facts)
 
     @classmethod
     def from_pddl(cls, text: str, scene: Scene | None = None) -> Goal:
-        """The goal of a PDDL text: one fact, or `(and fact fact …)`, which may be nested; in `(:goal …)` or not.
+        """Read a goal from PDDL text: one fact, or `(and fact fact …)`, nested or not, with or without `(:goal …)`.
 
-        Facts are `(holding a)`, `(on a place)`, `(inside a region)`, `(clear region)`, `(before a b)`,
-        `(at a (x 0.5) (y 0.2) (yaw 1.57) (z 0.83) (tolerance 0.02) (yaw-tolerance 0.1))`, of which x and y are needed,
-        and `(holding a (x 0.5) (y 0.2) (z 1.1) (tolerance 0.02))`.
-        A name with blanks or parentheses stands in quotation marks. Words of PDDL may be in capitals.
+        Facts are `(holding a)`, `(on a place)`, `(inside a region)`, `(clear region)` and `(before a b)`. Facts with
+        numbers are `(at a (x 0.5) (y 0.2) (yaw 1.57) (z 0.83) (tolerance 0.02) (yaw-tolerance 0.1))`, which needs only
+        x and y, and `(holding a (x 0.5) (y 0.2) (z 1.1) (tolerance 0.02))`. Names with blanks or parentheses need
+        quotation marks. PDDL keywords may be in capitals.
 
         `forall` and `exists` range over the scene's objects, or with `?x - support`, `?x - region`, `?x - place` over
-        these. Of the alternatives of `or`, `imply` and `exists` those are left out that contradict the rest of the
-        goal; one must be left, or hold in the scene. `not` needs to follow from the rest, or to say of all objects
-        that none is on a support, which is that it is clear.
+        these. Alternatives of `or`, `imply` and `exists` are dropped if they contradict the rest of the goal. Exactly
+        one must be left, or one must hold in the scene. `not` must follow from the rest of the goal. Or it denies for
+        all objects that they are on a support: the support is then clear.
 
         Args:
             text: the goal.
-            scene: where it is to be; its names may then be in other capitals, see `in_scene`. Without it names are as
-                they are written, and nothing is known of the objects that `forall` and `exists` mean.
+            scene: the scene of the goal. With it, names may have other capitals, see `in_scene`. Without it, names are
+                kept as written, and `forall` and `exists` are refused.
 
         Raises:
-            GoalError: it is none, or says what no goal can say here; the message says what is valid.
+            GoalError: the text is no goal, or asks for something that no goal can express. The message says what is
+                valid.
         """
         condition = Condition(text, parse(text), None if scene is None else domain_of(scene))
         found = [_read(literals, text, scene) for literals in condition.alternatives()]
@@ -332,7 +332,7 @@ class Goal:
             except GoalError as reason:
                 reasons.append(reason)
         goals = [one for one in left if isinstance(one, Goal)]
-        # What asks for more than another alternative, or for as much as an earlier one, is left out.
+        # Drop alternatives that ask for more than another one, or for as much as an earlier one.
         asks_more = [
             one
             for k, one in enumerate(goals)
@@ -356,23 +356,23 @@ class Goal:
 
 
 class _NotSaidError(GoalError):
-    """That a fact does not hold, which no goal can say."""
+    """A negated fact that no goal can express."""
 
 
 def _read(literals: Sequence[Literal], text: str, scene: Scene | None) -> tuple[tuple[Fact, ...], tuple[Fact, ...]]:
-    """The facts of one alternative that hold, and those that do not; raises `GoalError`."""
+    """Facts and negated facts of one alternative. Raises `GoalError`."""
     facts: tuple[list[Fact], list[Fact]] = [], []
     for tree, is_negated in literals:
         fact = fact_of(tree, text)
         facts[is_negated].append(fact if scene is None else _spelled(fact, scene))
-    if scene is not None and facts[1]:  # what is denied must mean something, too
+    if scene is not None and facts[1]:  # names in negated facts must exist too
         for message in Goal((*facts[0], *facts[1]))._unknown_names(scene):
             raise GoalError(message)
     return tuple(facts[0]), tuple(facts[1])
 
 
 def _said(condition: Condition, held: Sequence[Fact], denied: Sequence[Fact], scene: Scene | None) -> tuple[Fact, ...]:
-    """Facts that say that some hold and others do not; raises `GoalError`."""
+    """Facts that express the facts and the negated facts. Raises `GoalError`."""
     facts = without_negations(held, denied, scene)
     if facts is None:
         say = "a goal says where objects are to be; say where, and that none is in a region says (clear region)"
@@ -383,7 +383,7 @@ def _said(condition: Condition, held: Sequence[Fact], denied: Sequence[Fact], sc
 
 
 def _kinds(fact: Fact, entry: str, scene: Scene, name: str) -> dict[str, Collection[str]]:
-    """The names that may stand in a field of a fact, by what they are of; what is hollow only if others lack a name."""
+    """Valid names for a field of a fact, by kind. Hollows are only listed if the other kinds lack the name."""
     if entry == "opening":
         return {"what opens": tuple(one.name for one in scene.openings)}
     objects: dict[str, Collection[str]] = {"objects": scene.names}
@@ -397,7 +397,7 @@ def _kinds(fact: Fact, entry: str, scene: Scene, name: str) -> dict[str, Collect
 
 
 def _spelled(fact: Fact, scene: Scene) -> Fact:
-    """The fact with its names spelled as in the scene; raises `GoalError` if one fits several."""
+    """The fact with its names spelled as in the scene. Raises `GoalError` for a name with several matches."""
     changed: dict[str, Any] = {}
     for entry, name in zip(fields(fact), names_in(fact), strict=False):
         valid = [one for names in _kinds(fact, entry.name, scene, name).values() for one in names]
@@ -410,39 +410,41 @@ def _spelled(fact: Fact, scene: Scene) -> Fact:
 
 
 def holding(name: str, point: ArrayLike | None = None, tolerance: float = TOLERANCE) -> Goal:
-    """The object is held, `LIFTED` above where it stood; or with its centre at a point x, y, z, within a tolerance [m].
+    """Goal to hold an object `LIFTED` above where it stood, or with its centre within a tolerance [m] of a point x, y,
+    z.
 
     Raises:
-        GoalError: not three finite numbers, or a tolerance that is not positive.
+        GoalError: the point is not three finite numbers, or the tolerance is not positive.
     """
     values = None if point is None else tuple(np.asarray(point, dtype=object).ravel().tolist())
     return Goal((Holding(name, values, tolerance),))
 
 
 def on(name: str, place: str) -> Goal:
-    """The object rests on a support, on another object (a stack), in a region, or in something hollow, as `inside`."""
+    """Goal to rest an object on a support, on another object (a stack), in a region, or in a hollow as for `inside`."""
     return Goal((On(name, place),))
 
 
 def inside(name: str, region: str) -> Goal:
-    """The object rests with its whole footprint in a region, or on a support; or in something hollow.
+    """Goal to rest an object with its whole footprint in a region, on a support, or in a hollow.
 
-    That is an object, or a body that does not move: a basket, a bowl, a box, a tray; see `planners.hollows`.
+    A hollow is an object or a static body: a basket, a bowl, a box, a tray. See `planners.hollows`.
     """
     return Goal((Inside(name, region),))
 
 
 def at(name: str, pose: ArrayLike, tolerance: float = TOLERANCE, yaw_tolerance: float = YAW_TOLERANCE) -> Goal:
-    """The object rests at a pose.
+    """Goal to rest an object at a pose.
 
     Args:
-        name: of the object.
-        pose: (2,) x, y [m]; (3,) x, y [m], yaw [rad]; or T_world_object (4, 4), of which the yaw counts.
-        tolerance: [m].
-        yaw_tolerance: [rad].
+        name: name of the object.
+        pose: (2,) x, y [m], or (3,) x, y [m], yaw [rad], or T_world_object (4, 4). Position and yaw of the matrix are
+            used.
+        tolerance: tolerance of the position [m].
+        yaw_tolerance: tolerance of the yaw [rad].
 
     Raises:
-        GoalError: another shape, or a number that is not finite.
+        GoalError: the pose has another shape, or a number is not finite.
     """
     try:
         T = np.asarray(pose, dtype=float)
@@ -458,48 +460,48 @@ def at(name: str, pose: ArrayLike, tolerance: float = TOLERANCE, yaw_tolerance: 
 
 
 def clear(region: str) -> Goal:
-    """No object stands in the region, or on the support."""
+    """Goal to clear a region or a support of all objects."""
     return Goal((Clear(region),))
 
 
 def before(first: str, second: str) -> Goal:
-    """The first object is moved before the second, if both are."""
+    """Goal to move the first object before the second, if both move."""
     return Goal((Before(first, second),))
 
 
 def open_(name: str, share: float = OPEN_SHARE, amount: float | None = None) -> Goal:
-    """A drawer, door or lid is open by a share of its range at least, or by an amount [m], [rad].
+    """Goal to open a drawer, door or lid by at least a share of its range, or an amount [m] or [rad].
 
     Raises:
-        GoalError: a share that is not between 0 and 1, or an amount that is not positive.
+        GoalError: the share is not between 0 and 1, or the amount is not positive.
     """
     return Goal((Open(name, share, amount),))
 
 
 def closed(name: str) -> Goal:
-    """A drawer, door or lid is shut."""
+    """Goal to shut a drawer, door or lid."""
     return Goal((Closed(name),))
 
 
 def turned(name: str, angle: float, tolerance: float = YAW_TOLERANCE) -> Goal:
-    """A knob is at an angle [rad] from where it is shut, within a tolerance [rad].
+    """Goal to turn a knob to an angle [rad] from its shut position, within a tolerance [rad].
 
     Raises:
-        GoalError: a number that is not finite, or a tolerance that is not positive.
+        GoalError: a number is not finite, or the tolerance is not positive.
     """
     return Goal((Turned(name, angle, tolerance),))
 
 
 def from_sentence(text: str, scene: Scene | None = None) -> Goal:
-    """The goal that an English sentence says, by a grammar: "put the red can into the basket and close the drawer".
+    """Read a goal from an English sentence, by a grammar: "put the red can into the basket and close the drawer".
 
     Args:
-        text: clauses joined by commas, "and" or "then"; see `planners.goal_sentence`.
-        scene: whose names are meant; without one a name is its words joined by underscores.
+        text: clauses joined by commas, "and" or "then". See `planners.goal_sentence`.
+        scene: the scene with the names. Without it, a name is its words joined by underscores.
 
     Raises:
-        GoalError: a clause that is none, a phrase that fits no name of the scene, or several, or a goal that means
-            nothing there; see `Goal.check`.
+        GoalError: a clause cannot be read, a phrase matches no name of the scene or several, or the goal is invalid
+            there. See `Goal.check`.
     """
     if scene is None:
         return Goal(facts_of(text))
@@ -511,12 +513,12 @@ def from_sentence(text: str, scene: Scene | None = None) -> Goal:
 
 
 def and_(*goals: str | Goal) -> Goal:
-    """All of these goals; raises `GoalError`, see `Goal.of`."""
+    """Join goals into one. Raises `GoalError` as `Goal.of`."""
     return Goal(tuple(fact for goal in goals for fact in Goal.of(goal).facts))
 
 
 def _is_always_in(scene: Scene, fact: On | Inside | At, region: Region) -> bool:
-    """Whether an object stands partly in a region wherever a fact holds; at a pose it counts as the circle within."""
+    """Whether a fact puts an object into a region, at least in part. At a pose, only its inner circle is tested."""
     body = scene.body(fact.object)
     if isinstance(fact, At):
         radius = min(body.half_extents[:2] if body.is_upright else body.half_extents) - fact.tolerance - 2 * EDGE
@@ -530,7 +532,7 @@ def _is_always_in(scene: Scene, fact: On | Inside | At, region: Region) -> bool:
 
 
 def _is_always_on(scene: Scene, fact: At, support: str) -> bool:
-    """Whether an object stands on a support, or on others that do, at a pose: no other support is under it."""
+    """Whether a support is the only one under an object at a pose, directly or below other objects."""
     around = np.concatenate(([(fact.x, fact.y)], (fact.x, fact.y) + fact.tolerance * RIM))
     under = {name for name in scene.supports if scene.support_named(name).is_under(around).any()}
     return under == {support} and bool(scene.support_named(support).is_under(around).all())

@@ -1,8 +1,8 @@
-"""Hollows of baskets, bowls, boxes, trays, mugs and drawers: found from their convex pieces, seen from above.
+"""Hollows of baskets, bowls, boxes, trays, mugs and drawers, found from their convex pieces seen from above.
 
-The pieces are looked at as a field of heights. Where water that is poured on it would stand deeper than `SHALLOW`, it
-is hollow; the lowest level part there is the floor, the level up to which water stands is the rim. The largest hollow
-counts. Gaps between pieces that are narrower than `_GAP` hold water.
+The pieces form a height field. Water is poured on it, and a part that holds water deeper than `SHALLOW` is hollow. Its
+lowest level part is the floor, and the water level is the rim. The largest hollow is used. Gaps between pieces that are
+narrower than `_GAP` hold water.
 """
 
 from __future__ import annotations
@@ -26,29 +26,29 @@ if TYPE_CHECKING:
     from planners.scene.solid import Solid
 
 SHALLOW = 0.006
-"""[m] A hollow is deeper."""
+"""Depth [m] that a hollow exceeds."""
 _CELL, _MOST = 0.002, 150
-"""[m] of a cell of the field, and cells to its longer side at most: they are larger then."""
+"""Cell size [m] of the height field, and most cells along its longer side. Larger fields get larger cells."""
 _GAP = 5
-"""Cells."""
+"""Width of a closed gap, in cells."""
 _LEAST = 0.02
-"""[m] to each side that the floor of a hollow measures at least."""
+"""Least size [m] of the floor of a hollow, along each side."""
 _BESIDE = 0.03
-"""[m] around a support in which walls count."""
+"""Range [m] around a support in which walls are searched."""
 _FOOTROOM = 0.015
-"""[m] above a support from which on nothing is a wall that stands on it or beside it."""
+"""Height [m] above a support. A wall begins below it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Hollow:
-    """The inside of a container, in the world.
+    """Inside of a container, in the world.
 
     Attributes:
-        name: of the object, of the body that does not move, or of the support.
-        floor, rim: [m] heights.
-        base: (k, 2) [m] corners of a convex polygon around the floor.
-        mouth: (k, 2) [m] corners of a convex polygon around the opening, as wide as it is anywhere below the rim.
-        area: the rectangle around the mouth, along the sides of the container.
+        name: name of the object, of the static body, or of the support.
+        floor, rim: heights [m].
+        base: (k, 2) corners [m] of a convex polygon around the floor.
+        mouth: (k, 2) corners [m] of a convex polygon around the opening, at its widest below the rim.
+        area: the rectangle around the mouth, aligned with the container.
     """
 
     name: str
@@ -60,12 +60,12 @@ class Hollow:
 
     @property
     def depth(self) -> float:
-        """[m] from the rim to the floor."""
+        """Height [m] from floor to rim."""
         return self.rim - self.floor
 
     @property
     def width(self) -> float:
-        """[m] of the mouth, where it is narrowest."""
+        """Smallest width [m] of the mouth."""
         sides = np.roll(self.mouth, -1, axis=0) - self.mouth
         normals = np.column_stack((-sides[:, 1], sides[:, 0])) / np.linalg.norm(sides, axis=1, keepdims=True)
         return float(np.ptp(self.mouth @ normals.T, axis=0).min())
@@ -73,8 +73,8 @@ class Hollow:
     def contains(self, body: Body) -> bool:
         """Whether an object is inside: between floor and rim, or standing on the floor within the walls.
 
-        Its middle is over the mouth, its lowest point not below the floor and below the rim. Its centre is below the
-        rim, or it stands on the floor and its whole footprint is within the mouth.
+        Its centre is over the mouth, its lowest point between floor and rim. In addition, its centre is below the rim,
+        or it stands on the floor with its whole footprint within the mouth.
         """
         if not self.floor - RESTING <= body.bottom < self.rim - EDGE:
             return False
@@ -86,7 +86,7 @@ class Hollow:
 
 
 def hollow_of(scene: Scene, name: str) -> Hollow | None:
-    """The hollow of an object, or of a body that does not move, by its name; None if there is none."""
+    """Hollow of an object or a static body, by its name, if any."""
     if name in scene.names:
         return hollow_of_body(scene.body(name))
     parts = tuple(one for one in scene.static_obstacles if one.body == name)
@@ -95,7 +95,7 @@ def hollow_of(scene: Scene, name: str) -> Hollow | None:
 
 @lru_cache(maxsize=256)
 def hollow_of_body(body: Body) -> Hollow | None:
-    """The hollow of an object that stands; None if it lies or has none."""
+    """Hollow of an upright object. None if it lies, or is solid."""
     if body.shape != "pieces" or not body.is_upright:
         return None
     found = _of_pieces(body.pieces)
@@ -107,7 +107,7 @@ def hollow_of_body(body: Body) -> Hollow | None:
 
 
 def hollow_about(scene: Scene, face: StaticObstacle) -> Hollow | None:
-    """The hollow whose floor a support is, between the static obstacles on it and beside it; None if there is none."""
+    """Hollow with a support as its floor, between static obstacles on and next to it, if any."""
     low, high = face.lower[:2] - _BESIDE, face.upper[:2] + _BESIDE
     near = (one for one in scene.static_obstacles if (one.lower[:2] < high).all() and (one.upper[:2] > low).all())
     walls = tuple(
@@ -119,19 +119,19 @@ def hollow_about(scene: Scene, face: StaticObstacle) -> Hollow | None:
 
 
 def static_hollows(scene: Scene) -> tuple[str, ...]:
-    """Names of the bodies that do not move and are hollow."""
+    """Names of the static bodies with a hollow."""
     names = dict.fromkeys(one.body for one in scene.static_obstacles if one.body)
     return tuple(name for name in names if hollow_of(scene, name) is not None)
 
 
 def hollow_names(scene: Scene) -> tuple[str, ...]:
-    """Names of what things can be put into: objects, then bodies that do not move."""
+    """Names of everything that holds objects: objects first, then static bodies."""
     objects = (body.name for body in scene.objects if hollow_of_body(body) is not None)
     return tuple(dict.fromkeys((*objects, *static_hollows(scene))))
 
 
 def contents_of(scene: Scene, container: Body) -> Iterator[Body]:
-    """The objects inside another one."""
+    """Objects inside another object."""
     hollow = hollow_of_body(container)
     if hollow is not None:
         held = scene.held_names
@@ -141,13 +141,13 @@ def contents_of(scene: Scene, container: Body) -> Iterator[Body]:
 
 @lru_cache(maxsize=256)
 def _of_pieces(pieces: tuple[Solid, ...]) -> Hollow | None:
-    """The hollow of an object in its own frame, upright there."""
+    """Hollow of an object in its own frame, upright."""
     return _hollow("", pieces)
 
 
 @lru_cache(maxsize=256)
 def _of_static(name: str, parts: tuple[StaticObstacle, ...]) -> Hollow | None:
-    """The hollow of parts that do not move, its sides along those of the largest of them."""
+    """Hollow of static parts, aligned with the largest of them."""
     if not parts:
         return None
     largest = max(parts, key=lambda one: float(np.prod(one.half_extents[:2])))
@@ -163,7 +163,7 @@ def _about(face: StaticObstacle, walls: tuple[StaticObstacle, ...]) -> Hollow | 
 
 
 def _turned(name: str, parts: Sequence[Solid], yaw: float, face: StaticObstacle | None = None) -> Hollow | None:
-    """The hollow of parts in the world, looked at along axes of a yaw [rad]; with a `face`, over and beside that."""
+    """Hollow of parts in the world, with the height field along axes of a yaw [rad]. `face` as for `_hollow`."""
     c, s = math.cos(-yaw), math.sin(-yaw)
     R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     turned = [one.moved(R, np.zeros(3)) for one in parts]
@@ -172,7 +172,7 @@ def _turned(name: str, parts: Sequence[Solid], yaw: float, face: StaticObstacle 
 
 
 def _moved(found: Hollow, name: str, turn: Array, shift: Array, rise: float, yaw: float) -> Hollow:
-    """A hollow, given along the axes, turned by a matrix (2, 2) and moved."""
+    """A hollow given along the axes, turned by a matrix (2, 2) and moved."""
     centre = shift + turn @ np.array(found.area.centre)
     area = Region(name, name, tuple(centre), found.area.half_extents, yaw)
     base, mouth = (shift + points @ turn.T for points in (found.base, found.mouth))
@@ -180,7 +180,7 @@ def _moved(found: Hollow, name: str, turn: Array, shift: Array, rise: float, yaw
 
 
 def _hollow(name: str, parts: Sequence[Solid], face: Solid | None = None) -> Hollow | None:
-    """The largest hollow of convex parts, along the axes; with a `face`, of the field over and about that alone."""
+    """Largest hollow of convex parts, along the axes. With a `face`, the height field covers only its surroundings."""
     if len(parts) < 2:
         return None
     around = list(parts) if face is None else [face]
@@ -224,7 +224,7 @@ _INNER = slice(_GAP, -_GAP)
 
 
 def _heights(parts: Sequence[Solid], points: Array) -> Array:
-    """[m] of the highest of some parts at points (n, 2): (n,), -inf where there is none."""
+    """Height [m] of the highest part at points (n, 2): (n,), -inf for no part."""
     found = np.full(len(points), -np.inf)
     for one in parts:
         near = np.flatnonzero(((points >= one.lower[:2]) & (points <= one.upper[:2])).all(axis=1))
@@ -236,9 +236,9 @@ def _heights(parts: Sequence[Solid], points: Array) -> Array:
 
 
 def _poured(heights: Array, drains: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """[m] up to which water would stand on a field of heights (n, m), off whose edges and through whose drains it runs.
+    """Water level [m] on a height field (n, m). Water runs off its edges and through its drains.
 
-    Filling in the order of the heights from the edges inward (Barnes, Lehman & Mulla 2014, algorithm 1).
+    Cells are filled in the order of their heights from the edges inward (Barnes, Lehman & Mulla 2014, algorithm 1).
     """
     rows, columns = heights.shape
     level = heights.tolist()
@@ -258,7 +258,7 @@ def _poured(heights: Array, drains: NDArray[np.bool_]) -> NDArray[np.float64]:
 
 
 def _are_within(polygon: Array, points: Array) -> bool:
-    """Whether points (n, 2) lie in a convex polygon (k, 2), counter-clockwise, but for `EDGE`."""
+    """Whether points (n, 2) lie in a convex polygon (k, 2), counter-clockwise, with tolerance `EDGE`."""
     sides = np.roll(polygon, -1, axis=0) - polygon
     length = np.linalg.norm(sides, axis=1)
     away = points[:, None] - polygon

@@ -1,6 +1,6 @@
-"""PDDL conditions as text: words and lists, and the alternatives that `or`, `not`, `forall` and `exists` stand for.
+"""PDDL conditions as text: words and lists, and the alternatives of `or`, `not`, `forall` and `exists`.
 
-Nothing here knows what a fact means: a literal is the list of words of one fact, as it is or negated.
+The meaning of facts is not known here. A literal is the list of words of one fact, negated or not.
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ from planners.regions import GoalError
 _T = TypeVar("_T")
 Tree: TypeAlias = "str | list[Tree]"
 WORD = r'[^\s()";]+'
-"""What a word consists of, if it does not stand in quotation marks."""
+"""Characters of a word without quotation marks."""
 _MOST = 512
-"""Alternatives of a condition, and facts of each, beyond which it is refused."""
+"""Most alternatives of a condition, and most facts of each."""
 _CONNECTIVES = ("and", "or", "not", "imply", "forall", "exists")
 
 
 class Quoted(str):
-    """A word that stood in quotation marks: a name, also where it begins as a variable does."""
+    """A word in quotation marks: always a name, even if it begins like a variable."""
 
     __slots__ = ()
 
 
 class Literal(NamedTuple):
-    """A fact, or that it does not hold.
+    """A fact or a negated fact.
 
     Attributes:
-        tree: its words, and lists of numbers.
-        is_negated: whether it stands under a `not`.
+        tree: words of the fact, and lists of numbers.
+        is_negated: whether the fact is under a `not`.
     """
 
     tree: Tree
@@ -42,13 +42,13 @@ class Literal(NamedTuple):
 
 @dataclass(frozen=True)
 class Condition:
-    """A condition of PDDL.
+    """A PDDL condition.
 
     Attributes:
-        text: as it was given.
-        tree: its words, and lists of them.
-        domain: the names that a variable of each type stands for; None where that is not known.
-        choices: the words of those connectives that left several alternatives, in the order in which they were met.
+        text: text as given.
+        tree: words of the text, and lists of words.
+        domain: the names that a variable of each type ranges over. None if unknown.
+        choices: connectives with several alternatives, in the order of the text.
     """
 
     text: str
@@ -57,10 +57,10 @@ class Condition:
     choices: list[str] = field(default_factory=list)
 
     def alternatives(self) -> list[tuple[Literal, ...]]:
-        """Sets of literals, of each of which all must hold, none contained in another one; any of the sets will do.
+        """Expand the condition into alternative sets of literals. All literals of one set must hold.
 
         Raises:
-            GoalError: a variable that stands for unknown names, a type that is none, or too many alternatives.
+            GoalError: a variable with an unknown range, an unknown type, or too many alternatives.
         """
         try:
             found = self._expanded(self.tree, False, {})
@@ -71,11 +71,11 @@ class Condition:
         return list({frozenset(one): one for one in unlike}.values())
 
     def refused(self, word: str, why: str) -> GoalError:
-        """The error that names a word of the text, and says what to do."""
+        """Error that names a word of the text and gives advice."""
         return GoalError(f"{word!r} in {self.text!r:.200}: {why}")
 
     def _expanded(self, tree: Tree, is_negated: bool, names: Mapping[str, str]) -> list[tuple[Literal, ...]]:
-        """The alternatives of a part, where variables stand for these names."""
+        """Alternatives of a part, with these names for its variables."""
         word = tree[0].lower() if isinstance(tree, list) and tree and isinstance(tree[0], str) else ""
         match tree:
             case [_, part] if word in (":goal", "not"):
@@ -105,7 +105,7 @@ class Condition:
         return self._all_of(word, each) if (word == "and") != is_negated else self._any_of(word, each)
 
     def _all_of(self, word: str, each: list[list[tuple[Literal, ...]]]) -> list[tuple[Literal, ...]]:
-        """One alternative of each, in all combinations."""
+        """Combine one alternative of each part, in all combinations."""
         found: list[tuple[Literal, ...]] = [()]
         for alternatives in each:
             pairs = itertools.product(found, alternatives)
@@ -125,7 +125,7 @@ class Condition:
         return few
 
     def _values(self, word: str, variables: list[Tree]) -> Iterator[dict[str, str]]:
-        """What the variables of a quantifier stand for, in all combinations."""
+        """Values of the variables of a quantifier, in all combinations."""
         types: dict[str, list[str]] = {}
         waiting: list[str] = []
         rest = list(variables)
@@ -154,7 +154,7 @@ class Condition:
 
 
 def _flat(tree: Tree, word: str) -> list[Tree]:
-    """The parts of a conjunction or disjunction, those of the same kind within it among them: however deeply nested."""
+    """Parts of a conjunction or disjunction, with nested ones of the same kind flattened."""
     found: list[Tree] = []
     left: list[Tree] = [tree]
     while left:
@@ -174,21 +174,21 @@ def _value(word: str, names: Mapping[str, str]) -> str:
 
 
 def _with_values(tree: Tree, names: Mapping[str, str]) -> Tree:
-    """A fact with the names that its variables stand for; hashable."""
+    """A fact with names in place of its variables, hashable."""
     if not isinstance(tree, list):
         return _value(tree, names)
     return _Words(_with_values(part, names) for part in tree)
 
 
 class _Words(list[Tree]):
-    """A list of words that can be compared and counted."""
+    """A list of words that can be compared and hashed."""
 
     def __hash__(self) -> int:  # type: ignore[override]  # it is not changed once it is made
         return hash(tuple(self))
 
 
 def parse(text: str) -> Tree:
-    """The expression of a text: words, and lists of them; raises `GoalError`."""
+    """Expression of a text: words, and lists of words. Raises `GoalError`."""
     if not isinstance(text, str):
         raise GoalError(f"{text!r:.100} is no text")
     outer: list[Tree] = []
@@ -211,7 +211,7 @@ def parse(text: str) -> Tree:
 
 
 def shown(tree: Tree) -> str:
-    """The expression as text, what is deeper in it left out."""
+    """The expression as text, without its deeper levels."""
     if not isinstance(tree, list):
         return str(tree)
     return f"({' '.join('(…)' if isinstance(part, list) else str(part) for part in tree)})"

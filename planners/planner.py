@@ -45,34 +45,35 @@ def solve(
     supports: Supports = None,
     hold_aside: bool = False,
 ) -> Solution | Infeasible:
-    """Plan for a goal: to take an object out of the clutter, or to put objects where they are wanted.
+    """Plan for a goal: take an object out of the clutter, or put objects at their goal places.
 
     Args:
-        scene: the world, the robot in its home configuration; an object may be held.
+        scene: the scene, with the robot in its home configuration. An object may be held.
         goal: name of the object to take, a `planners.goals.Goal`, or its PDDL text.
         strategy: "lookahead" (default), "ngr" (Lee & Kim 2019), "dogar", "srivastava", or a `Strategy`.
-        rng: a generator for sampling, or a seed; the same state gives the same plan. Seed 0 if not given.
-        time_limit: [s] of wall time, None for none. It ends a solve: with the best plan of the attempts made by then,
-            else with the cause "time limit". Loading the kernels in a new process counts, compiling them on the first
-            run of a machine does not; see `warmup`.
-        grasps: the grasp set to choose from: "side" (level; the paper's experiment), "tilted", "top", "all", or a tuple
-            of `GraspFamily` and `AntipodalFamily`. Refusals hold for this grasp set, and name it.
-        supports: where objects may be put: names of the scene's supports, "all" that it declares, or None: with side
-            grasps the first alone, R_plane of the paper, with other grasp sets all. What the goal names is allowed.
-        hold_aside: of a robot that acts with several arms: whether one may hold an obstacle while another one takes the
-            target. The paper forbids it: there every obstacle is put down.
+        rng: a generator for sampling, or a seed, 0 by default. The same state gives the same plan.
+        time_limit: wall time [s], unlimited by default. At the limit, a solve ends with the best plan of the attempts
+            so far, else with the cause "time limit". The limit includes loading the kernels in a new process, but not
+            compiling them on the first run of a machine. See `warmup`.
+        grasps: the grasp set to choose from: "side" (level, the paper's experiment), "tilted", "top", "all", or a tuple
+            of `GraspFamily` and `AntipodalFamily`. Refusals hold for this grasp set and name it.
+        supports: supports for objects put aside: names of the scene's supports, "all" that it declares, or None. With
+            side grasps, None means the first support only, R_plane of the paper. With other grasp sets, None means all.
+            The goal's own places are always allowed.
+        hold_aside: whether, for a robot that acts with several arms, one may hold an obstacle while another takes the
+            target. The paper forbids it: every obstacle is put down.
 
     Returns:
-        The plan with all its motions, or the cause why there is none. Objects of the goal that the robot cannot carry,
-        or that are in the air, are refused; `planners.check` says what is odd about all objects.
+        The plan with all its motions, or the cause why no plan was found. A goal is refused if the robot cannot carry
+        its objects, or if they are in the air. `planners.check` reports on all objects.
 
     Raises:
         UnknownObject: no object of that name.
-        GoalError: the goal means nothing in the scene, or contradicts itself.
-        UnknownStrategy: neither the name of a strategy nor a `Strategy`.
+        GoalError: the goal is invalid in the scene, or contradicts itself.
+        UnknownStrategy: the strategy is neither a known name nor a `Strategy`.
         TimeLimitError: the time limit is not a number, or is negative.
-        UnknownGraspSet: neither the name of a grasp set nor families.
-        SceneError: not a `Scene`; objects overlap, or the robot is inside a static obstacle.
+        UnknownGraspSet: the grasps are neither the name of a grasp set nor families.
+        SceneError: the scene is no `Scene`, objects overlap, or the robot is inside a static obstacle.
         UnknownSupport: the scene declares no support of a name.
         ArmsError: `hold_aside` with a robot that acts with one arm.
     """
@@ -87,8 +88,10 @@ def solve(
 
 
 def _with_true_cause(scene: Scene, taken: tuple[str, ...], found: Solution | Infeasible) -> Solution | Infeasible:
-    """The same result, unless it is about objects that are not at rest: a plan for what falls cannot be executed, and
-    what is sunk into furniture is refused for that."""
+    """Refuse a plan for objects in the air, and name sunk or floating objects as the cause of a refusal.
+
+    A plan for a falling object cannot be executed. An object sunk into furniture is refused for that reason, too.
+    """
     if isinstance(found, Solution):
         if not (falls := [one for one in not_at_rest(scene, taken) if one.reason is Reason.FLOATING]):
             return found
@@ -111,19 +114,19 @@ def _with_true_cause(scene: Scene, taken: tuple[str, ...], found: Solution | Inf
 
 
 def lower_bound(scene: Scene, goal: str | Goal, expansions: int = MAX_EXPANSIONS, *, grasps: str = "all") -> LowerBound:
-    """The fewest picks of any plan for a goal, for one grasp set, what must be put aside and picked again among them.
+    """Find the lower bound of the picks of any plan for a goal, for one grasp set, with repeated picks included.
 
-    It holds for the grasps of that set, and for the base poses and arm configurations that all strategies choose from.
+    It holds for the grasps of that set, and for the base poses and arm configurations of all strategies.
 
     Args:
         scene: as for `solve`.
         goal: as for `solve`.
-        expansions: search nodes after which the proof is given up.
+        expansions: limit of search nodes for the proof.
         grasps: as for `solve`.
 
     Raises:
         UnknownObject: no object of that name.
-        GoalError: the goal means nothing in the scene, or contradicts itself.
+        GoalError: the goal is invalid in the scene, or contradicts itself.
         UnknownGraspSet: no grasp set of that name.
     """
     return Planner(robot_of(scene), grasps=grasps).lower_bound(scene, goal, expansions)
@@ -132,21 +135,21 @@ def lower_bound(scene: Scene, goal: str | Goal, expansions: int = MAX_EXPANSIONS
 def clearance_floor(
     scene: Scene, target: str, expansions: int = MAX_EXPANSIONS, *, grasps: Grasps = "all"
 ) -> ClearanceFloor:
-    """The exact minimum number of objects any plan must clear before it can take `target`, for one grasp set.
+    """Find the exact minimum number of objects that any plan must clear before it can take `target`, for one grasp set.
 
-    Exact for the grasps of that set, and for the base poses and arm configurations that all strategies choose from, and
-    for every path to them: only what the final grasp configuration hits is counted. Under a shelf the base drives
-    straight in and out, and what is in the way of that counts too.
+    It is exact for the grasps of that set, and for the base poses and arm configurations of all strategies. It holds
+    for every path to them: only objects in collision at the final grasp configuration are included. Under a shelf, the
+    base drives straight in and out, and objects in the way of this drive are included too.
 
     Args:
         scene: as for `solve`.
-        target: name of the object wanted.
-        expansions: search nodes after which the proof is given up.
+        target: name of the object to take.
+        expansions: limit of search nodes for the proof.
         grasps: as for `solve`.
 
     Raises:
         UnknownObject: no object of that name.
-        UnknownGraspSet: neither the name of a grasp set nor families.
+        UnknownGraspSet: the grasps are neither the name of a grasp set nor families.
     """
     return Planner(robot_of(scene), grasps=grasps).clearance_floor(scene, target, expansions)
 
@@ -154,38 +157,38 @@ def clearance_floor(
 def warmup(robot: str | RobotSpec = FETCH) -> None:
     """Load or compile every kernel that a solve uses, and load or build the robot's reachability map.
 
-    `solve`, `clearance_floor` and the expert do this themselves. Once done in a process it takes microseconds. The
-    first run on a machine compiles for about a minute and logs a warning that says so; as information, the logger
-    "planners.warming" says which kernel is compiled.
+    `solve`, `clearance_floor` and the expert call it themselves. Later calls in the same process take microseconds. The
+    first run on a machine compiles for about a minute and logs a warning about it. At level INFO, the logger
+    "planners.warming" names each kernel that is compiled.
     """
     Planner(find_robot(robot)).warmup()
 
 
 @dataclass(frozen=True)
 class Planner:
-    """A robot, a task planner, and choices that hold for every solve.
+    """A planner for a robot: task planner and options for every solve.
 
     Attributes:
-        robot: which one; a name, such as "fetch", is replaced by the robot of that name.
+        robot: the robot. A name, such as "fetch", is replaced by the robot of that name.
         engine: name of the task planner (see `planners.symbolic.engines`), or any object with the `TaskPlanner`
-            protocol; None for the default.
-        follower: model of how the joints follow, for an end-effector-controlled robot; None for joint control.
-        grasps: the grasp set that plans and minimum numbers of clearances are made of: "side" (level, the paper's),
-            "tilted", "top" or "all" (default), or a tuple of families, as for `solve`.
-        supports: where objects may be put, as for `solve`.
-        canonical: make plans to learn from: in similar scenes the same contacts, chosen without random numbers. Every
-            phase of a motion ends at rest; see `planners.grasping.candidates` and `planners.placing.placements`.
+            protocol. None for the default.
+        follower: model of how the joints follow, for an end-effector-controlled robot. None for joint control.
+        grasps: the grasp set for plans and lower bounds, as for `solve`: "side" (level, the paper's), "tilted", "top",
+            "all" (default), or a tuple of families.
+        supports: supports for objects put aside, as for `solve`.
+        canonical: whether to make plans to learn from. Similar scenes get the same contacts, without random choices.
+            Every phase of a motion ends at rest. See `planners.grasping.candidates` and `planners.placing.placements`.
         hold_aside: whether one arm may hold an obstacle while another one takes the target, as for `solve`.
-        saves_time: whether strategies that plan ahead choose grasps that take less time, with less driving, and, of
-            robots that act with one arm, releases at which the gripper is turned least; None: if the robot acts with
-            several arms.
+        saves_time: whether strategies that plan ahead prefer quick grasps with less driving and, for robots that act with
+            one arm, releases at which the gripper is turned least. None: only if the robot acts with several arms.
 
     Raises:
-        UnknownRobot: no robot of that name; the message lists the valid ones.
-        UnknownGraspSet: neither the name of a grasp set nor families; the message lists the valid names.
-        UnknownEngineError: `engine` is neither; the message lists the names and says what an object must have.
+        UnknownRobot: no robot of that name. The message lists the valid names.
+        UnknownGraspSet: the grasps are neither the name of a grasp set nor families. The message lists the valid names.
+        UnknownEngineError: `engine` is neither a known name nor such an object. The message lists the names and the
+            protocol.
         MissingEngineError: the task planner is not installed.
-        ArmsError: `hold_aside`, or several arms that act, together with what they cannot be combined with.
+        ArmsError: `hold_aside`, or several acting arms, cannot be combined with the other options.
     """
 
     robot: RobotSpec
@@ -215,9 +218,9 @@ class Planner:
         time_limit: float | None = None,
         start: Scene | None = None,
     ) -> Solution | Infeasible:
-        """Plan for a goal; see the function `solve`.
+        """Plan for a goal. See the function `solve`.
 
-        `start` is the scene from which the goal counts, as for `Goal.holds`, if something has happened since.
+        `start` is the scene that the goal is measured from, as in `Goal.holds`, if something has moved since.
         """
         if start is not None:
             robot_of(start)
@@ -233,11 +236,11 @@ class Planner:
         return best_of_attempts(problem, chosen, self._task_planner, drawn, deadline)
 
     def _problem(self, scene: Scene, wanted: Goal, start: Scene | None = None) -> Problem:
-        """The problem of a goal that means something in a scene."""
+        """Problem of a valid goal in a scene."""
         return Problem.of(scene, wanted, self.workspace(scene), start=start, hold_aside=self.hold_aside)
 
     def _asked(self, strategy: Strategy, rng: np.random.Generator, deadline: Deadline) -> Asked:
-        """The planner as it is asked for the parts of a plan."""
+        """The planner as a callback for the parts of a plan."""
         return Asked(
             self._problem,
             lambda problem: best_of_attempts(problem, strategy, self._task_planner, rng, deadline),
@@ -245,9 +248,9 @@ class Planner:
         )
 
     def problem(self, scene: Scene, goal: str | Goal, start: Scene | None = None) -> Problem:
-        """The problem of a goal in a scene, to be kept: for its bound, for solves, and for the scenes that follow.
+        """Problem of a goal in a scene, to keep for its bound, for solves, and for later scenes.
 
-        The arguments and errors are those of `solve`.
+        Arguments and errors are those of `solve`.
         """
         wanted = goal_in(scene, goal, start)
         self.warmup()
@@ -260,14 +263,14 @@ class Planner:
         rng: np.random.Generator | int | None = None,
         time_limit: float | None = None,
     ) -> Solution | Infeasible:
-        """Plan for a problem that is kept; see the function `solve`."""
+        """Plan for a kept problem. See the function `solve`."""
         chosen, drawn, deadline = find_strategy(strategy), np.random.default_rng(rng or 0), Deadline.after(time_limit)
         if problem.scene.openings:
             return solve_through(self._asked(chosen, drawn, deadline), problem.scene, problem.goal, problem.start)
         return best_of_attempts(problem, chosen, self._task_planner, drawn, deadline)
 
     def lower_bound(self, scene: Scene, goal: str | Goal, expansions: int = MAX_EXPANSIONS) -> LowerBound:
-        """The fewest picks for a goal; see the function `lower_bound`."""
+        """Find the lower bound of the picks for a goal. See the function `lower_bound`."""
         wanted, scene = goal_in(scene, goal), not_sunk(scene)
         self.warmup()
         if scene.openings:
@@ -278,7 +281,7 @@ class Planner:
         return Problem(scene, wanted, scene, workspace, self.hold_aside).lower_bound(expansions)
 
     def clearance_floor(self, scene: Scene, target: str, expansions: int = MAX_EXPANSIONS) -> ClearanceFloor:
-        """The minimum number of clearances; see the function `clearance_floor`."""
+        """Find the minimum number of clearances. See the function `clearance_floor`."""
         robot_of(scene)
         scene.index(target)
         scene = not_sunk(scene)
@@ -292,16 +295,16 @@ class Planner:
         return replace(found, cause=Cause.TOO_WIDE if is_too_wide else found.cause, grasps=workspace.catalogue)
 
     def warmup(self) -> None:
-        """Load or compile everything that a solve uses; see the function `warmup`."""
+        """Load or compile everything that a solve uses. See the function `warmup`."""
         warm_once(self.robot, self.follower, self._exercise)
 
     def workspace(self, scene: Scene) -> Workspace:
-        """The workspace that a solve compiles once for the static obstacles of a scene; raises `UnknownSupport`."""
+        """Workspace for the static obstacles of a scene, compiled once per solve. Raises `UnknownSupport`."""
         return Workspace.of(
             self.robot,
             scene,
             grasps=self.grasps,
-            # With side grasps the first support alone, R_plane of the paper; with other grasp sets all.
+            # With side grasps, only the first support, R_plane of the paper. With other grasp sets, all supports.
             supports="all" if self.supports is None and self.grasps != "side" else self.supports,
             canonical=self.canonical,
             follower=self.follower,
@@ -309,12 +312,12 @@ class Planner:
         )
 
     def _exercise(self, scene: Scene, target: str) -> None:
-        """Run what a solve runs; the task planner may be the user's own, so another one takes its place."""
+        """Run the code of a solve. The task planner may be the user's own, so A* takes its place."""
         planner = replace(self, engine="astar", grasps="side", supports=None)
         for name in ("lookahead", "ngr"):
             problem = Problem.of(scene, holding(target), planner.workspace(scene))
             rng = np.random.default_rng(0)
             best_of_attempts(problem, STRATEGIES[name], planner._task_planner, rng, NO_DEADLINE)
-        # A drive that no solve in an open scene needs.
+        # Drive search is not exercised by a solve in an open scene.
         X, world = on_base([scene.state.base, scene.state.base - 0.3], scene.state.q), CompiledScenes().world(scene)
         BaseRoadmap(GroundMap(scene)).search(world, X, 0.0, None, np.random.default_rng(0))

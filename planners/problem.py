@@ -1,9 +1,9 @@
-"""A planning problem: a goal in a scene, checked, and compiled once for everything that plans for it.
+"""A planning problem: a goal in a scene, checked and compiled once for all planning.
 
 planner = Planner("fetch")
 problem = planner.problem(scene, "object_03")
-planner.lower_bound_of(problem), planner.solve_problem(problem)
-problem = problem.in_scene(changed)  # the objects elsewhere: what did not change is not worked out again
+problem.lower_bound(), planner.solve_problem(problem)
+problem = problem.in_scene(changed)  # objects have moved: results for unmoved parts are reused
 """
 
 from __future__ import annotations
@@ -25,17 +25,18 @@ from planners.workspace import Workspace
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A goal in a scene, with what every layer of planning needs; see `planners.Planner.problem`.
+    """A goal in a scene, with the data that every layer of planning needs. See `planners.Planner.problem`.
 
     Attributes:
-        scene: where the robot and the objects are.
-        goal: what is wanted there.
-        start: the scene from which the goal counts: what stood there is to stand, even if it has fallen since.
-        workspace: the robot among the static obstacles, with the choices that hold for a whole solve.
+        scene: the scene with robot and objects.
+        goal: the goal.
+        start: the scene that the goal is measured from. Objects that stood there are to stand, even if they have fallen
+            since.
+        workspace: the robot among the static obstacles, with the options of a whole solve.
         hold_aside: whether one arm may hold an obstacle while another one takes the target.
-        compiled: collision worlds of the arrangements looked at so far.
-        motions: those that were planned for it, for the scene that follows, and those of the scene before.
-        candidates: the grasps known in the scene, none of them refuted by a motion. Whoever plans takes a copy.
+        compiled: collision worlds of the arrangements so far.
+        motions: motions planned for this scene, to reuse in the next one, and motions of the scene before.
+        candidates: the grasps known in the scene, before any is refuted by a motion. Each plan uses a copy.
     """
 
     scene: Scene
@@ -56,7 +57,7 @@ class Problem:
     def of(
         cls, scene: Scene, goal: Goal, workspace: Workspace, *, start: Scene | None = None, hold_aside: bool = False
     ) -> Problem:
-        """The problem of a goal that means something in a scene; see `goal_in`.
+        """Problem of a valid goal in a scene. See `goal_in`.
 
         Raises:
             SceneError: objects overlap, or the robot is inside a static obstacle.
@@ -67,19 +68,18 @@ class Problem:
 
     @property
     def target(self) -> str:
-        """Name of the object that is to be held if that is the whole goal, else ""."""
+        """Name of the object to hold if that is the whole goal, else ""."""
         return self.goal.target
 
     def in_scene(self, scene: Scene) -> Problem:
-        """The same goal, from now on, in another scene with the same robot and static obstacles.
+        """The same goal in another scene with the same robot and static obstacles.
 
-        Grasps are looked for anew only where something that has moved is in the way, and motions are used again that
-        nothing moved comes near. So the answer comes sooner; its motions may differ from those of a new
-        problem.
+        Grasps are computed again only near moved objects, and motions are reused if no moved object is near them. So
+        the answer comes sooner, but its motions may differ from those of a new problem.
 
         Raises:
-            GoalError, UnknownObject: the goal means nothing in that scene.
-            SceneError: as `of`, or the robot, the static obstacles or the supports are others.
+            GoalError, UnknownObject: the goal is invalid in that scene.
+            SceneError: as for `of`, or the robot, the static obstacles or the supports differ.
         """
         robot_of(scene)
         if _fixed(scene) != _fixed(self.scene):
@@ -90,13 +90,13 @@ class Problem:
         return found
 
     def near_home(self) -> Problem:
-        """The same with arm configurations near home only."""
+        """The same problem with arm configurations near home only."""
         return replace(self, workspace=self.workspace.only_near_home(), _bounds={})
 
     def lower_bound(self, expansions: int = MAX_EXPANSIONS, deadline: Deadline = NO_DEADLINE) -> LowerBound:
-        """The fewest picks of any plan; see `planners.clearing.goal_bound`. Asked again, it is remembered.
+        """Find the lower bound of the picks, cached. See `planners.clearing.goal_bound`.
 
-        It is that of the world as it is: nothing is opened. `Planner.lower_bound` counts that too.
+        It holds for the scene as it is: nothing is opened. `Planner.lower_bound` includes opening.
         """
         if expansions not in self._bounds:
             found = fewest_picks(
@@ -116,14 +116,14 @@ class Problem:
 
 
 def goal_in(scene: Scene, goal: str | Goal, start: Scene | None = None) -> Goal:
-    """The goal that a name, a text or a `Goal` stands for in a scene, read where it began.
+    """Resolve a name, a text or a `Goal` in a scene. It is read in the start scene.
 
-    A body of the model may stand for the support that is a part of it; the goal then has the name of the support.
+    A name of a body in the model may stand for the support on it. The goal then has the name of the support.
 
     Raises:
-        SceneError: not a `Scene`.
+        SceneError: the scene is no `Scene`.
         UnknownObject: no object of that name.
-        GoalError: the goal means nothing in the scene, or contradicts itself.
+        GoalError: the goal is invalid in the scene, or contradicts itself.
     """
     robot_of(scene)
     wanted = _with_supports_for_bodies(Goal.of(goal, start or scene), start or scene)
@@ -134,7 +134,7 @@ def goal_in(scene: Scene, goal: str | Goal, start: Scene | None = None) -> Goal:
 
 
 def _with_supports_for_bodies(goal: Goal, scene: Scene) -> Goal:
-    """The goal with the name of the support where it names a body whose support that is."""
+    """The goal with the support's name in place of the body that the support is part of."""
     known, meant = {*scene.names, *scene.supports, *(one.name for one in scene.regions)}, dict(scene.support_bodies)
     facts: list[Fact] = []
     for fact in goal.facts:
@@ -149,7 +149,7 @@ def _with_supports_for_bodies(goal: Goal, scene: Scene) -> Goal:
 
 
 def robot_of(scene: Scene) -> RobotSpec:
-    """The robot of a scene; raises `SceneError` for anything else, such as an environment."""
+    """Robot of a scene. Raises `SceneError` for anything else, such as an environment."""
     if not isinstance(scene, Scene):
         advice = "Scene.from_mujoco(env.unwrapped.model, env.unwrapped.data, env.unwrapped.robot)"
         raise SceneError(f"a {type(scene).__name__} is no Scene; of an environment {advice} is one")
@@ -157,9 +157,9 @@ def robot_of(scene: Scene) -> RobotSpec:
 
 
 def not_sunk(scene: Scene) -> Scene:
-    """The scene, objects that press deeper into what they stand on than the planner lets go raised onto it.
+    """Raise objects that press too deep into their support onto its surface.
 
-    Contacts of simulators are soft, and seen poses are not exact.
+    Simulated contacts are soft, and perceived poses are inexact.
     """
     for name in sorted(scene.names, key=lambda name: scene.body(name).bottom):
         body = scene.body(name)
@@ -170,7 +170,7 @@ def not_sunk(scene: Scene) -> Scene:
 
 
 def _fixed(scene: Scene) -> Hashable:
-    """What a workspace is compiled for; the base too, where it cannot move."""
+    """Data that a workspace is compiled for, with the base pose if the base is fixed."""
     obstacles = tuple(
         (
             one.name,

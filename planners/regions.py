@@ -1,4 +1,4 @@
-"""Regions of supports, and the outlines of objects seen from above: data and plain geometry below scenes and goals."""
+"""Regions of supports, and outlines of objects seen from above: data and plain geometry below scenes and goals."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from numpy.typing import ArrayLike, NDArray
 Array: TypeAlias = NDArray[np.float64]
 
 RESTING = 0.005
-"""[m] that the lowest point of an object may be above or below the face on which it stands: contacts are soft."""
+"""Tolerance [m] of an object's lowest point above or below the face it stands on: contacts are soft."""
 EDGE = 0.002
-"""[m] that an object may reach over the edge of its region."""
+"""Tolerance [m] of an object over the edge of its region."""
 _ANGLES = np.arange(24) * (2 * np.pi / 24)
 RIM = np.column_stack((np.cos(_ANGLES), np.sin(_ANGLES)))
-"""Points on the rim of a round footprint, of radius 1."""
+"""Points (24, 2) on a circle of radius 1: the rim of a round footprint."""
 _CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 
 
 class GoalError(ValueError):
-    """A goal that means nothing in a scene, contradicts itself, or cannot be read; the message lists what is valid."""
+    """A goal that is invalid in a scene, contradicts itself, or cannot be read. The message says what is valid."""
 
 
 class Outlined(Protocol):
-    """What the outline of an object needs; attributes as of `planners.Body`."""
+    """Attributes for the outline of an object, as in `planners.Body`."""
 
     # fmt: off
     @property
@@ -45,7 +45,7 @@ class Outlined(Protocol):
 
 
 class Standing(Outlined, Protocol):
-    """What stands on something, and may have something on it."""
+    """An object that stands on something and may carry others."""
 
     # fmt: off
     @property
@@ -63,16 +63,15 @@ class Region:
     """A named rectangle on a support.
 
     Attributes:
-        name: unlike that of any other region, support or object.
-        support: name of the support on whose top face it lies.
+        name: unique name among regions, supports and objects.
+        support: name of the support with this region on its top face.
         centre: x, y [m] in the world.
-        half_extents: [m] along its own axes.
-        yaw: [rad] of its x axis.
-        drop: [m] from how high above it an object may be let go where the gripper finds no room to put it down, as
-            between the walls of a bin.
+        half_extents: half extents [m] along its own axes.
+        yaw: yaw [rad] of its x axis.
+        drop: height [m] from which an object may fall if the gripper does not fit at the bottom, as in a bin.
 
     Raises:
-        GoalError: half extents that are not positive, a negative drop, numbers that are not finite, or no name.
+        GoalError: half extents are not positive, the drop is negative, numbers are not finite, or the name is missing.
     """
 
     name: str
@@ -101,29 +100,29 @@ class Region:
 
     @property
     def corners(self) -> Array:
-        """(4, 2) [m] its corners in the world, counter-clockwise."""
+        """Corners (4, 2) [m] in the world, counter-clockwise."""
         signs = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)], dtype=float)
         return np.asarray(self.centre + signs * self.half_extents @ self._axes.T)
 
     def local(self, points: ArrayLike) -> Array:
-        """World points (..., 2) [m] in the frame of its centre."""
+        """World points (..., 2) [m] in the region's frame."""
         return np.asarray((np.asarray(points, dtype=float) - self.centre) @ self._axes)
 
     def contains_points(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Which world points (..., 2) [m] lie in it: (...)."""
+        """Whether world points (..., 2) [m] lie in the region: (...)."""
         return np.asarray((np.abs(self.local(points)) <= self.half_extents).all(axis=-1))
 
     def touches_disc(self, points: ArrayLike, radius: float) -> NDArray[np.bool_]:
-        """Whether discs of that radius [m] at world points (..., 2) overlap it: (...)."""
+        """Whether discs of that radius [m] at world points (..., 2) overlap the region: (...)."""
         away = np.maximum(np.abs(self.local(points)) - self.half_extents, 0.0)
         return np.asarray(np.hypot(away[..., 0], away[..., 1]) < radius)
 
     def contains(self, body: Outlined) -> bool:
-        """Whether the footprint of an object lies within it, but for `EDGE`."""
+        """Whether the footprint of an object lies within the region, with tolerance `EDGE`."""
         return bool((np.abs(self.local(footprint(body))) <= np.array(self.half_extents) + EDGE).all())
 
     def touches(self, body: Outlined) -> bool:
-        """Whether the footprint of an object overlaps it by more than `EDGE`."""
+        """Whether the footprint of an object overlaps the region by more than `EDGE`."""
         return overlap(self.corners, footprint(body)) > EDGE
 
     @property
@@ -133,7 +132,7 @@ class Region:
 
 
 def footprint(body: Outlined, margin: float = 0.0) -> Array:
-    """Points (k, 2) [m] whose convex hull is the object, or its pieces, seen from above, grown by `margin` [m]."""
+    """Points (k, 2) [m] whose convex hull is the object seen from above, grown by `margin` [m]."""
     if body.shape == "pieces":
         away = body.outline - body.position[:2]
         distance = np.linalg.norm(away, axis=1, keepdims=True)
@@ -148,9 +147,9 @@ def footprint(body: Outlined, margin: float = 0.0) -> Array:
 
 
 def overlap(one: Array, other: Array) -> float:
-    """[m] by which the convex hulls of two sets of points (k, 2) overlap at least; negative: how far apart they are.
+    """Smallest overlap [m] of the convex hulls of two point sets (k, 2). Negative values are distances.
 
-    Measured along the directions across the lines between neighbouring points of each set: exact for rectangles.
+    It is measured across the lines between neighbouring points of each set, which is exact for rectangles.
     """
     normals = []
     for points in (one, other):
@@ -165,12 +164,12 @@ def overlap(one: Array, other: Array) -> float:
 
 
 def is_name(value: object) -> bool:
-    """Whether a value can name an object, a support or a region: a text that PDDL can quote."""
+    """Whether a value can name an object, a support or a region: a string that PDDL can quote."""
     return isinstance(value, str) and bool(value) and '"' not in value
 
 
 def with_those_on(found: Iterable[StandingT], standing: Sequence[StandingT]) -> list[StandingT]:
-    """Objects, and those of others that stand on these, directly or on each other."""
+    """Objects, and all others that stand on them, directly or on each other."""
     reached = list(found)
     for below in reached:
         reached += [

@@ -1,7 +1,7 @@
 """Skills: clear one object from one direction, or take the target.
 
-A skill is a choice among the grasps and placements that the strategies choose from. `simulate_kinematically` returns
-the scene after a skill, if every motion to a free configuration exists and succeeds; `plan` plans its motions.
+A skill is a choice among the grasps and placements of the strategies. `simulate_kinematically` returns the scene after
+a skill, on the assumption that all motions succeed. `plan` plans its motions.
 """
 
 from __future__ import annotations
@@ -35,19 +35,19 @@ from planners.workspace import Workspace
 Array = NDArray[np.float64]
 
 DIRECTIONS = 6
-"""Approach directions, evenly about the vertical (n of Fig. 6); each stands for the yaws within half a step of it."""
+"""Approach directions, evenly about the vertical (n of Fig. 6). Each stands for the yaws within half a step."""
 _CLEARANCE_REGION = STRATEGIES["dogar"]
-"""A cleared object keeps clear of the target's grasp (eq. 1), the farthest location first."""
+"""Strategy for cleared objects: keep clear of the target's grasp (eq. 1), farthest location first."""
 _EDGE = 1e-6
-"""[rad] Yaws on the border of two directions belong to both."""
+"""Tolerance [rad]: a yaw on the border of two directions belongs to both."""
 _GRASPS = 3
-"""Grasps tried before a skill counts as failed."""
+"""Grasps to try before a skill fails."""
 _PLACEMENTS = 8
-"""Placements tried for each of them."""
+"""Placements to try for each grasp."""
 
 
 class _Planned(NamedTuple):
-    """The drive and what is done there, and the scene after it."""
+    """A drive and the action after it, with the resulting scene."""
 
     actions: tuple[BoundAction, BoundAction]
     scene: Scene
@@ -55,7 +55,7 @@ class _Planned(NamedTuple):
 
 @dataclass(frozen=True)
 class Skill:
-    """Clear `object` by grasping it from `direction` (0 to `DIRECTIONS` - 1), or, with None, take it as the target."""
+    """Clear `object` with a grasp from `direction` (0 to `DIRECTIONS` - 1), or, with None, take it as the target."""
 
     object: str
     direction: int | None = None
@@ -63,14 +63,14 @@ class Skill:
 
 @dataclass(frozen=True)
 class SkillFailure:
-    """Why a skill could not be done: "blocked", "unreachable", "no place", "motion", or a deviation."""
+    """Reason why a skill failed: "blocked", "unreachable", "no place", "motion", or a deviation."""
 
     reason: str
 
 
 @dataclass(frozen=True)
 class SkillPlanner:
-    """Grasps, placements and motions of skills.
+    """Planner of grasps, placements and motions for skills.
 
     Attributes:
         workspace: the robot among the static obstacles.
@@ -82,7 +82,7 @@ class SkillPlanner:
 
     @classmethod
     def of(cls, scene: Scene) -> SkillPlanner:
-        """For the scene's robot among the scene's static obstacles, for every arrangement of its objects."""
+        """Create a planner for the scene's robot and static obstacles, and for every arrangement of its objects."""
         return cls(Workspace.of(scene.robot, scene, grasps="side"))
 
     def grasps(self, scene: Scene, skill: Skill) -> tuple[GraspCandidate, ...] | SkillFailure:
@@ -94,14 +94,14 @@ class SkillPlanner:
         return tuple(sorted(free, key=lambda option: -option.quality))
 
     def in_the_way(self, scene: Scene, skill: Skill) -> tuple[str, ...]:
-        """Names of the objects in the way of the least obstructed grasp; none if there is no grasp at all."""
+        """Names of the objects in the way of the least obstructed grasp. Empty if no grasp exists."""
         options = self.options(scene, skill)
         if not options:
             return ()
         return scene.names_of(min(options, key=lambda each: (each.blockers.bit_count(), -each.quality)).blockers)
 
     def options(self, scene: Scene, skill: Skill) -> list[GraspCandidate]:
-        """Grasps for the skill with what is in the way of each."""
+        """Grasps for the skill, with the blockers of each."""
         body, step = scene.body(skill.object), 2 * np.pi / DIRECTIONS
         grasps = generate_grasps(body, scene.robot)
         if skill.direction is not None:
@@ -110,7 +110,7 @@ class SkillPlanner:
         return self.candidates(scene, body, grasps)
 
     def candidates(self, scene: Scene, body: Body, grasps: Sequence[GraspPose]) -> list[GraspCandidate]:
-        """Grasps of an object at some gripper poses, with what is in the way of each."""
+        """Grasps of an object at some gripper poses, with the blockers of each."""
         if not grasps:
             return []
         world = self.compiled.world(scene)
@@ -124,11 +124,11 @@ class SkillPlanner:
         return as_candidates(body.name, poses, opening, found, scene.robot.arm_name)
 
     def placements(self, scene: Scene, target: str, rng: np.random.Generator) -> Iterator[Placement]:
-        """Placements for the held object that keep clear of the target's least obstructed grasp, best first."""
+        """Placements of the held object that keep clear of the target's least obstructed grasp, best first."""
         assert scene.held is not None
         keep_clear = KeepClear()
         if scene.held.name != target and target in scene.names:
-            # The held object is on its way out, so it obstructs no grasp.
+            # The held object leaves anyway, so it is no obstacle of a grasp.
             held = scene.mask({scene.held.name})
             options = self.options(scene, Skill(target))
             keep_clear = KeepClear(
@@ -139,7 +139,7 @@ class SkillPlanner:
     def simulate_kinematically(
         self, scene: Scene, target: str, skill: Skill, rng: np.random.Generator
     ) -> Scene | SkillFailure:
-        """The scene after the skill if every motion succeeds; after taking the target, it is held."""
+        """Simulate a skill as if every motion succeeds. A target is held afterwards."""
         grasps = self.grasps(scene, skill)
         if isinstance(grasps, SkillFailure):
             return grasps
@@ -155,9 +155,9 @@ class SkillPlanner:
     def plan(
         self, scene: Scene, target: str, skill: Skill, rng: np.random.Generator
     ) -> tuple[BoundAction, ...] | SkillFailure:
-        """The motions of a skill, as actions of the domain without symbols; a held object is put down first.
+        """Plan the motions of a skill, as actions without symbols. A held object is put down first.
 
-        What is put down keeps clear of the target's grasp. Raises `UnknownObject`.
+        Objects that are put down keep clear of the target's grasp. Raises `UnknownObject`.
         """
         motion_layer = MotionLayer(self.workspace, rng, self.compiled)
         done: tuple[BoundAction, ...] = ()
@@ -185,13 +185,13 @@ class SkillPlanner:
     def plan_through(
         self, scene: Scene, target: str, skill: Skill, rng: np.random.Generator
     ) -> tuple[BoundAction, ...] | SkillFailure:
-        """The plan by the least obstructed grasp, as if what is in its way were not there; raises `UnknownObject`."""
+        """Plan a skill with the least obstructed grasp, as if its blockers were absent. Raises `UnknownObject`."""
         in_the_way = self.in_the_way(scene, skill)
         others = tuple(body for body in scene.objects if body.name not in in_the_way)
         return self.plan(replace(scene, objects=others), target, skill, rng)
 
     def _put_aside(self, motion_layer: MotionLayer, scene: Scene, target: str) -> _Planned | None:
-        """Put the held object where it keeps clear of the target's grasp; None if there is no such place."""
+        """Put the held object where it keeps clear of the target's grasp. None if the search fails."""
         assert scene.held is not None
         name, placements = scene.held.name, self.placements(scene, target, motion_layer.rng)
         placed = (_place(motion_layer, scene, name, one) for one in itertools.islice(placements, _PLACEMENTS))
@@ -213,7 +213,7 @@ def _place(motion_layer: MotionLayer, scene: Scene, name: str, placement: Placem
 def _planned(
     name: str, target: str, scene: Scene, drive: BoundMotion | NoPath, motion: BoundMotion | BlockedBy | NoPath
 ) -> _Planned | None:
-    """The two actions, without symbols, each with the scene in which its motion was planned; None without motions."""
+    """The two actions, without symbols, each with the scene before its motion. None if a motion is missing."""
     if not (isinstance(drive, BoundMotion) and isinstance(motion, BoundMotion)):
         return None
     driven = BoundAction("MoveBase", (target,), drive.trajectory, scene, target)

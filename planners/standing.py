@@ -1,4 +1,4 @@
-"""Where a robot whose base does not move should stand: what it is to take is in reach, and most of the rest too."""
+"""Base pose for a robot with a fixed base: the objects to take are in reach, and most of the others too."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from planners.scene import Scene
 from planners.workspace import Workspace
 
 _PLACES = 12
-"""Base poses that are compared for each object."""
+"""Base poses to compare for each object."""
 _DECIMALS = 3
-"""Of the pose [m], [rad]: rounding on other machines decides nothing."""
+"""Decimals of the pose [m], [rad], so that rounding on other machines decides nothing."""
 
 
 def standing_place(scene: Scene, wanted: Collection[str] = ()) -> NDArray[np.float64] | None:
-    """The base pose (3,), of those that the reachability map offers for some objects, from which most can be taken.
+    """Find the base pose (3,) of the reachability map from which most objects can be taken.
 
-    Grasps of all directions count, also those that other objects block; at each pose the robot is clear of static
-    obstacles in its home configuration.
+    Grasps from all directions are included, blocked or not. At each pose, the robot in its home configuration is clear
+    of static obstacles.
 
     Args:
-        scene: in which the robot may be anywhere; how its base moves does not matter.
-        wanted: names of objects, the pose is one from which the first of them can be taken that can be taken at all;
-            those of the scene if none are given.
+        scene: the scene. The robot's pose and base drive are ignored.
+        wanted: names of objects, by default all of the scene. The first of them that can be taken from anywhere can be
+            taken from the result.
 
     Returns:
-        None where the robot could take none of these from anywhere.
+        None if all of these objects are out of reach from everywhere.
 
     Raises:
         UnknownObject: no object of a name.
     """
-    scene = replace(scene, robot=scene.robot.fixed())  # under a shelf too the arm reaches from where the base stands
+    scene = replace(scene, robot=scene.robot.fixed())  # the arm also reaches under a shelf from the base pose
     driving = replace(scene, robot=scene.robot.holonomic())
     workspace = Workspace.of(scene.robot, scene)
     arms = {arm: MapPlacer.of_scene(driving.using(arm)).anywhere() for arm in workspace.arms}

@@ -1,7 +1,7 @@
-"""Four ways to decide what to clear and where to put it, from the same grasps, bases and motions.
+"""Four strategies to choose which objects to clear and where to put them, with the same grasps, bases and motions.
 
-They differ in three choices: how grasps are committed to, which region is kept clear (eq. 1-3 of Lee & Kim 2019), and
-the order in which clearance locations are tried. One of them also plans ahead. Their budget is the same.
+They differ in three choices: the grasps, the region to keep clear (eq. 1-3 of Lee & Kim 2019), and the order of
+clearance locations. One of them also plans ahead. All have the same budget.
 """
 
 from __future__ import annotations
@@ -15,38 +15,38 @@ Locations: TypeAlias = Literal["random", "priority"]
 
 
 class UnknownStrategy(ValueError):
-    """Neither the name of a strategy nor a `Strategy`; the message lists the known names."""
+    """Neither the name of a strategy nor a `Strategy`. The message lists the known names."""
 
 
 class StrategyError(ValueError):
-    """A `Strategy` has no such field, or a field has no valid value; the message lists the valid ones."""
+    """A `Strategy` with an unknown field or an invalid value. The message lists the valid ones."""
 
 
 @dataclass(frozen=True)
 class Strategy:
-    """A way to clear: three choices, planning ahead or not, and a budget.
+    """A strategy for clearing: three choices, planning ahead or not, and a budget.
 
-    The strategies of `STRATEGIES` have the same budget; `tries` is part of planning ahead, the idea of "lookahead".
+    The strategies of `STRATEGIES` have the same budget. `tries` belongs to planning ahead, the idea of "lookahead".
 
     Attributes:
-        name: what it is called.
-        grasps: "greedy" takes, object by object, the grasp with the fewest objects in its way; "smallest" takes the
-            grasps of the smallest self-clearable set; a strategy that plans ahead looks for its own.
-        region: what a cleared object must stay out of: "none", "ngr1" (the target's grasp, eq. 1), or "ngr" (also the
-            grasps of the obstacles still to be cleared, eq. 3).
-        locations: "random" order, or by "priority" (section 3.3): farthest within R_work, then nearest outside it.
-        plans_ahead: whether grasps, order and locations of the whole set are chosen before the first motion is
-            planned, and the task planner is told what obstructs these grasps.
-        tries: moves tried in one look-ahead until a plan is found; then a quarter as many for one with fewer picks.
-        leaves_cleared: whether an object that was cleared before is cleared again only if nothing else helps.
-        attempts: runs of Algorithm 1, with other random choices, before a solve ends without a plan or with a plan that
-            clears an object twice.
-        locations_per_level: locations tried at each refinement of the grid, once from where the base stands and once
-            after a base motion. In "random" order the same number in all are drawn from the locations of all levels.
-        placements: placements for which motions are planned before an object counts as having no location.
+        name: name of the strategy.
+        grasps: "greedy" takes, object by object, the grasp with the fewest blockers. "smallest" takes the grasps of the
+            smallest self-clearable set. A strategy that plans ahead finds its own.
+        region: keep-out region of a cleared object: "none", "ngr1" (the target's grasp, eq. 1) or "ngr". "ngr" adds the
+            grasps of the obstacles still to clear (eq. 3).
+        locations: "random" order, or "priority" (section 3.3): farthest within R_work, then nearest outside it.
+        plans_ahead: whether grasps, order and locations of the whole set are chosen before the first motion is planned.
+            The task planner then gets the blockers of these grasps as facts.
+        tries: tries of one look-ahead until a plan is found. Then a quarter as many for a plan with fewer picks.
+        leaves_cleared: whether an object is cleared again only if nothing else helps.
+        attempts: runs of Algorithm 1 with different random choices, before a solve ends without a plan or with a plan
+            that clears an object twice.
+        locations_per_level: locations to try at each refinement of the grid, once from the present base pose and once
+            after a base motion. In "random" order, the same total is drawn from all levels.
+        placements: placements to plan motions for before an object is regarded as without a location.
 
     Raises:
-        StrategyError: there is no such field, or a field has no valid value.
+        StrategyError: a field is unknown, or its value is invalid.
     """
 
     name: str
@@ -61,7 +61,7 @@ class Strategy:
     placements: int = 12
 
     def __new__(cls, *_values: Any, **given: Any) -> Self:
-        """Refuse unknown fields by an error of this package; Python's own names no valid ones."""
+        """Refuse unknown fields with an error that lists the valid ones, unlike Python's own."""
         known = [field.name for field in fields(cls)]
         for name in given:
             if name not in known:
@@ -91,14 +91,14 @@ STRATEGIES = {
         Strategy("srivastava", "greedy", "none", "random"),
     )
 }
-"""By name: ours; Lee & Kim 2019; Dogar & Srinivasa 2011 (NGR1); Srivastava et al. 2014 (no region)."""
+"""Strategies by name: ours, Lee & Kim 2019, Dogar & Srinivasa 2011 (NGR1), Srivastava et al. 2014 (no region)."""
 
 
 def find_strategy(choice: str | Strategy) -> Strategy:
-    """The strategy of that name; a `Strategy` is returned as it is.
+    """Find a strategy by name. A `Strategy` is returned as it is.
 
     Raises:
-        UnknownStrategy: neither; the message lists the known names.
+        UnknownStrategy: the choice is neither. The message lists the known names.
     """
     if isinstance(choice, Strategy):
         return choice

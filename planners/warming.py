@@ -1,4 +1,4 @@
-"""Warming up: kernels and maps are compiled, built or loaded before a solve."""
+"""Warm-up: kernels and maps are compiled, built or loaded before a solve."""
 
 from __future__ import annotations
 
@@ -21,34 +21,34 @@ from planners.scene import Body, RobotState, Scene, StaticObstacle
 _LOG = logging.getLogger(__name__)
 
 _HAND = 0.2
-"""[m] about the TCP."""
+"""Clearance [m] for the hand around the TCP."""
 _TABLE_HEIGHT = 0.75
-"""[m]"""
+"""Height of the table [m]."""
 _TARGET, _TARGET_X = "object_00", 0.25
 _RING = 0.14
-"""[m] from the target to the objects around it."""
+"""Distance [m] of the objects around the target."""
 
 _warm: set[tuple[RobotSpec, type]] = set()
-"""Robots that this process has warmed up, with the kind of their follower."""
+"""Robots that this process has warmed up, with the type of their follower."""
 _loading: dict[tuple[RobotSpec, type], _Loading] = {}
-"""Robots that it is warming up."""
+"""Robots that this process is warming up."""
 
 
 def warm_once(
     robot: RobotSpec, follower: object, exercise: Callable[[Scene, str], None], deadline: Deadline = NO_DEADLINE
 ) -> Deadline:
-    """Exercise a planner in a small scene, unless this process has done so; microseconds if it has.
+    """Exercise a planner in a small scene, once per process. Later calls take microseconds.
 
-    That is done in a thread, which goes on where the deadline comes first; the next call then waits for it. Robot and
-    type of follower say what has to be loaded; `exercise` runs what a solve runs for a target in a scene.
+    A thread does this, and continues after the deadline. The next call then waits for it. Robot and type of follower
+    determine what is loaded. `exercise` runs the code of a solve for a target in a scene.
 
     Returns:
-        the deadline, later by the time that was spent on compilation; if it is over, not all is loaded.
+        The deadline, later by the time spent on compilation. If it is over, not everything is loaded.
     """
     key = robot, type(follower)
     if key in _warm:
         return deadline
-    # Of a thread that runs already, compilation before this call was not waited for.
+    # If the thread already runs, its compilation before this call does not extend the deadline.
     before = _loading[key].compilation.seconds if key in _loading else 0.0
     if key not in _loading:
         _loading[key] = _Loading(robot, exercise)
@@ -56,13 +56,13 @@ def warm_once(
     until = loading.wait(deadline, before)
     if loading.future.done():
         del _loading[key]
-        loading.future.result()  # raises what the exercise has raised
+        loading.future.result()  # raises an exception of the exercise
         _warm.add(key)
     return until
 
 
 class _Loading:
-    """A thread that loads or compiles what a planner needs. A process does not end before it has ended."""
+    """A thread that loads or compiles everything that a planner needs. The process waits for it at its end."""
 
     def __init__(self, robot: RobotSpec, exercise: Callable[[Scene, str], None]) -> None:
         self.compilation = _Compilation()
@@ -79,7 +79,7 @@ class _Loading:
             exercise(warmup_scene(robot), _TARGET)
 
     def wait(self, deadline: Deadline, before: float) -> Deadline:
-        """Wait until it has ended or a deadline is over; the deadline, later by the compilation since `before` [s]."""
+        """Wait for the thread or a deadline, and return the deadline, later by the compilation since `before` [s]."""
         while True:
             is_done, until = self.future.done(), Deadline(deadline.at + self.compilation.seconds - before)
             if is_done or until.is_over:
@@ -88,9 +88,9 @@ class _Loading:
 
 
 class _Compilation(event.Listener):  # type: ignore[misc]  # numba has no type hints
-    """Measures for how long kernels are compiled; loading from the cache does not count.
+    """Measures the time of kernel compilation, without loading from the cache.
 
-    Says once, as a warning, that it happens, and as information which one it is.
+    It logs a warning once, and the name of each kernel at level INFO.
     """
 
     def __init__(self) -> None:
@@ -100,11 +100,11 @@ class _Compilation(event.Listener):  # type: ignore[misc]  # numba has no type h
 
     @property
     def seconds(self) -> float:
-        """[s] of wall time spent on compilation so far."""
+        """Wall time [s] spent on compilation so far."""
         return self._ended_s + sum(time.monotonic() - begun for begun in self._begun[:1])
 
     def on_start(self, event: event.Event) -> None:
-        """A kernel is being compiled, perhaps inside the compilation of another one."""
+        """Note the start of a compilation, possibly nested in another one."""
         self._begun.append(time.monotonic())
         if not self._said:
             self._said = True
@@ -114,14 +114,14 @@ class _Compilation(event.Listener):  # type: ignore[misc]  # numba has no type h
             _LOG.info("compiling %s.%s", kernel.__module__, kernel.__qualname__)
 
     def on_end(self, event: event.Event) -> None:  # noqa: ARG002  the listener's interface
-        """A kernel has been compiled."""
+        """Note the end of a compilation."""
         if len(self._begun) == 1:
             self._ended_s = self.seconds
         self._begun.pop()
 
 
 def warmup_scene(robot: RobotSpec) -> Scene:
-    """A target at the back of a table in a half ring of objects: one of them has to be cleared first."""
+    """A target at the back of a table in a half ring of objects. At least one of them must be cleared first."""
     boxes = {
         "table_top": ((0.0, 0.0, _TABLE_HEIGHT - 0.02), (0.35, 0.5, 0.02)),
         "counter_left": ((0.0, 0.8, 0.375), (0.35, 0.3, 0.375)),
@@ -144,7 +144,7 @@ def warmup_scene(robot: RobotSpec) -> Scene:
     ]
     home = RobotState(np.zeros(3), np.array(robot.home), 0.0)
     ahead, _, height = tcp_pose(robot, home)[:3, 3]
-    # A gripper that hangs down at home must be before the table, not in it.
+    # A gripper that hangs down at home must be in front of the table, not inside it.
     near = max(robot.base_radius, ahead + _HAND if height < _TABLE_HEIGHT + _HAND else 0.0)
     before = -0.37 - near if robot.base_drive == "fixed" else -1.1
     state = RobotState(np.array([before, 0.0, 0.0]), np.array(robot.home), robot.max_finger_position)

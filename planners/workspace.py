@@ -1,7 +1,7 @@
-"""The compiled workspace of a solve: everything that does not depend on where the objects stand.
+"""The compiled workspace of a solve: everything that does not depend on the objects' poses.
 
-What does depend on it is kept in explicit caches of a state: `GraspCandidates` (grasps, what is in their way, compiled
-collision worlds) and `PlacementSearch` (what grasps sweep). A workspace makes new ones.
+Data that depends on them is kept in explicit caches: `GraspCandidates` (grasps, blockers, compiled collision worlds)
+and `PlacementSearch` (swept volumes of grasps). A workspace makes new ones.
 """
 
 from __future__ import annotations
@@ -29,29 +29,29 @@ from planners.placing.surfaces import Supports, find_supports
 from planners.scene import Scene
 
 _BASES, _BASES_NEAR_HOME = 3, 8
-"""Base poses tried for each gripper pose; more where only one arm configuration counts at each."""
+"""Base poses to try for each gripper pose. Near home there are more, since each has only one arm configuration."""
 
 
 class ArmsError(ValueError):
-    """A choice that does not fit the number of arms that a robot acts with; the message says what does."""
+    """A choice that does not fit the number of arms that a robot acts with. The message says what does."""
 
 
 @dataclass(frozen=True, eq=False)
 class Workspace:
-    """A robot among static obstacles, with the choices that hold for a whole solve.
+    """A robot among static obstacles, with the options of a whole solve.
 
     Attributes:
-        arms: base poses for each arm that acts, by its name.
+        arms: base poses for each acting arm, by its name.
         families: the grasp set.
-        supports: names of the supports where objects may be put.
-        roadmap: where the base can drive.
+        supports: names of the supports for objects put aside.
+        roadmap: roadmap of the base.
         canonical: whether grasps and placements are canonical, so that plans can be learned.
-        near_home: whether only arm configurations near home count, for robots that follow TCP poses.
+        near_home: whether only arm configurations near home are used, for end-effector-controlled robots.
         follower: model of how the joints follow, for an end-effector-controlled robot.
-        controller: model of one that must be able to follow each motion without touching an object; motions are those
-            of joint control.
-        saves_time: whether strategies that plan ahead choose grasps that take less time, and, of robots that act with
-            one arm, releases at which the gripper is turned least.
+        controller: model of a controller that must follow each motion without collision. Motions are those of joint
+            control.
+        saves_time: whether strategies that plan ahead prefer quick grasps and, for robots that act with one arm, releases
+            at which the gripper is turned least.
     """
 
     arms: Mapping[str, Placer]
@@ -76,12 +76,12 @@ class Workspace:
         follower: TcpFollower | None = None,
         saves_time: bool | None = None,
     ) -> Workspace:
-        """The workspace of a robot among the static obstacles and supports of a scene, however its objects stand.
+        """Compile the workspace of a robot among the static obstacles and supports of a scene, for all object poses.
 
-        The arguments are those of `planners.solve` and `planners.Planner`; the scene's robot may be anywhere.
+        The arguments are those of `planners.solve` and `planners.Planner`. The scene's robot may be anywhere.
 
         Raises:
-            UnknownGraspSet: neither the name of a grasp set nor families.
+            UnknownGraspSet: the grasps are neither the name of a grasp set nor families.
             UnknownSupport: the scene declares no support of a name.
         """
         ground = GroundMap(scene)
@@ -98,30 +98,30 @@ class Workspace:
 
     @property
     def shortens(self) -> bool:
-        """Whether motions between contacts become one: not under end-effector control, nor in canonical plans."""
+        """Whether motions between contacts are merged. False under end-effector control and in canonical plans."""
         return self.follower is None and not self.canonical
 
     def only_near_home(self) -> Workspace:
-        """The same with arm configurations near home only, from more base poses."""
+        """The same workspace with arm configurations near home only, from more base poses."""
         arms = {name: arm.with_more(_BASES_NEAR_HOME) for name, arm in self.arms.items()}
         return replace(self, arms=MappingProxyType(arms), near_home=True)
 
     def anywhere(self) -> Workspace:
-        """The same as if the base could drive everywhere, through walls too: to find out why there is no grasp."""
+        """The same workspace with a base that can drive through walls, to explain a lack of grasps."""
         arms = {name: arm.anywhere() for name, arm in self.arms.items()}
         return replace(self, arms=MappingProxyType(arms))
 
     def grasps(self, compiled: CompiledScenes | None = None) -> GraspCandidates:
-        """A new cache of grasps, nothing known of any state; `compiled`: collision worlds to share with others."""
+        """New, empty cache of grasps. `compiled` are collision worlds to share."""
         return GraspCandidates(self.arms, self.families, self.canonical, self.near_home, compiled or CompiledScenes())
 
     @property
     def catalogue(self) -> str:
-        """The grasps that an answer holds for, in words."""
+        """Text for the grasps that an answer holds for."""
         return f"with the grasps of {grasp_set_name(self.families)}"
 
     def too_wide(self, scene: Scene, name: str) -> str:
-        """Why no grasp fits around an object with any arm, "" if one does."""
+        """Reason why an object is too wide for the grasps of every arm, else ""."""
         if is_pushed(scene, name):
             return ""
         tilts = any(family.pitch < math.pi / 2 for family in self.families)
@@ -133,7 +133,7 @@ class Workspace:
         return "" if "" in reasons else reasons[0]
 
     def unreached(self, scene: Scene, names: Sequence[str]) -> str:
-        """Words for objects that no grasp takes, for want of a base pose or of arm configurations."""
+        """Text for objects that are out of reach, for lack of a base pose or an arm configuration."""
         listed, placers = ", ".join(names), [*self.arms.values()]
         fixed = [placer for placer in placers if isinstance(placer, FixedBase)]
         if not fixed:
@@ -149,13 +149,13 @@ class Workspace:
         return words
 
     def placements(self) -> PlacementSearch:
-        """A new search for placements, with a cache of what grasps sweep."""
+        """New search for placements, with a cache of swept volumes."""
         turns_least = self.saves_time and len(self.arms) == 1
         return PlacementSearch(self.arms, self.supports, self.canonical, self.near_home, turns_least)
 
 
 def check_arms(robot: RobotSpec, hold_aside: bool, is_told_tcp_poses: bool, canonical: bool) -> None:
-    """Check a planner's choices; raises `ArmsError` if they do not fit the arms that the robot acts with."""
+    """Check a planner's options. Raises `ArmsError` if they do not fit the arms that the robot acts with."""
     if not isinstance(hold_aside, bool):
         raise ArmsError(f"hold_aside={hold_aside!r} is not valid; valid values: False, True")
     if hold_aside and not robot.acts_with_all_arms:

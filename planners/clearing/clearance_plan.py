@@ -1,4 +1,4 @@
-"""What a planner of moves has decided on, before any motion is planned."""
+"""Decisions of a planner of moves, before any motion is planned."""
 
 from __future__ import annotations
 
@@ -15,21 +15,22 @@ from planners.placing.placements import Placement
 from planners.scene import Scene
 
 _SAME = 0.002
-"""[m] and parts of a rotation by which objects may stand elsewhere than expected: they are let go just above."""
+"""Tolerance [m] and of rotation entries for objects that stand elsewhere than expected: they are released just
+above."""
 
 
 @dataclass(frozen=True)
 class ClearancePlan:
-    """Commitments, and a placement for each object to clear; no placements for strategies that do not plan ahead.
+    """A grasp and a placement for each object to clear. Empty placements for strategies that do not plan ahead.
 
     Attributes:
         commitments: a grasp for the target and for every object that must go before it.
-        placements: where objects are put.
+        placements: the placements of objects that are put down.
         aside: the object that stays in a gripper while another one takes the target, "" for none.
-        general: objects that are put down for the goal, where it wants them.
-        until: objects in the order in which they are moved; none for strategies that do not plan ahead.
-        expected: the scene after these moves; None for such strategies.
-        later: moves after these, of which the first moves an object again.
+        general: objects that are put down where the goal wants them.
+        until: objects in the order of their moves. Empty for strategies that do not plan ahead.
+        expected: the scene after these moves. None for such strategies.
+        later: the moves after these. The first of them comes after an object's first of several moves.
     """
 
     commitments: Commitments
@@ -46,7 +47,7 @@ class ClearancePlan:
         return replace(self, commitments=self.commitments.without(name), placements=kept)
 
     def begins_in(self, scene: Scene) -> bool:
-        """Whether the later moves can be made as planned: whether all objects are where they are expected."""
+        """Whether the later moves can be made as planned: all objects are where they are expected."""
         if self.expected is None or not self.later or self.expected.held_names != scene.held_names:
             return False
         pairs = zip(self.expected.objects, scene.objects, strict=True)
@@ -54,9 +55,9 @@ class ClearancePlan:
 
 
 def as_plan(candidates: GraspCandidates, scene: Scene, moves: Sequence[Move]) -> ClearancePlan:
-    """Moves as commitments, up to the first of an object that is moved again later.
+    """Turn moves into commitments, up to the first move of an object that moves again later.
 
-    What is in the way of a grasp is worked out for the scene as it is.
+    The blockers of each grasp are computed for the scene as it is.
     """
     names = [move.name for move in moves]
     count = next((index + 1 for index, name in enumerate(names) if name in names[index + 1 :]), len(names))

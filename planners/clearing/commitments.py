@@ -1,7 +1,7 @@
-"""Grasps that the references of objects stand for: the choice that decides what is in whose way.
+"""Commitments: the grasps that the references stand for. They decide which objects are in the way of which.
 
-To commit to a target is to choose a grasp for it, for every object in the way of that grasp, for every object in the
-way of those, and so on, such that no object waits for itself. The task planner gets the choices as facts.
+A commitment to a target chooses a grasp for the target, for every object in the way of that grasp, and so on. No object
+may wait for itself. The task planner gets the choices as facts.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from planners.scene.masks import FIXED_BITS
 from planners.strategies import Strategy
 
 Grasps: TypeAlias = Callable[[str], Sequence[GraspCandidate]]
-"""Grasps of an object by its name, best first, with what blocks each."""
+"""Grasps of an object by its name, best first, with the blockers of each."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,9 @@ class Commitments:
     """A grasp for the target and for every object that must go before it.
 
     Attributes:
-        target: the object wanted.
-        order: objects to clear, in an order in which each grasp is free when it is taken.
-        grasps: the chosen grasp of each of them and of the target.
+        target: the object to take.
+        order: objects to clear, in an order in which each grasp is free at its turn.
+        grasps: the chosen grasp of each object and of the target.
     """
 
     target: str
@@ -44,7 +44,7 @@ class Commitments:
     grasps: Mapping[str, GraspCandidate]
 
     def blockers(self, scene: Scene) -> dict[str, tuple[str, ...]]:
-        """Names of what is in the way of each chosen grasp."""
+        """Names of the objects in the way of each chosen grasp."""
         return {name: scene.names_of(grasp.blockers) for name, grasp in self.grasps.items()}
 
     def without(self, name: str) -> Commitments:
@@ -62,7 +62,10 @@ class NoCommitment:
 
 
 def grasped(scene: Scene, grasp: GraspCandidate) -> Scene:
-    """The scene after a grasp: its arm holds the object, at home, the robot where it took it or drove out to."""
+    """The scene after a grasp: the arm is at home and holds the object.
+
+    The base is at the base pose of the grasp, or where it drove out to from under a shelf.
+    """
     scene = scene.using(grasp.arm)
     T_world_tcp = tcp_pose(scene.robot, RobotState(grasp.base, grasp.q, 0.0))
     held = HeldObject.grasped(scene.body(grasp.object), T_world_tcp)
@@ -78,13 +81,13 @@ def grasped(scene: Scene, grasp: GraspCandidate) -> Scene:
 def commitments_for(
     grasps: Grasps, scene: Scene, target: str, strategy: Strategy, deadline: Deadline = NO_DEADLINE
 ) -> Commitments | NoCommitment:
-    """The commitments of a strategy that does not plan ahead.
+    """Choose the grasps of a strategy that does not plan ahead.
 
     Args:
-        grasps: of an object, by name, best first, with what blocks each.
-        scene: as it is.
-        target: the object wanted.
-        strategy: with "greedy" grasps, or those of the "smallest" self-clearable set.
+        grasps: grasps of an object by name, best first, with the blockers of each.
+        scene: the scene as it is.
+        target: the object to take.
+        strategy: "greedy" grasps, or the grasps of the "smallest" self-clearable set.
         deadline: when to stop.
     """
     choose = _greedy if strategy.grasps == "greedy" else _smallest
@@ -92,7 +95,7 @@ def commitments_for(
 
 
 def keep_clear(strategy: Strategy, commitments: Commitments, moving: str) -> KeepClear:
-    """The grasps that a cleared object must keep clear of: those of NGR1, of NGR1 + NGR2, or none (eq. 1-3)."""
+    """Grasps that a cleared object must keep clear of: NGR1, NGR1 + NGR2, or none (eq. 1-3)."""
     if strategy.region == "none":
         return KeepClear()
     target = commitments.grasps.get(commitments.target)
@@ -103,7 +106,7 @@ def keep_clear(strategy: Strategy, commitments: Commitments, moving: str) -> Kee
 
 
 def with_blockers(candidates: GraspCandidates, scene: Scene, chosen: Iterable[GraspCandidate]) -> list[GraspCandidate]:
-    """The same grasps with what is in their way in a scene."""
+    """The same grasps with their blockers in a scene."""
     found = []
     for grasp in chosen:
         world = candidates.compiled.world(scene).for_arm(grasp.arm)
@@ -114,15 +117,15 @@ def with_blockers(candidates: GraspCandidates, scene: Scene, chosen: Iterable[Gr
 
 
 def _greedy(grasps: Grasps, scene: Scene, target: str, deadline: Deadline) -> Commitments | NoCommitment:
-    """Every object takes the grasp with the fewest objects in its way, whatever else is chosen.
+    """Choose for every object the grasp with the fewest blockers, one object after another.
 
-    Grasps that would make an object wait for itself are passed over.
+    Grasps that would make an object wait for itself are skipped.
     """
     chosen: dict[str, GraspCandidate] = {}
     order: list[str] = []
 
     def commit(name: str, waiting: int) -> bool:
-        """Commit to a grasp of that object and of all in its way, none of which may block those of `waiting`."""
+        """Choose a grasp of that object and of all its blockers. None of them may block the grasps of `waiting`."""
         waiting |= 1 << scene.index(name)
         for option in sorted(grasps(name), key=lambda option: option.blockers.bit_count()):
             if deadline.is_over:
@@ -148,10 +151,9 @@ def _greedy(grasps: Grasps, scene: Scene, target: str, deadline: Deadline) -> Co
 
 
 def _smallest(grasps: Grasps, scene: Scene, target: str, deadline: Deadline) -> Commitments | NoCommitment:
-    """The smallest self-clearable set, each object through its best grasp among those that are free by its turn."""
+    """Find the smallest self-clearable set, with the best grasp of each object among those free at its turn."""
 
     def masks(name: str) -> list[int]:
-        """Masks of the objects in the way of each grasp of that object."""
         return [option.blockers for option in grasps(name)]
 
     found = next(self_clearable_sets(masks, target, scene.names, deadline=deadline))

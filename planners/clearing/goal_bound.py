@@ -1,12 +1,16 @@
-"""The fewest picks of any plan for a goal, for a declared set of grasp options.
+"""Lower bound of the picks of any plan for a goal, for a declared set of grasp options.
 
-The objects that a plan has moved by its end, each taken through an option whose blockers were gone, form a
-self-clearable set (see `planners.clearing.lower_bound`) for one more, imaginary object: the goal, which all objects
-block that must be moved. An object that goes straight to its place also waits for what stands there, and for what the
-robot hits when it lets go there; one that is put aside first does not, but is picked twice: that is one more member of
-the set. What is in the way of gripper and object however they come is waited for by the goal, through a member that
-does not count. So the smallest set counts the picks, and the buffers of swaps and cyclic shifts with them. Plans that
-move objects about otherwise need no fewer.
+Take the objects that a plan has moved by its end, each with an option whose blockers were gone. They form a
+self-clearable set (see `planners.clearing.lower_bound`) for one more, imaginary object: the goal. All objects that must
+move block the goal.
+
+An object that goes straight to its place also waits for the objects that stand there. It waits for the objects that the
+robot hits at the release, too. An object that is put aside first does not wait for them, but is picked twice: it adds
+one more member to the set. Some objects block a put-down in every way to release the object. The goal waits for them
+through one more imaginary member, which is no pick.
+
+So the size of the smallest set gives the number of picks, including the buffers of swaps and cyclic shifts. Plans that
+move objects in other ways need no fewer picks.
 """
 
 from __future__ import annotations
@@ -26,21 +30,22 @@ from planners.placing.placements import PlacementSearch
 from planners.scene import MAX_OBJECTS, Scene
 
 _GOAL, _ASIDE, _PUT = "\0goal", "\0aside ", "\0put "
-"""Names of the imaginary objects; no other one has a null."""
+"""Prefixes of imaginary objects. No real name contains a null character."""
 
 
 @dataclass(frozen=True)
 class LowerBound:
-    """The fewest picks of any plan for a goal, for the declared grasps.
+    """Lower bound of the picks of any plan for a goal, for the declared grasps.
 
     Attributes:
-        picks: how many; None if no plan exists (see `cause`). Without a proof, of the best set found.
-        objects: the objects to be picked, in an order in which they can be taken.
-        aside: those of them that must be picked twice: put aside first, since others wait for them to leave.
-        proved: whether `picks` is exact for the places where objects stand; if not, `least` is what is proved.
+        picks: fewest picks. None if planning is impossible (see `cause`). Without a proof, the picks of the best set
+            found.
+        objects: the objects to pick, in an order in which they can be taken.
+        aside: objects that must be picked twice. They are put aside first, since others wait for them to leave.
+        proved: whether `picks` is exact for the places where objects stand. If not, only `least` is proved.
         least: no plan has fewer picks.
-        cause: "" or why there is no plan: "unreachable", "no self-clearable set", "no clearance location" where
-            objects have no room at their places, whatever else moves, or "time limit" if it was aborted.
+        cause: "", or why planning is impossible: "unreachable", "no self-clearable set", "time limit" or "no clearance
+            location". With the last one, the objects are too many or too large for their places.
         expansions: search nodes visited.
     """
 
@@ -65,17 +70,17 @@ def fewest_picks(
     expansions: int = MAX_EXPANSIONS,
     deadline: Deadline = NO_DEADLINE,
 ) -> LowerBound:
-    """The lower bound for a goal in a scene.
+    """Find the lower bound of the picks for a goal in a scene.
 
     Args:
-        scene: the world.
-        goal: what it is to be.
-        candidates: the grasps of each object, and what is in their way.
-        start: the scene before anything was moved, if that is another one.
-        also: names of objects that are moved besides those that must.
-        search: where the base may stand to put objects down; None: what is in the way of that does not count.
-        buffers: whether what is put aside must be put down, and so be picked again; not where it may stay in a hand.
-        expansions: search nodes after which the proof is given up.
+        scene: the scene as it is.
+        goal: the goal.
+        candidates: the grasps of each object, with their blockers.
+        start: the scene before anything was moved, if it differs.
+        also: names of further objects to move.
+        search: finds base poses for put-downs. With None, the blockers of put-downs are ignored.
+        buffers: whether objects put aside are put down, and so picked again. False if they may stay in a hand.
+        expansions: limit of search nodes for the proof.
         deadline: when to stop.
     """
     to_move = with_what_stands_on(goal, (*must_move(scene, goal, start), *also))
@@ -109,22 +114,23 @@ def fewest_picks(
 
 @dataclass(frozen=True)
 class PickTable:
-    """What is in the way of what: bit i of a mask is object i where it stands.
+    """Blockers of picks and put-downs: bit i of a mask is object i where it stands.
 
-    What is put aside is in nobody's way, nor is what stands at its end; both are free to be taken.
+    Objects that were put aside or stand at their ends block nothing and can always be taken.
 
     Attributes:
-        names: of the objects.
-        takes: masks of what is in the way of each grasp of an object, by its name; asked for as they are needed.
+        names: names of the objects.
+        takes: blocker masks of the grasps of an object, by its name. Evaluated when needed.
         to_move: names of the objects that must move.
-        waits: masks of what must have left before an object goes straight to its end, by name, of those with an end.
-        puts: what is in the way where an object is let go at its end, if anything is, by name.
-        on: name of the object that an object is to stand on, by its name, of those that move.
-        order: pairs of names: the last move of the first object comes before the first one of the second.
-        hold: names of what is to be held in the end, after all other moves.
-        held: names of what is in a hand.
-        hands: how many there are.
-        buffers: whether what is put aside must be put down, and so be picked again.
+        waits: masks of the objects that must leave before an object goes straight to its end, by name. Only objects
+            with an end.
+        puts: blockers of the release of an object at its end, by name. Only blocked objects.
+        on: name of the moving object that an object is to stand on, by its name.
+        order: pairs of names. The last move of the first object comes before the first move of the second.
+        hold: names of the objects to hold in the end, after all other moves.
+        held: names of the objects in a hand.
+        hands: number of hands.
+        buffers: whether objects put aside are put down, and so picked again.
     """
 
     names: Sequence[str]
@@ -140,13 +146,13 @@ class PickTable:
     buffers: bool = True
 
     def _below(self, name: str) -> Iterator[str]:
-        """Names of what is below an object at its end."""
+        """Names of the objects below an object at its end."""
         while name in self.on:
             name = self.on[name]
             yield name
 
     def fewest(self, expansions: int = MAX_EXPANSIONS, deadline: Deadline = NO_DEADLINE) -> LowerBound:
-        """The fewest picks after which all that must move is where it is to be."""
+        """Find the fewest picks after which every object that must move is at its end."""
         waits, puts, buffers = self.waits, self.puts, self.buffers
         names_of = {name: [one for k, one in enumerate(self.names) if mask >> k & 1] for name, mask in waits.items()}
         if circle := circle_of(self.to_move, names_of, self.order, self.held):
@@ -167,7 +173,7 @@ class PickTable:
             earlier[b] |= put.get(a, 0)
 
         def options(name: str) -> Sequence[int]:
-            """The blockers of each option, what the object waits for among them."""
+            """Blockers of each option, with the objects that the object waits for."""
             if name == _GOAL:
                 return [wanted & ~held | sum(put.values())]
             if name.startswith(_ASIDE):
@@ -178,14 +184,14 @@ class PickTable:
             if name not in twice:
                 return masks
             hit = puts.get(name, PutDownMasks()).straight if not waits[name] & bit[name] else ()
-            # What is held in the end comes after all others, what stands on another one after that one.
+            # An object to hold comes after all others. An object that stands on another one comes after that one.
             after = [*put] if name in self.hold else [*self._below(name)]
             last = sum({put.get(one, 0) for one in after})
             straight = [mask | (waits[name] | other) & ~held | last for mask in masks for other in hit]
             return straight + [mask | bit[f"{_ASIDE}{name}"] for mask in masks]
 
         def put_down(name: str) -> list[int]:
-            """What must have happened before an object stands at its end, for each way to let go of it there."""
+            """Masks of the moves before an object stands at its end, one for each way to release it there."""
             before = waits[name] & ~bit[name] & ~held | sum({put.get(one, 0) for one in self._below(name)})
             return [mask & ~held | before for mask in puts.get(name, PutDownMasks()).ever]
 
@@ -193,7 +199,7 @@ class PickTable:
         if found.count is None:
             cause = found.cause if found.cause == Cause.TIME_LIMIT else Cause.NO_SELF_CLEARABLE_SET
             return LowerBound(None, tuple(self.to_move), (), found.proved, found.lower_bound, cause, found.expansions)
-        # What is in a hand but not at its end yet is picked again if the hand is needed, or its place is not free.
+        # A held object is picked again if the hand is needed for others, or if the object's place is not free.
         rest = set(self.to_move) - set(self.held) - (set(self.hold) if len(self.hold) <= self.hands else set())
         in_vain = [name for name in self.held if waits.get(name, 0) & ~held or name in puts]
         again = sum(name in in_vain or (name in self.hold and bool(rest)) for name in self.held)
@@ -201,7 +207,8 @@ class PickTable:
         objects = tuple(name for name in found.objects if name in self.names)
         aside = tuple(name.removeprefix(_ASIDE) for name in found.objects if name.startswith(_ASIDE))
         count, least = found.count + more, found.lower_bound + more
-        # If an object need not move, but does, and by the order of the goal before another one: that does not count.
+        # The order of the goal is ignored for objects that need not move. If such an object moves, the bound may be too
+        # low.
         is_exact = not any(a in objects and a not in self.to_move for a, _ in self.order)
         return LowerBound(count, objects, aside, found.proved and is_exact, least, "", found.expansions)
 
@@ -209,7 +216,7 @@ class PickTable:
 def _may_be_in_the_way(
     scene: Scene, goal: Goal, to_move: Collection[str], waiting_for: Mapping[str, Collection[str]]
 ) -> bool:
-    """Whether an object does not fit at its place beside what stands there, though nothing proves that this must go."""
+    """Whether objects may block a place of the goal although no proof says that they must leave."""
     return any(
         in_the_way(scene, scene.body(fact.object), place_of(scene, fact), waiting_for[fact.object])
         for fact in goal.placed
@@ -225,9 +232,9 @@ def _put_downs(
     candidates: GraspCandidates,
     search: PlacementSearch,
 ) -> dict[str, PutDownMasks]:
-    """What is in the way of putting down each object that must move, if anything is, at a place known beforehand.
+    """Blockers of each put-down at a place known beforehand, by name. Objects with an unblocked put-down are left out.
 
-    What it is to stand on may be moved too, to where nothing is in the way.
+    The object below a place may be moved too, to where nothing blocks the put-down.
     """
     found: dict[str, PutDownMasks] = {}
     for fact in goal.placed:
@@ -241,7 +248,7 @@ def _put_downs(
 
 
 def must_move(scene: Scene, goal: Goal, start: Scene | None = None) -> tuple[str, ...]:
-    """Names of the objects that must move for the facts that do not hold; those to be held last."""
+    """Names of the objects that must move for the unmet facts, the objects to hold last."""
     unmet = goal.unmet(scene, start)
     placed = {fact.object for fact in goal.placed}
     names = [name for fact in unmet if (name := getattr(fact, "object", "")) in placed]
@@ -252,7 +259,7 @@ def must_move(scene: Scene, goal: Goal, start: Scene | None = None) -> tuple[str
 
 
 def with_what_stands_on(goal: Goal, names: Collection[str]) -> tuple[str, ...]:
-    """Names of objects that move, and of those that the goal wants on one of these: they leave it, and come back."""
+    """Names of moving objects, and of the objects that the goal wants on them. These must leave and come back."""
     found = dict.fromkeys(names)
     while more := [fact.object for fact in goal.placed if fact.where in found and fact.object not in found]:
         found |= dict.fromkeys(more)
@@ -260,7 +267,7 @@ def with_what_stands_on(goal: Goal, names: Collection[str]) -> tuple[str, ...]:
 
 
 def order_circle(scene: Scene, goal: Goal, to_move: Collection[str]) -> tuple[str, ...]:
-    """Names of objects whose moves the order of a goal puts in a circle with what must leave before them, if any."""
+    """Names of objects that wait for each other in a circle by the goal's order and `waits_for`, () for none."""
     waits = waits_for(scene, goal, to_move) if goal.order else {}
     return circle_of(to_move, waits, goal.order, scene.held_names)
 
@@ -274,10 +281,10 @@ def circle_of(
     """Names of objects whose first and last moves wait for each other, () for none.
 
     Args:
-        to_move: names of what must move.
-        waits: names of what must have left before an object goes straight to its end, by its name.
-        order: pairs of objects: the last move of the first one comes before the first move of the second.
-        held: names of what is in a hand: it has made its first move.
+        to_move: names of the objects that must move.
+        waits: names of the objects that must leave before an object goes straight to its end, by its name.
+        order: pairs of objects. The last move of the first one comes before the first move of the second.
+        held: names of the objects in a hand. Their first move is already made.
     """
     moving = {*to_move, *(one for name in to_move for one in waits.get(name, ()))} - set(held)
     graph = TopologicalSorter[tuple[str, str]]()
@@ -292,16 +299,15 @@ def circle_of(
 
 
 def waits_for(scene: Scene, goal: Goal, to_move: Collection[str]) -> dict[str, frozenset[str]]:
-    """Names of the objects that must have left before an object can go straight to its end, by its name.
+    """Names of the objects that must leave before an object can go straight to its end, by its name.
 
-    What stands on another object comes after that one's last move, which waits for objects of its own; what is to be
-    held comes after all. Where an object waits for itself, it cannot go straight to its end.
+    An object on another one comes after the last move of that one, which waits for objects of its own. An object to
+    hold comes after all others. An object that waits for itself cannot go straight to its end.
     """
     below = {fact.object: fact.where for fact in goal.placed if fact.where in to_move}
     own = {fact.object: must_go_first(scene, scene.body(fact.object), fact) for fact in goal.placed}
 
     def before(name: str) -> frozenset[str]:
-        """What must have left before that object stands where it is to stand."""
         found = frozenset(own.get(name, ()))
         return found | before(below[name]) | {below[name]} if name in below else found
 

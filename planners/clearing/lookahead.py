@@ -1,9 +1,9 @@
-"""Planning ahead: the moves up to the goal are found before the first motion is planned.
+"""Planning ahead: find all moves up to the goal before the first motion is planned.
 
-A best-first search (A*) over scenes. From each, the lower bound says how many picks are left at least, what they take,
-and what must be put aside first. These moves are made first, in thought, each with a grasp and a placement out of the
-way of those that follow. Where an object finds no place, or one that is in the way, other moves are tried; the search
-goes on from the scene from which the fewest picks in all may do.
+A best-first search (A*) over scenes. In each scene, the lower bound gives the fewest remaining picks, their objects,
+and the objects to put aside first. The search simulates these moves first, each with a grasp and a placement that keeps
+clear of later moves. If an object finds no placement, or only one in the way of others, other moves are tried. The
+search continues from the scene with the fewest picks in total.
 """
 
 from __future__ import annotations
@@ -35,17 +35,18 @@ from planners.placing.swept_volume import standing_volume
 from planners.scene import Scene
 
 _GREEDY = 3.0
-"""Weight of the picks that are left at least while no plan is known; then those made and those left count alike."""
+"""Weight of the remaining picks while no plan is known. Afterwards picks made and picks remaining have the same
+weight."""
 _BETTER = 4
-"""Of the tries, one in so many looks for a plan with fewer picks, once one is found that has more than the bound."""
+"""Divisor of the tries for a search that only accepts a plan with fewer picks."""
 _ALIKE = 2
-"""Scenes looked at of those to which the same moves lead in another order."""
+"""Most scenes to expand among those that the same moves reach in different orders."""
 _OTHERS = 6
-"""Objects that need not move which are put aside, at most, from one scene."""
+"""Most objects to put aside from one scene that need not move."""
 _REJECTIONS = 100
-"""Times that grasps which cannot be used are taken out before a scene counts as without a plan."""
+"""Rounds of removing unusable grasps before a scene is regarded as without a plan."""
 _CELL = 0.02
-"""[m] of the cells in which swept space is compared."""
+"""Cell size [m] for comparing swept volumes."""
 
 
 _Pairs: TypeAlias = frozenset[tuple[str, str]]
@@ -53,13 +54,13 @@ _Pairs: TypeAlias = frozenset[tuple[str, str]]
 
 @dataclass(frozen=True, eq=False)
 class _Situation:
-    """A scene to which moves have led, and what is left to do.
+    """A scene that moves have led to, and the remaining steps.
 
     Attributes:
-        steps: what is meant to be done from here on.
-        left: picks that are left at least.
-        also: names of objects that must move since they are in the way of a place.
-        later: pairs of objects of which the second one goes to its place after the first.
+        steps: the steps to make from here on.
+        left: lower bound of the remaining picks.
+        also: names of objects that must move because they block a place.
+        later: pairs of objects. The second one goes to its place after the first.
     """
 
     scene: Scene
@@ -71,44 +72,44 @@ class _Situation:
 
     @property
     def picks(self) -> int:
-        """Picks so far."""
+        """Number of picks so far."""
         return sum(move.grasp is not None for move in self.moves)
 
     @property
     def put_aside(self) -> set[str]:
-        """Names of the objects that have been put aside, and not where the goal wants them since."""
+        """Names of the objects that were put aside and have not reached their goal places since."""
         last = {move.name: move.is_general for move in self.moves}
         return {name for name, is_general in last.items() if not is_general}
 
     @property
     def waiting(self) -> tuple[str, ...]:
-        """Names of the objects that are still to be moved, in order."""
+        """Names of the objects still to move, in order."""
         return tuple(dict.fromkeys(step.name for step in self.steps))
 
     @property
     def key(self) -> object:
-        """The same for situations that differ in the order of their moves alone."""
+        """Key that is equal for situations that differ only in the order of their moves."""
         moved = Counter((move.name, move.is_general) for move in self.moves)
         return frozenset(moved.items()), self.also, self.later
 
 
 _Tries: TypeAlias = Iterator["_Situation | None"]
-"""Moves tried from a situation, one after another; None where one fails."""
+"""Moves tried from a situation, one after another, with None for a failed try."""
 
 
 def look_ahead(maker: MoveMaker, scene: Scene) -> ClearancePlan | NoCommitment:
-    """The moves up to the goal, or up to the first object that is to be moved again.
+    """Plan the moves up to the goal, or up to the first object that must move again.
 
     Args:
         maker: makes moves for the goal.
-        scene: as it is now.
+        scene: the scene as it is now.
     """
     search = _Search(maker, scene)
     first = search.situation(scene)
     if isinstance(first, NoCommitment):
         return first
     tries, found = maker.strategy.tries, None
-    if search.is_ordered:  # the moves that the lower bound counts may do too, and be fewer
+    if search.is_ordered:  # without an order under a shelf, the moves of the lower bound may be fewer
         by_bound = search.situation(scene, by_order=False)
         if isinstance(by_bound, _Situation) and by_bound.left < first.left:
             found = _best_first(search, by_bound, _GREEDY, tries // _BETTER, strictly=True)
@@ -132,21 +133,21 @@ def _best_first(
     fewer_than: float = math.inf,
     strictly: bool = False,
 ) -> _Situation | None:
-    """The first situation that comes up from which nothing is left to do; None after so many tries.
+    """Search best-first for a situation with no steps left. None after so many tries.
 
     Args:
         search: makes the tries.
-        first: where to begin.
-        weight: of the picks that are left at least, beside those made.
-        tries: how many at most.
-        fewer_than: only plans with fewer picks count.
-        strictly: whether only steps out of the way of all that follow are tried.
+        first: the first situation.
+        weight: weight of the remaining picks, relative to the picks made.
+        tries: limit of the tries.
+        fewer_than: only plans with fewer picks are accepted.
+        strictly: whether only steps out of the way of all later steps are tried.
     """
     queue: list[tuple[float, int, int, _Situation, list[tuple[int, _Tries]]]] = []
     alike, count = Counter[object](), itertools.count()
 
     def push(one: _Situation, levels: list[tuple[int, _Tries]]) -> None:
-        """Of equal promise the one with most moves comes first, of these the last found."""
+        """Rank situations of equal promise by the number of moves, then the last one found first."""
         if levels and one.picks + one.left + levels[0][0] < fewer_than:
             rank = one.picks + weight * one.left + levels[0][0]
             heapq.heappush(queue, (rank, -len(one.moves), -next(count), one, levels))
@@ -175,11 +176,12 @@ _NONE_LEFT = object()
 
 @dataclass
 class _Search:
-    """One search: the moves tried from each situation.
+    """One search, with the moves tried from each situation.
 
     Attributes:
-        failed: how often each object found no place.
-        in_the_way: of the place of an object, by its name: what stood there from the start on.
+        failed: how often each object found no placement.
+        in_the_way: names of the objects that stood in the way of an object's place from the start, by the object's
+            name.
     """
 
     maker: MoveMaker
@@ -197,9 +199,9 @@ class _Search:
         later: _Pairs = frozenset(),
         by_order: bool = True,
     ) -> _Situation | NoCommitment:
-        """The situation in a scene, as the lower bound has it there; grasps that cannot be used are rejected.
+        """The situation in a scene by its lower bound, after unusable grasps are rejected.
 
-        `by_order`: whether the moves under a shelf are those of their order.
+        `by_order`: whether moves under a shelf follow their computed order.
         """
         maker = self.maker
         for _ in range(_REJECTIONS):
@@ -225,15 +227,15 @@ class _Search:
 
     @property
     def is_ordered(self) -> bool:
-        """Whether moves are ordered as under a shelf."""
+        """Whether the moves have a computed order, as under a shelf."""
         return self._order is not None
 
     def levels(self, now: _Situation, strictly: bool) -> list[tuple[int, _Tries]]:
-        """What is tried from a situation, by the picks that it costs beyond those that are left at least."""
+        """Iterators of tries from a situation, each with its cost in picks beyond the lower bound."""
         return [(0, self._as_meant(now)), *([] if strictly else [(0, self._anyhow(now)), (1, self._otherwise(now))])]
 
     def informed(self, now: _Situation) -> _Situation | None:
-        """The same situation with what has been found out elsewhere: what else must move for the places of objects."""
+        """The same situation, with the objects that other situations found to block its places. They must move too."""
         moved = {move.name for move in now.moves}
         known = (name for step in now.steps if step.is_general for name in self.in_the_way.get(step.name, ()))
         new = tuple(dict.fromkeys(name for name in known if name not in moved and name not in now.waiting))
@@ -243,7 +245,7 @@ class _Search:
         return found if isinstance(found, _Situation) else None
 
     def _as_meant(self, now: _Situation) -> _Tries:
-        """The next step, then others before it, out of the way of all that follow."""
+        """Try the next step, then other steps before it, such that each keeps clear of all later steps."""
         for step in self._ready(now):
             if self._may_hold_aside(now, step):
                 yield self._held_aside(now)
@@ -251,13 +253,13 @@ class _Search:
                 yield self._made(now, step, is_strict=True)
 
     def _anyhow(self, now: _Situation) -> _Tries:
-        """Steps to places of the goal, though they may be in the way of others."""
+        """Try steps to places of the goal, even if they are in the way of later steps."""
         for step in self._ready(now):
             if step.is_general and not (self._is_held_up(step) or self._stands_on_waiting(now, step)):
                 yield self._made(now, step, is_strict=False)
 
     def _otherwise(self, now: _Situation) -> _Tries:
-        """What costs a pick more: to put aside what is moved again; to move what need not move."""
+        """Tries at the cost of a pick: put aside an object that moves again later, or move one that need not move."""
         ready = self._ready(now)
         yield from self._out_of_places(now)
         for step in ready:
@@ -268,7 +270,7 @@ class _Search:
         yield from self._out_of_hand_again(now)
 
     def _ready(self, now: _Situation) -> list[Step]:
-        """Steps that may come next: the first one of each object; what is in a hand before all others."""
+        """Steps that may come next: the first step of each object, held objects before all others."""
         goal, waiting = self.maker.goal, now.waiting
         steps = [next(step for step in now.steps if step.name == name) for name in waiting]
         if in_hand := [step for step in steps if step.name in now.scene.held_names]:
@@ -278,19 +280,19 @@ class _Search:
         return [step for step in steps if not self._is_held_up(step) or is_last]
 
     def _is_held_up(self, step: Step) -> bool:
-        """Whether a step is to hold what the goal wants held."""
+        """Whether a step takes an object that the goal wants held."""
         return step.is_general and step.name in self.maker.goal.held
 
     def _stands_on_waiting(self, now: _Situation, step: Step) -> bool:
-        """Whether a step puts an object on another one that is still to be moved, and would have to leave it again."""
+        """Whether a step puts an object on another one that must still move: it would have to leave again."""
         fact = placed_fact(self.maker.goal, step.name) if step.is_general else None
         return fact is not None and fact.where in now.waiting
 
     def _made(self, now: _Situation, step: Step, is_strict: bool) -> _Situation | None:
-        """The situation after a step; None if it cannot be made.
+        """Make a step. None if it cannot be made.
 
-        Strictly, it is out of the way of all that follow, so that these steps stay as they are meant. Otherwise what
-        is left is found out anew.
+        A strict step keeps clear of all later steps, so that they stay as planned. After any other step the remaining
+        steps are computed again.
         """
         maker, name, goal = self.maker, step.name, self.maker.goal
         rest = tuple(one for one in now.steps if one is not step)
@@ -318,10 +320,10 @@ class _Search:
     def _choices(
         self, now: _Situation, step: Step, rest: tuple[Step, ...], is_strict: bool
     ) -> Iterator[tuple[tuple[Step, ...], list[KeepClear]]]:
-        """What an object keeps clear of, and what is meant to follow then.
+        """Pairs of the remaining steps and the choices of grasps to keep clear of.
 
-        Strictly: of all grasps that follow; then of others of the same objects that together sweep little space.
-        Otherwise: of those of the next half, of the next one, or of none.
+        Strict: all later grasps, then other grasps of the same objects that together sweep little volume. Otherwise:
+        the grasps of the next half of the steps, of the next step, of none.
         """
         if self.maker.strategy.region == "none":
             yield rest, [KeepClear()]
@@ -339,7 +341,7 @@ class _Search:
             yield rest, [self._clear_of([one for one in rest if one.name != step.name])]
 
     def _clear_of(self, steps: Sequence[Step]) -> KeepClear:
-        """The regions of these steps: NGR1 of what is to be held, NGR2 of what is moved before."""
+        """Regions of these steps: NGR1 for the object to hold, NGR2 for the objects moved before."""
         held = [one.taken for one in steps if one.taken is not None and one.name in self.maker.goal.held]
         if held and self.maker.strategy.region == "ngr1":
             return KeepClear(held[0])
@@ -347,10 +349,10 @@ class _Search:
         return KeepClear(held[0] if held else None, tuple(others))
 
     def _sweeping_little(self, now: _Situation, moving: str, rest: tuple[Step, ...]) -> tuple[Step, ...]:
-        """The same steps through grasps that together sweep little space, from the last one backwards.
+        """The same steps with grasps that together sweep little volume, chosen from the last step backwards.
 
-        Each takes, of the grasps that are free by its turn, the one that adds the fewest cells to what the later ones
-        sweep anyway: the smaller the Negative Goal Region, the more space for what is put aside.
+        Each step takes a grasp that is free at its turn and adds the fewest cells to the volume that later grasps
+        sweep. A smaller Negative Goal Region leaves more space for objects that are put aside.
         """
         scene, chosen, swept = now.scene, list(rest), 0
         for index in reversed(range(len(rest))):
@@ -366,9 +368,9 @@ class _Search:
         return tuple(chosen)
 
     def _swept_cells(self, scene: Scene, grasp: GraspCandidate) -> int:
-        """The cells of the space in which objects stand that the robot occupies at a grasp, as bits.
+        """Cells that the robot occupies at a grasp, within the heights where objects stand, as bits.
 
-        It stands for what the grasp sweeps, which would take too long to work out for all grasps that are compared.
+        They stand in for the swept volume of the grasp, which would take too long to compute for every grasp.
         """
         if grasp.key not in self._cells:
             volume = standing_volume(self.maker.candidates.compiled.world(scene), grasp)
@@ -379,7 +381,7 @@ class _Search:
         return self._cells[grasp.key]
 
     def _out_of_places(self, now: _Situation) -> _Tries:
-        """What stands in the way of a place, or of the robot there, moves too; or, moved already, goes there later."""
+        """Move the blockers of a place too. A blocker that was already placed there goes there later instead."""
         goal, waiting = self.maker.goal, now.waiting
         if now.scene.held_names:
             return
@@ -390,7 +392,7 @@ class _Search:
             yield self._moving_these_too(now, fact.object, found or self._in_the_way_of_robot(now, fact))
 
     def _out_of_hand_again(self, now: _Situation) -> _Tries:
-        """What is to be held in the end is put aside before, since others go to their places first."""
+        """Put an object aside that is to be held in the end: others go to their places first."""
         goal, waiting = self.maker.goal, now.waiting
         if now.scene.held_names or not any(placed_fact(goal, name) for name in waiting):
             return
@@ -399,10 +401,10 @@ class _Search:
                 yield self._made(now, Step(name, False), is_strict=False)
 
     def _in_the_way_of_robot(self, now: _Situation, fact: On | Inside | At) -> tuple[str, ...]:
-        """What keeps the robot from putting an object down at its place once those that wait have left."""
+        """Objects that keep the robot from putting an object down at its place, once those still to move have left."""
         name, waiting, maker = fact.object, now.waiting, self.maker
         refuted = tuple(one for one in self._refuted_by(now, name) if one not in waiting)
-        if refuted or not self.failed[name]:  # to ask takes as long as to look for a placement
+        if refuted or not self.failed[name]:  # to compute this takes as long as to search for a placement
             return refuted
         fewest: tuple[str, ...] = ()
         for grasp in maker.free_grasps(now.scene, name):
@@ -416,17 +418,17 @@ class _Search:
         return fewest
 
     def _is_refuted(self, now: _Situation, name: str) -> bool:
-        """Whether no motion puts an object at its place as it is held, or as long as something stands where it does."""
+        """Whether the put-down at the goal place was refuted, with the same object in hand or the same blockers."""
         is_in_vain = name in now.scene.held_names and name in self.maker.not_placed.blockers
         return is_in_vain or bool(self._refuted_by(now, name))
 
     def _refuted_by(self, now: _Situation, name: str) -> tuple[str, ...]:
-        """What was in the way when no motion put an object at its place, and has not been moved since."""
+        """Objects that blocked every motion to an object's place and have not moved since."""
         known = self.maker.not_placed.blockers.get(name, frozenset())
         return tuple(sorted(known.difference(move.name for move in now.moves)))
 
     def _moving_these_too(self, now: _Situation, name: str, found: Collection[str]) -> _Situation | None:
-        """The situation in which these move, for a place of an object: from the start on, if they went there before."""
+        """Move these objects too, for a place. If they went there too early, begin again with another order."""
         too_early = {(name, move.name) for move in now.moves if move.is_general and move.name in found}
         new = tuple(one for one in found if one not in now.waiting)
         if too_early and not too_early <= now.later:
@@ -440,7 +442,7 @@ class _Search:
         return again if isinstance(again, _Situation) else None
 
     def _others(self, now: _Situation) -> Iterator[str]:
-        """Names of objects that need not move, but are in the way of grasps of those that wait, most often first."""
+        """Names of objects that need not move but block grasps of waiting objects, the most frequent first."""
         scene, candidates, waiting = now.scene, self.maker.candidates, now.waiting
         if scene.held_names:
             return
@@ -451,12 +453,12 @@ class _Search:
                 yield name
 
     def _may_hold_aside(self, now: _Situation, step: Step) -> bool:
-        """Whether only one obstacle is left, which may stay in one gripper while another one takes the target."""
+        """Whether the last obstacle may stay in one gripper while another one takes the target."""
         is_last = len(now.steps) == 2 and now.steps[1].name in self.maker.goal.held and step is now.steps[0]
         return self.maker.holds_aside and is_last and not step.is_general and not now.scene.held_names
 
     def _held_aside(self, now: _Situation) -> _Situation | None:
-        """The end: the last obstacle is held while another arm takes the target; None if that is not found."""
+        """End the plan with the last obstacle in one gripper and the target in another. None if the search fails."""
         obstacle, target = (step.taken for step in now.steps)
         if obstacle is None or target is None:
             return None
@@ -471,7 +473,7 @@ class _Search:
     def _ordered(
         self, scene: Scene, moves: tuple[Move, ...], in_turn: Sequence[str], to_move: Sequence[str]
     ) -> tuple[Step, ...]:
-        """The fewest moves under a shelf, where what stands at its place may be in the way of others."""
+        """The fewest moves under a shelf, where an object at its place may block others."""
         maker = self.maker
         if self._order is None and not moves:
             waiting = [name for name in dict.fromkeys((*in_turn, *to_move)) if name in to_move]
@@ -486,20 +488,20 @@ class _Search:
 def _in_turn(
     maker: MoveMaker, scene: Scene, bound: LowerBound, to_move: Collection[str], later: _Pairs
 ) -> Iterator[Step]:
-    """The moves that the lower bound counts, each of what is free by its turn, the nearest first."""
+    """Steps of the lower bound, the nearest object with a free grasp first."""
     goal, waits, gone = maker.goal, waits_for(scene, maker.goal, to_move), set[str]()
     base, in_hand = scene.state.base[:2], scene.held_names
     first = dict.fromkeys((*in_hand, *bound.objects))
-    again: list[str] = []  # objects that have been put aside, and go to their places
+    again: list[str] = []  # objects that were put aside and still go to their places
 
     def grasps_of(name: str) -> list[GraspCandidate]:
-        """Grasps of an object that is not held, and has not been moved, that are free now."""
+        """Grasps of an object that are free now. Empty for held objects."""
         mask = scene.mask(gone)
         found = () if name in in_hand else maker.candidates.for_object(scene, name)
         return [grasp for grasp in found if not grasp.blockers & ~mask]
 
     def is_too_early(name: str) -> bool:
-        """Whether the goal, or what was found out before, wants another object to be moved before."""
+        """Whether another object must move first, by the goal or by what was found out before."""
         pending = {*first, *again}
         if name in goal.held and not (name in first and name in (*in_hand, *bound.aside)):
             return not pending <= set(goal.held)
@@ -507,14 +509,14 @@ def _in_turn(
         return any(one in pending and one != name for one in before)
 
     def place_is_free(name: str) -> bool:
-        """Whether what must have left before has, and what it is to stand on is where that is to stand."""
+        """Whether the objects in the way have left, and the object below the place is where it belongs."""
         fact = placed_fact(goal, name)
         is_missing = fact is not None and (fact.where in first or fact.where in again)
         return not is_missing and not waits.get(name, frozenset()) - gone - {name}
 
     while first or again:
         ready = [name for name in again if place_is_free(name) and not is_too_early(name)]
-        if ready or not first:  # or, if the rest wait for each other, the first of these
+        if ready or not first:  # or, if the remaining objects wait for each other, take the first one
             name = (ready or again)[0]
             again.remove(name)
             yield Step(name, True)

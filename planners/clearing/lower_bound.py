@@ -1,9 +1,9 @@
 """The exact minimum number of objects that any plan must clear, for a declared set of grasp options.
 
-Option j of object o is a way to grasp o; its *blockers* are the objects it hits where they stand now. A set of objects
-is *self-clearable* for a target if its objects and then the target can be removed in some order, each through an
-option whose blockers were all removed before. Whatever a plan does, monotone or not, the objects it has moved by the
-time it holds the target form a self-clearable set. The smallest such set is therefore a lower bound of the number of
+Option j of object o is a grasp of o. Its *blockers* are the objects that it hits where they stand now. A set of objects
+is *self-clearable* for a target if its objects, then the target, can be removed in some order. Each removal needs an
+option whose blockers were all removed before. Take the objects that any plan has moved when it holds the target,
+monotone or not. They form a self-clearable set. The smallest such set is therefore a lower bound of the number of
 objects to clear.
 """
 
@@ -21,34 +21,36 @@ from planners.clock import NO_DEADLINE, Deadline
 from planners.scene import MAX_OBJECTS
 
 Blockers: TypeAlias = Callable[[str], Sequence[int]]
-"""Blocker mask of every option of an object, by preference; asked once for each object that matters.
+"""Blocker masks of an object's options, by preference, evaluated once for each object that matters.
 
-Bit i is object i; an option that hits a bit of at least MAX_OBJECTS (a static obstacle, the robot) is never usable.
+Bit i is object i. An option that hits a bit of at least MAX_OBJECTS (a static obstacle, the robot) is never usable.
 """
 
 _NODES_PER_CALL = 256
-"""Search nodes between two looks at the deadline; a node takes 20-300 µs."""
+"""Search nodes between two checks of the deadline. A node takes 20-300 µs."""
 MAX_EXPANSIONS = 20_000
-"""Search nodes before a proof is given up, 0.4 to 6 s. Work is counted, not time: so every machine answers the same."""
+"""Search nodes before a proof is given up, 0.4 to 6 s. The limit is on work, not time: every machine answers the
+same."""
 
 
 @dataclass(frozen=True)
 class ClearanceFloor:
-    """The fewest objects any plan must clear before it can hold the target, for the declared options.
+    """The fewest objects that any plan must clear before it can hold the target, for the declared options.
 
-    It holds for plans that move objects twice too: each object's first move begins where it stands now. A plan that
-    moves each object once, and reaches it, needs a location for every object; whether there is one is not looked at.
+    It holds for plans that move objects twice too: each object's first move begins where it stands now. To reach the
+    bound, a plan also needs a location for every object. Locations are not considered here.
 
     Attributes:
-        count: how many; None if no plan exists (see `cause`).
+        count: number of objects. None if planning is impossible (see `cause`).
         objects: their names, in an order in which they can be removed.
-        proved: `count` is exact; otherwise it is an upper bound and `lower_bound` the other one.
+        proved: whether `count` is exact. Otherwise `count` is an upper bound.
         lower_bound: no plan clears fewer.
-        options: which option each of `objects`, and last the target, is taken through: the first that is free by then.
-        cause: "" or why there is none: "unreachable", "too wide", "no self-clearable set", or "time limit" if it was
-            aborted.
+        options: index of the option of each of `objects`, and last of the target: the first option that is free by
+            then.
+        cause: "" or why no plan exists: "unreachable", "too wide", "no self-clearable set", or "time limit" if the
+            search was aborted.
         expansions: search nodes visited.
-        grasps: what it holds for, in words: "with the grasps of 'side'".
+        grasps: the grasps that the bound holds for, in words: "with the grasps of 'side'".
     """
 
     count: int | None
@@ -62,7 +64,7 @@ class ClearanceFloor:
 
     @property
     def is_infeasible(self) -> bool:
-        """Whether it is proved that no plan exists for this robot and these options, even if objects move twice."""
+        """Whether it is proved that no plan exists for this robot and these options, even with objects moved twice."""
         return self.count is None and self.proved
 
 
@@ -75,14 +77,14 @@ def self_clearable_sets(
     expansions: int = MAX_EXPANSIONS,
     deadline: Deadline = NO_DEADLINE,
 ) -> Iterator[ClearanceFloor]:
-    """Every self-clearable set that needs all its objects, up to `slack` more than the fewest, fewest first.
+    """Yield every self-clearable set that needs all its objects, up to `slack` more than the fewest, fewest first.
 
-    Iterative deepening over disjoint landmarks; objects whose options have not been asked for count as free, and are
-    asked for once a set that would be smallest relies on them. So the answer is exact for all declared options.
+    The search is iterative deepening over disjoint landmarks. An object is regarded as free until its options are
+    needed for a set that would be smallest. So the answer is exact for all declared options.
 
-    Always yields at least one result: if there is no set, the one that says why; if the limit is reached before the
-    first set is proved smallest, one with `proved=False` and both bounds. The iterator ends early at the limit and at
-    the deadline; if there is no set by then, it yields one result whose cause is TIME_LIMIT.
+    It always yields at least one result. If no set exists, the result says why. If the limit is reached before the
+    first set is proved smallest, the result has `proved=False` and both bounds. The iterator ends early at the limit
+    and at the deadline. If no set is known by the deadline, the cause of its one result is TIME_LIMIT.
     """
     enumeration = _Enumeration(_Options(blockers, target, names), expansions, deadline)
     fewest: int | None = None
@@ -105,14 +107,14 @@ def self_clearable_sets(
 
 
 class _Enumeration:
-    """The loop around the compiled search: sizes tried, options asked for on demand, and its limits."""
+    """The loop around the compiled search: sizes tried, options loaded on demand, limits."""
 
     def __init__(self, options: _Options, most: int, deadline: Deadline) -> None:
         self.options, self.target = options, options.target
         self.expansions, self._most, self._deadline = 0, most, deadline
         bit = np.int64(1 << self.target)
         bound, _ = disjoint_landmarks(*options.arrays(), bit, bit, np.int64(0), MAX_OBJECTS)
-        # Number of objects of the sets looked for, the target included; 0 if there is none of any size.
+        # Number of objects in the sets to find, the target included. 0 if no set of any size exists.
         self.size = 1 + int(bound)
 
     @property
@@ -120,7 +122,7 @@ class _Enumeration:
         return self.expansions >= self._most or self._deadline.is_over
 
     def sets_of_size(self) -> Iterator[int]:
-        """The sets with `self.size` objects; when all are found, `self.size` is the next to try, 0 for none."""
+        """Yield the sets with `self.size` objects. Then `self.size` becomes the next size to try, 0 for none."""
         seen: set[int] = set()
         stack = SearchStack(self.target)
         while found := self._next(stack):
@@ -133,7 +135,7 @@ class _Enumeration:
             self.size = stack.next_budget
 
     def _next(self, stack: SearchStack) -> int:
-        """The next set, by what is known so far; 0 if there is none or the limits are reached."""
+        """The next set by the options known so far. 0 if none is left or the limits are reached."""
         while not self.is_out_of_limits:
             before = stack.nodes
             status, found = search(
@@ -145,12 +147,12 @@ class _Enumeration:
         return 0
 
     def _needs_all(self, found: int) -> bool:
-        """Whether no object can be left out; only sets above the fewest can fail this."""
+        """Whether no object can be left out. Only sets above the fewest can fail this."""
         clearances = found & ~(1 << self.target)
         return not any(self.options.removable(found & ~(1 << i)) >> self.target & 1 for i in bits(clearances))
 
     def greedy(self) -> int:
-        """A self-clearable set from which no single object can be left out; 0 if there is none, or no time."""
+        """A self-clearable set in which every single object is needed. 0 if none exists, or no time is left."""
         while not self._deadline.is_over:
             kept = self.options.removable((1 << self.options.size) - 1)
             if not kept >> self.target & 1:
@@ -171,7 +173,7 @@ class _Enumeration:
 
 
 class _Options:
-    """Options asked for as they are needed; an object not asked for yet counts as free to take, which is optimistic."""
+    """Options loaded on demand. Until an object is loaded, it is regarded as free to take, which is optimistic."""
 
     def __init__(self, blockers: Blockers, target: str, names: Sequence[str]) -> None:
         self.names, self.target = names, names.index(target)
@@ -184,18 +186,18 @@ class _Options:
 
     @property
     def is_movable(self) -> bool:
-        """Whether the target has an option that hits objects at most."""
+        """Whether the target has an option without static obstacles in the way."""
         return any(mask < 1 << MAX_OBJECTS for mask in self._declared[self.target])
 
     def load(self, mask: int, deadline: Deadline = NO_DEADLINE) -> bool:
-        """Ask for the options of every object of `mask`, until the deadline; whether any were missing."""
+        """Load the options of every object of `mask`, until the deadline. Return whether any were missing."""
         missing = [index for index in bits(mask) if index not in self._declared]
         for index in missing:
             if deadline.is_over:
                 break
             masks = tuple(int(mask) & ~(1 << index) for mask in self._blockers(self.names[index]))
             self._declared[index] = masks
-            # Nothing waits for the target, which is taken last; of the usable masks those count that contain no other.
+            # Nothing waits for the target, which is taken last. Masks that contain another usable mask are redundant.
             forbidden = 0 if index == self.target else 1 << self.target
             usable = {mask for mask in masks if mask < 1 << MAX_OBJECTS and not mask & forbidden}
             minimal = self._minimal[index] = []
@@ -210,8 +212,8 @@ class _Options:
         """Arrays that the compiled search reads.
 
         Returns:
-            Minimal usable masks of all objects (m,), offsets of each object's masks (n + 1,), and the two orders
-            (2, n) in which landmarks are grown.
+            Minimal usable masks of all objects (m,), offsets of each object's masks (n + 1,), and two orders (2, n) for
+            growing landmarks.
         """
         if self._arrays is None:
             minimal = [self._minimal.get(index, [0]) for index in range(self.size)]
@@ -222,15 +224,15 @@ class _Options:
         return self._arrays
 
     def removable(self, allowed: int) -> int:
-        """All objects of `allowed` that can be removed one by one, by what is known so far."""
+        """All objects of `allowed` that can be removed one by one, by the options known so far."""
         masks, starts, _ = self.arrays()
         return int(closure(masks, starts, np.int64(allowed), np.int64(0)))
 
     def order(self, found: int) -> list[tuple[int, int]]:
         """Objects of a self-clearable set, each with its option, in an order in which they can be removed.
 
-        Removing one more object makes no other one harder to remove, so that whichever is free may be next: the lowest
-        index, through its first option that is free. The target is last.
+        Removing an object never blocks another one, so any free object may be next. The lowest index is taken, with its
+        first free option. The target is last.
         """
         order: list[tuple[int, int]] = []
         removed, waiting = 0, [*bits(found & ~(1 << self.target)), self.target]
@@ -248,7 +250,6 @@ class _Options:
 
 
 def bits(mask: int) -> Iterator[int]:
-    """Indices of the set bits, lowest first."""
     while mask:
         low = mask & -mask
         yield low.bit_length() - 1

@@ -1,7 +1,7 @@
-"""One move, carried out in thought: an object is taken through a free grasp, and put down where it may stand, or held.
+"""One simulated move: an object is taken with a free grasp, and put down at a placement or held.
 
-A move has a grasp, and a placement with a base pose and an arm configuration, both without collision. What is put down
-keeps clear of the grasps of what is still to be moved: of the Negative Goal Region (eq. 1-3 of Lee & Kim 2019).
+A move has a grasp, and a placement with a base pose and an arm configuration, both without collision. An object that is
+put down keeps clear of the grasps of objects still to move: of the Negative Goal Region (eq. 1-3 of Lee & Kim 2019).
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ from planners.scene import RobotState, Scene
 from planners.strategies import Strategy
 
 _TRIED = 24
-"""Grasps of an object for which is looked whether the gripper can come and leave, of one family and of all."""
+"""Grasps of an object to check for approach and retreat, for each kind of search: one family, all families."""
 _SAME_HOLD = 2
-"""Decimals to which two poses of the gripper are the same."""
+"""Decimals to which gripper poses are compared."""
 
 
 @dataclass(frozen=True)
 class Move:
-    """One object taken, and put down unless it is to be held.
+    """One object taken, then put down or held.
 
     Attributes:
-        name: of the object.
-        grasp: through which it is taken; None if it is held already.
-        placement: where it is put; None if it stays in the hand.
+        name: name of the object.
+        grasp: the grasp to take it. None if it is held already.
+        placement: where it is put. None if it stays in the hand.
         is_general: whether it goes where the goal wants it, not just aside.
         after: the scene after the move.
-        choice: which of the choices of what to keep clear of it was made with.
+        choice: index of the keep-clear choice that the move was made with.
     """
 
     name: str
@@ -56,40 +56,41 @@ class Move:
 
 @dataclass(frozen=True)
 class NotPlaced:
-    """Objects for whose places no motion was found.
+    """Objects for whose goal places no motion was found.
 
     Attributes:
-        blockers: names of what is in the way of that, by object. What is in the hand is put aside, and goes to its
-            place once they have moved.
-        pitches: [rad] of the grasps through which they had been taken; they are taken through others next.
+        blockers: names of the objects in the way, by object. The object in the hand is put aside, and goes to its place
+            once they have moved.
+        pitches: pitches [rad] of the grasps that had taken them. Other grasps take them next.
     """
 
     blockers: Mapping[str, frozenset[str]] = field(default_factory=dict)
     pitches: Mapping[str, frozenset[float]] = field(default_factory=dict)
 
     def having(self, name: str, blockers: frozenset[str], pitch: float | None) -> NotPlaced:
-        """The same with one more object, taken through a grasp of that pitch [rad], None if it was in the hand."""
+        """Add an object that was taken with a grasp of that pitch [rad], None if it was already in the hand."""
         refused = {} if pitch is None else {name: self.pitches.get(name, frozenset()) | {pitch}}
         return NotPlaced({**self.blockers, name: blockers}, {**self.pitches, **refused})
 
     def without_blocker(self, moved: str) -> NotPlaced:
-        """The same after an object has moved: where nothing else was in the way, its place may be free now."""
+        """Remove a blocker after its move. Objects without other blockers are dropped: their places may be free."""
         left = {name: names - {moved} for name, names in self.blockers.items()}
         return NotPlaced({name: names for name, names in left.items() if names}, self.pitches)
 
 
 @dataclass(frozen=True)
 class MoveMaker:
-    """Makes moves for one goal.
+    """Maker of moves for one goal.
 
     Attributes:
-        goal: what is wanted.
-        start: the scene before anything was moved: what stood there is to stand, even if it has fallen since.
-        strategy: which region is kept clear, and in which order locations are tried.
-        candidates, placements: grasps and placements, with what is known of them.
-        not_placed: what motion planning refuted before.
-        holds_aside: whether the last obstacle may stay in one gripper while another one takes what is to be held.
-        saves_time: whether grasps are chosen that take less time.
+        goal: the goal.
+        start: the scene before anything was moved. Objects that stood there are to stand, even if they have fallen
+            since.
+        strategy: the region to keep clear, and the order in which locations are tried.
+        candidates, placements: grasps and placements, with earlier results about them.
+        not_placed: objects whose put-downs motion planning refuted before.
+        holds_aside: whether the last obstacle may stay in one gripper while another one takes the object to hold.
+        saves_time: whether quick grasps are preferred.
     """
 
     goal: Goal
@@ -104,7 +105,7 @@ class MoveMaker:
     saves_time: bool = False
 
     def hold(self, scene: Scene, name: str) -> Move | None:
-        """Take an object so that it can be held where the goal wants it; None if no grasp is free."""
+        """Take an object such that it can be held where the goal wants it. None if every grasp is blocked."""
         if name in scene.held_names:
             return Move(name, None, None, True, scene)
         point = next(fact.point for fact in self.goal.facts if isinstance(fact, Holding) and fact.object == name)
@@ -124,15 +125,15 @@ class MoveMaker:
         waiting: Collection[str],
         following: str = "",
     ) -> Move | None:
-        """Take an object and put it where the goal wants it, or aside; None if no free grasp leads to a placement.
+        """Take an object and put it where the goal wants it, or aside. None if all grasps or placements fail.
 
         Args:
-            scene: before the move; the object may be held.
-            name: of the object.
+            scene: the scene before the move. The object may be held.
+            name: name of the object.
             is_general: whether it goes where the goal wants it.
-            choices: what it keeps clear of; the first with which a placement is found counts.
-            waiting: names of the objects that are still to be moved, for which room is left.
-            following: name of the object that is moved next, "" for none.
+            choices: regions to keep clear of, in order of preference. The first choice with a placement is used.
+            waiting: names of the objects still to move, which need clearance too.
+            following: name of the object that moves next, "" for none.
         """
         fact = placed_fact(self.goal, name) if is_general else None
         reserved = reserved_regions(scene, self.goal, name if is_general else "")
@@ -159,14 +160,14 @@ class MoveMaker:
         waiting: Collection[str] = (),
         failed: list[NDArray[np.float64]] | None = None,
     ) -> Iterator[Placement]:
-        """Placements of the held object: where a fact of the goal wants it, or, with None, aside.
+        """Find placements of the held object: where a fact of the goal wants it, or, with None, aside.
 
         Args:
-            scene: with the object in hand.
-            fact: where it is to be.
-            keep: what it must not stand in the way of.
-            waiting: names of the objects that are still to be moved, for which room is left.
-            failed: locations of the place to pass over, as for `PlacementSearch.find_at`.
+            scene: the scene with the object in hand.
+            fact: the place that the goal wants.
+            keep: the regions to keep clear.
+            waiting: names of the objects still to move, which need clearance too.
+            failed: locations of the place to skip, as for `PlacementSearch.find_at`.
         """
         world = self.candidates.compiled.world(scene)
         if fact is None:
@@ -179,10 +180,10 @@ class MoveMaker:
     def free_grasps(
         self, scene: Scene, name: str, is_exact: bool = False, following: str = ""
     ) -> Iterator[GraspCandidate]:
-        """Grasps with nothing in their way, to which the gripper can come and from which it can leave, of all pitches.
+        """Find unblocked grasps of all pitches with a collision-free approach and retreat.
 
-        Then, if the object is to come to rest at an exact yaw, several of each pitch: one from another side may fit
-        there. What is found in the way of others is remembered for the scene.
+        If `is_exact`, for a place with an exact yaw, several grasps of each pitch follow, since a grasp from another
+        side may fit there. Blockers found on the way are remembered for the scene.
         """
         seen: set[object] = set()
         candidates, holding = self.candidates, scene.arms_that_hold
@@ -210,9 +211,10 @@ class MoveMaker:
                     self.reject(scene, found)
 
     def is_usable(self, scene: Scene, grasp: GraspCandidate) -> bool:
-        """Whether the gripper can leave a grasp again; under a shelf also whether it knows all that is in its way.
+        """Whether the gripper can approach a grasp and leave it again.
 
-        In the open, other objects do not count: they can be moved.
+        In the open, other objects are ignored: they can be moved. Under a shelf, the grasp's blockers must include
+        every object in the way.
         """
         world = self.candidates.compiled.world(scene)
         if not grasp.drives:
@@ -221,7 +223,7 @@ class MoveMaker:
         return blockers is not None and not blockers & ~grasp.blockers
 
     def reject(self, scene: Scene, grasp: GraspCandidate) -> None:
-        """Add to a grasp what is in the way of its straight lines, or do not offer it again."""
+        """Add the objects in the way of a grasp's straight lines to its blockers, or exclude the grasp."""
         self.candidates.unusable += 1
         world = self.candidates.compiled.world(scene).for_arm(grasp.arm)
         blockers = fewest_blockers(world, grasp.base, grasp.q, grasp.object)
@@ -231,7 +233,7 @@ class MoveMaker:
             self.candidates.ban(scene, grasp)
 
     def can_take(self, scene: Scene, grasp: GraspCandidate) -> bool:
-        """Whether the gripper can come to a grasp and leave with the object without hitting anything."""
+        """Whether approach and retreat with the object are collision-free."""
         world = self.candidates.compiled.world(scene.using(grasp.arm))
         return can_take(world, grasp.base, grasp.q, grasp.object)
 
@@ -242,7 +244,7 @@ class MoveMaker:
     def _grasps_to_put(
         self, scene: Scene, name: str, fact: On | Inside | At | None, waiting: Collection[str], following: str
     ) -> Iterable[GraspCandidate]:
-        """Free grasps of an object that is put at its place, or aside, looked for when they are asked for."""
+        """Find free grasps, on demand, for an object that goes to its place or aside."""
         refused = () if fact is None else self.not_placed.pitches.get(name, ())
         is_exact = isinstance(fact, At) and fact.yaw is not None
         free = (one for one in self.free_grasps(scene, name, is_exact, following) if one.pitch not in refused)
@@ -256,14 +258,14 @@ class MoveMaker:
     def _from_above_first(
         self, scene: Scene, name: str, grasps: Iterable[GraspCandidate], following: str
     ) -> Iterator[GraspCandidate]:
-        """Grasps of an object for a place between walls: there a hand from above has most room; then from all sides."""
+        """Grasps for a place between walls, from above first: there the hand has the most clearance."""
         found = sorted(grasps, key=lambda one: -one.pitch)
         yield from found
         known = {_hold(scene, one) for one in found}
         yield from (one for one in self.free_grasps(scene, name, True, following) if _hold(scene, one) not in known)
 
     def _deepest_first(self, scene: Scene, grasps: Iterable[GraspCandidate], place: Place) -> list[GraspCandidate]:
-        """Grasps with which an object gets farther into a place under a shelf first: there it is out of others' way."""
+        """Grasps sorted by how deep they bring the object under a shelf: at the back it blocks fewer others."""
 
         def depth(grasp: GraspCandidate) -> float:
             return self.placements.depth(self.candidates.compiled.world(grasped(scene, grasp)), place)[1]
@@ -272,6 +274,6 @@ class MoveMaker:
 
 
 def _hold(scene: Scene, grasp: GraspCandidate) -> bytes:
-    """Where the gripper is when the fingers close, wherever the base stands and however the arm is bent."""
+    """Gripper pose at the grasp, rounded. It does not depend on base pose or arm configuration."""
     T = tcp_pose(scene.using(grasp.arm).robot, RobotState(grasp.base, grasp.q, 0.0))
     return bytes(np.round(T, _SAME_HOLD).tobytes())

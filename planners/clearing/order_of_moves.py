@@ -1,9 +1,9 @@
-"""The order of moves under a shelf, found on masks before any placement is looked for.
+"""The order of moves under a shelf, found on masks before any placement is searched.
 
-Under a shelf all grippers come from the front: what stands before a place must go there after what stands behind. What
-is in the way of taking each object where it stands, and of putting it down at its end, is worked out once, as masks of
-objects where they stand and of objects at their ends. A best-first search over which objects stand where finds the
-fewest moves: to an end, or aside, where an object counts as in nobody's way.
+Under a shelf all grippers come from the front: objects at the back go to their places before objects in front of them.
+The blockers of each pick and of each put-down are computed once, as masks of objects where they stand and of objects at
+their ends. A best-first search over arrangements finds the fewest moves. A move goes to an end, or aside, where an
+object is regarded as in nobody's way.
 """
 
 from __future__ import annotations
@@ -25,28 +25,28 @@ from planners.scene import Body, Scene
 from planners.scene.cover import needs_drive
 
 _EXPANSIONS = 8000
-"""Arrangements from which moves are looked for, before the search becomes greedy, and before it is given up."""
+"""Arrangements to expand in each search: first the exact one, then the greedy one."""
 _WEIGHTS = (1.0, 3.0)
-"""Of the moves that are left at least: exact, and greedy."""
+"""Weights of the estimated remaining moves: exact search, greedy search."""
 _BESIDE = 0.004
-"""[m] between an object at its end and what may stand beside it."""
+"""Clearance [m] between an object at its end and its neighbours."""
 
 
 class Option(NamedTuple):
-    """A way to take an object, or to put it down, and what must not stand where then: see `Order`."""
+    """A grasp to take an object or to put it down, and the mask of objects that must be gone: see `Order`."""
 
     mask: int
     grasp: GraspCandidate
 
 
 class Step(NamedTuple):
-    """A move that is meant to be made.
+    """A planned move.
 
     Attributes:
-        name: of the object.
+        name: name of the object.
         is_general: whether it goes to its end, not just aside.
-        taken: the grasp that it is taken through; None if it is in a hand, or has been put aside by then.
-        put: the one that puts it down at its end, where that is known; None if it is put aside.
+        taken: the grasp that takes it. None if it is in a hand, or has been put aside by then.
+        put: the grasp that puts it down at its end, if known. None if it is put aside.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Step(NamedTuple):
 
     @property
     def grasps(self) -> tuple[GraspCandidate, ...]:
-        """What others keep clear of until then."""
+        """Grasps that other objects keep clear of until then."""
         return tuple(grasp for grasp in (self.taken, self.put) if grasp is not None)
 
 
@@ -64,23 +64,24 @@ class Step(NamedTuple):
 class Order:
     """The order of moves for a goal.
 
-    In its masks bit i is object i where it stands, bit n + i object i of n at its end.
+    In its masks, bit i is object i of n where it stands, bit n + i is object i at its end.
 
     Attributes:
-        candidates: where grasps come from; to put an object down counts as to take it from its end, in reverse.
-        ends: where the objects of the goal are to stand, by name.
+        candidates: source of grasps. A put-down is regarded as a pick from the object's end, in reverse.
+        ends: the objects of the goal at their goal poses, by name.
     """
 
     candidates: GraspCandidates
     ends: Mapping[str, Body]
     _at_ends: dict[tuple[str, bytes, bytes], int] = field(default_factory=dict, repr=False)
-    _seen: dict[str, bytes] = field(default_factory=dict, repr=False)  # the ends that these hits are at
+    _seen: dict[str, bytes] = field(default_factory=dict, repr=False)  # the ends that the masks of _at_ends belong to
 
     @classmethod
     def of(cls, scene: Scene, goal: Goal, waiting: Collection[str], candidates: GraspCandidates) -> Order | None:
-        """The order for objects that are to move; None if there is none: see `is_under_shelf`.
+        """Create the order for objects that are to move. None if the order is free: see `is_under_shelf`.
 
-        Of `waiting` what can be moved first comes first: areas are filled from the far side.
+        Also None if an object lies or goes onto another object, or fits nowhere at its place. Areas are filled from the
+        far side. `waiting` begins with the objects that can move first.
         """
         if not is_under_shelf(scene, goal) or scene.held_names:
             return None
@@ -106,12 +107,12 @@ class Order:
         waiting: Collection[str],
         in_the_way: Mapping[str, Collection[str]],
     ) -> list[Step]:
-        """The moves from a scene on, [] if none are found.
+        """Find the moves from a scene on, [] if none are found.
 
         Args:
             scene: where objects stand.
-            waiting: names of what is to move.
-            in_the_way: names of what else must have left before an object is put down at its end, by its name.
+            waiting: names of the objects to move.
+            in_the_way: names of further objects that must leave before an object is put down at its end, by its name.
         """
         names, n = scene.names, len(scene.names)
         ends = {name: body if name in waiting else scene.body(name) for name, body in self.ends.items()}
@@ -125,8 +126,10 @@ class Order:
 
         @cache
         def options(name: str, at_end: bool, of_all: bool = False) -> list[Option]:
-            """Ways to take an object where it stands, or from its end, one for each mask and pitch; families of grasps
-            are looked at until one is free, or all."""
+            """Ways to take an object where it stands, or from its end, one for each mask and pitch.
+
+            Families of grasps are searched until one is free, or all of them.
+            """
             there = scene.with_body(ends[name]) if at_end else scene
             find = self.candidates.of_all_families if of_all else self.candidates.for_object
             grasps, body, too = find(there, name), there.body(name), 0
@@ -145,11 +148,11 @@ class Order:
             return sorted(best.values(), key=lambda one: one.mask.bit_count())
 
         def same_pitch(taken: list[Option], put: list[Option]) -> tuple[GraspCandidate | None, GraspCandidate] | None:
-            """What an object is taken through, and put down."""
+            """Grasps of one pitch to take an object and to put it down."""
             return next(((a.grasp, b.grasp) for a in taken for b in put if a.grasp.pitch == b.grasp.pitch), None)
 
         def moves(now: int, is_first: bool) -> Iterator[tuple[Step, int]]:
-            """The moves that are possible, and where objects stand after them."""
+            """Possible moves, and where objects stand after them."""
             for index, name in enumerate(names):
                 stands, end = now >> index & 1, 1 << n + index
                 if now & end or not (stands or name in ends):
@@ -161,7 +164,7 @@ class Order:
                 if name in ends and not (stands and name not in waiting):
                     put = [one for one in options(name, True) if not one.mask & left]
                     if stands:
-                        # To be put aside only to be taken at another pitch would never end.
+                        # An object that is put aside only to be taken again at another pitch would be moved forever.
                         pair = same_pitch(taken, put)
                         if pair is None and is_first and put:
                             every = (
@@ -178,7 +181,7 @@ class Order:
 
         @cache
         def left_over(now: int) -> int:
-            """About how many moves are left: of all that is to move, and of what must leave for that at least."""
+            """Estimated number of remaining moves: objects to move, and objects that must at least leave for them."""
             rest, needed, done = [], 0, 0
             for index, name in enumerate(names):
                 stands = now >> index & 1
@@ -194,7 +197,7 @@ class Order:
             return len(rest) + (needed & ~to_move).bit_count()
 
         def fewest(name: str, at_end: bool, now: int) -> int:
-            """The smallest set of objects, where they stand, in the way of an object; all where it cannot be moved."""
+            """Smallest set of objects, where they stand, in the way of an object. All objects if it cannot be moved."""
             masks = (one.mask & now & start for one in options(name, at_end))
             return min(masks, key=int.bit_count, default=start)
 
@@ -202,7 +205,10 @@ class Order:
 
 
 def is_under_shelf(scene: Scene, goal: Goal) -> bool:
-    """Whether the moves for a goal are ordered: all that it names is to stand somewhere, something under a shelf."""
+    """Whether the moves need an order: a place is under a shelf. Not for goals with an order or a held object.
+
+    A robot that acts with several arms needs none.
+    """
     if goal.order or goal.held or len(scene.robot.acting_arms) > 1:
         return False
     points = [scene.body(fact.object).foot for fact in goal.placed]
@@ -221,7 +227,7 @@ def _best_first(
     left_over: Callable[[int], int],
     weight: float,
 ) -> list[Step]:
-    """The moves of a shortest way until none are left over, [] if none is found."""
+    """Find a shortest sequence of moves after which none are left over, [] if none is found."""
     count, done = itertools.count(), set[int]()
     queue: list[tuple[float, int, int, int, _Trail]] = [(weight * left_over(start), 0, 0, start, None)]
     while queue and len(done) < _EXPANSIONS:
@@ -237,7 +243,7 @@ def _best_first(
             return steps
         for step, then in moves(now, trail is None):
             if then not in done:
-                # Of equally good ones the latest first: it is nearest to the end.
+                # Among equally good arrangements the latest first: it is nearest to the end.
                 rank = cost + 1 + weight * left_over(then), -next(count)
                 heapq.heappush(queue, (*rank, cost + 1, then, (step, trail)))
     return []

@@ -1,7 +1,7 @@
-"""Grasps that take less time: from a near base pose, with the arm near home, the next object near too.
+"""Quick grasps: from a near base pose, with the arm near home, and with the next object near.
 
-`holding_aside` saves a put-down besides: the last obstacle stays in one gripper while another one takes the target. The
-paper forbids that: each of its obstacles is put down before the next object is taken.
+`holding_aside` also saves a put-down: the last obstacle stays in one gripper while another one takes the target. The
+paper forbids this: each of its obstacles is put down before the next object is taken.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from planners.scene import Scene
 Array = NDArray[np.float64]
 
 _TRIED = 8
-"""Grasps of one object that are offered, the quickest first."""
+"""Grasps of one object to offer, quickest first."""
 _PAIRS = 12
-"""Pairs of grasps by two arms that are checked, the quickest first."""
+"""Pairs of grasps by two arms to check, quickest first."""
 _BASES = 4
-"""Base poses of the obstacle's grasps from which another arm's grasps of the target are looked for."""
+"""Base poses of the obstacle's grasps from which another arm takes the target."""
 _START = 0.7
-"""[s] that a base motion takes beside its distance at full speed: it speeds up and slows down."""
+"""Time [s] that a base motion takes to speed up and slow down, in addition to its distance at full speed."""
 
 
 def quickest_first(
     candidates: GraspCandidates, scene: Scene, name: str, following: str = ""
 ) -> Iterator[GraspCandidate]:
-    """The quickest grasps of an object that hit nothing, quickest first; none where the base drives in and out.
+    """Find the quickest unblocked grasps of an object, quickest first. Grasps under a shelf are left out.
 
     Args:
-        candidates: where grasps come from.
-        scene: in which the object is taken.
-        name: of the object.
+        candidates: source of grasps.
+        scene: the scene in which the object is taken.
+        name: name of the object.
         following: name of the object that is taken next, "" for none.
     """
     gone = scene.mask([name])
@@ -45,7 +45,7 @@ def quickest_first(
     bases = [grasp.base for grasp in later if not grasp.blockers & ~gone]
 
     def cost(grasp: GraspCandidate) -> float:
-        """[s] to drive there, to take the object and to drive on, about."""
+        """Approximate time [s] to drive there, to take the object and to drive on."""
         onwards = min((_drive_time(scene.robot, grasp.base, base) for base in bases), default=0.0)
         return _drive_time(scene.robot, scene.state.base, grasp.base) + _arm_time(scene.robot, grasp) + onwards
 
@@ -61,18 +61,18 @@ def holding_aside(
     target: GraspCandidate,
     can_take: Callable[[Scene, GraspCandidate], bool],
 ) -> tuple[GraspCandidate, GraspCandidate] | None:
-    """Grasps of the last obstacle and of the target by different arms; None if none are found.
+    """Find grasps of the last obstacle and of the target by different arms. None if the search fails.
 
     Args:
-        candidates: where grasps come from.
-        scene: in which all obstacles but the last one are cleared.
-        obstacle, target: the grasps that one arm would take them through.
-        can_take: whether the gripper can come to a grasp in a scene, and leave with the object.
+        candidates: source of grasps.
+        scene: the scene with only the last obstacle left to clear.
+        obstacle, target: the grasps that one arm alone would use.
+        can_take: whether approach to a grasp in a scene, and retreat with the object, are collision-free.
     """
     robot = scene.robot
 
     def cost(pair: tuple[GraspCandidate, GraspCandidate]) -> float:
-        """[s] to take both objects, about."""
+        """Approximate time [s] to take both objects."""
         first, second = pair
         drives = _drive_time(robot, scene.state.base, first.base) + _drive_time(robot, first.base, second.base, True)
         return drives + _arm_time(robot, first) + _arm_time(robot, second)
@@ -87,11 +87,11 @@ def holding_aside(
 def _pairs(
     candidates: GraspCandidates, scene: Scene, obstacle: GraspCandidate, target: GraspCandidate
 ) -> Iterator[tuple[GraspCandidate, GraspCandidate]]:
-    """Grasps of the last obstacle, each with those of the target through another arm that are free then."""
+    """Pairs of a grasp of the last obstacle and a grasp of the target that is free then, by another arm."""
     here = scene.state.base
 
     def free(chosen: GraspCandidate, gone: int, more: Sequence[GraspCandidate]) -> list[GraspCandidate]:
-        """The grasps of one object that are free once those of the mask `gone` are."""
+        """Grasps of one object that are free once the objects of the mask `gone` have left."""
         found = (chosen, *candidates.for_object(scene, chosen.object), *more)
         return [one for one in found if not one.blockers & ~gone and not one.drives]
 
@@ -104,7 +104,7 @@ def _pairs(
 
 
 def _drive_time(robot: RobotSpec, start: Array, end: Array, is_loaded: bool = False) -> float:
-    """[s] that the base takes from one pose (3,) to another, about; 0 if it stays."""
+    """Approximate time [s] of the base from one pose (3,) to another. 0 if it stays."""
     away = float(np.hypot(*(end - start)[:2]))
     turn = abs(float(np.remainder(end[2] - start[2] + np.pi, 2 * np.pi)) - np.pi)
     yaw_rate = min(robot.max_velocity[2], robot.max_loaded_yaw_rate) if is_loaded else robot.max_velocity[2]
@@ -113,7 +113,7 @@ def _drive_time(robot: RobotSpec, start: Array, end: Array, is_loaded: bool = Fa
 
 
 def _arm_time(robot: RobotSpec, grasp: GraspCandidate) -> float:
-    """[s] that the arm of a grasp takes from its home configuration to the grasp and back at full speed."""
+    """Time [s] of a grasp's arm from its home configuration to the grasp and back at full speed."""
     spec = robot.using(grasp.arm) if grasp.arm != robot.arm_name else robot
     turns = np.abs(grasp.q - np.array(spec.home))
     turns[1:] = np.minimum(turns[1:], np.abs(2 * np.pi - turns[1:]))

@@ -1,8 +1,8 @@
 """Depth-first search for small self-clearable sets, on bit masks, compiled.
 
-Removing objects one by one, each only when the blockers of one of its options are gone, is planning without delete
-effects. A *landmark* is a set of objects of which every self-clearable set must contain one; landmarks that share no
-object add up to a lower bound, and branching on one of them visits every self-clearable set exactly once.
+Objects are removed one by one, each once the blockers of one of its options are gone. This is planning without delete
+effects. A *landmark* is a set of objects of which every self-clearable set must contain one. Landmarks that share no
+object add up to a lower bound. Branching on a landmark visits every self-clearable set exactly once.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from irm.compilation import njit
 from planners.scene.masks import Mask
 
 EXHAUSTED, FOUND, PAUSED = 0, 1, 2
-"""No further set within the budget; one was found; the node limit of this call was reached. The search can go on."""
+"""Status: no further set within the budget, one found, or node limit of this call reached. The search can be
+resumed."""
 
 Array: TypeAlias = NDArray[np.int64]
 
@@ -41,12 +42,12 @@ class SearchStack:
 
     @property
     def nodes(self) -> int:
-        """Sets looked at so far."""
+        """Number of sets visited so far."""
         return int(self.registers[1])
 
     @property
     def next_budget(self) -> int:
-        """The smallest size that a set beyond the budget can have; 0 if there is none. Known once exhausted."""
+        """Smallest size of a set beyond the budget, 0 if none exists. Known once the search is exhausted."""
         return int(self.registers[2]) if self.registers[2] <= _BITS else 0
 
 
@@ -70,7 +71,7 @@ def _has_usable_option(masks: Array, starts: Array, index: int, removed: Mask) -
 
 @njit(cache=True)
 def closure(masks: Array, starts: Array, allowed: Mask, removed: Mask) -> Mask:
-    """All objects of `allowed` that can be removed one by one once those of `removed` are gone (int64 mask).
+    """All objects of `allowed` that can be removed one by one once the objects of `removed` are gone (int64 mask).
 
     `masks[starts[i]:starts[i + 1]]` are the blockers of object i's options.
     """
@@ -90,9 +91,9 @@ def closure(masks: Array, starts: Array, allowed: Mask, removed: Mask) -> Mask:
 def _landmark(
     masks: Array, starts: Array, order: Array, target_bit: Mask, allowed: Mask, excluded: Mask, removed: Mask
 ) -> Mask:
-    """An inclusion-minimal landmark disjoint from `allowed` and `excluded`; empty if it cannot be removed at all.
+    """An inclusion-minimal landmark disjoint from `allowed` and `excluded`. Empty if the target can never be removed.
 
-    Grows `allowed` object by object while the target stays out of reach: what then is missing is the landmark.
+    `allowed` grows object by object while the target stays out of reach. The objects left over form the landmark.
     """
     missing: Mask = _NONE
     for position in range(order.shape[0]):
@@ -117,8 +118,8 @@ def disjoint_landmarks(
 ) -> tuple[int, Mask]:
     """Lower bound on the objects to add to `committed`, and the smallest landmark to branch on.
 
-    Stops once the bound exceeds `most`. Returns (-1, 0) when the target cannot be reached without `excluded`.
-    The bound is 0 when `committed` is self-clearable.
+    It stops once the bound exceeds `most`. It is (-1, 0) if the target cannot be reached without `excluded`. The bound
+    is 0 when `committed` is self-clearable.
     """
     removed = closure(masks, starts, committed, _NONE)
     if removed & target_bit:
@@ -157,8 +158,9 @@ def search(
 ) -> tuple[int, Mask]:
     """Next self-clearable set with exactly `budget` objects, the target included.
 
-    Depth first over sets; siblings exclude what was tried before them, so no set is visited twice. A set that is
-    self-clearable before the budget is used up is not extended. `frames` and `registers` belong to a `SearchStack`.
+    The search is depth-first over sets. Siblings exclude the objects tried before them, so no set is visited twice. A
+    set that is self-clearable before the budget is used up is not extended. `frames` and `registers` belong to a
+    `SearchStack`.
 
     Returns:
         status (FOUND, EXHAUSTED or PAUSED) and the found set (int64 mask).

@@ -1,4 +1,4 @@
-"""Pictures, pages and files of plans and episodes; above all of planners, which know it in the methods alone that draw.
+"""Pictures, pages and files of plans and episodes. Only methods that draw import this top layer of planners.
 
 `pictures`, with matplotlib: `draw_overview` (`Solution.plot`), `draw_plan` (`plot_clearances`), `draw_search`.
 `page.page`: `write_plan_page` (`Solution.to_html`), `write_page` (`TampExpert.to_html`).

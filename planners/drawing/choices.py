@@ -1,4 +1,4 @@
-"""The choice of each clearance location in a plan: the regions and candidates behind it, computed again from the plan.
+"""Choice of each clearance location in a plan: its regions and candidates, computed again from the plan.
 
 `planners.drawing.pictures` draws them from above, the page in 3-D.
 """
@@ -33,23 +33,23 @@ from planners.tamp.solution import BoundAction, Solution
 Array = NDArray[np.float64]
 
 _WORK_CELL = 0.025
-"""[m] size of the cells that are tested for reachability."""
+"""Size [m] of the cells that are tested for reachability."""
 _WORK_YAWS = 8
 _WORK_TORSOS, _WORK_ROLLS = 3, 9
-"""Gripper yaws, torso heights and upper-arm rolls tried for each of them."""
+"""Gripper yaws, torso heights and upper-arm rolls to try for each cell."""
 _ON_TOP = 0.001
-"""[m] above the support; lower obstacles do not stand out of it."""
+"""Height [m] above the support. Obstacles below it do not stick out."""
 _STRAIGHT = ("approach", "close", "lift")
 """Phases of a pick-up between its free motions."""
 _SAME_BASE = 1e-3
-"""[m], [rad] below which two base poses are the same."""
+"""Difference [m], [rad] below which two base poses are the same."""
 
 
 @dataclass(frozen=True, eq=False)
 class DrawnSurface:
-    """The top face of one support: its cells, and where the object must not be put.
+    """Top face of a support: its cells, and the keep-out region of the object.
 
-    Drawn if given: the mask of R_work over the grid, and where the object's centre must not be.
+    If given, the mask of R_work over the grid, and the cells to avoid for the object's centre, are drawn.
     """
 
     grid: SupportGrid
@@ -60,19 +60,19 @@ class DrawnSurface:
 
 @dataclass(frozen=True, eq=False)
 class ClearancePicture:
-    """The supports when one clearance location is chosen, or before the target is taken.
+    """The supports at the choice of one clearance location, or before the target is taken.
 
     Attributes:
         surfaces, bodies: top faces of the supports, and all objects on them.
-        target, obstacles: names of the target and of the objects still to be cleared after this one.
+        target, obstacles: names of the target and of the objects still to clear after this one.
         candidates: (n, 2) placement locations [m].
-        ordered: (m, 2) those allowed, best first.
-        chosen: (2,) the location taken, or None.
-        moved: name of the object to be put aside, "" for none.
-        obstructed: name of the object that it obstructs, "" if it is put aside for no particular object.
-        is_far: whether the base drives between taking the object and putting it down.
+        ordered: (m, 2) allowed candidates, best first.
+        chosen: (2,) the chosen location, or None.
+        moved: name of the object to put aside, "" for none.
+        obstructed: name of the object that it obstructs, "" for no particular one.
+        is_far: whether the base drives between pick and put-down.
         cleared: names of the objects put aside before.
-        stands: (k, 2) base positions [m], first to take the object, then to put it down.
+        stands: (k, 2) base positions [m], first of the pick, then of the put-down.
         outlines: (k, 2) corners [m] of each static obstacle on the support.
     """
 
@@ -92,18 +92,18 @@ class ClearancePicture:
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        """(x low, x high, y low, y high) [m] of all surfaces together."""
+        """Extent (x low, x high, y low, y high) [m] of all surfaces together."""
         low = np.min([surface.grid.extent for surface in self.surfaces], axis=0)
         high = np.max([surface.grid.extent for surface in self.surfaces], axis=0)
         return float(low[0]), float(high[1]), float(low[2]), float(high[3])
 
     @property
     def moved_body(self) -> Body | None:
-        """The object to be put aside; None if it is in the gripper from the start, or none is put aside."""
+        """Object to put aside. None if it is in the gripper from the start, or if none is put aside."""
         return next((body for body in self.bodies if body.name == self.moved), None)
 
     def kind(self, body: Body) -> str:
-        """What an object is in this picture."""
+        """Role of an object in this picture."""
         if body.name == self.target:
             return "target"
         if body.name == self.moved:
@@ -115,7 +115,7 @@ class ClearancePicture:
 
 @lru_cache(maxsize=1)  # the page and the pictures of an episode show the same plan
 def choices_of(solution: Solution) -> tuple[ClearancePicture, ...]:
-    """The choices of clearance locations in a plan, in order; where a goal says the place, there is no choice."""
+    """Choices of clearance locations in a plan, in order. A place that a goal gives is no choice."""
     pictures: list[ClearancePicture] = []
     for index, action in enumerate(solution.actions):
         if action.surfaces:
@@ -126,7 +126,7 @@ def choices_of(solution: Solution) -> tuple[ClearancePicture, ...]:
 
 
 def last_picture(solution: Solution) -> ClearancePicture:
-    """The supports when everything has been cleared, and NGR1: what taking the target sweeps."""
+    """The supports after all clearances, with NGR1, the swept volume of the target's pick."""
     if not solution.actions:
         raise ValueError("a plan without actions has nothing to draw")
     taken = solution.actions[-1]
@@ -146,7 +146,7 @@ def last_picture(solution: Solution) -> ClearancePicture:
 
 
 def _outlines_on_support(scene: Scene) -> list[Array]:
-    """Corners (k, 2) [m] from above of each static obstacle that stands on the support or beside it and is higher."""
+    """Corners (k, 2) [m] seen from above of the static obstacles on or next to the support that are higher."""
     top = scene.support.top
     return [one.outline for one in scene.static_obstacles if one.lower[2] < top + _ON_TOP and one.top > top + _ON_TOP]
 
@@ -154,10 +154,10 @@ def _outlines_on_support(scene: Scene) -> list[Array]:
 def _choice(
     target: str, put: BoundAction, picked: BoundAction | None, later: Sequence[str], cleared: Sequence[str]
 ) -> ClearancePicture:
-    """The regions and candidates behind the location of a put-down; the regions are those that the planner kept clear.
+    """Regions and candidates of a put-down. The regions are those that the planner kept clear.
 
-    `picked` is the action that takes the object, None if it is in the gripper from the start; `later` names the objects
-    that are taken afterwards, the target last, and `cleared` those put aside before.
+    `picked` is the action that takes the object, None if it is in the gripper from the start. `later` has the names of
+    objects taken afterwards, the target last. `cleared` has the names of objects put aside before.
     """
     scene = put.scene if picked is None else picked.scene
     assert put.grip is not None
@@ -191,7 +191,7 @@ def _choice(
 
 
 def _swept(picked: BoundAction) -> SweptVolume:
-    """What a pick-up sweeps on its straight lines: robot, and from the lift on the object."""
+    """Swept volume of a pick on its straight lines: of the robot, and from the lift on of the object too."""
     trajectory, world = picked.trajectory, CollisionWorld.from_scene(picked.scene)
     ends = [*(phase.start for phase in trajectory.phases[1:]), np.inf]
     volumes = []
@@ -205,7 +205,7 @@ def _swept(picked: BoundAction) -> SweptVolume:
 
 
 def _work_mask(world: CollisionWorld, surface: Surface, base: Array, held: HeldObject, body: Body) -> NDArray[np.bool_]:
-    """R_work: cells at which the arm can put the object down without driving, other objects ignored."""
+    """R_work: cells where the arm can put the object down without a drive, with other objects ignored."""
     grid, cells = surface.grid, SupportGrid.over(surface.support, _WORK_CELL)
     centres = cells.centres().reshape(-1, 2)
     yaws = np.arange(_WORK_YAWS) * (2 * np.pi / _WORK_YAWS)
@@ -224,7 +224,7 @@ def _work_mask(world: CollisionWorld, surface: Surface, base: Array, held: HeldO
 
 
 def _at(grid: SupportGrid, mask: NDArray[np.bool_], points: Array) -> NDArray[np.bool_]:
-    """The mask's values at points (n, 2), False beyond the grid."""
+    """Values of the mask at points (n, 2), False outside the grid."""
     cells = np.floor((points - (grid.x0, grid.y0)) / grid.resolution).astype(int)
     is_inside = ((cells >= 0) & (cells < grid.shape)).all(axis=1)
     cells = np.clip(cells, 0, np.array(grid.shape) - 1)

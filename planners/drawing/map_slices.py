@@ -1,4 +1,4 @@
-"""Slices of a reachability map: how much of each voxel is in reach, or how well, at some heights."""
+"""Slices of a reachability map at some heights: the reachable share of each voxel, or its quality."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from irm import ReachabilityError, ReachabilityMap
 
 _SAME_PITCH = 1e-6
-"""[rad]"""
+"""Tolerance [rad] of a pitch."""
 
 
 def plot_slices(
@@ -23,17 +23,17 @@ def plot_slices(
     value: Literal["index", "mu"] = "index",
     pitch: float | None = None,
 ) -> Figure:
-    """A figure with one picture for each height, the robot's base at its origin, x ahead to the right.
+    """Draw a figure with one picture for each height, the robot's base at its origin, x ahead to the right.
 
     Args:
         rm: the map.
-        heights: [m] of the TCP; four, evenly over the map, if not given. Each is shown by the layer that it lies in.
-        value: "index": D of equation 1, the share of the orientations in reach [%]. "mu": the best μ of equation 2.
-        pitch: [rad] of the gripper, one of the map's; all of them if not given.
+        heights: heights [m] of the TCP. Default: four, evenly over the map. Each is shown by the layer around it.
+        value: "index": D of equation 1, the share of reachable orientations [%]. "mu": the best μ of equation 2.
+        pitch: pitch [rad] of the gripper, one of the map's. Default: all of them.
 
     Raises:
-        ReachabilityError: heights that are no numbers or beside the map, or a pitch that it does not have; the message
-            says which it has.
+        ReachabilityError: heights are no numbers or outside the map, or the map lacks the pitch. The message lists the
+            map's values.
 
     Example:
         plot_slices(cached_map(FETCH), [0.6, 0.8, 1.0], value="mu", pitch=0.0).savefig("slices.png")

@@ -1,4 +1,4 @@
-"""A plan as ROS 2 messages in an MCAP file, which Foxglove, rerun and rosbag2 open. ROS itself is not needed.
+"""A plan as ROS 2 messages in an MCAP file for Foxglove, rerun or rosbag2. ROS itself is not needed.
 
 | topic | type | content |
 |---|---|---|
@@ -28,10 +28,10 @@ _WORLD = "world"
 _CUBE, _SPHERE, _CYLINDER, _TRIANGLES = 1, 2, 3, 11
 """Kinds of markers."""
 _GROUND = np.array([10.0, 10.0, 0.002])
-"""[m] The floor is shown as a slab of this size."""
+"""Size [m] of the slab that represents the floor."""
 _PREFIXES = ("object/", "obstacle/")
 
-# Message definitions as ROS 2 has them, comments and constants left out. A part of one follows the name of its type.
+# ROS 2 message definitions, without comments and constants. A part of a definition follows the name of its type.
 _PARTS = {
     "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id",
     "std_msgs/ColorRGBA": "float32 r\nfloat32 g\nfloat32 b\nfloat32 a",
@@ -71,7 +71,7 @@ _TYPES = {
 
 
 class MissingExtra(ImportError):
-    """A file format needs an extra of this package that is not installed; the message says how to install it."""
+    """An extra of this package is missing for a file format. The message says how to install it."""
 
 
 def write_mcap(plan: Solution, path: Path) -> None:
@@ -102,7 +102,7 @@ def write_mcap(plan: Solution, path: Path) -> None:
 
 
 def _definition(kind: str) -> str:
-    """A message definition, followed by those of all its parts."""
+    """A message definition, followed by the definitions of all its parts."""
     texts, waiting, known = [_TYPES[kind]], [_TYPES[kind]], set[str]()
     while waiting:
         for line in waiting.pop().splitlines():
@@ -153,20 +153,20 @@ def _named(names: str, values: NDArray[np.floating]) -> dict[str, float]:
 
 
 def _frame(model: mujoco.MjModel, body: int) -> str:
-    """The frame of a body: its name, that of an object without the prefix of the model."""
+    """Name of a body's frame: the body's name, without the model's prefix for objects."""
     name = str(model.body(body).name)
     return next((name.removeprefix(prefix) for prefix in _PREFIXES if name.startswith(prefix)), name)
 
 
 def _transforms(data: mujoco.MjData, time: float) -> Iterator[dict[str, Any]]:
-    """Poses of all bodies but the world in the world."""
+    """Poses of all bodies in the world frame, except the world."""
     for body in range(1, data.model.nbody):
         transform = {"translation": _named("xyz", data.xpos[body]), "rotation": _named("wxyz", data.xquat[body])}
         yield {"header": _header(time), "child_frame_id": _frame(data.model, body), "transform": transform}
 
 
 def _markers(model: mujoco.MjModel) -> Iterator[dict[str, Any]]:
-    """The solids of a model in the frames of their bodies, which move them; a capsule is a cylinder and two spheres."""
+    """Markers for a model's solids in the frames of their bodies. A capsule is a cylinder and two spheres."""
     number = 0
     for geom in range(model.ngeom):
         position, turn, frame = model.geom_pos[geom], model.geom_quat[geom], _frame(model, int(model.geom_bodyid[geom]))
@@ -188,7 +188,7 @@ def _markers(model: mujoco.MjModel) -> Iterator[dict[str, Any]]:
 
 
 def _solids(model: mujoco.MjModel, geom: int) -> Iterator[tuple[int, float, NDArray[np.float64], NDArray[np.float64]]]:
-    """Kind of marker, offset along the geom's z axis [m], scale [m] and corners (n, 3) [m] of the markers of a geom."""
+    """Marker kind, offset along the geom's z axis [m], scale [m] and corners (n, 3) [m] of the markers of a geom."""
     kind, size, kinds = int(model.geom_type[geom]), np.array(model.geom_size[geom]), mujoco.mjtGeom
     none = np.zeros((0, 3))
     if kind == kinds.mjGEOM_PLANE:

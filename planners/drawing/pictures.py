@@ -1,6 +1,6 @@
 """Pictures from above: of a plan, of each of its clearances (Figs. 8-10 of Lee & Kim 2019), of the steps of a search.
 
-They show the scene as the robot sees it, itself at the bottom: y to the left, x upwards.
+They show the scene as the robot sees it, with the robot at the bottom: y to the left, x upwards.
 """
 
 from __future__ import annotations
@@ -43,22 +43,22 @@ COLOURS = {
     "ink": "#30343b",
 }
 _MARGIN = 0.15
-"""[m] around the support and the base's footprints."""
+"""Margin [m] around the support and the base's footprints."""
 _BASE_COLOUR = "#4c78a8"
 _COLUMNS, _COLUMNS_WIDE, _WIDE = 3, 2, 2.0
-"""Pictures side by side, and how many of them where one is so many times as wide as it is high."""
+"""Pictures side by side, for normal and for wide pictures, and the ratio of width to height of wide ones."""
 _PAGE, _TITLE, _LEGEND_ROW = 13.8, 0.45, 0.7 / 3
-"""[inch] Width of all pictures, heights of a title and of a row of the legend."""
+"""Width [inch] of all pictures, heights of a title and of a row of the legend."""
 _MOST = 11
-"""Clearances drawn at most; of a longer plan the first ones are drawn."""
+"""Most clearances to draw. Of a longer plan, the first ones are drawn."""
 _SEARCH_MARGIN = 0.06
-"""[m] from the supports to the camera's mark in pictures of a search."""
+"""Distance [m] from the supports to the camera's mark in pictures of a search."""
 _RANKED = 9
-"""Candidates that get their rank as a number."""
+"""Number of candidates with their rank as a number."""
 _UNKNOWN_RADIUS = 0.03
-"""[m] drawn for an object that is in the gripper and not among the bodies."""
+"""Radius [m] of an object in the gripper that is not among the bodies."""
 _SAME_PLACE = 0.005
-"""[m] below which two base positions get one mark."""
+"""Distance [m] below which two base positions get one mark."""
 
 
 def draw_overview(solution: Solution, ax: Axes | None = None) -> Axes:
@@ -94,7 +94,7 @@ def draw_overview(solution: Solution, ax: Axes | None = None) -> Axes:
 
 
 def _draw_base(axes: Axes, solution: Solution) -> None:
-    """The path of the base's centre, and its footprint and heading wherever it stops; the axes show all of it."""
+    """Draw the path of the base's centre, and its footprint and heading at its stops. Fit the axes to them."""
     for action in solution.actions:
         base = action.trajectory.base
         axes.plot(base[:, 1], base[:, 0], color=_BASE_COLOUR, linewidth=1.0, zorder=2)
@@ -113,7 +113,7 @@ def _draw_base(axes: Axes, solution: Solution) -> None:
 
 
 def footprint(robot: RobotSpec, base: tuple[float, float, float], **style: Any) -> Circle | Polygon:
-    """The outline of the base at a pose x, y [m], yaw [rad]: its corners, or a circle; x is up, y to the left."""
+    """Outline of the base at a pose x, y [m], yaw [rad]: its corners, or a circle. x is up, y to the left."""
     x, y, yaw = base
     if not robot.base_outline:
         return Circle((y, x), robot.base_radius, **style)
@@ -151,9 +151,9 @@ def draw_plan(solution: Solution, path: Path) -> None:
 
 
 def draw_search(steps: Sequence[SearchStep]) -> Figure:
-    """Draw the decisions of a search: where the target can be, the known objects, from where the camera looks.
+    """Draw the decisions of a search: possible target places, known objects, camera positions.
 
-    Once the target is seen, what has not been seen is paler.
+    Once the target is seen, unseen places are paler.
     """
     columns = min(len(steps), _COLUMNS_WIDE) or 1
     rows = math.ceil(len(steps) / columns) or 1
@@ -261,7 +261,7 @@ def _draw_surface(axes: Axes, surface: DrawnSurface) -> None:
 
 
 def _draw_locations(axes: Axes, picture: ClearancePicture) -> None:
-    """Candidates with their ranks; the one chosen as the object's outline, its rank above it."""
+    """Draw candidates with their ranks. The chosen one is the object's outline with its rank above."""
     allowed = {(x, y) for x, y in picture.ordered}
     refused = np.array([p for p in picture.candidates if tuple(p) not in allowed]).reshape(-1, 2)
     axes.scatter(refused[:, 1], refused[:, 0], s=14, marker="x", linewidths=0.9, color=COLOURS["refused"], zorder=7)
@@ -276,7 +276,7 @@ def _draw_locations(axes: Axes, picture: ClearancePicture) -> None:
 
 
 def _draw_move(axes: Axes, picture: ClearancePicture) -> None:
-    """Draw where the object is put, and join it with where it stands."""
+    """Draw the chosen place of the object, and join it with the object's position."""
     if picture.chosen is None:
         return
     x, y = (float(value) for value in picture.chosen)
@@ -289,12 +289,12 @@ def _draw_move(axes: Axes, picture: ClearancePicture) -> None:
 
 
 def _radius(picture: ClearancePicture) -> float:
-    """[m] of the object that is put aside."""
+    """Radius [m] of the object that is put aside."""
     return _UNKNOWN_RADIUS if picture.moved_body is None else picture.moved_body.radius
 
 
 def _draw_stands(axes: Axes, picture: ClearancePicture) -> None:
-    """Mark the base positions at the lower edge, in front of the table; one that serves for both has both colours."""
+    """Mark the base positions at the lower edge, in front of the table. A position for both has both colours."""
     x_low, _, y_low, y_high = picture.extent
     take, put = COLOURS["moved"], COLOURS["location"]
     if len(picture.stands) < 2:
@@ -309,7 +309,7 @@ def _draw_stands(axes: Axes, picture: ClearancePicture) -> None:
 
 
 def _stand(left: str, right: str) -> dict[str, Any]:
-    """The mark of a base position: a triangle, its halves in the colours of what the robot does from there."""
+    """Mark of a base position: a triangle with halves in the colours of the actions from there."""
     edge = {"markeredgecolor": COLOURS["ink"], "linestyle": ""}
     return {"marker": "^", "markersize": 11, "fillstyle": "left", "color": left, "markerfacecoloralt": right, **edge}
 
@@ -321,7 +321,7 @@ def _draw_body(axes: Axes, body: Body, colour: str, text: str | None = None, ink
     if body.shape == "cylinder" and body.is_upright:
         axes.add_patch(Circle(at, body.radius, zorder=5, **style))
     elif body.shape == "pieces":
-        # Their edges are drawn below their faces, so that those of all pieces together are seen.
+        # Edges are drawn below the faces, so that only the outline of all pieces together is visible.
         for zorder, over in ((5.0, {"linewidth": 1.6}), (5.1, {"linewidth": 0.0})):
             for piece in body.placed:
                 axes.add_patch(Polygon(piece.outline[:, ::-1], zorder=zorder, **{**style, "alpha": None, **over}))
@@ -335,6 +335,6 @@ def _draw_body(axes: Axes, body: Body, colour: str, text: str | None = None, ink
 
 
 def _join(axes: Axes, body: Body, end: Array) -> None:
-    """Join where an object stands and where it is put: under the objects, as it is no path."""
+    """Join an object's position and its place with a line under the objects, since it is no path."""
     x, y = zip(body.position[:2], end[:2], strict=True)
     axes.plot(y, x, color=COLOURS["moved"], linewidth=1.2, dashes=(2, 2), zorder=3, gid="move")

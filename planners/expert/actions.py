@@ -1,4 +1,4 @@
-"""The actions of an environment for the commands of an executor."""
+"""Actions of an environment for the commands of an executor."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ Array = NDArray[np.float64]
 
 
 class Actions:
-    """Makes actions in the environment's own control mode; arms that do not move stay where they were sent last."""
+    """Converter of commands to actions in the environment's control mode. Inactive arms keep their last targets."""
 
     def __init__(self, env: ControlledEnv, last: Command) -> None:
-        """Begin with all arms at home but the one of the last command."""
+        """Begin with all arms at home, except the arm of the last command."""
         self._env = env
         self._arm_targets = {arm.name: np.array(arm.home) for arm in env.robot.arms}
         self._arm_targets[last.arm] = last.drive[4:]
 
     def of(self, command: Command) -> Array:
-        """The action for a command."""
+        """Action for a command."""
         env, robot = self._env, self._env.robot
         if env.control_mode == "ee":
             T_world_tcp = tcp_pose(robot, RobotState(command.drive[:3], command.drive[3:], 0.0))
@@ -33,6 +33,6 @@ class Actions:
         self._arm_targets[command.arm] = command.drive[4:]
         arms = robot.acting_arms
         q_target = np.concatenate((command.drive[:4], *(self._arm_targets[arm] for arm in arms)))
-        # The grippers of the arms that do not move stay closed.
+        # grippers of inactive arms stay closed
         widths = [command.opening if arm == command.arm else robot.opening(0.0) for arm in arms]
         return np.asarray(env.joint_action(q_target, np.array(widths)))

@@ -8,7 +8,7 @@ from numbers import Integral, Real
 
 
 class ExpertError(ValueError):
-    """The expert is used wrongly: on an environment or with a value that it cannot use, or before `reset`."""
+    """Wrong use of the expert: an unsuitable environment or value, or a call before `reset`."""
 
 
 @dataclass(frozen=True)
@@ -16,18 +16,17 @@ class MonitorConfig:
     """Tolerances: larger differences between world and plan are deviations.
 
     Attributes:
-        displacement: [m] motion of an object that no action moves.
-        tilt: [rad] tilt of an object that should stand.
-        slip: [m] motion of a held object in the TCP frame.
-        base: [m] and [rad] tracking error of a base joint.
-        arm: [m] and [rad] tracking error of torso or arm joint.
-        aim: [m] from where the plan has an object, or one beside it, to where it is seen just before the gripper
-            approaches it.
-        turn: [rad] that an object to be grasped may have turned about the vertical until then: more, and the open
-            fingers come down on it.
+        displacement: motion [m] of an object that no action moves.
+        tilt: tilt [rad] of an object that should stand.
+        slip: motion [m] of a held object in the TCP frame.
+        base: tracking error [m] and [rad] of a base joint.
+        arm: tracking error [m] and [rad] of a torso or arm joint.
+        aim: difference [m] between the planned and the perceived position of an object, or of a neighbour, just before
+            the gripper approaches it.
+        turn: turn [rad] about the vertical of an object to grasp. After a larger turn, the open fingers would hit it.
 
     Raises:
-        ExpertError: a value that is not a number of at least 0.
+        ExpertError: a value is no number of at least 0.
     """
 
     displacement: float = 0.015
@@ -49,16 +48,16 @@ class ExpertConfig:
 
     Attributes:
         replans: maximum number of new plans after deviations in one episode.
-        planning_s: [s] wall time for one solve; infinity for no limit.
-        settle_s: [s] simulated time between a deviation and the next plan, one control step at least.
-        hold_s: [s] simulated time for which the target is held up at the end, one control step at least.
+        planning_s: wall time [s] of one solve, infinity for no limit.
+        settle_s: simulated time [s] between a deviation and the next plan, at least one control step.
+        hold_s: simulated time [s] of holding the target up at the end, at least one control step.
         with_floor: whether the report contains the minimum number of clearances.
         monitor: tolerances of the monitor.
-        hold_aside: whether one arm may hold an obstacle while another one takes the target, as for `solve`; None: as
-            the planner does, which is not for a new one.
+        hold_aside: whether one arm may hold an obstacle while another one takes the target, as for `solve`. None leaves
+            it to the planner, whose default is False.
 
     Raises:
-        ExpertError: a value of the wrong type or outside its range.
+        ExpertError: a value has the wrong type or is outside its range.
     """
 
     replans: int = 6

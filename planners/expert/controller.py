@@ -1,4 +1,4 @@
-"""The expert in somebody else's simulator, or on a robot: all that it needs is to see joint positions and to move.
+"""The expert in another simulator, or on a robot: it only needs joint positions and a way to move.
 
 Example:
     world = ControlledWorld(MyController(env), model, FETCH, movable=["can", "box"], support="table")
@@ -29,44 +29,44 @@ Array = NDArray[np.float64]
 
 
 class Controller(Protocol):
-    """Whatever moves the robot, at its own rate and in its own way: targets, deltas or torques.
+    """A controller that moves the robot, at its own rate and by its own method: targets, deltas or torques.
 
-    The expert waits for a robot that stays behind, most precisely where fingers close and open; so `act` may limit how
-    far it goes.
+    The expert waits for a lagging robot, with the smallest tolerance where fingers close and open. So `act` may limit
+    its motion.
 
     Attributes:
-        dt: [s] for which one `act` lasts.
-        done: nothing more will be carried out: the episode is over.
+        dt: duration [s] of one `act`.
+        done: whether the episode is over: the controller executes no more commands.
     """
 
     dt: float
     done: bool
 
     def observe(self) -> ArrayLike:
-        """(nq,) the present positions of all joints of the model that the expert plans in."""
+        """Present positions (nq,) of all joints of the model that the expert plans in."""
         ...
 
     def act(self, configuration: Array, opening: float) -> None:
         """Move towards a configuration for `dt`.
 
         Args:
-            configuration: (4 + n,) base x, y [m], yaw [rad], torso [m], arm [rad]; angles may be full turns away.
-            opening: [m] between the finger pads.
+            configuration: (4 + n,) base x, y [m], yaw [rad], torso [m], arm [rad]. Angles may be full turns away.
+            opening: distance [m] of the finger pads.
         """
         ...
 
 
 class ControlledWorld:
-    """What `TampExpert` needs of an environment, made of a `Controller` and a model of its world.
+    """An environment for `TampExpert`, made of a `Controller` and a model of its world.
 
     Attributes:
-        model: the world as the planner sees it: that of the simulator, or a twin of it.
-        data: its state as observed last.
-        dt: [s] of one step.
-        more_supports: other geoms or bodies on which objects may be put; None: those that the model declares.
+        model: the world as the planner sees it: the simulator's model, or a copy of it.
+        data: its last observed state.
+        dt: duration [s] of one step.
+        more_supports: other geoms or bodies on which objects may be put. None means those that the model declares.
         regions: named rectangles on supports, for goals.
-        goal: that the environment sets; None: `TampExpert.reset` is told.
-        line_tolerance: [m] that the TCP may be behind on straight lines to and from an object.
+        goal: the goal of the environment. None if `TampExpert.reset` gets the goal.
+        line_tolerance: lag [m] allowed for the TCP on straight lines to and from an object.
     """
 
     goal: Goal | None = None
@@ -90,13 +90,13 @@ class ControlledWorld:
         """Observe the world.
 
         Args:
-            controller: of the robot.
-            model: that contains the robot with the names of `robot`; nothing is simulated in it.
+            controller: the controller of the robot.
+            model: the model, with the robot under the names of `robot`. Nothing is simulated in it.
             movable, support, more_supports, regions: as for `Scene.from_mujoco`.
             goal, line_tolerance: as the attributes.
 
         Raises:
-            ExpertError: a step that is no positive time, or positions that do not fit the model.
+            ExpertError: the step is no positive time, or positions do not fit the model.
             SceneError: the model lacks the robot or an object.
         """
         if not (np.isfinite(controller.dt) and controller.dt > 0):
@@ -113,15 +113,15 @@ class ControlledWorld:
 
     @property
     def is_over(self) -> bool:
-        """Whether the controller carries out nothing more."""
+        """Whether the controller executes no more commands."""
         return bool(self._controller.done)
 
     def joint_action(self, q_target: Array, gripper_width: float | Array) -> Array:
-        """(5 + n,) configuration and opening of the gripper, for `step`."""
+        """Configuration and gripper opening (5 + n,) for `step`."""
         return np.append(q_target, gripper_width)
 
     def step(self, action: Array) -> None:
-        """Let the controller carry out an action of the expert, and observe."""
+        """Let the controller execute an action of the expert, and observe."""
         if not self.is_over:
             self._controller.act(action[:-1], float(action[-1]))
         self.data.time += self.dt

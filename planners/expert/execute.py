@@ -1,4 +1,4 @@
-"""Execution of a plan in a MuJoCo simulation of your own, without a Gymnasium environment.
+"""Execution of a plan in your own MuJoCo simulation, without a Gymnasium environment.
 
 Example:
     scene = Scene.from_mujoco(model, data, FETCH, movable=["can", "box"], support="table")
@@ -36,12 +36,12 @@ class ExecutionResult:
     """End of an execution.
 
     Attributes:
-        finished: every action was carried out. Whether the goal holds now, tells `Goal.holds` of a scene read anew.
-        deviation: the difference between world and plan that stopped it, None without one.
+        finished: whether every action was executed. Read the scene again and call `Goal.holds` to test the goal.
+        deviation: the deviation that stopped the plan, if any.
         cleared: names of the objects put aside, in order.
-        sim_s: [s] simulated time.
-        why: what was odd from the start about the object that deviated, or was about to fall, see `planners.check`; ""
-            if nothing was.
+        sim_s: simulated time [s].
+        why: findings of `planners.check` at the start about the object that deviated, or about objects that were to
+            fall. "" for none.
     """
 
     finished: bool
@@ -61,21 +61,21 @@ def execute(
     on_step: Callable[[], None] | None = None,
     config: MonitorConfig | None = None,
 ) -> ExecutionResult:
-    """Carry out a plan in the simulation that its scene was read from; `data` is stepped.
+    """Execute a plan in the simulation that its scene was read from. `data` is stepped.
 
     The robot's position actuators have the names of its joints, as in the MJCF of this package's robots. A deviation
-    (an object slipped, toppled or was pushed; the robot lags behind) stops the plan after a retreat.
+    stops the plan after a retreat: an object slipped, toppled or was pushed, or the robot lags.
 
     Args:
         solution: the plan.
         model: the simulation.
-        data: its state, in which the scene was read.
+        data: its state, from which the scene was read.
         on_step: called after every control step of 0.05 s, for example to draw.
         config: tolerances of the monitor.
 
     Raises:
-        ExpertError: the model lacks an actuator of the robot, its time step does not divide 0.01 s, or the plan is for
-            several arms, or the robot passes through an object of it, see `planners.prepare`.
+        ExpertError: the model lacks an actuator of the robot, or its time step does not divide 0.01 s. The plan is for
+            several arms, or the robot passes through one of its objects: see `planners.prepare`.
         SceneError: the model lacks the robot or an object of the plan.
     """
     if not solution.actions:
@@ -105,7 +105,7 @@ def execute(
     if stopped is None:
         return ExecutionResult(True, None, cleared, lasted)
     report = check(scene)
-    # What falls pushes others.
+    # a falling object may have pushed this one
     odd = report.about((stopped.object,)) or [one for one in report.findings if one.reason is Reason.FLOATING]
     return ExecutionResult(False, stopped, cleared, lasted, "; ".join(map(str, odd)))
 
@@ -117,13 +117,13 @@ def follow(
     step: Callable[[Command], bool],
     config: MonitorConfig,
 ) -> Executor:
-    """Follow motions to their end; the executor, whose `deviation` is what stopped the execution, if anything did.
+    """Follow motions to their end or to a deviation. Return the executor, whose `deviation` is None after success.
 
     Args:
         actions: the plan.
-        robot: that executes it.
+        robot: the robot that executes it.
         sensor: reads the world.
-        step: carries out the command of one control step; true if that was the last one there may be.
+        step: executes the command of one control step, and returns True after the last possible one.
         config: tolerances of the monitor.
     """
     executor, is_over = Executor(actions, robot, sensor, config), False
@@ -133,7 +133,7 @@ def follow(
 
 
 class _Motors:
-    """Position actuators of a robot; their commands move linearly within a control step."""
+    """Position actuators of a robot. Their commands move linearly within a control step."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec) -> None:
         prefix = robot_prefix(model, robot)
@@ -152,7 +152,7 @@ class _Motors:
         self._joints = RobotJoints.of(model, data, robot)
         self._drive = np.array([model.actuator(name).id for name in drive])
         self._fingers = np.array([model.actuator(name).id for name in fingers])
-        # Closed beyond 0 the fingers press with all their force; see `prepare`.
+        # Closed beyond 0, the fingers press with full force: see prepare.
         self._closed = min(float(model.actuator_ctrlrange[self._fingers, 0].max()), 0.0)
         self._feedforward = np.array(robot.velocity_feedforward(model, tuple(drive)))
         self._last = self._joints.read(data)

@@ -1,4 +1,4 @@
-"""Execution of a plan, one control step at a time; it retreats and stops when the world deviates from the plan."""
+"""Execution of a plan, one control step at a time. It retreats and stops if the world deviates from the plan."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ from planners.tamp.solution import BoundAction
 Array = NDArray[np.float64]
 
 _GRIP_DELAY = 4
-"""Samples of the plan after the fingers have closed, before the position of the object in the gripper is recorded."""
+"""Samples after the fingers have closed until the position of the object in the gripper is recorded."""
 _RATE_CHANGE = 0.05
-"""Per sample: by how much of its speed the robot slows down after a deviation, or turns back; 1 s to a stop."""
+"""Change of speed per sample when the robot slows down after a deviation, or turns back. A stop takes 1 s."""
 _HURRIED = 2
-"""Samples that the next one waits for a TCP that has not arrived in `PATIENCE`."""
+"""Samples that the next one waits for a TCP that has not arrived within `PATIENCE`."""
 _LAG, _CATCHING_UP = 0.25, 0.5
-"""Share of the tolerated tracking error from which on the plan is carried out more slowly, and its speed then."""
+"""Share of the tolerated tracking error from which on the plan runs slower, and its speed then."""
 _LAST_LOOK = 1.0, 0.5
-"""[s] before an approach: from when until when the object is looked at again, so that the robot stops before it."""
+"""Time span [s] before an approach in which the object is checked again, so that the robot can stop before it."""
 _BESIDE = 0.15
-"""[m] between the centres of objects that the open gripper touches both where they are seen wrongly."""
+"""Distance [m] of object centres within which the open gripper would touch both, if they are perceived wrongly."""
 _LACKS = 0.12
-"""Share of its range that what is opened may lack at the end of the pull."""
+"""Share of its range that an opening may lack at the end of the pull."""
 _ROUNDING = 1e-6
-"""Of a number of samples."""
+"""Tolerance of a number of samples."""
 
 
 class Command(NamedTuple):
@@ -48,9 +48,9 @@ class Command(NamedTuple):
 
     Attributes:
         drive: (11,) whole-body configuration [m, rad].
-        opening: of the gripper [m].
-        arm: its name.
-        head: (2,) pan and tilt [rad]; None: as they are.
+        opening: gripper opening [m].
+        arm: name of the arm.
+        head: (2,) pan and tilt [rad]. None leaves them as they are.
     """
 
     drive: Array
@@ -60,15 +60,15 @@ class Command(NamedTuple):
 
 
 class Executor:
-    """Follows the trajectories of a plan one control step at a time.
+    """Follows the trajectories of a plan, one control step at a time.
 
-    A deviation stops the plan. Beside a grasp or a release the gripper first leaves the objects along its straight
-    line, forwards or back in time; then the robot slows down on its path to rest, where the execution is over.
+    A deviation stops the plan. Near a grasp or a release, the gripper first leaves the objects along its straight line,
+    forwards or back in time. Then the robot slows down on its path until it rests, and the execution is over.
 
     Attributes:
-        action: number of the action that is carried out; the number of all actions after the last one.
-        is_over: the plan is carried out to its end or, with a `deviation`, stopped.
-        deviation: the deviation that stops the plan, None while there is none.
+        action: index of the present action. After the last one, the number of actions.
+        is_over: whether the plan was executed to its end or, with a `deviation`, stopped.
+        deviation: the deviation that stops the plan, if any.
         cleared: names of the objects put down so far, in order.
     """
 
@@ -88,15 +88,15 @@ class Executor:
         """Begin to execute a plan.
 
         Args:
-            actions, robot, config: the plan, what executes it, and tolerances.
-            sensor: reads the start; snapshots later on are of the arm that `arm` names, objects in the same order.
-            by_tcp: the robot's controller may stay behind, or choose other joint angles for the same TCP pose. Then the
+            actions, robot, config: the plan, the robot that executes it, and tolerances.
+            sensor: reads the start. Later snapshots are for the arm `arm`, with objects in the same order.
+            by_tcp: whether the robot's controller may lag, or choose other joint angles for the same TCP pose. Then the
                 executor waits until the TCP arrives, and does not compare joint angles with the plan.
-            at_start: samples for which the start of the plan is commanded before the robot moves along it.
-            dt: [s] from one call of `advance` to the next; samples are `CONTROL_STEP` apart.
-            latency: calls of `advance` until a snapshot shows what was commanded, beyond the first.
-            unsure: names of objects before whose approach the plan is stopped.
-            line_tolerance: [m] that the TCP may be behind on straight lines to and from an object, with `by_tcp`.
+            at_start: samples at the start of the plan before the robot moves along it.
+            dt: time [s] between calls of `advance`. Samples are `CONTROL_STEP` apart.
+            latency: further calls of `advance`, after the first, until a snapshot shows a command's effect.
+            unsure: names of objects with uncertain poses. The plan stops before their approach.
+            line_tolerance: lag [m] allowed for the TCP on straight lines to and from an object, with `by_tcp`.
         """
         self._actions, self._robot, self._names, self._config = tuple(actions), robot, sensor.names, config
         self._unsure, self._line_tolerance = frozenset(unsure), line_tolerance
@@ -122,7 +122,7 @@ class Executor:
 
     @property
     def phase(self) -> str:
-        """The action and the phase of its motion, for example "PickUp object_03: lift"; "" after the last action."""
+        """Action and phase of its motion, for example "PickUp object_03: lift". "" after the last action."""
         if self._is_at_end:
             return ""
         action = self._actions[self.action]
@@ -130,7 +130,7 @@ class Executor:
 
     @property
     def label(self) -> StepLabel | None:
-        """Label of the last command; None after the last action, and once a deviation stops the plan."""
+        """Label of the last command. None after the last action, and once a deviation stops the plan."""
         if self._is_at_end or self.deviation is not None:
             return None
         following = (contact_of(action) for action in self._actions[self.action :])
@@ -138,7 +138,7 @@ class Executor:
 
     @property
     def opening(self) -> str:
-        """Name of what was being opened or shut when the plan stopped, "" for nothing."""
+        """Name of the part that was being opened or shut when the plan stopped, "" for none."""
         if self.deviation is not None and self.deviation.kind is DeviationKind.NOT_OPENED:
             return self.deviation.object
         action = self._present
@@ -146,7 +146,7 @@ class Executor:
 
     @property
     def arm(self) -> str:
-        """Name of the arm that moves now, and that was commanded last."""
+        """Name of the arm that moves now and was commanded last."""
         return self._present.scene.robot.arm_name
 
     @property
@@ -155,7 +155,7 @@ class Executor:
 
     @property
     def _present(self) -> BoundAction:
-        """The action, after the last one still that."""
+        """Present action. After the last action, the last one."""
         return self._actions[min(self.action, len(self._actions) - 1)]
 
     @property
@@ -164,7 +164,7 @@ class Executor:
 
     @property
     def _time(self) -> float:
-        """[s] in the present trajectory; after the last action, its end."""
+        """Time [s] in the present trajectory. After the last action, its end."""
         if self._is_at_end:
             return self._trajectory.duration
         return min(max(self._tick * CONTROL_STEP, 0.0), self._trajectory.duration)
@@ -173,7 +173,7 @@ class Executor:
     def _samples(self) -> int:
         return round(self._trajectory.duration / CONTROL_STEP)
 
-    # Time in the plan: it passes more slowly where the robot lags behind, and stops or runs back after a deviation.
+    # Time in the plan: it runs slower if the robot lags, and stops or runs back after a deviation.
 
     def _move_on(self, now: Snapshot) -> None:
         """Go to the next sample, or to the first one of the next action."""
@@ -195,7 +195,7 @@ class Executor:
             self._tick += self._samples
 
     def _lags(self, now: Snapshot) -> bool:
-        """Whether a joint-controlled robot is behind by a part of what would be a tracking error."""
+        """Whether a joint-controlled robot lags by a certain part of the tolerated tracking error."""
         if self._by_tcp or not self._sent:
             return False
         part = replace(self._config, base=_LAG * self._config.base, arm=_LAG * self._config.arm)
@@ -204,8 +204,9 @@ class Executor:
     def _has_to_wait(self, now: Snapshot) -> bool:
         """Whether the TCP has not reached the last commanded pose.
 
-        The wait is limited to `PATIENCE` samples; until the TCP has arrived, or has to be nearer, to `_HURRIED`. An arm
-        that then is farther away than on free paths is stuck, which is a deviation: no other pose will free it.
+        The wait is limited to `PATIENCE` samples. After that it is limited to `_HURRIED`, until the TCP has arrived or
+        the tolerance becomes smaller. An arm that is then farther away than allowed on free paths is stuck. That is a
+        deviation: no other pose will free it.
         """
         if not self._by_tcp or not self._sent:
             return False
@@ -230,7 +231,7 @@ class Executor:
     def _retreat_direction(self) -> int:
         """Direction in time in which the gripper leaves the objects.
 
-        -1, back, before it closes or opens; 1, forwards, afterwards; 0 where it is not beside a grasp or a release.
+        -1 (back) before it closes or opens, 1 (forwards) afterwards, 0 away from grasps and releases.
         """
         phases = self._trajectory.phases
         at = phases.index(self._trajectory.phase(self._time))
@@ -241,9 +242,9 @@ class Executor:
         return int(at > 0 and is_contact(phases[at - 1]))
 
     def _command(self) -> Command:
-        """The sample at the present time; the gripper opens if it retreats without an object or has missed it.
+        """Sample at the present time. The gripper opens if it retreats without an object or has missed it.
 
-        An object that has slipped may still be between the fingers, so these stay closed.
+        After a slip, the object may still be between the fingers, so these stay closed.
         """
         sample = self._trajectory.sample(self._time)
         drive = np.concatenate((sample.base, sample.q))
@@ -258,7 +259,7 @@ class Executor:
     # Comparison of the world with the plan.
 
     def _compare(self, now: Snapshot) -> Deviation | None:
-        """The first deviation found: grip, other objects, joints, then the object to be grasped."""
+        """First deviation found: grip, other objects, joints, then the object to grasp."""
         action = self._actions[self.action]
         phase = action.trajectory.phase(self._time)
         deviation = self._check_grip(now, phase.touched if phase.held else None)
@@ -273,7 +274,7 @@ class Executor:
             expected[:3] = due[:3]
             deviation = tracking_error(expected, now.drive, self._config)
         if deviation is None and action.name == "PickUp" and not phase.held:
-            # The approach leads to where the object stood.
+            # The approach leads to the object's former position.
             index = self._names.index(action.target)
             away = float(np.linalg.norm(now.positions[index] - self._expected.positions[index]))
             starts = [one.start for one in action.trajectory.phases if one.name == "approach"]
@@ -285,7 +286,7 @@ class Executor:
         return deviation
 
     def _is_off_aim(self, now: Snapshot) -> bool:
-        """Whether since the plan the object to be grasped has turned, or it or one beside it is seen elsewhere."""
+        """Whether the object to grasp has turned since the plan, or it or a neighbour is perceived elsewhere."""
         planned = {body.name: body.position for body in self._present.scene.objects}
         body = self._present.scene.body(self._present.target)
         turned = math.remainder(now.yaws[self._names.index(body.name)] - body.yaw, 2 * math.pi)
@@ -297,7 +298,7 @@ class Executor:
         )
 
     def _check_grip(self, now: Snapshot, held: HeldObject | None) -> Deviation | None:
-        """Whether the fingers have grasped the object as planned and it has not moved between them since."""
+        """Deviation if the object was not grasped as planned, or has moved between the fingers since."""
         if held is None:
             self._grip, self._closed_for = None, 0.0
             return None
@@ -324,7 +325,7 @@ def _pushes(action: BoundAction) -> bool:
 
 
 def _not_opened(action: BoundAction, now: Snapshot) -> Deviation | None:
-    """Whether what an action was to open or shut is elsewhere at its end: the handle has slipped, or it jams."""
+    """Deviation if a part is not where the action was to move it: the handle slipped, or the part jams."""
     pull = action.scene.pull
     if pull is None or not _is_pull(action) or pull.opening not in now.openings:
         return None

@@ -1,4 +1,4 @@
-"""The scripted expert: it plans, executes in the simulation, watches for deviations, and plans again.
+"""The scripted expert: it plans, executes in the simulation, monitors deviations, and plans again.
 
 plan -> execute, one control step an action -> hold the target up -> success
   ^       | deviation: retreat, stop              | not held
@@ -41,16 +41,16 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _AIM = 1 / 3
-"""Share of the accuracy of poses by which what is grasped may seem to have moved once the robot has come near: more is
-seen wrongly from where the plan was made, and is planned again from here."""
+"""Share of the pose accuracy that a grasped object may seem to have moved once the robot is near. After a larger
+motion, the object was perceived wrongly from afar, and the plan is made again from here."""
 _LEAST_AIM = 0.004
-"""[m]"""
+"""Smallest such tolerance [m]."""
 
 
 class TampExpert:
     """A policy for `clutter_env/Retrieve-…` that plans with exact knowledge of all object poses (privileged).
 
-    Before `reset`, all that tells of an episode raises `ExpertError`.
+    Before `reset`, everything about an episode raises `ExpertError`.
 
     Example:
         env = gymnasium.make("clutter_env/Retrieve-o15-v0")
@@ -74,27 +74,27 @@ class TampExpert:
         seed: int = 0,
         config: ExpertConfig | None = None,
     ) -> None:
-        """Make an expert for an environment; call `reset` to begin an episode.
+        """Make an expert for an environment. Call `reset` to begin an episode.
 
         Args:
             env: `clutter_env/Retrieve-…`, wrapped or not, or any environment with the `ControlledEnv` protocol. Its
                 action space must not be changed by a wrapper.
-            strategy: how to clear: a name of `planners.STRATEGIES`, or a `Strategy`.
+            strategy: strategy for clearing: a name of `planners.STRATEGIES`, or a `Strategy`.
             planner: a `Planner`, or any object with `solve(scene, target, strategy, rng, time_limit)`, which gets the
-                `Strategy`; a new `Planner` if not given.
-            grasps: the grasp set to choose from: "side", "tilted", "top", "all", or a tuple of `GraspFamily`; that of
-                the planner if not given, which is "all" for a new one.
-            supports: where objects may be put, as for `solve`; for a `Planner` only.
-            canonical: whether to plan canonically: the same grasps and releases in similar scenes, without random
-                numbers, every phase ending at rest, so that plans can be learned; as the planner does if not given.
-                `report` says where it fell back.
-            seed: of the planner's sampling; every `reset` starts from it.
+                `Strategy`. Default: a new `Planner`.
+            grasps: the grasp set to choose from: "side", "tilted", "top", "all", or a tuple of `GraspFamily`. Default:
+                the planner's, which is "all" for a new one.
+            supports: supports for objects put aside, as for `solve`. For a `Planner` only.
+            canonical: whether to plan canonically, so that plans can be learned. Similar scenes then get the same
+                grasps and releases, without random choices, and every phase ends at rest. Default: the planner's
+                choice. `report` says where it fell back.
+            seed: seed of the planner's sampling. Every `reset` starts from it.
             config: limits, tolerances, and whether an obstacle may be held aside.
 
         Raises:
-            ExpertError: an environment, planner or config that cannot be used; the message says why.
-            UnknownStrategy: neither the name of a strategy nor a `Strategy`.
-            UnknownGraspSet: neither the name of a grasp set nor families.
+            ExpertError: the environment, planner or config cannot be used. The message says why.
+            UnknownStrategy: the strategy is neither a known name nor a `Strategy`.
+            UnknownGraspSet: the grasps are neither the name of a grasp set nor families.
             ArmsError: `config.hold_aside` with a robot that acts with one arm.
         """
         if not isinstance(config, ExpertConfig | None):
@@ -116,16 +116,16 @@ class TampExpert:
         self._solution: Solution | Infeasible | None = None
 
     def reset(self, goal: str | Goal | None = None) -> None:
-        """Read the scene and plan; the environment may be in any state after its own reset.
+        """Read the scene and plan. The environment may be in any state after its own reset.
 
         Args:
-            goal: name of the object to retrieve, a `planners.goals.Goal` or its PDDL text; the environment's own if not
-                given: its `planning_goal`, or `goal`, if it has one, else its target.
+            goal: name of the object to retrieve, a `planners.goals.Goal` or its PDDL text. Default: the environment's
+                `planning_goal` or `goal`, if it has one, else its target.
 
         Raises:
-            ExpertError: the environment has not been reset, or no goal is given and its own is none for a planner.
-            UnknownObject: no object of that name; the episode before goes on.
-            GoalError: the goal means nothing in the scene; the episode before goes on.
+            ExpertError: the environment has not been reset, or its own goal is needed but is no `Goal`.
+            UnknownObject: no object of that name. The former episode goes on.
+            GoalError: the goal is invalid in the scene. The former episode goes on.
         """
         own = self._goal_of_env()
         if goal is None and not isinstance(own, Goal):
@@ -138,7 +138,7 @@ class TampExpert:
         if wanted.target:
             scene.index(wanted.target)
         wanted.check(scene)
-        # From here on this is another episode.
+        # From here on, this is another episode.
         self._has_begun, self._solution = False, None
         self._goal, self._start_scene = wanted, scene
         self._rng = np.random.default_rng(self._seed)
@@ -154,10 +154,11 @@ class TampExpert:
         self._has_begun = True
 
     def act(self, observation: Any = None) -> Array:  # noqa: ARG002  of policies that are told what they see
-        """The next action; call it once before every step of the environment.
+        """Return the next action. Call it once before every step of the environment.
 
         Args:
-            observation: not used, since the expert reads the simulation; a policy like any other may be given it.
+            observation: ignored, since the expert reads the simulation. It makes the expert callable like other
+                policies.
 
         Raises:
             ExpertError: `reset` has not been called since the expert was made or since the environment was reset.
@@ -179,7 +180,7 @@ class TampExpert:
 
     @property
     def report(self) -> EpisodeReport:
-        """How the episode went, or how it stands."""
+        """Report of the episode so far."""
         self._check_begun("report")
         report, executor = self._report, self._actor.executor
         if not self._actor.is_idle:
@@ -198,19 +199,19 @@ class TampExpert:
 
     @property
     def target(self) -> str:
-        """Name of the object to retrieve, "" if the goal is another one."""
+        """Name of the object to retrieve, "" for other goals."""
         self._check_begun("target")
         return self._goal.target
 
     @property
     def goal(self) -> Goal:
-        """The goal of the episode."""
+        """Goal of the episode."""
         self._check_begun("goal")
         return self._goal
 
     @property
     def phase(self) -> str:
-        """Action and phase of the motion, for example "PickUp object_03: lift"; "" while the robot waits."""
+        """Action and phase of the motion, for example "PickUp object_03: lift". "" while the robot waits."""
         self._check_begun("phase")
         return self._actor.phase
 
@@ -224,25 +225,25 @@ class TampExpert:
 
     @property
     def solution(self) -> Solution | Infeasible | None:
-        """The result of the last solve; None before `reset`, or if the scene was not valid for planning."""
+        """Result of the last solve. None before `reset`, or if the scene was not valid for planning."""
         return self._solution
 
     @property
     def recording(self) -> Recording:
-        """States, plans and deviations of the episode until now."""
+        """States, plans and deviations of the episode so far."""
         self._check_begun("recording")
         return self._recorder.recording()
 
     def to_html(self, path: str | Path, rows: Mapping[str, str] | None = None, result: str = "") -> None:
-        """Write the episode until now as one page for a browser, which needs no network: its motions on a time line.
+        """Write the episode so far as one HTML page that needs no network, with its motions on a time line.
 
-        Beside the motions: the actions, negative goal regions and candidates of each clearance, base poses of the
-        reachability map, planned paths of the gripper, plans after deviations, the report.
+        The page also has the actions, negative goal regions and candidates of each clearance, and base poses of the
+        reachability map. Planned gripper paths, plans after deviations and the report follow.
 
         Args:
-            path: of the file.
-            rows: names and values of the report on the page; those of `report` if not given.
-            result: "success" or "failure"; that of `report` if not given.
+            path: path of the file.
+            rows: names and values of the report on the page. Default: those of `report`.
+            result: "success" or "failure". Default: that of `report`.
 
         Raises:
             OSError: the file cannot be written.
@@ -256,7 +257,7 @@ class TampExpert:
         write_page(Path(path), self.recording, rows, result or ("success" if report.result == "success" else "failure"))
 
     def live_page(self, port: int = 0) -> LivePage:
-        """Serve the running episode to browsers of this machine; see `LivePage` for how it is kept up to date.
+        """Serve the running episode to browsers of this machine. See `LivePage` for updates.
 
         Raises:
             OSError: the port is taken.
@@ -271,11 +272,11 @@ class TampExpert:
 
     @property
     def _time(self) -> float:
-        """[s] in the simulation."""
+        """Time [s] in the simulation."""
         return float(self._env.data.time)
 
     def _goal_of_env(self) -> Any:
-        """The environment's own goal: to plan for, to reach, or its target to be held."""
+        """The environment's own goal: `planning_goal`, `goal`, or its target to hold."""
         env = self._env
         try:
             named = [name for name in ("planning_goal", "goal") if hasattr(type(env), name)]
@@ -284,7 +285,7 @@ class TampExpert:
             raise ExpertError(f"reset the environment before the expert: {error}") from error
 
     def _bounded(self, scene: Scene) -> EpisodeReport:
-        """An empty report, with the minimum number of clearances if that is wanted."""
+        """An empty report, with the minimum number of clearances if wanted."""
         if not (self._config.with_floor and self._goal.target):
             return EpisodeReport()
         before, planner = time.process_time(), self._planner
@@ -297,10 +298,10 @@ class TampExpert:
             count = floor.count if floor.proved else None
         return EpisodeReport(floor=count, planning_s=time.process_time() - before)
 
-    # The phases of an episode. Each returns what the actor does next: nothing at its end.
+    # The phases of an episode. Each returns the next steps of the actor: none at the end.
 
     def _plan(self, read: Scene | None = None) -> Steps:
-        """Solve, as things are or were read, and execute the plan."""
+        """Solve the present scene, or a given one, and execute the plan."""
         before = time.process_time()
         try:
             outcome = self._solved(read or self._world.scene())
@@ -330,7 +331,7 @@ class TampExpert:
         return [Follow(executor, lambda arm: self._sensors[arm].read()), partial(self._watch, executor)]
 
     def _watch(self, executor: Executor) -> Steps:
-        """After a plan: hold the target up; after a deviation let everything settle, and look what has become of it."""
+        """Hold the target up after a plan. After a deviation, let everything settle and check again."""
         self._report = self._report.with_clearances(executor.cleared)
         if executor.deviation is None:
             return self._hold()
@@ -342,12 +343,12 @@ class TampExpert:
         return self._replan(failure, Wait(self._steps(self._config.settle_s)), self._check)
 
     def _hold(self) -> Steps:
-        """The plan is carried out to its end: hold the target up."""
+        """Hold the target up at the end of the plan."""
         self._report = replace(self._report, executed=True)
         return [Wait(self._steps(self._config.hold_s)), self._check]
 
     def _check(self) -> Steps:
-        """The episode is over if the goal is reached, or nobody can tell; otherwise plan again from how things are."""
+        """End the episode if the goal is reached or cannot be measured. Otherwise plan again from the present scene."""
         is_reached, unknown = self._world.reaches(self._goal, self._start_scene)
         if is_reached or unknown:
             self._report = replace(self._report, scored=is_reached)
@@ -360,7 +361,7 @@ class TampExpert:
         return self._replan(f"{end} at the end of the plan", self._plan)
 
     def _replan(self, failure: str, *steps: Step) -> Steps:
-        """The steps to another plan, which is counted, or the end with a failure if there were too many."""
+        """Steps to another plan, which is counted, or the end with a failure after too many plans."""
         if self._report.replans >= self._config.replans:
             return self._end(failure)
         self._report = replace(self._report, replans=self._report.replans + 1)
@@ -370,10 +371,10 @@ class TampExpert:
         self._report = replace(self._report, failure=failure, sim_s=self._time - self._started)
         return []
 
-    # What the phases need.
+    # Helpers of the phases.
 
     def _solved(self, scene: Scene) -> Solution | Infeasible:
-        """The plan for a scene; with all grasps where it has none once something has toppled: few sets fit what lies.
+        """Plan for a scene. If this fails with a lying object, plan again with all grasps: few grasp sets fit it.
 
         Raises:
             SceneError, GoalError: the scene is not valid for planning.
@@ -393,7 +394,7 @@ class TampExpert:
         return outcome
 
     def _steps(self, seconds: float) -> int:
-        """Steps in a time [s]; at least one, so that the simulation advances before the next look."""
+        """Number of steps in a time [s], at least one, so that the simulation advances before the next check."""
         return max(round(seconds / self._dt), 1)
 
     def _note(self, deviation: str) -> None:

@@ -22,31 +22,31 @@ from planners.tamp.solution import Infeasible, Solution
 Array = NDArray[np.float64]
 
 ACTIONS = {"joint": ("joint_action",), "ee": ("ee_action", "tcp_follower")}
-"""Methods for each control mode: joint targets, or TCP poses that the environment's controller turns into such."""
+"""Methods for each control mode: joint targets, or TCP poses that the environment's controller turns into joint
+targets."""
 
 
 class ControlledEnv(Protocol):
-    """All that the expert uses of an environment (`env.unwrapped`); `ControlledWorld` makes one of a `Controller`.
+    """Interface of an environment (`env.unwrapped`) for the expert. `ControlledWorld` makes one from a `Controller`.
 
-    One step is one control step of 0.05 s, or of its attribute `dt` [s]. A true attribute `waits_for_tcp` lets the
-    expert wait for an arm that stays behind, as it does in control mode "ee". Only the actions of its own control mode
-    are asked for. Where the world is not known exactly and at once, `perceived` has the `model` and the `data` to read
-    in place of the true ones, `pose_accuracy` [m] is the error of object poses to expect, and `latency` the steps until
-    a command shows.
+    One step is one control step of 0.05 s, or of its attribute `dt` [s]. With a true attribute `waits_for_tcp`, the
+    expert waits for a lagging arm, as it does in control mode "ee". Only the action method of its own control mode is
+    called. If the robot's knowledge of the world is inexact or late, `perceived` has the `model` and `data` to read in
+    place of the true ones. `pose_accuracy` [m] is then the expected error of object poses, and `latency` the number of
+    steps until a command shows.
 
     Attributes:
-        model: the simulated world; the expert only reads it.
-        data: the state of the simulated world; the expert only reads it.
+        model: the simulated world, which the expert only reads.
+        data: the state of the simulated world, which the expert only reads.
         robot: the robot in `model`.
         control_mode: kind of the actions, a key of `ACTIONS`: "joint" calls for `joint_action`, "ee" for
             `ee_action`.
-        object_names: of the bodies that the robot may move, in the order of the bodies of `model`.
-        support_name: of the geom on whose top face the objects stand.
-        target: name of the object to retrieve, unless the environment has a `planners.goals.Goal` as its
-            `planning_goal` or `goal`, and the `regions` that it names; raises a ValueError before the environment's
-            first `reset`.
-        lift_height: [m] between the support that the target stood on and its lowest point, from which it counts as
-            lifted.
+        object_names: names of the bodies that the robot may move, in the order of the bodies of `model`.
+        support_name: name of the geom that the objects stand on.
+        target: name of the object to retrieve. It raises a ValueError before the environment's first `reset`. In its
+            place, an environment may have a `planners.goals.Goal` as its `planning_goal` or `goal`, and the `regions`
+            of this goal.
+        lift_height: height [m] of the target's lowest point above its former support, from which on it is lifted.
     """
 
     model: mujoco.MjModel
@@ -59,27 +59,27 @@ class ControlledEnv(Protocol):
     lift_height: float
 
     def joint_action(self, q_target: Array, gripper_width: float | Array) -> Array:
-        """The action that moves the robot to a whole-body configuration.
+        """Action that moves the robot to a whole-body configuration.
 
         Args:
-            q_target: (4 + n,) base x, y [m], yaw [rad], torso [m], arm [rad]; then the other arms of a robot that acts
-                with several, in the order of `robot.acting_arms`.
-            gripper_width: [m] between the finger pads; one number for each arm of such a robot.
+            q_target: (4 + n,) base x, y [m], yaw [rad], torso [m], arm [rad]. A robot that acts with several arms has
+                the other arms after these, in the order of `robot.acting_arms`.
+            gripper_width: distance [m] of the finger pads, one number for each arm of such a robot.
         """
         ...
 
     def ee_action(self, base_target: Array, T_world_tcp: Array, gripper_width: float) -> Array:
-        """The action that moves base and TCP to poses.
+        """Action that moves base and TCP to poses.
 
         Args:
             base_target: (3,) x, y [m], yaw [rad].
             T_world_tcp: (4, 4).
-            gripper_width: [m] between the finger pads.
+            gripper_width: distance [m] of the finger pads.
         """
         ...
 
     def tcp_follower(self) -> TcpFollower:
-        """A model of the joint angles that the controller chooses in control mode "ee"."""
+        """Model of the joint angles that the controller chooses in control mode "ee"."""
         ...
 
 
@@ -95,18 +95,19 @@ class ScenePlanner(Protocol):
         time_limit: float | None,
         /,
     ) -> Solution | Infeasible:
-        """Plan for a goal: the name of the object to take, or a `planners.goals.Goal` if it is anything else."""
+        """Plan for a goal: the name of the object to take, or a `planners.goals.Goal` for anything else."""
         ...
 
 
 def controlled_env(env: Any) -> ControlledEnv:
-    """The environment inside its wrappers, if the expert can control it.
+    """Unwrap an environment and check that the expert can control it.
 
     Args:
         env: a Gymnasium environment, wrapped or not, or any object with the `ControlledEnv` protocol.
 
     Raises:
-        ExpertError: a vector environment, one without the protocol, or a wrapper that changes the action space.
+        ExpertError: a vector environment, an environment without the protocol, or a wrapper that changes the action
+            space.
     """
     if hasattr(env, "num_envs"):
         raise ExpertError(f"{type(env).__name__} is a vector environment; make one TampExpert for each of its parts")
@@ -114,7 +115,7 @@ def controlled_env(env: Any) -> ControlledEnv:
     members = (*ControlledEnv.__annotations__, *ACTIONS.get(getattr(inner, "control_mode", ""), ()))
     if hasattr(type(inner), "goal"):
         members = tuple(name for name in members if name != "target")
-    # Properties are looked up in the class and not evaluated: `target` is defined after `reset` only.
+    # Properties are looked up in the class without evaluation: `target` is defined after `reset` only.
     missing = [
         name for name in members if not hasattr(type(inner), name) and name not in getattr(inner, "__dict__", ())
     ]
@@ -138,10 +139,10 @@ def controlled_env(env: Any) -> ControlledEnv:
 def planner_for(
     env: ControlledEnv, planner: Any, grasps: Grasps | None, supports: Supports, **choices: bool | None
 ) -> Any:
-    """The planner to use in an environment; arguments and errors are those of `TampExpert`.
+    """Planner for an environment. Arguments and errors are those of `TampExpert`.
 
-    A choice that is None leaves the planner as it is. In control mode "ee" a `Planner` without a `follower` gets that
-    of the environment, since its motions are followed through TCP poses.
+    An option of None leaves the planner's own. In control mode "ee", a `Planner` without a `follower` gets the
+    environment's, since its motions are followed through TCP poses.
     """
     follower = env.tcp_follower() if env.control_mode == "ee" else None
     if planner is None:

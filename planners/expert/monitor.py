@@ -1,4 +1,4 @@
-"""Measurement of the world while a plan is executed, and its comparison with what the plan expects."""
+"""Measurement of the world during execution, and its comparison with the plan."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from planners.scene.robot_names import robot_prefix
 Array = NDArray[np.float64]
 
 _OFF_SUPPORT = 0.01
-"""[m] above the support; a lower object may still stand on it."""
+"""Height [m] above the support. A lower object may still stand on it."""
 _BETWEEN_PADS = 0.01
-"""[m] wider than the object the fingers may be: they touch it, or are about to."""
+"""Width [m] of the fingers' opening beyond the object at which they touch it, or are about to."""
 _REACH = 0.02
-"""[m] that the TCP may be outside the object: it is gripped at its edge."""
+"""Distance [m] of the TCP outside the object at which the object may be gripped at its edge."""
 
 
 class DeviationKind(StrEnum):
-    """How the world can deviate from the plan."""
+    """Kinds of deviations of the world from the plan."""
 
     GRASP_MISSED = "grasp missed"
     NOT_OPENED = "not moved as far as planned"
@@ -58,9 +58,9 @@ class Deviation:
 class Snapshot(NamedTuple):
     """Measurements of one control step.
 
-    `positions` (n, 3) [m] of the object centres, `uprightness` (n,) cosines of their tilts, `yaws` (n,) [rad],
-    `T_world_tcp` (4, 4), `drive` (11,) whole-body configuration [m, rad], `openings` [m] or [rad] by the names of what
-    opens.
+    Objects: `positions` (n, 3) [m] of their centres, `uprightness` (n,) cosines of their tilts, `yaws` (n,) [rad].
+    Robot: `T_world_tcp` (4, 4), `drive` (11,) whole-body configuration [m, rad]. `openings`: positions [m] or [rad] by
+    the names of drawers and doors.
     """
 
     positions: Array
@@ -71,18 +71,18 @@ class Snapshot(NamedTuple):
     openings: Mapping[str, float] = MappingProxyType({})
 
     def in_hand(self, index: int) -> Array:
-        """(3,) [m] centre of an object in the TCP frame."""
+        """Centre (3,) [m] of an object in the TCP frame."""
         return np.asarray(self.T_world_tcp[:3, :3].T @ (self.positions[index] - self.T_world_tcp[:3, 3]))
 
 
 class Sensor:
-    """Reads snapshots of a scene's movable objects and robot from a simulation, exactly; it writes nothing.
+    """Exact sensor of a scene's movable objects and robot in a simulation, which it only reads.
 
-    Heights are measured from the ground on which the robot stands, as in the scene.
+    Heights are measured from the ground under the robot, as in the scene.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec, names: Sequence[str]) -> None:
-        """Look up what to read; raises `SceneError` for a name that is no movable object."""
+        """Look up the joints and bodies to read. Raises `SceneError` for a name that is no movable object."""
         self._data = data
         self._objects = MovableBodies.of(model, robot, names)
         self.names = self._objects.names
@@ -93,7 +93,7 @@ class Sensor:
         self._openings = {name: int(model.jnt_qposadr[joint]) for name, joint in joints.items()}
 
     def read(self) -> Snapshot:
-        """The present state."""
+        """Present snapshot."""
         positions, quaternions = self._objects.poses(self._data)
         positions -= self._ground
         T = pose_matrix(self._data.site_xpos[self._site] - self._ground, self._data.site_xmat[self._site])
@@ -106,7 +106,7 @@ class Sensor:
 def object_moved(
     expected: Snapshot, now: Snapshot, names: tuple[str, ...], config: MonitorConfig, ignore: Collection[str] = ()
 ) -> Deviation | None:
-    """An object that has toppled, or the object that has moved farthest from where the plan left it, if too far."""
+    """Deviation for a toppled object, or for the object farthest from where the plan left it, if too far."""
     away = np.linalg.norm(now.positions - expected.positions, axis=1)
     toppled = (expected.uprightness > np.cos(config.tilt)) & (now.uprightness < np.cos(config.tilt))
     for name in ignore:
@@ -120,7 +120,7 @@ def object_moved(
 
 
 def tracking_error(wanted: Array, actual: Array, config: MonitorConfig) -> Deviation | None:
-    """Whether base (first three joints) or arm are far from their commands; whole-body configurations (11,)."""
+    """Deviation if base (first three joints) or arm are far from their commands: whole-body configurations (11,)."""
     error = np.abs(wanted - actual)
     if error[:3].max() > config.base:
         return Deviation(DeviationKind.BASE_TRACKING_ERROR)
@@ -128,10 +128,10 @@ def tracking_error(wanted: Array, actual: Array, config: MonitorConfig) -> Devia
 
 
 def held_object(scene: Scene) -> str:
-    """Name of the object between closed fingers and off the support; "" for none.
+    """Name of the object between closed fingers and off the support, "" for none.
 
     Args:
-        scene: a snapshot in which nothing is said to be held, so that the finger position is the measured one.
+        scene: a scene without a held object, so that the finger position is the measured one.
     """
     T_world_tcp = tcp_pose(scene.robot, scene.state)
     gap = scene.robot.opening(scene.state.finger_position)

@@ -19,22 +19,22 @@ class EpisodeReport:
     """Results of an episode.
 
     Attributes:
-        planned: the last solve found a plan.
-        executed: the last plan was executed to its end.
-        scored: the target is held up.
-        clean: it is, and no object has fallen or been disturbed since the environment's reset, as the environment's
-            info counts them; None if the environment has no such counts.
+        planned: whether the last solve found a plan.
+        executed: whether the last plan was executed to its end.
+        scored: whether the target is held up.
+        clean: whether it is held up, and no object has fallen or been disturbed since the environment's reset, by the
+            counts in the environment's info. None if the environment lacks these counts.
         failure: the reason for failure, "" for success.
         clearances: objects put aside in the simulation, in order.
-        duplicated: those put aside more than once.
+        duplicated: objects put aside more than once.
         replans: number of plans after the first one.
-        floor: minimum number of objects that any plan must clear, and of drawers and doors that it must open; None if
-            it was not computed or not proved.
-        planning_s: [s] CPU time spent on planning.
-        sim_s: [s] simulated time since reset.
-        contacts: grasps and releases in the plans of the episode, all together.
-        not_straight: those of them for which the base does not face the gripper with the gripper's yaw; of a canonical
-            planner, those where it had to fall back.
+        floor: minimum number of objects that any plan must clear, and of drawers and doors that it must open. None if
+            it is unknown.
+        planning_s: CPU time [s] of planning.
+        sim_s: simulated time [s] since reset.
+        contacts: number of grasps and releases in all plans of the episode.
+        not_straight: number of those without a base that faces the gripper with the gripper's yaw. A canonical planner
+            had to fall back there.
         deviations: the deviations that stopped plans, as text, such as "object_03: toppled".
     """
 
@@ -55,7 +55,7 @@ class EpisodeReport:
 
     @property
     def result(self) -> str:
-        """Result of the episode: "success", why not, or what was wrong with it."""
+        """Result of the episode: "success", the reason of failure, or a flaw of the success."""
         if not self.scored:
             return self.failure or "the target was not held up"
         return "success" if self.clean is not False else "an object has fallen or been disturbed"
@@ -80,7 +80,7 @@ class EpisodeReport:
         return html_table(str(self))
 
     def with_solve(self, outcome: Solution | Infeasible, seconds: float) -> EpisodeReport:
-        """The report after a solve that took this CPU time [s]."""
+        """Report after a solve that took this CPU time [s]."""
         planned = contacts(outcome)
         return replace(
             self,
@@ -91,14 +91,14 @@ class EpisodeReport:
         )
 
     def with_clearances(self, names: list[str]) -> EpisodeReport:
-        """The report after more clearances."""
+        """Report after more clearances."""
         clearances = (*self.clearances, *names)
         duplicated = tuple(sorted({name for name in clearances if clearances.count(name) > 1}))
         return replace(self, clearances=clearances, duplicated=duplicated)
 
 
 class Solve(NamedTuple):
-    """The result of a solve, and the time [s] of the episode at which it was made; or the report of a search."""
+    """Result of a solve, and the time [s] in the episode at which it was made, or the report of a search."""
 
     time: float
     outcome: Any
@@ -115,11 +115,11 @@ class Frame(NamedTuple):
     """The world at one control step.
 
     Attributes:
-        time: [s] since the episode began.
+        time: time [s] since the episode began.
         qpos: (nq,) positions of all joints of the model.
-        solve: number of the solve whose plan is executed, -1 before the first.
-        action: number of the action of that plan; its length after the last one, -1 while the robot waits.
-        phase: of the action's motion; "" while the robot waits.
+        solve: index of the solve whose plan is executed, -1 before the first.
+        action: index of the action of that plan. Its number of actions after the last one, -1 while the robot waits.
+        phase: phase of the action's motion, "" while the robot waits.
     """
 
     time: float
@@ -131,14 +131,14 @@ class Frame(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """An episode as it was executed, or a plan as it would be: what a page in a browser shows, in order of time.
+    """Recording of an executed episode, or of a plan, in order of time, for a page in a browser.
 
     Attributes:
-        model: whose joints the frames hold.
+        model: the model with the joints of the frames.
         target: name of the object to retrieve.
         objects: names of the bodies that may be moved.
         frames: one for each control step, at least one.
-        solves: the first plan and those after deviations.
+        solves: the first plan and the plans after deviations.
         notes: the deviations.
     """
 
@@ -151,7 +151,7 @@ class Recording:
 
 
 class Recorder:
-    """Collects frames, plans and deviations of one episode; a frame of 15 objects takes 0.5 kB."""
+    """Collects frames, plans and deviations of one episode. A frame of 15 objects takes 0.5 kB."""
 
     def __init__(self, env: ControlledEnv, target: str) -> None:
         self._model, self._data, self._target, self._objects = env.model, env.data, target, env.object_names
@@ -168,11 +168,11 @@ class Recorder:
         return Frame(self._now, self._data.qpos.astype(np.float32), len(self._solves) - 1, action, phase)
 
     def add_frame(self, action: int = -1, phase: str = "") -> None:
-        """Keep the state before a control step, and what the robot does in it."""
+        """Keep the state before a control step, with action and phase."""
         self._frames.append(self._frame(action, phase))
 
     def add_solve(self, outcome: Any) -> None:
-        """Keep the result of a solve, or the report of a search, which may go on growing."""
+        """Keep the result of a solve, or the report of a search, which may grow later."""
         self._solves.append(Solve(self._now, outcome))
 
     def add_note(self, text: str) -> None:
@@ -180,7 +180,7 @@ class Recorder:
         self._notes.append(Note(self._now, text))
 
     def recording(self) -> Recording:
-        """All that was kept, and the present state."""
+        """Everything kept, and the present state."""
         is_later = not self._frames or self._now > self._frames[-1].time
         frames = (*self._frames, *[self._frame()] * is_later)
         return Recording(self._model, self._target, self._objects, frames, tuple(self._solves), tuple(self._notes))

@@ -1,4 +1,4 @@
-"""What the expert knows of its environment: the scene now, what is in which hand, whether the goal is reached."""
+"""State of the environment as the expert knows it: scene, held objects, and whether the goal is reached."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from planners.scene import AsideObject, ParkedArm, RobotState, Scene, SceneError
 
 
 class PerceivedWorld:
-    """An environment as its robot knows it; it is read and never written.
+    """Read-only view of an environment as its robot knows it.
 
     Attributes:
         robots: the robot with each of its acting arms active, by the arm's name.
@@ -29,20 +29,20 @@ class PerceivedWorld:
 
     @property
     def source(self) -> Any:
-        """`model` and `data` as the robot knows them: of an environment that says so, not the true ones."""
+        """`model` and `data` as the robot knows them: `env.perceived` if the environment has it, else the true ones."""
         return getattr(self._env, "perceived", self._env)
 
     def sensors(self) -> dict[str, Sensor]:
-        """One for each arm."""
+        """Sensors, one for each arm."""
         model, data, names = self.source.model, self.source.data, self._env.object_names
         return {arm: Sensor(model, data, robot, names) for arm, robot in self.robots.items()}
 
     def opened_in_part(self, name: str) -> None:
-        """Note that something was not moved as far as planned; if it stops twice in the same place, it ends there."""
+        """Note that a part was not moved as far as planned. A second stop at the same place becomes its end."""
         self._stops.note(self._measured().opening(name))
 
     def scene(self) -> Scene:
-        """The scene now, with the arm active that is away from home; one near its home is taken to be exactly in it.
+        """Read the present scene, with the arm active that is away from home. Arms near home are set to it exactly.
 
         Raises:
             SceneError: two arms are away from home, or the scene is not valid.
@@ -62,9 +62,9 @@ class PerceivedWorld:
         return replace(scene, aside=tuple(held), parked=tuple(parked))
 
     def reaches(self, goal: Goal, start: Scene) -> tuple[bool, str]:
-        """Whether a goal is reached, and why nobody can tell, such as a bin that has been knocked over; "" if so.
+        """Whether a goal is reached, and "", or the reason why that cannot be measured, such as a fallen bin.
 
-        A target has to be held, high enough above the support on which it stood at the start.
+        A target must be held, high enough above the support that it stood on at the start.
         """
         try:
             in_hand = {arm: held_object(self._measured(arm)) for arm in self.robots}
@@ -80,7 +80,7 @@ class PerceivedWorld:
             return False, f"whether the goal is reached cannot be measured: {error}"
 
     def _measured(self, arm: str = "", held: str = "") -> Scene:
-        """The scene as it is now, with an arm active and this object in its gripper."""
+        """The present scene, with an arm active and this object in its gripper."""
         env, known = self._env, self.source
         return self._stops.applied(
             Scene.from_mujoco(

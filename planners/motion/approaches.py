@@ -1,7 +1,7 @@
 """Straight lines of the gripper to and from a grasp or release configuration.
 
-A pattern is traced from that configuration outwards. The question is whether the robot can follow it, without and with
-the object, and which objects are in the way. Under a shelf the base drives straight out with the arm rigid.
+A pattern is traced outwards from that configuration. The trace tells whether the robot can follow the lines, without
+and with the object, and which objects are in the way. Under a shelf, the base drives straight out with a rigid arm.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ Array = NDArray[np.float64]
 
 
 class ApproachPattern(NamedTuple):
-    """How the gripper leaves a grasp or release configuration; it arrives along the same lines in reverse.
+    """Lines on which the gripper leaves a grasp or release configuration. It arrives along the same lines in reverse.
 
     Attributes:
         name: for messages.
-        back, up: [m] The empty, open gripper moves `back` against its approach direction, then `up`.
-        held_up, held_back: [m] With the object the gripper moves `held_up`, then `held_back`.
-        by_torso: vertical lines are left to the torso: slow, but the arm then hits only what is above it.
-        drives: afterwards the base drives straight out from under the shelf, the arm rigid; see `stand_off`.
+        back, up: distances [m] of the empty, open gripper: `back` against its approach direction, then `up`.
+        held_up, held_back: distances [m] with the object: `held_up`, then `held_back`.
+        by_torso: whether the torso makes the vertical lines. That is slow, but the arm can only hit objects above it.
+        drives: whether the base then drives straight out from under the shelf with a rigid arm. See `stand_off`.
     """
 
     name: str
@@ -55,16 +55,18 @@ APPROACH_PATTERNS = (
     ApproachPattern("front", back=0.10, up=0.0, held_up=0.19, held_back=0.0),
     ApproachPattern("front", back=0.12, up=0.0, held_up=0.02, held_back=0.14),
 )
-"""In this order: lines from above need little more clearance than the grasp, those from the front fit under shelves."""
+"""Patterns in the order of the tries. Lines from above need little more clearance than the grasp. Lines from the front
+fit under shelves."""
 _DRIVES = (
     ApproachPattern("drive", back=0.0, up=0.0, held_up=0.12, held_back=0.0, by_torso=True, drives=True),
     ApproachPattern("drive", back=0.0, up=0.0, held_up=0.12, held_back=0.0, drives=True),
     ApproachPattern("drive", back=0.0, up=0.0, held_up=LEAST_LIFT, held_back=0.0, by_torso=True, drives=True),
     ApproachPattern("drive", back=0.0, up=0.0, held_up=LEAST_LIFT, held_back=0.0, drives=True),
 )
-"""Tried first under a shelf: the object is lifted where it stands, as high as counts as lifted if the shelf allows."""
+"""First patterns under a shelf: the object is lifted where it stands, by more than `LIFTED` if the shelf allows."""
 _OVER_RIM = tuple(pattern._replace(name="drive over its rim", up=0.06) for pattern in _DRIVES)
-"""The same of a bowl or mug, whose wall the empty gripper has between its fingers: it comes and goes above the rim."""
+"""Patterns for a bowl or mug. The fingers have its wall between them, so the empty gripper comes and leaves above the
+rim."""
 
 
 _TO_HANDLES = (
@@ -72,20 +74,20 @@ _TO_HANDLES = (
     ApproachPattern("to the handle", back=0.06, up=0.0, held_up=0.0, held_back=0.0),
     ApproachPattern("to the handle", back=0.04, up=0.06, held_up=0.0, held_back=0.0),
 )
-"""A handle is not lifted: the gripper comes and goes along its approach direction."""
+"""Patterns for a handle, which is not lifted: the gripper comes and leaves along its approach direction."""
 
 
 @dataclass(frozen=True, eq=False)
 class ContactQuery:
-    """A grasp or a release, and the situation around it.
+    """A grasp or a release, with its surroundings.
 
     Attributes:
-        empty: while the gripper is empty and open; the object stands in that world.
-        loaded: while the object is held.
+        empty: query for the empty, open gripper, with the object standing in the world.
+        loaded: query for the loaded gripper.
         q: (8,) torso [m] and arm [rad] when the fingers close or open.
-        body: the object where it stands before it is grasped, or after it was released.
-        held: the object, as it is held.
-        T_world_tcp: (4, 4) of the gripper then.
+        body: the object at its pose before the grasp or after the release.
+        held: the held object.
+        T_world_tcp: (4, 4) TCP pose at the contact.
     """
 
     empty: ArmQuery
@@ -97,7 +99,7 @@ class ContactQuery:
 
     @classmethod
     def grasp(cls, world: CollisionWorld, base: ArrayLike, q: ArrayLike, name: str, ignore: int = 0) -> ContactQuery:
-        """A grasp of an object where it stands, `ignore` a mask of objects that are no obstacles."""
+        """A grasp of an object where it stands. `ignore` is a mask of objects that are no obstacles."""
         body = world.scene.body(name)
         held = HeldObject.grasped(body, _tcp_pose(world.scene, base, q))
         return cls._of(world, with_clearance_around(world, name), base, q, held, ignore)
@@ -106,7 +108,7 @@ class ContactQuery:
     def release(
         cls, world: CollisionWorld, base: ArrayLike, q: ArrayLike, held: HeldObject, ignore: int = 0
     ) -> ContactQuery:
-        """A release of a held object where the gripper has it then, `ignore` as for a grasp; raises `UnknownObject`."""
+        """A release of a held object at the pose in the gripper. `ignore` as for a grasp. Raises `UnknownObject`."""
         placed = world.scene.body(held.name).at_pose(_tcp_pose(world.scene, base, q) @ held.T_tcp_object)
         return cls._of(world.with_body(placed), world, base, q, held, ignore)
 
@@ -120,14 +122,14 @@ class ContactQuery:
         held: HeldObject,
         ignore: int,
     ) -> ContactQuery:
-        """The query in the worlds without the object in hand, where it stands, and with it."""
+        """The query in the worlds for the empty gripper, with the object standing, and for the loaded gripper."""
         scene, there, body = empty.scene, np.asarray(base, float), empty.scene.body(held.name)
         T_world_tcp = _tcp_pose(scene, base, q)
         grip = body.width_in_gripper(np.linalg.inv(T_world_tcp) @ body.pose)
         opening = min(grip + 2 * scene.robot.finger_gap, scene.robot.max_opening)
         opening = 0.0 if is_pushed(scene, held.name) else opening
         coming = ArmQuery(empty, there, opening, None, ignore)
-        # Fingers that close on a handle may touch what holds it to its door: it is moved with it.
+        # Fingers around a handle may touch the bracket between handle and door: it moves with the handle.
         holding = coming if is_handle(scene, held.name) else ArmQuery(loaded, there, grip, held, ignore)
         return cls(coming, holding, np.asarray(q, float), body, held, T_world_tcp)
 
@@ -138,7 +140,7 @@ class ContactQuery:
 
     @property
     def patterns(self) -> tuple[ApproachPattern, ...]:
-        """All patterns, in the order in which they are tried: driving ones only under a shelf."""
+        """All patterns in the order of the tries. Those with a drive are used under a shelf only."""
         if is_handle(self.empty.world.scene, self.held.name):
             return _TO_HANDLES
         drives = (_DRIVES + _OVER_RIM if self.body.pieces else _DRIVES) if self.is_covered else ()
@@ -146,13 +148,13 @@ class ContactQuery:
 
     @property
     def likely_patterns(self) -> tuple[ApproachPattern, ...]:
-        """The patterns worth tracing before any free path is planned: those from the front only under a shelf."""
+        """Patterns to trace before any free path is planned. Those from the front are used under a shelf only."""
         is_any = self.is_covered or is_handle(self.empty.world.scene, self.held.name)
         return self.patterns if is_any else tuple(one for one in self.patterns if one.up > 0.0)
 
 
 def is_handle(scene: Scene, name: str) -> bool:
-    """Whether an object stands for a handle, which is pulled and not lifted."""
+    """Whether an object represents a handle, which is pulled and not lifted."""
     return scene.pull is not None and scene.pull.handle == name
 
 
@@ -160,10 +162,10 @@ class Approach(NamedTuple):
     """An approach pattern traced from a grasp or release configuration.
 
     Attributes:
-        pattern: which.
+        pattern: the pattern.
         empty, loaded: whole-body configurations (n, 11) outwards, without and with the object.
         hits: mask of the objects in the way.
-        phase: of the motion in which the last of them is hit: "grasp" (standing still), "approach" or "lift".
+        phase: phase of the motion in which the last of them is hit: "grasp" (standing still), "approach" or "lift".
     """
 
     pattern: ApproachPattern
@@ -174,13 +176,13 @@ class Approach(NamedTuple):
 
 
 def can_take(world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: str) -> bool:
-    """Whether the gripper can come to a grasp (8,) of that object and leave with it without hitting anything."""
+    """Whether approach to a grasp (8,) of that object, and retreat with it, are collision-free."""
     query = ContactQuery.grasp(world, base, q_grasp, name)
     return any(free_approach(query, pattern) is not None for pattern in query.patterns)
 
 
 def can_put_down(world: CollisionWorld, base: ArrayLike, q_release: ArrayLike, held: HeldObject) -> bool:
-    """Whether the gripper can lower the held object to a configuration (8,), open and leave, and hit nothing."""
+    """Whether lowering the held object to a configuration (8,), opening and retreat are collision-free."""
     query = ContactQuery.release(world, base, q_release, held)
     return any(free_approach(query, pattern) is not None for pattern in query.likely_patterns)
 
@@ -188,41 +190,41 @@ def can_put_down(world: CollisionWorld, base: ArrayLike, q_release: ArrayLike, h
 def planned_approach(
     world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: str
 ) -> tuple[ContactQuery, Approach] | None:
-    """The first pattern along which the gripper could lift that object from a grasp (8,) if no other one were there."""
+    """Approach and retreat by the first pattern for a grasp (8,) of that object, with all other objects ignored."""
     others = world.scene.mask(world.scene.names) & ~world.scene.mask([name])
     query = ContactQuery.grasp(world, base, q_grasp, name, others)
     return next(((query, approach) for approach in _traced(query)), None)
 
 
 def fewest_blockers(world: CollisionWorld, base: ArrayLike, q_grasp: ArrayLike, name: str) -> int | None:
-    """The smallest set of objects in the way of the straight lines to and from a grasp (8,), as a mask.
+    """Find the smallest set of objects in the way of the straight lines to and from a grasp (8,), as a mask.
 
-    What is held is not: it is put down before.
+    Held objects are ignored: they are put down before.
 
     Returns:
-        None if the robot cannot follow any of the lines, or they lead through static obstacles.
+        None if all of the lines are out of reach or lead through static obstacles.
     """
     ignore = world.scene.mask(world.scene.held_names)
     return fewest_hits(ContactQuery.grasp(world, base, q_grasp, name, ignore))
 
 
 def fewest_hits(query: ContactQuery) -> int | None:
-    """The smallest set of objects in the way of the straight lines to and from a contact, as `fewest_blockers`."""
+    """Find the smallest set of objects in the way of the straight lines to and from a contact, as `fewest_blockers`."""
     return min((found.hits for found in _traced(query)), key=int.bit_count, default=None)
 
 
 def _traced(query: ContactQuery) -> Iterator[Approach]:
-    """The patterns worth tracing along which the arm can go if nothing were in its way that can be cleared."""
+    """Traced patterns that the arm can follow once all movable objects in the way have left."""
     return (found for pattern in query.likely_patterns if isinstance(found := trace(query, pattern), Approach))
 
 
 def stand_off(scene: Scene, base: ArrayLike, q: ArrayLike, body: Body) -> Array:
-    """The base pose (3,) outside from which the base drives straight in to an object; see `drive_out`."""
+    """Base pose (3,) in front of a shelf, from which the base drives straight in to an object. See `drive_out`."""
     return drive_out(driven_out_of(scene, body), base, _tcp_pose(scene, base, q))[-1]
 
 
 def free_approach(query: ContactQuery, pattern: ApproachPattern) -> Approach | None:
-    """The traced pattern if the arm can follow it without and with the object and hits nothing; faster than `trace`."""
+    """Trace a pattern if it is collision-free without and with the object, else None. Faster than `trace`."""
     lines = _lines(query, pattern)
     if lines is None or query.empty.path_hits(lines[0], first_only=True):
         return None
@@ -230,7 +232,7 @@ def free_approach(query: ContactQuery, pattern: ApproachPattern) -> Approach | N
 
 
 def trace(query: ContactQuery, pattern: ApproachPattern) -> Approach | str:
-    """Trace a pattern and find all objects in its way; the reason if the arm cannot follow it or no clearing helps."""
+    """Trace a pattern and find all objects in its way. Without a possible motion, return the reason as text."""
     lines = _lines(query, pattern)
     if lines is None:
         return "the arm cannot follow the line"
@@ -246,7 +248,7 @@ def trace(query: ContactQuery, pattern: ApproachPattern) -> Approach | str:
 
 
 def _lines(query: ContactQuery, pattern: ApproachPattern) -> tuple[Array, Array] | None:
-    """Configurations (n, 11) outwards along a pattern, without and with the object; None if it cannot be followed."""
+    """Configurations (n, 11) outwards along a pattern, without and with the object. None if the arm cannot follow."""
     back, up = -query.T_world_tcp[:3, 0], np.array([0.0, 0.0, 1.0])
     empty = _follow(query, ((back, pattern.back), (up, pattern.up)), pattern)
     if empty is None:
@@ -257,7 +259,7 @@ def _lines(query: ContactQuery, pattern: ApproachPattern) -> tuple[Array, Array]
 
 
 def _follow(query: ContactQuery, lines: tuple[tuple[Array, float], ...], pattern: ApproachPattern) -> Array | None:
-    """Configurations (n, 11) from where it stands along (direction, distance [m]) in turn, then out; None as above."""
+    """Configurations (n, 11) along lines (direction, distance [m]) in turn, then out. None if the arm cannot follow."""
     world, base, waypoints = query.empty.world, query.empty.base, query.q[None]
     for direction, distance in lines:
         if distance > 0.0:

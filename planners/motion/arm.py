@@ -1,4 +1,4 @@
-"""Collision-free motions of torso and arm on a standing base; where there is none, which objects are in the way."""
+"""Collision-free motions of torso and arm with a standing base. If they fail, the objects in the way."""
 
 from __future__ import annotations
 
@@ -25,30 +25,30 @@ from planners.scene.solid import frozen
 Array = NDArray[np.float64]
 
 _ITERATIONS, _NEAR = 600, 0.8
-"""Random targets of a search at most, and the share of them drawn about the straight line from start to goal."""
+"""Most random targets of a search, and the share of them near the straight line from start to goal."""
 SHORTCUTS = 20
-"""Random shortcuts tried on a path that was found."""
+"""Random shortcuts to try on a path."""
 _COARSE_STEP = 0.015
-"""[m] between checks while searching; accepted paths are checked again at `collision.world.STEP`."""
+"""Step [m] between checks during the search. Accepted paths are checked again at `collision.world.STEP`."""
 _MARGIN = 1.5
-"""[rad] beyond start and goal within which joints with a range of more than a turn are sampled."""
+"""Range [rad] beyond start and goal in which joints with a range of more than a turn are sampled."""
 _FULL_TURN = 2 * math.pi
-"""[rad] A joint with a wider range reaches one orientation at several angles."""
+"""Range [rad] above which a joint reaches the same orientation at several angles."""
 _UP = np.array([0.0, 0.0, 1.0])
 _RISES = (0.25, 0.19, 0.12, 0.06)
-"""[m] that the gripper moves straight up before the arm moves home, tried in this order."""
+"""Rises [m] of the gripper before the arm moves home, in the order of the tries."""
 _chain = cache(ArmChain.from_robot)
 _GAVE_UP = NoPath(f"transit: no path found within {_ITERATIONS} iterations")
 
 
 @dataclass(frozen=True, eq=False)
 class ArmQuery:
-    """The situation in which torso and arm move, or are asked whether they could.
+    """Surroundings of a motion of torso and arm.
 
     Attributes:
-        world: the scene, compiled.
-        base: (3,) x [m], y [m], yaw [rad]: where the base stands; read-only.
-        opening: of the gripper [m].
+        world: the compiled scene.
+        base: (3,) x [m], y [m], yaw [rad] of the base, read-only.
+        opening: gripper opening [m].
         held: the held object.
         ignore: mask of objects that are not obstacles.
     """
@@ -63,11 +63,11 @@ class ArmQuery:
         object.__setattr__(self, "base", frozen(self.base, (3,), "base"))
 
     def hits(self, Q: Array) -> list[int]:
-        """Masks of what configurations (k, 8) hit."""
+        """Collision masks of configurations (k, 8)."""
         return [int(hits) for hits in self.world.hits_many(self.base, Q, self.opening, self.held, self.ignore)]
 
     def path_hits(self, X: Array, first_only: bool = False) -> int:
-        """Mask of what a motion through whole-body configurations (k, 11) hits; see `CollisionWorld.path_hits`."""
+        """Collision mask of a motion through whole-body configurations (k, 11). See `CollisionWorld.path_hits`."""
         return self.world.path_hits(X, self.opening, self.held, self.ignore, first_only=first_only)
 
 
@@ -107,12 +107,12 @@ def unwrap_joints(robot: RobotArrays, q: ArrayLike, goals: ArrayLike) -> Array:
     """Add whole turns to continuous joints so that each is nearest to its angle in `q`.
 
     Args:
-        robot: whose joint limits.
+        robot: the robot with its joint limits.
         q: (8,) torso [m] and arm [rad].
         goals: (8,) or (k, 8).
 
     Returns:
-        the same configurations, in the shape of `goals`, within the limits.
+        The same configurations, in the shape of `goals`, within the limits.
     """
     start, turned = np.asarray(q, dtype=float), np.array(goals, dtype=float)
     for joint in np.flatnonzero(robot.upper - robot.lower > _FULL_TURN):
@@ -131,23 +131,23 @@ def plan_arm(
     rng: np.random.Generator,
     find_blockers: bool = True,
 ) -> WholeBodyPath | BlockedBy | NoPath:
-    """A free path from one configuration to one of several, shortened; at a distance of `CLEARANCE` if one is found.
+    """Plan a collision-free path from one configuration to one of several, shortened, with `CLEARANCE` if possible.
 
     Args:
-        query: the situation.
-        q_start: (8,).
-        q_goals: (8,) or (k, 8); see `unwrap_joints` for continuous joints.
-        rng: for the random trees; the same generator state gives the same path.
-        find_blockers: whether to find out which objects are in the way; this repeats the search many times.
+        query: the surroundings.
+        q_start: (8,) start configuration.
+        q_goals: (8,) or (k, 8) goal configurations. See `unwrap_joints` for continuous joints.
+        rng: for the random trees. The same generator state gives the same path.
+        find_blockers: whether to find the objects in the way. This repeats the search many times.
 
     Returns:
-        the path; the smallest set of objects that was found to be in the way; or why clearing would not help.
+        The path, the smallest known set of objects in the way, or the reason why clearing does not help.
     """
     start, goals = np.array(q_start, dtype=float), np.atleast_2d(np.array(q_goals, dtype=float))
     path = _path_within(query, start, goals, rng)
     if path is None:
         return _blocking_set(query, start, goals, rng) if find_blockers else _GAVE_UP
-    # The robot may be nearer than that to itself: its links are where they are in every path.
+    # The robot's links may be closer than CLEARANCE to each other, on any path: self-collision is left out here.
     wide = replace(query, world=query.world.with_padding(CLEARANCE), ignore=query.ignore | 1 << SELF_BIT)
     if wide.path_hits(on_base(query.base, path), first_only=True):
         to_itself = replace(wide, ignore=query.ignore)
@@ -159,10 +159,10 @@ def plan_arm(
 
 
 def _blocking_set(query: ArmQuery, start: Array, goals: Array, rng: np.random.Generator) -> BlockedBy | NoPath:
-    """The smallest set of objects found without which `plan_arm` succeeds; confirmed by planning without them.
+    """Find a small set of objects without which `plan_arm` succeeds, confirmed by a plan without them.
 
-    The objects that start and goals touch are tried first, then those met by a path that ignores all objects; of the
-    latter, each without which a path is found all the same is left out.
+    Objects that start and goals touch are tried first. Then come the objects on a path that ignores all objects. An
+    object is dropped from these if a path exists without its removal.
     """
     world, names = query.world, query.world.scene.names
     touched = query.hits(np.vstack([start[None], goals]))
@@ -176,7 +176,7 @@ def _blocking_set(query: ArmQuery, start: Array, goals: Array, rng: np.random.Ge
     free_goals = np.array([goal for _, goal in standing])
 
     def plan_without(mask: int) -> Array | None:
-        """A path among the other objects, (n, 8)."""
+        """Path (n, 8) with the objects of a mask removed."""
         return _path_within(replace(query, ignore=query.ignore | mask), start, free_goals, rng)
 
     if least and plan_without(least) is not None:
@@ -193,12 +193,12 @@ def _blocking_set(query: ArmQuery, start: Array, goals: Array, rng: np.random.Ge
 
 
 def _path_within(query: ArmQuery, start: Array, goals: Array, rng: np.random.Generator) -> Array | None:
-    """A verified path (n, 8), None when start or goals are blocked or the search gives up."""
+    """A checked path (n, 8), None if start or goals are blocked or the search gives up."""
     touched = np.array(query.hits(np.vstack([start[None], goals])), dtype=np.uint64)
     if touched[0] or touched[1:].all():
         return None
     X = on_base(query.base, np.vstack([start[None], goals[touched[1:] == 0]]))
-    # The base stands; joints that turn without end stay near start and goals.
+    # The base does not move. Continuous joints stay near start and goals.
     robot, lower, upper = query.world.robot, X.min(axis=0), X.max(axis=0)
     turns = robot.upper - robot.lower > _FULL_TURN
     lower[3:] = np.where(turns, np.maximum(robot.lower, lower[3:] - _MARGIN), robot.lower)
@@ -216,12 +216,12 @@ def _path_within(query: ArmQuery, start: Array, goals: Array, rng: np.random.Gen
 
 
 def is_at_home(world: CollisionWorld, state: RobotState) -> bool:
-    """Whether torso and arm are in the home configuration, but for whole turns."""
+    """Whether torso and arm are in the home configuration, up to whole turns."""
     return np.array_equal(state.q, unwrap_joints(world.robot, state.q, world.scene.robot.home))
 
 
 def is_among_objects(world: CollisionWorld, state: RobotState) -> bool:
-    """Whether the robot, away from home, is nearer than `CLEARANCE` to something other than itself."""
+    """Whether the robot, away from home, is closer than `CLEARANCE` to something other than itself."""
     if is_at_home(world, state):
         return False
     gap, held = world.scene.robot.opening(state.finger_position), world.scene.held
@@ -229,18 +229,18 @@ def is_among_objects(world: CollisionWorld, state: RobotState) -> bool:
 
 
 def plan_home(world: CollisionWorld, state: RobotState, rng: np.random.Generator) -> WholeBodyPath | NoPath:
-    """A free path of torso and arm to the home configuration, on a standing base, so that the base can drive.
+    """Plan a collision-free path of torso and arm home, with a standing base, so that the base can drive.
 
-    A robot that starts with its gripper among the objects moves straight up first. Where the start is nearer to
-    something than the world's padding, as in a grasp or after a disturbance, less padding will do.
+    With the gripper among the objects, the arm first moves straight up. If the start is closer to something than the
+    world's padding, as in a grasp or after a disturbance, the padding is reduced.
 
     Args:
-        world: the scene, compiled, with what is held.
-        state: where the robot is.
+        world: the compiled scene, with held objects.
+        state: the robot's state.
         rng: for the random trees.
 
     Returns:
-        the path, whose `opening` the gripper takes before it; or why there is none.
+        The path, or the reason why none was found. The gripper takes the path's `opening` before the motion.
     """
     held, robot = world.scene.held, world.scene.robot
     gap = robot.opening(state.finger_position)

@@ -1,4 +1,4 @@
-"""Driving between base poses with the arm kept still: the whole robot is checked, not only its footprint."""
+"""Drives between base poses with a fixed arm configuration. The whole robot is checked, not only its footprint."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ from planners.scene import HeldObject
 from planners.scene.masks import FIXED_BITS, SELF_BIT
 
 _RETREATS = (0.0, 0.15, 0.35, 0.6, 0.9)
-"""[m] that the base backs away from the table before it drives along, tried in this order."""
+"""Distances [m] that the base backs away from the table before it drives sideways, in the order of the tries."""
 _SPACING, _TURNS = 0.06, 16
-"""[m] between base poses of the lattice, and their yaws: passages 0.1 m wider than the robot are found."""
+"""Spacing [m] of base poses in the lattice, and number of yaws. Passages 0.1 m wider than the robot are found."""
 _COARSE_STEP = 0.015
-"""[m] between checks on the lattice; accepted drives are checked again at `collision.world.STEP`."""
+"""Step [m] between checks on the lattice. Accepted drives are checked again at `collision.world.STEP`."""
 _MOST_NODES = 100_000
-"""Nodes of the lattice reached at most."""
+"""Most nodes of the lattice to reach."""
 
 _AWAY, _WAYS, _SIZES = (0.03, 0.08, 0.2, 0.4), 16, 19
-"""[m] and directions that the base moves away from what it touches; sizes tried by which that counts as smaller."""
+"""Distances [m] and number of directions for leaving touched objects, and number of sizes by which these are shrunk."""
 
 CANNOT_MOVE = NoPath("the base cannot move")
 _STANDS = 1e-6
-"""[m] A base that moves less stands."""
+"""Distance [m] below which the base stands still."""
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class BaseRoadmap:
-    """The ground of a scene, and what searches for drives have explored to the end.
+    """The ground of a scene, with the results of exhausted searches for drives.
 
     Attributes:
-        ground: its parts that are connected for the base, whatever the arm does.
+        ground: its parts that are connected for the base, for any arm configuration.
     """
 
     ground: GroundMap
@@ -60,12 +60,13 @@ class BaseRoadmap:
         rng: np.random.Generator,
         ignore: int = 0,
     ) -> Array | None:
-        """A drive (k, 11) between two whole-body configurations (2, 11), None if there is none on the lattice.
+        """Search a drive (k, 11) between two whole-body configurations (2, 11) on the lattice. None if it fails.
 
-        Where one search has reached all that can be reached from a start, the next one from there is answered at once.
+        Once a search has reached everything that is reachable from a start, later searches from there are answered at
+        once.
         """
         start, goal, ground = X[0], X[1, :3], self.ground
-        # What ids stand for is kept, so that they stay its own.
+        # Keep the objects behind the ids alive, so that no other object gets the same id.
         key, kept = (id(world.obstacles), world.padding, start.tobytes(), opening, id(held)), (world.obstacles, held)
         if key in self._explored and not _is_near(self._explored[key][1], goal):
             return None
@@ -82,14 +83,14 @@ class BaseRoadmap:
         return np.asarray(shortcut(checks, path, STEP, SHORTCUTS, rng))
 
     def excludes(self, start: Array, base: Array) -> bool:
-        """Whether all that was explored from a base pose (3,) leaves out another one, and something was explored."""
+        """Whether something was explored from a base pose (3,) and all of it leaves out another base pose."""
         here = np.asarray(start, dtype=float).tobytes()
         explored = [poses for key, (_, poses) in self._explored.items() if key[2].startswith(here)]
         return bool(explored) and not any(_is_near(poses, base) for poses in explored)
 
 
 def _is_near(reached: Array, goal: Array) -> bool:
-    """Whether a base pose (3,) can be tried from one of those reached (m, 3)."""
+    """Whether a base pose (3,) can be tried from one of the reached poses (m, 3)."""
     away = np.abs(reached - goal)
     turn = np.abs(np.remainder(away[:, 2] + math.pi, 2 * math.pi) - math.pi)
     return bool(((away[:, :2] <= NEAR * _SPACING).all(axis=1) & (turn <= NEAR * 2 * math.pi / _TURNS)).any())
@@ -106,23 +107,23 @@ def plan_base(
     rng: np.random.Generator | None = None,
     roadmap: BaseRoadmap | None = None,
 ) -> WholeBodyPath | NoPath:
-    """A collision-free motion of the base: straight if possible, else backing away first, else on a lattice.
+    """Plan a collision-free motion of the base: straight if possible, else backing away first, else on a lattice.
 
-    Motions at a distance of `CLEARANCE` from everything come first. A robot that objects touch at the start moves away
-    from them first.
+    Motions with `CLEARANCE` from everything come first. A robot that touches objects at the start moves away from them
+    first.
 
     Args:
-        world: the scene, compiled.
+        world: the compiled scene.
         start: (3,) base pose.
-        goal: (3,) base pose; its yaw may be any number of turns away.
+        goal: (3,) base pose. Its yaw may be any number of turns away.
         q: (8,) configuration of torso and arm on the way.
-        opening: of the gripper [m]; by default closed around the held object, fully open without one.
+        opening: gripper opening [m]. By default, it is closed around a held object, else fully open.
         held: the held object.
-        rng: for shortcuts of drives on the lattice; seed 0 if not given.
-        roadmap: of the scene's static obstacles; made when it is needed if not given.
+        rng: for shortcuts of drives on the lattice. Default: seed 0.
+        roadmap: roadmap of the scene's static obstacles. By default, it is made when needed.
 
     Returns:
-        the path, or why there is none: `NO_WAY` if start and goal are free, but not connected.
+        The path, or the reason why none was found: `NO_WAY` if start and goal are free, but not connected.
     """
     here, there, configuration = (np.array(v, dtype=float) for v in (start, goal, q))
     if opening is None:
@@ -130,7 +131,7 @@ def plan_base(
     there[2] = unwrap_yaw(there[2], here[2])
     if world.scene.robot.base_drive == "fixed":
         return _standing(world, on_base(np.stack((here, there)), configuration), opening, held)
-    # Torso, arm and what is held stay where they are on the robot: they may be nearer to it than to all else.
+    # Torso, arm and held object do not move relative to the base: the robot may be closer to itself than CLEARANCE.
     itself = 1 << SELF_BIT
     wide = world.with_padding(CLEARANCE), itself & ~world.hits(here, configuration, opening, held)
     for padded, ignore in (wide, (world, 0)):
@@ -164,7 +165,7 @@ def plan_base(
 
 
 def _standing(world: CollisionWorld, X: Array, opening: float, held: HeldObject | None) -> WholeBodyPath | NoPath:
-    """The "drive" (2, 11) of a base that does not move; none to elsewhere."""
+    """Path (2, 11) of a fixed base, only possible if start and goal are the same."""
     if np.abs(X[1, :3] - X[0, :3]).max() > SAME_BASE:
         return CANNOT_MOVE
     touched = world.path_hits(X, opening, held)
@@ -172,9 +173,9 @@ def _standing(world: CollisionWorld, X: Array, opening: float, held: HeldObject 
 
 
 def _moved_away(world: CollisionWorld, start: Array, q: Array, opening: float, held: HeldObject | None) -> Array | None:
-    """A base pose (3,) near the start, free, on a straight line on which the robot comes no nearer to what it touches.
+    """Free base pose (3,) near the start, on a straight line away from the objects that the robot touches.
 
-    None if it touches nothing, or something other than objects, or if there is no such line.
+    None if it is free already, if it touches static obstacles, or if the search fails.
     """
     touched = world.hits(start, q, opening, held)
     if not touched or touched & FIXED_BITS:
@@ -200,14 +201,14 @@ def _moved_away(world: CollisionWorld, start: Array, q: Array, opening: float, h
 
 
 def _ways_out(robot: RobotSpec, ahead: float) -> list[float]:
-    """Directions [rad] in which the base can leave at once, best first; 0 is away, `ahead` its own."""
+    """Directions [rad] in which the base can leave at once, best first. 0 points away, `ahead` is the base's own."""
     if robot.base_drive == "differential":
         return [ahead, ahead + math.pi]
     return sorted(np.arange(_WAYS) * 2 * math.pi / _WAYS, key=lambda turn: -math.cos(turn))
 
 
 def driveable(robot: RobotSpec, waypoints: Array) -> Array:
-    """Waypoints (n, 3) such that a differential base turns where it stands and drives ahead or back between them."""
+    """Waypoints (n, 3) between which a differential base turns on the spot and drives straight ahead or back."""
     if robot.base_drive != "differential":
         return waypoints
     way, last = [waypoints[0]], waypoints[-1]
@@ -222,12 +223,12 @@ def driveable(robot: RobotSpec, waypoints: Array) -> Array:
 
 
 def unwrap_yaw(yaw: float, near: float) -> float:
-    """The same yaw [rad], at most half a turn away from another one."""
+    """The same yaw [rad], at most half a turn from another one."""
     return near + math.remainder(yaw - near, 2 * math.pi)
 
 
 def _simple_paths(start: Array, goal: Array) -> Iterator[Array]:
-    """Waypoints (n, 3): turning on the way, before it or after it; then the same after backing away from the table."""
+    """Waypoints (n, 3) with the turn on the way, before or after it. Then the same with a retreat first."""
     for retreat in _RETREATS:
         x = min(start[0], goal[0]) - retreat
         first, last = np.array([x, start[1], start[2]]), np.array([x, goal[1], goal[2]])

@@ -1,9 +1,9 @@
-"""Motions between two contacts made one: without stops, base and arm together, on a shorter path where one is free.
+"""Merging of motions between two contacts: no stops, base and arm together, on a shorter path if collision-free.
 
-A pick, a drive and a put-down are planned one by one, each from rest to rest, through the home configuration. Between
-the release of one object and the grasp of the next nothing is touched, so only the straight lines near the contacts
-have to stay. Between them the straight line in the space of whole-body configurations is taken if it is free, with
-blended corners, timed as one motion.
+A pick, a drive and a put-down are planned separately, each from rest to rest, through the home configuration. Between
+the release of one object and the grasp of the next, the robot touches nothing. So only the straight lines near the
+contacts must stay. Between them, the path is a straight line in whole-body configurations if it is collision-free, with
+blended corners and timed as one motion.
 """
 
 from __future__ import annotations
@@ -29,43 +29,44 @@ from planners.scene import SELF_BIT, HeldObject
 Array = NDArray[np.float64]
 
 _KEPT = (0.4, 0.7, 1.0)
-"""Shares of a straight line beside a contact that are kept; the smallest that is free is taken."""
+"""Shares of a straight line at a contact that are kept. The smallest collision-free share is used."""
 _STRAIGHT = 0.5
-"""Share of what is kept that stays straight; the rest may be rounded off."""
+"""Share of the kept line that stays straight. The rest may be rounded."""
 _BESIDE = 0.03
-"""[m] An object is held at its rim or handle if its centre is farther than this to the side of the TCP."""
+"""Distance [m] of an object's centre to the side of the TCP above which it is held at its rim or handle."""
 _SAG = 0.5
-"""Height [m] to which such an object is lifted before anything turns, per metre to its centre: a pan turns by 13
-degrees between the fingers, and its far side is twice as far away as its centre."""
+"""Lift [m] of such an object before anything turns, per metre to its centre. A pan turns by 13 degrees between the
+fingers, and its far side is twice as far away as its centre."""
 _HANGS = 0.26
-"""[rad] by which such an object turns about the fingers until its far side hangs: the slanting wall of a bowl lies
-between the pads then. The corners and what is between them are free with it so, too."""
+"""Angle [rad] by which such an object turns about the fingers until its far side hangs: the slanting wall of a bowl is
+between the pads then. The corners of a path, and all between them, are collision-free with it in that pose too."""
 _TIPS = 0.02
-"""[m] above such an object's top: from there down the empty fingers, which have its wall between them, go straight."""
+"""Height [m] above such an object's top, from which the empty fingers go straight down around its wall."""
 _MOST_CORNERS = 10
-"""Between two contacts; a path with more of them is left as it is."""
+"""Most corners between two contacts. A path with more corners stays as it is."""
 _HALF_WIDTHS = (0.3, 0.15, 0.07)
-"""[s] at full speed before and after a corner that are rounded off, the first for which the path is free."""
+"""Half widths [s] at full speed of the rounding at a corner. The first collision-free one is used."""
 _LAG = 2
-"""Samples by which fingers may be behind their commands."""
+"""Samples by which fingers may lag behind their commands."""
 _OFF_LINE = 0.001
-"""[m] A driven configuration farther off the planned lines keeps `CLEARANCE`: base and arm lag when both move."""
+"""Distance [m] from the planned lines above which a driven configuration keeps `CLEARANCE`: base and arm lag if both
+move."""
 
 _TINY = 1e-12
-"""[m²] The robot rests there."""
+"""Squared distance [m²] of a robot at rest."""
 
 
 def merge_phases(
     world: CollisionWorld, phases: Sequence[Trajectory], first: HeldObject | None, last: HeldObject | None
 ) -> list[Trajectory] | None:
-    """The same phases on a shorter path, timed as one motion; None if none is found that takes less time.
+    """Merge phases into one motion on a shorter path. None if it fails or takes as long.
 
-    The phases keep their shares of the time. The fingers move while the robot does.
+    The phases keep their shares of the time. The fingers move while the robot moves.
 
     Args:
-        world: the scene at this time, compiled.
-        phases: consecutive ones in which nothing is grasped or released, at rest at both ends; one phase each.
-        first, last: what the fingers are around at the start and at the end.
+        world: the compiled scene at this time.
+        phases: consecutive trajectories of one phase each, without grasp or release, at rest at both ends.
+        first, last: the object between the fingers at the start and at the end.
     """
     path = _shorter_path(world, phases, first, last)
     if path is None:
@@ -79,7 +80,7 @@ def merge_phases(
     if not max(len(ramp) - 1, len(phases)) <= count < sum(steps):
         return None
     bounds, states = _bounds(steps, count), timed.states.copy()
-    # The fingers begin to move with the phase in which they did as planned, or else at once, or as late as they can.
+    # Fingers begin to move in the phase in which they did as planned, else at once, else as late as possible.
     moving, latest = (k for k, phase in enumerate(phases) if np.ptp(phase.finger_position) > 0.0), count + 1 - len(ramp)
     planned = np.vstack([phase.states[:, :-1] for phase in phases])
     for begin in (min(bounds[next(moving, 0)], latest), 0, latest):
@@ -95,9 +96,10 @@ def merge_phases(
 
 
 def _fingers_are_free(world: CollisionWorld, states: Array, planned: Array) -> bool:
-    """Whether fingers that are not fully open hit nothing on the way (n, 12), up to `_LAG` samples late as they are.
+    """Whether partly open fingers are collision-free on a motion (n, 12), even if `_LAG` samples late.
 
-    They are nearer to an object between them than open ones. What is not as planned (m, 11) keeps `CLEARANCE` here too.
+    They are closer to an object between them than open ones. Configurations off the planned path (m, 11) keep
+    `CLEARANCE` here too.
     """
     X, widths = states[:, :-1], states[:, -1]
     narrowest = np.array([widths[max(k - _LAG + 1, 0) : k + 2].min() for k in range(len(X) - 1)])
@@ -116,7 +118,7 @@ def _fingers_are_free(world: CollisionWorld, states: Array, planned: Array) -> b
 
 
 def _bounds(steps: Sequence[int], last: int) -> list[int]:
-    """The numbers of the samples at which phases begin, then `last`: in their shares, one step each at least."""
+    """Sample numbers at which phases begin, then `last`: in proportion to their steps, with at least one step each."""
     shares = np.cumsum([0, *steps]) / max(sum(steps), 1)
     bounds = [max(round(share * last), k) for k, share in enumerate(shares)]
     return [min(bound, last - (len(bounds) - 1 - k)) for k, bound in enumerate(bounds)]
@@ -125,11 +127,11 @@ def _bounds(steps: Sequence[int], last: int) -> list[int]:
 def _shorter_path(
     world: CollisionWorld, phases: Sequence[Trajectory], first: HeldObject | None, last: HeldObject | None
 ) -> Array | None:
-    """Whole-body configurations (n, 11) from the start of the motion to its end; None if no shorter path is found.
+    """Shorter path of whole-body configurations (n, 11) from start to end of the motion. None if the search fails.
 
-    The straight line between what is kept of the lines at both ends, or else a polygon of corners on the planned path.
+    It is the straight line between the kept lines at both ends, or else a polygon with corners on the planned path.
     """
-    # The checks: with the widest opening of the motion, or what is held throughout.
+    # Checks use the widest opening of the motion, or the object held throughout.
     robot, loaded = world.scene.robot, phases[0].phases[0]
     widest = max(float(phase.finger_position.max()) for phase in phases)
     opening, held = robot.opening(widest), loaded.touched if loaded.held else None
@@ -158,23 +160,23 @@ def _shorter_path(
 
 
 class _Checks(NamedTuple):
-    """The collision checks of one motion."""
+    """Collision checks of one motion."""
 
     world: CollisionWorld
-    clear: CollisionQuery  # with `CLEARANCE` as padding, without the robot itself
-    hung: CollisionQuery  # the same with what is held as it hangs
-    free: CollisionQuery  # with the world's own, with it
+    clear: CollisionQuery  # padding CLEARANCE, without self-collision
+    hung: CollisionQuery  # the same with the held object as it hangs
+    free: CollisionQuery  # padding of the world, with self-collision
 
     def is_free(self, path: Array) -> bool:
-        """Whether a path keeps `CLEARANCE` from all but the robot itself."""
+        """Whether a path keeps `CLEARANCE` from everything except the robot itself."""
         if path_hits(self.clear, path, STEP):
             return False
         return self.hung is self.clear or not path_hits(self.hung, path, STEP)
 
     def rounded(self, start: Array, corners: Array, end: Array, keeps: bool) -> Array | None:
-        """The path along two lines and by corners between them, its corners rounded; None if it is not free.
+        """Path along two lines with corners between them, all rounded. None if it is in collision.
 
-        Corners within the straight parts of the lines are rounded too if that is free, unless `keeps`.
+        Corners within the straight parts of the lines are rounded too if that is collision-free, unless `keeps`.
         """
         polygon = np.vstack([start, corners, end])
         first, last = len(start) - 1, len(polygon) - len(end)
@@ -187,7 +189,7 @@ class _Checks(NamedTuple):
                 on_polygon = interpolate(at, np.arange(len(polygon)), polygon)
                 is_off = np.abs(path - on_polygon) @ self.world.robot.reach > _OFF_LINE
                 drives = np.abs(np.gradient(path[:, :3], axis=0)).max(axis=1) > SAME_BASE
-                # What is not as planned keeps `CLEARANCE`; the lines beside contacts cannot, and need only be free.
+                # Parts off the planned path keep CLEARANCE. The lines at contacts cannot, and need only be free.
                 changed = (at >= first) & (at <= last) | is_off & drives
                 edges = np.flatnonzero(np.diff(changed, prepend=False, append=False)).reshape(-1, 2)
                 is_clear = all(self.is_free(path[enter:leave]) for enter, leave in edges)
@@ -197,9 +199,9 @@ class _Checks(NamedTuple):
 
 
 def _is_changed(world: CollisionWorld, X: Array, planned: Array) -> NDArray[np.bool_]:
-    """Whether each configuration (k, 11) of a motion is driven farther than `_OFF_LINE` from a planned one (n, 11).
+    """Whether configurations (k, 11) are driven and farther than `_OFF_LINE` from the planned path (n, 11): (k,).
 
-    The distance is an upper bound of how far any point of the robot is from where the planned motion takes it.
+    The distance is an upper bound over all points of the robot.
     """
     reach, drives = world.robot.reach, np.abs(np.gradient(X[:, :3], axis=0)).max(axis=1) > SAME_BASE
     scaled, start, along = X[drives] * reach, planned[:-1] * reach, np.diff(planned, axis=0) * reach
@@ -211,7 +213,8 @@ def _is_changed(world: CollisionWorld, X: Array, planned: Array) -> NDArray[np.b
 
 
 def _corners(checks: _Checks, path: Array) -> Array | None:
-    """Configurations (n, 11) of a path, from its first to its last, the straight lines between them free; or None."""
+    """Corners (n, 11) on a path, with free straight lines between them, both ends included. None if the search
+    fails."""
     corners, at = [path[0]], 0
     while at < len(path) - 1:
         steps = (len(path) - 1 - at) >> np.arange(len(path).bit_length())
@@ -225,7 +228,7 @@ def _corners(checks: _Checks, path: Array) -> Array | None:
 
 
 def _straight(world: CollisionWorld, contact: Array, touched: HeldObject | None, is_held: bool) -> float:
-    """[m] of the line beside a contact (1, 12) that have to stay straight; 0 of what is held at its middle."""
+    """Length [m] of the line at a contact (1, 12) that must stay straight. 0 for an object held at its middle."""
     if touched is None:
         return 0.0
     T_world_tcp = tcp_poses(world.robot, contact[:, :-1])[0]
@@ -249,9 +252,9 @@ def _hanging(world: CollisionWorld, contact: Array, held: HeldObject) -> HeldObj
 
 
 def _lines(robot: RobotArrays, states: Array, in_contact: bool, least: float) -> Iterator[Array]:
-    """Parts of a phase beside a contact that may be kept: configurations (n, 11) from the contact on, shortest first.
+    """Parts of a phase at a contact that may be kept: configurations (n, 11) from the contact outwards, shortest first.
 
-    The last configuration is the corner. At least `least` [m] stay straight. Without contact nothing but the first
+    The last configuration is the corner. At least `least` [m] stay straight. Without contact, only the first
     configuration is kept.
     """
     X = states[:, :-1]

@@ -1,4 +1,4 @@
-"""Motions that are kept for scenes that follow: they are used again where nothing that has moved comes near them."""
+"""Cache of motions for later scenes. A motion is reused if no moved object comes near it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Found = TypeVar("Found")
 
 
 class _Entry(NamedTuple):
-    """A motion, the scene that it was planned in, and its paths."""
+    """A motion, the scene of its planning, and its paths."""
 
     found: object
     scene: Scene
@@ -23,25 +23,26 @@ class _Entry(NamedTuple):
 
 @dataclass
 class KeptMotions:
-    """Motions that were planned before, by what was asked.
+    """Motions planned before, by query.
 
-    What is planned now is used in later scenes alone: so a first solve is the same whether its motions are kept or not.
+    Motions of the present scene are only reused in later scenes. So the first solve is the same with and without the
+    cache.
     """
 
     _before: dict[Hashable, _Entry] = field(default_factory=dict, repr=False)
     _now: dict[Hashable, _Entry] = field(default_factory=dict, repr=False)
 
     def for_next_scene(self) -> KeptMotions:
-        """The motions of this scene, those used again among them, for the scene that follows."""
+        """Motions of this scene, reused ones included, for the next scene."""
         return KeptMotions(self._now)
 
     def find(self, key: Hashable, kind: type[Found], world: CollisionWorld) -> Found | None:
-        """The motion planned for the same before, if it keeps `CLEARANCE` from all objects that have moved since.
+        """Find the motion of an earlier, equal query, if it keeps `CLEARANCE` from all objects that have moved since.
 
         Args:
-            key: what is asked for: where the motion begins and ends, and what it takes or puts down.
-            kind: class of the answer.
-            world: the scene as it is now, compiled; its static obstacles are those of before.
+            key: the query: start, end, and the object that is taken or put down.
+            kind: class of the result.
+            world: the compiled scene as it is now, with the same static obstacles as before.
         """
         entry = self._before.get(key)
         if entry is None or not isinstance(entry.found, kind):
@@ -55,5 +56,5 @@ class KeptMotions:
         return entry.found
 
     def keep(self, key: Hashable, found: object, scene: Scene, paths: Sequence[WholeBodyPath]) -> None:
-        """Remember a motion for scenes that follow."""
+        """Keep a motion for later scenes."""
         self._now[key] = _Entry(found, scene, paths)

@@ -1,8 +1,8 @@
-"""Drives among obstacles on a lattice of base poses, compiled: A* with edges checked when they are taken.
+"""Drives among obstacles on a lattice of base poses, compiled: A* with edges that are checked lazily.
 
-Hart, Nilsson & Raphael, "A formal basis for the heuristic determination of minimum cost paths", 1968; lazy edges as in
-Bohlin & Kavraki, "Path planning using lazy PRM", ICRA 2000. The heuristic is the way along the ground to the goal,
-weighed so that a drive is found soon rather than the shortest one.
+Hart, Nilsson & Raphael, "A formal basis for the heuristic determination of minimum cost paths", 1968. Lazy edges as in
+Bohlin & Kavraki, "Path planning using lazy PRM", ICRA 2000. The heuristic is the distance along the ground to the goal.
+Its weight makes the search find a drive soon, not the shortest one.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ Array = NDArray[np.float64]
 
 _NONE = np.uint64(0)
 _UNSEEN, _FREE, _BLOCKED, _REACHED = np.uint8(0), np.uint8(1), np.uint8(2), np.uint8(3)
-"""What is known of a node."""
+"""States of a node."""
 _GREED = 1.5
-"""Weight of the way to go."""
+"""Weight of the remaining distance."""
 _RADIAN = 0.3
-"""[m] Way that a turn by one radian costs."""
+"""Distance [m] that a turn by one radian costs."""
 NEAR = 1.6
-"""Steps of the lattice from which the goal, which is not on it, is tried."""
+"""Steps of the lattice from which the goal, which is not a node, is tried."""
 
 
 @njit(cache=True)
 def ways_to(goal: Array, parts: NDArray[np.int64], origin: Array, cell: float) -> Array:
-    """[m] from every cell (nx, ny) of the ground to the goal, by way of neighbouring cells of its part; else inf."""
+    """Distances [m] from every cell (nx, ny) to the goal, through neighbouring cells of the same part, else inf."""
     nx, ny = parts.shape
     ways, diagonal = np.full((nx, ny), np.inf), math.sqrt(2.0) * cell
     gi = min(max(int((goal[0] - origin[0]) / cell), 0), nx - 1)
@@ -40,7 +40,7 @@ def ways_to(goal: Array, parts: NDArray[np.int64], origin: Array, cell: float) -
     ways[gi, gj] = 0.0
     changed = True
     while changed:
-        # Sweeps in four directions, each of which carries distances across the whole map.
+        # Sweeps in four directions: each carries distances across the whole map.
         changed = False
         for sweep in range(4):
             di, dj = 1 - 2 * (sweep & 1), 1 - (sweep & 2)
@@ -78,19 +78,19 @@ def search_lattice(
     step: float,
     most: int,
 ) -> tuple[Array, Array]:
-    """A free drive from one whole-body configuration to a base pose, the arm still.
+    """Search a collision-free drive from one whole-body configuration to a base pose, with a fixed arm.
 
     Args:
-        query: what counts as a hit; `first_only` must be set.
-        start: (3 + n,), free; a node of the lattice.
-        goal: (3,) base pose, free; its yaw in any turn.
-        ways: (nx, ny) [m] as of `ways_to`, in cells of edge `cell` [m] from the corner `origin` (2,) on.
-        spacing: [m] between nodes; there are `turns` yaws.
-        step: [m] No point of the robot moves more between two checks.
-        most: nodes reached at most.
+        query: the collision query. `first_only` must be set.
+        start: (3 + n,) free configuration, a node of the lattice.
+        goal: (3,) free base pose. Its yaw may be any number of turns away.
+        ways: (nx, ny) distances [m] of `ways_to`, in cells of edge `cell` [m], with the corner `origin` (2,).
+        spacing: spacing [m] of nodes, with `turns` yaws each.
+        step: largest motion [m] of a point of the robot between two checks.
+        most: most nodes to reach.
 
     Returns:
-        the drive (k, 3 + n), (0, 3 + n) where none was found; the base poses reached (m, 3).
+        The drive (k, 3 + n), (0, 3 + n) if none was found, and the reached base poses (m, 3).
     """
     d, turn = start.shape[0], 2.0 * math.pi / turns
     low_x, low_y = math.floor((start[0] - origin[0]) / spacing), math.floor((start[1] - origin[1]) / spacing)

@@ -1,7 +1,7 @@
-"""Paths and trajectories checked once more, by MuJoCo's own collision detection, self-collision included.
+"""Second check of paths and trajectories by MuJoCo's own collision detection, self-collision included.
 
-MuJoCo looks where the planner's own model does not prove the motion, between the states too, to keep `_NEAR` from
-everything: its distances within a margin are no lower bounds, those of `irm.gjk` are.
+MuJoCo checks a motion where the planner's own model cannot prove that it keeps `_NEAR` from everything, also between
+the states. For the proof, MuJoCo's distances within a margin are no lower bounds, but those of `irm.gjk` are.
 """
 
 from __future__ import annotations
@@ -26,14 +26,15 @@ from planners.scene.bodies import pose_matrix
 from planners.scene.mujoco_reading import local_pose
 
 _ROBOT, _OTHER = 1, 2
-"""Collision bits: the robot collides with itself and all other geoms; of these only held objects with others."""
+"""Collision bits. The robot collides with itself and all other geoms. Of these, only held objects collide with
+others."""
 _NEAR = 0.001
-"""[m] What is proved to be farther away MuJoCo does not look at; as much the shapes of two models may differ."""
+"""Distance [m] above which a proof replaces MuJoCo's check. The shapes of the two models may differ by as much."""
 _OTHER_GEOM = {"contype": _OTHER, "conaffinity": 0, "margin": 0.0}
 _MEMORY = 1 << 25
-"""[bytes] for contacts, far more than there can be."""
+"""Memory [bytes] for contacts, far more than needed."""
 OBJECT, OPENING, _OBSTACLE = "object/", "opening/", "obstacle/"
-"""Prefixes of names in the model, so that an object or obstacle may have the name of a geom or joint of the robot."""
+"""Prefixes of names in the model: an object or obstacle may have the same name as a geom or joint of the robot."""
 _GEOMS = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
     "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -43,15 +44,15 @@ _GEOMS = {
     "hull": mujoco.mjtGeom.mjGEOM_MESH,
 }
 TOLERANCE = 0.0005
-"""[m] Penetration that an accepted path may have where it is checked; between the steps it may be as much again."""
+"""Penetration [m] that an accepted path may have at checked states. Between them it may be as much again."""
 STEP = 0.01
-"""[m] that a point of the robot may move between two checks: past a cylinder of 25 mm radius 0.5 mm are missed."""
+"""Motion [m] of a point of the robot between two checks. Past a cylinder of 25 mm radius, 0.5 mm can be missed."""
 
 
 def scene_model(scene: Scene, can_open: bool = False) -> mujoco.MjModel:
-    """Robot, ground, static obstacles and free bodies for the objects, with the collision bits of this module.
+    """Build a model of robot, ground, static obstacles and objects (free bodies), with this module's collision bits.
 
-    Drawers and doors stay where they are, unless they `can_open`: then they are on the joints of the scene's openings.
+    Drawers and doors are fixed, unless they `can_open`: then they get the joints of the scene's openings.
     """
     spec = mujoco.MjSpec.from_file(str(scene.robot.mjcf_path))
     spec.memory = _MEMORY
@@ -71,13 +72,13 @@ def scene_model(scene: Scene, can_open: bool = False) -> mujoco.MjModel:
         for index, solid in enumerate(body.solids):
             _add_solid(spec, added, f"{name}/{index}" if body.pieces else name, solid)
     if any(body.pieces for body in scene.objects):
-        # Held objects are placed geom by geom; the boxes of this phase would stay where their bodies are.
+        # Held objects are placed geom by geom, but the boxes of this phase would stay at their bodies.
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
     return spec.compile()
 
 
 def _moving_bodies(spec: mujoco.MjSpec, scene: Scene) -> dict[str, mujoco.MjsBody]:
-    """The body of each part that moves with a drawer or door, by its name; all are in the frame of the world now."""
+    """Body of each part that moves with a drawer or door, by its name. All are in the frame of the world now."""
     body_of: dict[str, mujoco.MjsBody] = {}
     for one in sorted(scene.openings, key=lambda one: -len(one.parts)):  # doors before the levers on them
         body = body_of.get(one.parts[0], spec.worldbody).add_body(name=OPENING + one.name)
@@ -88,7 +89,7 @@ def _moving_bodies(spec: mujoco.MjSpec, scene: Scene) -> dict[str, mujoco.MjsBod
 
 
 def _add_solid(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, solid: Solid) -> None:
-    """Its true shape, whatever its contact bits were in the simulation that it was read from."""
+    """Add a solid with its true shape, whatever its contact bits were in the original simulation."""
     half, quaternion = solid.half_extents, np.empty(4)
     mujoco.mju_mat2Quat(quaternion, solid.rotation.ravel())
     shape: dict[str, object] = {"type": _GEOMS[solid.shape]}
@@ -106,9 +107,9 @@ def _add_solid(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, solid: Soli
 
 @cache
 def _neighbours(robot: RobotSpec) -> tuple[tuple[str, str], ...]:
-    """The names of each two bodies whose contacts do not count: on the same link or on neighbouring ones.
+    """Names of pairs of bodies on the same link or on neighbouring links, whose contacts are ignored.
 
-    Of a base that stands those with the world do not either.
+    For a fixed base, contacts between base and world are ignored, too.
     """
     model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
     links, pairs = link_of_body(model, robot.drive_joints[3:]), itertools.combinations(range(1, model.nbody), 2)
@@ -118,7 +119,7 @@ def _neighbours(robot: RobotSpec) -> tuple[tuple[str, str], ...]:
 
 
 class ModelPositions:
-    """Positions of the joints, `qpos` (nq,), of a `scene_model`: they are set to those of a scene, then changed."""
+    """Joint positions `qpos` (nq,) of a `scene_model`, set to those of a scene and then changed."""
 
     def __init__(self, model: mujoco.MjModel, scene: Scene, qpos: NDArray[np.float64]) -> None:
         robot, self.qpos, self._model = scene.robot, qpos, model
@@ -132,7 +133,7 @@ class ModelPositions:
             self.put(body.name, body.position, body.quaternion)
 
     def open(self, name: str, position: float) -> None:
-        """Put what opens at a position [m] or [rad], in a model in which it can."""
+        """Set an opening to a position [m] or [rad], in a model built with `can_open`."""
         self.qpos[self._model.joint(OPENING + name).qposadr[0]] = position
 
     def move(self, state: NDArray[np.float64]) -> None:
@@ -141,7 +142,7 @@ class ModelPositions:
         self.qpos[self._second_finger] = state[-1]
 
     def put(self, name: str, position: NDArray[np.float64], quaternion: NDArray[np.float64]) -> None:
-        """Put an object at a pose."""
+        """Set the pose of an object."""
         start = self._start[name]
         self.qpos[start : start + 3] = position
         self.qpos[start + 3 : start + 7] = quaternion
@@ -151,10 +152,10 @@ class PenetrationReport(NamedTuple):
     """The deepest penetration of a motion.
 
     Attributes:
-        penetration: its depth [m], 0 for none.
+        penetration: depth [m], 0 for none.
         pair: names of the two geoms.
-        where: (11,) whole-body configuration in which it happens.
-        bodies: names of the two bodies; of an obstacle its own name, since it is no body.
+        where: (11,) whole-body configuration at this penetration.
+        bodies: names of the two bodies. Obstacles are no bodies and have their own name here.
     """
 
     penetration: float
@@ -168,34 +169,34 @@ class PenetrationReport(NamedTuple):
 
 
 class MujocoCollisionChecker:
-    """Checks motions in a MuJoCo model of a scene. The model is its own, not that of a simulation."""
+    """Checker of motions in a MuJoCo model of a scene. The model is separate from any simulation."""
 
     def __init__(self, scene: Scene, world: CollisionWorld | None = None) -> None:
-        """Build the model; for the same objects elsewhere `move_to` is faster. The `world` is the scene, compiled."""
+        """Build the model. For the same objects at other poses, `move_to` is faster. `world` is the compiled scene."""
         robot = scene.robot
         self.scene, self._signature = scene, _signature(scene)
         self._model = model = scene_model(scene)
         self._data = mujoco.MjData(model)
         self._positions = ModelPositions(model, scene, self._data.qpos)
         data, self._tcp = self._data, model.site(robot.tcp_site).id
-        # Views of MuJoCo's memory: to make them takes longer than to use them.
+        # Views of MuJoCo's memory are kept: creating a view takes longer than using it.
         self._geom_xpos, self._geom_axes = data.geom_xpos, data.geom_xmat.reshape(-1, 3, 3)
         self._site_xpos, self._site_axes = data.site_xpos, data.site_xmat.reshape(-1, 3, 3)
         self._gripper = _gripper_geoms(model, robot)
         of_objects = {body.name: model.body(OBJECT + body.name).id for body in scene.objects}
         self._geoms = {name: np.flatnonzero(model.geom_bodyid == body).tolist() for name, body in of_objects.items()}
         self._names = {geom: name for name, geoms in self._geoms.items() for geom in geoms}
-        # Poses of the geoms in the frames of their objects: MuJoCo puts the origin of a mesh where it likes.
+        # Poses of the geoms in the frames of their objects: MuJoCo chooses the origin of a mesh itself.
         self._in_object = {geom: pose_matrix(*local_pose(model, "geom", geom)) for geom in self._names}
-        # Of the robot those pairs count that count for the planner: shapes that touch in nearly every configuration,
-        # such as boxes around the meshes of short links, do not.
+        # Pairs of the robot's shapes are limited to the planner's. Others touch in nearly every configuration, such as
+        # boxes around the meshes of short links.
         geoms = robot.collision_geoms(model)
         counted = {frozenset((geoms[one], geoms[other])) for one, other in robot.shapes.pairs.tolist()}
         self._uncounted = set(map(frozenset, itertools.combinations(geoms, 2))) - counted
         self._world = (world or CollisionWorld.from_scene(scene)).with_padding(_NEAR)
 
     def move_to(self, scene: Scene, world: CollisionWorld | None = None) -> None:
-        """Put the objects where another scene has them; raises `SceneError` if it differs in more than their poses."""
+        """Move the objects to their poses in another scene. Raises `SceneError` if more than their poses differs."""
         if scene is not self.scene and _signature(scene) != self._signature:
             raise SceneError("a collision checker serves scenes with the same robot, static obstacles and objects only")
         if scene is not self.scene:
@@ -205,21 +206,21 @@ class MujocoCollisionChecker:
             self._positions.put(body.name, body.position, body.quaternion)
 
     def accepts(self, motion: WholeBodyPath | Trajectory, step: float = STEP) -> bool:
-        """Whether nothing penetrates deeper than `TOLERANCE`; see `deepest_penetration`."""
+        """Whether no penetration is deeper than `TOLERANCE`. See `deepest_penetration`."""
         return self.deepest_penetration(motion, step, TOLERANCE).penetration <= TOLERANCE
 
     def deepest_penetration(
         self, motion: WholeBodyPath | Trajectory, step: float = STEP, enough: float = np.inf
     ) -> PenetrationReport:
-        """The deepest penetration of a motion.
+        """Find the deepest penetration of a motion.
 
-        What touches others when it is taken counts as far as it gets deeper into them. States are left out where
-        `unproved_states` proves that nothing is nearer than `_NEAR`, there and half-way to the states beside them.
+        For an object that touches others when it is taken, only additional depth is reported. States are skipped where
+        `unproved_states` proves a distance of at least `_NEAR`, there and half-way to the neighbouring states.
 
         Args:
-            motion: a path, or a trajectory: its phases say what is held, and a released object stays where it is.
-            step: [m] that a point of the robot may move between two configurations.
-            enough: [m] A deeper one ends the check.
+            motion: a path, or a trajectory, whose phases give the held objects. A released object stays where it is.
+            step: largest motion [m] of a point of the robot between two configurations.
+            enough: depth [m] beyond which the check ends.
         """
         worst, world = PenetrationReport(0.0, ("", ""), np.zeros(len(self.scene.robot.drive_joints))), self._world
         segments = list(self._segments(motion))
@@ -237,7 +238,7 @@ class MujocoCollisionChecker:
                 before = self._depths(held) if row == 0 else before
                 worst = self._worse(worst, fine[row], before, grips, ignored)
             if held is not None and states is not segments[-1][0]:
-                # From now on the object stays where it is placed last.
+                # The object stays at its last pose from now on.
                 self._place(fine[-1], held)
                 (position, R), quaternion = self._held_pose(held, self._tcp), np.empty(4)
                 mujoco.mju_mat2Quat(quaternion, R.ravel())
@@ -249,7 +250,7 @@ class MujocoCollisionChecker:
         return worst
 
     def _grips(self, held: HeldObject | None) -> dict[int, set[int]]:
-        """The geoms of held objects, each with those of the gripper that holds it, which may touch it."""
+        """Geoms of held objects, each with the geoms of its gripper, which may touch it."""
         grips = {} if held is None else dict.fromkeys(self._geoms[held.name], self._gripper)
         for one in self.scene.aside:
             gripper = _gripper_geoms(self._model, self.scene.robot.using(one.arm))
@@ -257,7 +258,7 @@ class MujocoCollisionChecker:
         return grips
 
     def _depths(self, held: HeldObject | None) -> dict[tuple[int, int], float]:
-        """How deep a held object is in others, in the contacts found last [m]: no deeper than in a possible scene."""
+        """Depths [m] of a held object in others, in the last contacts, up to the overlap that a valid scene allows."""
         if held is None:
             return {}
         contact, geoms, depths = self._data.contact, self._geoms[held.name], dict[tuple[int, int], float]()
@@ -269,9 +270,9 @@ class MujocoCollisionChecker:
     def _segments(
         self, motion: WholeBodyPath | Trajectory
     ) -> Iterator[tuple[NDArray[np.float64], HeldObject | None, int]]:
-        """Parts of a motion with the same held object, or none, and the mask of objects that do not count.
+        """Parts of a motion with the same held object, or none, and the mask of ignored objects.
 
-        Each is whole-body configurations and finger positions (k, 12).
+        The states of each part are whole-body configurations and finger positions (k, 12).
         """
         if not isinstance(motion, Trajectory):
             X = motion.configurations
@@ -290,7 +291,7 @@ class MujocoCollisionChecker:
     def _refine(
         self, states: NDArray[np.float64], held: HeldObject | None, reach: NDArray[np.float64], step: float
     ) -> NDArray[np.float64]:
-        """States (m, 12) at most `step` [m] apart for any point of the robot; fingers stay at a held object's width."""
+        """Insert states (m, 12) at most `step` [m] apart for any point. Fingers stay at a held object's width."""
         if held is not None:
             width = self.scene.body(held.name).width_in_gripper(held.T_tcp_object)
             states = np.column_stack((states[:, :-1], states[:, -1].clip(self.scene.robot.finger_position(width))))
@@ -298,7 +299,7 @@ class MujocoCollisionChecker:
         return interpolate(cut(np.maximum(parts, 1)), np.arange(len(states)), states)
 
     def _place(self, state: NDArray[np.float64], held: HeldObject | None) -> None:
-        """Place the robot and what its grippers hold, and find contacts."""
+        """Place the robot and its held objects, and find contacts."""
         self._positions.move(state)
         mujoco.mj_kinematics(self._model, self._data)
         if held is not None:
@@ -308,7 +309,7 @@ class MujocoCollisionChecker:
         mujoco.mj_collision(self._model, self._data)
 
     def _place_held(self, held: HeldObject, tcp: int) -> None:
-        """Place an object in the gripper with this TCP site."""
+        """Place an object in the gripper of this TCP site."""
         position, R = self._held_pose(held, tcp)
         for geom in self._geoms[held.name]:
             T = self._in_object[geom]
@@ -316,12 +317,12 @@ class MujocoCollisionChecker:
             self._geom_axes[geom] = R @ T[:3, :3]
 
     def _held_pose(self, held: HeldObject, tcp: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Position (3,) and rotation (3, 3) in the world of an object in the gripper with this TCP site."""
+        """Position (3,) and rotation (3, 3) in the world of an object in the gripper of this TCP site."""
         R = self._site_axes[tcp]
         return R @ held.T_tcp_object[:3, 3] + self._site_xpos[tcp], R @ held.T_tcp_object[:3, :3]
 
     def _let_collide(self, geom: int, bits: int) -> None:
-        """Let a held object collide with others, or not; MuJoCo keeps what geoms have once more per body."""
+        """Let a held object collide with others, or not. MuJoCo keeps the bits of geoms once more per body."""
         self._model.geom_conaffinity[geom] = self._model.body_conaffinity[self._model.geom_bodyid[geom]] = bits
 
     def _worse(
@@ -332,7 +333,7 @@ class MujocoCollisionChecker:
         grips: dict[int, set[int]],
         ignored: set[int],
     ) -> PenetrationReport:
-        """The deeper of a report and the contacts found last, as far as they are deeper than `before`."""
+        """The deeper one of a report and the last contacts, reduced by their depths `before`."""
         contact = self._data.contact
         for distance, (one, other) in zip(contact.dist.tolist(), contact.geom.tolist(), strict=True):
             depth = -distance - before.get((one, other), 0.0)
@@ -348,13 +349,13 @@ class MujocoCollisionChecker:
         return worst
 
     def _body_name(self, geom: int, name: str) -> str:
-        """The name of the body of a geom of the robot; the geom's own `name` otherwise."""
+        """Name of the robot's body that a geom belongs to. Otherwise the geom's own `name`."""
         body = int(self._model.geom_bodyid[geom])
         return name if not body or geom in self._names else self._model.body(body).name
 
 
 def _signature(scene: Scene) -> tuple[object, ...]:
-    """What a model is built from, poses of objects excepted."""
+    """Data that a model is built from, except the poses of objects."""
 
     def of_solids(solids: Sequence[Solid]) -> tuple[object, ...]:
         return tuple(
@@ -367,7 +368,7 @@ def _signature(scene: Scene) -> tuple[object, ...]:
 
 
 def _gripper_geoms(model: mujoco.MjModel, robot: RobotSpec) -> set[int]:
-    """The collision geoms of the active arm's last link: wrist, palm and fingers."""
+    """Collision geoms of the active arm's last link: wrist, palm and fingers."""
     links = link_of_body(model, robot.drive_joints[3:])
     last = len(robot.chain) - 1
     return {geom for geom in robot.collision_geoms(model) if links[int(model.geom_bodyid[geom])] == last}

@@ -1,9 +1,9 @@
-"""Picking an object up and putting it down: free paths and straight lines around one configuration.
+"""Picks and put-downs: free paths and straight lines around one configuration.
 
-A pick goes from the start configuration to a hover configuration (free path), along straight lines to the grasp, lifts
-the object along straight lines, and ends in a carry configuration (free path). A placement is the same in reverse.
-The straight lines are those of `ContactQuery.patterns`, tried in that order. Where the hover configuration has another
-base pose than the start, the free path to it begins with a drive.
+A pick follows a free path from the start to a hover configuration, then straight lines to the grasp. It lifts the
+object along straight lines, and a free path leads to a carry configuration. A put-down is the reverse. The straight
+lines are those of `ContactQuery.patterns`, in that order. If the hover configuration has another base pose than the
+start, the free path begins with a drive.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ from planners.scene.masks import FIXED_BITS
 Array = NDArray[np.float64]
 
 _TORSO_SHARES = (0.5, 1.0)
-"""Shares of the torso's travel at which the home configuration of the arm is tried where home itself does not fit."""
+"""Shares of the torso's travel at which the arm's home configuration is tried if home itself is in collision."""
 _RISES = (0.25, 0.15, 0.05, 0.0)
-"""[m] that the torso, or else the arm, rises for carrying in the configuration of the arm at hand."""
+"""Rises [m] of the torso, or else of the arm, for carrying in the present arm configuration."""
 _SAMPLING = 0.1
-"""[m], [rad] of a joint between configurations at which the height of a held object is computed: 1 mm is missed."""
+"""Joint step [m], [rad] for computing the height of a held object: 1 mm can be missed."""
 
 
 @dataclass(frozen=True, eq=False)
 class PickPlaceMotion:
-    """A motion that takes an object or puts it down.
+    """A pick or a put-down.
 
     Attributes:
-        transit, approach: the free path and the straight lines until the fingers close or open.
-        departure, retreat: the straight lines and the free path afterwards; each path begins where the last one ends.
-        held: the object, as it is held before or after.
-        body: the object where it stands when the fingers close, or once they have opened.
+        transit, approach: the free path and the straight lines before the fingers close or open.
+        departure, retreat: the straight lines and the free path afterwards. Each path begins where the last one ends.
+        held: the object as it is held before or after.
+        body: the object at its pose when the fingers close, or once they have opened.
     """
 
     transit: WholeBodyPath
@@ -53,7 +53,7 @@ class PickPlaceMotion:
 
     @property
     def paths(self) -> tuple[WholeBodyPath, WholeBodyPath, WholeBodyPath, WholeBodyPath]:
-        """In order of time; the fingers close or open after the second."""
+        """The four paths in order of time. The fingers close or open after the second."""
         return self.transit, self.approach, self.departure, self.retreat
 
 
@@ -68,20 +68,20 @@ def plan_pick(
     ignore: int = 0,
     rises: bool = False,
 ) -> PickPlaceMotion | BlockedBy | NoPath:
-    """Take an object with a given grasp, then carry it in the home configuration, or another where that does not fit.
+    """Plan to take an object with a given grasp and carry it in the home configuration, or another if needed.
 
     Args:
-        world: the scene, compiled.
-        base: (3,) where the base stands when the fingers close.
-        start: (8,) configuration at the start, or (11,) with the base pose first if the base stands elsewhere then.
-        q_grasp: (8,) configuration in which the fingers close.
-        name: of the object.
+        world: the compiled scene.
+        base: (3,) base pose when the fingers close.
+        start: (8,) start configuration, or (11,) with the base pose first if the base stands elsewhere.
+        q_grasp: (8,) configuration when the fingers close.
+        name: name of the object.
         rng: for the free paths.
         ignore: mask of objects that are not obstacles.
-        rises: whether the arm raises the object where the torso cannot raise it by `LIFTED`, as from a high board.
+        rises: whether the arm raises the object if the torso cannot raise it by `LIFTED`, as from a high shelf.
 
     Returns:
-        the motion; the smallest set of objects found to be in its way; or why clearing would not help. Continuous
+        The motion, the smallest known set of objects in its way, or the reason why clearing does not help. Continuous
         joints may end whole turns away from home.
 
     Raises:
@@ -101,14 +101,14 @@ def plan_reach(
     *,
     rng: np.random.Generator,
 ) -> tuple[WholeBodyPath, WholeBodyPath, HeldObject] | BlockedBy | NoPath:
-    """Come to a grasp of an object, and no further: of a handle, which is pulled from there.
+    """Plan the approach to a grasp only, for a handle that is pulled afterwards.
 
     Args:
         world, base, start, q_grasp, name, rng: as for `plan_pick`.
 
     Returns:
-        the free path and the straight lines until the fingers close, and the object as it is held then; or, as
-        `plan_pick`, what is in the way.
+        The free path and the straight lines before the fingers close, and the object as it is then held. Otherwise the
+        objects in the way or the reason, as for `plan_pick`.
     """
     inside, stand, q_start = _split(world, base, start)
     query = ContactQuery.grasp(world, inside, unwrap_joints(world.robot, q_start, q_grasp), name)
@@ -140,19 +140,19 @@ def plan_place(
     rng: np.random.Generator,
     find_blockers: bool = True,
 ) -> PickPlaceMotion | BlockedBy | NoPath:
-    """Put down the held object, then move to the robot's home configuration.
+    """Plan to put down the held object, then move to the robot's home configuration.
 
     Args:
-        world: the scene, compiled; the held object's own pose in it does not matter.
-        base, start: as for `plan_pick`; the fingers open at `base`.
-        q_release: (8,) configuration in which the fingers open: the object then stands where this one holds it.
+        world: the compiled scene. The held object's own pose in it is ignored.
+        base, start: as for `plan_pick`. The fingers open at `base`.
+        q_release: (8,) configuration when the fingers open. It determines the object's final pose.
         held: the held object.
         rng: for the free paths.
-        find_blockers: whether to find out which objects are in the way; if not, the answer comes sooner and is
-            `NoPath` where it would be `BlockedBy`.
+        find_blockers: whether to find the objects in the way. If not, the result comes sooner, and is `NoPath` instead
+            of `BlockedBy`.
 
     Returns:
-        as `plan_pick`.
+        As for `plan_pick`.
     """
     inside, stand, q_start = _split(world, base, start)
     query = ContactQuery.release(world, inside, unwrap_joints(world.robot, q_start, q_release), held)
@@ -162,7 +162,7 @@ def plan_place(
 def _split(world: CollisionWorld, base: ArrayLike, start: ArrayLike) -> tuple[Array, Array, Array]:
     """Base pose (3,) of the contact, then base pose and configuration (8,) at the start.
 
-    The first is the second if they are the same but for rounding and whole turns; if not, it is without whole turns.
+    If both base poses agree up to rounding and whole turns, they are made equal. Otherwise whole turns are removed.
     """
     x, inside = np.array(start, dtype=float), np.array(base, dtype=float)
     if len(x) == len(world.robot.lower):
@@ -174,17 +174,17 @@ def _split(world: CollisionWorld, base: ArrayLike, start: ArrayLike) -> tuple[Ar
 
 @dataclass(frozen=True, eq=False)
 class _FreePaths:
-    """The free paths of a pick or a placement: between its start, the hover and a carry configuration."""
+    """Free paths of a pick or put-down: between start, hover and carry configuration."""
 
     query: ContactQuery
     base: Array  # (3,) base pose at the start
     q: Array  # (8,) torso and arm at the start
-    starts_loaded: bool  # a placement: the object is held at the start
+    starts_loaded: bool  # a put-down: the object is held at the start
     rng: np.random.Generator
     rises: bool = False
 
     def around(self, approach: Approach, find_blockers: bool) -> PickPlaceMotion | BlockedBy | NoPath:
-        """The whole motion along straight lines, planned as if what they hit were gone; that counts as blockers."""
+        """Plan the whole motion with straight lines. Objects in the way are ignored, then returned as blockers."""
         paths: list[WholeBodyPath] = []
         blockers = set(self.query.empty.world.scene.names_of(approach.hits))
         for is_loaded in (False, True):
@@ -201,7 +201,7 @@ class _FreePaths:
             WholeBodyPath(X, query.opening, query.held, query.ignore)
             for X, query in ((approach.empty, self.query.empty), (approach.loaded, self.query.loaded))
         )
-        # All are planned outwards from the contact: the free path without the object ends there at the hover.
+        # All paths are planned outwards from the contact, but the free path of the empty gripper ends at the hover.
         free_empty, free_loaded = paths
         if self.starts_loaded:
             in_order = free_loaded.reversed(), loaded.reversed(), empty, free_empty.reversed()
@@ -210,7 +210,7 @@ class _FreePaths:
         return PickPlaceMotion(*in_order, self.query.held, self.query.body)
 
     def _path(self, approach: Approach, is_loaded: bool, find_blockers: bool) -> WholeBodyPath | BlockedBy | NoPath:
-        """One of the two; the one at the start of the motion includes the drive to the hover, if need be."""
+        """Free path without or with the object. The first one of the motion includes a drive to the hover if needed."""
         query, lines = (self.query.loaded, approach.loaded) if is_loaded else (self.query.empty, approach.empty)
         hover, q_hover = lines[-1, :3], lines[-1, 3:]
         query = replace(query, base=hover, ignore=query.ignore | approach.hits)
@@ -230,9 +230,9 @@ class _FreePaths:
         return joined.reversed() if is_loaded else joined
 
     def _carry_path(self, query: ArmQuery, q_hover: Array, find_blockers: bool) -> WholeBodyPath | BlockedBy | NoPath:
-        """The path between the hover configuration and a carry configuration.
+        """Path between the hover configuration and a carry configuration.
 
-        One that lowers the held object below the support is taken only if there is no other: so low it counts as lost.
+        A path that lowers the held object below the support is the last choice: so low, an object is regarded as lost.
         """
         scene = query.world.scene
         least = -np.inf if query.held is None else scene.body(query.held.name).bottom + LIFTED
@@ -263,10 +263,10 @@ class _FreePaths:
 
 
 def _plan_around(free: _FreePaths, find_blockers: bool = True) -> PickPlaceMotion | BlockedBy | NoPath:
-    """Straight lines, outwards, and the free paths to and from their end.
+    """Plan a motion around the straight lines of each pattern.
 
-    First the patterns on which nothing is hit. Then, if blockers are asked for, the fewest objects in the way over all
-    patterns, free paths included; a motion, if one is found this time.
+    Collision-free patterns come first. Then, with `find_blockers`, the fewest objects in the way over all patterns are
+    found, free paths included. A motion may also be found this time.
     """
     query = free.query
     for pattern in query.patterns:
@@ -300,11 +300,12 @@ def _carry_configurations(
 ) -> Array:
     """Configurations (k, 8) in which a motion may end, best first.
 
-    The robot's home configuration where it fits; elsewhere, and where it hits objects, home with another height of the
-    torso too, then the configuration `q_hover` at the end of the straight lines, with the torso raised. What fits hits
-    neither static obstacles nor the robot, and holds the object's lowest point above `least_height` [m], if any of them
-    does. `only_home` leaves out the others where home is free; with `rises_by_arm` the arm raises the object straight
-    up where none of these is high enough. Continuous joints end near `q_grasp` at home.
+    The robot's home configuration comes first, then home with other torso heights. Then comes the configuration
+    `q_hover` at the end of the straight lines, with a raised torso. All are free of static obstacles and
+    self-collision. Those with the object's lowest point above `least_height` [m] come first.
+
+    With `only_home`, home alone is returned if it is free and high enough. With `rises_by_arm`, the arm raises the
+    object straight up if no other configuration is high enough. Continuous joints end near `q_grasp` at home.
     """
 
     def fits(q: Array, mask: int = FIXED_BITS) -> bool:
@@ -328,7 +329,7 @@ def _carry_configurations(
 
 
 def _held_heights(query: ArmQuery, Q: Array) -> Array:
-    """(k,) [m] of the held object's lowest point in configurations (k, 8); infinite without one."""
+    """Heights (k,) [m] of the held object's lowest point in configurations (k, 8), infinite without an object."""
     if query.held is None:
         return np.full(len(Q), np.inf)
     world, body = query.world, query.world.scene.body(query.held.name)

@@ -1,8 +1,8 @@
-"""The motion of a hand with a handle: it stays where it took hold while what it opens slides or turns.
+"""Motion of a hand with a handle: the hand keeps its grasp while a drawer slides or a door turns.
 
-Where the base drives freely and the handle stays level, the base moves with it and the arm is still. Else all joints
-that may move follow the handle by differential inverse kinematics: damped least squares with weights, in small steps,
-each corrected until the hand is there.
+If the base is holonomic and the handle moves horizontally, the base moves with the handle and the arm is still.
+Otherwise all movable joints follow by differential inverse kinematics. It uses weighted, damped least squares in small
+steps, each corrected until the hand is there.
 """
 
 from __future__ import annotations
@@ -28,36 +28,36 @@ from planners.scene.masks import FIXED_BITS
 Array = NDArray[np.float64]
 
 _SLIDE_STEP, _TURN_STEP = 0.005, 0.03
-"""[m] and [rad] of what opens between two configurations of the pull."""
+"""Steps [m] and [rad] of the opening part between two configurations of the pull."""
 _LEVEL = 1e-6
-"""How far a motion may be from one in the plane, in the entries of a matrix."""
+"""Tolerance, in the entries of a matrix, for a motion in the plane."""
 _STEP = 1e-6
-"""[m], [rad] of the differences from which the Jacobian is worked out."""
+"""Difference [m], [rad] for the numerical Jacobian."""
 _CORRECTIONS = 8
-"""Corrections of one step."""
+"""Most corrections of one step."""
 _NEAR = 1e-4, 1e-3
-"""[m] and [rad] from where it is to be at which the hand counts as there."""
+"""Tolerances [m] and [rad] of the hand pose."""
 _DAMPING = 1e-4
-"""Of the least squares, in squares of metres and radians."""
+"""Damping of the least squares, in squared metres and radians."""
 _BASE_WEIGHT, _TORSO_WEIGHT = 0.6, 0.5
-"""How readily base and torso move, beside the arm."""
+"""Weights of base and torso, relative to the arm's weight of 1."""
 _MARGIN = 0.02
-"""[rad] or [m] of a joint's range that is left at its ends."""
+"""Margin [rad] or [m] at both ends of a joint's range."""
 _MOST = 0.2
-"""[rad] or [m] that a joint may move in one step: more is a jump to another posture."""
+"""Largest motion [rad] or [m] of a joint in one step. A larger one is a jump to another arm configuration."""
 
 
 def followed_ways(robot: RobotSpec, arrays: RobotArrays, start: Array, poses: Array) -> Iterator[Array]:
-    """Whole-body configurations (k, 11) in which the hand follows a handle, way by way, the quietest first.
+    """Find whole-body configurations (k, 11) with the hand on a handle, one method after another, the calmest first.
 
     Args:
-        robot: which one; it says how the base moves.
-        arrays: the same for kernels.
-        start: (11,) base pose, torso and arm when the fingers have closed.
-        poses: (m, 4, 4) of the TCP in the world on the way, the first one at the start.
+        robot: the robot, which determines how the base moves.
+        arrays: the same robot for kernels.
+        start: (11,) base pose, torso and arm once the fingers have closed.
+        poses: (m, 4, 4) TCP poses in the world along the pull, from its start.
 
     Yields:
-        as many configurations as can be followed, the first one the start; m of them if all.
+        Configurations from the start as far as the hand can follow: m for the whole pull.
     """
     if robot.base_drive == "holonomic":
         driven = _by_base(start, poses)
@@ -69,7 +69,7 @@ def followed_ways(robot: RobotSpec, arrays: RobotArrays, start: Array, poses: Ar
 
 
 def _by_base(start: Array, poses: Array) -> Array | None:
-    """The base moves rigidly with the hand; None where the hand leaves its height or tilts."""
+    """Move the base rigidly with the hand. None if the hand changes its height or tilts."""
     X = np.tile(start, (len(poses), 1))
     for row, T in zip(X, poses, strict=True):
         moved = T @ np.linalg.inv(poses[0])
@@ -82,10 +82,10 @@ def _by_base(start: Array, poses: Array) -> Array | None:
 
 
 def _by_joints(robot: RobotSpec, arrays: RobotArrays, start: Array, poses: Array, with_base: bool) -> Array:
-    """All joints follow, the base among them or not; as many configurations as are within limits."""
+    """Follow with all joints, with or without the base. Configurations are returned as far as limits allow."""
     weights = np.ones(len(start))
     weights[:3], weights[3] = (_BASE_WEIGHT if with_base else 0.0), _TORSO_WEIGHT
-    # Where it starts nearer to a limit than the margin, it may stay there.
+    # A joint that starts inside the margin may stay there.
     low, high = np.minimum(start[3:], arrays.lower + _MARGIN), np.maximum(start[3:], arrays.upper - _MARGIN)
     lower, upper = np.concatenate([np.full(3, -np.inf), low]), np.concatenate([np.full(3, np.inf), high])
     found = [np.array(start)]
@@ -100,7 +100,7 @@ def _by_joints(robot: RobotSpec, arrays: RobotArrays, start: Array, poses: Array
 def _reached(
     robot: RobotSpec, arrays: RobotArrays, x: Array, T: Array, weights: Array, lower: Array, upper: Array
 ) -> Array | None:
-    """The configuration near `x` in which the TCP is at T (4, 4); None where limits are in the way."""
+    """Configuration near `x` with the TCP at T (4, 4). None if joint limits prevent it."""
     x, free = x.copy(), weights.copy()
     for _ in range(_CORRECTIONS):
         J, here = _jacobian(robot, arrays, x)
@@ -115,7 +115,7 @@ def _reached(
 
 
 def _jacobian(robot: RobotSpec, arrays: RobotArrays, x: Array) -> tuple[Array, Array]:
-    """Of the TCP in the world (6, 11), linear rows first, and its pose (4, 4); a base goes where its drive can."""
+    """Jacobian (6, 11) of the TCP in the world, linear rows first, and its pose (4, 4). The base keeps to its drive."""
     varied = np.vstack([x, x + _STEP * np.eye(len(x))])
     T = tcp_poses(arrays, varied)
     J = np.empty((6, len(x)))
@@ -129,12 +129,12 @@ def _jacobian(robot: RobotSpec, arrays: RobotArrays, x: Array) -> tuple[Array, A
 
 
 def _difference(here: Array, there: Array) -> Array:
-    """(6,) [m], [rad] from one pose (4, 4) to another one, in the world."""
+    """Difference (6,) [m], [rad] from one pose (4, 4) to another, in the world."""
     return np.concatenate([there[:3, 3] - here[:3, 3], _rotation_between(here[:3, :3], there[:3, :3])])
 
 
 def _rotation_between(one: Array, other: Array) -> Array:
-    """(3,) [rad] about the axes of the world that turns one rotation matrix into another that is near it."""
+    """Rotation vector (3,) [rad] in the world from one rotation matrix to another one near it."""
     R = other @ one.T
     axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
     sine = float(np.linalg.norm(axis))
@@ -144,15 +144,15 @@ def _rotation_between(one: Array, other: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class PullMotion:
-    """A motion that takes a handle, moves what it opens, and lets go.
+    """A motion that grasps a handle, moves a drawer or door, and lets go.
 
     Attributes:
-        transit, approach: the free path and the straight lines until the fingers close.
-        pull: the hand with the handle; it is what it holds.
+        transit, approach: the free path and the straight lines before the fingers close.
+        pull: the motion of the hand with the handle.
         leave: straight lines of the open gripper away from the handle.
-        home: the free path of the arm home; a standstill where there is none.
-        held: the handle, as it is held.
-        after: the scene when the fingers have opened.
+        home: the free path of the arm home, or a standstill if none is found.
+        held: the handle as it is held.
+        after: the scene once the fingers have opened.
     """
 
     transit: WholeBodyPath
@@ -165,21 +165,21 @@ class PullMotion:
 
     @property
     def paths(self) -> tuple[WholeBodyPath, ...]:
-        """Those on which nothing is held."""
+        """Paths without a held object."""
         return self.transit, self.approach, self.leave, self.home
 
 
 def plan_pull(
     world: CollisionWorld, base: ArrayLike, start: ArrayLike, q_grasp: ArrayLike, *, rng: np.random.Generator
 ) -> PullMotion | BlockedBy | NoPath:
-    """Take the handle of a scene with a grasp, pull it as far as it is to be, let go, and bring the arm home.
+    """Plan to grasp the scene's handle, pull it to the wanted position, let go, and bring the arm home.
 
     Args:
-        world: the scene, compiled, with a `pull`.
+        world: the compiled scene, with a `pull`.
         base, start, q_grasp, rng: as for `plan_pick`.
 
     Returns:
-        the motion; what is in its way; or why clearing would not help.
+        The motion, the objects in its way, or the reason why clearing does not help.
     """
     scene = world.scene
     assert scene.pull is not None
@@ -210,7 +210,7 @@ def plan_pull(
             refused.append(blocked)
             continue
         after = pulled(scene).with_state(RobotState(X[-1, :3], X[-1, 3:], scene.robot.finger_position(0.0)))
-        if scene.pull.pushes:  # it may have turned in front of the fingers
+        if scene.pull.pushes:  # the face may have turned in front of the fingers
             held = HeldObject.grasped(after.body(held.name), tcp_poses(world.robot, X[-1:])[0])
         left = _left(CollisionWorld.from_scene(after), held, rng)
         if isinstance(left, NoPath):
@@ -222,7 +222,7 @@ def plan_pull(
 
 
 def _pulled_track(scene: Scene, T: Array, positions: Array) -> Track:
-    """The way of a hand that holds a handle at T (4, 4): a lever is turned first, where there is one."""
+    """Path of a hand that holds a handle at T (4, 4). A lever is turned first, if there is one."""
     assert scene.pull is not None
     opening = scene.opening(scene.pull.opening)
     if not scene.pull.lever:
@@ -237,9 +237,9 @@ def _pulled_track(scene: Scene, T: Array, positions: Array) -> Track:
 
 
 def _in_the_way(world: CollisionWorld, X: Array, track: Track, gap: float) -> BlockedBy | NoPath | None:
-    """What the robot hits while it pulls: what does not move all along, what moves with the handle place by place.
+    """Collisions during the pull: with fixed bodies along the whole path, with moving parts at several places.
 
-    The gripper counts as open by a `gap` [m], as it came: fingers that are closed may touch what holds the handle.
+    The gripper opening is the `gap` [m] of the approach: closed fingers may touch the bracket of the handle.
     """
     scene = world.scene
     assert scene.pull is not None
@@ -260,7 +260,7 @@ def _in_the_way(world: CollisionWorld, X: Array, track: Track, gap: float) -> Bl
 def _left(
     world: CollisionWorld, held: HeldObject, rng: np.random.Generator
 ) -> tuple[WholeBodyPath, WholeBodyPath] | NoPath:
-    """The paths of the open gripper away from the handle, and of the arm home, where the pull has ended."""
+    """Paths of the open gripper away from the handle, and of the arm home, after the pull."""
     state = world.scene.state
     query = ContactQuery.release(world, state.base, state.q, held)
     for pattern in query.patterns:

@@ -1,7 +1,7 @@
-"""The way of closed fingers that push: up to the face, along with it, and back from it.
+"""Paths of closed fingers that push: up to the face, along with it, and back from it.
 
-The middle of the finger tips stays before the same point of the face. The hand turns with what it pushes, or it keeps
-its orientation while what it pushes turns, and the face rolls on the fingers.
+The middle of the finger tips stays in front of the same point of the face. The hand either turns with the pushed part,
+or keeps its orientation while the part turns and the face rolls on the fingers.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from planners.scene.bodies import pose_matrix
 Array = NDArray[np.float64]
 
 _STEP = 0.004
-"""[m] between two poses of the hand on the way to the face, and back from it."""
+"""Spacing [m] of hand poses on the way to the face and back."""
 
 
 class Track(NamedTuple):
-    """Poses (k, 4, 4) of the TCP in the world, and where what opens is then: positions (k,) [m] or [rad].
+    """Poses (k, 4, 4) of the TCP in the world, and positions (k,) [m] or [rad] of the opening part.
 
-    A lever on it is `turned` (k,) [m] or [rad] then; None where it has none.
+    `turned` (k,) [m] or [rad] are the positions of its lever, if any.
     """
 
     poses: Array
@@ -34,7 +34,7 @@ class Track(NamedTuple):
 
 
 def pushed_tracks(scene: Scene, T_world_tcp: Array, positions: Array) -> Iterator[Track]:
-    """Ways of a hand that pushes a part, from a pose (4, 4) before it, as what opens goes to positions (k,)."""
+    """Find paths of a hand that pushes a part, from a pose (4, 4) in front of it, for positions (k,) of the opening."""
     assert scene.pull is not None
     opening, tips, body = scene.opening(scene.pull.opening), finger_tips(scene.robot), scene.body(scene.pull.handle)
     middle, R, end = tips.middle(T_world_tcp), T_world_tcp[:3, :3], float(positions[-1])
@@ -62,6 +62,6 @@ def pushed_tracks(scene: Scene, T_world_tcp: Array, positions: Array) -> Iterato
 
 
 def _line(T: Array, to: Array) -> list[Array]:
-    """Poses (4, 4) on the straight line from one to another one of the same orientation, with both ends."""
+    """Poses (4, 4) on the straight line between two poses of the same orientation, both ends included."""
     steps = max(int(np.ceil(np.linalg.norm(to[:3, 3] - T[:3, 3]) / _STEP)), 1)
     return [pose_matrix(T[:3, 3] + share * (to[:3, 3] - T[:3, 3]), T[:3, :3]) for share in np.linspace(0, 1, steps + 1)]

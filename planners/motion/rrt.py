@@ -1,8 +1,8 @@
 """Paths among obstacles, compiled: random trees, then shortcuts and parabolic blends.
 
-RRT-Connect: Kuffner & LaValle, "RRT-Connect: An efficient approach to single-query path planning", ICRA 2000. Nodes
-are whole-body configurations (d,): base, torso and arm. Joints whose limits coincide stay fixed. Distances weigh each
-joint by how far it can move a point of the robot, so they are in metres.
+RRT-Connect: Kuffner & LaValle, "RRT-Connect: An efficient approach to single-query path planning", ICRA 2000. Nodes are
+whole-body configurations (d,): base, torso and arm. Joints with equal limits stay fixed. Each joint's weight in a
+distance is how far it can move a point of the robot, so distances are in metres.
 
 Shortcuts: Geraerts & Overmars, "Creating high-quality paths for motion planning", IJRR 2007.
 """
@@ -28,22 +28,22 @@ from planners.collision.hit_kernels import (
 Array = NDArray[np.float64]
 _NONE = np.uint64(0)
 _FROM_START, _FROM_GOAL, _NO_PARENT = np.int64(0), np.int64(1), np.int64(-1)
-"""Row of each tree, and the parent of its roots; typed, so that kernels are not compiled once more for constants."""
+"""Row of each tree, and parent of its roots. They are typed, so that kernels are not compiled again for constants."""
 _EXTENSION = 0.5
-"""[m] that a tree grows towards a random target at once."""
+"""Length [m] by which a tree grows towards a random target."""
 _LEAST_PROGRESS = 3
 """Steps that a blocked extension must have made to be kept."""
 _AHEAD = 6
-"""Steps that are looked at at once."""
+"""Steps that are checked together."""
 _NEAR_SPREAD = 0.4
-"""[m] Standard deviation of targets drawn about the straight line, each joint weighed by its reach."""
+"""Standard deviation [m] of targets around the straight line, weighted by each joint's reach."""
 _ARC_PIECES = 8
-"""Straight segments by which a blend is approximated."""
+"""Straight segments that approximate a blend."""
 
 
 @leaf_kernel
 def _squared_distance(a: Array, b: Array, weights: Array) -> float:
-    """[m²] between two whole-body configurations (d,), each joint weighed by `weights` (d,)."""
+    """Squared distance [m²] of two whole-body configurations (d,), with a weight (d,) for each joint."""
     total = 0.0
     for joint in range(a.shape[0]):
         difference = (a[joint] - b[joint]) * weights[joint]
@@ -70,12 +70,12 @@ def _write_share(start: Array, target: Array, share: int, parts: int, reached: A
 
 @leaf_kernel
 def advance(query: CollisionQuery, start: Array, target: Array, step: float, reached: Array) -> int:
-    """Move from `start` towards `target` until something is hit; write the last free configuration to `reached`.
+    """Move from `start` towards `target` until a collision. Write the last free configuration to `reached`.
 
-    Steps are looked at several at once: one by one where something is so near to the middle one that they could hit it.
+    Several steps are checked together. They are checked singly only if an obstacle is close to the middle one.
 
     Returns:
-        0 when blocked at once, 1 on the way, 2 when the target was reached.
+        0 if blocked at once, 1 on the way, 2 if the target was reached.
     """
     reach, slack = query.attached.reach, query.scratch.slack
     parts = edge_samples(reach, start, target, step)
@@ -98,7 +98,7 @@ def advance(query: CollisionQuery, start: Array, target: Array, step: float, rea
 
 @njit(cache=True)
 def _joined(nodes: Array, parents: NDArray[np.int64], start_leaf: int, goal_leaf: int) -> Array:
-    """The path (k, d) from the root of the first tree to a leaf, then from a leaf of the second one to its root."""
+    """Path (k, d) from the root of the first tree to a leaf, then from a leaf of the second tree to its root."""
     before, node = 0, start_leaf
     while node >= 0:
         before, node = before + 1, parents[_FROM_START, node]
@@ -120,7 +120,7 @@ def _joined(nodes: Array, parents: NDArray[np.int64], start_leaf: int, goal_leaf
 def _grow(
     nodes: Array, parents: NDArray[np.int64], counts: NDArray[np.int64], tree: int, parent: int, node: Array
 ) -> int:
-    """Add a node to a tree; its index."""
+    """Add a node to a tree and return its index."""
     index = counts[tree]
     copy_row(node, nodes[tree, index])
     parents[tree, index] = parent
@@ -139,7 +139,7 @@ def _draw(
     rng: np.random.Generator,
     target: Array,
 ) -> None:
-    """Write a random target within the bounds, with probability `near` about the straight line to the goal."""
+    """Write a random target within the bounds, with probability `near` around the straight line to the goal."""
     if rng.random() < near:
         share = rng.random()
         for joint in range(target.shape[0]):
@@ -163,20 +163,20 @@ def rrt_connect(
     near: float,
     rng: np.random.Generator,
 ) -> Array:
-    """A free path from one whole-body configuration to one of several.
+    """Search a collision-free path from one whole-body configuration to one of several.
 
     Args:
-        query: what counts as a hit; `first_only` must be set.
-        start: (d,), free.
-        goals: (g, d), free.
-        lower, upper: (d,) bounds of the random targets; where they coincide the joint does not move.
-        step: [m] No point of the robot moves more between two checks.
-        iterations: random targets at most.
-        near: share of them drawn about the straight line from start to goal: small detours are then found sooner.
+        query: the collision query. `first_only` must be set.
+        start: (d,) free configuration.
+        goals: (g, d) free configurations.
+        lower, upper: (d,) bounds of the random targets. A joint with equal bounds does not move.
+        step: largest motion [m] of a point of the robot between two checks.
+        iterations: most random targets.
+        near: share of targets around the straight line from start to goal, where small detours are found sooner.
         rng: the same generator state gives the same path.
 
     Returns:
-        the path (k, d); (0, d) when none was found.
+        The path (k, d), (0, d) if none was found.
     """
     weights = query.attached.reach
     d, capacity = start.shape[0], goals.shape[0] + 1 + 2 * iterations
@@ -216,7 +216,7 @@ def rrt_connect(
 
 @njit(cache=True)
 def _spliced(path: Array, first: int, points: Array, last: int) -> Array:
-    """The path with points (k, d) in place of the waypoints from `first` up to `last`, which is kept."""
+    """The path with points (k, d) in place of the waypoints from `first` to `last`. `last` itself is kept."""
     spliced = np.empty((first + points.shape[0] + path.shape[0] - last, path.shape[1]))
     copy_rows(path[:first], spliced[:first])
     copy_rows(points, spliced[first : first + points.shape[0]])
@@ -226,14 +226,14 @@ def _spliced(path: Array, first: int, points: Array, last: int) -> Array:
 
 @leaf_kernel
 def _interpolate(path: Array, segment: int, share: float, point: Array) -> None:
-    """Write the point (d,) at that share of a segment of the path."""
+    """Write the point (d,) at a share of a segment of the path."""
     for i in range(point.shape[0]):
         point[i] = path[segment, i] + (path[segment + 1, i] - path[segment, i]) * share
 
 
 @njit(cache=True)
 def _without_repeats(path: Array, weights: Array) -> Array:
-    """The path without waypoints equal to the one before."""
+    """The path without repeated waypoints."""
     kept, count, last = np.empty(path.shape), 0, path.shape[0] - 1
     for i in range(path.shape[0]):
         if i in (0, last) or _squared_distance(path[i - 1], path[i], weights) > 1e-12:
@@ -246,8 +246,8 @@ def _without_repeats(path: Array, weights: Array) -> Array:
 def shortcut(query: CollisionQuery, path: Array, step: float, attempts: int, rng: np.random.Generator) -> Array:
     """Cut detours of a free path: first between waypoints, then between random points on it.
 
-    Path (k, d) and result (j, d) have the same ends. As many `attempts` are made at random shortcuts; `query` and
-    `step` are as for `rrt_connect`.
+    Path (k, d) and result (j, d) have the same ends. `attempts` is the number of random shortcuts. `query` and `step`
+    are as for `rrt_connect`.
     """
     first = 0
     while first < path.shape[0] - 2:
@@ -276,7 +276,7 @@ def shortcut(query: CollisionQuery, path: Array, step: float, attempts: int, rng
 
 @njit(cache=True)
 def _arc(before: Array, corner: Array, after: Array, share: float) -> Array:
-    """A parabola (pieces + 1, d) tangent to both segments at a corner, over that share of each."""
+    """A parabola (pieces + 1, d) tangent to both segments at a corner, over a share of each."""
     arc = np.empty((_ARC_PIECES + 1, corner.shape[0]))
     for k in range(_ARC_PIECES + 1):
         t = k / _ARC_PIECES
@@ -288,7 +288,7 @@ def _arc(before: Array, corner: Array, after: Array, share: float) -> Array:
 
 @njit(cache=True)
 def blend_corners(query: CollisionQuery, path: Array, step: float) -> Array:
-    """Replace the corners of a free path by parabolas where these are free, so that the robot need not stop there.
+    """Replace corners of a free path with collision-free parabolas, so that the robot need not stop there.
 
     Arguments and result as for `shortcut`.
     """

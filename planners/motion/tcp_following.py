@@ -1,4 +1,4 @@
-"""Trajectories for robots that follow TCP poses: how the joints will move, and what they then hit."""
+"""Trajectories for end-effector-controlled robots: the motion of the joints, and their collisions."""
 
 from __future__ import annotations
 
@@ -18,17 +18,18 @@ from planners.scene import HeldObject, RobotState
 Array = NDArray[np.float64]
 
 PATIENCE = 60
-"""Control steps at most that the next sample waits for the TCP."""
+"""Most control steps that the next sample waits for the TCP."""
 ON_THE_WAY, PRECISE = 0.03, 0.006
-"""[m] that the TCP may be behind, on free paths and where the fingers close or open."""
+"""Lag [m] allowed for the TCP, on free paths and where the fingers close or open."""
 RAD_PER_METRE = 5.0
-"""[rad/m] The same in radians, as a multiple."""
+"""Lag allowed for the orientation, per metre of lag [rad/m]."""
 
 
 class TcpFollower(Protocol):
     """A model of a controller that follows TCP poses in the base frame.
 
-    It may have a `line_tolerance` as `planners.ControlledWorld` does: [m] that the TCP may be behind beside objects.
+    It may have a `line_tolerance` as in `planners.ControlledWorld`: the lag [m] that is allowed for the TCP near
+    objects.
     """
 
     def reset(self, q: Array) -> None:
@@ -36,18 +37,18 @@ class TcpFollower(Protocol):
         ...
 
     def step(self, T_base_tcp: Array) -> Array:
-        """The configuration (8,) one control step later."""
+        """Configuration (8,) one control step later."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Followed:
-    """How a trajectory is followed, sample by sample.
+    """Motion of the joints that follow a trajectory, sample by sample.
 
     Attributes:
         configurations: (n, 11) whole-body configurations.
-        finger_position: (n,) [m] of one finger.
-        held: the held object at each of the n samples, None for none.
+        finger_position: (n,) position [m] of one finger.
+        held: the held object, if any, at each of the n samples.
     """
 
     configurations: Array
@@ -55,9 +56,9 @@ class Followed:
     held: tuple[HeldObject | None, ...]
 
     def hits(self, world: CollisionWorld, ignore: int) -> int:
-        """Mask of what is hit on the way; the bits of `ignore` do not count."""
+        """Collision mask of the motion, without the bits of `ignore`."""
         found = 0
-        # Runs of samples with the same held object and the fingers still; pairs of samples where the fingers move.
+        # Runs of samples have the same held object and still fingers. Where fingers move, pairs of samples are checked.
         is_new_hold = np.array([now is not before for before, now in itertools.pairwise(self.held)], dtype=bool)
         moves = np.flatnonzero(np.diff(self.finger_position) != 0.0)
         bounds = sorted({0, len(self.held), *(np.flatnonzero(is_new_hold) + 1), *moves, *(moves + 1)})
@@ -77,7 +78,8 @@ def is_behind(wanted: Array, actual: Array, precision: float) -> bool:
 
 
 def allowed(trajectory: Trajectory, time: float, beside: float, near: float = CONTROL_STEP) -> float:
-    """[m] that the TCP may be behind: `near` [s] where fingers close or open, `beside` on lines there, elsewhere."""
+    """Lag [m] allowed for the TCP: `PRECISE` within `near` [s] of a contact, `beside` on lines there, or
+    `ON_THE_WAY`."""
     phases = trajectory.phases
     contacts = [number for number, phase in enumerate(phases) if is_contact(phase)]
     if any(phases[number].start - near <= time <= phases[number].start + near for number in contacts):
@@ -87,13 +89,13 @@ def allowed(trajectory: Trajectory, time: float, beside: float, near: float = CO
 
 
 def follow(follower: TcpFollower, robot: RobotSpec, q_start: Array, trajectory: Trajectory) -> Followed | None:
-    """How the joints follow the TCP poses of a trajectory; None if the TCP stays behind for too long.
+    """Simulate how the joints follow the TCP poses of a trajectory. None if the TCP lags for too long.
 
     Args:
         follower: model of the controller.
-        robot: whose chain it is.
+        robot: the robot of this controller.
         q_start: (8,) configuration at the start.
-        trajectory: the TCP poses commanded; each sample waits for the TCP as in `planners.expert.executor`.
+        trajectory: the commanded TCP poses. Each sample waits for the TCP as in `planners.expert.executor`.
     """
     beside = float(getattr(follower, "line_tolerance", ON_THE_WAY))
     follower.reset(q_start)

@@ -1,10 +1,9 @@
-"""Timing of paths: as fast as the joints' velocity and acceleration limits allow, sampled at control steps.
+"""Timing of paths: as fast as velocity and acceleration limits of the joints allow, sampled at control steps.
 
-A path is a polygon of whole-body configurations. Along its length the speed limit of every segment, and of every corner
-at which the direction changes, is known; a pass forwards and a pass backwards bound the speed by the accelerations
-(Bobrow, Dubowsky & Gibson, "Time-optimal control of robotic manipulators along specified paths", 1985, for a kinematic
-robot). The controller sees samples, so the limits must hold for their first and second differences: this is checked at
-the end.
+A path is a polygon of whole-body configurations. Each segment and each corner has a known speed limit. A forward and a
+backward pass limit the speed by the accelerations. The method is from Bobrow, Dubowsky & Gibson, "Time-optimal control
+of robotic manipulators along specified paths", 1985, for a kinematic robot. The controller gets samples, so their first
+and second differences must keep the limits. This is checked at the end.
 """
 
 from __future__ import annotations
@@ -29,30 +28,30 @@ from planners.motion.trajectory import CONTROL_STEP, Phase, Trajectory, join
 from planners.scene import SELF_BIT, HeldObject, RobotState, Scene, StaticObstacle
 
 SETTLE_TIME = 0.15
-"""[s] to wait after the fingers have closed or opened, before the arm moves on."""
+"""Wait [s] after the fingers have closed or opened, before the arm moves on."""
 HEADROOM = 0.97
-"""Share of the limits that is used; rounding and the turning base frame need the rest."""
+"""Share of the limits that is used. Rounding and the turning base frame need the rest."""
 _CORNER_SHARE = 0.75
-"""Share of the acceleration spent on corners; the rest is for speeding up and slowing down."""
+"""Share of the acceleration for corners. The rest is for speeding up and slowing down."""
 _SLOW = 0.25
-"""Share of full speed beside a wall, and its square of the accelerations. At full speed an arm lags by 8 mm and a base
-that brakes overshoots by 5 mm, more than the `PADDING` that is left there."""
+"""Share of full speed near a wall, and its square of the accelerations. At full speed, an arm lags by 8 mm and a
+braking base overshoots by 5 mm. That is more than the `PADDING` left there."""
 _PULL = 0.5
-"""Share of full speed at which something is opened: its weight and friction stretch the arm."""
+"""Share of full speed for opening: weight and friction of the opened part stretch the arm."""
 _NEAR = 0.006
-"""[m] from what is beside a wall. Above a support, across which the robot moves, it does not hit it."""
+"""Distance [m] that is near a wall. Supports are left out: the robot moves across them without collision."""
 _TINY = 1e-12
-"""A smaller change of direction is none."""
+"""Change of direction that is regarded as none."""
 _GRID = 0.04
-"""[s] at full speed between the points at which the speed is computed."""
+"""Spacing [s] at full speed of the points for which the speed is computed."""
 _FINE_GRID = 0.01
-"""[s] at full speed between the points of a smooth path."""
+"""Spacing [s] at full speed of the points of a smooth path."""
 _STRETCHES = 30
-"""Times that a trajectory may be slowed down until its samples keep the limits."""
+"""Most slow-downs of a trajectory until its samples keep the limits."""
 
 Array = NDArray[np.float64]
 IsNear: TypeAlias = Callable[[Array], NDArray[np.bool_]]
-"""Which of the straight parts between configurations (k, 11) are near to something: (k - 1,)."""
+"""Test of the straight parts between configurations (k, 11) for being near to something: (k - 1,)."""
 
 
 def time_parametrise(
@@ -63,19 +62,19 @@ def time_parametrise(
     is_loaded: bool = False,
     is_near: IsNear | None = None,
 ) -> Trajectory:
-    """A trajectory along a polygon of whole-body configurations, at rest at both ends.
+    """Compute a trajectory along a polygon of whole-body configurations, at rest at both ends.
 
     Args:
         X: (k, 11) base x, y, yaw (continuous), torso and arm.
-        robot: whose limits.
-        finger_position: [m], constant.
-        phase: the phase that this trajectory is.
-        is_loaded: whether an object is held: the base then turns at `robot.max_loaded_yaw_rate` at most.
-        is_near: on which straight parts of a path the robot moves slowly, as it is near something; see `near_walls`.
+        robot: the robot with its limits.
+        finger_position: constant position of a finger [m].
+        phase: the phase of this trajectory.
+        is_loaded: whether an object is held. The base then turns at most at `robot.max_loaded_yaw_rate`.
+        is_near: test for straight parts of a path near something, where the robot moves slowly. See `near_walls`.
 
     Returns:
-        samples every `CONTROL_STEP`, the last one at rest at the end. Their first differences keep the velocity limits
-        and their second differences the acceleration limits, the base's in its own frame.
+        Samples every `CONTROL_STEP`, the last one at rest at the end. Their first differences keep the velocity limits,
+        their second differences the acceleration limits. For the base, both hold in its own frame.
     """
     path = np.array(X, dtype=float)
     moved = np.abs(np.diff(path, axis=0)).max(axis=1, initial=0.0) > 1e-9
@@ -83,7 +82,7 @@ def time_parametrise(
     if len(path) == 1:
         return Trajectory.of_states(np.tile(np.append(path[0], finger_position), (2, 1)), phase)
     if robot.base_drive == "differential" and len(path) > 2 and np.ptp(path[:, :3], axis=0).max() > 0:
-        # Stops at both ends of every turn and every straight drive.
+        # Stop at both ends of every turn and every straight drive.
         drives = np.abs(np.diff(path[:, :3], axis=0)).max(axis=1) > 0
         stops = [0, *(np.flatnonzero(drives[1:] | drives[:-1]) + 1).tolist(), len(path) - 1]
         pieces = [
@@ -111,7 +110,7 @@ def time_parametrise(
 
 
 def near_walls(world: CollisionWorld, opening: float) -> IsNear:
-    """On which parts of a path the robot comes nearer than `_NEAR` to a fixed obstacle that is no support."""
+    """Test for parts of a path where the robot is closer than `_NEAR` to a fixed obstacle that is no support."""
     scene = world.scene
     alone = _among(scene.robot, tuple(body for body in scene.static_obstacles if body.name not in scene.supports))
     return lambda X: alone.edges_that_hit(X, opening, ignore=1 << SELF_BIT)
@@ -126,23 +125,23 @@ def _slowed(trajectory: Trajectory, share: float) -> Trajectory:
 
 @lru_cache(maxsize=16)
 def _among(robot: RobotSpec, walls: tuple[StaticObstacle, ...]) -> CollisionWorld:
-    """A robot among walls and nothing else; made once for all phases of a plan."""
+    """A robot among walls only, built once for all phases of a plan."""
     home = RobotState(np.zeros(3), np.array(robot.home), 0.0)
     return CollisionWorld.from_scene(Scene(robot, home, (), walls, supports=()), _NEAR)
 
 
 def round_corners(robot: RobotSpec, X: ArrayLike, half_width: float) -> tuple[Array, Array]:
-    """A smooth path near a polygon of whole-body configurations, with the same ends.
+    """Smooth a polygon of whole-body configurations, with the same ends.
 
-    The mean over a moving window turns corners into parabolas and removes the noise of finely cut curves; straight
+    The mean over a moving window turns corners into parabolas and removes the noise of finely cut curves. Straight
     segments longer than the window stay straight in their middle.
 
-    The length of the path `X` (k, 11) is measured in seconds at the robot's full speed, and so is `half_width`, from
-    the middle of the window to its edges.
+    The length of the path `X` (k, 11) is measured in seconds at the robot's full speed. So is `half_width`, from the
+    middle of the window to its edges.
 
     Returns:
-        configurations (m, 11), and where on the polygon each window has its middle (m,): 1.5 is half-way between X[1]
-        and X[2].
+        Configurations (m, 11), and the positions (m,) of the windows' middles on the polygon: 1.5 is half-way between
+        X[1] and X[2].
     """
     path = np.asarray(X, dtype=float)
     ends = np.concatenate([[0.0], np.cumsum(_times_at_full_speed(np.diff(path, axis=0), np.array(robot.max_velocity)))])
@@ -160,9 +159,9 @@ def round_corners(robot: RobotSpec, X: ArrayLike, half_width: float) -> tuple[Ar
 def drive_trajectory(
     world: CollisionWorld, path: WholeBodyPath, state: RobotState, homing: WholeBodyPath | None = None
 ) -> Trajectory:
-    """The trajectory of a base path, arm and fingers still: the phase "drive".
+    """Compute the trajectory of a base path with still arm and fingers: the phase "drive".
 
-    Where the arm moves home before, its motion comes first: the phases "ready" (the fingers open) and "home".
+    If the arm moves home before, its motion comes first: the phases "ready" (the fingers open) and "home".
     """
     robot = world.scene.robot
     if homing is None:
@@ -178,10 +177,10 @@ def drive_trajectory(
 
 
 def pick_trajectory(world: CollisionWorld, motion: PickPlaceMotion, state: RobotState) -> Trajectory:
-    """The trajectory of a pick from a state.
+    """Compute the trajectory of a pick from a state.
 
-    Its phases are "ready" (the fingers open), "transit", "approach", "close", "lift" and "retreat"; the object counts
-    as held from the lift on.
+    Its phases are "ready" (the fingers open), "transit", "approach", "close", "lift" and "retreat". The object is held
+    from the lift on.
     """
     robot = world.scene.robot
     open_at = robot.finger_position(motion.transit.opening)
@@ -199,9 +198,9 @@ def pick_trajectory(world: CollisionWorld, motion: PickPlaceMotion, state: Robot
 
 
 def place_trajectory(world: CollisionWorld, motion: PickPlaceMotion, state: RobotState) -> Trajectory:
-    """The trajectory of a placement from a state.
+    """Compute the trajectory of a put-down from a state.
 
-    Its phases are "transit", "lower", "open", "rise" and "retreat"; the object counts as held until the fingers open.
+    Its phases are "transit", "lower", "open", "rise" and "retreat". The object is held until the fingers open.
     """
     robot = world.scene.robot
     closed, open_at = state.finger_position, robot.finger_position(motion.departure.opening)
@@ -218,10 +217,10 @@ def place_trajectory(world: CollisionWorld, motion: PickPlaceMotion, state: Robo
 
 
 def pull_trajectory(world: CollisionWorld, motion: PullMotion, state: RobotState) -> Trajectory:
-    """The trajectory of a pull from a state.
+    """Compute the trajectory of a pull from a state.
 
-    Its phases are "ready", "transit", "approach", "close", "pull", "open", "leave" and "home"; the handle counts as
-    touched from when the fingers close on it until they have opened. It is pulled slowly.
+    Its phases are "ready", "transit", "approach", "close", "pull", "open", "leave" and "home". The handle is touched
+    from when the fingers close on it until they have opened. The pull is slow.
     """
     robot, held = world.scene.robot, motion.held
     open_at, leave_at = (robot.finger_position(path.opening) for path in (motion.transit, motion.leave))
@@ -251,7 +250,7 @@ def _along(world: CollisionWorld, path: WholeBodyPath, finger_position: float, n
 
 
 def _phase(name: str, held: HeldObject | None) -> Phase:
-    """A phase in which nothing is touched but what is held throughout."""
+    """A phase that touches only the object held throughout, if any."""
     return Phase(name, 0.0, held.name if held is not None else "", held)
 
 
@@ -269,13 +268,13 @@ def finger_ramp(robot: RobotSpec, start: float, end: float) -> Array:
 
 
 def _times_at_full_speed(moves: Array, velocity: Array) -> Array:
-    """[s] per move (k, 11): the base's x and y count together."""
+    """Duration [s] of each move (k, 11) at full speed. The base's x and y are taken together."""
     joints = np.abs(moves[:, 2:]) / velocity[2:]
     return np.maximum(np.hypot(moves[:, 0], moves[:, 1]) / velocity[:2].min(), joints.max(axis=1))
 
 
 def _grid(path: Array, velocity: Array) -> tuple[Array, Array]:
-    """Path lengths (m,), in seconds at full speed, and the points (m, 11) there; corners are on the grid."""
+    """Path lengths (m,), in seconds at full speed, and the points (m, 11) there. Corners are on the grid."""
     durations = _times_at_full_speed(np.diff(path, axis=0), velocity)
     fewest = 2 if len(durations) == 1 else 1
     parts = np.maximum(np.ceil(durations / _GRID).astype(int), fewest)
@@ -286,7 +285,7 @@ def _grid(path: Array, velocity: Array) -> tuple[Array, Array]:
 
 @leaf_kernel
 def _share_of(acceleration: Array, vector: Array) -> float:
-    """The largest share of its joint's acceleration that a vector (11,) needs; base x and y count together."""
+    """Largest share of its joint's acceleration that a vector (11,) needs. The base's x and y are taken together."""
     share = math.hypot(vector[0], vector[1]) / min(acceleration[0], acceleration[1])
     for joint in range(2, vector.shape[0]):
         share = max(share, abs(vector[joint]) / acceleration[joint])
@@ -295,11 +294,10 @@ def _share_of(acceleration: Array, vector: Array) -> float:
 
 @njit(cache=True)
 def _speeds(length: Array, points: Array, acceleration: Array, is_slow: NDArray[np.bool_]) -> Array:
-    """Speed along the path (m,), in seconds at full speed per second: at most 1, `_SLOW` where `is_slow` (m - 1,) says
-    so, and 0 at the ends.
+    """Speed along the path (m,), in seconds at full speed per second.
 
-    Corners need a part of the acceleration, and so does driving while the base turns; what they do not need at full
-    speed is left for speeding up and slowing down.
+    It is at most 1, `_SLOW` where `is_slow` (m - 1,), and 0 at the ends. Corners need a part of the acceleration, and
+    so does driving while the base turns. The rest at full speed is left for speeding up and slowing down.
     """
     m, d, planar = points.shape[0], points.shape[1], min(acceleration[0], acceleration[1])
     direction, steps, turn = np.empty((m - 1, d)), np.empty(m - 1), np.empty(d)
@@ -333,7 +331,7 @@ def _speeds(length: Array, points: Array, acceleration: Array, is_slow: NDArray[
 
 @njit(cache=True)
 def _sample(clock: Array, speed: Array, length: Array, points: Array) -> Array:
-    """Points (n, 11) at control steps until the path's end is reached: uniform acceleration between grid points."""
+    """Points (n, 11) at control steps to the end of the path, with uniform acceleration between grid points."""
     m, end, piece = points.shape[0], clock[-1], 0
     samples = np.empty((math.ceil(end / CONTROL_STEP - 1e-9) + 1, points.shape[1]))
     for row in range(samples.shape[0]):
@@ -351,7 +349,7 @@ def _sample(clock: Array, speed: Array, length: Array, points: Array) -> Array:
 
 
 def _excess(samples: Array, velocity: Array, acceleration: Array) -> float:
-    """How many times the limits are exceeded: by velocities (counted squared) or by accelerations."""
+    """Largest factor by which the limits are exceeded: squared for velocities, plain for accelerations."""
     rates = np.diff(samples, axis=0) / CONTROL_STEP
     c, s = np.cos(samples[:-1, 2]), np.sin(samples[:-1, 2])
     rates[:, 0], rates[:, 1] = c * rates[:, 0] + s * rates[:, 1], c * rates[:, 1] - s * rates[:, 0]

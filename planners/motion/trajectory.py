@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 from planners.scene import HeldObject
 
 CONTROL_STEP = 0.05
-"""[s] between commands."""
+"""Time [s] between commands."""
 
 
 class Phase(NamedTuple):
     """A part of a trajectory.
 
     Attributes:
-        name: of the phase.
-        start: [s].
+        name: name of the phase.
+        start: start time [s].
         held: name of the held object, "" for none.
-        touched: the object between the fingers, from when they start to close on it until they have opened.
+        touched: the object between the fingers, from the start of closing to the end of opening.
     """
 
     name: str
@@ -31,7 +31,7 @@ class Phase(NamedTuple):
 
 
 def is_contact(phase: Phase) -> bool:
-    """Whether the fingers close on an object or let it go."""
+    """Whether the fingers close on an object or release it."""
     return phase.touched is not None and not phase.held
 
 
@@ -49,11 +49,11 @@ class Trajectory:
     """Commands at control steps, linear in between. Arrays are read-only.
 
     Attributes:
-        times: (n,) [s] from 0.
+        times: (n,) times [s] from 0.
         base: (n, 3) x [m], y [m], yaw [rad], continuous, not wrapped.
         q: (n, 8) torso [m] and arm [rad].
-        finger_position: (n,) [m] of one finger.
-        phases: in order of time, the first starting at 0.
+        finger_position: (n,) position [m] of one finger.
+        phases: the phases in order of time, the first one from 0.
 
     Raises:
         ValueError: the arrays differ in length or are empty, or no phase starts at 0.
@@ -84,7 +84,7 @@ class Trajectory:
 
     @property
     def duration(self) -> float:
-        """[s]."""
+        """Duration [s]."""
         return float(self.times[-1])
 
     @property
@@ -94,15 +94,15 @@ class Trajectory:
 
     @property
     def states(self) -> NDArray[np.float64]:
-        """(n, 12) base, torso and arm, finger position."""
+        """Base, torso and arm, finger position (n, 12)."""
         return np.column_stack([self.base, self.q, self.finger_position])
 
     def phase(self, time: float) -> Phase:
-        """The phase at a time [s]."""
+        """Phase at a time [s]."""
         return [phase for phase in self.phases if phase.start <= max(time, 0.0)][-1]
 
     def sample(self, time: float) -> TrajectorySample:
-        """The commanded state at a time [s], clipped to the trajectory's duration."""
+        """Commanded state at a time [s], clipped to the trajectory's duration."""
         time = min(max(time, 0.0), self.duration)
         i = min(int(np.searchsorted(self.times, time, side="right")), len(self.times) - 1)
         before = max(i - 1, 0)
@@ -113,7 +113,7 @@ class Trajectory:
 
 
 def join(pieces: list[Trajectory]) -> Trajectory:
-    """One trajectory after another; each must start with the sample that the one before ends with."""
+    """Join trajectories in order. Each must start with the last sample of the one before."""
     first = pieces[0]
     states, times, phases, start = [first.states], [first.times], list(first.phases), first.duration
     for piece in pieces[1:]:
@@ -126,7 +126,7 @@ def join(pieces: list[Trajectory]) -> Trajectory:
 
 
 def phases_of(trajectory: Trajectory) -> list[Trajectory]:
-    """The phases of a trajectory; each begins with the sample that the one before ends with."""
+    """Split a trajectory into its phases. Each begins with the last sample of the one before."""
     starts = [round(phase.start / CONTROL_STEP) for phase in trajectory.phases]
     ends, states = [*starts[1:], len(trajectory.times) - 1], trajectory.states
     return [

@@ -1,4 +1,4 @@
-"""What is in the way of putting an object down at a place of a goal, by name, as for grasps."""
+"""Objects in the way of a put-down at a place of a goal, as masks, as for grasps."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from planners.scene.masks import FIXED_BITS
 Array = NDArray[np.float64]
 
 _LOCATIONS, _APART = 4, 0.03
-"""Locations of an area that are looked at, and how far [m] apart they are at least."""
+"""Locations of an area that are tested, and their least distance [m]."""
 _BASES = 8
 """Base poses of each grasp from which an object may be put down without driving."""
 
@@ -32,18 +32,18 @@ _BASES = 8
 def fewest_in_the_way(
     search: PlacementSearch, world: CollisionWorld, place: Place, leaving: Collection[str] = ()
 ) -> int | None:
-    """The smallest set of objects in the way of putting the held object down at a place, as a mask.
+    """Find the smallest set of objects in the way of putting the held object down at a place, as a mask.
 
-    What the straight lines to and from the release hit counts too, as for grasps.
+    Objects in the way of the straight lines to and from the release are included, as for grasps.
 
     Args:
-        search: whose base poses and arm configurations count.
-        world: the scene, compiled, with an object held.
-        place: where.
-        leaving: names of objects that will be gone by then.
+        search: source of base poses and arm configurations.
+        world: the compiled scene, with an object held.
+        place: the place.
+        leaving: names of objects that will have left by then.
 
     Returns:
-        None if no base pose and arm configuration reach the place, whatever is gone.
+        None if the place is out of reach for all base poses and arm configurations, whatever objects leave.
     """
     scene, (held, _) = world.scene, in_hand(world.scene)
     gone, lowered = scene.mask((*leaving, *scene.held_names)), _lowered(world, place)
@@ -65,13 +65,13 @@ def fewest_in_the_way(
 
 
 class PutDownMasks(NamedTuple):
-    """Masks of what is in the way of each put-down of an object at its place, 0 among them if nothing need be moved.
+    """Masks of the objects in the way of each put-down of an object at its place. 0 stands for a free put-down.
 
     Attributes:
-        straight: from where the object stands now: what the robot hits when it lets go, from all base poses from which
-            the object can be taken or put down.
-        ever: from wherever it is taken: what gripper and object hit then, whatever the base and the arm do. Of what is
-            in a hand nothing is claimed: it may be taken otherwise.
+        straight: for a move from where the object stands now. Objects that the robot hits at the release, over all base
+            poses from which the object can be taken or put down.
+        ever: for a move from anywhere. Objects that gripper and object hit, for any base pose and arm configuration.
+            Nothing is claimed about held objects: they may be taken with another grasp.
     """
 
     straight: tuple[int, ...] = (0,)
@@ -86,17 +86,17 @@ def put_down_masks(
     place: Place,
     leaving: Collection[str],
 ) -> PutDownMasks:
-    """What is in the way where an object is put down, with all grasps of the grasp set.
+    """Find the objects in the way of a put-down, for all grasps of the grasp set.
 
-    Of places with an area, of objects of several pieces, and from under a shelf, nothing is claimed.
+    Nothing is claimed about places with an area, objects of several pieces, and objects under a shelf.
 
     Args:
-        search: whose base poses and arm configurations count.
-        candidates: whose arms, grasp set and compiled scenes count.
-        scene: with the objects where they stand.
-        name: of the object.
-        place: where it goes.
-        leaving: names of objects that do not count.
+        search: source of base poses and arm configurations.
+        candidates: source of arms, grasp set and compiled scenes.
+        scene: the scene with the objects where they stand.
+        name: name of the object.
+        place: the place that it goes to.
+        leaving: names of objects to ignore.
     """
     body = scene.body(name)
     if place.location is None or body.shape == "pieces" or is_covered(scene, body.foot):
@@ -118,7 +118,7 @@ def put_down_masks(
         robot, (held, _) = world.scene.robot, in_hand(world.scene)
         bases = search.arms[robot.arm_name].bases(taken, _BASES)[0] if len(taken) else scene.state.base[None]
         straight |= set(map(int, _scan(search, world, wanted, level, gone, bases)[1].hits))
-        # Anywhere else within the tolerance about the pose, where gripper and object alone have less in the way.
+        # Elsewhere within the tolerance of the pose, gripper and object alone may hit fewer objects.
         beside = [wanted_poses(world.scene, place, point, (place.yaw,)) for point in points_about(place)[1:]]
         poses = np.concatenate((wanted, *beside))
         hits = gripper_hits(world, poses, opening_around(robot, body, held), held=held, ignore=gone)
@@ -131,7 +131,7 @@ def put_down_masks(
 
 
 def _minimal(masks: Collection[int]) -> tuple[int, ...]:
-    """Those that contain no other."""
+    """Masks that contain no other mask."""
     return tuple(mask for mask in masks if not any(other != mask and other & ~mask == 0 for other in masks))
 
 
@@ -140,8 +140,7 @@ def _lowered(world: CollisionWorld, place: Place) -> CollisionWorld:
 
 
 def _some_locations(scene: Scene, place: Place, leaving: Collection[str]) -> Iterator[tuple[Array, Yaws]]:
-    """A few locations (2,) of a place, or all about a pose, at which the held object fits once others have left, and
-    its yaws there."""
+    """A few locations (2,) of a place, or all about a pose, where the held object fits, with its yaws."""
     staying = replace(scene, objects=tuple(one for one in scene.objects if one.name not in leaving))
     looked_at: list[Array] = []
     apart, most = (_APART, _LOCATIONS) if place.location is None else (0.0, len(points_about(place)))
@@ -164,11 +163,11 @@ def _scan(
     first_free: bool = False,
     known: Collection[int] = (),
 ) -> tuple[GripperPoses, ArmConfigurations]:
-    """Arm configurations that let go of the held object at gripper poses (k, 5), and what each of them hits.
+    """Arm configurations that release the held object at gripper poses (k, 5), with the objects that each hits.
 
-    It then stands `level` [m] high. From wherever the base may stand, and from more base poses (k, 3); `ignore` is a
-    mask of bits that do not count. With `first_free` only those from the first base pose for which some configuration
-    hits nothing; without what hits more than a `known` mask.
+    The object then stands `level` [m] high. The base may stand at any base pose, and at more base poses (k, 3).
+    `ignore` is a mask of bits to ignore. With `first_free`, only configurations of the first base pose with a
+    collision-free one are returned. Otherwise those that hit more than a `known` mask are left out.
     """
     scene, (held, body) = world.scene, in_hand(world.scene)
     robot = scene.robot
@@ -186,15 +185,15 @@ def _scan(
 
 
 def wanted_poses(scene: Scene, place: Place, point: Array, yaws: Yaws) -> Array:
-    """The gripper poses (k, 5) that let go of the held object at a point (2,) of a place, turned by one of its yaws."""
+    """Gripper poses (k, 5) that release the held object at a point (2,) of a place, with one of its yaws."""
     location = np.array([[*point, place.face.top]])
     return np.concatenate([gripper_poses_at(scene, location, yaw)[0] for yaw in yaws])
 
 
 def in_any_hand(candidates: GraspCandidates, scene: Scene, body: Body) -> Iterator[tuple[Scene, Array]]:
-    """The scene with an object in hand, once for each way to hold it, and gripper poses (k, 5) that take it so.
+    """The scene with an object in hand, once for each relative grasp, with the gripper poses (k, 5) that take it so.
 
-    A round object that stands is held alike from all directions of a family.
+    For a standing cylinder, all directions of a family give the same relative grasp.
     """
     held_by = scene.holding(body.name)
     if held_by is not None:

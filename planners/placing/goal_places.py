@@ -1,7 +1,7 @@
-"""Places that a goal names: where on a support, in a region or on another object an object may stand, best first.
+"""Places that a goal names: locations for an object on a support, in a region or on another object, best first.
 
-A region is filled from the far side inward, row by row, such that what is still to come finds room: boxes along its
-sides where the circles about them have no room.
+A region is filled row by row from the far side, so that later objects still fit. If the circles around boxes do not
+fit, the boxes are aligned with the sides of the region.
 """
 
 from __future__ import annotations
@@ -29,49 +29,51 @@ Array: TypeAlias = NDArray[np.float64]
 Yaws: TypeAlias = tuple[float | None, ...]
 
 PITCH, NARROW = 0.01, 0.005
-"""[m] between locations tried in a region, if it has not more than `_MOST` of them to a side; where room is scarce."""
+"""Spacing [m] of locations tried in a region: normal, and where space is scarce. Large regions have a wider spacing:
+see `_MOST`."""
 _MOST = 30
-"""Locations to a side."""
+"""Most locations along a side."""
 _GAPS = (0.03, 0.012, 0.004)
-"""[m] between neighbours in a region: wide gaps let the fingers in; narrow ones are taken where room is scarce."""
+"""Clearances [m] between neighbours in a region, in the order of the tries. Wide ones let the fingers in."""
 _SAME = 1e-9
-"""[m] by which the sides of a region may differ: rounding."""
+"""Rounding tolerance [m] of the sides of a region."""
 _TRIED = 12
-"""Locations for which is looked whether the others still find room, for each gap, if they do not beside the first."""
+"""Candidate locations for each gap that are checked for leaving room for the other objects, if the first one leaves
+none."""
 _WALL = 0.001
-"""[m] Walls on which objects may stand are thicker."""
+"""Thickness [m] of the thinnest wall that an object may stand on."""
 _TURNS = np.arange(36) * (2 * np.pi / 36)
 _AROUND = np.column_stack((np.cos(_TURNS), np.sin(_TURNS)))
-"""Directions all around."""
+"""Unit vectors (36, 2) all around."""
 _NEAR = 1.5
-"""[m] from the robot, along the sides of a face that reaches farther than that from its middle."""
+"""Range [m] around the robot in which a larger face is searched, along each of its sides."""
 _ABOUT, _REACH_ABOVE = 0.12, 0.5
-"""[m] about a place, and above it, in which static obstacles may be in the way of a gripper."""
+"""Ranges [m] around a place, and above it, where static obstacles may be in the way of a gripper."""
 _LEVEL = 0.9999
-"""Cosine of the tilt up to which the top of an object is level."""
+"""Cosine of the largest tilt at which the top of an object is level."""
 _SHARES, _DIRECTIONS = (0.4, 0.8), 8
-"""Shares of the tolerance about a pose at which an object may stand beside it, and in how many directions: the rest of
-the tolerance is for how exactly it is put down."""
+"""Offsets that are tried around a pose, as shares of its tolerance, and the number of their directions. The rest of the
+tolerance is left for the accuracy of the put-down."""
 _LEAST_SHIFT = 0.003
-"""[m] A pose is not shifted by less: so exactly things are put down."""
+"""Smallest shift [m] of a pose. Put-downs are no more accurate than this."""
 _TOUCHING = 0.01
-"""[m] of an object's height that may lie below a face: contacts are soft, and objects lean."""
+"""Height [m] of an object that may lie below a face: contacts are soft, and objects lean."""
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where an object is to stand.
+    """A place where an object is to stand.
 
     Attributes:
-        face: on whose top; the support, or another object.
-        area: in which its footprint is to lie; None at a pose, and on another object unless that has a flat top wide
-            enough for more.
-        location: (2,) x, y [m] of its centre; None where an area says it.
-        slack: [m] about the location within which its centre may be, too.
-        yaw: [rad] of the object, None for any.
-        within: regions in which the footprint of what goes to a location is to lie, too.
-        below: name of the object that it is to stand on, or in, "" for none.
-        hollow: what it is to be inside of, if that is hollow.
+        face: the support, or another object, that it stands on.
+        area: region for its footprint. None at a pose, and on another object unless a flat top has space for more
+            objects.
+        location: (2,) x, y [m] of its centre. None with an area.
+        slack: tolerance [m] of the location.
+        yaw: yaw [rad] of the object, None for any.
+        within: further regions for the footprint of an object at a location.
+        below: name of the object that it stands on or in, "" for none.
+        hollow: the hollow that it goes into, if any.
     """
 
     face: StaticObstacle
@@ -85,7 +87,7 @@ class Place:
 
 
 def place_of(scene: Scene, fact: On | Inside | At) -> Place:
-    """The place that a fact of a goal names."""
+    """The place of a fact of a goal."""
     body = scene.body(fact.object)
     if isinstance(fact, At):
         yaw = fact.yaw if has_yaw(body) else None
@@ -115,9 +117,9 @@ def place_of(scene: Scene, fact: On | Inside | At) -> Place:
 
 
 def _hollow_for(scene: Scene, fact: On | Inside) -> Hollow | None:
-    """The hollow into which an object goes; None if what a fact names has none, or it is to stand on its rim.
+    """Hollow that an object goes into. None for a flat place, or if the object stands on the rim.
 
-    On something hollow an object stands inside if it is smaller than the mouth, however it is put down.
+    A fact `On` a hollow object means inside if the object fits into the mouth in any of its resting orientations.
     """
     hollow = hollow_of(scene, fact.where)
     if hollow is None or isinstance(fact, Inside) or fact.where not in scene.names:
@@ -127,7 +129,7 @@ def _hollow_for(scene: Scene, fact: On | Inside) -> Hollow | None:
 
 @lru_cache(maxsize=64)
 def _floor_of(hollow: Hollow) -> StaticObstacle:
-    """The floor of a hollow as what an object stands on."""
+    """The floor of a hollow as a support."""
     corners = [(*point, hollow.floor - down) for point in hollow.base for down in (0.0, _WALL)]
     return StaticObstacle.hull(hollow.name, corners)
 
@@ -137,14 +139,14 @@ def _is_area(scene: Scene, name: str) -> bool:
 
 
 def _area_named(scene: Scene, name: str) -> Place:
-    """The place that a region or a support is for all objects."""
+    """The place of a region or a support, the same for all objects."""
     area = _region_or_face(scene, name)
     is_face = area.name == area.support
     return Place(scene.support_named(area.support), _near(area, scene.state.base[:2]) if is_face else area)
 
 
 def _places_of(scene: Scene, facts: Iterable[On | Inside | At]) -> Iterator[tuple[On | Inside | At, Place]]:
-    """The places that facts name, those of regions and supports made once however many facts name them."""
+    """Places of facts. Each region or support is evaluated once, even if several facts name it."""
     areas: dict[str, Place] = {}
     for fact in facts:
         name = "" if isinstance(fact, At) else fact.place if isinstance(fact, On) else fact.region
@@ -154,14 +156,14 @@ def _places_of(scene: Scene, facts: Iterable[On | Inside | At]) -> Iterator[tupl
 
 
 def _top_of(other: Body) -> StaticObstacle:
-    """An object as what another one stands on."""
+    """The top of an object as a support."""
     if other.shape == "pieces":
         return StaticObstacle.hull(other.name, other.corners)
     return StaticObstacle(other.name, other.position, other.half_extents, other.shape, other.rotation)
 
 
 def _near(face: Region, base: Array) -> Region:
-    """The part of a face about the robot, if it is as wide as a ground: most of it is too far away to be tried."""
+    """Part of a face around the robot, for a face as large as a ground. The rest is too far away to try."""
     if max(face.half_extents) <= _NEAR:
         return face
     half, middle, c, s = np.array(face.half_extents), face.local(base), math.cos(face.yaw), math.sin(face.yaw)
@@ -173,14 +175,14 @@ def _near(face: Region, base: Array) -> Region:
 
 
 def reserved_regions(scene: Scene, goal: Goal, besides: str = "") -> tuple[Region, ...]:
-    """The regions that are kept for objects of the goal, or clear: no other object is put there.
+    """Regions reserved for objects of the goal, or to be kept clear. No other object is put there.
 
-    The first support is reserved as a whole only if it is to be clear: it is where objects are put aside.
+    The first support is reserved as a whole only if the goal wants it clear: objects are put aside on it.
 
     Args:
-        scene: the world.
-        goal: what it is to be.
-        besides: name of an object, whose own place is not reserved for others, nor what that lies in.
+        scene: the scene as it is.
+        goal: the goal.
+        besides: name of an object. Its own place, and regions that contain this place, are not reserved.
     """
     own = placed_fact(goal, besides)
     if isinstance(own, At):
@@ -203,9 +205,10 @@ def reserved_regions(scene: Scene, goal: Goal, besides: str = "") -> tuple[Regio
 
 
 def _rooms_beside(scene: Scene, goal: Goal, own: At) -> Iterator[Region]:
-    """What an object keeps out of at its pose: others whose poses overlap that one have room within their tolerances.
+    """Regions that an object at its pose keeps out of, so that overlapping poses of others remain possible.
 
-    Each as wide as is covered by the other object wherever it stands, across the line between both.
+    Each lies across the line between both objects. It is as wide as the other object covers anywhere within its
+    tolerance.
     """
     body = scene.body(own.object)
     for fact in goal.placed:
@@ -219,7 +222,7 @@ def _rooms_beside(scene: Scene, goal: Goal, own: At) -> Iterator[Region]:
 
 
 def _contains(region: Region, other: Region) -> bool:
-    """Whether a region contains another one, which may be the same under another name."""
+    """Whether a region contains another one. Both may be the same region under two names."""
     return bool((np.abs(region.local(other.corners)) <= np.array(region.half_extents) + _SAME).all())
 
 
@@ -241,19 +244,20 @@ def locations_in(
     pitch: float = PITCH,
     is_passed_over: Callable[[Array], bool] = lambda _: False,
 ) -> Iterator[tuple[Array, Yaws]]:
-    """Locations (2,) [m] of a place at which an object fits, and its yaws there [rad], None for any; best first.
+    """Find locations (2,) [m] of a place where an object fits, with its yaws there [rad], None for any. Best first.
 
-    Those that leave room for all come first, turned anyhow before along the sides, wide gaps before narrow ones.
+    Locations that leave room for all others come first. Among them, any yaw comes before yaws along the sides, and wide
+    gaps come before narrow ones.
 
     Args:
-        scene: with the objects where they stand.
+        scene: the scene with the objects where they stand.
         body: the object to put there.
-        place: where.
-        leaving: names of objects that will be gone once the others come.
-        others: that are to come there later, for which room is left, if there is room for all.
-        allowed: which points (n, 2) may be taken at all.
-        pitch: [m] between locations.
-        is_passed_over: whether a location (2,) is not wanted any more when its turn comes: it may be yielded or not.
+        place: the place.
+        leaving: names of objects that will have left when the others come.
+        others: objects that come there later. Room is left for them if all fit.
+        allowed: whether points (n, 2) are allowed: (n,).
+        pitch: spacing of locations [m].
+        is_passed_over: whether a location (2,) may be skipped at its turn.
     """
     if place.area is None:
         points = points_about(place)
@@ -287,7 +291,7 @@ def locations_in(
 
 
 def points_about(place: Place) -> Array:
-    """(n, 2) [m] where an object at a pose may stand: there, and within the tolerance around, the nearest first."""
+    """Locations (n, 2) [m] at a pose and within its tolerance, the nearest first."""
     assert place.location is not None
     turns = np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS)
     around = np.column_stack((np.cos(turns), np.sin(turns)))
@@ -296,7 +300,7 @@ def points_about(place: Place) -> Array:
 
 
 def _yaws_at(place: Place, body: Body) -> Iterator[Yaws]:
-    """How an object may be turned at a pose: as that says, else anyhow, else along the sides of where it must lie."""
+    """Yaws of an object at a pose: the pose's own yaw, else any yaw, then yaws along the sides of its regions."""
     if place.yaw is not None and has_yaw(body):
         yield (place.yaw,)
         return
@@ -306,9 +310,9 @@ def _yaws_at(place: Place, body: Body) -> Iterator[Yaws]:
 
 
 def _narrow_fits(area: Region, body: Body, standing: Sequence[Body], yaw: float | None) -> Array:
-    """Points (n, 2) [m] at which an object just fits in an area that is hardly larger: in its middle and at its sides.
+    """Points (n, 2) [m] where an object just fits into an area hardly larger: in the middle and at the sides.
 
-    A grid over the area may have none of them.
+    A grid over the area may miss all of them.
     """
     room = np.array(area.half_extents) - _half_at(area, body, yaw)
     if room.min() < -EDGE / 2 or room.min() > PITCH:
@@ -324,7 +328,7 @@ def _narrow_fits(area: Region, body: Body, standing: Sequence[Body], yaw: float 
 
 
 def _ways(area: Region, body: Body) -> tuple[Yaws, ...]:
-    """How an object may stand in an area: turned anyhow; with corners along the area's sides too, either way round."""
+    """Yaws of an object in an area: any yaw, then, for objects with corners, along the sides of the area."""
     if body.shape == "cylinder" or not body.is_upright:
         return ((None,),)
     quarters = [area.yaw + quarter * np.pi / 2 for quarter in range(4)]
@@ -332,7 +336,7 @@ def _ways(area: Region, body: Body) -> tuple[Yaws, ...]:
 
 
 def beside(scene: Scene, face: StaticObstacle, body: Body) -> list[Body]:
-    """The objects that an object on a face could touch; held ones do not count."""
+    """Objects that an object on a face could touch. Held objects are left out."""
     height = body.top - body.bottom
     return [
         one
@@ -342,10 +346,10 @@ def beside(scene: Scene, face: StaticObstacle, body: Body) -> list[Body]:
 
 
 def must_go_first(scene: Scene, body: Body, fact: On | Inside | At) -> tuple[str, ...]:
-    """Names of the objects each of which alone keeps another from its place where it stands: proved.
+    """Names of the objects that each alone keep an object from its place: proved.
 
-    An object counts as no larger than the circle in it. Of all points of an area a corner is farthest from what stands
-    there. Nothing is proved of objects of several pieces, beside or under which others may stand.
+    The object is reduced to the circle inside it. The point of an area farthest from an obstacle is a corner, so only
+    corners are tested. Nothing is proved about objects of several pieces: others may stand beside or under these.
     """
     place, radius = place_of(scene, fact), inner_radius(body)
     body = min(resting_ways(body), key=lambda way: way.top - way.bottom)
@@ -366,9 +370,9 @@ def must_go_first(scene: Scene, body: Body, fact: On | Inside | At) -> tuple[str
 
 
 def without_room(scene: Scene, goal: Goal, to_move: Collection[str]) -> tuple[tuple[str, ...], str]:
-    """Names of objects that cannot all be where a goal wants them, and why: proved; (), "" if none are found.
+    """Find objects that cannot all be at their goal places, with the reason: proved. Result (), "" if none are found.
 
-    One of those at poses must move. Of objects of several pieces nothing is claimed.
+    For two poses, at least one of the objects must move. Nothing is claimed about objects of several pieces.
     """
     facts = [fact for fact in goal.placed if fact.object in to_move]
     for find_reason in (_why_too_large, _why_beside, _why_falling, _why_in_the_air, _why_in_obstacles):
@@ -382,12 +386,14 @@ def without_room(scene: Scene, goal: Goal, to_move: Collection[str]) -> tuple[tu
 
 
 def _crowd(scene: Scene, facts: Sequence[On | Inside | At]) -> tuple[str, ...]:
-    """Names of objects whose areas have no room for all of them, () if none are found.
+    """Names of objects that do not all fit into their areas, () if none are found.
 
-    Each takes at least the largest circle within. Two need their sum of radii between their centres. Of more, no
-    convex area holds more centres at distances of d than Oler's inequality says (Acta Mathematica 105, 1961).
+    Each object covers at least the largest circle inside it. The centres of two objects are at least the sum of their
+    radii apart. For more objects, Oler's inequality (Acta Mathematica 105, 1961) bounds the number of centres at
+    distances of d in a convex area.
     """
-    found: list[tuple[str, float, Region, float]] = []  # the last: [m] of its centre from the area's sides at least
+    # Last entry: smallest distance [m] of its centre from the area's sides.
+    found: list[tuple[str, float, Region, float]] = []
     for fact, place in _places_of(scene, facts):
         area, radius = place.area, inner_radius(scene.body(fact.object))
         inset = 0.0 if _is_by_centre(scene, fact) else radius - EDGE
@@ -400,7 +406,7 @@ def _crowd(scene: Scene, facts: Sequence[On | Inside | At]) -> tuple[str, ...]:
         if one[2].support == other[2].support and away < one[1] + other[1]:
             return one[0], other[0]
     for area in dict.fromkeys(area for _, _, area, _ in found):
-        # One area may have several names, or lie in another one.
+        # An area may have several names, or lie inside another one.
         within = [one for one in found if one[2].support == area.support and _contains(area, one[2])]
         within.sort(key=lambda one: -one[1])
         for count, (_, radius, _, _) in enumerate(within, start=1):
@@ -412,7 +418,7 @@ def _crowd(scene: Scene, facts: Sequence[On | Inside | At]) -> tuple[str, ...]:
 
 
 def _is_by_centre(scene: Scene, fact: On | Inside | At) -> bool:
-    """Whether an object may reach over the edges of what a fact names: of a support, and of another object."""
+    """Whether an object may reach over the edges of its place: on a support, or on another object."""
     if not isinstance(fact, On) or fact.place not in (*scene.supports, *scene.names):
         return False
     return fact.place in scene.supports or _hollow_for(scene, fact) is None
@@ -424,9 +430,9 @@ def _shrunk(area: Region, inset: float) -> Region:
 
 
 def _why_too_large(scene: Scene, fact: On | Inside | At) -> str:
-    """Why an object is larger than the area that a fact names, however it is turned and put down; "" if it is not.
+    """Reason if an object is larger than its area in every yaw and resting orientation, else "".
 
-    Proved: between the angles that are tried, its extents change by less than what they may be too large.
+    It is a proof: between the tested angles, extents change by less than the margin that is added.
     """
     body, area = scene.body(fact.object), place_of(scene, fact).area
     if area is None or body.name in scene.held_names or _is_by_centre(scene, fact) or not _is_larger(body, area):
@@ -438,7 +444,7 @@ def _why_too_large(scene: Scene, fact: On | Inside | At) -> str:
 
 
 def _is_larger(body: Body, area: Region) -> bool:
-    """Whether an object is larger than an area, however it is turned and put down; see `_why_too_large`."""
+    """Whether an object is larger than an area in every yaw and resting orientation. See `_why_too_large`."""
     angles = np.linspace(0.0, np.pi, 180, endpoint=False)
     for way in resting_ways(body):
         along = np.ptp(footprint(way) @ np.stack((np.cos(angles), np.sin(angles))), axis=0)
@@ -449,7 +455,7 @@ def _is_larger(body: Body, area: Region) -> bool:
 
 
 def _why_beside(scene: Scene, fact: On | Inside | At) -> str:
-    """Why an object within its region would not have its middle over the support: proved; "" if not, or of pieces."""
+    """Reason if an object within its region would have its centre beside the support: proved. "" otherwise."""
     body, place = scene.body(fact.object), place_of(scene, fact)
     if place.area is None or place.area.name == place.face.name or body.shape == "pieces":
         return ""
@@ -461,10 +467,10 @@ def _why_beside(scene: Scene, fact: On | Inside | At) -> str:
 
 
 def _why_falling(scene: Scene, fact: On | Inside | At) -> str:
-    """Why an object put on another one that stands, and is of pieces, has nothing to rest on: proved; "" if it has.
+    """Reason if an object on another, standing object of pieces would fall: proved. "" otherwise.
 
-    It would have to stand on what is no lower than the top, on all sides of its middle, in the circle that it covers
-    however it is turned. Between the points that are tried, the wall of a cup cannot hide.
+    It needs support no lower than the top, on all sides of its centre, within the circle that it covers in any yaw. The
+    tested points are so dense that the wall of a cup cannot lie between them.
     """
     body, place = scene.body(fact.object), place_of(scene, fact)
     if not place.below or place.hollow is not None:
@@ -486,9 +492,9 @@ def _why_falling(scene: Scene, fact: On | Inside | At) -> str:
 
 
 def _why_in_the_air(scene: Scene, fact: On | Inside | At) -> str:
-    """Why nothing can be under an object at the height of a pose: proved; "" if something may be.
+    """Reason if nothing can support an object at the height of its pose: proved. "" if something may.
 
-    Neither a support, within the tolerances, nor all other objects, one on the other on the highest support.
+    Tested are the supports, within the tolerances, and all other objects stacked on the highest support.
     """
     if not isinstance(fact, At) or fact.z is None:
         return ""
@@ -505,9 +511,9 @@ def _why_in_the_air(scene: Scene, fact: On | Inside | At) -> str:
 
 
 def _why_in_obstacles(scene: Scene, fact: On | Inside | At) -> str:
-    """Why an object at a pose overlaps static obstacles, on whichever support it stands: proved; "" if it need not.
+    """Reason if an object at a pose overlaps static obstacles on every possible support: proved. "" otherwise.
 
-    Of boxes with a vertical axis and objects of one piece.
+    Only boxes with a vertical axis and objects of one piece are tested.
     """
     body = scene.body(fact.object)
     if not isinstance(fact, At) or body.shape == "pieces":
@@ -526,13 +532,13 @@ def _why_in_obstacles(scene: Scene, fact: On | Inside | At) -> str:
 
 
 def _supports_about(scene: Scene, fact: At) -> list[StaticObstacle]:
-    """The supports under a pose, or within the tolerance about it."""
+    """Supports under a pose, or within its tolerance."""
     around = np.concatenate(([(fact.x, fact.y)], (fact.x, fact.y) + fact.tolerance * RIM))
     return [face for face in map(scene.support_named, scene.supports) if face.is_under(around).any()]
 
 
 def fixed_about(scene: Scene, place: Place) -> tuple[str, ...]:
-    """Names of the static obstacles about a place, or over it, that may keep a gripper out: for words of a refusal."""
+    """Names of the static obstacles around or above a place that may keep a gripper out, for the text of a refusal."""
     middle = np.array(place.area.centre) if place.area is not None else place.location
     assert middle is not None
     half = 0.0 if place.area is None else math.hypot(*place.area.half_extents)
@@ -545,11 +551,11 @@ def fixed_about(scene: Scene, place: Place) -> tuple[str, ...]:
 
 
 def _overlapping(scene: Scene, goal: Goal, to_move: Collection[str]) -> tuple[str, ...]:
-    """Names of two objects that would overlap at the poses of a goal, () if none would: proved.
+    """Names of two objects that would overlap at the poses of a goal: proved. () if none would.
 
-    One of them must move; the other one overlaps both at its pose and, if it may stay, where it stands, by more than
-    the tolerances allow. Boxes that may be turned anyhow, and what lies, count as the circle within; of objects of
-    several pieces nothing is claimed.
+    At least one of them must move. The other one overlaps it at its pose and, if it may stay, where it stands, by more
+    than the tolerances allow. Boxes with a free yaw, and lying objects, are reduced to the circle inside. Nothing is
+    claimed about objects of several pieces.
     """
     facts = [fact for fact in goal.placed if isinstance(fact, At) and scene.body(fact.object).shape != "pieces"]
     for one, other in itertools.permutations(facts, 2):
@@ -564,14 +570,14 @@ def _overlapping(scene: Scene, goal: Goal, to_move: Collection[str]) -> tuple[st
 
 
 def _play(scene: Scene, fact: At) -> float:
-    """[m] by which the outline of an object at a pose may be elsewhere, along any direction, within the tolerances."""
+    """Largest shift [m] of an object's outline at a pose, in any direction, within the tolerances."""
     body = scene.body(fact.object)
     turns = body.is_upright and fact.yaw is not None and has_yaw(body)
     return fact.tolerance + (body.radius * min(fact.yaw_tolerance, np.pi) if turns else 0.0)
 
 
 def _least_footprint(scene: Scene, fact: At) -> Array:
-    """Points (k, 2) [m] of an object at a pose, whose convex hull it covers there however it is put down."""
+    """Points (k, 2) [m] whose convex hull an object at a pose covers in every possible orientation."""
     body, location = scene.body(fact.object), np.array([fact.x, fact.y])
     if body.is_upright and fact.yaw is not None:
         return footprint(_standing(body, location, fact.yaw))
@@ -581,18 +587,18 @@ def _least_footprint(scene: Scene, fact: At) -> Array:
 
 
 def inner_radius(body: Body) -> float:
-    """[m] of a circle inside an object seen from above, however it is turned and put down: upright if it is now."""
+    """Radius [m] of a circle inside the object seen from above, in every yaw and resting orientation."""
     return float(min(body.half_extents[:2] if body.is_upright else body.half_extents))
 
 
 def in_the_way(scene: Scene, body: Body, place: Place, waiting: Collection[str]) -> tuple[str, ...]:
-    """Names of objects to remove so that an object fits at its place; none if it fits, or once others have left.
+    """Names of objects to remove so that an object fits at its place. Empty if it fits without removals.
 
     Args:
-        scene: with the objects where they stand.
-        body: to be put there, in the way in which it takes least room.
-        place: where.
-        waiting: names of objects that are to leave anyway.
+        scene: the scene with the objects where they stand.
+        body: the object to put there, in the resting orientation with the smallest radius.
+        place: the place.
+        waiting: names of objects that will leave anyway.
     """
     body = least_room(body)
     if place.below and place.area is None:
@@ -606,7 +612,7 @@ def in_the_way(scene: Scene, body: Body, place: Place, waiting: Collection[str])
     points = _grid(place.area, scene.state.base[:2])
 
     def fits(others: Sequence[Body]) -> bool:
-        """Whether there is room beside these objects."""
+        """Whether the object fits beside these objects."""
         assert place.area is not None
         area, yaws = place.area, [yaw for yaw, *_ in _ways(place.area, body)]
         is_on_grid = any(_fits(points, area, body, others, _GAPS[-1], yaw).any() for yaw in yaws)
@@ -620,29 +626,29 @@ def in_the_way(scene: Scene, body: Body, place: Place, waiting: Collection[str])
 
 
 def least_room(body: Body) -> Body:
-    """An object as it takes the least room once it has been put down: one that lies may come to stand."""
+    """The object in its resting orientation with the smallest radius: a lying object may come to stand."""
     return min(resting_ways(body), key=lambda way: way.radius)
 
 
 def _on_top(scene: Scene, body: Body, place: Place) -> tuple[str, ...]:
-    """Names of the objects that stand on the one on which another is to stand."""
+    """Names of the objects that stand on the object below the place."""
     over = (one for one in scene.objects if abs(one.bottom - place.face.top) <= _TOUCHING and one.name != place.below)
     over = (one for one in over if one.name not in (body.name, *scene.held_names))
     return tuple(one.name for one in over if place.face.is_under(one.position[:2]))
 
 
 def _steps(area: Region, pitch: float = PITCH) -> NDArray[np.intp]:
-    """Locations to each side of an area."""
+    """Number of locations along each side of an area."""
     size = 2 * np.array(area.half_extents)
     return np.clip(np.ceil(size / pitch).astype(int) + 1, 2, _MOST)
 
 
 def _grid(area: Region, base: Array, pitch: float = PITCH) -> Array:
-    """Points (n, 2) [m] of an area, row by row, the row that is farthest from the base first."""
+    """Points (n, 2) [m] of an area, row by row, the row farthest from the base first."""
     counts = _steps(area, pitch)
     along = [np.linspace(-half, half, count) for half, count in zip(area.half_extents, counts, strict=True)]
     towards = area.local(base)
-    depth = int(np.abs(towards).argmax())  # the axis along which the robot looks at it
+    depth = int(np.abs(towards).argmax())  # axis along which the robot looks at the area
     rows, columns = -np.sign(towards[depth] or 1.0) * along[depth][::-1], along[1 - depth]
     grid = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)
     local = grid if depth == 0 else grid[:, ::-1]
@@ -653,7 +659,7 @@ def _grid(area: Region, base: Array, pitch: float = PITCH) -> Array:
 def _fits(
     points: Array, area: Region, body: Body, standing: Sequence[Body], gap: float, yaw: float | None
 ) -> NDArray[np.bool_]:
-    """Whether the box around an object at a yaw, or the circle, lies in an area with a gap [m] to others: (n,)."""
+    """Whether the box around an object at a yaw, or its circle, lies in an area with a gap [m] to others: (n,)."""
     most = np.array(area.half_extents) - _half_at(area, body, yaw)
     inside = np.asarray((np.abs(area.local(points)) <= most).all(axis=1), np.bool_)
     within = math.hypot(*area.half_extents) + body.radius + gap
@@ -667,7 +673,7 @@ def _fits(
 def _clear_beside(
     free: NDArray[np.bool_], points: Array, body: Body, yaw: float | None, one: Body, gap: float
 ) -> NDArray[np.bool_]:
-    """Of the free points (n,), those at which an object has a gap [m] to another one: written there, and returned."""
+    """Clear entries (n,) of points where an object is closer than a gap [m] to another one, in place."""
     away = np.linalg.norm(points - one.position[:2], axis=1)
     near = np.flatnonzero(free & (away < body.radius + one.radius + gap))
     if len(near):
@@ -676,7 +682,7 @@ def _clear_beside(
 
 
 def _half_at(area: Region, body: Body, yaw: float | None) -> Array:
-    """(2,) [m] half extents, along the sides of an area, of the box around an object at a yaw, or of the circle."""
+    """Half extents (2,) [m], along the sides of an area, of the box around an object at a yaw, or of its circle."""
     return np.full(2, body.radius) if yaw is None else np.abs(_corners(body, yaw - area.yaw)).max(axis=0)
 
 
@@ -688,7 +694,7 @@ def _corners(body: Body, yaw: float) -> Array:
 
 
 def _room_beside(points: Array, body: Body, yaw: float | None, one: Body) -> Array:
-    """[m] between the box around an object at a yaw, or the circle, at points (n, 2), and another; 0 or less: none."""
+    """Clearance [m] from the box or circle around an object, at points (n, 2), to another one. At most 0: overlap."""
     if yaw is None:
         return distances(points, one) - body.radius
     corners = _corners(body, yaw)
@@ -699,7 +705,7 @@ def _room_beside(points: Array, body: Body, yaw: float | None, one: Body) -> Arr
 
 
 def distances(points: Array, body: Body) -> Array:
-    """[m] from points (n, 2) to an object seen from above; 0 inside."""
+    """Distances [m] from points (n, 2) to an object seen from above, 0 inside."""
     if body.shape == "cylinder" and body.is_upright:
         return np.maximum(np.linalg.norm(points - body.position[:2], axis=1) - body.half_extents[0], 0.0)
     if body.shape == "pieces":
@@ -714,7 +720,7 @@ def distances(points: Array, body: Body) -> Array:
 
 
 def _distances_to_polygon(points: Array, corners: Array) -> Array:
-    """[m] from points (n, 2) to a convex polygon (k, 2), counter-clockwise; 0 inside."""
+    """Distances [m] from points (n, 2) to a convex polygon (k, 2), counter-clockwise. 0 inside."""
     sides, away = np.roll(corners, -1, axis=0) - corners, points[:, None] - corners
     length = np.maximum((sides**2).sum(axis=1), 1e-18)
     shares = np.clip((away * sides).sum(axis=2) / length, 0.0, 1.0)
@@ -724,16 +730,16 @@ def _distances_to_polygon(points: Array, corners: Array) -> Array:
 
 
 class RoomForOthers:
-    """Whether others fit in an area beside what stays there, once an object stands at a point, for many such points.
+    """Test of whether other objects still fit in an area once an object stands at a point, for many points.
 
-    Each of them goes to the first free point, the largest first. What is free beside what stays, and beside those that
-    have come before at the same point, is worked out once.
+    Each of the others goes to the first free point, the largest first. Free points beside the objects that stay, and
+    beside others already placed at the same point, are computed once.
     """
 
     def __init__(
         self, points: Array, area: Region, staying: Sequence[Body], others: Sequence[Body], gap: float
     ) -> None:
-        """Points (n, 2) of an area, what stays beside it, who comes, and the gap [m] between neighbours."""
+        """Prepare points (n, 2) of an area, the objects that stay and come, and the gap [m] between neighbours."""
         self.points, self.area, self.staying, self.gap = points, area, staying, gap
         self.others = sorted(others, key=lambda one: -one.radius)
         self._free: dict[tuple[int, float | None], NDArray[np.bool_]] = {}
@@ -741,12 +747,12 @@ class RoomForOthers:
         self._beside: dict[tuple[int, float | None, Body], NDArray[np.bool_]] = {}
 
     def is_left(self, body: Body, point: Array, yaw: float | None) -> bool:
-        """Whether the others fit too once an object stands at a point; along the sides, if it stands so, they may too.
+        """Whether the others fit too once an object stands at a point. With a yaw, they may have one as well.
 
         Args:
             body: the object.
             point: (2,) [m].
-            yaw: [rad] of the object, None for any.
+            yaw: yaw [rad] of the object, None for any.
         """
         if not self.others:
             return True
@@ -763,7 +769,7 @@ class RoomForOthers:
         return True
 
     def _free_among(self, k: int, yaw: float | None, placed: Sequence[Body]) -> NDArray[np.bool_]:
-        """Where one of the others is free at a yaw, beside what stays and those that have come: (n,), a copy."""
+        """Free points of one of the others at a yaw, next to objects that stay or are placed: (n,), a copy."""
         other, points, gap = self.others[k], self.points, self.gap
         if (k, yaw) not in self._free:
             self._free[k, yaw] = _fits(points, self.area, other, self.staying, gap, yaw)
@@ -775,24 +781,23 @@ class RoomForOthers:
         return free
 
     def _standing(self, k: int, yaw: float | None, at: int) -> Body:
-        """One of the others at a point, the same object whenever it is asked for."""
+        """One of the others at a point, cached: the same object for the same arguments."""
         if (k, yaw, at) not in self._stood:
             self._stood[k, yaw, at] = _standing(self.others[k], self.points[at], yaw)
         return self._stood[k, yaw, at]
 
 
 def _standing(body: Body, point: Array, yaw: float | None) -> Body:
-    """An object at a point, turned to a yaw."""
     return stand_at(body, np.append(point, body.bottom), 0.0 if yaw is None else yaw - body.yaw)
 
 
 def placed_fact(goal: Goal, name: str) -> On | Inside | At | None:
-    """The fact that says where an object is to stand."""
+    """The fact that places an object, if any."""
     return next((fact for fact in goal.placed if fact.object == name), None)
 
 
 def of_same_area(scene: Scene, goal: Goal, name: str, waiting: Collection[str]) -> list[Body]:
-    """The objects that wait to come to the same area as one of the goal, by whichever name."""
+    """Objects still to move into the same area as an object of the goal, under any of the area's names."""
     own = placed_fact(goal, name)
     area = None if own is None else place_of(scene, own).area
     if area is None:

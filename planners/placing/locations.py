@@ -1,4 +1,4 @@
-"""Locations on a support where an object can be put (Lee & Kim 2019, Figs. 7 and 8), and how it rests there."""
+"""Locations on a support for an object (Lee & Kim 2019, Figs. 7 and 8), and the object's resting pose there."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ Array: TypeAlias = NDArray[np.float64]
 _ROWS, _COLUMNS = 4, 4
 """c and r of the paper: cells of its grid along x (depth) and y (width)."""
 _MARGIN = 0.045
-"""[m] l of the paper: distance of the outermost locations from the edges."""
+"""l of the paper [m]: distance of the outermost locations from the edges."""
 _FINEST = 0.015
-"""[m] between locations, below which the grid is not refined further."""
+"""Spacing of locations [m] below which the grid is not refined further."""
 _SPACING = 0.05
-"""[m] between the centres of the cells of canonical plans."""
+"""Spacing [m] of the cells' centres in canonical plans."""
 
 
 def stand_at(body: Body, location: Array, turn: float = 0.0) -> Body:
@@ -38,12 +38,12 @@ def stand_at(body: Body, location: Array, turn: float = 0.0) -> Body:
 
 
 def placement_grid(support: StaticObstacle) -> Array:
-    """The (c + 1)(r + 1) corners of the cells of a grid on the support plane (Figs. 7 and 8), shape (n, 2) [m]."""
+    """The (c + 1)(r + 1) corners of the grid's cells on the support plane (Figs. 7 and 8), shape (n, 2) [m]."""
     return _grid(*_bounds(support), _ROWS, _COLUMNS)
 
 
 def placement_cells(support: StaticObstacle) -> Array:
-    """The cells (n, 3) [m] of a support where a canonical plan puts objects: centres of squares, x before y."""
+    """Centres (n, 3) [m] of the square cells of a support where a canonical plan puts objects, x before y."""
     half = support.extent[:2] - _MARGIN
     x, y = (_SPACING * np.arange(-(h // _SPACING), h // _SPACING + 1) for h in half)
     cells = support.position[:2] + np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -51,9 +51,9 @@ def placement_cells(support: StaticObstacle) -> Array:
 
 
 def placement_levels(support: StaticObstacle, rng: np.random.Generator) -> Iterator[Array]:
-    """The paper's grid, then grids twice as fine each time, their points moved at random within their cells.
+    """Yield the paper's grid, then grids twice as fine each time, with their points moved at random within their cells.
 
-    Yields arrays (n, 2) [m]; ends before points would be closer than 15 mm.
+    Arrays (n, 2) [m]. The last grid has points no closer than 15 mm before the random shift.
     """
     yield placement_grid(support)
     low, high = _bounds(support)
@@ -77,7 +77,7 @@ def _bounds(support: StaticObstacle) -> tuple[Array, Array]:
 
 
 def put_down(scene: Scene, gripper_pose: Array, level: float) -> Body:
-    """The held object as it rests, on a support `level` [m] high, after it is released at a gripper pose (5,)."""
+    """The held object at rest on a support `level` [m] high, after its release at a gripper pose (5,)."""
     assert scene.held is not None
     body = scene.body(scene.held.name)
     T_world_tcp = rotated(gripper_pose[3], gripper_pose[4])
@@ -91,7 +91,7 @@ def put_down(scene: Scene, gripper_pose: Array, level: float) -> Body:
 
 
 def in_hand(scene: Scene) -> tuple[HeldObject, Body]:
-    """The held object, which there must be, and how it will rest once it is put down, where it was taken."""
+    """The held object, and its resting pose once it is put down where it was taken. An object must be held."""
     assert scene.held is not None
     body = scene.body(scene.held.name)
     if body.is_upright:
@@ -101,5 +101,5 @@ def in_hand(scene: Scene) -> tuple[HeldObject, Body]:
 
 
 def rotated(yaw: float, pitch: float) -> Array:
-    """The transform (4, 4) of a gripper at the origin with this yaw and pitch [rad]: Rz(yaw) Ry(pitch)."""
+    """Transform (4, 4) of a gripper at the origin with this yaw and pitch [rad]: Rz(yaw) Ry(pitch)."""
     return pose_matrix(np.zeros(3), gripper_rotation(yaw, pitch))

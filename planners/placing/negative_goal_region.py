@@ -1,4 +1,4 @@
-"""The Negative Goal Region, outside which a cleared object may be put, and the order in which locations are tried.
+"""The Negative Goal Region, which cleared objects must stay out of, and the order in which locations are tried.
 
 Lee & Kim 2019, section 3.3, eq. 1-3 and Figs. 8-10. A region is a boolean mask over square cells of the support plane,
 so that it can be drawn as it is.
@@ -22,7 +22,7 @@ Array: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
 
 CELL_SIZE = 0.005
-"""[m] side of a cell; a table of 1.0 × 0.7 m has 28,000."""
+"""Side of a cell [m]. A table of 1.0 × 0.7 m has 28,000 cells."""
 
 
 @dataclass(frozen=True)
@@ -30,11 +30,11 @@ class SupportGrid:
     """Square cells over the support plane.
 
     Attributes:
-        x0: [m] smallest x of cell (0, 0).
-        y0: [m] smallest y of cell (0, 0).
-        resolution: [m] side of a cell.
+        x0: smallest x of cell (0, 0) [m].
+        y0: smallest y of cell (0, 0) [m].
+        resolution: side of a cell [m].
         shape: cells along x and y: the shape of every mask.
-        height: [m] of the plane.
+        height: height of the plane [m].
     """
 
     x0: float
@@ -45,7 +45,7 @@ class SupportGrid:
 
     @classmethod
     def over(cls, support: StaticObstacle, resolution: float = CELL_SIZE) -> SupportGrid:
-        """The grid that just covers the top face of a support."""
+        """The smallest grid that covers the top face of a support."""
         cells = np.ceil((support.upper - support.lower)[:2] / resolution - 1e-9).astype(int)
         return cls(
             float(support.lower[0]), float(support.lower[1]), resolution, (int(cells[0]), int(cells[1])), support.top
@@ -53,7 +53,7 @@ class SupportGrid:
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        """(x low, x high, y low, y high) [m], as drawing routines want it."""
+        """(x low, x high, y low, y high) [m], as drawing routines expect it."""
         size = np.array(self.shape) * self.resolution
         return self.x0, self.x0 + float(size[0]), self.y0, self.y0 + float(size[1])
 
@@ -64,7 +64,7 @@ class SupportGrid:
         return np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
 
     def cells_about(self, points: Array) -> tuple[slice, slice]:
-        """Rows and columns of the cells in the rectangle around points (k, 2) [m], and next to it."""
+        """Rows and columns of the cells in and next to the rectangle around points (k, 2) [m]."""
         low = np.floor((points.min(axis=0) - (self.x0, self.y0)) / self.resolution).astype(int) - 1
         high = np.ceil((points.max(axis=0) - (self.x0, self.y0)) / self.resolution).astype(int) + 1
         rows, columns = (slice(max(a, 0), max(b, 0)) for a, b in zip(low.tolist(), high.tolist(), strict=True))
@@ -81,13 +81,13 @@ def _rows(*shape: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class SweptVolume:
-    """Space that a motion passes through: shapes that together cover the robot, and what it holds, along a path.
+    """Swept volume of a motion: shapes that together cover the robot and its load along a path.
 
     Attributes:
         spheres: (k, 4) x, y, z, radius [m] in the world.
-        cylinders: (c, 5) upright ones: x, y, radius, lowest and highest z [m].
+        cylinders: (c, 5) upright cylinders: x, y, radius, lowest and highest z [m].
         box_centres: (m, 3) [m].
-        box_axes: (m, 3, 3), a box's axes as columns.
+        box_axes: (m, 3, 3), the axes of a box as columns.
         box_half_extents: (m, 3) [m].
     """
 
@@ -103,20 +103,20 @@ class SweptVolume:
 
 
 def join_volumes(volumes: Iterable[SweptVolume]) -> SweptVolume:
-    """One volume that covers them all."""
+    """Union of swept volumes."""
     parts = [SweptVolume(), *volumes]
     return SweptVolume(*(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(SweptVolume)))
 
 
 def swept_mask(grid: SupportGrid, volume: SweptVolume, height: float) -> Mask:
-    """Cells above which the volume comes lower than `height` [m] over the plane: none may hold an object that tall.
+    """Cells where the volume is lower than `height` [m] above the plane: no object that tall may stand there.
 
-    Conservative: every cell that is touched at all is set.
+    The mask is conservative: every touched cell is set.
     """
     marks = _new_marks(grid)
     z_low, z_high = grid.height, grid.height + height
     place = (grid.x0, grid.y0, grid.resolution)
-    # The part of a sphere between the two heights is, seen from above, the disc of its section nearest to the centre.
+    # The part of a sphere between the two heights projects to the disc of its section nearest to the centre.
     spheres = volume.spheres[_is_near(grid, volume.spheres[:, :3], volume.spheres[:, 3], z_high)]
     away = np.maximum(np.maximum(z_low - spheres[:, 2], spheres[:, 2] - z_high), 0.0)
     sections = np.column_stack((spheres[:, :2], np.sqrt(np.maximum(spheres[:, 3] ** 2 - away**2, 0.0))))
@@ -131,7 +131,7 @@ def swept_mask(grid: SupportGrid, volume: SweptVolume, height: float) -> Mask:
 
 
 def _is_near(grid: SupportGrid, centres: Array, radii: Array, z_high: float) -> Mask:
-    """Whether balls with centres (k, 3) and radii (k,) [m] can reach the grid from above, below `z_high`: (k,)."""
+    """Whether balls with centres (k, 3) and radii (k,) [m] can reach the space over the grid below `z_high`: (k,)."""
     x_low, x_high, y_low, y_high = grid.extent
     x, y, z = centres.T
     near: Mask = (x + radii > x_low) & (x - radii < x_high) & (y + radii > y_low) & (y - radii < y_high)
@@ -167,11 +167,11 @@ def footprint_mask(grid: SupportGrid, bodies: Iterable[Body], clearance: float =
 
 @dataclass(frozen=True, eq=False)
 class NegativeGoalRegion:
-    """Cells where a cleared object must not be put.
+    """Cells where cleared objects must not stand.
 
     Attributes:
-        ngr1: what taking the target sweeps (eq. 1); Dogar & Srinivasa use this alone.
-        ngr2: what taking the obstacles still to be cleared sweeps (eq. 2).
+        ngr1: swept volume of the target's pick (eq. 1). Dogar & Srinivasa use this one alone.
+        ngr2: swept volume of the picks of obstacles still to clear (eq. 2).
     """
 
     ngr1: Mask
@@ -189,14 +189,14 @@ def negative_goal_region(
     target: SweptVolume,
     obstacles: Iterable[SweptVolume] = (),
 ) -> NegativeGoalRegion:
-    """Equations 1-3: the volumes of robot and objects that later steps need free, projected onto the plane.
+    """Compute equations 1-3: the volumes of robot and objects in later steps, projected onto the plane.
 
     Args:
         grid: cells of the support plane.
-        height: [m] of the object to be put down; what passes above it does not count.
-        target: Volume(robot, τ_tar) + Volume(target, v_tar); an empty volume without a target.
-        obstacles: Volume(robot, τ_obs) + Volume(obstacle, v_obs) of each object still to be cleared, other than the one
-            to be put down.
+        height: height [m] of the object to put down. Volumes above it are ignored.
+        target: Volume(robot, τ_tar) + Volume(target, v_tar). Empty without a target.
+        obstacles: Volume(robot, τ_obs) + Volume(obstacle, v_obs) of each object still to clear, except the one to put
+            down.
     """
     ngr1, ngr2 = swept_mask(grid, target, height), swept_mask(grid, join_volumes(obstacles), height)
     for mask in (ngr1, ngr2):
@@ -205,7 +205,7 @@ def negative_goal_region(
 
 
 def dilated(grid: SupportGrid, mask: Mask, radius: float) -> Mask:
-    """Centres at which a disc of that radius [m] would touch the mask, to draw; `is_free` is what decides.
+    """Centres at which a disc of that radius [m] would touch the mask, for drawings. `is_free` makes the decisions.
 
     A cell is set if a disc centred anywhere in it could touch.
     """
@@ -220,15 +220,15 @@ def is_free(grid: SupportGrid, mask: Mask, locations: Array, radius: float) -> M
 
 
 def clearance_order(locations: Array, in_work: Mask, reference_point: Array) -> NDArray[np.intp]:
-    """The order in which clearance locations are tried (section 3.3, Fig. 10).
+    """Sort clearance locations into the order of their tries (section 3.3, Fig. 10).
 
-    First those of R_work ∩ R_plane, farthest from the reference point first, so that nearer ones remain for objects
-    grasped later; then those of R_plane - R_work, for which the base must drive, nearest first.
+    Locations of R_work ∩ R_plane come first, the farthest from the reference point first, so that nearer ones remain
+    for later objects. Locations of R_plane - R_work follow, the nearest first. The base must drive for these.
 
     Args:
         locations: (n, 2) or (n, 3) placement locations [m] outside the Negative Goal Region.
         in_work: (n,) whether the arm can put the object there without driving: R_work.
-        reference_point: (2,) [m] from where distances are measured: the base, or the object grasped.
+        reference_point: (2,) [m] origin of the distances: the base, or the grasped object.
 
     Returns:
         indices of the locations (n,).

@@ -1,9 +1,8 @@
 """Placements of the held object: a location, a base pose and an arm configuration without collision.
 
-Canonical placements are, of all places for an object, the same one in similar scenes, so that plans can be learned.
-Locations are the cells of a fixed grid: near where the object was taken and clear of what stands around is best. The
-base always drives there, faces the gripper, and both have the same yaw. Only where no cell can be used so, the
-placements of the paper are tried.
+Canonical placements are the same in similar scenes, so that plans can be learned. Their locations are cells of a fixed
+grid. The best cells are near the location of the pick and have free space around. The base always drives to a pose
+where it faces the gripper with the gripper's yaw. The placements of the paper follow if no cell works.
 """
 
 from __future__ import annotations
@@ -40,45 +39,46 @@ from planners.strategies import Strategy
 Array = NDArray[np.float64]
 
 _YAWS, _TORSOS, _ROLLS = 24, 4, 12
-"""Directions of the gripper tried at each location; torso heights and upper-arm rolls tried for each."""
+"""Gripper yaws tried at each location, torso heights and upper-arm rolls tried for each yaw."""
 _FAILURES, _NEAR_FAILURE = 12, 0.03
-"""Locations in a place at which an object cannot be put before no more are tried, and how near [m] to one of these no
-location is tried either."""
+"""Failed locations in a place after which the search ends, and the distance [m] around each in which no other is
+tried."""
 _ROW = 0.01
-"""[m] between rows of which is asked whether an object can be put so deep under a shelf."""
+"""Spacing [m] of rows when the depth of a place under a shelf is measured."""
 _GAP = 0.001
-"""[m] between the object and the table when the fingers open."""
+"""Height [m] of the object above the table when the fingers open."""
 FALLS = (0.01, 0.02, 0.03, 0.04, 0.06, 0.08, 0.1, 0.12)
-"""[m] that an object may fall inside a container where the hand has no room to put it down, in the order in which they
-are tried. A can that falls by more than 80 mm may topple, in one of ten cases."""
+"""Heights [m] of a fall into a container whose bottom the hand cannot reach, in the order of the tries. After a fall of
+more than 80 mm, a can topples in one of ten cases."""
 _LOCATIONS_OF_FALLS, _BETWEEN_FALLS = 12, 0.02
-"""Locations at which an object is let fall, turned anyhow or along the walls, from the middle outwards, and [m] between
-them at least."""
+"""Number of locations for a fall, with any yaw or along the walls, from the middle outwards, and their least spacing
+[m]."""
 _TIPS = 0.01
-"""[m] from the edge of a face at which the centre of an object must be at least."""
+"""Least distance [m] of an object's centre from the edge of a face."""
 _RIM = np.column_stack((np.cos(np.arange(24) * np.pi / 12), np.sin(np.arange(24) * np.pi / 12)))
 """Points around a circle of radius 1."""
 _FACES_DOWN = math.radians(75)
-"""[rad] A gripper of a larger pitch has no front that would have to face away from the base."""
+"""Pitch [rad] above which a gripper has no front that would have to face away from the base."""
 _CLEAR, _CLEAR_WORTH = 0.03, 3.0
-"""[m] of free space around the object that is worth a longer distance, and the distance that a metre of it is worth."""
+"""Free space [m] around the object up to which it is worth a longer distance, and the distance that a metre of it is
+worth."""
 _DECIMALS = 6
-"""Decimals of canonical costs and turns: differences by rounding decide nothing."""
+"""Decimals of canonical costs and turns, so that rounding decides nothing."""
 
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """A way to put down the held object.
+    """A location with a base pose and an arm configuration to put down the held object.
 
     Attributes:
-        body: the object where it will stand.
+        body: the object at its final pose.
         base: (3,) x [m], y [m], yaw [rad].
         q: (8,) torso [m] and arm [rad] when the fingers open.
-        yaw, pitch: [rad] of the gripper.
-        opening: of the gripper [m] after the release.
-        surfaces: the supports that were looked at, with the regions that the object keeps out of.
+        yaw, pitch: yaw and pitch of the gripper [rad].
+        opening: gripper opening [m] after the release.
+        surfaces: the supports that were searched, with their keep-out regions for the object.
         below: name of the object that it will stand on, "" for none.
-        drop: [m] that it will fall when the fingers open.
+        drop: height [m] that it will fall when the fingers open.
     """
 
     body: Body
@@ -99,13 +99,14 @@ class Placement:
 
 @dataclass(frozen=True)
 class PlacementSearch:
-    """Finds placements; see `find`.
+    """Search for placements. See `find`.
 
     Attributes:
-        arms: base poses for each arm that acts, by its name: an object is put down by the one that holds it.
-        supports: names of those on which objects are put; none for the scene's first alone, R_plane of the paper.
+        arms: base poses for each acting arm, by its name. The arm that holds an object puts it down.
+        supports: names of the supports for objects put aside. Empty means the scene's first support only, R_plane of
+            the paper.
         canonical: whether canonical placements come first.
-        near_home: only the configuration nearest to home, for end-effector-controlled robots.
+        near_home: whether only the arm configuration nearest to home is tried, for end-effector-controlled robots.
         turns_least: whether releases come first at which the gripper is turned least from where it took the object.
     """
 
@@ -121,7 +122,7 @@ class PlacementSearch:
     )
 
     def supports_in(self, scene: Scene) -> tuple[StaticObstacle, ...]:
-        """The supports on which objects are put; raises `SceneError` if one is missing."""
+        """Supports for objects put aside. Raises `SceneError` if one is missing."""
         return tuple(scene.support_named(name) for name in self.supports) or (scene.support,)
 
     def find(
@@ -132,17 +133,17 @@ class PlacementSearch:
         rng: np.random.Generator,
         deadline: Deadline = NO_DEADLINE,
     ) -> Iterator[Placement]:
-        """Placements of the held object, best first; lazily, since the first one usually suffices.
+        """Find placements of the held object, best first, lazily: the first one usually suffices.
 
-        The paper's grid of locations on each support comes first, then ever finer ones. At each level the locations
-        within reach of where the base stands come first, the farthest of them first (R_work); then, after a base
-        motion, all locations, the nearest first (section 3.3). Supports do not matter for this order.
+        The paper's grid of locations on each support comes first, then finer and finer grids. At each level the
+        locations within reach of the present base pose come first, the farthest first (R_work). Then come all locations
+        after a base motion, the nearest first (section 3.3). This order ignores which support a location is on.
 
         Args:
-            world: the scene, compiled, with an object held.
-            keep_clear: grasps that the object must not stand in the way of.
-            strategy: whether locations come in order of priority or at random, and how many are tried.
-            rng: for the finer grids.
+            world: the compiled scene, with an object held.
+            keep_clear: grasps that the object must not block.
+            strategy: order of the locations (by priority or random), and the number of tries.
+            rng: random numbers for the finer grids.
             deadline: when to stop.
         """
         scene, surfaces = world.scene, self.surfaces(world, keep_clear)
@@ -170,34 +171,37 @@ class PlacementSearch:
         failed: list[Array] | None = None,
         deadline: Deadline = NO_DEADLINE,
     ) -> Iterator[Placement]:
-        """Placements of the held object at a place of a goal; lazily, as `find`.
+        """Find placements of the held object at a place of a goal, lazily as in `find`.
 
         Args:
-            world: the scene, compiled, with an object held.
-            place: where.
-            keep_clear: grasps that the object must not stand in the way of, and regions of others.
-            leaving: names of objects that will be gone once the others come.
-            others: that are to come there later, for which room is left.
-            failed: locations (2,) [m] at which none was found, to which more are added; others near them are passed
-                over, and after `_FAILURES` of them the search ends. Those where the gripper has no room do not count,
-                but under a shelf.
+            world: the compiled scene, with an object held.
+            place: the place.
+            keep_clear: grasps that the object must not block, and regions of other objects.
+            leaving: names of objects that will have left when the others come.
+            others: objects that come there later and still need to fit.
+            failed: locations (2,) [m] without a placement, extended in place. Locations near them are skipped, and
+                after `_FAILURES` of them the search ends. Locations where the gripper does not fit are added under a
+                shelf only.
             deadline: when to stop.
         """
         scene, (_, body), radius = world.scene, in_hand(world.scene), _radius(world.scene)
         surfaces: tuple[Surface, ...] = ()
-        # Of an object that lies or has corners the circle within; at a pose, what keeps it from tipping over the edge.
+        # Radius of the part that must lie on the face: in an area the circle inside the object, at a pose just enough
+        # to keep it from tipping over the edge.
         feet = [_TIPS]
-        if place.area is not None and place.hollow is None:  # walls hold what tips over the edge of a small floor
+        # In a container, the walls hold an object that would tip over the edge of a small floor.
+        if place.area is not None and place.hollow is None:
             feet = [inner_radius(body) - EDGE]
             if place.area.name != place.face.name and not place.face.is_under(place.area.corners).all():
-                feet += [max(_TIPS, inner_radius(body) / 2), _TIPS]  # it reaches over the edge: so may the object
+                # The area reaches over the edge, so the object may too.
+                feet += [max(_TIPS, inner_radius(body) / 2), _TIPS]
         if place.below:
             world = with_lowered(world, place.below)
         else:
             surfaces = self.surfaces(world, keep_clear, (place.face,))
 
         def allowed(points: Array, foot: float = feet[-1]) -> NDArray[np.bool_]:
-            """Whether an object at points (n, 2) stands on the face, in nobody's way and in nobody's region: (n,)."""
+            """Whether an object at points (n, 2) stands on the face, clear of grasps and reserved regions: (n,)."""
             free = place.face.is_under(points[:, None] + foot * _RIM).all(axis=1)
             for surface in surfaces if keep_clear.grasps else ():
                 free &= is_free(surface.grid, surface.region.mask, points, radius)
@@ -209,8 +213,8 @@ class PlacementSearch:
         free_at = _free_poses(world)
         drops = (0.0,) if place.area is None or not place.area.drop else (0.0, place.area.drop)
         failed = [] if failed is None else failed
-        # The farthest row comes first. Where half of the tries have failed under a shelf, it is found out how deep an
-        # object can be put there, and the deepest row of these comes next: nothing is put in the way of the others.
+        # The farthest row comes first. If half of the tries fail under a shelf, the reachable depth is measured, and
+        # the deepest reachable row comes next. So no object blocks the locations behind it.
         is_covered_place = is_under_shelf(scene, place)
         middle = np.array((0.0, 0.0) if place.area is None else place.area.centre)
 
@@ -232,12 +236,13 @@ class PlacementSearch:
             else:
                 return
             inwards, depth = self.depth(world, place)
-            rest = locations_in(scene, body, place, leaving, (), allowed)  # depth decides: room is kept by rows
+            # The depth decides here: rows keep room for the others.
+            rest = locations_in(scene, body, place, leaving, (), allowed)
             fitting = [one for one in rest if inwards @ one[0] < depth + _ROW / 2]
             across = np.array([-inwards[1], inwards[0]])
 
             def deepest_first(one: tuple[Array, Yaws]) -> tuple[int, float]:
-                """A row from its middle on: at the sides walls are in the way."""
+                """Rank the deepest row first, and each row from its middle, since walls are at the sides."""
                 return -round(float(inwards @ one[0]) / _ROW), round(abs(float(across @ (one[0] - middle))), _DECIMALS)
 
             yield from sorted(fitting, key=deepest_first)
@@ -274,9 +279,10 @@ class PlacementSearch:
         allowed: Callable[[Array], NDArray[np.bool_]],
         deadline: Deadline,
     ) -> Iterator[Placement]:
-        """Placements from which the held object falls into a container, the shortest fall and the middle first.
+        """Find placements from which the held object falls into a container, the shortest fall and the middle first.
 
-        Where hand and walls leave no room at the bottom. The fall begins with the object's lowest point below the rim.
+        They serve where the hand does not fit between the walls at the bottom. The object's lowest point starts below
+        the rim.
         """
         (_, body), level, free_at = in_hand(world.scene), place.face.top, _free_poses(world)
         middle, points = np.array(hollow.area.centre), list[tuple[Array, Yaws]]()
@@ -294,10 +300,10 @@ class PlacementSearch:
                     yield replace(found, body=found.body.lowered(drop), drop=drop)
 
     def depth(self, world: CollisionWorld, place: Place) -> tuple[Array, float]:
-        """The direction (2,) into a place under a shelf, and how far along it [m] the held object can be put there.
+        """Find the direction (2,) into a place under a shelf, and the depth [m] that the held object can reach there.
 
-        Other objects do not count, so the answer is remembered for all of that size that are held at that pitch. The
-        depth is -inf if the object cannot be put anywhere that is tried.
+        Other objects are ignored, so the result is cached by object size, pitch and arm. The depth is -inf if every
+        tried location fails.
         """
         scene, (held, body), area = world.scene, in_hand(world.scene), place.area
         assert area is not None
@@ -325,7 +331,7 @@ class PlacementSearch:
             inwards = -direction_out(driven_out_of(scene, found.body), found.base)
             rows = np.round(points @ inwards / _ROW).astype(int)
             low, high = round(float(inwards @ found.location) / _ROW), int(rows.max()) + 1
-            while high - low > 1:  # what fits in one row fits in those before it
+            while high - low > 1:  # an object that fits in a row also fits in the rows before it
                 middle = (low + high) // 2
                 row = points[rows == middle]
                 if any(put_at(row[round(share * (len(row) - 1))]) is not None for share in (0.5, 0.2, 0.8) if len(row)):
@@ -339,27 +345,28 @@ class PlacementSearch:
     def about(
         self, world: CollisionWorld, location: Array, yaws: Sequence[float | None] = (None,)
     ) -> Iterator[Placement]:
-        """Placements of the held object at a location (3,) [m], which may be in the air.
+        """Find placements of the held object at a location (3,) [m], which may be in the air.
 
-        From where the base stands, then from wherever it may stand; `yaws` [rad] are the object's, None for any.
+        Placements from the present base pose come first, then from any base pose. `yaws` [rad] are the object's, None
+        for any.
         """
         yield from self._held_at(world, location, _free_poses(world)(location, yaws))
 
     def _held_at(self, world: CollisionWorld, location: Array, free: Array) -> Iterator[Placement]:
-        """Placements at a location from gripper poses (k, 5) that hit nothing."""
+        """Placements at a location from collision-free gripper poses (k, 5)."""
         if len(free):
             yield from self._from_here(world, location, free)
             yield from self._after_a_drive(world, location, free)
 
     def holding_at(self, world: CollisionWorld, point: Array) -> Iterator[Placement]:
-        """Ways to hold the held object with its centre at a point (3,) [m], upright as where it was taken."""
+        """Find placements with the held object's centre at a point (3,) [m], in the air, upright as it was taken."""
         _, body = in_hand(world.scene)
         yield from self.about(world, np.array([*point[:2], point[2] - (body.position[2] - body.bottom)]))
 
     def surfaces(
         self, world: CollisionWorld, keep_clear: KeepClear, supports: Sequence[StaticObstacle] = ()
     ) -> tuple[Surface, ...]:
-        """Supports, those where objects are put aside unless others are named, as the held object may use them."""
+        """Supports with their keep-out regions for the held object. By default, the supports for objects put aside."""
         _, body = in_hand(world.scene)
         height, supports = body.top - body.bottom + 2 * _GAP, supports or self.supports_in(world.scene)
         target = SweptVolume() if keep_clear.target is None else self.volume(world, keep_clear.target)
@@ -368,15 +375,15 @@ class PlacementSearch:
         return tuple(Surface.of(world.scene, one, body, height, target, obstacles, reserved) for one in supports)
 
     def volume(self, world: CollisionWorld, grasp: GraspCandidate) -> SweptVolume:
-        """What a grasp sweeps; remembered, as the other objects of the world do not matter."""
+        """Swept volume of a grasp, cached. It does not depend on the other objects of the world."""
         if grasp.key not in self._volumes:
             self._volumes[grasp.key] = grasp_volume(world, grasp, self.approach(world, grasp))
         return self._volumes[grasp.key]
 
     def approach(self, world: CollisionWorld, grasp: GraspCandidate) -> tuple[ContactQuery, Approach] | None:
-        """How the gripper comes to a grasp and leaves it, as `planned_approach`: other objects do not count.
+        """Approach to a grasp and retreat, by `planned_approach`. Other objects are ignored.
 
-        So the answer is remembered for the place of the object.
+        The result is cached by grasp and object pose.
         """
         key = grasp.key, world.scene.body(grasp.object).pose.tobytes()
         if key not in self._approaches:
@@ -385,11 +392,11 @@ class PlacementSearch:
         return self._approaches[key]
 
     def _straight(self, world: CollisionWorld, locations: Array, deadline: Deadline) -> Iterator[Placement]:
-        """The canonical placements of the held object at locations (n, 3) [m], the base least turned first."""
+        """Canonical placements of the held object at locations (n, 3) [m], the least turned base first."""
         scene, placer = world.scene, self.arms[world.scene.robot.arm_name]
         grid = ConfigurationGrid.about_home(placer.chain, scene.robot.in_front)
         wanted = gripper_poses_at(scene, locations)
-        yaws = wanted[0, :, 3] if len(wanted) else np.zeros(0)  # the same at all locations
+        yaws = wanted[0, :, 3] if len(wanted) else np.zeros(0)  # the yaws are the same at all locations
         turns, free_of = np.round(np.abs(np.remainder(yaws + np.pi, 2 * np.pi) - np.pi), _DECIMALS), _free_of(world)
         for turn in np.unique(turns):
             for location, poses in zip(locations, wanted, strict=True):
@@ -401,7 +408,7 @@ class PlacementSearch:
                     yield from self._configurations(world, GripperPoses(base[None], pose[None]), location[2], grid)
 
     def _cells_best_first(self, scene: Scene, surfaces: Sequence[Surface]) -> Array:
-        """The free cells (n, 3) [m] of some surfaces: near where the object was taken, and with free space around."""
+        """Free cells (n, 3) [m] of some surfaces, ranked by distance from the pick and by free space around."""
         _, body = in_hand(scene)
         radius = _radius(scene)
         cells = [surface.free(placement_cells(surface.support), radius) for surface in surfaces]
@@ -414,9 +421,9 @@ class PlacementSearch:
     def _locations(
         self, scene: Scene, levels: Iterator[Array], strategy: Strategy, rng: np.random.Generator
     ) -> Iterator[tuple[Array, NDArray[np.intp], NDArray[np.intp]]]:
-        """Level by level locations (n, 3), those to try from where the base stands, and those after a base motion.
+        """Locations (n, 3) level by level, with indices to try from the present base pose and after a base motion.
 
-        In random order as many are drawn in all, from the locations of all levels.
+        In random order, the same number is drawn from the locations of all levels together.
         """
         most = strategy.locations_per_level
         if strategy.locations == "random":
@@ -430,18 +437,18 @@ class PlacementSearch:
             yield nearest_first, within_reach[::-1][:most], np.arange(len(nearest_first))[:most]
 
     def _from_here(self, world: CollisionWorld, location: Array, gripper_poses: Array) -> Iterator[Placement]:
-        """The placement at a location (3,), by free gripper poses (k, 5), from where the base stands, if any."""
+        """Placement at a location (3,) from the present base pose, by free gripper poses (k, 5), if any."""
         near = gripper_poses[can_reach(world.scene, gripper_poses)]
         bases = np.tile(np.array(world.scene.state.base), (len(near), 1))
         return self._configurations(world, GripperPoses(bases, near), location[2])
 
     def _after_a_drive(self, world: CollisionWorld, location: Array, gripper_poses: Array) -> Iterator[Placement]:
-        """The same from wherever the base may stand."""
+        """Placement at a location (3,) after a base motion, by free gripper poses (k, 5), if any."""
         bases, index = self.arms[world.scene.robot.arm_name].bases(gripper_poses)
         return self._configurations(world, GripperPoses(bases, gripper_poses[index]), location[2])
 
     def grid(self, arm: str) -> ConfigurationGrid:
-        """The arm configurations that are tried for each pose."""
+        """Arm configurations to try for each gripper pose."""
         chain = self.arms[arm].chain
         few = ConfigurationGrid.over(chain, _TORSOS, _ROLLS)
         return ConfigurationGrid.near_home(chain) if self.near_home else few
@@ -449,7 +456,7 @@ class PlacementSearch:
     def _configurations(
         self, world: CollisionWorld, poses: GripperPoses, level: float, grid: ConfigurationGrid | None = None
     ) -> Iterator[Placement]:
-        """The best of these poses for which there is a configuration that the gripper can come to and leave."""
+        """The best of these poses for which the arm can put down the object and retreat."""
         if not len(poses.bases):
             return
         scene, (held, body) = world.scene, in_hand(world.scene)
@@ -468,7 +475,7 @@ class PlacementSearch:
 
 
 def _radius(scene: Scene) -> float:
-    """[m] around a location that the held object takes."""
+    """Radius [m] around a location that the held object covers."""
     return in_hand(scene)[1].radius + _GAP
 
 
@@ -490,7 +497,7 @@ def with_lowered(world: CollisionWorld, name: str) -> CollisionWorld:
 def gripper_poses_at(scene: Scene, locations: Array, yaw: float | None = None) -> Array:
     """Gripper poses (n, 24, 5) that hold the object just above locations (n, 3): x, y, z [m], yaw and pitch [rad].
 
-    With a `yaw` [rad] of the object, the one pose (n, 1, 5) from which it comes to rest so.
+    With a `yaw` [rad] of the object, the single gripper pose (n, 1, 5) that leads to this yaw.
     """
     held, body = in_hand(scene)
     pitch = release_pitch(body, held)
@@ -510,7 +517,7 @@ def gripper_poses_at(scene: Scene, locations: Array, yaw: float | None = None) -
 
 
 def _free_poses(world: CollisionWorld) -> Callable[[Array, Sequence[float | None]], Array]:
-    """The gripper poses (k, 5) that hold the object just above a location (3,) [m], at these yaws, and hit nothing."""
+    """Function for collision-free gripper poses (k, 5) that hold the object above a location (3,) [m], at yaws."""
     free, poses = _free_of(world), dict[tuple[float | None, ...], Array]()
 
     def at(location: Array, yaws: Sequence[float | None]) -> Array:
@@ -522,14 +529,14 @@ def _free_poses(world: CollisionWorld) -> Callable[[Array, Sequence[float | None
 
 
 def _free_of(world: CollisionWorld) -> Callable[[Array], Array]:
-    """Those of gripper poses (k, 5) that hit nothing, with the object and with the fingers opened."""
+    """Filter for gripper poses (k, 5): collision-free with the object and with the fingers opened."""
     held, body = in_hand(world.scene)
     opening = opening_around(world.scene.robot, body, held)
     return lambda poses: poses[gripper_hits(world, poses, opening, held=held) == 0]
 
 
 def _margins(surface: Surface, locations: Array, radius: float) -> Array:
-    """[m] around discs of that radius at locations (n, 3) that is free too, as far as cells tell: (n,)."""
+    """Free space [m] around discs of that radius at locations (n, 3), to the accuracy of a cell: (n,)."""
     grid, free = surface.grid, ~surface.blocked
     distance = grid.resolution * distance_transform_edt(np.pad(free, 1))[1:-1, 1:-1]
     cell = ((locations[:, :2] - (grid.x0, grid.y0)) / grid.resolution).astype(int)
@@ -538,12 +545,12 @@ def _margins(surface: Surface, locations: Array, radius: float) -> Array:
 
 
 def is_under_shelf(scene: Scene, place: Place) -> bool:
-    """Whether a place is an area with something above it, so that objects come to it from a side."""
+    """Whether a place is an area with something above it, so that objects come from a side."""
     return place.area is not None and is_covered(scene, (*place.area.centre, place.face.top))
 
 
 def _free_levels(surfaces: Sequence[Surface], radius: float, base: Array, rng: np.random.Generator) -> Iterator[Array]:
-    """Level by level the free locations (n, 3) on all surfaces, nearest first; on the first surface if equally near."""
+    """Free locations (n, 3) on all surfaces, level by level, nearest first. Ties go to the first surface."""
     levels = [placement_levels(surface.support, rng) for surface in surfaces]
     for grids in itertools.zip_longest(*levels, fillvalue=np.zeros((0, 2))):
         free = [surface.free(grid, radius) for surface, grid in zip(surfaces, grids, strict=True)]
@@ -551,20 +558,20 @@ def _free_levels(surfaces: Sequence[Surface], radius: float, base: Array, rng: n
 
 
 def _nearest_first(locations: Array, base: Array) -> Array:
-    """Locations (n, 3) by their distance from the base."""
+    """Locations (n, 3) sorted by distance from the base."""
     order = np.argsort(np.linalg.norm(locations[:, :2] - base[:2], axis=1), kind="stable")
     return np.asarray(locations[order])
 
 
 def _is_within_reach(scene: Scene, locations: Array) -> NDArray[np.bool_]:
-    """Whether locations (k, 3) are not plainly out of reach from where the base stands: (k,)."""
+    """Whether locations (k, 3) may be within reach of the present base pose, by `can_reach`: (k,)."""
     return np.asarray(can_reach(scene, gripper_poses_at(scene, locations)).any(axis=1))
 
 
 def can_reach(scene: Scene, gripper_poses: Array, base: Array | None = None) -> NDArray[np.bool_]:
-    """Gripper poses (..., 5) not plainly out of reach: not farther than the stretched arm, and not facing backwards.
+    """Whether gripper poses (..., 5) pass a coarse test of reach: the length of the arm, and no facing backwards.
 
-    From where the base stands, or from another base pose (3,).
+    The base is where it stands, or at another base pose (3,).
     """
     reach = farthest_reach(scene.robot)
     away = gripper_poses[..., :2] - (scene.state.base if base is None else base)[:2]

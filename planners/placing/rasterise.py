@@ -1,7 +1,7 @@
 """Shapes in space as cells of a grid on the table, compiled. Every cell that a shape touches is marked.
 
-A shape's part between two heights is projected onto the plane. In each row of cells it covers one interval, as all the
-shapes are convex; intervals are marked by their ends, and one pass over the grid turns the marks into cells.
+The part of a shape between two heights is projected onto the plane. All shapes are convex, so each covers one interval
+in a row of cells. Intervals are marked at their ends, and one pass over the grid turns the marks into cells.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def mark_boxes(
 
 @njit(cache=True)
 def _cut(corners: Array, z_low: float, z_high: float, points: Array) -> int:
-    """Plan positions of the corners of a box between two heights; returns how many."""
+    """Plan positions of the corners of a box between two heights, and their number."""
     count = 0
     for a in range(8):
         if z_low <= corners[a, 2] <= z_high:
@@ -104,13 +104,13 @@ def _cut(corners: Array, z_low: float, z_high: float, points: Array) -> int:
 
 @njit(cache=True)
 def _is_right_turn(a: Array, b: Array, c: Array) -> bool:
-    """Whether the way from a over b to c does not turn left."""
+    """Whether the turn from a over b to c is to the right or straight."""
     return bool((b[0] - a[0]) * (c[1] - a[1]) <= (b[1] - a[1]) * (c[0] - a[0]))
 
 
 @njit(cache=True)
 def _hull(points: Array, hull: Array) -> int:
-    """Corners of the convex hull of points (n, 2), in order; returns how many. Andrew's monotone chain."""
+    """Corners of the convex hull of points (n, 2), in order, by Andrew's monotone chain. Return their number."""
     count = points.shape[0]
     for i in range(1, count):
         x, y = points[i, 0], points[i, 1]
@@ -136,7 +136,7 @@ def _hull(points: Array, hull: Array) -> int:
 def _mark_hull(marks: Marks, points: Array, hull: Array) -> None:
     """Mark the cells that the convex hull of points (n, 2) [cells] touches.
 
-    Within a row the hull reaches as far as its corners there and its sides' crossings of the row's two edges.
+    Within a row, the hull extends to its corners there and to the crossings of its sides with the row's two edges.
     """
     if points.shape[0] == 0:
         return

@@ -1,4 +1,4 @@
-"""The top faces of supports, and where on them an object may not be put: in the region, on others, over the edge."""
+"""Top faces of supports, with the cells that an object must avoid: keep-out regions, other objects, edges."""
 
 from __future__ import annotations
 
@@ -24,25 +24,26 @@ from planners.scene import FLOOR, Body, Scene, StaticObstacle
 
 Array: TypeAlias = NDArray[np.float64]
 Supports: TypeAlias = Literal["all"] | Sequence[str] | None
-"""Choice of supports: names, "floor" among them; "all" that the scene declares; or None for the first alone."""
+"""Choice of supports: names, "floor" among them, "all" that the scene declares, or None for the first one alone."""
 
 _MARGIN = 0.006
-"""[m] kept between the object put down and whatever stands around."""
+"""Clearance [m] between the object put down and its surroundings."""
 _INSET = 1e-6
-"""[m] Obstacles are taken to be smaller by this, so that a wall flush with the edge of a table covers none of it."""
+"""Shrinkage of obstacles [m], so that a wall flush with the edge of a table covers none of it."""
 _FLUSH = 0.001
-"""[m] An obstacle that rises less above the support is level with it."""
+"""Height [m] above the support below which an obstacle is level with it."""
 
 
 class UnknownSupport(ValueError):
-    """A choice of supports that the scene does not declare; the message lists those that it does."""
+    """A choice of supports that the scene does not declare. The message lists the scene's supports."""
 
 
 def find_supports(scene: Scene, choice: Supports) -> tuple[str, ...]:
-    """The names that a choice of supports stands for.
+    """Resolve a choice of supports to names.
 
     Raises:
-        UnknownSupport: not None, "all" or names of supports; the message lists the scene's.
+        UnknownSupport: the choice is something else than None, "all" or names of supports. The message lists the
+            scene's supports.
     """
     if choice is None:
         return (scene.support.name,)
@@ -60,12 +61,12 @@ def find_supports(scene: Scene, choice: Supports) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class KeepClear:
-    """The grasps that an object must not stand in the way of.
+    """The grasps that an object must not block.
 
     Attributes:
-        target: through which the target is taken in the end, the source of NGR1; None if nothing is kept clear.
-        obstacles: through which the objects still to be cleared are taken, the sources of NGR2.
-        reserved: regions of the goal, which are for other objects.
+        target: the grasp that takes the target in the end, the source of NGR1. None for an empty region.
+        obstacles: the grasps of the objects still to clear, the sources of NGR2.
+        reserved: regions of the goal for other objects.
     """
 
     target: GraspCandidate | None = None
@@ -74,19 +75,19 @@ class KeepClear:
 
     @property
     def grasps(self) -> tuple[GraspCandidate, ...]:
-        """All of them."""
+        """All grasps to keep clear."""
         return self.obstacles if self.target is None else (self.target, *self.obstacles)
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """The top face of a support, as one object may use it.
+    """The top face of a support, with the cells that one object must avoid.
 
     Attributes:
         support: the support.
         grid: cells of its plane.
-        region: the Negative Goal Region: cells that later steps sweep (eq. 1-3).
-        occupied: cells taken by standing objects and static obstacles, a margin included.
+        region: the Negative Goal Region: cells under the swept volumes of later steps (eq. 1-3).
+        occupied: cells of standing objects and static obstacles, with a margin.
     """
 
     support: StaticObstacle
@@ -105,9 +106,10 @@ class Surface:
         obstacles: Iterable[SweptVolume],
         reserved: Iterable[Region] = (),
     ) -> Surface:
-        """The surface of a support for an object to be put down, which keeps out of the volumes of later grasps.
+        """Build the surface of a support for an object to put down, outside the volumes of later grasps.
 
-        `height` [m] is the object's own, and what it needs above it. Regions that are `reserved` count as occupied.
+        `height` [m] is the object's height plus the clearance above it. Regions that are `reserved` are regarded as
+        occupied.
         """
         grid = SupportGrid.over(support)
         beside = (other for other in scene.objects if other.bottom < support.top + height and other.top > support.top)
@@ -124,7 +126,7 @@ class Surface:
         return self.region.mask | self.occupied
 
     def free(self, locations: Array, radius: float) -> Array:
-        """The locations, of (n, 2 or 3), at which a disc of that radius [m] lies on free cells alone: (m, 3) [m]."""
+        """Locations, of (n, 2 or 3), where a disc of that radius [m] lies on free cells only: (m, 3) [m]."""
         inside = is_free(self.grid, self.blocked, locations[:, :2], radius)
         return np.column_stack((locations[inside, :2], np.full(np.count_nonzero(inside), self.support.top)))
 
@@ -132,10 +134,10 @@ class Surface:
 def static_mask(
     scene: Scene, support: StaticObstacle, grid: SupportGrid, height: float, clearance: float = 0.0
 ) -> NDArray[np.bool_]:
-    """Cells of the grid over a support where an object would touch a static obstacle, or stand on nothing.
+    """Cells of the grid over a support where an object would touch a static obstacle, or lack support.
 
-    Each obstacle counts as the box around it along its own axes, grown by `clearance` [m]; obstacles that hang higher
-    than the object's `height` [m] do not count.
+    Each obstacle is replaced by the box around it along its own axes, grown by `clearance` [m]. Obstacles that hang
+    higher than the object's `height` [m] are ignored.
     """
     near = [
         one
@@ -153,7 +155,7 @@ def static_mask(
     covered = swept_mask(grid, volume, height) if near else grid.empty()
     if support.shape == "box" and support.is_axis_aligned:
         return covered
-    # Only cells count of which all four corners lie on the top face.
+    # A cell is on the top face only if all its four corners are.
     x = grid.x0 + np.arange(grid.shape[0] + 1) * grid.resolution
     y = grid.y0 + np.arange(grid.shape[1] + 1) * grid.resolution
     corners = support.is_under(np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1))

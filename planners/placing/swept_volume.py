@@ -1,4 +1,4 @@
-"""Volume(robot, τ) and Volume(object, v) of eq. 1 and 2: shapes that cover the robot, and what it holds, on a path."""
+"""Volume(robot, τ) and Volume(object, v) of eq. 1 and 2: shapes that cover the robot and its load on a path."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from planners.scene.bodies import UPRIGHT_TILT
 Array = NDArray[np.float64]
 
 _SPACING = 0.02
-"""[m] between spheres along a capsule; each is grown so that together they cover it."""
+"""Spacing [m] of spheres along a capsule. Each is grown so that together they cover it."""
 _STEP = 0.01
-"""[m] that the base may move between two configurations of a path that is covered."""
+"""Largest base motion [m] between two configurations of a covered path."""
 
 
 def grasp_volume(
     world: CollisionWorld, grasp: GraspCandidate, planned: tuple[ContactQuery, Approach] | None
 ) -> SweptVolume:
-    """Space that taking an object through a grasp sweeps: Volume(robot, τ) + Volume(object, v) of eq. 1 and 2.
+    """Compute the swept volume of a grasp: Volume(robot, τ) + Volume(object, v) of eq. 1 and 2.
 
-    τ is the path of the open gripper to the grasp along the approach `planned` for it, see `planned_approach`, then the
-    lift and the retreat with the object in hand, v the object's own path. The free motions before and after, which may
-    go anywhere, are left out. A grasp without an approach sweeps what it occupies.
+    τ is the path of the open gripper to the grasp along the `planned` approach (see `planned_approach`). Lift and
+    retreat with the object in hand follow. v is the object's own path. The free motions before and after are left out,
+    since they may go anywhere. For a grasp without an approach, it is the volume of the robot at the grasp.
     """
     world = world.for_arm(grasp.arm)
     if planned is None:
@@ -42,19 +42,19 @@ def grasp_volume(
 
 
 def standing_volume(world: CollisionWorld, grasp: GraspCandidate) -> SweptVolume:
-    """Space that the robot occupies when the fingers close: part of what the grasp sweeps, and quicker to work out."""
+    """Volume of the robot when the fingers close: part of the grasp's swept volume, and quicker to compute."""
     return path_volume(world.for_arm(grasp.arm), on_base(grasp.base, grasp.q[None]), grasp.opening)
 
 
 def path_volume(world: CollisionWorld, X: Array, opening: float, held: HeldObject | None = None) -> SweptVolume:
-    """Shapes that cover torso and arm, and the held object, in each configuration of a path.
+    """Cover torso, arm and held object with shapes, in each configuration of a path.
 
-    They are grown by the padding of the collision world. The base is left out: it stays below the supports.
+    The shapes are grown by the padding of the collision world. The base is left out: it stays below the supports.
 
     Args:
-        world: whose robot.
-        X: (n, 11) whole-body configurations; more are put in between where the base moves.
-        opening: of the gripper [m].
+        world: the collision world with the robot.
+        X: (n, 11) whole-body configurations. More are inserted where the base moves.
+        opening: gripper opening [m].
         held: the held object.
     """
     robot = world.robot
@@ -84,7 +84,7 @@ def path_volume(world: CollisionWorld, X: Array, opening: float, held: HeldObjec
 
 
 def _solid_volume(solid: Solid, padding: float, positions: Array, rotations: Array) -> SweptVolume:
-    """A solid of the held object at poses (n, 3), (n, 3, 3); all but upright cylinders are boxes around them."""
+    """A solid of the held object at poses (n, 3), (n, 3, 3). All but upright cylinders become boxes around them."""
     half = solid.half_extents + padding
     if solid.shape == "cylinder" and (np.abs(rotations[:, 2, 2]) > np.cos(UPRIGHT_TILT)).all():
         z = positions[:, 2]

@@ -1,4 +1,4 @@
-"""Words for a place at which an object cannot be let go: the walls, the ceiling, the hand that does not fit."""
+"""Reasons, in words, why an object cannot be released at a place: walls, ceiling, a hand that does not fit."""
 
 from __future__ import annotations
 
@@ -26,35 +26,35 @@ from planners.scene.bodies import release_pitch
 Array = NDArray[np.float64]
 
 _LOCATIONS, _APART = 8, 0.03
-"""Locations of a place that are looked at, and [m] between them at least."""
+"""Number of locations of a place to test, and their least distance [m]."""
 _EVERYWHERE, _DENSE = 400, 0.008
-"""The same where all of a place is looked at."""
+"""The same numbers for a test of the whole place."""
 _RISE = 0.01
-"""[m] between the heights of which is asked whether the hand has room there."""
+"""Spacing [m] of the heights at which the hand is tested."""
 _HIGHEST = 0.4
-"""[m] above a place, up to which is asked."""
+"""Largest height [m] above a place that is tested."""
 _LEAVES = 0.19
-"""[m] that the hand goes up at least after it has let go of something: see `planners.motion.approaches`."""
+"""Least rise [m] of the hand after a release: see `planners.motion.approaches`."""
 _NEAR = 0.5
-"""[m] about a place in which things may be in the way."""
+"""Range [m] around a place for obstacles that may be in the way."""
 
 
 @dataclass(frozen=True)
 class _Hand:
-    """A way to hold the object, where it would let go of it at the bottom of a place: gripper poses (k, 5)."""
+    """A relative grasp of the object, with gripper poses (k, 5) that release it at the bottom of a place."""
 
     scene: Scene
     poses: Array
 
     def hits(self, world: CollisionWorld, rise: float = 0.0) -> NDArray[np.bool_]:
-        """Whether hand and object touch something that stays, if they are higher by `rise` [m]: (k,)."""
+        """Whether hand and object collide with the world when raised by `rise` [m]: (k,)."""
         held, body = in_hand(world.scene)
         opening = opening_around(world.scene.robot, body, held)
         raised = self.poses + np.array((0.0, 0.0, rise, 0.0, 0.0))
         return gripper_hits(world, raised, opening, held=held) != 0
 
     def extent(self) -> tuple[float, float]:
-        """[m] from the lowest point of the object to the highest of the hand, and across the hand, at its narrowest."""
+        """Height [m] from the object's lowest to the hand's highest point, and the hand's smallest width [m]."""
         held, body = in_hand(self.scene)
         world = CollisionWorld.from_scene(
             replace(self.scene, objects=(self.scene.body(held.name),), static_obstacles=())
@@ -80,15 +80,15 @@ class _Hand:
 
 
 def why_not_put(candidates: GraspCandidates, scene: Scene, name: str, place: Place) -> str:
-    """Why no hand can let go of an object at a place, whatever can be moved out of the way; "" if one can.
+    """Explain why no hand can release an object at a place, whatever objects can be moved away. "" if a hand can.
 
-    Looked for at a few locations, with all grasps of the grasp set; what the arm does is not looked at.
+    A few locations are tested with all grasps of the grasp set. The arm is ignored.
 
     Args:
-        candidates: whose arms, grasp set and compiled scenes count.
-        scene: with the objects where they stand.
-        name: of the object.
-        place: where it goes.
+        candidates: source of arms, grasp set and compiled scenes.
+        scene: the scene with the objects where they stand.
+        name: name of the object.
+        place: the place that it goes to.
     """
     body = scene.body(name)
     staying = (name, *scene.held_names, *((place.below,) if place.below else ()))
@@ -108,7 +108,7 @@ def why_not_put(candidates: GraspCandidates, scene: Scene, name: str, place: Pla
             return tell(hands, place, hollow, body, _least(hands, falls, place, things))
     both = [*walls, *ceilings]
     if _are_enough(hands, falls, place, both):
-        # A hand from the side does not come over the walls: the one from above counts.
+        # A hand from the side does not come over the walls, so only hands from above matter.
         over_walls = [hand for hand in hands if not _are_enough([hand], falls, place, walls)] or hands
         tall = min(hand.extent()[0] for hand in over_walls)
         least = _least(hands, falls, place, both)
@@ -124,9 +124,9 @@ def why_not_put(candidates: GraspCandidates, scene: Scene, name: str, place: Pla
 
 
 def never_fits(candidates: GraspCandidates, scene: Scene, name: str, place: Place) -> bool:
-    """Whether the walls of a container alone keep every hand from letting go of an object in it.
+    """Whether the walls of a container alone keep every hand from releasing an object in it.
 
-    Looked for all over its floor, from all heights from which things may fall; arguments as of `why_not_put`.
+    The test covers the whole floor and all heights of `FALLS` below the rim. Arguments as for `why_not_put`.
     """
     hollow = place.hollow
     if hollow is None:
@@ -137,7 +137,8 @@ def never_fits(candidates: GraspCandidates, scene: Scene, name: str, place: Plac
     walls = [scene.body(place.below)] if place.below else walls
     falls = (0.0, *(one for one in FALLS if one < hollow.depth))
     found = False
-    for most, apart in ((1, _DENSE), (_LOCATIONS, _APART), (_EVERYWHERE, _DENSE)):  # most have room in the middle
+    # The middle usually has the most clearance, so it is tested first.
+    for most, apart in ((1, _DENSE), (_LOCATIONS, _APART), (_EVERYWHERE, _DENSE)):
         for hand in _hands(candidates, bare, scene.body(name), place, most, apart):
             found, world = True, _with(hand, place, walls)
             if any(not hand.hits(world, fall).all() for fall in falls):
@@ -153,7 +154,7 @@ def _hands(
     most: int = _LOCATIONS,
     apart: float = _APART,
 ) -> Iterator[_Hand]:
-    """The ways to hold an object, each with its poses over some locations of a place, and how it is turned there."""
+    """Relative grasps of an object, each with its poses over some locations and yaws of a place."""
     middle = place.location if place.area is None else np.array(place.area.centre)
     assert middle is not None
     views = [view for view, _ in in_any_hand(candidates, scene, body)]
@@ -174,7 +175,7 @@ def _world(scene: Scene, place: Place) -> CollisionWorld:
 
 
 def _around(scene: Scene, place: Place, body: Body) -> tuple[list[StaticObstacle | Body], list[StaticObstacle | Body]]:
-    """What stands around a place, the container among it, and what hangs over it."""
+    """Obstacles around a place, its container included, and obstacles above it."""
     middle = place.location if place.area is None else np.array(place.area.centre)
     assert middle is not None
     top, height = place.face.top, body.top - body.bottom
@@ -192,7 +193,7 @@ def _around(scene: Scene, place: Place, body: Body) -> tuple[list[StaticObstacle
 
 
 def _with(hand: _Hand, place: Place, things: Sequence[StaticObstacle | Body]) -> CollisionWorld:
-    """The world of a hand with some things alone."""
+    """World of a hand with only some of the obstacles."""
     held = in_hand(hand.scene)[0].name
     objects = tuple(one for one in hand.scene.objects if one.name == held or one.name in [own.name for own in things])
     fixed = tuple(one for one in things if isinstance(one, StaticObstacle))
@@ -207,7 +208,7 @@ def _with(hand: _Hand, place: Place, things: Sequence[StaticObstacle | Body]) ->
 def _are_enough(
     hands: Sequence[_Hand], falls: Sequence[float], place: Place, things: Sequence[StaticObstacle | Body]
 ) -> bool:
-    """Whether some things alone keep every hand from letting go, or from going up afterwards."""
+    """Whether these obstacles alone keep every hand from releasing, or from going up afterwards."""
     for hand in hands:
         world = _with(hand, place, things)
         if any(not (hand.hits(world, fall) | hand.hits(world, fall + _LEAVES)).all() for fall in falls):
@@ -218,7 +219,7 @@ def _are_enough(
 def _least(
     hands: Sequence[_Hand], falls: Sequence[float], place: Place, things: Sequence[StaticObstacle | Body]
 ) -> list[StaticObstacle | Body]:
-    """As few of some things as keep every hand away, left out one after another: the last ones are kept."""
+    """A minimal subset of the obstacles that keeps every hand away. The last ones are kept."""
     left = list(things)
     for one in list(things):
         fewer = [other for other in left if other is not one]
@@ -264,7 +265,7 @@ def _between(
 
 
 def _lowest(things: Sequence[StaticObstacle | Body]) -> float:
-    """[m] of the lowest point of what hangs."""
+    """Height [m] of the lowest point of hanging obstacles."""
     return min(float(one.lower[2]) for one in things if isinstance(one, StaticObstacle))
 
 

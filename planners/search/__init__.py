@@ -1,1 +1,1 @@
-"""Finding a target that no camera sees: what cameras show, where the target can still be, what to do next."""
+"""Search for a target that no camera sees yet: perception, belief of the target's place, choice of the next action."""

@@ -1,8 +1,8 @@
-"""Where the target can still be: cells of the supports that no view has shown to be empty, large enough for it.
+"""Belief of the target's place: cells of the supports that no view has shown to be empty, large enough for the target.
 
-Over each support there is a grid as high as the target. Every view clears the cells in front of what it shows. The
-target may stand, with equal probability, wherever it lies wholly within cells that are left. So a place is given up
-only when some part of the target would have been seen through: what hides behind what does not matter.
+Each support has a grid as high as the target. Every view clears the cells in front of the surfaces that it shows. The
+target may stand, with equal probability, wherever it lies wholly within the remaining cells. So a place is given up
+only if some part of the target would have been visible in front of these surfaces.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ from planners.search.sight import carve
 Array = NDArray[np.float64]
 
 CELL, LAYER = 0.01, 0.02
-"""[m] sides of a cell along the support, and its height."""
+"""Sides [m] of a cell along the support, and its height."""
 _MARGIN = 0.01
-"""[m] by which a cell must be in front of what is seen there; more with noise."""
+"""Distance [m] that a cell must be in front of the visible surface. It is larger with noise."""
 _FINE = 0.02
-"""[m] width of a pixel from which on all pixels around a cell must show it to be empty: 2.5 m away in 192 pixels a
-side of Fetch's head camera."""
+"""Pixel width [m] from which on all pixels around a cell must show it to be empty. It is reached 2.5 m away with 192
+pixels a side of Fetch's head camera."""
 _SHARES = (0.5, 0.9)
-"""Of the target's height: it is in sight where a point there is."""
+"""Shares of the target's height. The target is in sight if a point there is."""
 _FIT_ERROR = 0.008
-"""[m] by which the footprints of perceived objects may be too large."""
+"""Error [m] by which the footprints of perceived objects may be too large."""
 
 
 def beside(
     grid: SupportGrid, furniture: Sequence[StaticObstacle], bottom: float, top: float, margin: float = 0.0
 ) -> NDArray[np.bool_]:
-    """Cells within a margin [m] of the boxes around furniture that reaches between two heights [m]."""
+    """Cells within a margin [m] of the boxes around furniture between two heights [m]."""
     (x, y), found = np.moveaxis(grid.centres(), -1, 0), grid.empty()
     for one in furniture:
         if one.lower[2] < top and one.top > bottom:
@@ -48,9 +48,9 @@ def beside(
 
 @dataclass(eq=False)
 class _Level:
-    """One support: its grid, which of its cells (nx, ny, nz) are unseen, and where (nx, ny) the target can still be.
+    """Grid of a support, with its unseen cells (nx, ny, nz) and the cells (nx, ny) where the target can still be.
 
-    What is put down makes cells unseen again, but the target does not move: where it was not, it is not.
+    Placing an object hides cells again. Cells already ruled out stay ruled out: the target does not move.
     """
 
     grid: SupportGrid
@@ -60,10 +60,10 @@ class _Level:
 
 @dataclass(eq=False)
 class Belief:
-    """What has not been seen on the supports of a scene.
+    """Unseen cells on the supports of a scene.
 
     Attributes:
-        target: what is looked for.
+        target: description of the target.
     """
 
     target: Description
@@ -71,7 +71,7 @@ class Belief:
 
     @classmethod
     def begin(cls, scene: Scene, target: Description) -> Belief:
-        """Nothing seen yet; the target stands on one of the scene's supports."""
+        """Begin with everything unseen. The target stands on one of the scene's supports."""
         layers = max(int((target.height - _MARGIN) / LAYER), 1)
         levels = {}
         for name in scene.supports:
@@ -80,7 +80,7 @@ class Belief:
         return cls(target, levels)
 
     def update(self, view: View, noise: float = 0.0) -> None:
-        """Clear what a view shows to be empty. `noise` [m] is that of its depth."""
+        """Clear the cells that a view shows to be empty. `noise` [m] is the noise of its depth."""
         T_camera_world, cell = np.linalg.inv(view.T_world_camera), np.array((CELL, CELL, LAYER))
         coarse = min(2 * self.target.radius, self.target.height)  # the target may lie between wider pixels
         for level in self._levels.values():
@@ -90,7 +90,7 @@ class Belief:
             level.is_possible &= level.is_unseen.all(axis=2)
 
     def emptied(self, body: Body) -> float:
-        """Share of the cells inside an object that have been seen to be empty: near 1 if it is no longer there."""
+        """Share of the cells inside an object that have been seen empty. Near 1 if the object is no longer there."""
         for level in self._levels.values():
             inside = footprint_mask(level.grid, [body], -_FIT_ERROR)
             if abs(level.grid.height - body.bottom) < 2 * LAYER and inside.any():
@@ -98,9 +98,9 @@ class Belief:
         return 0.0
 
     def move(self, before: Body, after: Body, sigma: float = 0.0) -> None:
-        """Take in that an object has been moved: the target was not in it, and around it nothing is seen any more.
+        """Update for a moved object: the target was not inside it, and the cells around its new place are unseen again.
 
-        `sigma` [m] is the standard deviation of where it was.
+        `sigma` [m] is the standard deviation of its former place.
         """
         for level in self._levels.values():
             if abs(level.grid.height - before.bottom) < 2 * LAYER:
@@ -109,9 +109,9 @@ class Belief:
                 level.is_unseen[footprint_mask(level.grid, [after], CELL)] = True
 
     def slid(self, supports: Collection[str], by: Array) -> Belief:
-        """The belief after some supports have slid by (3,) [m], with what is seen and unseen on them; cells are shared.
+        """Belief after some supports have slid by (3,) [m], with all seen and unseen cells on them. Cells are shared.
 
-        A door does not slide, and carries nothing: what it hides is unseen where it is.
+        Only drawers slide. Cells behind a door stay where they are.
         """
         levels = dict(self._levels)
         for name in levels.keys() & set(supports):
@@ -122,14 +122,14 @@ class Belief:
         return Belief(self.target, levels)
 
     def restart(self) -> None:
-        """Take the target for wherever nothing is seen at present: it has been seen, and is lost."""
+        """Restart after the target was seen and lost: it may be wherever cells are unseen at present."""
         for level in self._levels.values():
             level.is_possible = np.asarray(level.is_unseen.all(axis=2))
 
     def places(self, known: Sequence[Body], furniture: Sequence[StaticObstacle] = ()) -> dict[str, NDArray[np.bool_]]:
-        """The places (nx, ny) of each support at which the target's centre can be, among known objects and furniture.
+        """Cells (nx, ny) of each support where the target's centre can be, among known objects and furniture.
 
-        The target is taken to be narrower by half a cell's diagonal than it is, so that none of its places is missed.
+        The target is made narrower by half a cell's diagonal, so that none of its places is missed.
         """
         found = {}
         for name, level in self._levels.items():
@@ -143,7 +143,7 @@ class Belief:
         return found
 
     def points(self, places: Mapping[str, NDArray[np.bool_]]) -> Array:
-        """(m, n, 3) [m] points of the target at each of its m places, at `_SHARES` of its height."""
+        """Points (m, n, 3) [m] of the target at each of its m places, at `_SHARES` of its height."""
         found = [
             np.column_stack((level.grid.centres()[places[name]], np.full(places[name].sum(), level.grid.height)))
             for name, level in self._levels.items()
@@ -153,9 +153,9 @@ class Belief:
         return np.asarray(np.concatenate(found)[:, None] + up)
 
     def grid(self, support: str) -> SupportGrid:
-        """The cells of a support."""
+        """Grid of a support."""
         return self._levels[support].grid
 
     def unseen(self, support: str) -> NDArray[np.bool_]:
-        """Cells (nx, ny) of a support above which something has not been seen."""
+        """Cells (nx, ny) of a support with something unseen above."""
         return np.asarray(self._levels[support].is_unseen.any(axis=2))

@@ -1,4 +1,5 @@
-"""What a search does next: which view, or which object moved, reveals most per second; and what has been tried."""
+"""Decisions of a search: the view, or the moved object, that reveals most per second, and the record of earlier
+tries."""
 
 from __future__ import annotations
 
@@ -37,84 +38,85 @@ from planners.tamp.solution import BoundAction, Infeasible, Solution
 
 Array = NDArray[np.float64]
 Places = Mapping[str, NDArray[np.bool_]]
-"""Cells at which the target can be, by support."""
+"""Cells where the target can be, by support."""
 
 ORDERS = ("expected", "random", "front", "shadow")
-"""Ways to choose what is moved: by probability revealed per second, beside views; and three baselines without views."""
+"""Methods to choose the object to move: by probability revealed per second, with views, or three baselines without
+views."""
 _MOVE_SECONDS = 35.0
-"""[s] that moving an object takes, about."""
+"""Approximate time [s] of moving an object."""
 _LOOK_SECONDS = 2.5
-"""[s] that looking takes, about."""
+"""Approximate time [s] of looking."""
 _OPEN_SECONDS = 35.0
-"""[s] that opening something takes, about."""
+"""Approximate time [s] of opening a drawer or door."""
 _OPENED = 3
-"""Times that the same thing is opened in one search at most: it may jam."""
+"""Most openings of the same drawer or door in one search: it may jam."""
 _JAMS = "it does not open as far as planned"
 _LEAST_GAIN = 0.02
-"""Probability that a view must reveal."""
+"""Least probability that a view must reveal."""
 _NEW_EYE = 0.06
-"""[m] from where the camera was on which a view counts as another one."""
+"""Distance [m] of the camera from former positions from which on a view is a new one."""
 _MISSES = 2
-"""Times that a place in line of sight is not seen, for example because it is narrower than a pixel, until views do not
-count it any more."""
+"""Number of times that a place in line of sight may stay unseen, for example because it is narrower than a pixel. Then
+it no longer adds to the gain of views."""
 _ASIDE = replace(STRATEGIES["lookahead"], tries=30, attempts=1)
-"""How what is put aside is planned: quickly, since another spot or another object will do."""
+"""Strategy for putting objects aside: quick, since another spot or another object will do."""
 _HIDES = 0.05
 """Share of an image that the robot itself may hide."""
 _SPEED = 0.6
 """Share of the largest joint velocities and accelerations between viewpoints."""
 _EVERY = 4
-"""Samples of a planned motion from one that is looked at to the next."""
+"""Stride of the samples of a planned motion that are checked."""
 _LURKING = 0.02
-"""[m] radius of an object that may stand, unseen, where the arm would pass."""
+"""Radius [m] of a possible unseen object where the arm would pass."""
 
 
 class Decisions:
-    """Weighs what an episode's search can do next, and plans for it.
+    """Chooses the next action of an episode's search, and plans it.
 
     Attributes:
-        refusals: why an object cannot be put aside, or something not be opened, by its name.
+        refusals: reasons why an object cannot be put aside, or a drawer or door cannot be opened, by its name.
     """
 
     def __init__(
         self, knowledge: Knowledge, shadow: OwnShadow, planner: Planner, order: str, rng: np.random.Generator
     ) -> None:
-        """Begin with nothing tried; `shadow` says what the robot hides of its own view."""
+        """Begin without earlier tries. `shadow` tells how much the robot hides of its own view."""
         self._knowledge, self._shadow, self._planner, self._order, self._rng = knowledge, shadow, planner, order, rng
         self._home = np.array(knowledge.robot.home)
-        self._aside = self._home.copy()  # torso and arm, the arm where it hides little
+        self._aside = self._home.copy()  # torso and arm, with the arm where it hides little
         self._attempted: list[str] = []
         self._pulled: Counter[str] = Counter()
         self.refusals: dict[str, str] = {}
         self.start_over()
 
-    # What has been tried.
+    # Record of earlier tries.
 
     def start_over(self) -> None:
-        """Something has moved: views may show what they did not before, and what was refused may open."""
+        """Reset the record after a motion: views may show more than before, and a refused opening may succeed."""
         self._refused: set[str] = set()
         self._looked_from: list[Array] = []
         self._missed = {name: np.zeros(cells.shape, np.int64) for name, cells in self._knowledge.places().items()}
 
     def count_look(self) -> None:
-        """Images have been taken from here: the places in line of sight that are left should have been seen."""
+        """Record that images were taken here. Places in line of sight that are left should have been seen."""
         known = self._knowledge
         self._looked_from.append(known.eye)
         for name, cells in known.places().items():
             in_line = Prospect(known.belief, {name: cells}, known.scene(), len(cells.ravel())).masks(known.eye) == 0
             self._missed[name][cells] += in_line.any(axis=1)
 
-    # What to do next.
+    # Choice of the next action.
 
     def ranked(self, places: Places, target: str) -> tuple[Viewpoint | None, list[str], Disclosure | None]:
-        """The view that reveals most per second; what should rather be moved, the first to be tried first; and what
-        should rather than all these be opened."""
+        """Best view by probability revealed per second, better objects to move, best first, and a still better
+        opening."""
         scene = self._knowledge.scene()
         prospect, world = Prospect(self._knowledge.belief, places, scene), CollisionWorld.from_scene(scene)
         names, worth = self._ranked_objects(prospect, self._viewpoints(scene, prospect), target)
         useful: list[Viewpoint] = []
         if self._order == "expected" and not target:
-            # Places that should have been seen, and were not, are not looked at again before something has moved.
+            # Places that stayed unseen in line of sight are not looked at again until something has moved.
             fresh = {name: cells & (self._missed[name] < _MISSES) for name, cells in places.items()}
             share = sum(cells.sum() for cells in fresh.values()) / sum(cells.sum() for cells in places.values())
             views = self._viewpoints(scene, Prospect(self._knowledge.belief, fresh, scene), float(share))
@@ -126,14 +128,14 @@ class Decisions:
         return best, names if best is None or best.rate < worth / _MOVE_SECONDS else [], opening
 
     def _best_to_open(self, scene: Scene, places: Places, rate: float) -> Disclosure | None:
-        """What reveals most per second when it is opened, if that is more than a rate [1/s]."""
+        """Opening that reveals most per second, if that exceeds a rate [1/s]."""
         weighed = disclosures(scene, self._knowledge.belief, places, *self._camera, seconds=self._seconds_to)
         found = [one for one in weighed if one.view.gain >= _LEAST_GAIN and one.name not in self.unopened]
         best = max(found, key=_opening_rate, default=None)
         return best if best is not None and _opening_rate(best) > rate else None
 
     def _ranked_objects(self, prospect: Prospect, views: Sequence[Viewpoint], target: str) -> tuple[list[str], float]:
-        """Names of objects, the first to be moved first, and what moving that one is worth."""
+        """Names of objects to move, best first, and the probability that the first one reveals."""
         names = [body.name for body in prospect.bodies if body.name != target]
         fresh = [name for name in names if name not in self._attempted]
         if self._order == "random":
@@ -144,7 +146,7 @@ class Decisions:
         if self._order == "shadow":
             alone = {body.name: prospect.hidden_by(body, [self._knowledge.eye]) for body in prospect.bodies}
             return sorted(fresh, key=lambda name: -alone[name]), 0.0
-        # From the viewpoints near to hand, the one from which most would be seen.
+        # the viewpoint among the nearest ones that would show most
         best: dict[str, float] = dict.fromkeys(names, 0.0)
         for view in sorted(views, key=lambda one: one.seconds)[:12]:
             for name, share in prospect.shadows(view.eye).items():
@@ -155,7 +157,7 @@ class Decisions:
         return order, best[order[0]] if order else 0.0
 
     def plan_aside(self, names: Sequence[str], places: Places) -> tuple[str, tuple[BoundAction, ...]] | None:
-        """The first of some objects that can be put aside, and a plan for that; None if there is none."""
+        """The first object that can be put aside, with a plan. None if every plan fails."""
         scene = self._knowledge.scene()
         prospect = Prospect(self._knowledge.belief, places, scene)
         views = self._viewpoints(scene, prospect)
@@ -170,21 +172,21 @@ class Decisions:
                 if isinstance(outcome, Infeasible):
                     self.refusals[name] = outcome.cause
                     if outcome.cause.lies_in_grasps:
-                        break  # whatever the spot is
+                        break  # independent of the spot
         return None
 
     @property
     def unopened(self) -> list[str]:
-        """Names of what is shut and cannot be opened as things are; `refusals` has their causes."""
+        """Names of shut drawers and doors that cannot be opened at present. `refusals` has the causes."""
         jammed = {name for name, count in self._pulled.items() if count >= _OPENED}
         still_open = {one.name for one in opened(self._knowledge.empty)}
         return sorted((jammed | self._refused) - still_open)
 
     def plan_opening(self, wanted: Disclosure, places: Places) -> tuple[str, str, tuple[BoundAction, ...]] | None:
-        """A plan that opens something, or shuts first what is in the way and has been looked into; None without one.
+        """Plan to open a drawer or door, or first to shut a searched one that is in the way. None if both fail.
 
         Returns:
-            what is done, "open" or "shut", the name of that, and the plan.
+            The action, "open" or "shut", the name of the drawer or door, and the plan.
         """
         scene, name = self._knowledge.scene(), wanted.name
         goal = open_(name, share=FULLY - 0.05)
@@ -204,7 +206,8 @@ class Decisions:
         return None
 
     def view_of_unseen(self, actions: Sequence[BoundAction], name: str) -> Viewpoint | None:
-        """The view that shows most of the unseen places that motions to an object pass through; None if there is none.
+        """View that shows most of the unseen places in the path of motions to an object. None if all views show too
+        little.
 
         Only the "expected" order looks from elsewhere.
         """
@@ -220,9 +223,9 @@ class Decisions:
         return max(views, key=lambda one: one.rate, default=None)
 
     def _passed_through(self, actions: Sequence[BoundAction], feet: Array, scene: Scene, name: str) -> list[int]:
-        """Those of some places (m, 3) [m] that motions pass through if something of the target's height stands there.
+        """Indices of the places (m, 3) [m] where an object of the target's height would be in the path of motions.
 
-        Places near the object of a name come first, as many as the collision world has room for.
+        Places near the named object come first, as many as the collision world can hold.
         """
         away, room = feet - scene.body(name).position, MAX_OBJECTS - len(scene.objects)
         chosen: list[int] = []
@@ -239,11 +242,11 @@ class Decisions:
         return [index for number, index in enumerate(chosen) if hit >> (len(scene.objects) + number) & 1]
 
     def solved(self, scene: Scene, goal: Goal) -> Solution | Infeasible:
-        """A plan: what is put aside is planned quickly."""
+        """Solve a goal. Put-downs aside are planned quickly."""
         return self._planner.solve(scene, goal.target or goal, "lookahead" if goal.target else _ASIDE, self._rng)
 
     def _viewpoints(self, scene: Scene, prospect: Prospect, share: float = 1.0) -> list[Viewpoint]:
-        """Viewpoints before the support, with what they are worth; the places of a prospect are a share of all."""
+        """Viewpoints in front of the support, with gains. The places of a prospect are a share of all places."""
         return [
             replace(one, gain=share * prospect.gain(one.eye), seconds=self._seconds_to(one))
             for one in viewpoints(scene, prospect.points, *self._camera)
@@ -251,30 +254,30 @@ class Decisions:
 
     @property
     def _camera(self) -> tuple[Array, tuple[float, float]]:
-        """Where the camera is in the base frame (3,) [m], and the range [m] of the torso's height."""
+        """Camera position (3,) [m] in the base frame, and range [m] of the torso's height."""
         T = np.linalg.inv(self._knowledge.reading.T_world_base) @ np.append(self._knowledge.eye, 1.0)
         limits = self._knowledge.robot.chain[0]
         return T[:3], (limits.lower + 0.01, limits.upper - 0.01)
 
     def _seconds_to(self, view: Viewpoint) -> float:
-        """[s] to get to a viewpoint and look."""
+        """Time [s] to get to a viewpoint and look."""
         return _LOOK_SECONDS + self.seconds(self.drive_to(view))
 
     def _is_new(self, view: Viewpoint) -> bool:
-        """Whether nothing has been looked at from there since something moved."""
+        """Whether no image was taken from there since something moved."""
         return all(math.dist(view.eye, eye) > _NEW_EYE for eye in self._looked_from)
 
-    # Motions there.
+    # Motions to viewpoints.
 
     def drive_to(self, view: Viewpoint) -> Array:
-        """The whole-body configuration at a viewpoint, the arm aside."""
+        """Whole-body configuration at a viewpoint, with the arm aside."""
         drive = np.concatenate((view.base, [view.torso], self._aside[1:]))
         drive[2] = unwrap_yaw(drive[2], self._knowledge.reading.drive[2])
         return drive
 
     def arm_aside(self, points: Sequence[Array]) -> Array:
-        """The configuration, maybe the present one, with the arm where it hides little of some points (3,) [m], soonest
-        reached."""
+        """The soonest reached configuration in which the arm hides little of some points (3,) [m], maybe the present
+        one."""
         known = self._knowledge
         drive, world, robot = known.reading.drive, CollisionWorld.from_scene(known.scene()), known.robot
         limits = np.array([(joint.lower, joint.upper) for joint in robot.chain[1:]])
@@ -290,16 +293,16 @@ class Decisions:
         return best
 
     def is_free(self, goal: Array, world: CollisionWorld | None = None) -> bool:
-        """Whether all joints can move together from where they are to a whole-body configuration."""
+        """Whether all joints can move together from the present to another whole-body configuration."""
         known = self._knowledge
         world, motion = world or CollisionWorld.from_scene(known.scene()), np.stack((known.reading.drive, goal))
         return not world.path_hits(motion, known.robot.max_opening, known.held, first_only=True)
 
     def seconds(self, goal: Array) -> float:
-        """[s] that the motion to a whole-body configuration takes."""
+        """Time [s] of the motion to a whole-body configuration."""
         return straight_seconds(self._knowledge.robot, self._knowledge.reading.drive, goal, _SPEED)
 
 
 def _opening_rate(one: Disclosure) -> float:
-    """Probability revealed per second, with what is shut before."""
+    """Probability revealed per second, with the time for drawers and doors that are shut first."""
     return one.view.gain / (_OPEN_SECONDS * (1 + len(one.shut)) + one.view.seconds)

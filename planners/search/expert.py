@@ -1,4 +1,4 @@
-"""The search expert: look, and as long as the target is not in sight, look from elsewhere or move what hides most.
+"""The search expert: look, and until the target is in sight, look from elsewhere or move the objects that hide most.
 
 look -> target seen? -> take it
   ^      | no: another view, or an object put where it hides nothing: what reveals more per second
@@ -38,34 +38,35 @@ from planners.tamp.solution import BoundAction, Infeasible, Solution
 Array = NDArray[np.float64]
 
 _TRIED = 5
-"""Objects for which a plan is tried before another view, or the end, is considered."""
+"""Objects to try plans for before another view, or the end, is considered."""
 _MOST_STEPS = 40
-"""Views and moves of one search at most."""
+"""Most views and moves of one search."""
 _RETRIES = 3
 """Plans for one move, or for taking the target, after deviations."""
 _SETTLE = 10
-"""Control steps at rest before an image counts: those of a slow camera, too, show the present by then."""
+"""Control steps at rest before an image is used, so that a slow camera shows the present, too."""
 _AIMED, _AIM_STEPS = 0.04, 40
-"""[rad] to which the camera is aimed at a point; control steps after which it is looked anyway."""
+"""Accuracy [rad] of aiming the camera at a point, and control steps after which the image is taken anyway."""
 _AT_HOME = 0.02
-"""[m], [rad] from home within which torso and arm need not go home."""
+"""Distance [m], [rad] from home within which torso and arm need not go home."""
 _HOLD = 20
-"""Control steps for which the target is held up."""
+"""Control steps of holding up the target."""
 _UNSURE = 0.007
-"""[m] standard deviation of an object's place from which on it is looked at again before it is taken; more with noise.
-In 24 first views 90% of the errors were below 1.3 mm where it was less than 6 mm, below 18 mm where more than 7."""
+"""Standard deviation [m] of an object's place from which on it needs another look before it is taken. It is larger with
+noise. In 24 first views, 90% of the errors were below 1.3 mm for deviations below 6 mm. For deviations above 7 mm, 90%
+were below 18 mm."""
 _UNNAMED = "furniture, gaps between pixels, or what is too wide to count as an object"
 _TOLERANCES = MonitorConfig(slip=0.03)
-"""Where an object is between the fingers is seen by their opening alone."""
+"""Tolerances of the monitor. The place of an object between the fingers is only known by their opening."""
 
 
 class SearchedEnv(Protocol):
-    """All that the search expert uses of an environment beside observations.
+    """Interface of an environment for the search expert, in addition to observations.
 
     Attributes:
-        robot: which robot it is.
-        workplace: a model of robot and furniture, without any object.
-        support_name: of the geom on whose top face objects stand.
+        robot: the robot.
+        workplace: a model of robot and furniture without objects.
+        support_name: name of the geom that objects stand on.
         control_mode: "joint".
     """
 
@@ -75,14 +76,16 @@ class SearchedEnv(Protocol):
     control_mode: str
 
     def joint_action(self, q_target: Array, gripper_width: float, head_target: Array | None = None) -> Array:
-        """The action that moves the robot to a whole-body configuration, and its head to pan and tilt."""
+        """Action that moves the robot to a whole-body configuration, and its head to pan and tilt."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class _Options:
-    """What could reveal the target, or free the way to it: `target` is its name, "" where it is not in sight; an
-    `opening` reveals more than all else."""
+    """Options to reveal the target, or to free the path to it.
+
+    `target` is its name, "" out of sight. An `opening` reveals more than all other options.
+    """
 
     target: str
     places: Places
@@ -94,7 +97,8 @@ class _Options:
 class SearchExpert:
     """A policy for `clutter_env/Search-…` that finds and takes a target by camera data alone.
 
-    It knows the robot, the furniture, and what the target is like; of objects it knows what it has seen.
+    It knows the robot, the furniture, and a description of the target. It knows objects only as far as it has seen
+    them.
 
     Example:
         env = gymnasium.make("clutter_env/Search-o10-v0")
@@ -111,19 +115,19 @@ class SearchExpert:
     def __init__(
         self, env: Any, order: str = "expected", *, planner: Planner | None = None, seed: int = 0, noise: float = 0.0
     ) -> None:
-        """Make an expert; call `reset` to begin an episode.
+        """Make an expert. Call `reset` to begin an episode.
 
         Args:
-            env: wrapped or not, with the `SearchedEnv` protocol.
-            order: "expected" weighs views and objects by the probability that they reveal per second. "random",
-                "front" (the nearest first) and "shadow" (what hides most first) are baselines that look from where
-                the robot stands.
-            planner: plans what is moved and taken; one for the robot if not given.
-            seed: of the planner's sampling, and of the random order.
-            noise: [m] of the camera's depth, as far as it is known.
+            env: an environment with the `SearchedEnv` protocol, wrapped or not.
+            order: order of the moved objects. "expected" weighs views and objects by the probability that they reveal
+                per second. The baselines "random", "front" (nearest first) and "shadow" (most hidden first) use no
+                further views.
+            planner: planner for moved objects and the target. Default: a planner for the robot.
+            seed: seed of the planner's sampling, and of the random order.
+            noise: noise [m] of the camera's depth, as far as it is known.
 
         Raises:
-            ExpertError: an order, a noise or an environment that cannot be used.
+            ExpertError: the order, the noise or the environment cannot be used.
         """
         inner = getattr(env, "unwrapped", env)
         missing = [name for name in (*SearchedEnv.__annotations__, "joint_action") if not hasattr(inner, name)]
@@ -160,7 +164,7 @@ class SearchExpert:
         self._actor = Actor(last, partial(self._look, list(known.empty.supports)), self._decide)
 
     def act(self, observation: Mapping[str, Any]) -> Array:
-        """The next action after an observation.
+        """Return the next action after an observation.
 
         Raises:
             ExpertError: `reset` has not been called.
@@ -174,7 +178,7 @@ class SearchExpert:
             return self._env.joint_action(self._knowledge.reading.drive, self._actor.last.opening)
         command = self._actor.command()
         if (executor := self._actor.executor) is not None:
-            # At once: the episode may end before the plan does.
+            # Update at once: the episode may end before the plan does.
             self.report.moves[self._moved_before :] = executor.cleared
         return self._env.joint_action(command.drive, command.opening, command.head)
 
@@ -185,13 +189,13 @@ class SearchExpert:
 
     @property
     def phase(self) -> str:
-        """Action and phase of the motion that follows a plan, for example "PickUp seen_03: lift"; "" otherwise."""
+        """Action and phase of a plan's motion, for example "PickUp seen_03: lift". "" otherwise."""
         return "" if self._actor is None else self._actor.phase
 
-    # The phases of a search. Each returns what the actor does next: nothing at its end.
+    # The phases of a search. Each returns the next steps of the actor: none at the end.
 
     def _decide(self) -> Steps:
-        """Take the target if it is in sight, or else reveal it."""
+        """Take the target if it is in sight, else reveal it."""
         if not self._steps_left:
             return self._end("gave up: too many steps")
         self._steps_left -= 1
@@ -205,7 +209,7 @@ class SearchExpert:
         return self._reveal()
 
     def _reveal(self, target: str = "") -> Steps:
-        """Weigh views and objects that could reveal the target, or free the way to one in sight."""
+        """Weigh views and objects that could reveal the target, or free the path to a visible one."""
         started = time.process_time()
         places = self._knowledge.places()
         if not target and not any(cells.any() for cells in places.values()):
@@ -218,7 +222,7 @@ class SearchExpert:
         return self._plan_aside(options, names[:_TRIED], names[_TRIED:] if view is None else [])
 
     def _plan_aside(self, options: _Options, names: Sequence[str], others: Sequence[str] = ()) -> Steps:
-        """Put the first of some objects aside for which there is a plan, from home; others after them."""
+        """Put aside the first object with a plan, from home. Try others after these."""
         if not names:
             return self._look_elsewhere(options)
 
@@ -236,7 +240,7 @@ class SearchExpert:
         return [self._go_home, put_aside]
 
     def _open(self, opening: Disclosure, options: _Options) -> Steps:
-        """Open what hides the target, from home, and look; if it does not open, weigh what else there is."""
+        """Open what hides the target, from home, and look. If this fails, weigh the other options."""
         started = time.process_time()
         found = self._decisions.plan_opening(opening, options.places)
         self.report.decision_s[-1] += time.process_time() - started
@@ -247,7 +251,7 @@ class SearchExpert:
         return self._execute(actions, lambda is_done: [*([] if is_done else [self._recover]), *self._look_on(options)])
 
     def _look_elsewhere(self, options: _Options) -> Steps:
-        """Where nothing is to be moved: take another view, or end the search."""
+        """Take another view if no object is to be moved, or end the search."""
         if (view := options.view) is not None:
             text = f"another view, which should show {view.gain:.0%} of the places left"
             self._note("drive", text, options.places)
@@ -264,13 +268,13 @@ class SearchExpert:
         return [partial(self._look, [name for name, cells in options.places.items() if cells.any()]), self._decide]
 
     def _take(self, name: str, plans: int = 2 * _RETRIES, looks: int = _RETRIES) -> Steps:
-        """Take the target, from home, with at most so many plans and looks at what is on the way to it."""
+        """Take the target, from home, with limits on the plans and on the looks at the path to it."""
         if not self._knowledge.is_target(name):
             return [self._decide]
         return [self._go_home, partial(self._plan_taking, name, plans, looks)] if plans else self._reveal(name)
 
     def _plan_taking(self, name: str, plans: int, looks: int) -> Steps:
-        """Look where the arm would pass and nothing has been seen, or else take the target."""
+        """Look at unseen places in the arm's path, else take the target."""
         started = time.process_time()
         outcome = self._decisions.solved(self._knowledge.scene(), Goal.of(name))
         self.report.decision_s.append(time.process_time() - started)
@@ -288,14 +292,14 @@ class SearchExpert:
         return self._execute(outcome.actions, lambda is_done: hold if is_done else replan)
 
     def _check(self, name: str, replan: Steps) -> Steps:
-        """The search is over if the target is held up."""
+        """End the search if the target is held up."""
         if not self._holds(name) or not self._knowledge.reading.is_gripping:
             return replan
         self.report.taken, self.report.failure = True, ""
         return []
 
     def _put_aside(self, name: str, actions: tuple[BoundAction, ...], region: Region, plans: int = _RETRIES) -> Steps:
-        """Follow a plan; after deviations plan again, so many times at most, from where things are believed to be."""
+        """Follow a plan. After deviations, plan again from the believed poses, with a limit on the plans."""
 
         def watch(is_done: bool) -> Steps:
             if is_done:
@@ -310,7 +314,7 @@ class SearchExpert:
         return self._execute(actions, watch)
 
     def _recover(self) -> Steps:
-        """After a deviation: let go of what is held where the planner finds a place, and bring the arm home."""
+        """Recover after a deviation: put down a held object if the planner finds a place, and bring the arm home."""
         if (held := self._knowledge.held) is not None:
             outcome = self._decisions.solved(
                 self._knowledge.scene(), inside(held.name, self._knowledge.empty.support.name)
@@ -320,7 +324,7 @@ class SearchExpert:
         return self._go_home()
 
     def _execute(self, actions: tuple[BoundAction, ...], then: Callable[[bool], Steps]) -> Steps:
-        """Follow a plan, and go on as its end, or a deviation before it, demands."""
+        """Follow a plan, then take the steps for its end, or for a deviation before it."""
         if not actions:
             return then(True)
         known, robot = self._knowledge, self._env.robot
@@ -328,7 +332,7 @@ class SearchExpert:
         pull = actions[0].scene.pull
         bodies = tuple(one for one in actions[0].scene.objects if pull is None or one.name != pull.handle)
         sensor = BelievedSensor(bodies, known.reading, robot, known.held, known.empty)
-        # The first object has just been looked at; those behind it come into sight as it goes.
+        # The first object has just been looked at. Objects behind it come into sight once it leaves.
         picks = [action.target for action in actions if action.name == "PickUp"][:1]
         unsure = {one.name for one in known.objects if one.sigma > _UNSURE + self._noise} - set(picks)
         executor = Executor(actions, robot, sensor, _TOLERANCES, at_start=AT_START, unsure=unsure)  # type: ignore[arg-type]  # its members names and read are used
@@ -341,7 +345,7 @@ class SearchExpert:
         return [Follow(executor, read, head), partial(self._watch, executor, sensor, then)]
 
     def _watch(self, executor: Executor, sensor: BelievedSensor, then: Callable[[bool], Steps]) -> Steps:
-        """After a plan or a deviation: believe objects to be where they were brought."""
+        """Update the believed poses after a plan or a deviation."""
         self._moved_before = len(self.report.moves)
         self._knowledge.settle(sensor)
         self._decisions.start_over()
@@ -352,7 +356,7 @@ class SearchExpert:
         return then(executor.deviation is None)
 
     def _look(self, names: Sequence[str]) -> Steps:
-        """Look at supports, at all that can be seen if none of those named can, the arm out of sight for it."""
+        """Look at supports, or at all visible ones if none of those named is visible, with the arm out of sight."""
         known, points = self._knowledge, list[Array]()
         places = known.places()
         supports = [one for one in known.shown if one.name in names] or known.shown
@@ -386,23 +390,24 @@ class SearchExpert:
         return [Wait(1, head=known.reading.head + 0.5 * errors), partial(self._aim, point, left - 1)]
 
     def _go(self, view: Viewpoint) -> Steps:
-        """Drive to a viewpoint in a straight line, the arm aside, if that is free."""
+        """Drive to a viewpoint in a straight line with the arm aside, if collision-free."""
         self.report.views += 1
         return self._move_to(self._decisions.drive_to(view))
 
     def _go_home(self) -> Steps:
-        """Bring torso and arm to where plans begin."""
+        """Bring torso and arm home, where plans begin."""
         drive = self._knowledge.reading.drive
         home = home_of(self._env.robot, drive[3:])
         return [] if np.allclose(drive[3:], home, atol=_AT_HOME) else self._move_to(np.append(drive[:3], home))
 
     def _move_to(self, goal: Array) -> Steps:
-        """Move all joints together to a whole-body configuration, if nothing known is in the way, and come to rest."""
+        """Move all joints together to a whole-body configuration, if collision-free as far as known, and come to
+        rest."""
         if not self._decisions.is_free(goal):
             return []
         return [Straight(self._knowledge.reading.drive.copy(), goal, self._decisions.seconds(goal)), Wait(_SETTLE)]
 
-    # What the phases need.
+    # Helpers of the phases.
 
     def _holds(self, name: str) -> bool:
         return self._knowledge.held is not None and self._knowledge.held.name == name

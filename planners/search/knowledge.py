@@ -1,4 +1,4 @@
-"""What the search expert knows: the robot's own state, the objects that it has seen, where the target can be."""
+"""Knowledge of the search expert: the robot's own state, the seen objects, the possible places of the target."""
 
 from __future__ import annotations
 
@@ -25,38 +25,38 @@ from planners.search.sensing import BelievedSensor, RobotReading, opened_as_read
 Array = NDArray[np.float64]
 
 _GONE = 0.6
-"""Share of an object's cells that must be seen to be empty until it counts as gone."""
+"""Share of an object's cells that must be seen empty until the object is regarded as gone."""
 _AJAR = 0.05
-"""Share to which a drawer is open, at least, that images can show something of."""
+"""Share of its range from which on an open drawer may show something in images."""
 _SHRINK = (0.0, 0.001, 0.002, 0.004, 0.008)
-"""[m] by which perceived objects are made narrower until they do not overlap."""
+"""Amounts [m] by which perceived objects are made narrower until they do not overlap."""
 
 
 class Knowledge:
-    """All that observations have told in one episode.
+    """Knowledge from the observations of one episode.
 
     Attributes:
-        robot: which robot it is.
-        empty: the furniture and the robot, without any object; what opens is where it was seen last.
-        supports: on which objects can stand.
-        cameras: names of the cameras; the first of them is aimed.
-        target: what it is like.
+        robot: the robot.
+        empty: the furniture and the robot without objects, with drawers and doors where they were last seen.
+        supports: supports that objects can stand on.
+        cameras: names of the cameras. The first one is aimed.
+        target: description of the target.
         observation, reading: the present observation, and the robot's state in it.
-        belief: where the target can be.
-        objects: those that have been seen.
-        held: the object in the gripper, None for none.
+        belief: the possible places of the target.
+        objects: the seen objects.
+        held: the object in the gripper, if any.
     """
 
     def __init__(
         self, robot: RobotSpec, workplace: mujoco.MjModel, support: str, noise: float, observation: Mapping[str, Any]
     ) -> None:
-        """Begin with the first observation; arguments as for `SearchExpert`, errors those of its `reset`."""
+        """Begin with the first observation. Arguments are those of `SearchExpert`, errors those of its `reset`."""
         data = mujoco.MjData(workplace)
         mujoco.mj_forward(workplace, data)
         self.robot, self._noise = robot, noise
         self.empty = Scene.from_mujoco(workplace, data, robot, movable=(), support=support)
         self.supports = [self.empty.support_named(name) for name in self.empty.supports]
-        own = robot.cameras  # the first of them, which is aimed, is the head's where there is one
+        own = robot.cameras  # the first one is aimed: it is on the head if the robot has one there
         shown = [name.removesuffix("_depth") for name in sorted(observation) if name.endswith("_depth")]
         self.cameras = [name for name in own if name in shown] + [name for name in shown if name not in own]
         if not set(own) & set(shown):
@@ -68,14 +68,14 @@ class Knowledge:
         self.held: HeldObject | None = None
         self.observation, self.reading = observation, RobotReading.of(observation)
 
-    # What observations tell.
+    # Update from observations.
 
     def observe(self, observation: Mapping[str, Any]) -> None:
-        """Take in where the robot is; images count when they are looked at, see `look`."""
+        """Update the robot's state. Images are only used by `look`."""
         self.observation, self.reading = observation, RobotReading.of(observation, self.reading.drive[2])
 
     def look(self) -> float:
-        """Carve, forget what is gone, and perceive, with each camera; the CPU time [s] of the belief's update."""
+        """Update belief and objects with each camera. Return the CPU time [s] of the belief update."""
         self.carry()
         self._ride()
         started = time.process_time()
@@ -91,20 +91,20 @@ class Knowledge:
         return seconds
 
     def settle(self, sensor: BelievedSensor) -> None:
-        """After a motion: objects have moved as a sensor has followed them."""
+        """Move objects after a motion, as a sensor has followed them."""
         sensor.update(self.reading)
         self._ride()
         self.held = sensor.held
         self._move({body.name: body for body in sensor.bodies if body.name in sensor.brought})
 
     def opened_in_part(self, name: str) -> None:
-        """Note that something was not moved as far as planned; if it stops twice in the same place, it ends there."""
+        """Note that a part was not moved as far as planned. A second stop at the same place becomes its end."""
         self._ride()
         self._stops.note(self.empty.opening(name))
         self.empty = self._stops.applied(self.empty)
 
     def carry(self) -> None:
-        """Believe what is held to be where the hand is, or to have been dropped if the fingers press on nothing."""
+        """Move a held object with the hand. If the fingers press on nothing, it was dropped."""
         if self.held is not None:
             known, in_hand = {one.name: one.body for one in self.objects}, self.held
             body = known[in_hand.name].at_pose(self.reading.T_world_tcp @ in_hand.T_tcp_object)
@@ -113,7 +113,7 @@ class Knowledge:
             self._move({in_hand.name: body})
 
     def _ride(self) -> None:
-        """Believe what opens to be where it is read to be: with a drawer all moves that stands in it, seen or not."""
+        """Move drawers and doors to their measured positions, with everything that stands in them, seen or not."""
         before = replace(self.empty, objects=tuple(one.body for one in self.objects), held=self.held)
         after = opened_as_read(before, self.reading)
         if after is before:
@@ -131,8 +131,10 @@ class Knowledge:
         self.supports = [self.empty.support_named(name) for name in self.empty.supports]
 
     def _move(self, moved: Mapping[str, Body]) -> None:
-        """Objects moved by the robot: what it holds is in its hand, the rest where it let go of it, upright; around
-        there nothing is known."""
+        """Update objects that the robot moved: held ones are in the hand, others upright where they were released.
+
+        The cells around them are unknown again.
+        """
         kept = []
         for one in self.objects:
             if (body := moved.get(one.name)) is not None:
@@ -149,38 +151,38 @@ class Knowledge:
 
     @property
     def shown(self) -> list[StaticObstacle]:
-        """The supports that images can show: not those in drawers that are shut."""
+        """Supports that images can show: not those in shut drawers."""
         shut = {name for one in self.empty.openings if one.share < _AJAR for name in one.parts}
         return [one for one in self.supports if one.name not in shut]
 
     @property
     def eye(self) -> Array:
-        """(3,) [m] where the first camera is."""
+        """Position (3,) [m] of the first camera."""
         return self._view(self.cameras[0]).T_world_camera[:3, 3]
 
     def _view(self, camera: str) -> View:
         return View.of(self.observation, camera, self.reading.T_world_base)
 
-    # What is known by now.
+    # Queries.
 
     def places(self) -> dict[str, NDArray[np.bool_]]:
-        """The cells at which the target can be, by support."""
+        """Cells where the target can be, by support."""
         return self.belief.places([one.body for one in self.objects], self.empty.static_obstacles)
 
     def seen_target(self) -> Seen | None:
-        """What is known of the target; of two things that look like it the one of which most was seen."""
+        """The seen target. Of several objects that look like it, the one with most seen points."""
         return max((one for one in self.objects if one.is_target), key=lambda one: len(one.points), default=None)
 
     def is_target(self, name: str) -> bool:
-        """Whether what has this name still is what is taken for the target: further views may join or lose things."""
+        """Whether the object of this name is still taken for the target: later views may join or drop objects."""
         target = self.seen_target()
         return target is not None and target.name == name
 
     def scene(self) -> Scene:
-        """The known objects, narrower where they would overlap; the robot as it is, at home if it is near it.
+        """Scene of the known objects, made narrower if they overlap, and the robot, set to home if near home.
 
-        Where that does not help, one object has been taken for two: of both, the one of which less was seen is left
-        out, never the target or what is held.
+        If objects still overlap, one object was seen as two. Then the one with fewer seen points is left out, but never
+        the target or a held object.
         """
         target, known = self.seen_target(), {one.name: one for one in self.objects}
         surety = {name: (one is target, len(one.points)) for name, one in known.items()}
@@ -195,7 +197,7 @@ class Knowledge:
                 known.pop(min(pair, key=lambda name: surety[name]), None)
 
     def _scene_of(self, bodies: list[Body], by: float) -> Scene:
-        """The scene with some objects, narrower by a distance [m]."""
+        """Scene with some objects, made narrower by a distance [m]."""
         drive, robot = self.reading.drive, self.robot
         state = RobotState(drive[:3], planned_from(robot, drive[3:]), robot.finger_position(self.reading.width))
         narrower = (np.maximum(body.half_extents - (by, by, 0.0), 0.005) for body in bodies)

@@ -1,5 +1,4 @@
-"""What a search can do next, and what it is worth: another view, an object moved, and where to put it, a drawer or
-door opened."""
+"""Options of a search and their gains: another view, a moved object with its new place, an opened drawer or door."""
 
 from __future__ import annotations
 
@@ -21,29 +20,29 @@ from planners.search.sight import FIXED, Screens, between
 Array = NDArray[np.float64]
 
 _SIDEWAYS = (-1.2, -0.8, -0.5, -0.3, -0.15, 0.0, 0.15, 0.3, 0.5, 0.8, 1.2)
-"""[m] along the support's front, from where the target can be, at which views are taken."""
+"""Offsets [m] of views along the support's front, from the mean place of the target."""
 _STAND_OFF = (0.95, 1.25)
-"""[m] from the support's front edge to the base centre."""
+"""Distances [m] of the base centre from the support's front edge."""
 _SPOTS, _SPOT_SPACING = 4, 0.06
-"""Spots proposed at most, and [m] between those looked at."""
+"""Most spots to propose, and spacing [m] of the tested ones."""
 _SPOT_GAP = 0.03
-"""[m] around an object that stays free where it is put: for the fingers."""
+"""Free space [m] around an object at a spot, for the fingers."""
 _MOST_POINTS = 1200
-"""Places that options are weighed by, at most."""
+"""Most places for weighing options."""
 _FEW_POINTS = 300
-"""The same for what opens, each of which is a scene of its own."""
+"""Most places for weighing openings: each needs its own scene."""
 _OPEN = 0.5
-"""Share from which on something counts as open."""
+"""Share of the range from which on a drawer or door is open."""
 FULLY = 0.97
-"""Share to which something is opened: short of its stop."""
+"""Share to which drawers and doors are opened: short of their stops."""
 _NEARER, _BESIDE = (0.1, 0.2, 0.35), (-0.3, 0.0, 0.3)
-"""[m] from the front of an open drawer, its handle, to the base centre, and sideways: from there a camera looks into it
-over its front, down to what stands right behind it."""
+"""Distances [m] of the base centre from the front of an open drawer, its handle, and to the side. From there, a camera
+looks into the drawer over its front, down to objects right behind it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Viewpoint:
-    """A base pose (3,), a torso height [m], and where the camera is then (3,) [m].
+    """A base pose (3,), a torso height [m], and the camera position (3,) [m] there.
 
     `gain` is the probability that the target is in sight from there, `seconds` the time to get there and look.
     """
@@ -62,13 +61,13 @@ class Viewpoint:
 
 @dataclass(frozen=True, eq=False)
 class Disclosure:
-    """Something that may be opened, what else is shut for that, and what it is worth.
+    """A drawer or door that may be opened, others to shut before, and the gain.
 
     Attributes:
-        name: of what opens.
-        shut: names of what stands open, has been looked into, and is shut before.
-        view: the best view of what is then seen; `gain` is the probability that the target is in sight from there and
-            from nowhere as it is, `seconds` the time to get there and look.
+        name: name of the drawer or door.
+        shut: names of open drawers and doors that were searched and are shut before.
+        view: the best view after it. `gain` is the probability that the target is in sight from there, but from nowhere
+            at present. `seconds` is the time to get there and look.
     """
 
     name: str
@@ -77,24 +76,24 @@ class Disclosure:
 
 
 class Prospect:
-    """The places where the target can be, and what stands between them and each viewpoint.
+    """Possible places of the target, with the obstacles between them and each viewpoint.
 
     Attributes:
-        points: (m, n, 3) [m] n points of the target at each place.
-        bodies: the objects that are known.
+        points: (m, n, 3) [m], n points of the target at each place.
+        bodies: the known objects.
     """
 
     def __init__(
         self, belief: Belief, places: Mapping[str, NDArray[np.bool_]], scene: Scene, most: int = _MOST_POINTS
     ) -> None:
-        """Take in places (nx, ny) by support, not more than some of them."""
+        """Begin with a limited number of the places (nx, ny) by support."""
         points = belief.points(places)
         stride = math.ceil(len(points) / most) or 1
         self.points, self.bodies = points[::stride], scene.objects
         self._screens = Screens.of(scene.objects, scene.static_obstacles)
 
     def masks(self, eye: Array) -> NDArray[np.int64]:
-        """(m, n) what stands between an eye (3,) and each point."""
+        """Masks (m, n) of the obstacles between an eye (3,) and each point."""
         return between(eye, self.points.reshape(-1, 3), self._screens).reshape(self.points.shape[:2])
 
     def gain(self, eye: Array) -> float:
@@ -102,9 +101,9 @@ class Prospect:
         return float((self.masks(eye) == 0).any(axis=1).mean()) if len(self.points) else 0.0
 
     def shadows(self, eye: Array) -> dict[str, float]:
-        """What each object hides from an eye (3,): probability; what k objects hide together counts 1/2^(k-1) for each.
+        """Probability that each object hides from an eye (3,).
 
-        Places that furniture hides do not count.
+        A place hidden by k objects gives 1/2^(k-1) to each of them. Places hidden by furniture are left out.
         """
         masks = self.masks(eye)
         count = np.where(masks & FIXED, 99, np.bitwise_count(masks))
@@ -116,20 +115,20 @@ class Prospect:
         }
 
     def hidden_by(self, body: Body, eyes: Sequence[Array]) -> float:
-        """Probability that the target is behind an object of this pose, mean over eyes."""
+        """Probability that the target is behind an object at this pose, as a mean over eyes."""
         alone = Screens.of([body], ())
         shares = [(between(eye, self.points.reshape(-1, 3), alone) != 0).mean() for eye in eyes]
         return float(np.mean(shares)) if len(self.points) else 0.0
 
 
 def viewpoints(scene: Scene, points: Array, eye: Array, torso: tuple[float, float]) -> list[Viewpoint]:
-    """Viewpoints before the first support: from where the robot stands, its front, several sides and heights.
+    """Viewpoints in front of the first support: from the present base pose, its front, several sides and heights.
 
     Args:
-        scene: where the robot stands, and the furniture.
-        points: (m, n, 3) [m] of the places that are to be seen.
-        eye: (3,) [m] where the camera is in the base frame now.
-        torso: [m] range of its height.
+        scene: the scene with robot and furniture.
+        points: (m, n, 3) [m] points of the places to see.
+        eye: (3,) [m] present camera position in the base frame.
+        torso: range of the torso's height [m].
     """
     support, state = scene.support, scene.state
     middle = points[..., 1].mean() if len(points) else support.position[1]
@@ -149,7 +148,7 @@ def viewpoints(scene: Scene, points: Array, eye: Array, torso: tuple[float, floa
 
 
 def _bases_before(scene: Scene, drawer: Opening) -> list[Array]:
-    """Base poses (3,) before an open drawer, near enough to look into it over its front."""
+    """Base poses (3,) in front of an open drawer, near enough to look into it over its front."""
     parts = [one for one in scene.static_obstacles if one.name in drawer.parts]
     lower, upper = np.min([one.lower for one in parts], axis=0), np.max([one.upper for one in parts], axis=0)
     x, y = (lower + upper)[:2] / 2
@@ -167,15 +166,15 @@ def disclosures(
     torso: tuple[float, float],
     seconds: Callable[[Viewpoint], float],
 ) -> list[Disclosure]:
-    """What can be opened, with the view that then shows most per second; nothing that reveals nothing.
+    """Find drawers and doors whose opening reveals places, each with the view that then reveals most per second.
 
-    What stands open, and the target can be nowhere in it, may be shut for that: each is there once with it shut too.
+    Open drawers that cannot hold the target may be shut first. So each result also appears once with these shut.
 
     Args:
-        scene: as it is.
-        belief, places: where the target can be.
+        scene: the present scene.
+        belief, places: the possible places of the target.
         eye, torso: as for `viewpoints`.
-        seconds: [s] to get to a viewpoint and look.
+        seconds: time [s] to get to a viewpoint and look.
     """
     shut = [one for one in scene.openings if one.share < _OPEN]
     if not shut:
@@ -201,17 +200,17 @@ def disclosures(
 
 
 def opened(scene: Scene) -> list[Opening]:
-    """What stands open."""
+    """Drawers and doors that are open."""
     return [one for one in scene.openings if one.share >= _OPEN]
 
 
 def may_hold(one: Opening, places: Mapping[str, NDArray[np.bool_]]) -> bool:
-    """Whether the target can be in a drawer, or behind a door: what that hides is not known by its parts."""
+    """Whether the target can be in a drawer, or behind a door. The places behind a door are not known by its parts."""
     return one.kind == "hinge" or any(cells.any() for name, cells in places.items() if name in one.parts)
 
 
 def _pulled_to(scene: Scene, belief: Belief, shares: Mapping[str, float]) -> tuple[Scene, Belief]:
-    """The scene with what opens elsewhere, by names and shares, and the belief that has slid with it."""
+    """Scene with drawers and doors at other shares, by name, and the belief that has slid with them."""
     for name, share in shares.items():
         one = scene.opening(name)
         position = one.at_share(share)
@@ -224,7 +223,7 @@ def _pulled_to(scene: Scene, belief: Belief, shares: Mapping[str, float]) -> tup
 def spots(
     scene: Scene, body: Body, belief: Belief, prospect: Prospect, eyes: Sequence[Array], rng: np.random.Generator
 ) -> list[Region]:
-    """Where an object can be put: seen to be free, hiding little of what is unknown, near; best first."""
+    """Spots for an object: seen to be free, hiding little of the unseen places, near. Best first."""
     radius = float(np.hypot(*body.half_extents[:2])) if body.shape == "box" else float(body.half_extents[0])
     around = radius + _SPOT_GAP
     others = [one for one in scene.objects if one.name != body.name]

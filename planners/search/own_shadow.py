@@ -1,4 +1,4 @@
-"""How much of its own camera's image the robot hides, and arm configurations in which it hides little."""
+"""Share of its own camera's image that the robot hides, and arm configurations that hide little."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ _RAYS = 16
 _DRAWN = np.array((1, 1, 1, 0, 0, 0), np.uint8)
 """Groups of geoms that MuJoCo draws by default."""
 _FARTHEST = 3.0
-"""[m] up to which something of the robot may be before its camera."""
+"""Largest distance [m] of robot parts in front of its camera."""
 _TURNS, _LIFTS = (0.0, 0.3, -0.3, 0.6, -0.6, 0.9, -0.9, 1.2, -1.2, 1.5, -1.5), (0.0, 0.5, 1.0, 1.5)
-"""[rad] by which the first and the second joint of the arm are turned from home."""
+"""Turns [rad] of the arm's first and second joint from home."""
 
 
 class OwnShadow:
-    """A robot's camera in a model of the robot and the furniture, without objects.
+    """A robot's camera in a model of robot and furniture without objects.
 
     Args:
-        model: with the robot, at rest.
-        robot: which it is.
-        camera: its name in the model.
-        K: (3, 3) its matrix.
-        shape: (height, width) of its image.
+        model: the model with the robot at rest.
+        robot: the robot.
+        camera: name of the camera in the model.
+        K: (3, 3) camera matrix.
+        shape: (height, width) of the image.
     """
 
     def __init__(self, model: mujoco.MjModel, robot: RobotSpec, camera: str, K: Array, shape: tuple[int, int]) -> None:
@@ -47,8 +47,7 @@ class OwnShadow:
         self._rays = np.column_stack(((u - K[0, 2]) / K[0, 0], (K[1, 2] - v) / K[1, 1], -np.ones(len(u))))
 
     def share(self, drive: Array, points: Sequence[Array]) -> float:
-        """Share of the image that the robot hides in a whole-body configuration, the camera turned to one of some
-        points (3,) [m] after the other; the largest counts."""
+        """Largest share of the image that the robot hides in a whole-body configuration, over some aims (3,) [m]."""
         model, data, largest = self._model, self._data, 0.0
         data.qpos[self._joints.columns] = self._joints.positions(drive)
         for point in points:
@@ -68,12 +67,12 @@ class OwnShadow:
 
     @property
     def _frame(self) -> Array:
-        """(3, 3) right, up and back of the camera in the world."""
+        """Right, up and back of the camera in the world (3, 3)."""
         return self._data.cam_xmat[self._camera].reshape(3, 3)
 
 
 def arms_near(arm: Array) -> list[Array]:
-    """Arm configurations with the first two joints turned from where they are in one."""
+    """Arm configurations with the first two joints turned from a given one."""
     found = []
     for turn, lift in itertools.product(_TURNS, _LIFTS):
         found.append(arm.copy())

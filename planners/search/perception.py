@@ -1,4 +1,4 @@
-"""From images to objects: masks and depth become upright cylinders and boxes, with the uncertainty of their poses."""
+"""Perception: masks and depth become upright cylinders and boxes, with the uncertainty of their poses."""
 
 from __future__ import annotations
 
@@ -18,30 +18,31 @@ from planners.scene.bodies import Shape
 Array = NDArray[np.float64]
 
 FIRST_MASK = 3
-"""The lowest label of an object in an image's masks."""
+"""Lowest label of an object in an image's masks."""
 _LEAST_PIXELS = 10
-"""Pixels of a mask that is looked at."""
+"""Least number of pixels of a mask."""
 _MOST_POINTS = 4000
-"""Points kept of an object, and `_FITTED` of them that its shape is fitted to."""
+"""Most points to keep of an object, and `_FITTED` of them for fitting its shape."""
 _FITTED = 300
 _RIM = 0.008
-"""[m] below an object's highest point in which points are those of its top face."""
+"""Depth [m] below an object's highest point in which points belong to its top face."""
 _SIZES = (0.02, 0.10)
-"""[m] radius or half extent of an object; and of what is seen of its width no more than `_UNSEEN`."""
+"""Limits [m] of an object's radius or half extents. They are at most `_UNSEEN` of its seen width, too."""
 _UNSEEN = 0.75
 _WIDEST = 0.22
-"""[m] of what counts as one object: a wider mask covers several."""
+"""Largest width [m] of one object. A wider mask covers several."""
 _HUE = 0.12
-"""Difference of the shares of red, green and blue up to which two colours count as one."""
+"""Difference of the shares of red, green and blue up to which two colours are the same."""
 _SHARED = 0.5
-"""Share of a mask's points that lie in an object already known, from which on it is that object's."""
+"""Share of a mask's points inside a known object from which on the mask belongs to it."""
 _NEAR, _NEAR_HAND = 0.012, 0.03
-"""[m] around a known object in which points count as its own; around one in the hand, where it may have slipped."""
+"""Distances [m] around a known object in which points belong to it, normally and for a held object, which may have
+slipped."""
 
 
 @dataclass(frozen=True)
 class Description:
-    """What the target is like: `colour` (3,), `shape`, `half_extents` (3,) [m]."""
+    """Description of the target: `colour` (3,), `shape`, `half_extents` (3,) [m]."""
 
     colour: tuple[float, float, float]
     shape: str
@@ -49,22 +50,22 @@ class Description:
 
     @classmethod
     def of(cls, values: Sequence[float]) -> Description:
-        """Of seven numbers: colour, whether it is a box, half extents."""
+        """Description from seven numbers: colour, whether it is a box, half extents."""
         red, green, blue, is_box, *half = (float(value) for value in values)
         return cls((red, green, blue), "box" if is_box else "cylinder", (half[0], half[1], half[2]))
 
     @property
     def height(self) -> float:
-        """[m]"""
+        """Height [m]."""
         return 2 * self.half_extents[2]
 
     @property
     def radius(self) -> float:
-        """[m] of the largest upright cylinder inside it."""
+        """Radius [m] of the largest upright cylinder inside the target."""
         return min(self.half_extents[:2])
 
     def has_colour(self, colour: Array) -> bool:
-        """Whether this is its colour, in any shade."""
+        """Whether this is the target's colour, in any shade."""
         return bool(np.abs(_shares(np.array(self.colour)) - _shares(colour)).max() < _HUE)
 
 
@@ -80,7 +81,7 @@ class View:
 
     @classmethod
     def of(cls, observation: Mapping[str, Any], camera: str, T_world_base: Array) -> View:
-        """That of a camera, by an observation's entries."""
+        """View of a camera, from an observation's entries."""
         return cls(
             observation[f"{camera}_rgb"],
             np.ascontiguousarray(observation[f"{camera}_depth"][..., 0]),
@@ -91,11 +92,11 @@ class View:
 
     @property
     def eye(self) -> Array:
-        """(2,) [m] where the camera is, from above."""
+        """Camera position (2,) [m] from above."""
         return self.T_world_camera[:2, 3]
 
     def points(self, mask: NDArray[np.bool_]) -> Array:
-        """(n, 3) [m] in the world of the pixels of a mask."""
+        """World points (n, 3) [m] of the pixels of a mask."""
         v, u = np.nonzero(mask)
         rays = np.column_stack(((u - self.K[0, 2]) / self.K[0, 0], (v - self.K[1, 2]) / self.K[1, 1], np.ones(len(u))))
         T = self.T_world_camera
@@ -104,13 +105,13 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """An object as it has been seen.
+    """A seen object.
 
     Attributes:
-        body: its fitted shape and pose.
-        points: (n, 3) [m] of its surface.
-        colour: (3,) mean, 0 to 1.
-        sigma: [m] standard deviation of its place that is to be expected: of the fit, and of sides not seen.
+        body: fitted shape and pose.
+        points: (n, 3) points [m] of its surface.
+        colour: (3,) mean colour, 0 to 1.
+        sigma: expected standard deviation [m] of its place, from the fit and from unseen sides.
         is_target: whether it has the target's colour.
     """
 
@@ -122,21 +123,21 @@ class Seen:
 
     @property
     def name(self) -> str:
-        """Of the body."""
+        """Name of the body."""
         return self.body.name
 
 
 def perceive(
     view: View, known: Sequence[Seen], supports: Sequence[StaticObstacle], target: Description, held: str = ""
 ) -> tuple[Seen, ...]:
-    """The known objects, in their present places, with what a view adds to them, and those that it shows as the first.
+    """Update the known objects at their present places with a view, and add new ones.
 
-    A mask belongs to the known object in which most of its points lie. One that covers several objects is left out;
-    where a known object turns out to be two, it is given up for these. Two parts of the target become one, where its
-    place is known by then; but what is held keeps its name. What is in the hand stays as it was seen before.
+    A mask belongs to the known object that contains most of its points. A mask that covers several objects is left out.
+    A known object that turns out to be two is replaced by these. Two parts of the target are joined once its place is
+    known, but a held object keeps its name. An object in the hand stays as it was seen before.
     """
     found = {one.name: one for one in known}
-    shown: dict[str, Array] = {}  # the points that this view shows of an object
+    shown: dict[str, Array] = {}  # points of each object that this view shows
     count = max((int(one.name.rpartition("_")[2]) for one in known), default=-1) + 1
     for label in np.unique(view.masks[view.masks >= FIRST_MASK]).tolist():
         mask = of_one_colour(view.masks == label, view.colours)
@@ -153,7 +154,7 @@ def perceive(
         is_known = shares.get(first, 0.0) >= _SHARED
         strangers = [share for name, share in shares.items() if not (is_known and name == first)]
         if not is_target and max(strangers, default=0.0) > _SHARED / 3:
-            continue  # partly another object's: masks that run into each other
+            continue  # partly another object's: masks that merge
         if is_known and first in shown and not is_target:
             body, sigma = fit_upright(first, shown[first], supports, eye=view.eye)
             found[first] = Seen(body, shown[first], found[first].colour, sigma)
@@ -174,9 +175,9 @@ def perceive(
 
 
 def of_one_colour(mask: NDArray[np.bool_], colours: NDArray[Any]) -> NDArray[np.bool_]:
-    """A mask (height, width) without the pixels that have another colour (height, width, 3) than most of it.
+    """Remove pixels from a mask (height, width) whose colour (height, width, 3) differs from most of it.
 
-    So what is left of two objects whose masks run into each other is one, and of a ragged edge what belongs to it.
+    So two objects with merged masks are reduced to one, and a ragged edge to its own pixels.
     """
     shares = _shares(colours[mask].astype(float))
     kept = mask.copy()
@@ -185,12 +186,12 @@ def of_one_colour(mask: NDArray[np.bool_], colours: NDArray[Any]) -> NDArray[np.
 
 
 def _shares(colours: Array) -> Array:
-    """Shares of red, green and blue (…, 3) in colours, which shade does not change."""
+    """Shares of red, green and blue (…, 3) in colours, which do not depend on shade."""
     return np.asarray(colours / np.maximum(colours.sum(axis=-1, keepdims=True), 1e-6))
 
 
 def _some(points: Array, most: int) -> Array:
-    """As many points, evenly spread over their order, if there are more."""
+    """At most so many points, evenly spread over their order."""
     return points[np.linspace(0, len(points) - 1, min(len(points), most)).astype(int)]
 
 
@@ -207,12 +208,12 @@ def fit_upright(
     target: Description | None = None,
     eye: Array | None = None,
 ) -> tuple[Body, float]:
-    """The upright cylinder or box that fits points of a surface best, and the uncertainty [m] of its place.
+    """Fit an upright cylinder or box to points of a surface. Return it with the uncertainty [m] of its place.
 
-    The outline from above is fitted by least squares: points of the sides lie on it, those of the top within it. Of
-    both shapes the one with the smaller error is taken. A side that no point shows is as near as the points allow, and
-    what is wider than its points lies behind them as seen from `eye` (2,) [m], if that is known. The object stands on
-    the highest of the supports under its lowest point; of a target only the pose is sought.
+    The outline from above is fitted by least squares: side points lie on it, top points within it. The shape with the
+    smaller error is taken. An unseen side is as near as the points allow. The part that is wider than its points lies
+    behind them as seen from `eye` (2,) [m], if given. The object stands on the highest support under its lowest point.
+    For the target, only the pose is fitted.
     """
     z_low, z_high = np.percentile(points[:, 2], (1, 99))
     middle = np.median(points[:, :2], axis=0)
@@ -228,7 +229,7 @@ def fit_upright(
         fits["cylinder"] = _fit_circle(xy, is_side, size, away)
     if target is None or target.shape == "box":
         fits["box"] = _fit_rectangle(xy, is_side, size, away)
-    # A rectangle has more parameters, and fits noise better.
+    # A rectangle has more parameters and fits noise better, so its error gets a penalty.
     shape = min(fits, key=lambda kind: fits[kind][1] * (1.25 if kind == "box" else 1.0))
     (x, y, half_x, half_y, yaw), error = fits[shape]
     half, position = np.array((half_x, half_y, (top - bottom) / 2)), np.array((x, y, (top + bottom) / 2))
@@ -267,7 +268,7 @@ def _fit_circle(
 def _fit_rectangle(
     xy: Array, is_side: NDArray[np.bool_], size: Array | None, away: Array
 ) -> tuple[tuple[float, ...], float]:
-    """x, y, half extents, yaw of the rectangle, and its root mean square error [m]; yaws from a fan of starts."""
+    """x, y, half extents, yaw of the rectangle, and its root mean square error [m], the better of two starts."""
     try:
         outline = xy[ConvexHull(xy).vertices]
     except QhullError:  # points on a line

@@ -1,4 +1,4 @@
-"""How a search went: its decisions, and the belief that each of them was made with."""
+"""Report of a search: its decisions, each with its belief."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class SearchStep:
-    """One decision of a search: when [s], its kind, what in words, and the belief that it was made with.
+    """One decision of a search: time [s], kind, text, and belief.
 
-    `kind` is "drive" for a view, "open" for a drawer or door opened, or shut, "place" for an object put aside, "pick"
-    for the target taken, "end". `places` are the
-    cells at which the target can be, by support, of `grids`; `known` the objects, `eye` (3,) the camera.
+    `kind` is "drive" for a view, "open" for an opened or shut drawer or door, "place" for an object put aside. It is
+    "pick" for the target, and "end" at the end. `places` are the cells where the target can be, by support, of `grids`.
+    `known` are the seen objects, `eye` (3,) is the camera position.
     """
 
     time: float
@@ -34,18 +34,18 @@ class SearchStep:
 
 @dataclass
 class SearchReport:
-    """How a search went.
+    """Report of a search.
 
     Attributes:
-        found: the target has been seen.
-        taken: it has been taken and is still between the fingers.
-        failure: why the search ended without, "" for success; "cannot be found" if every place has been seen and the
-            target in none of them. Otherwise it says how many places stay hidden, and by what.
-        moves: names of the objects moved, in order, as the expert calls them.
-        openings: names of what plans opened, or shut again, in order, for the target too; those that failed count.
-        views: viewpoints looked from.
-        deviations: that stopped motions, as text.
-        belief_s, decision_s: [s] CPU time of each belief update, of each decision with its plan.
+        found: whether the target has been seen.
+        taken: whether it has been taken and is still between the fingers.
+        failure: reason why the search failed, "" for success. "cannot be found": every place was seen, but not the
+            target. Otherwise it tells how many places stay hidden, and by which objects.
+        moves: names of the moved objects in order, as the expert calls them.
+        openings: names of the drawers and doors that plans opened or shut, in order, failures included.
+        views: number of viewpoints visited.
+        deviations: deviations that stopped motions, as text.
+        belief_s, decision_s: CPU times [s] of each belief update, and of each decision with its plan.
         steps: decisions, in order.
     """
 

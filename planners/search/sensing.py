@@ -1,4 +1,4 @@
-"""What the robot knows without knowing the world: its own joints, its gripper, and where it believes objects to be."""
+"""Sensing of the robot without a view of the world: its joints, its gripper, and the believed poses of objects."""
 
 from __future__ import annotations
 
@@ -20,20 +20,23 @@ from planners.scene.moving import moved
 Array = NDArray[np.float64]
 
 _PRESSED = 0.004
-"""[m] by which fingers that press on something are farther apart than commanded, at least."""
+"""Least difference [m] between commanded and actual opening of fingers that press on something."""
 _OF_JOINT = 6
-"""Numbers of an observation about each joint: position, velocity, share, and where the handle is."""
+"""Numbers of an observation for each joint: position, velocity, share, and handle position."""
 _SHIFTED = 1e-4
-"""[m], [rad] by which what opens has moved: less is noise."""
+"""Least motion [m], [rad] of a drawer or door. Smaller ones are noise."""
 _AROUND = 0.03
-"""[m] that the TCP may be outside an object that the fingers have closed on."""
+"""Distance [m] of the TCP outside an object that the fingers may have closed on."""
 
 
 @dataclass(frozen=True, eq=False)
 class RobotReading:
-    """One control step: `drive` (4 + n,) base x, y [m], yaw [rad], torso, arm; T_world_base, T_world_tcp (4, 4);
-    `width` and `commanded` [m] between the finger pads; `head` (2,) pan and tilt [rad], or (0,) if it does not move;
-    `joints` (k,) [m] or [rad] of what opens, in the order of `Scene.openings`."""
+    """Robot state at one control step.
+
+    `drive` (4 + n,) base x, y [m], yaw [rad], torso, arm. T_world_base, T_world_tcp (4, 4). `width` and `commanded`
+    [m]: distances of the finger pads. `head` (2,) pan and tilt [rad], or (0,) for a fixed head. `joints` (k,) [m] or
+    [rad] of drawers and doors, in the order of `Scene.openings`.
+    """
 
     drive: Array
     T_world_base: Array
@@ -45,8 +48,10 @@ class RobotReading:
 
     @classmethod
     def of(cls, observation: Mapping[str, Any], near_yaw: float = 0.0) -> RobotReading:
-        """That of an observation's entries `robot`, `tcp`, `gripper`, `head` and `joints`, whose numbers are six for
-        each joint, the first its position; the yaw within half a turn of one."""
+        """Robot state from the entries `robot`, `tcp`, `gripper`, `head` and `joints` of an observation.
+
+        `joints` has six numbers for each joint, the first is its position. The yaw is within half a turn of `near_yaw`.
+        """
         robot, tcp, gripper = (np.asarray(observation[name], float) for name in ("robot", "tcp", "gripper"))
         joints = (len(robot) - 7) // 2  # positions of torso and arm, then as many velocities after the base's three
         x, y, sine, cosine = robot[:4]
@@ -72,7 +77,7 @@ class RobotReading:
 
 
 def opened_as_read(scene: Scene, reading: RobotReading) -> Scene:
-    """The scene with what opens where a reading has it, and what stands in it; the same one if nothing has moved."""
+    """Scene with drawers and doors, and their contents, at the measured positions. Unchanged if nothing moved."""
     for one, position in zip(scene.openings, reading.joints.tolist(), strict=False):
         if abs(position - one.position) > _SHIFTED:
             scene = moved(scene, one.name, position)
@@ -80,13 +85,12 @@ def opened_as_read(scene: Scene, reading: RobotReading) -> Scene:
 
 
 class BelievedSensor:
-    """Snapshots for the executor: objects stay where they are believed to be; what is gripped moves with the TCP, and
-    what stands in a drawer with the drawer.
+    """Sensor for the executor, from believed poses. Gripped objects and contents of drawers move along.
 
     Attributes:
-        names: of the objects.
-        held: the object in the gripper, None for none.
-        brought: names of the objects that have been moved in the gripper.
+        names: names of the objects.
+        held: the object in the gripper, if any.
+        brought: names of the objects that were moved in the gripper.
     """
 
     def __init__(
@@ -97,18 +101,18 @@ class BelievedSensor:
         held: HeldObject | None = None,
         workplace: Scene | None = None,
     ) -> None:
-        """Begin with objects where they are, and with furniture, without objects, of which something may open."""
+        """Begin with objects at their poses, and with furniture, without objects, that may open."""
         self._bodies = {body.name: body for body in bodies}
         self._robot, self._reading, self.held, self._workplace = robot, reading, held, workplace
         self.names, self.brought = tuple(self._bodies), set[str]()
 
     @property
     def bodies(self) -> tuple[Body, ...]:
-        """The objects where they are believed to be."""
+        """Objects at their believed poses."""
         return tuple(self._bodies.values())
 
     def update(self, reading: RobotReading) -> None:
-        """Take in a reading: fingers that close on an object grasp it, and let go of it when they open."""
+        """Update with a robot state: fingers that close on an object grasp it, and release it when they open."""
         self._reading = reading
         self._ride()
         if self.held is not None:
@@ -128,7 +132,7 @@ class BelievedSensor:
                 self.held = HeldObject.grasped(self._bodies[nearest], reading.T_world_tcp)
 
     def _ride(self) -> None:
-        """Take along what stands in a drawer that has moved."""
+        """Move the contents of a drawer that has moved."""
         if self._workplace is None or not len(self._reading.joints):
             return
         before = replace(self._workplace, objects=self.bodies, held=self.held)
@@ -138,7 +142,7 @@ class BelievedSensor:
             self._workplace = replace(self._workplace, static_obstacles=there[0], openings=there[1])
 
     def read(self) -> Snapshot:
-        """The present belief."""
+        """Snapshot of the present belief."""
         openings = () if self._workplace is None else self._workplace.openings
         there = zip((one.name for one in openings), self._reading.joints.tolist(), strict=False)
         bodies = self._bodies.values()

@@ -15,12 +15,15 @@ from planners.scene import Body, StaticObstacle
 Array: TypeAlias = NDArray[np.float64]
 
 FIXED = 1 << 62
-"""The bit of a mask that stands for all furniture."""
+"""Bit of a mask that represents all furniture."""
 
 
 class Screens(NamedTuple):
-    """Solids that hide what is behind them: `position` (k, 3) [m], `rotation` (k, 3, 3), `half` (k, 3) [m], `is_round`
-    (k,) whether upright cylinders in their own frames, `bit` (k,) of a mask."""
+    """Solids that hide what is behind them.
+
+    Poses are `position` (k, 3) [m] and `rotation` (k, 3, 3), sizes are `half` (k, 3) [m]. `is_round` (k,) marks upright
+    cylinders in their own frames, `bit` (k,) is the bit of a mask.
+    """
 
     position: Array
     rotation: Array
@@ -30,7 +33,7 @@ class Screens(NamedTuple):
 
     @classmethod
     def of(cls, bodies: Sequence[Body], furniture: Sequence[StaticObstacle]) -> Screens:
-        """Object i is bit i; of furniture whose shape is neither box nor cylinder the box around it counts."""
+        """Screens with bit i for object i. Furniture that is no box or cylinder is replaced by the box around it."""
         solids: list[Any] = [*bodies, *furniture]
         bits = [1 << i for i in range(len(bodies))] + [FIXED] * len(furniture)
         return cls(
@@ -43,14 +46,14 @@ class Screens(NamedTuple):
 
 
 def between(eye: Array, points: Array, screens: Screens) -> NDArray[np.int64]:
-    """Masks (n,) of the solids between an eye (3,) and points (n, 3) [m]; 0 where the point is in sight."""
+    """Masks (n,) of the solids between an eye (3,) and points (n, 3) [m]. 0 means in sight."""
     found = np.zeros(len(points), np.int64)
     _between(np.asarray(eye, float), np.ascontiguousarray(points, float), *screens, found)
     return found
 
 
 def load_kernels() -> None:
-    """Load or compile what is compiled here, before any clock is started."""
+    """Load or compile the kernels of this module before any clock is started."""
     between(np.zeros(3), np.ones((1, 3)), Screens.of((), ()))
     carve(
         np.ones((1, 1, 1), np.bool_),
@@ -76,10 +79,10 @@ def _between(
     bit: NDArray[np.int64],
     found: NDArray[np.int64],
 ) -> None:
-    """For each solid, clip every segment from the eye to a point by its faces, in its own frame, where it is centred.
+    """Clip every segment from the eye to a point by the faces of each solid, in the solid's own frame.
 
     A cylinder is clipped by its two ends and by the round side, whose two crossings follow from a quadratic equation.
-    A segment of which something is left passes through.
+    If a part of the segment is left, it passes through the solid.
     """
     start, end = np.empty(3), np.empty(3)
     for k in range(position.shape[0]):
@@ -133,10 +136,11 @@ def carve(
     fine: float,
     coarse: float,
 ) -> int:
-    """Clear the cells (nx, ny, nz) whose centres lie between the camera and what it sees; their number.
+    """Clear the cells (nx, ny, nz) whose centres lie between the camera and the visible surface. Return their number.
 
-    A cell is empty if its centre is nearer than the depth of the pixel that it falls on by more than `margin` [m].
-    Where a pixel is wider than `fine` [m], the four pixels around it must show that; than `coarse`, none does.
+    A cell is empty if its centre is nearer than the depth of its pixel by more than `margin` [m]. If a pixel is wider
+    than `fine` [m], all four pixels around the centre must show this. If it is wider than `coarse`, the cell stays
+    unseen.
     """
     nx, ny, nz = is_unseen.shape
     height, width = depth.shape

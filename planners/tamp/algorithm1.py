@@ -1,7 +1,7 @@
-"""Algorithm 1 of Lee & Kim 2019: a task plan with references, bound or refuted action by action, then replanned.
+"""Algorithm 1 of Lee & Kim 2019: plan with references, bind action by action, replan where motion planning fails.
 
-`task_and_motion_plan` is the algorithm; the functions below it are its steps, under the paper's names. What they pass
-on is in `planners.tamp.state`; what the references stand for is decided in `planners.tamp.binding`.
+`task_and_motion_plan` is the algorithm. The functions below it are its steps, under the paper's names. They pass on the
+state of `planners.tamp.state`. `planners.tamp.binding` binds the references to grasps and motions.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ _CAUSES = {
     "unsolvable": Cause.MOTION,
     "gave up": Cause.TIME_LIMIT,
 }
-"""Meaning of a task planner's reasons for the whole solve."""
+"""Cause of the whole solve for each reason that a task planner gives."""
 
 
 def task_and_motion_plan(search: Search) -> Solution | Infeasible:
-    """Algorithm 1: plan with references, bind the actions one by one to motions, replan where motion planning fails.
+    """Run Algorithm 1: plan with references, bind the actions to motions one by one, replan after a refuted action.
 
     Args:
-        search: problem, strategy, task planner and motion layer; its plan F is extended.
+        search: problem, strategy, task planner and motion layer. Its plan F is extended.
     """
     state = initial_state(search)
     if isinstance(state, PlanState):
@@ -60,6 +60,8 @@ def task_and_motion_plan(search: Search) -> Solution | Infeasible:
                 bind_references(search, state.scene, action, motion)
                 state = update_initial_state_from_action(state, action, motion)
             else:
+                # A new fact or a new choice of grasps invalidates the task plan: leave it and call the task planner
+                # again.
                 before = take_back_drive(search, state)
                 state = update_initial_state_from_error(search, before, motion)
                 record(search, plan, verified, motion, before, state)
@@ -75,7 +77,7 @@ def task_and_motion_plan(search: Search) -> Solution | Infeasible:
 
 
 def initial_state(search: Search) -> PlanState | Infeasible:
-    """s0: the facts that the scene gives, and what the grasp references stand for."""
+    """Initial state s0: the facts of the scene, with grasp references bound. Infeasible if that is proved."""
     scene = search.problem.scene
     robot = scene.robot
     if not search.is_greedy:
@@ -83,6 +85,7 @@ def initial_state(search: Search) -> PlanState | Infeasible:
         search.bound = search.motion_layer.lower_bound(search.problem)
         search.counts.motion_planning_s += cpu_seconds() - before
         if search.bound.picks is None and search.bound.proved:
+            # A bound proved to be infinite refutes the goal for every plan, without any motion planning.
             none = NoCommitment(Cause(search.bound.cause), search.bound.objects)
             return explain(search, scene, none)
         if kept_out := search.kept_out(scene):
@@ -97,16 +100,17 @@ def initial_state(search: Search) -> PlanState | Infeasible:
 
 
 def is_goal(search: Search, state: PlanState) -> bool:
-    """Whether s0 satisfies g: the target is held, or the facts of the goal hold by the geometry of the scene."""
+    """Whether s0 satisfies g: the target is held, or the goal's facts hold in the geometry of the scene."""
     if search.is_greedy:
         return TaskProblem(state.symbols, search.target).is_solved
     return search.goal.holds(as_seen(state.scene), search.problem.start)
 
 
 def raise_target(search: Search, state: PlanState) -> PlanState:
-    """F and s0 where all is done but that what is in the hand is not where it is to be held: the arm's way there.
+    """Append the arm motion that holds an object where the goal wants it, if nothing else of the goal is unmet.
 
-    That is to its point, or home: a plan that was ended on the way leaves it as low as where it stood.
+    If the goal gives a point, the arm brings the object there. Otherwise the arm goes home if the object is not lifted
+    yet, as after a plan that was ended early. Without need or without such a motion, F and s0 stay as they are.
     """
     to_hold = next((fact for fact in search.goal.facts if isinstance(fact, Holding)), None)
     scene = None if to_hold is None else state.scene.holding(to_hold.object)
@@ -127,8 +131,7 @@ def raise_target(search: Search, state: PlanState) -> PlanState:
 
 
 def finish(search: Search, state: PlanState, plan: TaskPlan) -> PlanState | Infeasible:
-    """s0 where all is done that was planned for, and the goal is not reached: what is held goes to its point, else
-    what a goal with places still lacks is planned for."""
+    """Move the held object to its point once the task plan is done. If the goal is still unmet, plan again."""
     state = raise_target(search, state)
     if is_goal(search, state):
         return state
@@ -139,7 +142,7 @@ def finish(search: Search, state: PlanState, plan: TaskPlan) -> PlanState | Infe
 
 
 def call_task_planning(search: Search, state: PlanState) -> TaskPlan | Infeasible:
-    """T = callTaskPlanning(A, s0, g): the task plan, or why there is none."""
+    """T = callTaskPlanning(A, s0, g): the task plan, or the reason for its absence."""
     put_down = Counter(action.target for action in search.plan if action.name.startswith("PutDown"))
     is_too_often = put_down.total() - len(search.goal.placed) >= MAX_CLEARANCES
     is_too_often |= not search.is_greedy and max(put_down.values(), default=0) > MAX_ASIDE
@@ -157,7 +160,7 @@ def call_task_planning(search: Search, state: PlanState) -> TaskPlan | Infeasibl
 def call_motion_planning(
     search: Search, state: PlanState, action: GroundAction
 ) -> BoundMotion | Refutation | Infeasible:
-    """t, e = callMotionPlanning(p0, P): a motion behind the action's references, or what refutes it."""
+    """t, e = callMotionPlanning(p0, P): a motion for the action's references, or a refutation of the action."""
     if search.is_late:
         return search.out_of_time()
     before = cpu_seconds()
@@ -168,7 +171,7 @@ def call_motion_planning(
 
 
 def bind_references(search: Search, scene: Scene, action: GroundAction, motion: BoundMotion) -> None:
-    """F ← F + action, its references bound in the scene before it."""
+    """F ← F + action, with its references bound in the scene before the action."""
     moved, scene = action.object or "", motion.before or scene
     search.plan.append(BoundAction(action.name, action.args, motion.trajectory, scene, moved, motion.surfaces))
     if action.name == "PutDownForClearance" or (action.name == "PutDownGeneral" and search.target):
@@ -178,9 +181,9 @@ def bind_references(search: Search, scene: Scene, action: GroundAction, motion: 
 
 
 def take_back_drive(search: Search, state: PlanState) -> PlanState:
-    """F and s0 without a drive after which the action that it was for is refuted.
+    """Take a drive out of F and s0 if the action after it was refuted.
 
-    Strategies that do not plan ahead keep it, as the paper does.
+    Strategies that do not plan ahead keep the drive, as the paper does.
     """
     if not search.strategy.plans_ahead or not search.plan or search.plan[-1].name != "MoveBase":
         return state
@@ -190,7 +193,7 @@ def take_back_drive(search: Search, state: PlanState) -> PlanState:
 
 
 def update_initial_state_from_action(state: PlanState, action: GroundAction, motion: BoundMotion) -> PlanState:
-    """s0 = updateInitialStateFromAction(s0, a): the action's effects on the facts, and the scene it leaves."""
+    """s0 = updateInitialStateFromAction(s0, a): apply the action's effects to facts and scene."""
     clearance_plan, put_downs = state.clearance_plan, state.put_downs
     if action.name.startswith("PutDown"):
         clearance_plan = clearance_plan.without(action.args[0])
@@ -208,22 +211,28 @@ def update_initial_state_from_action(state: PlanState, action: GroundAction, mot
 def update_initial_state_from_error(
     search: Search, state: PlanState, error: Refutation | Infeasible
 ) -> PlanState | Infeasible:
-    """s0 = updateInitialStateFromError(s0, e): the objects in the way become facts, or references are bound anew."""
+    """s0 = updateInitialStateFromError(s0, e): add blocking objects as facts, or bind the grasp references again."""
     if isinstance(error, Infeasible):
         return error
     is_aside_in_hand = state.clearance_plan.aside in state.scene.held_names
     if is_aside_in_hand:
         search.holds_aside = False
+    # A strategy that plans ahead chooses grasps with all their blockers in view: it needs no new fact, but a new
+    # choice.
     if is_aside_in_hand or not error.blockers or not search.is_greedy:
         return rebind_grasps(search, state.symbols, state.scene)
     obstructed = update_from_error(state.symbols, GraspObstructed(error.action.args[0], error.blockers))
+    # The chosen grasps already include one for each blocker: the new facts suffice.
     if error.blockers <= set(state.clearance_plan.commitments.grasps):
         return replace(state, symbols=obstructed)
     return rebind_grasps(search, obstructed, state.scene)
 
 
 def shorten_plan(search: Search, end: Scene) -> tuple[BoundAction, ...]:
-    """F in less simulated time; under end-effector control and in canonical plans the robot rests between actions."""
+    """Shorten F in simulated time.
+
+    F stays as it is under end-effector control and in canonical plans: their robot rests between actions.
+    """
     if not search.motion_layer.workspace.shortens:
         return tuple(search.plan)
     before = cpu_seconds()
@@ -240,7 +249,7 @@ def record(
     before: PlanState,
     after: PlanState | Infeasible,
 ) -> None:
-    """Keep what this turn of the loop tried and learnt, as in Fig. 11."""
+    """Record what this turn of the loop tried and learnt, as in Fig. 11."""
     new = after.symbols.facts - before.symbols.facts if isinstance(after, PlanState) else frozenset()
     refuted, reason = (str(error.action), error.reason) if isinstance(error, Refutation) else (error.detail, "")
     plan = tuple(str(action) for action in skeleton.actions)

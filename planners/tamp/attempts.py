@@ -1,4 +1,5 @@
-"""Attempts: Algorithm 1 run several times, with other random choices, until another attempt could do no better."""
+"""Attempts: several runs of Algorithm 1 with different random choices, until another run could not improve the
+result."""
 
 from __future__ import annotations
 
@@ -19,15 +20,15 @@ from planners.tamp.solution import Infeasible, Solution
 from planners.tamp.state import Search
 
 _LIMITS = (Cause.TIME_LIMIT, Cause.GIVEN_UP)
-"""Causes after which no other attempt is made, and which say nothing of the scene."""
+"""Limits of time or effort. No other attempt follows them, and they prove nothing about the scene."""
 
 
 def best_of_attempts(
     problem: Problem, strategy: Strategy, task_planner: TaskPlanner, rng: np.random.Generator, deadline: Deadline
 ) -> Solution | Infeasible:
-    """The best plan of the attempts that a strategy makes, or why there is none.
+    """Find the best plan among a strategy's attempts, or the reason why none exists.
 
-    An end-effector-controlled robot first tries configurations near home, where its controller keeps the joints.
+    An end-effector-controlled robot first tries arm configurations near home: its controller keeps the joints there.
     """
     started, workspace = cpu_seconds(), problem.workspace
     first = [problem.near_home()] if workspace.follower is not None else []
@@ -57,10 +58,11 @@ def _attempt(
     deadline: Deadline,
     known: MotionLayer | None,
 ) -> tuple[Solution | Infeasible, MotionLayer]:
-    """One run of Algorithm 1, with what is `known` from the run before it: attempts of the paper know nothing of it.
+    """Run Algorithm 1 once, with what is `known` from the run before it.
 
-    Where motions are shortened, MuJoCo checks them once, afterwards: it hardly ever refutes one. If it does, the run is
-    made again, each motion checked as it is made.
+    With a target, a strategy that does not plan ahead starts each run afresh, as in the paper. Where motions are
+    shortened, MuJoCo checks them once, at the end, as it rarely refutes one. If it does, the run is repeated with a
+    check of each motion.
     """
     before, workspace, compiled = rng.bit_generator.state, problem.workspace, problem.compiled
     remembers = strategy.plans_ahead or not problem.target
@@ -68,6 +70,7 @@ def _attempt(
     layer = layer.with_known(known if remembers else None)
     outcome = task_and_motion_plan(Search(problem, strategy, task_planner, layer))
     if layer.is_refuted:
+        # The repeated run makes the same random choices.
         rng.bit_generator.state = before
         layer = MotionLayer(workspace, rng, compiled, deadline).with_known(layer if remembers else None)
         outcome = task_and_motion_plan(Search(problem, strategy, task_planner, layer))
@@ -75,11 +78,11 @@ def _attempt(
 
 
 def is_final(outcome: Solution | Infeasible, near_home: bool) -> bool:
-    """Whether another attempt could do no better.
+    """Whether another attempt cannot improve the result.
 
-    A plan can be improved on that clears an object twice, or that has more picks than the lower bound, since motions
-    were refuted. A refusal cannot if it follows from all grasps, as it does with two of the causes; configurations near
-    home only are not all. At a limit there is no time for another attempt.
+    Another attempt can improve a plan that clears an object twice, or a plan with a refuted motion and more picks than
+    the lower bound. A refusal that follows from all grasps is final, which two of the causes mean. The grasps near home
+    are not all grasps. After a time limit no attempt follows.
     """
     if isinstance(outcome, Solution):
         if outcome.bound is not None:
@@ -92,9 +95,9 @@ def is_final(outcome: Solution | Infeasible, near_home: bool) -> bool:
 def best_outcome(
     outcomes: Sequence[Solution | Infeasible], is_proved: bool, deadline: Deadline
 ) -> Solution | Infeasible:
-    """The plan with the fewest objects cleared twice, of these one with the fewest clearances; or why there is none.
+    """Choose the plan with the fewest objects cleared twice, then the fewest clearances, else the last refusal.
 
-    Once the deadline is over, a refusal that is not proved has the cause "time limit".
+    After the deadline, a refusal without a proof has the cause "time limit".
     """
     plans = [outcome for outcome in outcomes if isinstance(outcome, Solution)]
     if plans:

@@ -1,4 +1,4 @@
-"""Binding of references: grasps are chosen for all of them at once, motions action by action."""
+"""Binding of references: to grasps for all of them at once, to motions action by action."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ _GRASP_POSE, _PUT_DOWN_POSE = "robot_gp_", "robot_pdp_"
 def bind_grasps(
     search: Search, symbols: SymbolicState, scene: Scene, before_it: ClearancePlan | None = None
 ) -> PlanState | Infeasible:
-    """Choose what the grasp references stand for; a strategy that plans ahead chooses all moves.
+    """Choose grasps for the grasp references. A strategy that plans ahead chooses all moves.
 
-    The later moves of the plan `before_it` are made as planned if everything stands where it was to stand then.
+    If all objects are where the plan `before_it` expects them, its later moves are kept.
     """
     before = cpu_seconds()
     if search.is_greedy:
@@ -60,7 +60,8 @@ def bind_grasps(
     if not search.is_greedy:
         return _with_moves(search, symbols, scene, found)
     for name in sorted(_obstructed(symbols) & {*scene.names}):
-        symbols = update_from_error(symbols, GraspObstructed(name, frozenset()))  # forget earlier choices
+        # Forget earlier choices: the facts "obstructs" of this object belong to them.
+        symbols = update_from_error(symbols, GraspObstructed(name, frozenset()))
     return PlanState(_with_arms(symbols, scene, found.commitments), scene, found)
 
 
@@ -76,7 +77,7 @@ def _maker(search: Search) -> MoveMaker:
 
 
 def _with_moves(search: Search, symbols: SymbolicState, scene: Scene, found: ClearancePlan) -> PlanState | Infeasible:
-    """s0 with the moves that are planned, and the facts that are planned for."""
+    """s0 with the planned moves as facts, and with the facts to plan for."""
     lacking = () if found.until else search.goal.unmet(as_seen(scene), search.problem.start)
     if lacking:
         unmet = " ".join(Goal((fact,)).to_pddl() for fact in lacking)
@@ -97,14 +98,14 @@ def _with_moves(search: Search, symbols: SymbolicState, scene: Scene, found: Cle
 def rebind_grasps(
     search: Search, symbols: SymbolicState, scene: Scene, before_it: ClearancePlan | None = None
 ) -> PlanState | Infeasible:
-    """Choose anew what the references stand for; arguments as of `bind_grasps`."""
-    # The symbols of base poses are about to be rebound to other poses: the robot is at none of them.
+    """Choose grasps again for the grasp references. Arguments as for `bind_grasps`."""
+    # Reset robotAt: the base-pose symbols are about to be rebound to other poses.
     here = {("robotAt", symbols.robot_at)}
     return bind_grasps(search, symbols.changed(add={("robotAt", ROBOT_INIT_LOC)}, remove=here), scene, before_it)
 
 
 def task_plan(search: Search, state: PlanState) -> TaskPlan | NoPlan:
-    """The task planner's answer, checked; its time is counted."""
+    """Call the task planner, check its answer and count its time."""
     before = cpu_seconds()
     target = search.target if search.is_greedy else state.clearance_plan.commitments.target
     problem = TaskProblem(state.symbols, target, state.wanted).pruned()
@@ -119,22 +120,22 @@ def task_plan(search: Search, state: PlanState) -> TaskPlan | NoPlan:
 
 
 def _with_arms(symbols: SymbolicState, scene: Scene, commitments: Commitments) -> SymbolicState:
-    """Of a robot that acts with several arms: which arm each choice is made for."""
+    """Facts that say which arm makes each chosen grasp. They are only needed if the robot acts with several arms."""
     for name, grasp in commitments.grasps.items() if scene.robot.acts_with_all_arms else ():
         symbols = reached_by(symbols, name, gripper_symbol(scene.robot, grasp.arm))
     return symbols
 
 
 def gripper_symbol(robot: RobotSpec, arm: str) -> str:
-    """The symbol of an arm's gripper: `GRIPPER` of a robot that acts with one arm."""
+    """Symbol of an arm's gripper. It is `GRIPPER` if the robot acts with one arm."""
     return f"{arm}_gripper" if robot.acts_with_all_arms else GRIPPER
 
 
 def bind_action(search: Search, state: PlanState, action: GroundAction) -> BoundMotion | Refutation | Infeasible:
-    """The motion that an action's references are bound to, or what refutes it.
+    """Bind an action's references to a motion, or refute the action.
 
-    A put-down is bound together with the base motion that leads to it: of the placements that a location symbol may
-    stand for, the first one is taken for which both motions exist.
+    A put-down is bound together with the drive to it. A location symbol may stand for several placements. The first
+    placement with both motions is taken.
     """
     match action:
         case GroundAction("MoveBase", (_, pose, _)) if pose.startswith(_GRASP_POSE):
@@ -147,7 +148,7 @@ def bind_action(search: Search, state: PlanState, action: GroundAction) -> Bound
 
 
 def _drive_to_grasp(search: Search, state: PlanState, action: GroundAction, name: str) -> BoundMotion | Refutation:
-    """Drive to the base pose of the grasp committed to; a grasp without a free path is not offered again."""
+    """Drive to the base pose of the chosen grasp. A grasp without a collision-free path is not offered again."""
     grasp = state.clearance_plan.commitments.grasps.get(name)
     if grasp is None:
         return Refutation(action)
@@ -161,7 +162,7 @@ def _drive_to_grasp(search: Search, state: PlanState, action: GroundAction, name
 def _drive_to_put_down(
     search: Search, state: PlanState, action: GroundAction, location: str
 ) -> BoundMotion | Refutation | Infeasible:
-    """Drive to the base pose of the first placement that can be driven to and carried out."""
+    """Drive to the base pose of the first placement with a drive and a put-down motion."""
     name = next(name for _, _, name, _ in state.symbols.find("isGrasp", None, None, location))
     motion_layer, scene = search.motion_layer, state.scene.holding(name)
     assert scene is not None
@@ -188,6 +189,7 @@ def _drive_to_put_down(
             no_drive = f"; {driven.reason}"
     if search.is_late:
         return search.out_of_time()
+    # The place is the goal's, so other locations do not help. Plan again, without this put-down.
     if name in plan.general and name not in search.not_placed.blockers:
         found = motion_layer.put_down(*refuted[0], find_blockers=True) if refuted else None
         blockers = found.blockers - {name} if isinstance(found, BlockedBy) else frozenset()
@@ -202,10 +204,11 @@ def _drive_to_put_down(
 
 
 def _pick_up(search: Search, state: PlanState, action: GroundAction, name: str) -> BoundMotion | Refutation:
-    """Take an object through the grasp committed to.
+    """Take an object with the chosen grasp.
 
-    What is hit at the grasp itself becomes a fact. What is only in the way of the motion to or from it is remembered
-    with the grasp, and other grasps are compared with it; a grasp without any motion is not offered again.
+    Objects in collision at the grasp itself become facts if the strategy is greedy. Objects in the way of the approach
+    or the retreat are remembered with the grasp, and other grasps are compared with it. A grasp without any motion is
+    not offered again.
     """
     grasp = state.clearance_plan.commitments.grasps[name]
     if is_handle(state.scene, name):
@@ -230,6 +233,6 @@ def _pick_up(search: Search, state: PlanState, action: GroundAction, name: str) 
 
 
 def _is_up(search: Search, picked: BoundMotion, name: str) -> bool:
-    """Whether an object that is to be held at the end is high enough after a pick; others may be anywhere."""
+    """Whether the pick lifts an object high enough that the goal wants to be held. True for any other object."""
     is_held_up = Holding(name) in search.goal.facts
     return not is_held_up or Holding(name).holds(as_seen(picked.scene), search.problem.start)

@@ -1,4 +1,4 @@
-"""Why there is no plan, worked out once a search has ended: the cause, the evidence, and what would have to change."""
+"""Explanation of a search without a plan: the cause, the evidence, and the choices that the answer depends on."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from planners.tamp.state import Search
 
 
 def explain(search: Search, scene: Scene, found: NoCommitment) -> Infeasible:
-    """The end of a search in which nothing could be committed to.
+    """Explain a search in which no grasps could be chosen.
 
     Args:
-        search: what was to be planned, and what has been found out.
-        scene: in which it ended.
-        found: what the choice of moves says.
+        search: the run of Algorithm 1, with what it learnt.
+        scene: the scene in which it ended.
+        found: the cause and the objects that the choice of moves reports.
     """
     cause, objects = _cause(search.motion_layer, scene, found), found.objects
     detail = _by_goal(search, scene, cause, objects)
@@ -36,10 +36,10 @@ def explain(search: Search, scene: Scene, found: NoCommitment) -> Infeasible:
 
 
 def _cause(motion_layer: MotionLayer, scene: Scene, found: NoCommitment) -> Cause:
-    """The cause that lies behind a lack of grasps: walls around the base, or motions that were refuted."""
+    """Underlying cause of a lack of grasps: walls around the base, or refuted motions."""
     if not found.cause.lies_in_grasps:
         return found.cause
-    if motion_layer.has_refuted:  # it is not the grasps alone that leave no commitments
+    if motion_layer.has_refuted:  # The grasps alone do not explain the failure.
         return Cause.MOTION
     if found.cause is Cause.UNREACHABLE and not _can_be_taken(motion_layer, scene, found.objects):
         anywhere = motion_layer.workspace.anywhere().grasps(motion_layer.compiled)
@@ -49,19 +49,19 @@ def _cause(motion_layer: MotionLayer, scene: Scene, found: NoCommitment) -> Caus
 
 
 def _can_be_taken(motion_layer: MotionLayer, scene: Scene, objects: tuple[str, ...]) -> bool:
-    """Whether each of these objects has a grasp, whatever is in its way."""
+    """Whether each of these objects has a grasp, blocked or not."""
     return all(motion_layer.candidates.for_object(scene, name) for name in objects)
 
 
 def _too_wide_to_leave(search: Search, scene: Scene, objects: tuple[str, ...]) -> tuple[str, ...]:
-    """Names of what must leave before these objects come to their ends, and fits in no gripper."""
+    """Names of objects that must move before these objects reach their ends, but are too wide for every gripper."""
     waits = waits_for(scene, search.goal, must_move(scene, search.goal, search.problem.start))
     before = {one for name in objects for one in waits.get(name, ())}
     return tuple(name for name in scene.names if name in before and search.motion_layer.workspace.too_wide(scene, name))
 
 
 def _by_goal(search: Search, scene: Scene, cause: Cause, objects: tuple[str, ...]) -> str:
-    """What the goal asks of these objects that cannot be, whatever the robot; "" if that is not proved."""
+    """Requirement of the goal that no robot can meet for these objects, "" if none is proved."""
     if cause is Cause.NO_CLEARANCE_LOCATION:
         crowd, why = without_room(scene, search.goal, objects)
         return f"{why}: proved, for all grasps" if crowd and set(crowd) == set(objects) else ""
@@ -72,7 +72,7 @@ def _by_goal(search: Search, scene: Scene, cause: Cause, objects: tuple[str, ...
 
 
 def _by_robot(search: Search, scene: Scene, cause: Cause, objects: tuple[str, ...]) -> str:
-    """What the robot cannot do with these objects, with the choices that the answer holds for."""
+    """Requirement that this robot cannot meet for these objects, with the choices that the answer depends on."""
     workspace, names = search.motion_layer.workspace, ", ".join(objects)
     match cause:
         case Cause.UNREACHABLE if _can_be_taken(search.motion_layer, scene, objects):
@@ -97,7 +97,7 @@ def _by_robot(search: Search, scene: Scene, cause: Cause, objects: tuple[str, ..
 
 
 def _place_out_of_reach(search: Search, scene: Scene, objects: tuple[str, ...]) -> str:
-    """What is fixed about the places of objects that can be taken, but not put there."""
+    """Name the fixed bodies around a place that the robot cannot reach with an object in its hand."""
     facts = [fact for fact in search.goal.placed if fact.object in objects]
     about = dict.fromkeys(name for fact in facts for name in fixed_about(scene, place_of(scene, fact)))
     wanted = " ".join(str(Goal((fact,))) for fact in facts)
@@ -108,7 +108,7 @@ def _place_out_of_reach(search: Search, scene: Scene, objects: tuple[str, ...]) 
 
 
 def _without_location(search: Search, scene: Scene, objects: tuple[str, ...]) -> str:
-    """Where no place was found for objects: those of the goal, or the supports; and the supports that were left out."""
+    """Name the goal's place or the supports on which no location was found, and the supports that were not searched."""
     names, places = ", ".join(objects), [Goal((fact,)) for fact in search.goal.placed if fact.object in objects]
     if places:
         wanted = " ".join(map(str, places))

@@ -1,4 +1,4 @@
-"""A plan as one trajectory of joints, base and grippers, as robots' controllers take it."""
+"""A plan as one trajectory of joints, base and grippers, for a robot's controllers."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class JointTrajectory:
-    """The commands of a plan, one after the other, linear in between. Arrays are read-only.
+    """Commands of a plan in order, linear in between. Arrays are read-only.
 
     Attributes:
         joint_names: (m,) torso, then the joints of every arm that the plan uses.
         times: (n,) [s] from 0.
         positions: (n, m) [m, rad].
         velocities: (n, m) [m/s, rad/s], central differences of the positions, 0 at both ends.
-        base: (n, 3) x [m], y [m], yaw [rad] in the world; the yaw is not wrapped.
-        arms: (g,) names of these arms, "" for the only one of a robot.
-        gripper: (n, g) opening between the finger pads of each [m].
+        base: (n, 3) x [m], y [m], yaw [rad] in the world. The yaw is not wrapped.
+        arms: (g,) names of the arms that the plan uses, "" for a robot with one arm.
+        gripper: (n, g) opening between the finger pads of each gripper [m].
     """
 
     joint_names: tuple[str, ...]
@@ -44,7 +44,7 @@ class JointTrajectory:
 
 
 class MotionInScene(Protocol):
-    """A motion and the scene in which it begins, as in `BoundAction`."""
+    """A motion with the scene in which it begins, as in `BoundAction`."""
 
     # fmt: off
     @property
@@ -55,9 +55,13 @@ class MotionInScene(Protocol):
 
 
 def joint_trajectory(actions: Sequence[MotionInScene]) -> JointTrajectory:
-    """The trajectory of bound actions, in order; raises `ValueError` if there are none.
+    """Join the trajectories of bound actions in order.
 
-    An arm that does not act is where it was left, at first in its home configuration, its gripper closed.
+    An inactive arm stays where it was left. At first it is in its home or parked configuration, with its gripper
+    closed.
+
+    Raises:
+        ValueError: no actions.
     """
     if not actions:
         raise ValueError("the plan has no actions: there is nothing to export")
@@ -72,7 +76,7 @@ def joint_trajectory(actions: Sequence[MotionInScene]) -> JointTrajectory:
     rows: dict[str, list[Array]] = {arm: [] for arm in robots}
     for action in actions:
         trajectory, active = action.trajectory, action.scene.robot.arm_name
-        new = slice(1 if drives else 0, None)  # each begins where the one before ends
+        new = slice(1 if drives else 0, None)  # the first sample repeats the last one of the action before
         times.append(trajectory.times[new] + start)
         start += trajectory.duration
         drives.append(np.column_stack((trajectory.base, trajectory.q[:, 0]))[new])

@@ -45,20 +45,20 @@ from planners.workspace import Workspace
 Array = NDArray[np.float64]
 
 _TRIES = 2
-"""Motions tried, with other random choices, where MuJoCo finds fault with the first."""
+"""Motions to try, with different random choices, if MuJoCo finds a collision in the first."""
 
 
 @dataclass(frozen=True, eq=False)
 class BoundMotion:
-    """A motion behind an action, and the scene it leaves.
+    """Motion of an action, and the scene after it.
 
     Attributes:
         trajectory: the verified motion.
         scene: the scene after it.
-        surfaces: of a put-down: the supports that were looked at, with the regions that the object keeps out of.
-        location: where a base motion leads to a put-down: the symbol of the location.
-        put_down: and the put-down itself, which is planned before the base moves there.
-        before: the scene in which the motion was planned, with its arm active.
+        surfaces: for a put-down, the supports that were searched, with their keep-out regions for the object.
+        location: for a drive to a put-down, the symbol of the location.
+        put_down: for the same drive, the put-down itself. It is planned before the base moves there.
+        before: the scene in which the motion was planned, with the motion's arm active.
     """
 
     trajectory: Trajectory
@@ -71,19 +71,20 @@ class BoundMotion:
 
 @dataclass
 class MotionLayer:
-    """Answers Algorithm 1's questions for grasps, placements and motions; remembers what motion planning refuted.
+    """Planner of grasps, placements and motions for Algorithm 1. It remembers what motion planning refuted.
 
     Attributes:
         workspace: the robot among the static obstacles.
         rng: for sampling.
-        compiled: the collision worlds of the states so far.
+        compiled: the collision worlds of the scenes so far.
         deadline: when to stop.
-        motions: those that were planned in scenes before this one, and those that are planned now.
-        not_placed: all objects for whose places no motion was found so far.
+        motions: cache of the motions planned so far, in earlier scenes too.
+        not_placed: objects for whose goal places no motion was found so far.
         candidates: the grasps known in the present state.
-        placement_search: placements, with what grasps sweep.
-        checks_at_end: whether MuJoCo checks motions once, when they are `shortened`.
-        is_refuted: whether it has refuted one then: the plan must be made again without that.
+        placement_search: search for placements, with the swept volumes of grasps.
+        checks_at_end: whether MuJoCo checks motions only once, when they are `shortened`.
+        is_refuted: whether that late check refuted a motion. The plan must then be made again with a check of each
+            motion.
     """
 
     workspace: Workspace
@@ -104,7 +105,7 @@ class MotionLayer:
         self.candidates, self.placement_search = self.workspace.grasps(self.compiled), self.workspace.placements()
 
     def with_known(self, before: MotionLayer | None) -> MotionLayer:
-        """This one, with the grasps and placements known to another one, if any, in the same workspace."""
+        """Take over the grasps and placements of an earlier motion layer for the same workspace, if given."""
         if before is not None:
             self.candidates, self.placement_search = before.candidates, before.placement_search
             self.not_placed = before.not_placed
@@ -112,15 +113,16 @@ class MotionLayer:
 
     @property
     def has_refuted(self) -> bool:
-        """Whether motion planning refuted a grasp."""
+        """Whether motion planning has refuted a grasp."""
         return self.candidates.refuted > 0
 
     def choose_grasps(
         self, strategy: Strategy, scene: Scene, target: str, cleared: Sequence[str]
     ) -> ClearancePlan | NoCommitment:
-        """Commitments of a strategy that does not plan ahead, to grasps that the gripper can leave again.
+        """Choose grasps for a strategy that does not plan ahead, such that the gripper can approach and retreat.
 
-        What was `cleared` before is cleared again only if nothing else helps, if the strategy leaves it alone.
+        A strategy may leave objects alone that were `cleared` before. They are cleared again only if nothing else
+        helps.
         """
         maker = self.maker(strategy, holding(target), scene)
         left_alone = frozenset(cleared) if strategy.leaves_cleared else frozenset[str]()
@@ -151,7 +153,7 @@ class MotionLayer:
         not_placed: NotPlaced | None = None,
         holds_aside: bool = False,
     ) -> MoveMaker:
-        """Maker of moves for a goal, from the grasps and placements known here."""
+        """Build the maker of moves for a goal from the grasps and placements known so far."""
         return MoveMaker(
             goal,
             start,
@@ -166,14 +168,14 @@ class MotionLayer:
         )
 
     def plan_goal(self, maker: MoveMaker, scene: Scene) -> ClearancePlan | NoCommitment:
-        """The moves for a goal; see `planners.clearing.lookahead.look_ahead`."""
+        """Plan the moves for a goal with `planners.clearing.lookahead.look_ahead`."""
         self.candidates.remembers = True
         return look_ahead(maker, scene)
 
     def goal_placements(
         self, maker: MoveMaker, scene: Scene, keep_clear: KeepClear, plan: ClearancePlan
     ) -> Iterator[Placement]:
-        """Placements of the held object, as it is planned to be moved for a goal: the one planned, then others."""
+        """Placements of the held object for a goal: first the planned placement, then others."""
         assert scene.held is not None
         name = scene.held.name
         fact = placed_fact(maker.goal, name) if name in plan.general else None
@@ -182,19 +184,19 @@ class MotionLayer:
         return itertools.islice(itertools.chain((plan.placements[name],), others), maker.strategy.placements)
 
     def lower_bound(self, problem: Problem) -> LowerBound:
-        """The fewest picks for a problem; the grasps that were looked at are known here from then on."""
+        """Lower bound of the picks for a problem. The grasps computed for it are kept."""
         found = problem.lower_bound(deadline=self.deadline)
         self.candidates.learn(problem.candidates)
         return found
 
     def ban(self, scene: Scene, grasp: GraspCandidate) -> None:
-        """Do not offer a grasp again: no motion leads to it."""
+        """Exclude a grasp: no motion leads to it."""
         self.candidates.ban(scene, grasp)
 
     def obstruct(self, scene: Scene, grasp: GraspCandidate, blockers: frozenset[str]) -> None:
-        """Remember what is in the way of a grasp besides what it hits itself; ban it if that is nothing new.
+        """Add the objects in the way of a grasp's motion to its blockers. Exclude the grasp if they are all known.
 
-        An object that is in the way of its own grasp cannot be cleared for it.
+        An object that blocks its own grasp cannot be cleared for it.
         """
         mask = scene.mask(blockers - {grasp.object})
         if mask & ~grasp.blockers:
@@ -205,17 +207,18 @@ class MotionLayer:
     def placements(
         self, scene: Scene, keep_clear: KeepClear, strategy: Strategy, planned: Placement | None
     ) -> Iterator[Placement]:
-        """Placements of the held object: the one planned for it, then others."""
+        """Placements of the held object: first the planned placement, then others."""
         first = () if planned is None else (planned,)
         world = self.compiled.world(scene)
         others = self.placement_search.find(world, keep_clear, strategy, self.rng, self.deadline)
         return itertools.islice(itertools.chain(first, others), strategy.placements)
 
     def drive_to_grasp(self, scene: Scene, grasp: GraspCandidate) -> BoundMotion | NoPath:
-        """Drive to where the pick begins: the base pose of the grasp, or where the base leaves it to under a shelf.
+        """Drive to the base pose where the pick begins.
 
-        Where another arm will take the object, the active one moves home first. If there is no way, no grasp is offered
-        again to which there is none either.
+        That is the base pose of the grasp. If the base must drive under a shelf for the grasp, it is a pose in front of
+        the shelf. If another arm takes the object, the active arm moves home first. If no base path exists, all grasps
+        at base poses that the roadmap excludes as well are banned.
         """
         base = (
             stand_off(scene.using(grasp.arm), grasp.base, grasp.q, scene.body(grasp.object))
@@ -230,17 +233,17 @@ class MotionLayer:
         return driven
 
     def drive_to_placement(self, scene: Scene, placement: Placement) -> BoundMotion | NoPath:
-        """Drive to where the put-down begins; under a shelf, outside, where the base drives straight in from."""
+        """Drive to the base pose where the put-down begins. For a place under a shelf, it is in front of the shelf."""
         is_inside = needs_drive(scene, placement.body.foot)
         base = stand_off(scene, placement.base, placement.q, placement.body) if is_inside else placement.base
         return self.drive(scene, base)
 
     def bring_home(self, scene: Scene) -> BoundMotion | NoPath:
-        """Bring the arm home, with what it holds, where the base stands."""
+        """Bring the arm home with its load. The base stays."""
         return self.drive(scene, scene.state.base, home_first=True)
 
     def hold_at(self, scene: Scene, point: Array) -> BoundMotion | NoPath:
-        """Bring the centre of the held object to a point (3,) [m], upright as where it was taken."""
+        """Bring the centre of the held object to a point (3,) [m], upright as it was taken."""
         assert scene.held is not None
         world, state = self.compiled.world(scene), scene.state
         for placement in self.placement_search.holding_at(world, point):
@@ -258,13 +261,17 @@ class MotionLayer:
         return NoPath("no free motion brings it there")
 
     def drive(self, scene: Scene, base: Array, home_first: bool = False) -> BoundMotion | NoPath:
-        """Drive to a base pose in the present configuration; among objects the arm moves home first, if it can."""
+        """Drive to a base pose in the present arm configuration. Among objects, the arm moves home first if it can.
+
+        Without a path, it tries again with the fingers as open as they are, then with the arm at home, then with a
+        raised torso.
+        """
         world, state = self.compiled.world(scene), scene.state
         homing = self._home(scene) if home_first or is_among_objects(world, state) else None
         q, roadmap = state.q if homing is None else homing.end, self.workspace.roadmap
         found = plan_base(world, state.base, base, q, held=scene.held, roadmap=roadmap)
         if isinstance(found, NoPath) and homing is None and scene.held is None:
-            as_open = scene.robot.opening(state.finger_position)  # fully open it may touch what it does not as it is
+            as_open = scene.robot.opening(state.finger_position)  # a wider gripper may collide
             found = plan_base(world, state.base, base, q, opening=as_open, roadmap=roadmap)
         if isinstance(found, NoPath) and homing is None:
             homing = self._home(scene)
@@ -279,31 +286,31 @@ class MotionLayer:
         return self._driven(scene, found, homing)
 
     def can_leave(self, scene: Scene, base: Array) -> bool:
-        """Whether the base can drive back to where it came from: what was put down may be in the way of the arm."""
+        """Whether the base can drive back to where it came from. The object just put down may block the arm."""
         q, roadmap, world = scene.state.q, self.workspace.roadmap, self.compiled.world(scene)
         if isinstance(plan_base(world, scene.state.base, base, q, roadmap=roadmap), WholeBodyPath):
             return True
         return isinstance(self.drive(scene, base), BoundMotion)
 
     def _driven(self, scene: Scene, path: WholeBodyPath, homing: WholeBodyPath | None = None) -> BoundMotion | NoPath:
-        """The motion along a path on which nothing is taken or put down, after the arm has moved home."""
+        """Bind a drive: the path `homing` of the arm, then the path of the base. Nothing is taken or put down."""
         trajectory = drive_trajectory(self.compiled.world(scene), path, scene.state, homing)
         state = RobotState(path.end_base, path.end, float(trajectory.finger_position[-1]))
         bound = self._followed(scene, BoundMotion(trajectory, scene.with_state(state)), ())
         return NoPath("following the base, the arm touches something") if isinstance(bound, BlockedBy) else bound
 
     def _next_arm(self, scene: Scene, arm: str) -> Scene | None:
-        """The scene with that arm active; None where another arm is active and not at home."""
+        """Scene with that arm active. None while another active arm is away from home."""
         is_ready = arm == scene.robot.arm_name or is_at_home(self.compiled.world(scene), scene.state)
         return scene.using(arm) if is_ready else None
 
     def _home(self, scene: Scene) -> WholeBodyPath | None:
-        """The arm's path home, if one is found and accepted."""
+        """Path of the arm to its home configuration, if found and accepted by MuJoCo."""
         home = plan_home(self.compiled.world(scene), scene.state, self.rng)
         return home if isinstance(home, WholeBodyPath) and self.is_accepted(scene, [home]) else None
 
     def _raised(self, scene: Scene) -> WholeBodyPath | None:
-        """The path of the torso to its upper end, base and arm as they are, if it is free and accepted."""
+        """Path of the torso to its upper limit with base and arm fixed, if collision-free and accepted by MuJoCo."""
         world, state = self.compiled.world(scene), scene.state
         up = np.array([world.robot.upper[0], *state.q[1:]])
         path = WholeBodyPath(on_base(state.base, np.stack((state.q, up))), 0.0, scene.held)
@@ -311,7 +318,7 @@ class MotionLayer:
         return path if is_free and self.is_accepted(scene, [path]) else None
 
     def pick_up(self, scene: Scene, grasp: GraspCandidate, rises: bool = False) -> BoundMotion | BlockedBy | NoPath:
-        """Take an object through a grasp with its arm, and carry it; `rises` as for `plan_pick`."""
+        """Take an object with a grasp's arm and retreat with it. `rises` as for `plan_pick`."""
         turn = self._next_arm(scene, grasp.arm)
         if turn is None:
             return NoPath("the other arm is not at home")
@@ -332,7 +339,7 @@ class MotionLayer:
         return NoPath(f"MuJoCo finds penetration: {refusal}")
 
     def pull(self, scene: Scene, grasp: GraspCandidate) -> BoundMotion | BlockedBy | NoPath:
-        """Take the handle of a scene through a grasp, pull it, and let go; see `planners.motion.pulling`."""
+        """Grasp a handle, pull it, and let go. See `planners.motion.pulling`."""
         turn = self._next_arm(scene, grasp.arm)
         if turn is None:
             return NoPath("the other arm is not at home")
@@ -354,7 +361,7 @@ class MotionLayer:
     def put_down(
         self, scene: Scene, placement: Placement, find_blockers: bool = False
     ) -> BoundMotion | BlockedBy | NoPath:
-        """Put the held object down as planned; `find_blockers` as for `plan_place`."""
+        """Put the held object down as planned. `find_blockers` as for `plan_place`."""
         assert scene.held is not None
         world, held, start = self.compiled.world(scene), scene.held, np.concatenate((scene.state.base, scene.state.q))
         world = with_lowered(world, placement.below) if placement.below else world
@@ -380,7 +387,10 @@ class MotionLayer:
         return NoPath(f"MuJoCo finds penetration: {refusal}")
 
     def _followed(self, scene: Scene, bound: BoundMotion, touched: tuple[str, ...]) -> BoundMotion | BlockedBy | NoPath:
-        """The same motion; under end-effector control with the joint path that follows it, or why there is none."""
+        """Add the joint path that follows the motion under end-effector control.
+
+        Without such control the motion stays as it is. A path in collision gives NoPath or the blockers.
+        """
         bound = replace(bound, before=scene)
         follower = self.workspace.follower or self.workspace.controller
         if follower is None:
@@ -401,16 +411,16 @@ class MotionLayer:
         return replace(bound, scene=bound.scene.with_state(state))
 
     def shortened(self, actions: Sequence[BoundAction], end: Scene) -> tuple[BoundAction, ...]:
-        """The same plan in less time: what its actions do between two contacts becomes one motion, where one is free.
+        """Shorten a plan: merge the motions between two contacts into one motion, where that is collision-free.
 
-        Actions keep their names, their order and their phases; where one ends and the next begins, the robot no longer
-        rests. `end` is the scene after them.
+        Actions keep names, order and phases. Between merged actions the robot no longer rests. `end` is the scene after
+        them.
         """
         scenes = [*(action.scene for action in actions[1:]), end]
         parts = [(index, phase) for index, action in enumerate(actions) for phase in phases_of(action.trajectory)]
 
         def kind(part: tuple[int, Trajectory]) -> tuple[str, bool]:
-            """Properties that phases of one motion share: the arm, and whether it is a contact."""
+            """Properties that the phases of one merged motion share: the arm, and whether it is a contact."""
             return actions[part[0]].scene.robot.arm_name, is_contact(part[1].phases[0])
 
         runs = [list(run) for _, run in itertools.groupby(parts, key=kind)]
@@ -424,10 +434,10 @@ class MotionLayer:
                 last, after_last = actions[run[-1][0]], scenes[run[-1][0]]
                 scene = last.scene
                 if last.is_clearance and before is not None and run[0][0] == run[-1][0]:
-                    # Nothing follows the release with this arm: what it has put down stands there.
+                    # This arm does nothing after the release: the object that it put down stays there.
                     scene = scene.with_held(None).with_body(after_last.body(last.target))
                 elif before is not None and is_handle(scene, before.name):
-                    scene = after_last  # with what has been opened as it is then
+                    scene = after_last  # the door or drawer as the pull left it
                 is_put = after is not None and not is_handle(scene, after.name)
                 put = after_last.body(after.name) if after is not None and is_put else None
                 found = self._merged(scene, phases, before, after) or self._carried(scene, phases, before, after, put)
@@ -442,7 +452,7 @@ class MotionLayer:
     def _merged(
         self, scene: Scene, phases: Sequence[Trajectory], before: HeldObject | None, after: HeldObject | None
     ) -> list[Trajectory] | None:
-        """The phases as one motion, planned anew or kept; see `merge_phases`."""
+        """Phases merged into one motion, planned now or taken from the cache. See `merge_phases`."""
         world, robot = self.compiled.world(scene), scene.robot
         touched = tuple(None if one is None else one.key for one in (before, after))
         key = ("merged", robot.arm_name, touched, *(phase.states.tobytes() for phase in phases))
@@ -473,11 +483,10 @@ class MotionLayer:
         return merge_phases(with_clearance_at_ends(world, scene.body(held.name), end), phases, before, after)
 
     def is_accepted(self, scene: Scene, paths: Sequence[WholeBodyPath | Trajectory]) -> bool:
-        """Whether MuJoCo finds no penetration on any of the paths."""
         return not self.refusal(scene, paths)
 
     def refusal(self, scene: Scene, paths: Sequence[WholeBodyPath | Trajectory]) -> str:
-        """The penetration that MuJoCo finds on one of the paths, with the names of the bodies; "" for none."""
+        """Deepest penetration that MuJoCo finds on one of the paths, with the names of the bodies, "" for none."""
         world, among = self.compiled.world(scene), (scene.robot.arm_name, scene.static_obstacles)
         if among not in self._checkers:
             self._checkers[among] = MujocoCollisionChecker(scene, world)
@@ -487,11 +496,10 @@ class MotionLayer:
 
 
 def _end_state(motion: PickPlaceMotion, trajectory: Trajectory) -> RobotState:
-    """The robot at the end of a motion."""
     return RobotState(motion.retreat.end_base, motion.retreat.end, float(trajectory.finger_position[-1]))
 
 
 def _with_trajectory(action: BoundAction, trajectory: Trajectory) -> BoundAction:
-    """The action with another trajectory; its scene has the robot where that begins."""
+    """The action with another trajectory. The robot in its scene starts where the trajectory begins."""
     state = RobotState(trajectory.base[0], trajectory.q[0], float(trajectory.finger_position[0]))
     return replace(action, trajectory=trajectory, scene=action.scene.with_state(state))

@@ -1,4 +1,4 @@
-"""Plans in files: one `.npz` archive with a JSON header and arrays. Nothing is pickled: a file cannot run code."""
+"""Plans in files: one `.npz` archive with a JSON header and arrays. Nothing is pickled, so a file cannot run code."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from numpy.typing import NDArray
 
 FORMAT = "clutter-env plan"
 VERSION = 8
-"""Increased whenever the meaning of what is stored changes."""
+"""Version of the format. It increases whenever the meaning of a stored value changes."""
 _OLDER = (2, 3, 4, 5, 6, 7)
-"""Older versions that are read; fields that they lack have their defaults."""
+"""Older versions that can be read. Fields that they lack take their defaults."""
 _GONE = {"Strategy": ("second_moves", "non_monotone", "sets", "slack", "variations")}
-"""Fields of older versions that mean nothing today, by class."""
+"""Fields of older versions that no longer exist, by class."""
 
 
 class PlanFileError(ValueError):
-    """A file that holds no plan of this version, or a plan that cannot be written; the message says why."""
+    """A file without a readable plan, or a plan that cannot be written. The message says why."""
 
 
 class Stored:
-    """A dataclass that can be kept in a file; it holds dataclasses, named tuples, enums, arrays, tuples, numbers."""
+    """Dataclass that can be saved to a file. It may hold dataclasses, named tuples, enums, arrays, tuples, numbers."""
 
     def save(self, path: str | Path) -> None:
-        """Write it, scenes included, to one `.npz` file without pickled objects; a file of that name is replaced.
+        """Write the object and its scenes to one `.npz` file without pickled objects. An existing file is replaced.
 
         Raises:
-            PlanFileError: a field holds something that the file format does not know.
+            PlanFileError: a field holds a type that the file format does not know.
             OSError: the file cannot be written.
         """
         content, arrays = _encode(self)
@@ -46,10 +46,10 @@ class Stored:
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """Read what `save` wrote; it is equal to what was saved, arrays bit for bit.
+        """Read a file of `save`. The result equals the saved object, arrays bit for bit.
 
         Raises:
-            PlanFileError: no such file, or it is damaged, of another version, or holds no result of this class.
+            PlanFileError: the file is missing, damaged, of an unknown version, or holds no result of this class.
         """
         try:
             with np.load(path, allow_pickle=False) as file:
@@ -77,7 +77,7 @@ class Stored:
 
 
 def is_same(one: Any, other: Any) -> bool:
-    """Whether two values of the kinds that a plan holds are equal, arrays element by element."""
+    """Whether two values of a plan are equal, arrays element by element."""
     if one is other:
         return True
     if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
@@ -91,7 +91,7 @@ def is_same(one: Any, other: Any) -> bool:
 
 
 def _encode(plan: Stored) -> tuple[dict[str, Any], list[NDArray[Any]]]:
-    """A plan as JSON values and arrays; an object or array that occurs many times is stored once, by number."""
+    """Encode a plan as JSON values and arrays. Repeated objects and arrays are stored once, by number."""
     classes = _classes_of(type(plan))
     objects: list[dict[str, Any]] = []
     arrays: list[NDArray[Any]] = []
@@ -121,7 +121,7 @@ def _encode(plan: Stored) -> tuple[dict[str, Any], list[NDArray[Any]]]:
 
 
 def _decode(header: Mapping[str, Any], classes: Mapping[str, type], read_array: Callable[[int], NDArray[Any]]) -> Any:
-    """The plan of a header; each object is built after those it refers to."""
+    """Decode the plan of a header. Each object is built after the objects it refers to."""
     objects: list[Any] = []
     arrays: dict[int, NDArray[Any]] = {}
 
@@ -153,7 +153,7 @@ def _decode(header: Mapping[str, Any], classes: Mapping[str, type], read_array: 
 
 
 def _fits(value: Any, hint: Any) -> bool:
-    """Whether a value is of the kind that an annotation such as `tuple[Body, ...] | None` names."""
+    """Whether a value matches an annotation such as `tuple[Body, ...] | None`."""
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
         return any(_fits(value, choice) for choice in arguments)
@@ -169,7 +169,7 @@ def _fits(value: Any, hint: Any) -> bool:
 
 @cache
 def _field_types(kind: type) -> dict[str, Any]:
-    """The annotations of the fields that are stored of a class: of an enum its value."""
+    """Annotations of the stored fields of a class. An enum stores its value."""
     if issubclass(kind, Enum):
         return {"value": Any}
     hints = typing.get_type_hints(kind)
@@ -178,7 +178,7 @@ def _field_types(kind: type) -> dict[str, Any]:
 
 
 def _classes_of(kind: type) -> dict[str, type]:
-    """A class, and the dataclasses, named tuples and enums that its fields can hold, by name."""
+    """A class and all dataclasses, named tuples and enums that its fields can hold, by name."""
     found: dict[str, type] = {}
     waiting: list[Any] = [kind]
     while waiting:

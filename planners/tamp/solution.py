@@ -1,4 +1,4 @@
-"""Results of a solve: a plan whose references are bound to motions, or the reason why there is none."""
+"""Results of a solve: a plan with references bound to motions, or the reason why no plan exists."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from planners.tamp.joint_trajectory import JointTrajectory, joint_trajectory
 from planners.tamp.plan_file import Stored, is_same
 
 _EVIDENCE = 70
-"""Characters of the evidence that the repr of an `Infeasible` shows."""
+"""Characters of the evidence in the repr of an `Infeasible`."""
 
 
 @dataclass(frozen=True, eq=False)
 class BoundAction:
-    """A ground action of the task plan whose references are bound to a motion.
+    """A ground action of the task plan with its references bound to a motion.
 
     Attributes:
         name: action of the PDDL domain, as in Fig. 4 of Lee & Kim 2019.
         args: the symbols of the action, references included.
-        trajectory: the verified motion behind the references.
-        scene: the world in which the motion was planned, as the actions before it leave it.
-        target: the object that is moved or approached, "" for a base motion.
-        surfaces: of a put-down: the supports that were looked at, with the regions that the object keeps out of.
+        trajectory: the verified motion that the references stand for.
+        scene: the scene in which the motion was planned, after the actions before it.
+        target: the object that is moved, "" for a base motion.
+        surfaces: for a put-down, the supports that were searched, with their keep-out regions for the object.
     """
 
     name: str
@@ -60,12 +60,12 @@ class BoundAction:
 
     @property
     def obstructed(self) -> str:
-        """Name of the object that the cleared object obstructs, "" if the action clears nothing for another object."""
+        """Name of the object that the cleared object obstructs, "" if the action clears it for no other object."""
         return self.args[1] if self.name == "PutDownForClearance" else ""
 
     @property
     def grip(self) -> tuple[RobotState, HeldObject] | None:
-        """The robot when the fingers begin to close or to open, and the object between them; None of a base motion."""
+        """Robot state when the fingers begin to close or open, with the object between them. None for a base motion."""
         for phase in self.trajectory.phases:
             if is_contact(phase) and phase.touched is not None:
                 sample = self.trajectory.sample(phase.start)
@@ -74,7 +74,7 @@ class BoundAction:
 
     @property
     def released(self) -> Body | None:
-        """The object at the pose where the gripper lets go of it, None if the action releases nothing."""
+        """Object at the pose of its release. None if the action is no put-down."""
         if self.grip is None or not self.is_clearance:
             return None
         state, held = self.grip
@@ -104,8 +104,8 @@ class ReplanRecord:
 class SolveStats:
     """Counts and CPU times [s] of one solve.
 
-    `unusable` counts the grasps, free by the lower bound, that the gripper could not come to or leave: where there are
-    any, a plan may clear more than the bound says.
+    `unusable` is the number of grasps that are free by the lower bound but without a motion to or from them. If it is
+    not 0, a plan may clear more objects than the bound says.
     """
 
     replans: int = 0
@@ -117,7 +117,6 @@ class SolveStats:
     history: tuple[ReplanRecord, ...] = field(default=(), repr=False)
 
     def rows(self) -> dict[str, str]:
-        """Times and counts in words, for the summary of a plan."""
         unusable = {"Grasps without a way to them": str(self.unusable)} if self.unusable else {}
         replans = f"{self.replans} (task plans: {self.task_plans})"
         return {"Planning time": f"{self.total_s:.2f} s of CPU time", "Replans": replans, **unusable}
@@ -125,7 +124,7 @@ class SolveStats:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Solution(Stored):
-    """A feasible plan F of Algorithm 1: every reference is bound to a verified motion.
+    """A feasible plan F of Algorithm 1 with every reference bound to a verified motion.
 
     Two solutions are equal if all their fields are, scenes and trajectories included.
 
@@ -137,14 +136,14 @@ class Solution(Stored):
 
     Attributes:
         actions: bound actions in order.
-        clearances: names of the objects put aside, in order; an object cleared twice is named twice.
+        clearances: names of the objects put aside, in order. An object cleared twice appears twice.
         stats: counts and times.
-        target: name of the object that the plan takes; "" of a goal with places.
+        target: name of the object that the plan takes, "" for a goal with places.
         strategy: the strategy that made the plan.
-        goal: what the plan brings about; None in files of older versions: the target is held.
-        bound: the fewest picks of any plan, pulls of handles among them; None of a target with a strategy that does not
-            plan ahead.
-        end: the scene at the end, what is held at the pose at which it is held; None in files of older versions.
+        goal: the goal that the plan reaches. None in files of older versions means that the target is held.
+        bound: lower bound of picks and pulls of handles together. Set for goals with places, and for a target if the
+            strategy plans ahead.
+        end: the scene at the end, held objects at their poses in the gripper. None in files of older versions.
     """
 
     actions: tuple[BoundAction, ...]
@@ -174,21 +173,21 @@ class Solution(Stored):
 
     @property
     def picks(self) -> int:
-        """How often an object is taken."""
+        """Number of picks."""
         return sum(action.name == "PickUp" for action in self.actions)
 
     @property
     def pulls(self) -> int:
-        """How often something is opened or shut."""
+        """Number of doors and drawers opened or closed."""
         return sum(action.name in ("Open", "Close") for action in self.actions)
 
     @property
     def duration(self) -> float:
-        """[s] of simulated time that the motions take."""
+        """Simulated time of the motions [s]."""
         return sum(action.trajectory.duration for action in self.actions)
 
     def summary(self) -> str:
-        """The plan in words, several lines: goal, what is put down and where, picks, length, times."""
+        """Describe the plan in several lines: goal, put-downs with their positions, picks, duration, planning times."""
         puts = [action for action in self.actions if action.is_clearance]
         wanted = f"takes {self.target}" if self.target else f"reaches {self.goal}"
         lines = [
@@ -214,17 +213,17 @@ class Solution(Stored):
         return joint_trajectory(self.actions)
 
     def to_mcap(self, path: str | Path) -> None:
-        """Write the plan as ROS 2 messages to an MCAP file, which Foxglove, rerun and rosbag2 open.
+        """Write the plan as ROS 2 messages to an MCAP file for Foxglove, rerun or rosbag2.
 
-        It has the joint trajectory, joint states and transforms at every control step, and markers of robot, objects
-        and static obstacles; see `planners.drawing.mcap_file`. ROS is not needed, the extra "ros" is.
+        It holds the joint trajectory, joint states and transforms at every control step, and markers of robot, objects
+        and static obstacles. See `planners.drawing.mcap_file`. It needs the extra "ros", but not ROS itself.
 
         Raises:
             ValueError: the plan has no actions.
-            ImportError: the extra "ros" is not installed; the message says how to install it.
+            ImportError: the extra "ros" is not installed. The message says how to install it.
             OSError: the file cannot be written.
         """
-        # As for `plot`: the file is drawn from the plan.
+        # The import stands here because drawing is built on this package, as in `plot`.
         from planners.drawing.mcap_file import write_mcap
 
         write_mcap(self, Path(path))
@@ -233,7 +232,7 @@ class Solution(Stored):
         """Draw the plan from above: objects, clearances in order, the path of the base.
 
         Args:
-            ax: matplotlib axes to draw in; a new figure without it.
+            ax: matplotlib axes to draw in. Default: a new figure.
 
         Returns:
             The axes.
@@ -241,13 +240,14 @@ class Solution(Stored):
         Raises:
             ValueError: the plan has no actions.
         """
-        # Drawing is built on this package and needs matplotlib, which planning must not import.
+        # The import stands here because drawing is built on this package and needs matplotlib, which planning must not
+        # import.
         from planners.drawing.pictures import draw_overview
 
         return draw_overview(self, ax)
 
     def plot_clearances(self, path: str | Path) -> None:
-        """Draw the choice of each clearance location (Figs. 8-10 of Lee & Kim 2019) from above, as one image file.
+        """Draw the choice of each clearance location (Figs. 8-10 of Lee & Kim 2019) from above into one image file.
 
         Raises:
             ValueError: the plan has no actions.
@@ -258,16 +258,16 @@ class Solution(Stored):
         draw_plan(self, Path(path))
 
     def to_html(self, path: str | Path) -> None:
-        """Write the plan as one page for a browser, which needs no network: its motions in 3-D on a time line.
+        """Write the plan as one HTML page that needs no network, with its motions in 3-D on a time line.
 
-        Beside the motions, as planned and without physics: the actions, negative goal regions and candidates of each
-        clearance, base poses of the reachability map, paths of the gripper, replanning.
+        The motions are shown as planned, without physics. The page also has the actions, negative goal regions and
+        candidates of each clearance, base poses of the reachability map, gripper paths and replanning.
 
         Raises:
             ValueError: the plan has no actions.
             OSError: the file cannot be written.
         """
-        # As for `plot`: the page is built on this package.
+        # The import stands here because the page is built on this package, as in `plot`.
         from planners.drawing.page.page import write_plan_page
 
         write_plan_page(self, Path(path))
@@ -281,11 +281,11 @@ class Infeasible(Stored):
         cause: why the search failed.
         detail: one sentence with the evidence.
         objects: the objects that the evidence is about.
-        clearances: what had been cleared in the part of the plan that was verified.
+        clearances: objects cleared in the verified part of the plan.
         stats: counts and times.
-        target: name of the object that was to be taken.
-        strategy: the strategy that was tried.
-        goal: what the plan was to bring about; None in files of older versions: the target is held.
+        target: name of the object to take.
+        strategy: the strategy that failed.
+        goal: the goal to reach. None in files of older versions means that the target is held.
     """
 
     cause: Cause
@@ -304,7 +304,7 @@ class Infeasible(Stored):
         return f"Infeasible({wanted}, cause={str(self.cause)!r}, detail={detail!r})"
 
     def summary(self) -> str:
-        """The failure in words, several lines: target, cause, evidence, times."""
+        """Describe the failure in several lines: target, cause, evidence, times."""
         by = f", with strategy {self.strategy.name!r}" if self.strategy else ""
         rows = {
             "Cause": str(self.cause),
@@ -322,13 +322,13 @@ class Infeasible(Stored):
 
 
 def html_table(summary: str) -> str:
-    """A summary, lines of "name: value", as a table in HTML, which notebooks show."""
+    """Format a summary, lines of "name: value", as an HTML table for notebooks."""
     cells = [[html.escape(cell) for cell in line.partition(": ")[::2]] for line in summary.splitlines()]
     return f"<table>{''.join(f'<tr><th>{name}</th><td>{value}</td></tr>' for name, value in cells)}</table>"
 
 
 def _clearance(action: BoundAction) -> str:
-    """One clearance in words: the object, where it is put, and what it obstructs."""
+    """Describe one clearance: the object, its new position, and the object that it obstructs."""
     body = action.released
     where = "" if body is None else f" to x = {body.position[0]:.2f} m, y = {body.position[1]:.2f} m"
     because = f", because it obstructs {action.obstructed}" if action.obstructed else ""

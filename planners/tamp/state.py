@@ -1,4 +1,4 @@
-"""State of Algorithm 1: its inputs, the state it calls s0, the plan so far, and how it can end."""
+"""State of Algorithm 1: its inputs, its state s0, the plan so far, and its ends."""
 
 from __future__ import annotations
 
@@ -26,22 +26,24 @@ from planners.tamp.motion_layer import BoundMotion, MotionLayer
 from planners.tamp.solution import BoundAction, Infeasible, ReplanRecord, SolveStats
 
 MAX_CLEARANCES, MAX_REPLANS, MAX_ASIDE = 60, 200, 6
-"""Put-downs in one plan beyond one for each object that the goal places, turns of the loop that ended with a refuted
-action, and times that one object is put aside for a goal with places, before a run is given up."""
+"""Limits after which a run is given up. First: put-downs in one plan, in addition to one for each object that the goal
+places. Second: turns of the loop that end with a refuted action. Third: times that one object is put aside for a goal
+with places.
+"""
 TASK_PLANNING_S = 10.0
-"""[s] of wall time for one call of the task planner; a call that takes longer ends the run."""
+"""Wall time [s] for one call of the task planner. A longer call ends the run."""
 
 
 @dataclass(frozen=True)
 class PlanState:
-    """The state that Algorithm 1 calls s0.
+    """State s0 of Algorithm 1.
 
     Attributes:
         symbols: the facts.
-        scene: the scene they are about.
-        clearance_plan: what the grasp references stand for, and where objects are planned to be put.
-        put_downs: what the references of put-downs stand for, by location symbol, once the base stands there.
-        wanted: the facts `objectAt` that are planned for: the goal's, up to the first object that is to be moved again.
+        scene: the scene that the facts describe.
+        clearance_plan: the grasps that the grasp references stand for, and the planned placements.
+        put_downs: the motions that put-down references stand for, by location symbol, once the base stands there.
+        wanted: the facts `objectAt` to plan for. They are the goal's, up to the first object that must move again.
     """
 
     symbols: SymbolicState
@@ -52,7 +54,7 @@ class PlanState:
 
 
 def as_seen(scene: Scene) -> Scene:
-    """The same scene, its held objects at the poses at which the grippers hold them."""
+    """The same scene with held objects at their poses in the grippers."""
     for name in scene.held_names:
         view = scene.holding(name)
         assert view is not None
@@ -63,7 +65,7 @@ def as_seen(scene: Scene) -> Scene:
 
 
 def _without_depth(reason: str) -> str:
-    """The reason of a refutation without the depths in it."""
+    """Text of a refutation without its depths in mm."""
     return re.sub(r"[\d.]+ mm", "", reason)
 
 
@@ -72,9 +74,9 @@ class Refutation:
     """An action that motion planning refuted.
 
     Attributes:
-        action: which.
-        blockers: the objects in its way; none if other grasps must be chosen.
-        reason: why there is no motion.
+        action: the refuted action.
+        blockers: the objects in its way. Empty if other grasps must be chosen.
+        reason: why no motion was found.
     """
 
     action: GroundAction
@@ -84,7 +86,7 @@ class Refutation:
 
 @dataclass
 class Counts:
-    """What a run has done so far, and how long it took: calls of the task planner, [s] of CPU time."""
+    """Progress of a run: calls of the task planner, and CPU times [s]."""
 
     task_plans: int = 0
     task_planning_s: float = 0.0
@@ -94,17 +96,17 @@ class Counts:
 
 @dataclass
 class Search:
-    """One run of Algorithm 1: what it was given, the plan F so far, and what it has learnt.
+    """One run of Algorithm 1: its inputs, the plan F so far, and its knowledge.
 
     Attributes:
-        problem, strategy, task_planner, motion_layer: what it was given.
-        holds_aside: whether an obstacle may stay in a hand; no longer, once a motion with it was refuted.
-        bound: the fewest picks, if moves are planned ahead.
-        not_placed: objects for whose places no motion was found.
+        problem, strategy, task_planner, motion_layer: the inputs.
+        holds_aside: whether an obstacle may stay in a hand. False once a motion with such an obstacle was refuted.
+        bound: lower bound of the picks, if moves are planned ahead.
+        not_placed: objects for whose goal places no motion was found.
         plan: the actions bound so far, F of the paper.
         clearances: names of the objects put aside, in order.
         history: the turns of the loop that ended with a refuted action.
-        answers: those that the task planner gave.
+        answers: answers of the task planner, by problem.
         has_given_up: whether a call of the task planner reached its time limit.
         counts: calls and times.
     """
@@ -128,29 +130,28 @@ class Search:
 
     @property
     def goal(self) -> Goal:
-        """What is wanted."""
+        """Goal of the problem."""
         return self.problem.goal
 
     @property
     def target(self) -> str:
-        """Name of the object that is to be held if that is the whole goal, else ""."""
+        """Name of the object to hold if that is the whole goal, else ""."""
         return self.problem.target
 
     @property
     def is_greedy(self) -> bool:
-        """Whether grasps for a target are chosen as the paper does, one after another, without planning ahead."""
+        """Whether grasps for a target are chosen one after another without planning ahead, as in the paper."""
         return bool(self.target) and not self.strategy.plans_ahead
 
     @property
     def is_late(self) -> bool:
-        """Whether the time is up."""
         return self.motion_layer.deadline.is_over
 
     def infeasible(self, cause: Cause, detail: str, objects: tuple[str, ...]) -> Infeasible:
-        """The end of the search without a plan.
+        """End the search without a plan.
 
-        A cause that lies in the grasps alone is one only as long as no grasp was refuted and no object moved; it is the
-        motions afterwards. Where motions were refuted until nothing or no time was left, the detail says why most were.
+        A cause that lies in the grasps alone becomes "motion" once a grasp was refuted or an object moved. If refuted
+        motions used up the choices or the time, the detail gives the most frequent reason.
         """
         cleared = tuple(self.clearances)
         if cause.lies_in_grasps and (self.motion_layer.has_refuted or self.history or cleared):
@@ -159,14 +160,14 @@ class Search:
             reasons = [record.reason for record in self.history if record.reason]
             if cause is Cause.MOTION and set(reasons) == {NO_WAY.reason}:
                 cause = Cause.NO_WAY_FOR_BASE
-            # The same bodies overlap more or less deeply, by the grasp.
+            # The penetration depth depends on the grasp, so the same two bodies count as one reason at any depth.
             for kind, count in Counter(map(_without_depth, reasons)).most_common(1):
                 reason = next(reason for reason in reasons if _without_depth(reason) == kind)
                 detail += f"; {count} of {len(self.history)} refutations: {reason}"
         return Infeasible(cause, detail, objects, cleared, self.stats(), self.target, self.strategy, self.goal)
 
     def out_of_time(self, scene: Scene | None = None) -> Infeasible:
-        """The end of the search at the time limit, or after too many replans or clearances."""
+        """End the search at the time limit, or after too many replans or clearances."""
         counts = f"{len(self.history)} replans and {len(self.clearances)} clearances"
         if self.is_late or self.has_given_up:
             return self.infeasible(Cause.TIME_LIMIT, f"the time was up after {counts}", ())
@@ -176,14 +177,14 @@ class Search:
         return self.infeasible(Cause.GIVEN_UP, f"given up after {counts}{without}{why}", ())
 
     def kept_out(self, scene: Scene) -> tuple[str, ...]:
-        """Names of objects for which no hand has room in the container into which the goal wants them."""
+        """Names of objects that no gripper can release inside the container where the goal wants them."""
         candidates = self.motion_layer.candidates
         unmet = self.goal.unmet(as_seen(scene), self.problem.start)
         facts = [fact for fact in self.goal.placed if any(getattr(one, "object", "") == fact.object for one in unmet)]
         return tuple(fact.object for fact in facts if never_fits(candidates, scene, fact.object, place_of(scene, fact)))
 
     def why_not_placed(self, scene: Scene, facts: Iterable[Fact]) -> str:
-        """Why objects cannot be let go where facts of the goal want them, in words that are added; "" if they can."""
+        """Reasons why objects cannot be released where the goal wants them, as text to append, "" for none."""
         found: list[str] = []
         for fact in (placed_fact(self.goal, getattr(one, "object", "")) for one in facts):
             if fact is not None:
@@ -193,7 +194,6 @@ class Search:
         return "".join(f"; {why}" for why in found)
 
     def stats(self) -> SolveStats:
-        """The counts so far."""
         return SolveStats(
             replans=len(self.history),
             task_plans=self.counts.task_plans,

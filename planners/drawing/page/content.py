@@ -1,6 +1,6 @@
-"""The content of a page as JSON values and one compressed block of arrays; `data.js` reads both.
+"""The content of a page as JSON values and one compressed block of arrays, for `data.js`.
 
-The scene's shapes, the frames, and of each plan its actions, regions, candidates, base poses and paths.
+It has the scene's shapes, the frames, and for each plan its actions, regions, candidates, base poses and paths.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from planners.search.report import SearchReport
 from planners.tamp.solution import BoundAction, Solution
 
 _ALIGNMENT = 4
-"""[bytes] to whose multiples the browser wants arrays aligned."""
+"""Alignment [bytes] of arrays for the browser."""
 _SHAPES = {
     mujoco.mjtGeom.mjGEOM_PLANE: "plane",
     mujoco.mjtGeom.mjGEOM_SPHERE: "sphere",
@@ -39,11 +39,11 @@ _SHAPES = {
     mujoco.mjtGeom.mjGEOM_MESH: "mesh",
 }
 _SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2}
-"""How many numbers the size of a shape has; three otherwise."""
+"""Number of sizes of a shape, three by default."""
 _GROUPS = 3
-"""Geoms of the groups below this are seen, those from it on only collide."""
+"""First group of geoms that are invisible: they only collide."""
 _LENGTH, _TURN = 2e-4, 1 / 32767
-"""Steps of the 16 bits of a position [m], up to 6.5 m, and of a quaternion's component."""
+"""Resolution of the 16 bits of a position [m], up to 6.5 m, and of a quaternion's component."""
 _SKILLS = {
     "MoveBase": "drive",
     "PickUp": "pick",
@@ -53,15 +53,15 @@ _SKILLS = {
     "Close": "open",
 }
 _BASES = 48
-"""Base poses of the map shown for a gripper pose at most, best first."""
+"""Most base poses of the map to show for a gripper pose, best first."""
 _STRIDE = 2
-"""Samples of a trajectory between two points of a path."""
+"""Samples of a trajectory per point of a path."""
 _NGR1, _NGR2, _OUTSIDE = 1, 2, 4
 """Bits of a cell."""
 
 
 def page_text(recording: Recording, title: str, rows: Mapping[str, str], result: str) -> str:
-    """A whole recording and the rows of its report as JSON text.
+    """Recording and rows of its report as JSON text.
 
     The result is "success", "failure", "plan", or "running" for an episode that goes on.
     """
@@ -85,10 +85,10 @@ def page_text(recording: Recording, title: str, rows: Mapping[str, str], result:
 def frame_values(
     model: mujoco.MjModel, frames: Sequence[Frame], bodies: Sequence[int], arrays: ArrayBlock
 ) -> dict[str, Any]:
-    """Times, poses of bodies, and what the robot does, of some frames of a recording.
+    """Times, poses of bodies, and actions of some frames of a recording.
 
-    Poses are in steps of 16 bits, positions beyond their range clipped: of each number the first value and the
-    differences that follow, mostly zeros, which compress well. They wrap around like the sums that undo them.
+    Poses have steps of 16 bits. Positions beyond their range are clipped. Each number has its first value and then
+    differences, mostly zeros, which compress well. They wrap around like the sums that undo them.
     """
     numbers = np.rint(_poses(model, bodies, frames) / np.repeat((_LENGTH, _TURN), (3, 4)))
     rows = numbers.clip(-32767, 32767).astype(np.int16).reshape(len(frames), 7 * len(bodies)).T
@@ -105,7 +105,7 @@ def frame_values(
 
 
 def solve_values(solve: Solve, arrays: ArrayBlock) -> dict[str, Any]:
-    """A plan with its layers, or the reason why there is none; of a search its decisions, with their beliefs."""
+    """A plan with its layers, or the reason for its absence. For a search, its decisions with their beliefs."""
     outcome: Any = solve.outcome
     if isinstance(outcome, SearchReport):
         return {"time": 0.0, "summary": outcome.failure, "history": [], "choices": [], **_search(outcome, arrays)}
@@ -118,18 +118,18 @@ def solve_values(solve: Solve, arrays: ArrayBlock) -> dict[str, Any]:
 
 
 def note_values(notes: Sequence[Note]) -> list[dict[str, Any]]:
-    """Deviations; those at one time and of one text count once."""
+    """Deviations, with repetitions at one time left out."""
     return [{"time": round(time, 3), "text": text} for (time, text), _ in itertools.groupby(notes)]
 
 
 class ArrayBlock:
-    """Collects arrays; the page's `decode` in `data.js` reads them."""
+    """Collects arrays for the page's `decode` in `data.js`."""
 
     def __init__(self) -> None:
         self._bytes = bytearray()
 
     def add(self, values: ArrayLike, dtype: str = "float32") -> dict[str, Any]:
-        """Where the values will lie in the block: "float32", "int16", "int32" or "uint8", little-endian."""
+        """Add values to the block: "float32", "int16", "int32" or "uint8", little-endian. Return their place in it."""
         array = np.ascontiguousarray(values, dtype=np.dtype(dtype).newbyteorder("<"))
         self._bytes += bytes(-len(self._bytes) % _ALIGNMENT)
         place = {"at": len(self._bytes), "size": int(array.size), "type": dtype}
@@ -137,13 +137,13 @@ class ArrayBlock:
         return place
 
     def text(self, content: Any) -> str:
-        """JSON text of the content and all arrays added; no "<" that could end the page's script element."""
+        """JSON text of the content and all added arrays, without a "<" that could end the page's script element."""
         packed = base64.b64encode(zlib.compress(bytes(self._bytes), 9)).decode()
         return json.dumps({"content": content, "arrays": packed}, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def model_values(model: mujoco.MjModel, bodies: Sequence[int], arrays: ArrayBlock) -> dict[str, Any]:
-    """The shapes to draw, each with the index in `bodies` of what it moves with, or with -1 and a pose in the world."""
+    """Shapes to draw, each with the index of its body in `bodies`, or with -1 and a pose in the world."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     geoms = [geom for geom in range(model.ngeom) if _is_visible(model, geom)]
@@ -155,13 +155,13 @@ def model_values(model: mujoco.MjModel, bodies: Sequence[int], arrays: ArrayBloc
 
 
 def moving_bodies(model: mujoco.MjModel) -> list[int]:
-    """The bodies that are not fixed to the world and have a visible geom."""
+    """Bodies with a visible geom that are not fixed to the world."""
     owners = {int(model.geom_bodyid[geom]) for geom in range(model.ngeom) if _is_visible(model, geom)}
     return [body for body in sorted(owners) if model.body_weldid[body] != 0]
 
 
 def _poses(model: mujoco.MjModel, bodies: Sequence[int], frames: Sequence[Frame]) -> NDArray[np.float64]:
-    """Positions [m] and quaternions (n, k, 7) of bodies; no quaternion jumps to -q."""
+    """Positions [m] and quaternions (n, k, 7) of bodies, without jumps of a quaternion to -q."""
     data = mujoco.MjData(model)
     rows = []
     for frame in frames:
@@ -179,7 +179,7 @@ def _is_visible(model: mujoco.MjModel, geom: int) -> bool:
 
 
 def _shape(model: mujoco.MjModel, geom: int) -> str:
-    """Name of the shape; "" for one that a page does not draw, such as a height field."""
+    """Name of the shape, "" for a shape that a page does not draw, such as a height field."""
     return _SHAPES.get(mujoco.mjtGeom(int(model.geom_type[geom])), "")
 
 
@@ -211,7 +211,7 @@ def _geom(
 
 
 def _mesh(model: mujoco.MjModel, mesh: int, arrays: ArrayBlock) -> dict[str, Any]:
-    """A mesh with its corners in 16 bits of its own size."""
+    """A mesh, with its corners in 16 bits relative to its own size."""
     first, faces = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
     vertices = model.mesh_vert[first : first + model.mesh_vertnum[mesh]]
     triangles = model.mesh_face[faces : faces + model.mesh_facenum[mesh]]
@@ -228,7 +228,7 @@ def _rounded(values: ArrayLike) -> list[float]:
 
 
 def _plan(plan: Solution, arrays: ArrayBlock) -> dict[str, Any]:
-    """The actions of a plan and the choices of its clearance locations."""
+    """Actions of a plan and choices of its clearance locations."""
     first = plan.actions[0].scene
     views = {action.scene.robot.arm_name: action.scene for action in plan.actions}
     placers = {arm: placer_of(scene) for arm, scene in views.items()}
@@ -242,7 +242,7 @@ def _plan(plan: Solution, arrays: ArrayBlock) -> dict[str, Any]:
 
 
 def _search(report: SearchReport, arrays: ArrayBlock) -> dict[str, Any]:
-    """The decisions of a search, each with the places that were left when it was made, on every support."""
+    """Decisions of a search, each with the places left at that time, on every support."""
     beliefs = [
         [_cells(grid, _NGR2 * step.places[name].astype(np.uint8), arrays) for name, grid in step.grids.items()]
         for step in report.steps
@@ -272,7 +272,7 @@ def _action(action: BoundAction, placer: Placer, arrays: ArrayBlock) -> dict[str
 
 
 def _bases(contact: Contact, placer: Placer) -> NDArray[np.float64]:
-    """Base poses (k, 3) from which the map reaches the gripper's pose at a contact, and the planned one first."""
+    """Base poses (k, 3) from which the map reaches the gripper pose of a contact, the planned one first."""
     T = contact.tcp
     pitch = math.atan2(-T[2, 0], T[2, 2])
     found, _ = placer.bases(np.array([(*T[:3, 3], contact.yaw, pitch)]), _BASES)
@@ -293,7 +293,7 @@ def _choice(picture: ClearancePicture, arrays: ArrayBlock) -> dict[str, Any]:
 
 
 def _surface(surface: DrawnSurface, arrays: ArrayBlock) -> dict[str, Any]:
-    """The cells of a support: x along the rows, y along the columns of a picture of bytes."""
+    """Cells of a support, as a picture of bytes with x along the rows and y along the columns."""
     grid, region = surface.grid, surface.region
     cells = _NGR1 * region.ngr1.astype(np.uint8) + _NGR2 * region.ngr2.astype(np.uint8)
     if surface.in_work is not None:
@@ -311,7 +311,7 @@ def _cells(grid: SupportGrid, cells: NDArray[np.uint8], arrays: ArrayBlock) -> d
 
 
 def _on_surfaces(surfaces: Sequence[DrawnSurface], places: ArrayLike) -> NDArray[np.float64]:
-    """Places (n, 2) with the height of the surface that each lies on: (n, 3) [m]."""
+    """Places (n, 2) with the height of their surface: (n, 3) [m]."""
     points = np.asarray(places, dtype=float).reshape(-1, 2)
     heights = np.full(len(points), surfaces[0].grid.height)
     for surface in surfaces:

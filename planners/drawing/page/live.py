@@ -1,4 +1,4 @@
-"""A running episode in a browser: a server on this machine alone that sends states and plans as they come."""
+"""A running episode in a browser: a server for this machine only sends states and plans as they come."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from planners.drawing.page.page import episode_title, page_html
 from planners.expert.report import Recording
 
 _HOST = "127.0.0.1"
-"""Other machines cannot connect."""
+"""Local address: other machines cannot connect."""
 _EVENTS = "/events"
 _FRAMES = 3
 """New frames that are sent together: 0.15 s of the episode."""
 _PATIENCE_S = 5.0
-"""[s] that a browser may take to accept data; after it the connection is given up."""
+"""Time [s] that a browser may take to accept data. After it, the connection is closed."""
 
 
 class LivePage:
-    """Serves one episode; a browser that comes late, or comes back, gets everything from where it was.
+    """Server of one episode. A browser that connects late, or again, gets everything that it missed.
 
     Example:
         page = LivePage(expert.recording)
@@ -34,11 +34,11 @@ class LivePage:
         page.close()
 
     Attributes:
-        address: of the page, on 127.0.0.1.
+        address: address of the page, on 127.0.0.1.
     """
 
     def __init__(self, recording: Recording, port: int = 0) -> None:
-        """Start to serve the beginning of an episode at a port, 0 for a free one; raises `OSError` if it is taken."""
+        """Start to serve the beginning of an episode at a port, 0 for a free one. Raises `OSError` if it is taken."""
         title = episode_title(recording)
         self._bodies = moving_bodies(recording.model)
         self._sent = recording
@@ -48,18 +48,18 @@ class LivePage:
         self._thread.start()
 
     def update(self, recording: Recording) -> None:
-        """Send what is new, as soon as there is a plan, a deviation or some frames."""
+        """Send the news, once a plan, a deviation or some frames are new."""
         sent = self._sent
         is_news = len(recording.solves) > len(sent.solves) or len(recording.notes) > len(sent.notes)
         if is_news or len(recording.frames) >= len(sent.frames) + _FRAMES:
             self._send(recording)
 
     def finish(self, recording: Recording, rows: Mapping[str, str], result: str) -> None:
-        """Send the rest and the report; browsers show the episode on, without this server."""
+        """Send the rest and the report. Browsers continue to show the episode without this server."""
         self._send(recording, rows=list(rows.items()), result=result)
 
     def close(self) -> None:
-        """Stop to serve, after browsers have got everything."""
+        """Stop the server, after browsers have received everything."""
         self._server.end()
         self._server.shutdown()
         self._server.server_close()
@@ -74,7 +74,7 @@ class LivePage:
 
 
 class _Server(ThreadingHTTPServer):
-    """Gives the page and all messages, in order, to every browser; closing it waits until they are sent."""
+    """Sends the page and all messages, in order, to every browser. `server_close` waits until they are sent."""
 
     daemon_threads = False
 
@@ -91,20 +91,20 @@ class _Server(ThreadingHTTPServer):
             self._changed.notify_all()
 
     def end(self) -> None:
-        """No more messages come."""
+        """Mark the end of the messages."""
         with self._changed:
             self._has_ended = True
             self._changed.notify_all()
 
     def message(self, number: int) -> str | None:
-        """The message of that number, as soon as it is there; None if it will not come."""
+        """Message of that number, once available. None after the end."""
         with self._changed:
             self._changed.wait_for(lambda: self._has_ended or number < len(self._messages))
             return self._messages[number] if number < len(self._messages) else None
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """One request; only this machine's own names for itself are accepted, so that no foreign page can read along."""
+    """One request. Only this machine's own host names are accepted, so that no foreign page can read along."""
 
     server: _Server
     timeout = _PATIENCE_S
@@ -124,7 +124,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.NOT_FOUND)
 
     def log_message(self, format: str, *args: object) -> None:
-        """Requests are not logged."""
+        """Suppress the log of requests."""
 
     def _start(self, kind: str) -> None:
         self.send_response(HTTPStatus.OK)
@@ -133,7 +133,7 @@ class _Handler(BaseHTTPRequestHandler):
         self.end_headers()
 
     def _send_messages(self) -> None:
-        """The messages after the last one that this browser has; until the episode ends or the browser leaves."""
+        """Send the messages after the last one of this browser, until the episode ends or the browser leaves."""
         last = self.headers.get("Last-Event-ID", "")
         number = int(last) + 1 if last.isdigit() else 0
         try:

@@ -21,26 +21,26 @@ from planners.scene.moving import carried_by, moved, without_pull
 from planners.tamp.solution import Solution
 
 _SCRIPTS = ("matrix", "shapes", "renderer", "data", "marks", "scene", "camera", "timeline", "panel", "page")
-"""In this order on the page: each uses those before it."""
+"""Scripts in their order on the page: each uses those before it."""
 _SUPPORT, _OTHER = (0.80, 0.68, 0.53, 1.0), (0.86, 0.87, 0.88, 1.0)
 """Colours of supports and of other static obstacles."""
 
 
 def write_page(path: Path, recording: Recording, rows: Mapping[str, str], result: str = "", title: str = "") -> None:
-    """Write the page of a recording, with the names and values of its report; `result` as for `page_text`."""
+    """Write the page of a recording, with the names and values of its report. `result` as for `page_text`."""
     title = title or episode_title(recording)
     path.write_text(page_html(title, page_text(recording, title, rows, result)), encoding="utf-8")
 
 
 def episode_title(recording: Recording) -> str:
-    """Such as "object_03 out of 15 objects"; of a goal with places "8 objects"."""
+    """Title, such as "object_03 out of 15 objects". For a goal with places, "8 objects"."""
     return f"{recording.target} out of {len(recording.objects)} objects".removeprefix(" out of ")
 
 
 def page_html(title: str, content: str, address: str = "") -> str:
-    """The page of a JSON text as from `ArrayBlock.text`.
+    """Page of a JSON text, as from `ArrayBlock.text`.
 
-    The address is that of the events of a running episode, on the server that the page comes from; "" for none.
+    `address` is the address of the events of a running episode, on the page's own server, "" for none.
     """
     folder = files(__package__) / "static"
     scripts = "\n".join((folder / f"{name}.js").read_text(encoding="utf-8") for name in _SCRIPTS)
@@ -67,15 +67,15 @@ def write_plan_page(plan: Solution, path: Path) -> None:
 
 
 def plan_recording(plan: Solution) -> Recording:
-    """The motions of a plan, one action after the other; a held object moves with the gripper, all others rest.
+    """Recording of a plan's motions, one action after the other. A held object moves with the gripper, all others rest.
 
-    A handle that is held moves what opens, and what stands in it.
+    A held handle moves its drawer or door, and the contents.
     """
     if not plan.actions:
         raise ValueError("a plan without actions has nothing to show")
     first = without_pull(plan.actions[0].scene)
     model = scene_model(first, can_open=True)
-    for geom in range(model.ngeom):  # a planner's scene has no colours for its static obstacles
+    for geom in range(model.ngeom):  # the planner's scene has no colours for static obstacles
         name, body = model.geom(geom).name, model.body(model.geom_bodyid[geom]).name
         if body == "world" or body.startswith(OPENING):
             model.geom_rgba[geom] = _SUPPORT if name.rpartition("/")[2] in first.supports[:1] else _OTHER
@@ -84,7 +84,7 @@ def plan_recording(plan: Solution) -> Recording:
 
 
 def _frames(plan: Solution, model: mujoco.MjModel) -> Iterator[Frame]:
-    """One frame for each control step; the scene of an action says where its objects stand and what is open."""
+    """Frames, one for each control step. The scene of an action gives object poses and openings."""
     start = 0.0
     for index, action in enumerate(plan.actions):
         scene, trajectory = without_pull(action.scene), action.trajectory
@@ -112,7 +112,7 @@ def _frames(plan: Solution, model: mujoco.MjModel) -> Iterator[Frame]:
 
 
 def _pull(positions: ModelPositions, scene: Scene, pull: Pull, handle: Body) -> None:
-    """Move what a handle opens to where the handle is, and what stands in it."""
+    """Move the drawer or door of a handle to the handle's position, with the contents."""
     opening, before = scene.opening(pull.opening), scene.body(pull.handle)
     if opening.kind == "slide":
         by = float((handle.position - before.position) @ opening.axis)
