@@ -53,7 +53,7 @@ class InverseTable:
     Attributes:
         reachability_map, grid: the map that was inverted, and its cells.
         bases: as arrays, for kernels.
-        decisions: exact ones about bases.
+        decisions: exact decisions about bases.
     """
 
     def __init__(self, reachability_map: ReachabilityMap) -> None:
@@ -182,7 +182,7 @@ def inverse_reachability_on_floor(x: Floats, y: Floats, yaw: Floats) -> tuple[Fl
 
 _NO_RANKING = Ranking(np.empty(0, np.uint16), np.empty(0, np.int64), np.empty((0, 0), np.int32))
 for _array in _NO_RANKING:
-    _array.setflags(write=False)  # as of every ranking, so that kernels are compiled only once
+    _array.setflags(write=False)  # as in every ranking, so that kernels are compiled only once
 
 
 def invert_map(rm: ReachabilityMap) -> Bases:

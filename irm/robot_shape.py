@@ -342,7 +342,7 @@ def _corners(shapes: list[Floats]) -> Floats:
 
 def _room(shapes: list[Floats], points: Floats) -> Floats:
     """(n,) radius of the largest ball around each point (n, 3) inside one of the shapes. Negative outside."""
-    from scipy.spatial import ConvexHull  # a tenth of a second, which only this needs
+    from scipy.spatial import ConvexHull  # an import of a tenth of a second, for this function alone
 
     room = np.full(len(points), -np.inf)
     for shape in shapes:

@@ -193,7 +193,7 @@ def ik_pan(arm: ChainArrays, approach: Floats, wrist: Floats, c1: float, s1: flo
 
 
 SLACK = 1e-8
-"""[m], [m²] or [rad] Least violation of a bound that counts, so that rounding cannot exclude a solution."""
+"""[m], [m²] or [rad] Tolerance of a violated bound, so that rounding cannot exclude a solution."""
 MAX_RECTANGLES = 4000
 """Most rectangles examined per pose before it stays UNKNOWN. Most poses need fewer than 30."""
 

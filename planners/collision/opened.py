@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 STEPS = 12
 """Places on the way of a drawer or door at which collisions are tested."""
 GAP = 0.004
-"""[m] Gap between a drawer or door and objects on its way, and objects that are put down beside this way."""
+"""[m] Gap between a moving drawer or door and other objects, and between its way and objects that are put down."""
 
 
 def way(opening: Opening, position: float, steps: int = STEPS) -> Array:
