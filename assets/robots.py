@@ -110,6 +110,11 @@ _PAGES: dict[str, dict[str, Any]] = {
 """Data of robots by name, in addition to their MJCF files `mjcf/<name>.xml`. See `docs/add_a_robot.md`."""
 
 
+def robot_names() -> tuple[str, ...]:
+    """Names of the package's robots."""
+    return tuple(sorted((*_ROBOTS, *_PAGES)))
+
+
 def robot(robot: str | RobotSpec | Mapping[str, Any]) -> RobotSpec:
     """Find the robot of that name, or read an MJCF file with its page next to it, `arm.xml` and `arm.json`.
 
@@ -131,7 +136,7 @@ def robot(robot: str | RobotSpec | Mapping[str, Any]) -> RobotSpec:
             raise UnknownRobot(f"no robot {robot!r}: a file needs its page {files[1].name} beside it")
         return _of_files(*files, *(file.stat().st_mtime_ns for file in files))
     if not isinstance(robot, str) or robot not in _ROBOTS:
-        known = ", ".join(sorted((*_ROBOTS, *_PAGES)))
+        known = ", ".join(robot_names())
         raise UnknownRobot(f"no robot {robot!r}; known robots: {known}; or give an MJCF file or an assets.RobotSpec")
     return _ROBOTS[robot]
 
