@@ -85,7 +85,7 @@ class RobotSpec:
     base_radius: float
     """[m] Radius of the circle that contains the base footprint."""
     base_height: float
-    """[m]."""
+    """[m] Height of the base."""
     meshes: tuple[LinkMesh, ...] = field(default=(), repr=False)
     mesh_package: str = ""
     mesh_folder: str = ""

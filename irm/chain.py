@@ -229,7 +229,8 @@ class ArmChain:
     ) -> ArmChain:
         """The chain of a table of joints, one row per joint from the base on. It needs no file and no model.
 
-        A lift, a slide along z, comes first. The chain has no shapes, so every configuration is free of self-collision.
+        A lift, a slide along z, comes first. The chain has no shapes, so every configuration is taken as free of
+        self-collision.
 
         Args:
             joints: of the arm.

@@ -166,8 +166,8 @@ def best_apart(x: Floats, y: Floats, score: NDArray[Any], count: int, separation
 def inverse_reachability_on_floor(x: Floats, y: Floats, yaw: Floats) -> tuple[Floats, Floats, Floats]:
     """Equation 5: T_eff = [R(0, β, α), (0, 0, z)], T_base = [Rz(-γ), Rz(π - γ) (x, y, 0)].
 
-    The base stays on the floor, relative to a TCP above the origin with approach yaw 0. Height z, pitch β and roll α of
-    the TCP stay the same. They are the key of the bases.
+    The base stays on the floor, for a TCP above the origin with approach yaw 0. Height z, pitch β and roll α of the TCP
+    stay the same. They are the key of the bases.
 
     Args:
         x, y: (n,) TCP positions in the base frame [m].

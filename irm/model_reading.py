@@ -112,7 +112,7 @@ class LoadedModel(NamedTuple):
 
 
 def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: str) -> dict[str, Any]:
-    """Read the fields of the `ArmChain` from `base` to `tip`, see `ArmChain.from_mjcf`.
+    """Read the fields of the `ArmChain` from `base` to `tip`, see `ArmChain.from_mjcf`. `_frames` places the frames.
 
     Raises:
         ChainError: no such file, body or site, or the joints between them are not those of an arm.

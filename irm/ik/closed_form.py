@@ -401,6 +401,7 @@ def decide_poses(arm: ChainArrays, T: Floats, answers: NDArray[np.int8], configu
                 answers[n] = UNKNOWN
                 break
             queue[last], queue[last + 1] = box, box
+            # Cut the longer side. A turn moves the wrist by about rho times the angle.
             cut = 0 if box[1] - box[0] > pose.rho * (box[3] - box[2]) else 2
             middle = torso if cut == 0 else pan
             queue[last, cut + 1], queue[last + 1, cut] = middle, middle

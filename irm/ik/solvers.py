@@ -387,6 +387,7 @@ def _find_free(
             for k in range(count):
                 fk_frames(arm.chain.offsets, arm.chain.axes, arm.chain.tip, found[k], frames, origins)
                 place_shapes(shapes, placed, frames, origins)
+                # The gripper's place relative to the torso is the same for all solutions at this height.
                 gripper_is_free = gripper_is_free or not any_near(shapes, placed, 0, CLEARANCE)
                 if not gripper_is_free:
                     reached += angles.size

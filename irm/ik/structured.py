@@ -56,7 +56,7 @@ _NONE = np.int64(0)
 
 class SphericalGoal(NamedTuple):
     """A pose to reach: the `wrist`, and the images of the last axis and of a `side` of it under its orientation.
-    `upward`: direction in which the wrist moves when the lift goes down."""
+    `side_at_zero`: the side at zero. `upward`: direction in which the wrist moves when the lift goes down."""
 
     wrist: Vector
     last_axis: Vector

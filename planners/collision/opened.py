@@ -25,7 +25,7 @@ def way(opening: Opening, position: float, steps: int = STEPS) -> Array:
 
 
 def pulled(scene: Scene, position: float | None = None, turned: float | None = None) -> Scene:
-    """Scene after its handle has been pulled, to a position or to the requested one. A lever is turned before."""
+    """Scene after its handle has been pulled, to `position` or to the position of the pull. A lever is turned first."""
     assert scene.pull is not None
     pull = scene.pull
     if pull.lever:

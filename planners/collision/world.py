@@ -257,7 +257,7 @@ class CollisionWorld:
             X: (k, 11) whole-body configurations, base and `q`.
             opening, held, ignore: as for all checks.
             step: largest motion of any point of the robot between two checks [m].
-            first_only: stop at the first hit: the mask is then 0 only if nothing is hit, but may lack other hits.
+            first_only: stop at the first hit. The mask is then 0 only without any hit, but may lack other hits.
         """
         query = self.query(opening, held, ignore, first_only)
         return int(path_hits(query, np.array(X, dtype=float, order="C"), float(step)))
@@ -339,6 +339,7 @@ def with_clearance_around(world: CollisionWorld, name: str) -> CollisionWorld:
             continue
         if _stands_on(world, body, other):
             world, lacks = world.with_body(other.at(other.position - [0.0, 0.0, gap])), world.padding
+        # Sizes increase, so the first that keeps the distance is the least reduction.
         smaller = ((size, shrunk_solids(obstacles.pieces, size)) for size in sizes)
         rows, others = obstacles.rows(index), (world.obstacles.pieces, obstacles.rows(row))
         apart = (float(size) for size, shrunk in smaller if not _are_near((shrunk, rows), others, lacks))

@@ -455,8 +455,7 @@ def find_supports(
     found: Sequence[FoundObstacle], wanted: Iterable[str], objects: Sequence[Body] = ()
 ) -> tuple[str, ...]:
     """Find the names of the obstacles on which objects can be put, by the names of geoms or bodies, without duplicates.
-    A body stands for its highest level top that is at least half as large as the largest: the floor of a bin, not its
-    rim.
+    A body yields its highest level top that is at least half as large as its largest: the floor of a bin, not its rim.
 
     Raises:
         SceneError: no support of a name. The message lists the possible supports with heights [m], those with `objects`
