@@ -1,4 +1,4 @@
-"""Data of the project: robots, PDDL text, trained weights."""
+"""Data of the project: robots, PDDL text, trained weights. Of the project's packages, assets imports only `irm`."""
 
 from typing import TYPE_CHECKING, Any
 

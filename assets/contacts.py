@@ -39,7 +39,7 @@ def paired_name(geom: int) -> str:
 @cache
 def robot_contacts(robot: RobotSpec) -> RobotContacts:
     """Read the robot's contacts from its MJCF file, once. Joints that stay still are in `still_configuration`."""
-    import mujoco  # the environments have it; a robot's data do without
+    import mujoco  # the environments have the simulator, a robot's data do not need it
 
     from irm.self_contact import BASE, is_solid, link_of_body
 

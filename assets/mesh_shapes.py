@@ -177,7 +177,7 @@ def _around_axis(points: Floats) -> Iterator[tuple[float, mjtGeom, Floats, Float
     """Volume, kind, size, centre and rotation of a box, a cylinder and a capsule along z that contain points (v, 3)."""
     flat, middle = points[:, :2], (points[:, 2].max() + points[:, 2].min()) / 2
     half, centre = float(points[:, 2].max() - middle), flat.mean(axis=0)
-    for k in range(_ROUNDS):  # towards the farthest point, by less and less: the centre of the smallest circle
+    for k in range(_ROUNDS):  # ever smaller steps to the farthest point: towards the centre of the smallest circle
         away = flat - centre
         centre = centre + away[np.argmax((away * away).sum(axis=1))] / (k + 2)
     beside = np.linalg.norm(flat - centre, axis=1)

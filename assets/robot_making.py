@@ -453,7 +453,7 @@ class _Maker:
                 self.meshes += 1
                 for shape in shapes_around(*_surface(model, geom), self._joints_of(body)):
                     to.add_geom(**shape, mass=0)
-            else:  # the planner knows no ellipsoids: a box is around it
+            else:  # the planner knows no ellipsoids, so a box replaces it
                 kind = mjtGeom.mjGEOM_BOX if kind == mjtGeom.mjGEOM_ELLIPSOID else kind
                 to.add_geom(type=kind, size=model.geom_size[geom], mass=0, pos=place[0], quat=place[1])
 

@@ -1,6 +1,6 @@
 """Motors of a robot: torques from its file, torques that gravity requires, and assumed torques where the file has none.
 
-Where a file has no torque, a joint is assumed to have `_MARGIN` times the torque that holds the outstretched arm with
+A joint without a torque in the file is assumed to have `_MARGIN` times the torque that holds the outstretched arm with
 an object. Gravity may pull in any direction, so that a joint about the vertical has its share too. A joint that bears
 no load, such as a wrist that turns the hand, has `_LEAST` of the largest torque.
 """

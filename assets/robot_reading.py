@@ -181,7 +181,7 @@ def collision_geoms(
             idle.add(body)
     base = model.body(base_body).id
     of_robot = is_solid(model) & (model.body_rootid[model.geom_bodyid] == base)
-    links, last = link_of_body(model, joints), len(joints) - 1  # a body may stand after the arm in the file
+    links, last = link_of_body(model, joints), len(joints) - 1  # a body may come after the arm in the file
 
     def group(geom: int) -> tuple[bool, bool]:
         body = int(model.geom_bodyid[geom])

@@ -85,7 +85,7 @@ class RobotSpec:
     base_radius: float
     """[m] Radius of the circle that contains the base footprint."""
     base_height: float
-    """[m]."""
+    """[m] Height of the base."""
     meshes: tuple[LinkMesh, ...] = field(default=(), repr=False)
     mesh_package: str = ""
     mesh_folder: str = ""
@@ -184,7 +184,7 @@ class RobotSpec:
                 same lift) and optional fields. The first arm is active, see `using` and `with_all_arms`.
 
         Raises:
-            FileNotFoundError: there is no such file.
+            FileNotFoundError: no such file.
             InvalidRobot: the file lacks a name of the page, or both do not describe a robot. The message gives the
                 reason.
         """
@@ -200,7 +200,7 @@ class RobotSpec:
         """The robot's MJCF file.
 
         Raises:
-            FileNotFoundError: there is no such file.
+            FileNotFoundError: no such file.
         """
         return path(self.mjcf)
 
@@ -249,7 +249,7 @@ class RobotSpec:
 
     @property
     def full_name(self) -> str:
-        """The name, with that of the active arm if there are several: "pr2_right"."""
+        """The name, extended by that of the active arm if the robot has several: "pr2_right"."""
         return f"{self.name}_{self.arm_name}" if self.arm_name else self.name
 
     @property

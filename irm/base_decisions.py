@@ -27,7 +27,8 @@ Integers = NDArray[np.int64]
 SPARE_BASES = 8
 """Bases decided beyond the requested number, to replace those that are dropped."""
 _MORE_BASES, _AT_A_TIME = 256, 16
-"""Bases decided beyond the requested number before an answer has no certain base, and the number decided at a time."""
+"""Bases decided beyond the requested number before an answer is given without a certain base, and the number decided at
+a time."""
 AtOneTurn = bool
 Ranked = Callable[[int, AtOneTurn], Floats]
 """The best bases of a query: at most the given number of rows (m, 7) of x, y, yaw, approach yaw, μ, torso, certain.
@@ -85,12 +86,14 @@ class BaseDecisions:
             return rows, None
         if not options.exact:
             kept, q = self._decided(rows, poses, options)
+            # The map's choice stands if no base is dropped and at least one is certain.
             if len(kept) == len(rows) and kept[:, 6].any():
                 return kept, q
         if len(rows) == options.k:
             rows = ranked(options.k + SPARE_BASES, False)
         rows, q = self._decided(rows, poses, options)
         if not rows[:, 6].any():
+            # No base is certain: decide many more, in small batches, until one is.
             others = ranked(options.k + _MORE_BASES, True)
             for first in range(0, len(others), _AT_A_TIME):
                 some, found = self._decided(others[first : first + _AT_A_TIME], poses, options)

@@ -229,11 +229,12 @@ class ArmChain:
     ) -> ArmChain:
         """The chain of a table of joints, one row per joint from the base on. It needs no file and no model.
 
-        A lift, a slide along z, comes first. The chain has no shapes, so every configuration is free of self-collision.
+        A lift, a slide along z, comes first. The chain has no shapes, so every configuration is taken as free of
+        self-collision.
 
         Args:
             joints: of the arm.
-            tcp_offset: (3,) origin of the TCP in the last joint's frame [m]; its x axis is the approach.
+            tcp_offset: (3,) origin of the TCP in the last joint's frame [m]. Its x axis is the approach.
             tcp_rotation: (3, 3) its orientation there.
             name: of the arm.
 
@@ -366,7 +367,7 @@ def chain_arrays(chain: ArmChain, torso_range: tuple[float, float] | None = None
     arrays = ChainArrays(*(getattr(chain, name).copy() for name in ChainArrays._fields))
     if torso_range is not None:
         arrays.lower[0], arrays.upper[0] = torso_range
-    for array in arrays:  # one type of arrays for kernels, which are compiled once
+    for array in arrays:  # kernels are compiled once, for one type of arrays
         array.setflags(write=False)
     return arrays
 

@@ -165,7 +165,7 @@ class _Search:
         found = self._common_bases(k)
         if len(found.rows) and self._is_exact_wanted(found):
             kept = self._decided(found)
-            if kept.rows[:, 4].sum() < len(found.rows):  # others may take the places of those that are not certain
+            if kept.rows[:, 4].sum() < len(found.rows):  # others may replace uncertain bases
                 kept = self._decided(self._common_bases(k + SPARE_BASES))
             found = kept
         if len(found.rows):

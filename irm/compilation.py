@@ -44,7 +44,7 @@ class _Compiler(Compiler):  # type: ignore[misc]  # numba has no type hints
         with global_compiler_lock:
             level, (new_objects, *older) = config.OPT, gc.get_threshold()
             config.OPT = min(level, type(level)(_OPTIMISATION))
-            if new_objects:  # 0: the user has turned it off
+            if new_objects:  # 0 means that the user has turned collection off
                 gc.set_threshold(max(new_objects, _NEW_OBJECTS), *older)
             try:
                 return super().compile_extra(function)

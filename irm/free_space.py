@@ -26,7 +26,7 @@ DEFAULT_MARGIN = 2.0
 """[m] of floor kept around the outlines when no bounds are given: more than any arm's reach."""
 _MAX_CELLS = 25_000_000
 _FAR = 1e9
-"""[m] Distance to free floor where there is none."""
+"""[m] Distance to free floor if no floor is free."""
 
 
 class Raster(NamedTuple):
@@ -200,7 +200,7 @@ class FreeSpace:
     ) -> FreeSpace:
         """Floor around simple polygons, each (v, 2) corners [m] in order. The other arguments are those of
         `from_boxes`."""
-        from scipy.ndimage import distance_transform_edt  # a tenth of a second, which only this needs
+        from scipy.ndimage import distance_transform_edt  # an import of a tenth of a second, for this function alone
 
         shape_rule = "a polygon is an array (v, 2) of at least 3 corners"
         outlines = [_numbers(polygon, shape_rule) for polygon in polygons]

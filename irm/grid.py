@@ -1,7 +1,7 @@
 """The cells of a reachability map: its parameters, sampled TCP orientations, and voxels of TCP positions.
 
 Orientations are R(γ, β, α) = Rz(yaw γ) Ry(pitch β) Rx(roll α) of the TCP, whose x axis is the approach. The approach
-axes lie on 2 m - 1 rings of equal pitch, π / 2m apart, with 4 m yaws each, and at the 2 poles; m = 3 gives the 62 of
+axes lie on 2 m - 1 rings of equal pitch, π / 2m apart, with 4 m yaws each, and at the 2 poles. m = 3 gives the 62 of
 the paper. At a pole, yaw and roll turn about the same axis. There the map has roll 0 alone, with one *yaw* sample per
 roll. With one roll sample and a wrist that does not roll freely, the poles have as many yaws as the rings.
 """
@@ -89,7 +89,7 @@ class MapParameters:
 
 
 def refinement(orientations: int) -> int:
-    """m of an orientation count.
+    """Refinement m of an orientation count.
 
     Raises:
         ReachabilityError: no such set. The message lists the available counts.
@@ -190,7 +190,7 @@ class Orientations:
 
 
 def _rings(m: int, pitches: tuple[float, ...]) -> list[int]:
-    """Multiples of π / 2m: all of them, or the requested ones."""
+    """Multiples of π / 2m: all, or only those of the requested pitches."""
     if not pitches:
         return list(range(-m, m + 1))
     rings = sorted({round(p * 2 * m / np.pi) for p in pitches})

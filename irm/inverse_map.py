@@ -267,7 +267,7 @@ class InverseReachabilityMap:
         Raises:
             QueryError: as for all queries, or a vertical approach with offsets that are not vertical.
         """
-        from irm.common_bases import place_for_path  # its kernels, and inverse kinematics, when first asked for
+        from irm.common_bases import place_for_path  # kernels and inverse kinematics are imported at the first use
 
         options = checked_options(keywords)
         points, bounds = as_positions(waypoints), as_yaw_range(yaw_range)
@@ -442,7 +442,7 @@ class ClassicalInverseReachabilityMap:
         score = (self._mu if options.order == "manipulability" else self._by_certainty)[base]
 
         def ranked(count: int, at_one_turn: bool) -> Floats:
-            if at_one_turn:  # the first one of each, in the order of the score
+            if at_one_turn:  # the first turn of each base, in the order of the score
                 _, first = np.unique(base, return_index=True)
                 chosen = first[np.argsort(-score[first], kind="stable")][:count]
             else:

@@ -53,7 +53,7 @@ class InverseTable:
     Attributes:
         reachability_map, grid: the map that was inverted, and its cells.
         bases: as arrays, for kernels.
-        decisions: exact ones about bases.
+        decisions: exact decisions about bases.
     """
 
     def __init__(self, reachability_map: ReachabilityMap) -> None:
@@ -166,8 +166,8 @@ def best_apart(x: Floats, y: Floats, score: NDArray[Any], count: int, separation
 def inverse_reachability_on_floor(x: Floats, y: Floats, yaw: Floats) -> tuple[Floats, Floats, Floats]:
     """Equation 5: T_eff = [R(0, β, α), (0, 0, z)], T_base = [Rz(-γ), Rz(π - γ) (x, y, 0)].
 
-    The base stays on the floor, relative to a TCP above the origin with approach yaw 0. Height z, pitch β and roll α of
-    the TCP stay the same. They are the key of the bases.
+    The base stays on the floor, for a TCP above the origin with approach yaw 0. Height z, pitch β and roll α of the TCP
+    stay the same. They are the key of the bases.
 
     Args:
         x, y: (n,) TCP positions in the base frame [m].
@@ -182,7 +182,7 @@ def inverse_reachability_on_floor(x: Floats, y: Floats, yaw: Floats) -> tuple[Fl
 
 _NO_RANKING = Ranking(np.empty(0, np.uint16), np.empty(0, np.int64), np.empty((0, 0), np.int32))
 for _array in _NO_RANKING:
-    _array.setflags(write=False)  # as of every ranking, so that kernels are compiled only once
+    _array.setflags(write=False)  # as in every ranking, so that kernels are compiled only once
 
 
 def invert_map(rm: ReachabilityMap) -> Bases:

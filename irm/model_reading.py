@@ -112,13 +112,13 @@ class LoadedModel(NamedTuple):
 
 
 def read_arm(model: mujoco.MjModel | str | Path, base: str, tip: str, approach: str) -> dict[str, Any]:
-    """Read the fields of the `ArmChain` from `base` to `tip`, see `ArmChain.from_mjcf`.
+    """Read the fields of the `ArmChain` from `base` to `tip`, see `ArmChain.from_mjcf`. `_frames` places the frames.
 
     Raises:
         ChainError: no such file, body or site, or the joints between them are not those of an arm.
     """
     for frame in (base, tip):
-        if not isinstance(frame, str):  # MuJoCo looks up whatever it is given: None ends the process
+        if not isinstance(frame, str):  # MuJoCo looks up any value: None would end the process
             raise ChainError(f"base and tip are names of the model, not {frame!r}")
     name = ""
     if not isinstance(model, mujoco.MjModel):
@@ -174,7 +174,7 @@ def load_robot(path: Path, mesh_scale: float = 1.0, radians: bool = False) -> Lo
 
     Raises:
         ChainError: the file is neither.
-        FileNotFoundError: there is no such file.
+        FileNotFoundError: no such file.
     """
     text, unread, velocities = _mujoco_urdf(path) if _first_element(path) == "robot" else ("", {}, {})
     try:
@@ -222,7 +222,7 @@ def load_urdf(path: Path) -> mujoco.MjModel:
     logged for each.
 
     Raises:
-        FileNotFoundError: there is no such file.
+        FileNotFoundError: no such file.
         ChainError: the file is no URDF file.
     """
     text, unread, _ = _mujoco_urdf(path)

@@ -480,7 +480,7 @@ def _best_bases_of_some(
         if queries.keys[i] >= 0:
             x, y, offset = queries.positions[i, 0], queries.positions[i, 1], queries.height_offsets[i]
             place = TcpPlace(queries.keys[i], x, y, offset, queries.exact[i])
-            for ring in range(RINGS):  # masks are those of one TCP
+            for ring in range(RINGS):  # masks belong to one TCP
                 around.masks.sectors[ring], around.masks.is_known[ring] = _ALL, False
             _best_bases(bases, ranking, place, turns, around, rows[i], progress)
         counts[i] = progress[0]

@@ -92,11 +92,11 @@ def checked_options(keywords: QueryKeywords, *, may_be_set: bool = False) -> Que
 
     Raises:
         QueryError: a value has a wrong type, is not finite or is out of its range.
-        TypeError: there is no such keyword.
+        TypeError: no such keyword.
     """
     try:
         options = _recent(**keywords)
-    except TypeError:  # an unknown keyword; or a value that has no hash, such as an array of one number
+    except TypeError:  # an unknown keyword, or a value without a hash, such as an array of one number
         known = QueryKeywords.__annotations__
         unknown = [name for name in keywords if name not in known]
         if unknown:

@@ -473,7 +473,7 @@ def _merge_torso_heights(layers: Iterable[Layer], grid: MapGrid) -> PackedCells:
 
 def _certainty(reachable: Bools, orientations: Orientations) -> NDArray[np.uint8]:
     """Flags of every cell (layers, orientations, x, y), from the cells in reach."""
-    upright = np.zeros_like(reachable)  # with the cells above and below; false in the outermost layers
+    upright = np.zeros_like(reachable)  # with the cells above and below, false in the outermost layers
     upright[1:-1] = reachable[1:-1] & reachable[:-2] & reachable[2:]
     flags = upright.astype(np.uint8) * np.uint8(CERTAIN_IN_HEIGHT)
     for group in range(len(orientations.pitch)):

@@ -4,10 +4,10 @@ The base stops in any direction in front of an obstacle, so its outline is a cir
 obstacle: a torso may extend farther than the base below it.
 
 A map knows the floor plan and the arm's joints. It does not know that a low gripper with a rising approach has its
-wrist inside the table. Some parts of the arm have the same place in the TCP frame in every configuration. These are the
-last link, and balls inside the link before it, around points of the last joint's axis. The third is a ball inside the
-link before that, around the point where the last two axes meet. Where such a part is inside a box, no base can reach
-the TCP pose. Fingers block a pose only if they are inside a box both when closed and when open.
+wrist inside the table. Some parts of the arm have the same place in the TCP frame in every configuration. The first
+part is the last link. The second are balls inside the link before it, around points of the last joint's axis. The third
+is a ball inside the link before that, around the point where the last two axes meet. Where such a part is inside a box,
+no base can reach the TCP pose. Fingers block a pose only if they are inside a box both when closed and when open.
 
 The link before the last may be anywhere in the rings through which its corners turn about the last axis. Where a ring
 is inside a box, the angles of the last two joints decide, because they place the last two links before the gripper.
@@ -342,7 +342,7 @@ def _corners(shapes: list[Floats]) -> Floats:
 
 def _room(shapes: list[Floats], points: Floats) -> Floats:
     """(n,) radius of the largest ball around each point (n, 3) inside one of the shapes. Negative outside."""
-    from scipy.spatial import ConvexHull  # a tenth of a second, which only this needs
+    from scipy.spatial import ConvexHull  # an import of a tenth of a second, for this function alone
 
     room = np.full(len(points), -np.inf)
     for shape in shapes:

@@ -98,7 +98,7 @@ def _count_touching(
         mujoco.mj_kinematics(model, data)
         mujoco.mj_collision(model, data)
         near = index[data.contact.geom[data.contact.dist < CLEARANCE]]
-        touching[near[:, 0], near[:, 1]] += 1  # several contacts of one pair count once
+        touching[near[:, 0], near[:, 1]] += 1  # several contacts of a pair are counted once
     return touching + touching.T
 
 

@@ -321,9 +321,9 @@ def _configuration_path(chain: ArmChain, base: Floats, candidates: list[Floats],
 def _nearest_parents(found: Floats, before: Floats, limits: Floats, turning: NDArray[np.bool_]) -> NDArray[np.int64]:
     """For each configuration (k, n) the nearest of the previous ones (m, n), measured in steps. -1 if none is within
     one step."""
-    from scipy.spatial import KDTree  # a tenth of a second, which only this needs
+    from scipy.spatial import KDTree  # an import of a tenth of a second, for this function alone
 
-    turn = np.where(turning, 2 * np.pi / limits, 0.0)  # of joints that turn without limit; 0 for the others
+    turn = np.where(turning, 2 * np.pi / limits, 0.0)  # of joints without limits, 0 for the others
     some, others = (np.where(turning, np.mod(q, 2 * np.pi), q) / limits for q in (found, before))
     distance, nearest = KDTree(others, boxsize=turn).query(some, p=np.inf)
     return np.where(distance <= 1.0, nearest, -1)

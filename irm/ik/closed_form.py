@@ -193,7 +193,7 @@ def ik_pan(arm: ChainArrays, approach: Floats, wrist: Floats, c1: float, s1: flo
 
 
 SLACK = 1e-8
-"""[m], [m²] or [rad] Least violation of a bound that counts, so that rounding cannot exclude a solution."""
+"""[m], [m²] or [rad] Tolerance of a violated bound, so that rounding cannot exclude a solution."""
 MAX_RECTANGLES = 4000
 """Most rectangles examined per pose before it stays UNKNOWN. Most poses need fewer than 30."""
 
@@ -401,6 +401,7 @@ def decide_poses(arm: ChainArrays, T: Floats, answers: NDArray[np.int8], configu
                 answers[n] = UNKNOWN
                 break
             queue[last], queue[last + 1] = box, box
+            # Cut the longer side. A turn moves the wrist by about rho times the angle.
             cut = 0 if box[1] - box[0] > pose.rho * (box[3] - box[2]) else 2
             middle = torso if cut == 0 else pan
             queue[last, cut + 1], queue[last + 1, cut] = middle, middle

@@ -185,8 +185,9 @@ def _may_turn_wrist(
     half_1, half_2, half_3, half_4 = first[0].half, first[1].half, first[2].half, first[3].half
     low, high, loose = fifth.middle - fifth.half, fifth.middle + fifth.half, TOLERANCE
     if half_3 > _UNDETERMINED:
-        # Where the third axis lies along the fifth, only the sum of their angles is determined. A turn about one equals
-        # the same turn about the other, up to twice the angle between them. The fourth then turns in between.
+        # Where the third axis lies along the fifth, only the sum of their angles is determined. A turn about the third
+        # axis equals the same turn about the fifth, up to twice the angle between them. The fourth then turns in
+        # between.
         loose += 2.0 * asin(min(1.0, norm(cross(seen[2], axis_5)))) + half_4
         low, high, half_3, half_4 = low - half_3, high + half_3, 0.0, 0.0
     halves = half_1, half_2, half_3, half_4
@@ -262,7 +263,7 @@ def _may_bend(arm: ParallelArm, goal: ParallelGoal, first: Angle, fifth: Angle, 
     error_turned = _sine(axis_5, along) * fifth.half / max(_sine(axis_6, turned), _SHORTEST)
     error_back = (turn + _sine(axis_1, along) * first.half) / max(_sine(axis_6, back), _SHORTEST)
     if error_turned >= 1.0 or error_back >= 1.0:
-        return True  # the last axis may be parallel to the others: any of its angles may serve
+        return True  # the last axis may be parallel to the others, so any of its angles is possible
     half_6 = asin(error_turned) + asin(error_back)
     middle_6 = angle_about(scale(-1.0, axis_6), turned, back)
     q6, half_6 = within(middle_6, half_6, arm.lower[5], arm.upper[5])

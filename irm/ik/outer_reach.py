@@ -52,7 +52,7 @@ class _Side(NamedTuple):
 def are_out_of_reach(chain: ArmChain, torso_range: tuple[float, float], T_base_tcp: Floats) -> Bools:
     """(n,) whether the joints certainly do not reach poses (n, 4, 4), with the lift in a range [m]."""
     (low, high), hand = torso_range, pose_of(chain.tip)
-    last = T_base_tcp @ np.linalg.inv(hand)  # frames of the last link: its origin is there at every angle of the joint
+    last = T_base_tcp @ np.linalg.inv(hand)  # frames of the last link, with the same origin at every angle of the joint
     away = last[:, :3, 3] - chain.shoulder
     away[:, 2] -= np.clip(away[:, 2], low, high)
     beyond = ~(np.linalg.norm(away, axis=1) <= chain.reach - np.linalg.norm(hand[:3, 3]) + _ROUNDING)

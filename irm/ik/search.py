@@ -40,7 +40,8 @@ _MOST_BOXES = 4000
 _FINEST = 4.0 * TOLERANCE
 """[m], [rad] Smallest size of a box."""
 _FINEST_ERROR = 0.25
-"""Size of the smallest box relative to the error of the arm's structure [m]. Smaller boxes are hardly ever excluded."""
+"""Size of the smallest box relative to the error of the arm's structure [m]. Smaller boxes are hardly ever excluded if
+this box is not."""
 _CLOSE, _CLOSER = 0.1, 0.3
 """[rad] Initial excess, and factor. A configuration is refined if its excess is below the factor times that of the best
 refined configuration so far."""
@@ -90,6 +91,7 @@ def search(arm: SolverArrays, R: Floats, p: Floats, low: float, high: float, q: 
     count, stride, failures = heights * turns, _coprime_stride(heights * turns), 0
     best, best_lift, best_angle = np.inf, low, first_angle
     for k in range(count):
+        # Distant nodes come first, which finds a solution early.
         node = k * stride % count
         lift = low + (2 * (node // turns) + 1) * half_lift
         angle = first_angle + (2 * (node % turns) + 1) * half_angle

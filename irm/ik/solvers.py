@@ -171,7 +171,7 @@ class ExactSolver:
             return status, q
         status[are_out_of_reach(self.chain, self.torso_range, T)] = NO
         seeds = self._seeds
-        if self.is_iterative:  # the first ones reach most poses, in less time than the search takes
+        if self.is_iterative:  # the first seeds reach most poses, faster than the search
             _solve_from_seeds(self._arrays.chain, T, seeds[:FIRST_SEEDS], low, high, status, q)
             seeds = seeds[FIRST_SEEDS:]
         if self._arrays.bounds.axes.any() or self._arrays.parallel.axes.any():
@@ -370,10 +370,10 @@ def _are_free(chain: ChainArrays, shapes: Shapes, placed: Placed, Q: Floats) -> 
 def _find_free(
     arm: SolverArrays, shapes: Shapes, placed: Placed, R: Floats, p: Floats, torsos: Floats, angles: Floats, q: Floats
 ) -> tuple[int, int]:
-    """Search a free configuration for the TCP pose that `q` reaches. Returns YES with this configuration in `q`, NO if
-    the gripper is in collision at every height, or UNKNOWN. Also returns the number of heights and angles at which the
-    pose is reached, where a height with the gripper in collision adds all its angles. This number is meaningless after
-    YES or NO."""
+    """Search for a free configuration for the TCP pose that `q` reaches. Returns YES with this configuration in `q`, NO
+    if the gripper is in collision at every height, or UNKNOWN. Also returns the number of heights and angles at which
+    the pose is reached, where a height with the gripper in collision adds all its angles. This number is meaningless
+    after YES or NO."""
     n, reached = q.shape[0], 0
     frames, origins, found = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((8, n))
     fk_frames(arm.chain.offsets, arm.chain.axes, arm.chain.tip, q, frames, origins)
@@ -387,6 +387,7 @@ def _find_free(
             for k in range(count):
                 fk_frames(arm.chain.offsets, arm.chain.axes, arm.chain.tip, found[k], frames, origins)
                 place_shapes(shapes, placed, frames, origins)
+                # The gripper's place relative to the torso is the same for all solutions at this height.
                 gripper_is_free = gripper_is_free or not any_near(shapes, placed, 0, CLEARANCE)
                 if not gripper_is_free:
                     reached += angles.size
@@ -412,7 +413,7 @@ def _find_free_from(
     seeds: Floats,
     q: Floats,
 ) -> bool:
-    """Search a free configuration from seeds (m, 1 + n). True if one is found, in `q`."""
+    """Search for a free configuration from seeds (m, 1 + n). True if it is found, in `q`."""
     n, trial = q.shape[0], q.copy()
     frames, origins = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
     for k in range(len(seeds)):

@@ -56,7 +56,7 @@ _NONE = np.int64(0)
 
 class SphericalGoal(NamedTuple):
     """A pose to reach: the `wrist`, and the images of the last axis and of a `side` of it under its orientation.
-    `upward`: direction in which the wrist moves when the lift goes down."""
+    `side_at_zero`: the side at zero. `upward`: direction in which the wrist moves when the lift goes down."""
 
     wrist: Vector
     last_axis: Vector
@@ -137,7 +137,7 @@ def _search_spherical(
     Writes them into `rows`: all if it is (8, 7), only the best if it is (1, 7).
 
     Returns:
-        The number of solutions if there is room for all; and the excess of the best one if there is room for one.
+        The number of solutions (for `rows` with room for all), and the excess of the best (for a single row).
     """
     axis_1, axis_2, axis_3, axis_4 = row(arm.axes, 0), row(arm.axes, 1), row(arm.axes, 2), row(arm.axes, 3)
     pivot, shoulder, elbow = point(arm.pivot), point(arm.shoulder), point(arm.elbow)
@@ -274,7 +274,7 @@ def _search_parallel(arm: ParallelArm, goal: ParallelGoal, enough: float, rows: 
     """Find solutions with an excess below `enough`. Writes all into `rows` (8, 6), or only the best into (1, 6).
 
     Returns:
-        The number of solutions if there is room for all; and the excess of the best one if there is room for one.
+        The number of solutions (for `rows` with room for all), and the excess of the best (for a single row).
     """
     to_meeting = goal.to_meeting
     axis_1, along, axis_5, axis_6 = row(arm.axes, 0), row(arm.axes, 1), row(arm.axes, 4), row(arm.axes, 5)

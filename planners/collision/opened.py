@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 STEPS = 12
 """Places on the way of a drawer or door at which collisions are tested."""
 GAP = 0.004
-"""[m] Gap between a drawer or door and objects on its way, and objects that are put down beside this way."""
+"""[m] Gap between a moving drawer or door and other objects, and between its way and objects that are put down."""
 
 
 def way(opening: Opening, position: float, steps: int = STEPS) -> Array:
@@ -25,7 +25,7 @@ def way(opening: Opening, position: float, steps: int = STEPS) -> Array:
 
 
 def pulled(scene: Scene, position: float | None = None, turned: float | None = None) -> Scene:
-    """Scene after its handle has been pulled, to a position or to the requested one. A lever is turned before."""
+    """Scene after its handle has been pulled, to `position` or to the position of the pull. A lever is turned first."""
     assert scene.pull is not None
     pull = scene.pull
     if pull.lever:

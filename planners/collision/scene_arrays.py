@@ -139,7 +139,7 @@ def obstacle_arrays(scene: Scene) -> Obstacles:
 
 
 def with_object(obstacles: Obstacles, index: int, body: Body) -> Obstacles:
-    """The same obstacles after object number `index` has moved. Its rows in the arrays are made from `body`."""
+    """The same obstacles after object number `index` has moved. Its rows in the arrays come from `body`."""
 
     def put(rows: NDArray[Any], place: int | slice, row: ArrayLike) -> NDArray[Any]:
         """A copy of `rows` with some of them replaced."""

@@ -55,7 +55,7 @@ SUPPORT_SLACK = 0.0005
 """[m] Overlap allowed of a held object's bottom with a static obstacle, so that it can be lifted from a table."""
 _ALL = (1 << 64) - 1
 _KEPT = 32
-"""Arrangements kept. A look-ahead uses one for each object to clear, per arm."""
+"""Most arrangements kept, counted for each arm. A look-ahead uses one per object to clear."""
 _CONTACT = 0.002
 """[m] Largest distance of objects in contact."""
 _LEAN = 0.005
@@ -72,11 +72,11 @@ _SEARCHED, _GRID = 2.0, 0.05
 class _Carried(NamedTuple):
     """Held object, or none, prepared for checks."""
 
-    held: HeldObject | None  # kept, as the robot is, so that its id, by which it is remembered, stays its own
+    held: HeldObject | None  # kept alive, as is the robot, because its id is a part of the key
     robot: RobotArrays
     attached: Attached
-    width: float  # [m] between the fingers; 0 without an object
-    scratch: Scratch  # kernels hold the interpreter's lock, so that no two write to it at once
+    width: float  # [m] between the fingers, 0 without an object
+    scratch: Scratch  # kernels hold the interpreter's lock, so only one writes to it at a time
     queries: dict[tuple[float, int, float, bool], CollisionQuery]
 
 
@@ -91,7 +91,7 @@ class CollisionWorld:
     Attributes:
         scene: the scene it was compiled from.
         robot, obstacles: arrays of both for kernels.
-        padding: [m] Nearer counts as a hit.
+        padding: distance below which solids are in collision [m].
         yields: reduction of the held object's size in checks against objects [m], see `with_clearance_around`.
     """
 
@@ -257,7 +257,7 @@ class CollisionWorld:
             X: (k, 11) whole-body configurations, base and `q`.
             opening, held, ignore: as for all checks.
             step: largest motion of any point of the robot between two checks [m].
-            first_only: stop at the first hit: the mask is then 0 only if nothing is hit, but may lack other hits.
+            first_only: stop at the first hit. The mask is then 0 only without any hit, but may lack other hits.
         """
         query = self.query(opening, held, ignore, first_only)
         return int(path_hits(query, np.array(X, dtype=float, order="C"), float(step)))
@@ -323,9 +323,9 @@ def objects_on(world: CollisionWorld, name: str) -> int:
 def with_clearance_around(world: CollisionWorld, name: str) -> CollisionWorld:
     """The same world, adapted so that an object can be lifted although others are already nearer than the padding.
 
-    Objects under it are lowered by the padding. Where others are beside it, or it leans on or presses into one, the
-    held object is reduced by the missing distance. So the lift may come nearer to them by `SUPPORT_SLACK` at most. The
-    robot itself keeps the padding from these objects.
+    Objects under it are lowered by the padding and `SUPPORT_SLACK`. Where others are beside it, or it leans on or
+    presses into one, the held object is reduced by the missing distance. So the lift may come nearer to them by
+    `SUPPORT_SLACK` at most. The robot itself keeps the padding from these objects.
     """
     body, scene, gap = world.scene.body(name), world.scene, world.padding + SUPPORT_SLACK
     index, obstacles, yields, far = scene.index(name), world.obstacles, 0.0, max(gap, _CONTACT)
@@ -339,6 +339,7 @@ def with_clearance_around(world: CollisionWorld, name: str) -> CollisionWorld:
             continue
         if _stands_on(world, body, other):
             world, lacks = world.with_body(other.at(other.position - [0.0, 0.0, gap])), world.padding
+        # Sizes increase, so the first that keeps the distance is the least reduction.
         smaller = ((size, shrunk_solids(obstacles.pieces, size)) for size in sizes)
         rows, others = obstacles.rows(index), (world.obstacles.pieces, obstacles.rows(row))
         apart = (float(size) for size, shrunk in smaller if not _are_near((shrunk, rows), others, lacks))

@@ -28,7 +28,7 @@ _FOOTROOM = 0.015
 """[m] Least height above the support of a static obstacle that covers it. A lower one is a wall, such as that of a
 bin."""
 _BOARD = 0.05
-"""[m] Least half extent of a shelf. A gripper can come down beside a smaller static obstacle, such as a piece of a
+"""[m] Least half length of a shelf. A gripper can come down beside a smaller static obstacle, such as a piece of a
 bowl's rim."""
 _REACH = 0.10
 """[m] Distance from a location within which a shelf blocks a gripper from above."""

@@ -182,7 +182,7 @@ class _Grip:
             for motor in motors
             if motor >= 0
         ]
-        if not pads:  # nothing is known about them
+        if not pads:  # nothing is known about the fingers
             return cls(math.inf, 0, 3, math.inf)
         return cls(
             float(model.geom_friction[pads, 0].max()),

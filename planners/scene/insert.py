@@ -59,7 +59,7 @@ def insert_robot(
             if number < len(tried) and "repeated name" in str(problem):
                 continue
             what = f"robot {robot.name!r} cannot be put into this scene: {problem}"
-            try:  # the scene alone, to blame the robot for nothing that is wrong there
+            try:  # the scene alone, so that its errors are not blamed on the robot
                 with _no_warnings_of_mujoco():
                     _read(scene, left_out).compile()
             except (ValueError, OSError) as fault:
@@ -88,11 +88,11 @@ def _inserted(
     x, y, z, yaw = base
     for key in list(spec.keys):
         spec.delete(key)
-    spec.compiler.fusestatic = False  # it would take bodies of the robot away
+    spec.compiler.fusestatic = False  # fusing would remove bodies of the robot
     height = _floor_of(spec) if z is None else z
     frame = spec.worldbody.add_frame(pos=[x, y, height], quat=[math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)])
     with warnings.catch_warnings(), _no_warnings_of_mujoco():
-        warnings.simplefilter("ignore")  # with no prefix the robot keeps its names, as is wanted
+        warnings.simplefilter("ignore")  # without a prefix the robot keeps its names, as intended
         spec.attach(mujoco.MjSpec.from_file(str(robot.mjcf_path)), frame=frame, prefix=prefix)
         return spec.compile()
 
@@ -129,10 +129,10 @@ def _read(scene: str | Path | mujoco.MjSpec, without: Iterable[str]) -> mujoco.M
         spec = scene.copy()
     else:
         spec = mujoco.MjSpec.from_string(scene) if "<" in str(scene) else mujoco.MjSpec.from_file(str(scene))
-    names = [body.name for body in spec.bodies[1:] if body.name]  # all but the world, without which there is no scene
+    names = [body.name for body in spec.bodies[1:] if body.name]  # all except the world, which every scene needs
     for name in without:
         if name not in names:
             raise SceneError(f"no body {name!r} to leave out; bodies: {', '.join(names) or 'none'}")
-        if (body := spec.body(name)) is not None:  # else it went with one that carried it
+        if (body := spec.body(name)) is not None:  # otherwise it was deleted with its parent
             spec.delete(body)
     return spec

@@ -57,7 +57,7 @@ def moved(scene: Scene, name: str, position: float, besides: Collection[str] = (
 
 
 def without_pull(scene: Scene) -> Scene:
-    """Return the handle to pull to the static obstacles of the scene."""
+    """Put the handle back among the static obstacles of the scene. Returns the new scene."""
     if scene.pull is None:
         return scene
     handle = scene.body(scene.pull.handle)

@@ -248,7 +248,7 @@ def _movable_ids(model: mujoco.MjModel, robot: RobotSpec, movable: Movable) -> l
     free_joints = np.flatnonzero(model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE))
     bodies, on_robot = model.jnt_bodyid[free_joints], robot_bodies(model, robot)
     free = {str(model.body(body).name): int(body) for body in bodies if int(body) not in on_robot}
-    free.pop("", None)  # no plan could name it
+    free.pop("", None)  # a plan could not name it
     if callable(movable):
         return [body for name, body in free.items() if movable(name)]
     if isinstance(movable, str):
@@ -454,8 +454,8 @@ def declared_supports(model: mujoco.MjModel) -> tuple[str, ...]:
 def find_supports(
     found: Sequence[FoundObstacle], wanted: Iterable[str], objects: Sequence[Body] = ()
 ) -> tuple[str, ...]:
-    """Find the obstacles on which objects can be put, by the names of geoms or bodies, without duplicates. For a body,
-    it is the highest level top at least half as large as the largest: the floor of a bin, not its rim.
+    """Find the names of the obstacles on which objects can be put, by the names of geoms or bodies, without duplicates.
+    A body yields its highest level top that is at least half as large as its largest: the floor of a bin, not its rim.
 
     Raises:
         SceneError: no support of a name. The message lists the possible supports with heights [m], those with `objects`

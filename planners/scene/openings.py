@@ -41,7 +41,7 @@ class Opening:
         shut, open: ends of its range, closed and fully open [m] or [rad].
         parts: names of the static obstacles that move with it.
         handles: names of the parts to grasp, the likeliest first.
-        friction: force [N] or torque [N m] that moves it.
+        friction: least force [N] or torque [N m] that moves it.
         spring: force [N] or torque [N m] of a spring towards lower positions while it is open. Negative towards higher
             positions.
 

@@ -53,7 +53,7 @@ def settle(model: mujoco.MjModel, data: mujoco.MjData, robot: RobotSpec, seconds
     if not (np.isfinite(seconds) and seconds > 0):
         raise SceneError(f"seconds={seconds!r} is not valid; it must be a time [s]")
     state, own = copy.copy(data), np.array(sorted(robot_bodies(model, robot)))
-    joints = np.flatnonzero(np.isin(model.jnt_bodyid, own))  # slides and hinges alone: of one number each
+    joints = np.flatnonzero(np.isin(model.jnt_bodyid, own))  # only slides and hinges, of one coordinate each
     places, speeds = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
     still, started = state.qpos[places].copy(), float(state.time)
     state.qvel[:], state.qacc_warmstart[:] = 0.0, 0.0

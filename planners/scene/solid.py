@@ -228,8 +228,8 @@ class Solid:
         """Intersect it with lines through `origins` (n, 3) along unit vectors `directions` (n, 3).
 
         Returns:
-            distances (n,) [m] along each line at which it enters and leaves, the first not less than the second where
-            the line misses the solid, and the outward normals (n, 3) of the planes there; see `planes`.
+            Distances (n,) [m] along each line to its entry and exit, and the outward normals (n, 3) of the planes
+            there, see `planes`. Where a line misses the solid, the distance to the entry is at least that to the exit.
         """
         normals, away = self.planes
         rate, gap = directions @ normals.T, away - origins @ normals.T

@@ -60,8 +60,8 @@ class AStar:
 class LowerBound:
     """Lower bound on the number of actions from a state to the goal, infinite if the goal is out of reach.
 
-    It adds every pick-up and put-down that all plans need, and a drive for each group of their base poses without a
-    common pose. Where objects may be held aside, put-downs are left out.
+    It adds every pick-up and put-down that all plans need. It adds a drive for each group of these actions that shares
+    no base pose with other groups. Where objects may be held aside, put-downs are left out.
     """
 
     def __init__(self, problem: TaskProblem) -> None:

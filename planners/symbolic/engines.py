@@ -118,7 +118,7 @@ class Kairos:
         self._parse_domain = cache(self._kairos.parse_domain)
 
     def plan(self, problem: TaskProblem, time_limit: float) -> TaskPlan | NoPlan:
-        """A plan for the problem, found within `time_limit` [s]; raises `EngineFailedError`."""
+        """Find a plan for the problem within `time_limit` [s]. Raises `EngineFailedError`."""
         parsed = self._kairos.parse_problem(problem.text(), self._parse_domain(problem.domain))
         result = self._kairos.Planner().solve(parsed, anytime=False, timeout=time_limit)
         status = self._kairos.Status
@@ -156,7 +156,7 @@ class UnifiedPlanning:
         self._reader = importlib.import_module("unified_planning.io").PDDLReader
 
     def plan(self, problem: TaskProblem, time_limit: float) -> TaskPlan | NoPlan:
-        """A plan for the problem, found within `time_limit` [s]; raises `EngineFailedError`."""
+        """Find a plan for the problem within `time_limit` [s]. Raises `EngineFailedError`."""
         deadline = Deadline.after(time_limit)
         parsed = self._reader().parse_problem_string(problem.domain, problem.text())
         for options in self._options:
@@ -165,7 +165,7 @@ class UnifiedPlanning:
             try:
                 with self._shortcuts.OneshotPlanner(name=self._engine, params=dict(options)) as engine:
                     result = engine.solve(parsed, timeout=deadline.remaining)
-            except Exception as error:  # engines are other people's, and raise what they like
+            except Exception as error:  # engines are third-party code and may raise anything
                 raise EngineFailedError(f"{self.name}: {type(error).__name__}: {error}") from error
             if result.plan is not None:
                 steps = result.plan.actions

@@ -212,8 +212,8 @@ def symbol_of(name: str) -> str:
 class GroundAction(NamedTuple):
     """Action of the domain with its arguments, in the order of Fig. 4.
 
-    MoveBase(pose1, pose2, traj); PickUp(obj, gripper, pose1, pose2, traj, objLoc); PutDownGeneral(obj, gripper, pose1,
-    pose2, traj, targetLoc); PutDownForClearance(obs, tar, gripper, pose1, pose2, traj, targetLoc).
+    MoveBase(pose1, pose2, traj), PickUp(obj, gripper, pose1, pose2, traj, objLoc), PutDownGeneral(obj, gripper, pose1,
+    pose2, traj, targetLoc), PutDownForClearance(obs, tar, gripper, pose1, pose2, traj, targetLoc).
     """
 
     name: str
