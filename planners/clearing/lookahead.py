@@ -501,7 +501,7 @@ def _in_turn(
         return [grasp for grasp in found if not grasp.blockers & ~mask]
 
     def is_too_early(name: str) -> bool:
-        """Whether another object must move first, by the goal or by what was found out before."""
+        """Whether another object must move first, by the goal or by earlier findings."""
         pending = {*first, *again}
         if name in goal.held and not (name in first and name in (*in_hand, *bound.aside)):
             return not pending <= set(goal.held)

@@ -3,7 +3,7 @@
 Under a shelf all grippers come from the front: objects at the back go to their places before objects in front of them.
 The blockers of each pick and of each put-down are computed once, as masks of objects where they stand and of objects at
 their ends. A best-first search over arrangements finds the fewest moves. A move goes to an end, or aside, where an
-object is regarded as in nobody's way.
+object is assumed to block nothing.
 """
 
 from __future__ import annotations

@@ -272,7 +272,7 @@ def _follow(query: ContactQuery, lines: tuple[tuple[Array, float], ...], pattern
     if not pattern.drives:
         return standing
     if world.scene.robot.base_drive != "holonomic":
-        return None  # a differential base seldom has what is straight out straight ahead
+        return None  # For a differential base, straight out is seldom straight ahead.
     drive = drive_out(driven_out_of(world.scene, query.body), base, query.T_world_tcp)
     return np.vstack([standing, *(np.concatenate((outside, waypoints[-1])) for outside in drive[1:])])
 

@@ -58,7 +58,7 @@ def _attempt(
     deadline: Deadline,
     known: MotionLayer | None,
 ) -> tuple[Solution | Infeasible, MotionLayer]:
-    """Run Algorithm 1 once, with what is `known` from the run before it.
+    """Run Algorithm 1 once, with the motion layer `known` from the run before it.
 
     With a target, a strategy that does not plan ahead starts each run afresh, as in the paper. Where motions are
     shortened, MuJoCo checks them once, at the end, as it rarely refutes one. If it does, the run is repeated with a

@@ -66,7 +66,7 @@ def bind_grasps(
 
 
 def _obstructed(symbols: SymbolicState) -> set[str]:
-    """Names of the objects of which it is said what obstructs them."""
+    """Names of the objects that have a fact "obstructs"."""
     return {name for _, _, _, name in symbols.find("obstructs", None, None, None)}
 
 

@@ -278,7 +278,7 @@ class MotionLayer:
             if homing is not None:
                 found = plan_base(world, state.base, base, homing.end, held=scene.held, roadmap=roadmap)
         if isinstance(found, NoPath):
-            homing = self._raised(scene)  # gripper and load may be as low as what stands where it goes
+            homing = self._raised(scene)  # gripper and load may be as low as the furniture at the goal
             if homing is not None:
                 found = plan_base(world, state.base, base, homing.end, held=scene.held, roadmap=roadmap)
         if isinstance(found, NoPath):
