@@ -758,7 +758,7 @@ def rank_bases(
         if packed.offset[key] > 0:
             best[:] = -1
             for k in range(table, end):
-                cell: int = np.int64(places.by_tile[k])  # type: ignore[assignment]  # `int` would leave it 32 bits wide
+                cell: int = np.int64(places.by_tile[k])  # type: ignore[assignment]  # int() would leave it at 32 bits
                 if has_cell(packed.free, packed.offset[key], cell):
                     level = code_of(packed, key, cell) >> packed.torso_bits
                     if by_certainty and is_upright(bases, layer, group, cell):
