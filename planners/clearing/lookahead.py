@@ -418,7 +418,8 @@ class _Search:
         return fewest
 
     def _is_refuted(self, now: _Situation, name: str) -> bool:
-        """Whether the put-down at the goal place was refuted, with the same object in hand or the same blockers."""
+        """Whether the put-down at the goal place was refuted: for the object as it is held, or with the present
+        blockers."""
         is_in_vain = name in now.scene.held_names and name in self.maker.not_placed.blockers
         return is_in_vain or bool(self._refuted_by(now, name))
 

@@ -205,9 +205,9 @@ class Order:
 
 
 def is_under_shelf(scene: Scene, goal: Goal) -> bool:
-    """Whether the moves need an order: a place is under a shelf. Not for goals with an order or a held object.
+    """Whether the moves need an order: an object of the goal stands, or is to stand, under a shelf.
 
-    A robot that acts with several arms needs none.
+    Goals with an order or an object to hold need none, nor do robots that act with several arms.
     """
     if goal.order or goal.held or len(scene.robot.acting_arms) > 1:
         return False

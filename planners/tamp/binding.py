@@ -233,6 +233,6 @@ def _pick_up(search: Search, state: PlanState, action: GroundAction, name: str) 
 
 
 def _is_up(search: Search, picked: BoundMotion, name: str) -> bool:
-    """Whether the pick lifts an object high enough that the goal wants to be held. True for any other object."""
+    """Whether a pick lifts an object high enough, if the goal wants it held. True for any other object."""
     is_held_up = Holding(name) in search.goal.facts
     return not is_held_up or Holding(name).holds(as_seen(picked.scene), search.problem.start)

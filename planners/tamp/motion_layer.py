@@ -387,9 +387,11 @@ class MotionLayer:
         return NoPath(f"MuJoCo finds penetration: {refusal}")
 
     def _followed(self, scene: Scene, bound: BoundMotion, touched: tuple[str, ...]) -> BoundMotion | BlockedBy | NoPath:
-        """Add the joint path that follows the motion under end-effector control.
+        """Check that the controller's model follows the motion without collision, and set the joints at the motion's
+        end.
 
-        Without such control the motion stays as it is. A path in collision gives NoPath or the blockers.
+        Without a model the motion stays as it is. `workspace.controller` only checks: the joints at the end stay as
+        planned.
         """
         bound = replace(bound, before=scene)
         follower = self.workspace.follower or self.workspace.controller
@@ -469,7 +471,7 @@ class MotionLayer:
         return not self.refusal(scene, paths)
 
     def refusal(self, scene: Scene, paths: Sequence[WholeBodyPath | Trajectory]) -> str:
-        """Deepest penetration that MuJoCo finds on one of the paths, with the names of the bodies, "" for none."""
+        """Penetration that MuJoCo finds on one of the paths, with the names of the bodies, "" for none."""
         world, among = self.compiled.world(scene), (scene.robot.arm_name, scene.static_obstacles)
         if among not in self._checkers:
             self._checkers[among] = MujocoCollisionChecker(scene, world)
