@@ -387,11 +387,10 @@ class MotionLayer:
         return NoPath(f"MuJoCo finds penetration: {refusal}")
 
     def _followed(self, scene: Scene, bound: BoundMotion, touched: tuple[str, ...]) -> BoundMotion | BlockedBy | NoPath:
-        """Check that the controller's model follows the motion without collision, and set the joints at the motion's
-        end.
+        """Check that the controller can follow a motion without collision, and set the joints at its end.
 
-        Without a model the motion stays as it is. `workspace.controller` only checks: the joints at the end stay as
-        planned.
+        Without a model of the controller, the motion stays as it is. `workspace.controller` only checks: the joints at
+        the end stay as planned.
         """
         bound = replace(bound, before=scene)
         follower = self.workspace.follower or self.workspace.controller
@@ -468,6 +467,7 @@ class MotionLayer:
         return found
 
     def is_accepted(self, scene: Scene, paths: Sequence[WholeBodyPath | Trajectory]) -> bool:
+        """Whether MuJoCo finds no penetration on any of the paths."""
         return not self.refusal(scene, paths)
 
     def refusal(self, scene: Scene, paths: Sequence[WholeBodyPath | Trajectory]) -> str:
