@@ -151,8 +151,6 @@ def _shorter_path(
 
 
 class _Checks(NamedTuple):
-    """Collision checks of one motion."""
-
     world: CollisionWorld
     clear: CollisionQuery  # padding CLEARANCE, without self-collision
     free: CollisionQuery  # padding of the world, with self-collision

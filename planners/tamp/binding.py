@@ -71,7 +71,6 @@ def _obstructed(symbols: SymbolicState) -> set[str]:
 
 
 def _maker(search: Search) -> MoveMaker:
-    """The maker of moves for the goal."""
     goal, start = search.goal, search.problem.start
     return search.motion_layer.maker(search.strategy, goal, start, search.not_placed, search.holds_aside)
 
