@@ -147,7 +147,7 @@ def _best_first(
     alike, count = Counter[object](), itertools.count()
 
     def push(one: _Situation, levels: list[tuple[int, _Tries]]) -> None:
-        """Rank situations of equal promise by the number of moves, then the last one found first."""
+        """Queue a situation. Among equals, those with most moves come first, then the latest."""
         if levels and one.picks + one.left + levels[0][0] < fewer_than:
             rank = one.picks + weight * one.left + levels[0][0]
             heapq.heappush(queue, (rank, -len(one.moves), -next(count), one, levels))
@@ -157,12 +157,14 @@ def _best_first(
         *_, now, levels = heapq.heappop(queue)
         if not now.steps:
             return now
+        # Other situations may have found blockers of its places since it was queued.
         informed = search.informed(now)
         if informed is not now:
             if informed is not None:
                 push(informed, search.levels(informed, strictly))
             continue
         tried = next(levels[0][1], _NONE_LEFT)
+        # The situation stays in the queue: its other tries may still be the best ones.
         push(now, levels[1:] if tried is _NONE_LEFT else levels)
         if isinstance(tried, _Situation) and alike[tried.key] < _ALIKE:
             alike[tried.key] += 1

@@ -35,7 +35,9 @@ def best_of_attempts(
     outcomes: list[Solution | Infeasible] = []
     is_proved, known = False, None
     for number, asked in enumerate([*first, *[problem] * strategy.attempts]):
+        # A canonical plan depends on the scene alone, not on the state of the caller's generator.
         draws = np.random.default_rng(number) if workspace.canonical else rng
+        # Grasps near home are not all grasps: another workspace has a cache of its own.
         known = known if known is not None and known.workspace is asked.workspace else None
         outcome, known = _attempt(asked, strategy, task_planner, draws, deadline, known)
         outcomes.append(outcome)

@@ -215,6 +215,7 @@ def _pick_up(search: Search, state: PlanState, action: GroundAction, name: str) 
     else:
         picked = search.motion_layer.pick_up(state.scene, grasp)
     is_low = isinstance(picked, BoundMotion) and not _is_up(search, picked, name)
+    # The torso alone may be unable to raise the object high enough, as from a high shelf: let the arm help.
     if is_low:
         picked = search.motion_layer.pick_up(state.scene, grasp, rises=True)
     if isinstance(picked, BoundMotion):
