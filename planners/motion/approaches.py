@@ -108,7 +108,7 @@ class ContactQuery:
     def release(
         cls, world: CollisionWorld, base: ArrayLike, q: ArrayLike, held: HeldObject, ignore: int = 0
     ) -> ContactQuery:
-        """A release of a held object at the pose in the gripper. `ignore` as for a grasp. Raises `UnknownObject`."""
+        """A release of a held object at its pose in the gripper. `ignore` as for a grasp. Raises `UnknownObject`."""
         placed = world.scene.body(held.name).at_pose(_tcp_pose(world.scene, base, q) @ held.T_tcp_object)
         return cls._of(world.with_body(placed), world, base, q, held, ignore)
 

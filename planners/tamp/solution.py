@@ -276,7 +276,7 @@ class Solution(Stored):
 
 @dataclass(frozen=True, repr=False)
 class Infeasible(Stored):
-    """No plan was found.
+    """A refusal: the reason why no plan was found.
 
     Attributes:
         cause: why the search failed.
