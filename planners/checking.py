@@ -42,10 +42,10 @@ _CAUSES = {
 def check(scene: Scene) -> SceneReport:
     """Report what is odd about a scene, with numbers.
 
-    Findings are about objects that are sunk into furniture or in the air, that stand with their centre of mass beside
-    their foot, or that touch the robot. In scenes read from a simulation, objects may also be too heavy or too slippery
-    for the robot, or tied to others. Free bodies without a name are reported, too. A body that floats because it is
-    tied, as by a weld, is only reported as tied.
+    Findings are about objects that are sunk into furniture, float, stand with their centre of mass beside their foot,
+    or touch the robot. In scenes read from a simulation, objects may also be too heavy or too slippery for the robot,
+    or tied to others. Free bodies without a name are reported, too. A body that floats because it is tied, as by a
+    weld, is only reported as tied.
 
     Args:
         scene: the scene, which is not changed. See `planners.settle` for objects that are in the air or sunk.
@@ -106,7 +106,7 @@ def _around(scene: Scene, body: Body) -> list[tuple[str, tuple[Solid, ...]]]:
 
 
 def _depth(scene: Scene, body: Body) -> tuple[float, str]:
-    """Shortest move [m], up or sideways, that frees an object from the static obstacle around it, and its name."""
+    """Shortest move [m], up or sideways, out of the static obstacle that an object is deepest in, and its name."""
     deepest, into = 0.0, ""
     for one in scene.static_obstacles:
         if not are_near([one], body, 0.0):

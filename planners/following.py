@@ -124,7 +124,6 @@ def _own(action: BoundAction, goal: Goal | None) -> tuple[str, ...]:
 
 
 def _is_pull(action: BoundAction) -> bool:
-    """Whether an action opens or shuts something."""
     return action.scene.pull is not None and action.target == action.scene.pull.opening
 
 

@@ -79,7 +79,7 @@ def domain_of(scene: Scene) -> dict[str, tuple[str, ...]]:
 def without_negations(facts: Sequence[Fact], denied: Sequence[Fact], scene: Scene | None) -> tuple[Fact, ...] | None:
     """Turn facts and negated facts into facts. None if that is impossible.
 
-    A negated fact may be left out if the other facts exclude it. If all objects are denied to be on a support, the
+    A negated fact may be left out if the other facts exclude it. If every object is said not to be on a support, the
     support is clear. The same holds for a region, unless an object overlaps it in part.
 
     Raises:

@@ -180,7 +180,8 @@ def _moved(found: Hollow, name: str, turn: Array, shift: Array, rise: float, yaw
 
 
 def _hollow(name: str, parts: Sequence[Solid], face: Solid | None = None) -> Hollow | None:
-    """Largest hollow of convex parts, along the axes. With a `face`, the height field covers only its surroundings."""
+    """Largest hollow of convex parts, along the axes. With a `face`, the height field covers only the face and its
+    surroundings."""
     if len(parts) < 2:
         return None
     around = list(parts) if face is None else [face]

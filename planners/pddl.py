@@ -57,7 +57,9 @@ class Condition:
     choices: list[str] = field(default_factory=list)
 
     def alternatives(self) -> list[tuple[Literal, ...]]:
-        """Expand the condition into alternative sets of literals. All literals of one set must hold.
+        """Expand the condition into alternative sets of literals: all literals of any one set must hold.
+
+        A set that contains another one is left out.
 
         Raises:
             GoalError: a variable with an unknown range, an unknown type, or too many alternatives.

@@ -55,7 +55,7 @@ class _Planned(NamedTuple):
 
 @dataclass(frozen=True)
 class Skill:
-    """Clear `object` with a grasp from `direction` (0 to `DIRECTIONS` - 1), or, with None, take it as the target."""
+    """A skill: clear `object` with a grasp from `direction` (0 to `DIRECTIONS` - 1), or, with None, take the target."""
 
     object: str
     direction: int | None = None

@@ -15,7 +15,7 @@ Locations: TypeAlias = Literal["random", "priority"]
 
 
 class UnknownStrategy(ValueError):
-    """Neither the name of a strategy nor a `Strategy`. The message lists the known names."""
+    """A choice that is neither the name of a strategy nor a `Strategy`. The message lists the known names."""
 
 
 class StrategyError(ValueError):

@@ -30,7 +30,7 @@ class ClearancePlan:
         general: objects that are put down where the goal wants them.
         until: objects in the order of their moves. Empty for strategies that do not plan ahead.
         expected: the scene after these moves. None for such strategies.
-        later: the moves after these. The first of them comes after an object's first of several moves.
+        later: the moves after these. The last object of `until` moves again among them.
     """
 
     commitments: Commitments

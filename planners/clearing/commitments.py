@@ -55,7 +55,7 @@ class Commitments:
 
 @dataclass(frozen=True)
 class NoCommitment:
-    """No commitments are possible: the cause, and the objects concerned."""
+    """Failure to choose commitments: the cause, and the objects concerned."""
 
     cause: Cause
     objects: tuple[str, ...]

@@ -166,6 +166,7 @@ class PickTable:
         bit = {name: 1 << index for index, name in enumerate(names)}
         held, wanted = (sum(bit[name] for name in some) for some in (self.held, self.to_move))
         for name in set(self.to_move) - set(self.hold):
+            # An object at its place implies that the objects it waits for have left.
             wanted |= waits.get(name, 0)
         put = {name: bit[f"{_PUT}{name}"] for name in blocked}
         earlier = {name: wanted & sum(bit[a] for a, b in self.order if b == name) for name in self.names}

@@ -147,7 +147,7 @@ def _best_first(
     alike, count = Counter[object](), itertools.count()
 
     def push(one: _Situation, levels: list[tuple[int, _Tries]]) -> None:
-        """Rank situations of equal promise by the number of moves, then the last one found first."""
+        """Queue a situation. Among equals, those with most moves come first, then the latest."""
         if levels and one.picks + one.left + levels[0][0] < fewer_than:
             rank = one.picks + weight * one.left + levels[0][0]
             heapq.heappush(queue, (rank, -len(one.moves), -next(count), one, levels))
@@ -157,12 +157,14 @@ def _best_first(
         *_, now, levels = heapq.heappop(queue)
         if not now.steps:
             return now
+        # Other situations may have found blockers of its places since it was queued.
         informed = search.informed(now)
         if informed is not now:
             if informed is not None:
                 push(informed, search.levels(informed, strictly))
             continue
         tried = next(levels[0][1], _NONE_LEFT)
+        # The situation stays in the queue: its other tries may still be the best ones.
         push(now, levels[1:] if tried is _NONE_LEFT else levels)
         if isinstance(tried, _Situation) and alike[tried.key] < _ALIKE:
             alike[tried.key] += 1
@@ -418,7 +420,8 @@ class _Search:
         return fewest
 
     def _is_refuted(self, now: _Situation, name: str) -> bool:
-        """Whether the put-down at the goal place was refuted, with the same object in hand or the same blockers."""
+        """Whether the put-down at the goal place was refuted: for the object as it is held, or with the present
+        blockers."""
         is_in_vain = name in now.scene.held_names and name in self.maker.not_placed.blockers
         return is_in_vain or bool(self._refuted_by(now, name))
 
@@ -501,7 +504,7 @@ def _in_turn(
         return [grasp for grasp in found if not grasp.blockers & ~mask]
 
     def is_too_early(name: str) -> bool:
-        """Whether another object must move first, by the goal or by what was found out before."""
+        """Whether another object must move first, by the goal or by earlier findings."""
         pending = {*first, *again}
         if name in goal.held and not (name in first and name in (*in_hand, *bound.aside)):
             return not pending <= set(goal.held)

@@ -250,6 +250,7 @@ class _Options:
 
 
 def bits(mask: int) -> Iterator[int]:
+    """Indices of the set bits, lowest first."""
     while mask:
         low = mask & -mask
         yield low.bit_length() - 1

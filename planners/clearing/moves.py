@@ -258,7 +258,10 @@ class MoveMaker:
     def _from_above_first(
         self, scene: Scene, name: str, grasps: Iterable[GraspCandidate], following: str
     ) -> Iterator[GraspCandidate]:
-        """Grasps for a place between walls, from above first: there the hand has the most clearance."""
+        """Grasps for a place between walls, from above first: there the hand has the most clearance.
+
+        Grasps from all sides follow.
+        """
         found = sorted(grasps, key=lambda one: -one.pitch)
         yield from found
         known = {_hold(scene, one) for one in found}

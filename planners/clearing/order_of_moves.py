@@ -3,7 +3,7 @@
 Under a shelf all grippers come from the front: objects at the back go to their places before objects in front of them.
 The blockers of each pick and of each put-down are computed once, as masks of objects where they stand and of objects at
 their ends. A best-first search over arrangements finds the fewest moves. A move goes to an end, or aside, where an
-object is regarded as in nobody's way.
+object is assumed to block nothing.
 """
 
 from __future__ import annotations
@@ -205,9 +205,9 @@ class Order:
 
 
 def is_under_shelf(scene: Scene, goal: Goal) -> bool:
-    """Whether the moves need an order: a place is under a shelf. Not for goals with an order or a held object.
+    """Whether the moves need an order: an object of the goal stands, or is to stand, under a shelf.
 
-    A robot that acts with several arms needs none.
+    Goals with an order or an object to hold need none, nor do robots that act with several arms.
     """
     if goal.order or goal.held or len(scene.robot.acting_arms) > 1:
         return False

@@ -1,4 +1,4 @@
-"""The expert in another simulator, or on a robot: it only needs joint positions and a way to move.
+"""The expert in another simulator, or on a robot: it only needs joint positions and commands for the joints.
 
 Example:
     world = ControlledWorld(MyController(env), model, FETCH, movable=["can", "box"], support="table")

@@ -315,7 +315,6 @@ class Executor:
 
 
 def _is_pull(action: BoundAction) -> bool:
-    """Whether an action opens or shuts something."""
     return action.scene.pull is not None and action.target == action.scene.pull.opening
 
 

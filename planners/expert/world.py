@@ -62,7 +62,7 @@ class PerceivedWorld:
         return replace(scene, aside=tuple(held), parked=tuple(parked))
 
     def reaches(self, goal: Goal, start: Scene) -> tuple[bool, str]:
-        """Whether a goal is reached, and "", or the reason why that cannot be measured, such as a fallen bin.
+        """Whether a goal is reached, and the reason if that cannot be measured, such as a fallen bin, else "".
 
         A target must be held, high enough above the support that it stood on at the start.
         """

@@ -108,7 +108,7 @@ class ContactQuery:
     def release(
         cls, world: CollisionWorld, base: ArrayLike, q: ArrayLike, held: HeldObject, ignore: int = 0
     ) -> ContactQuery:
-        """A release of a held object at the pose in the gripper. `ignore` as for a grasp. Raises `UnknownObject`."""
+        """A release of a held object at its pose in the gripper. `ignore` as for a grasp. Raises `UnknownObject`."""
         placed = world.scene.body(held.name).at_pose(_tcp_pose(world.scene, base, q) @ held.T_tcp_object)
         return cls._of(world.with_body(placed), world, base, q, held, ignore)
 
@@ -272,7 +272,7 @@ def _follow(query: ContactQuery, lines: tuple[tuple[Array, float], ...], pattern
     if not pattern.drives:
         return standing
     if world.scene.robot.base_drive != "holonomic":
-        return None  # a differential base seldom has what is straight out straight ahead
+        return None  # For a differential base, straight out is seldom straight ahead.
     drive = drive_out(driven_out_of(world.scene, query.body), base, query.T_world_tcp)
     return np.vstack([standing, *(np.concatenate((outside, waypoints[-1])) for outside in drive[1:])])
 

@@ -162,8 +162,6 @@ def _shorter_path(
 
 
 class _Checks(NamedTuple):
-    """Collision checks of one motion."""
-
     world: CollisionWorld
     clear: CollisionQuery  # padding CLEARANCE, without self-collision
     hung: CollisionQuery  # the same with the held object as it hangs
@@ -215,8 +213,7 @@ def _is_changed(world: CollisionWorld, X: Array, planned: Array) -> NDArray[np.b
 
 
 def _corners(checks: _Checks, path: Array) -> Array | None:
-    """Corners (n, 11) on a path, with free straight lines between them, both ends included. None if the search
-    fails."""
+    """Corners (n, 11) on a path, both ends included, with free lines between them. None if the search fails."""
     corners, at = [path[0]], 0
     while at < len(path) - 1:
         steps = (len(path) - 1 - at) >> np.arange(len(path).bit_length())

@@ -14,8 +14,6 @@ Found = TypeVar("Found")
 
 
 class _Entry(NamedTuple):
-    """A motion, the scene of its planning, and its paths."""
-
     found: object
     scene: Scene
     paths: Sequence[WholeBodyPath]

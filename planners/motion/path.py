@@ -64,7 +64,7 @@ class BlockedBy:
 
 @dataclass(frozen=True)
 class NoPath:
-    """No path even if objects are cleared, by limits, static obstacles, self-collision, or the end of the search."""
+    """No path even if objects are cleared. `reason`: limits, static obstacles, self-collision, or search given up."""
 
     reason: str
 

@@ -233,7 +233,6 @@ def _interpolate(path: Array, segment: int, share: float, point: Array) -> None:
 
 @njit(cache=True)
 def _without_repeats(path: Array, weights: Array) -> Array:
-    """The path without repeated waypoints."""
     kept, count, last = np.empty(path.shape), 0, path.shape[0] - 1
     for i in range(path.shape[0]):
         if i in (0, last) or _squared_distance(path[i - 1], path[i], weights) > 1e-12:

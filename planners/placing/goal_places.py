@@ -732,8 +732,8 @@ def _distances_to_polygon(points: Array, corners: Array) -> Array:
 class RoomForOthers:
     """Test of whether other objects still fit in an area once an object stands at a point, for many points.
 
-    Each of the others goes to the first free point, the largest first. Free points beside the objects that stay, and
-    beside others already placed at the same point, are computed once.
+    Each of the others goes to the first free point, the largest first. Free points next to the objects that stay, and
+    next to others already placed at the same point, are computed once.
     """
 
     def __init__(

@@ -302,8 +302,8 @@ class PlacementSearch:
     def depth(self, world: CollisionWorld, place: Place) -> tuple[Array, float]:
         """Find the direction (2,) into a place under a shelf, and the depth [m] that the held object can reach there.
 
-        Other objects are ignored, so the result is cached by object size, pitch and arm. The depth is -inf if every
-        tried location fails.
+        Other objects are ignored, so the result is cached by area, object size, pitch and arm. The depth is -inf if
+        every tried location fails.
         """
         scene, (held, body), area = world.scene, in_hand(world.scene), place.area
         assert area is not None

@@ -80,7 +80,7 @@ def mark_boxes(
 
 @njit(cache=True)
 def _cut(corners: Array, z_low: float, z_high: float, points: Array) -> int:
-    """Plan positions of the corners of a box between two heights, and their number."""
+    """Write plan positions of the corners of a box between two heights to `points`, and return their number."""
     count = 0
     for a in range(8):
         if z_low <= corners[a, 2] <= z_high:
@@ -110,7 +110,10 @@ def _is_right_turn(a: Array, b: Array, c: Array) -> bool:
 
 @njit(cache=True)
 def _hull(points: Array, hull: Array) -> int:
-    """Corners of the convex hull of points (n, 2), in order, by Andrew's monotone chain. Return their number."""
+    """Write the corners of the convex hull of points (n, 2) to `hull`, in order, and return their number.
+
+    Andrew's monotone chain. The points are sorted in place.
+    """
     count = points.shape[0]
     for i in range(1, count):
         x, y = points[i, 0], points[i, 1]

@@ -135,7 +135,7 @@ class Decisions:
         return best if best is not None and _opening_rate(best) > rate else None
 
     def _ranked_objects(self, prospect: Prospect, views: Sequence[Viewpoint], target: str) -> tuple[list[str], float]:
-        """Names of objects to move, best first, and the probability that the first one reveals."""
+        """Names of objects to move, best first, and the gain of moving the first one."""
         names = [body.name for body in prospect.bodies if body.name != target]
         fresh = [name for name in names if name not in self._attempted]
         if self._order == "random":

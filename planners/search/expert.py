@@ -1,7 +1,7 @@
 """The search expert: look, and until the target is in sight, look from elsewhere or move the objects that hide most.
 
 look -> target seen? -> take it
-  ^      | no: another view, or an object put where it hides nothing: what reveals more per second
+  ^      | no: another view, or an object put where it hides nothing: the one that reveals more per second
   +------+ every place seen: it cannot be found
 """
 

@@ -205,7 +205,7 @@ def opened(scene: Scene) -> list[Opening]:
 
 
 def may_hold(one: Opening, places: Mapping[str, NDArray[np.bool_]]) -> bool:
-    """Whether the target can be in a drawer, or behind a door. The places behind a door are not known by its parts."""
+    """Whether the target can be in a drawer, or behind a door. A door's parts do not tell which places it hides."""
     return one.kind == "hinge" or any(cells.any() for name, cells in places.items() if name in one.parts)
 
 

@@ -42,7 +42,8 @@ class SearchReport:
         failure: reason why the search failed, "" for success. "cannot be found": every place was seen, but not the
             target. Otherwise it tells how many places stay hidden, and by which objects.
         moves: names of the moved objects in order, as the expert calls them.
-        openings: names of the drawers and doors that plans opened or shut, in order, failures included.
+        openings: names of the drawers and doors that plans opened or shut, in order, also for taking the target.
+            Failures are included.
         views: number of viewpoints visited.
         deviations: deviations that stopped motions, as text.
         belief_s, decision_s: CPU times [s] of each belief update, and of each decision with its plan.

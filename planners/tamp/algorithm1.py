@@ -60,8 +60,7 @@ def task_and_motion_plan(search: Search) -> Solution | Infeasible:
                 bind_references(search, state.scene, action, motion)
                 state = update_initial_state_from_action(state, action, motion)
             else:
-                # A new fact or a new choice of grasps invalidates the task plan: leave it and call the task planner
-                # again.
+                # The refutation changes facts or grasps, so the rest of the task plan is void.
                 before = take_back_drive(search, state)
                 state = update_initial_state_from_error(search, before, motion)
                 record(search, plan, verified, motion, before, state)
@@ -77,7 +76,7 @@ def task_and_motion_plan(search: Search) -> Solution | Infeasible:
 
 
 def initial_state(search: Search) -> PlanState | Infeasible:
-    """Initial state s0: the facts of the scene, with grasp references bound. Infeasible if that is proved."""
+    """Initial state s0: the facts of the scene, with grasp references bound, or the reason for a refusal."""
     scene = search.problem.scene
     robot = scene.robot
     if not search.is_greedy:
@@ -85,7 +84,7 @@ def initial_state(search: Search) -> PlanState | Infeasible:
         search.bound = search.motion_layer.lower_bound(search.problem)
         search.counts.motion_planning_s += cpu_seconds() - before
         if search.bound.picks is None and search.bound.proved:
-            # A bound proved to be infinite refutes the goal for every plan, without any motion planning.
+            # A proof that no plan exists ends the search before any motion is planned.
             none = NoCommitment(Cause(search.bound.cause), search.bound.objects)
             return explain(search, scene, none)
         if kept_out := search.kept_out(scene):
@@ -131,7 +130,7 @@ def raise_target(search: Search, state: PlanState) -> PlanState:
 
 
 def finish(search: Search, state: PlanState, plan: TaskPlan) -> PlanState | Infeasible:
-    """Move the held object to its point once the task plan is done. If the goal is still unmet, plan again."""
+    """Raise the held object, or move it to its point, after the task plan. If the goal is still unmet, plan again."""
     state = raise_target(search, state)
     if is_goal(search, state):
         return state
@@ -217,8 +216,7 @@ def update_initial_state_from_error(
     is_aside_in_hand = state.clearance_plan.aside in state.scene.held_names
     if is_aside_in_hand:
         search.holds_aside = False
-    # A strategy that plans ahead chooses grasps with all their blockers in view: it needs no new fact, but a new
-    # choice.
+    # A strategy that plans ahead has kept the blockers with the grasp already: it only has to choose again.
     if is_aside_in_hand or not error.blockers or not search.is_greedy:
         return rebind_grasps(search, state.symbols, state.scene)
     obstructed = update_from_error(state.symbols, GraspObstructed(error.action.args[0], error.blockers))

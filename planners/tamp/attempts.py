@@ -26,7 +26,7 @@ _LIMITS = (Cause.TIME_LIMIT, Cause.GIVEN_UP)
 def best_of_attempts(
     problem: Problem, strategy: Strategy, task_planner: TaskPlanner, rng: np.random.Generator, deadline: Deadline
 ) -> Solution | Infeasible:
-    """Find the best plan among a strategy's attempts, or the reason why none exists.
+    """Find the best plan among a strategy's attempts, or the reason why none was found.
 
     An end-effector-controlled robot first tries arm configurations near home: its controller keeps the joints there.
     """
@@ -35,7 +35,9 @@ def best_of_attempts(
     outcomes: list[Solution | Infeasible] = []
     is_proved, known = False, None
     for number, asked in enumerate([*first, *[problem] * strategy.attempts]):
+        # A canonical plan depends on the scene alone, not on the state of the caller's generator.
         draws = np.random.default_rng(number) if workspace.canonical else rng
+        # Grasps near home are not all grasps: another workspace has a cache of its own.
         known = known if known is not None and known.workspace is asked.workspace else None
         outcome, known = _attempt(asked, strategy, task_planner, draws, deadline, known)
         outcomes.append(outcome)
@@ -58,7 +60,7 @@ def _attempt(
     deadline: Deadline,
     known: MotionLayer | None,
 ) -> tuple[Solution | Infeasible, MotionLayer]:
-    """Run Algorithm 1 once, with what is `known` from the run before it.
+    """Run Algorithm 1 once, with the motion layer `known` from the run before it.
 
     With a target, a strategy that does not plan ahead starts each run afresh, as in the paper. Where motions are
     shortened, MuJoCo checks them once, at the end, as it rarely refutes one. If it does, the run is repeated with a
@@ -81,8 +83,8 @@ def is_final(outcome: Solution | Infeasible, near_home: bool) -> bool:
     """Whether another attempt cannot improve the result.
 
     Another attempt can improve a plan that clears an object twice, or a plan with a refuted motion and more picks than
-    the lower bound. A refusal that follows from all grasps is final, which two of the causes mean. The grasps near home
-    are not all grasps. After a time limit no attempt follows.
+    the lower bound. A refusal for lack of grasps is final, unless only grasps near home were considered. A refusal for
+    lack of a base path is final, too. After a limit, no attempt follows.
     """
     if isinstance(outcome, Solution):
         if outcome.bound is not None:
@@ -95,7 +97,8 @@ def is_final(outcome: Solution | Infeasible, near_home: bool) -> bool:
 def best_outcome(
     outcomes: Sequence[Solution | Infeasible], is_proved: bool, deadline: Deadline
 ) -> Solution | Infeasible:
-    """Choose the plan with the fewest objects cleared twice, then the fewest clearances, else the last refusal.
+    """Choose the plan with the fewest objects cleared twice, then clearances, then picks. Without a plan, the last
+    refusal.
 
     After the deadline, a refusal without a proof has the cause "time limit".
     """

@@ -66,12 +66,11 @@ def bind_grasps(
 
 
 def _obstructed(symbols: SymbolicState) -> set[str]:
-    """Names of the objects of which it is said what obstructs them."""
+    """Names of the objects that have a fact "obstructs"."""
     return {name for _, _, _, name in symbols.find("obstructs", None, None, None)}
 
 
 def _maker(search: Search) -> MoveMaker:
-    """The maker of moves for the goal."""
     goal, start = search.goal, search.problem.start
     return search.motion_layer.maker(search.strategy, goal, start, search.not_placed, search.holds_aside)
 
@@ -216,6 +215,7 @@ def _pick_up(search: Search, state: PlanState, action: GroundAction, name: str) 
     else:
         picked = search.motion_layer.pick_up(state.scene, grasp)
     is_low = isinstance(picked, BoundMotion) and not _is_up(search, picked, name)
+    # The torso alone may be unable to raise the object high enough, as from a high shelf: let the arm help.
     if is_low:
         picked = search.motion_layer.pick_up(state.scene, grasp, rises=True)
     if isinstance(picked, BoundMotion):
@@ -233,6 +233,6 @@ def _pick_up(search: Search, state: PlanState, action: GroundAction, name: str) 
 
 
 def _is_up(search: Search, picked: BoundMotion, name: str) -> bool:
-    """Whether the pick lifts an object high enough that the goal wants to be held. True for any other object."""
+    """Whether a pick lifts an object high enough, if the goal wants it held. True for any other object."""
     is_held_up = Holding(name) in search.goal.facts
     return not is_held_up or Holding(name).holds(as_seen(picked.scene), search.problem.start)

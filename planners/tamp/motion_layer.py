@@ -278,7 +278,7 @@ class MotionLayer:
             if homing is not None:
                 found = plan_base(world, state.base, base, homing.end, held=scene.held, roadmap=roadmap)
         if isinstance(found, NoPath):
-            homing = self._raised(scene)  # gripper and load may be as low as what stands where it goes
+            homing = self._raised(scene)  # gripper and load may be as low as the furniture at the goal
             if homing is not None:
                 found = plan_base(world, state.base, base, homing.end, held=scene.held, roadmap=roadmap)
         if isinstance(found, NoPath):
@@ -387,9 +387,10 @@ class MotionLayer:
         return NoPath(f"MuJoCo finds penetration: {refusal}")
 
     def _followed(self, scene: Scene, bound: BoundMotion, touched: tuple[str, ...]) -> BoundMotion | BlockedBy | NoPath:
-        """Add the joint path that follows the motion under end-effector control.
+        """Check that the controller can follow a motion without collision, and set the joints at its end.
 
-        Without such control the motion stays as it is. A path in collision gives NoPath or the blockers.
+        Without a model of the controller, the motion stays as it is. `workspace.controller` only checks: the joints at
+        the end stay as planned.
         """
         bound = replace(bound, before=scene)
         follower = self.workspace.follower or self.workspace.controller
@@ -483,10 +484,11 @@ class MotionLayer:
         return merge_phases(with_clearance_at_ends(world, scene.body(held.name), end), phases, before, after)
 
     def is_accepted(self, scene: Scene, paths: Sequence[WholeBodyPath | Trajectory]) -> bool:
+        """Whether MuJoCo finds no penetration on any of the paths."""
         return not self.refusal(scene, paths)
 
     def refusal(self, scene: Scene, paths: Sequence[WholeBodyPath | Trajectory]) -> str:
-        """Deepest penetration that MuJoCo finds on one of the paths, with the names of the bodies, "" for none."""
+        """Penetration that MuJoCo finds on one of the paths, with the names of the bodies, "" for none."""
         world, among = self.compiled.world(scene), (scene.robot.arm_name, scene.static_obstacles)
         if among not in self._checkers:
             self._checkers[among] = MujocoCollisionChecker(scene, world)

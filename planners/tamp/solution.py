@@ -117,6 +117,7 @@ class SolveStats:
     history: tuple[ReplanRecord, ...] = field(default=(), repr=False)
 
     def rows(self) -> dict[str, str]:
+        """Counts and times in words, by name."""
         unusable = {"Grasps without a way to them": str(self.unusable)} if self.unusable else {}
         replans = f"{self.replans} (task plans: {self.task_plans})"
         return {"Planning time": f"{self.total_s:.2f} s of CPU time", "Replans": replans, **unusable}
@@ -275,7 +276,7 @@ class Solution(Stored):
 
 @dataclass(frozen=True, repr=False)
 class Infeasible(Stored):
-    """No plan was found.
+    """A refusal: the reason why no plan was found.
 
     Attributes:
         cause: why the search failed.

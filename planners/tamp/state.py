@@ -145,6 +145,7 @@ class Search:
 
     @property
     def is_late(self) -> bool:
+        """Whether the deadline is over."""
         return self.motion_layer.deadline.is_over
 
     def infeasible(self, cause: Cause, detail: str, objects: tuple[str, ...]) -> Infeasible:
@@ -194,6 +195,7 @@ class Search:
         return "".join(f"; {why}" for why in found)
 
     def stats(self) -> SolveStats:
+        """Counts and times so far."""
         return SolveStats(
             replans=len(self.history),
             task_plans=self.counts.task_plans,
