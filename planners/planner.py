@@ -179,8 +179,9 @@ class Planner:
         canonical: whether to make plans to learn from. Similar scenes get the same contacts, without random choices.
             Every phase of a motion ends at rest. See `planners.grasping.candidates` and `planners.placing.placements`.
         hold_aside: whether one arm may hold an obstacle while another one takes the target, as for `solve`.
-        saves_time: whether strategies that plan ahead prefer quick grasps with less driving and, for robots that act with
-            one arm, releases at which the gripper is turned least. None: only if the robot acts with several arms.
+        saves_time: whether strategies that plan ahead prefer quick grasps with less driving. For robots that act with
+            one arm, releases at which the gripper is turned least come first too. None: only if the robot acts with
+            several arms.
 
     Raises:
         UnknownRobot: no robot of that name. The message lists the valid names.
