@@ -156,7 +156,7 @@ def _pointing_down(position: Array, base: Array, start: Array) -> Array:
 
 
 def make(id: str, **options: Any) -> gym.Env:
-    """An environment of Gymnasium-Robotics with its options, whose comparison of joint types fails with MuJoCo 4's enumerations."""
+    """An environment of Gymnasium-Robotics; its comparison of joint types fails with MuJoCo 4's enumerations."""
     import gymnasium_robotics
     from gymnasium_robotics.utils import mujoco_utils
 
