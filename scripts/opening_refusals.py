@@ -5,21 +5,20 @@
 
 Hands and bases are drawn at random, in many more directions than the planner's grasps have; exact inverse kinematics
 says which of them the arm reaches, and the collision check, which of its configurations touch nothing. A refusal counts
-as confirmed if none does at any of `--poses` of them.
+as confirmed if none does at any of `--poses` of them. Of a robot on a `--pedestal` the hand must hold the handle
+all the way, from where the robot stands.
 """
 
 from __future__ import annotations
 
 import itertools
 import json
-from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import tyro
-from numpy.typing import NDArray
 
 from assets import RobotSpec, robot as find_robot
 from irm import ArmChain, ExactSolver, all_solutions, free_angles
@@ -27,16 +26,15 @@ from irm.answers import YES
 from planners import Scene
 from planners.collision.world import CollisionWorld
 from planners.opening.handle import with_handle
-from planners.scene import Body
-from scripts.opening_sweep import Case, model_of
-from scripts.small_worlds import simulated
-
-Array = NDArray[np.float64]
+from planners.scene.moving import moved
+from scripts.opening_places import hands, placed
+from scripts.opening_sweep import OPEN, Case, model_of, stood
+from scripts.small_worlds import BASE, simulated
 
 _TORSOS, _ANGLES = 5, 48
 """Heights of the lift, and angles of the free joint, at which configurations are looked for."""
-_DISTANCES = (0.25, 1.4)
-"""[m] from the hand to the middle of the base."""
+_PLACES = 5
+"""Of the way of what opens at which an arm on a pedestal must hold the handle."""
 _MOST = 3000
 """Hands reached by the joints whose configurations are checked for contact."""
 
@@ -48,72 +46,57 @@ class Arguments:
     sweep: Annotated[Path, tyro.conf.Positional]
     robot: str = "fetch"
     differential: bool = False
+    pedestal: bool = False
     poses: int = 60_000
 
 
-def hands(handle: Body, outwards: Array, robot: RobotSpec, rng: np.random.Generator) -> Iterator[tuple[Array, Array]]:
-    """Poses (4, 4) of a hand that holds a handle, and bases (3,) from which the arm may reach it."""
-    longest = int(np.argmax(handle.half_extents))
-    along = handle.rotation[:, longest] * handle.half_extents[longest]
-    inwards = np.arctan2(-outwards[1], -outwards[0])
-    while True:
-        yaw, pitch, roll = inwards + rng.uniform(-1.4, 1.4), rng.uniform(-0.4, np.pi / 2), rng.uniform(-np.pi, np.pi)
-        T = np.eye(4)
-        T[:3, :3] = _about(2, yaw) @ _about(1, pitch) @ _about(0, roll)
-        T[:3, 3] = handle.position + rng.uniform(-0.7, 0.7) * along
-        width = handle.width_in_gripper(np.linalg.inv(T) @ handle.pose)
-        if width + robot.finger_gap > robot.max_opening:
-            continue
-        turn, bearing = inwards + rng.uniform(-1.6, 1.6), rng.uniform(-1.0, 1.0)
-        distance = rng.uniform(*_DISTANCES)
-        x, y = T[:2, 3] - distance * np.array((np.cos(turn + bearing), np.sin(turn + bearing)))
-        yield T, np.array((x, y, turn))
+def held_somehow(case: Case, robot: RobotSpec, base: tuple[float, ...] | None, poses: int) -> dict[str, int]:
+    """How many of so many poses the joints reach, how many of these are checked, and how many are free.
 
-
-def _about(axis: int, angle: float) -> Array:
-    """(3, 3) rotation about one of the axes."""
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    R = np.eye(3)
-    R[i, i] = R[j, j] = np.cos(angle)
-    R[i, j], R[j, i] = -np.sin(angle), np.sin(angle)
-    return R
-
-
-def held_somehow(case: Case, robot: RobotSpec, poses: int) -> dict[str, int]:
-    """How many of so many poses the joints reach, how many of these are checked, and how many are free."""
-    model, data = simulated(model_of(case), robot)
-    scene = Scene.from_mujoco(model, data, robot, movable=(), support="floor")
-    opening = scene.opening("it")
-    twin = with_handle(scene, "it", opening.at_share(0.8), opening.handles)
-    assert twin is not None
+    A robot that drives may hold the handle from any base. One that stands at a `base`, (x, y, yaw), must hold it with
+    the same hand at some places of its way, from shut to open.
+    """
+    scene = Scene.from_mujoco(*simulated(model_of(case), robot, base or BASE), robot, movable=(), support="floor")
+    opening, chain = scene.opening("it"), ArmChain.from_robot(robot)
+    positions = np.linspace(opening.position, opening.at_share(OPEN), _PLACES if base else 1)
+    worlds = [_held(scene, position) for position in positions]
+    twin = worlds[0].scene
     assert twin.pull is not None
     handle, ignored = twin.body(twin.pull.handle), twin.mask([twin.pull.handle])
-    world, chain = CollisionWorld.from_scene(twin), ArmChain.from_robot(robot)
-    drawn = list(
-        itertools.islice(hands(handle, opening.direction(handle.position), robot, np.random.default_rng(0)), poses)
+    outwards, rng = opening.direction(handle.position), np.random.default_rng(0)
+    drawn = list(itertools.islice(hands(handle, outwards, robot, rng), poses))
+    if base:
+        drawn = [(T, np.array(base)) for T, _ in drawn]
+    reached = np.array(
+        [bool(base) or not worlds[0].hits(at, robot.home, robot.max_opening, ignore=ignored) for _, at in drawn]
     )
-    is_free = [not world.hits(base, robot.home, robot.max_opening, ignore=ignored) for _, base in drawn]
-    relative = np.array([np.linalg.inv(_placed(base)) @ T for T, base in drawn])
-    status, _ = ExactSolver(chain).reach(relative)
-    rows = np.flatnonzero((status == YES) & is_free)
-    torsos = np.linspace(chain.lower[0], chain.upper[0], _TORSOS if chain.upper[0] > chain.lower[0] else 1)
+    relative = []
+    for position in positions:
+        relative.append(np.array([np.linalg.inv(placed(at)) @ opening.motion(position) @ T for T, at in drawn]))
+        reached &= ExactSolver(chain).reach(relative[-1])[0] == YES
+    rows = np.flatnonzero(reached)
+    torsos = np.linspace(chain.lower[0], chain.upper[0], 1 if base else _TORSOS)
     angles = free_angles(chain, _ANGLES)
-    free = 0
-    for row in rows[:: max(len(rows) // _MOST, 1)]:
-        T, base = drawn[row]
+    checked, free = rows[:: max(len(rows) // _MOST, 1)], 0
+    for row in checked:
+        T, at = drawn[row]
         width = handle.width_in_gripper(np.linalg.inv(T) @ handle.pose)
         opened = min(width + 2 * robot.finger_gap, robot.max_opening)
-        found = all_solutions(chain, relative[row], torsos, angles)
-        free += bool(len(found)) and not np.all(world.hits_many(base, found, opened, ignore=ignored))
-    return {"reached": len(rows), "checked": len(rows[:: max(len(rows) // _MOST, 1)]), "free": free}
+        found = (all_solutions(chain, there[row], torsos, angles) for there in relative)
+        free += all(
+            bool(len(Q)) and not np.all(world.hits_many(at, Q, opened, ignore=ignored))
+            for world, Q in zip(worlds, found, strict=True)
+        )
+    return {"reached": len(rows), "checked": len(checked), "free": free}
 
 
-def _placed(base: Array) -> Array:
-    """(4, 4) pose of a base (3,) in the world."""
-    T = np.eye(4)
-    T[:3, :3] = _about(2, base[2])
-    T[:2, 3] = base[:2]
-    return T
+def _held(scene: Scene, position: float) -> CollisionWorld:
+    """The scene with what opens at a position, and its handle among the objects."""
+    there = moved(scene, "it", position)
+    opening = there.opening("it")
+    twin = with_handle(there, "it", opening.at_share(OPEN), opening.handles)
+    assert twin is not None
+    return CollisionWorld.from_scene(twin)
 
 
 def main(arguments: Arguments) -> None:
@@ -125,7 +108,8 @@ def main(arguments: Arguments) -> None:
     confirmed = 0
     for row in refused:
         case = Case(**{one.name: row[one.name] for one in fields(Case)})
-        found = held_somehow(case, robot, arguments.poses)
+        standing, base = stood(case, robot, row["seed"]) if arguments.pedestal else (robot, None)
+        found = held_somehow(case, standing, base, arguments.poses)
         confirmed += not found["free"]
         print(row["seed"], case.kind, case.handle, f"{case.height:.2f} m", row["refused"], found, flush=True)
     print(f"{len(refused)} refused, {confirmed} confirmed")

@@ -1,10 +1,12 @@
 """Drawers and doors drawn at random, opened in physics: which were, which were refused, and why.
 
     python -m scripts.opening_sweep --cases 100 --out sweep.jsonl
+    python -m scripts.opening_sweep --cases 40 --robot panda_mobile --pedestal
 
 Handles of 8 to 30 mm, bars (upright or level) and round knobs, of friction 0.2 to 20 N (of doors N m over the width);
 drawers at 0.2 to 1.2 m height, doors of 0.3 to 0.7 m that open to the left and to the right. A case counts as opened
-if, when the plan has been carried out, it is open by 0.8 of its range.
+if, when the plan has been carried out, it is open by 0.8 of its range. With `--pedestal` the robot drives nowhere: it
+stands where its arm, by its joints alone, reaches the handle shut and open, its lift at a height drawn too.
 """
 
 from __future__ import annotations
@@ -20,8 +22,12 @@ import tyro
 from assets import RobotSpec, robot as find_robot
 from clutter_env.reporting.files import JsonLines
 from planners import Scene, Solution, execute, goals, solve, warmup
-from scripts.small_worlds import simulated
+from planners.opening.handle import with_handle
+from scripts.opening_places import NoPlace, bolted, on_pedestal
+from scripts.small_worlds import BASE, simulated
 
+OPEN = 0.8
+"""Share of its range from which on something counts as opened."""
 _TRAVEL, _SWING = 0.28, 95.0
 """[m] and [degrees] that drawers and doors go."""
 
@@ -34,6 +40,7 @@ class Arguments:
     seed: int = 0
     robot: str = "fetch"
     differential: bool = False
+    pedestal: bool = False
     out: Path | None = None
     time_limit: float = 60.0
     """[s] of wall time for one solve."""
@@ -113,9 +120,22 @@ def model_of(case: Case) -> str:
     return f'<mujoco><worldbody><geom name="floor" type="plane" size="0 0 1"/>{cabinet}{body}</worldbody></mujoco>'
 
 
-def opened(case: Case, robot: RobotSpec, time_limit: float) -> dict[str, object]:
+def stood(case: Case, robot: RobotSpec, seed: int) -> tuple[RobotSpec, tuple[float, ...]]:
+    """A robot on a pedestal before a case, and where it stands: x, y [m], yaw [rad]."""
+    rng = np.random.default_rng(seed)
+    robot = on_pedestal(robot, rng)
+    scene = Scene.from_mujoco(*simulated(model_of(case), robot), robot, movable=(), support="floor")
+    opening = scene.opening("it")
+    twin = with_handle(scene, "it", opening.at_share(OPEN), opening.handles)
+    assert twin is not None
+    assert twin.pull is not None
+    x, y, yaw = bolted(twin, twin.body(twin.pull.handle), twin.pull.position, rng)
+    return robot.fixed(), (float(x), float(y), float(yaw))
+
+
+def opened(case: Case, robot: RobotSpec, base: tuple[float, ...], time_limit: float) -> dict[str, object]:
     """What became of a case: its share in the end, or why it was refused."""
-    model, data = simulated(model_of(case), robot)
+    model, data = simulated(model_of(case), robot, base)
     scene = Scene.from_mujoco(model, data, robot, movable=(), support="floor")
     before = time.process_time()
     plan = solve(scene, goals.open_("it"), time_limit=time_limit)
@@ -133,17 +153,25 @@ def main(arguments: Arguments) -> None:
     robot = robot.differential() if arguments.differential else robot
     warmup(robot)
     counts: Counter[str] = Counter()
-    times = []
+    times, skipped = [], []
     for seed in range(arguments.seed, arguments.seed + arguments.cases):
         case = drawn(seed)
-        row = opened(case, robot, arguments.time_limit)
+        try:
+            standing, base = stood(case, robot, seed) if arguments.pedestal else (robot, BASE)
+        except NoPlace as problem:
+            skipped.append(seed)
+            print(seed, problem, flush=True)
+            continue
+        row = opened(case, standing, base, arguments.time_limit)
         share = row.get("share")
-        outcome = "refused" if share is None else ("opened" if float(str(share)) >= 0.8 else "failed")
+        outcome = "refused" if share is None else ("opened" if float(str(share)) >= OPEN else "failed")
         counts[outcome] += 1
         times.append(float(str(row["solve_s"])))
         print(seed, outcome, asdict(case), row, flush=True)
         if arguments.out is not None:
             JsonLines(arguments.out).append({"seed": seed, **asdict(case), **row})
+    if skipped:
+        print(len(skipped), "cases left out, out of reach from any pedestal that was drawn")
     print(dict(counts), f"planning: median {np.median(times):.2f} s, 95% {np.quantile(times, 0.95):.2f} s")
 
 

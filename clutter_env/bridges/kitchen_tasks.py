@@ -40,9 +40,13 @@ _RADIUS = 0.08
 """[m] of the pedestal; the environment's stands in the handle of its oven."""
 _OPENING = 0.08
 """[m] of the gripper."""
-_TOOL, _DEEPER = 0.01, 0.025
-"""[m] from the site in the file to the TCP, 40 mm before the ends of the fingers, which are round: their handles, of up
-to 64 mm, slip off else; and by how much the pads reach farther than those that are made."""
+_TIP = 0.05
+"""[m] from the site in the file to the ends of the fingers."""
+_ROUND, _SHORT = 0.04, 0.025
+"""[m] by which the fingers reach beyond the TCP: their handles are up to 64 mm thick, and slip off the ends otherwise;
+knobs are not that high."""
+_MADE = 0.015
+"""[m] by which pads reach beyond the TCP as they are made."""
 _PAD = (0.035, 0.009, 0.016)
 """[m] Half extents of what stands for the capsules of a finger: along the approach, along its motion, across both."""
 _BENT = 0.0
@@ -70,11 +74,12 @@ BARS = tuple(AntipodalFamily(f"bar, {pitch}°", np.radians(pitch), hangs=True) f
 
 @dataclass(frozen=True)
 class _Part:
-    """What a task moves: a body, half the length [m] of the geom that is its handle, and the goal."""
+    """What a task moves: a body, half the length [m] of the geom that is its handle, the goal, and how deep it is held."""
 
     body: str
     handle: float
     goal: Goal
+    beyond: float = _ROUND
 
 
 _TASKS = {
@@ -82,8 +87,8 @@ _TASKS = {
     "slide cabinet": _Part("slidelink", 0.159, goals.open_("slidelink", amount=0.37)),
     "hinge cabinet": _Part("hingerightdoor", 0.16, goals.open_("hingerightdoor", amount=1.3)),
     "light switch": _Part("lightswitchroot", 0.03, goals.open_("lightswitchroot", amount=0.5)),
-    "bottom burner": _Part("knob 2", 0.048, goals.open_("knob 2", amount=0.88)),
-    "top burner": _Part("knob 4", 0.048, goals.open_("knob 4", amount=0.92)),
+    "bottom burner": _Part("knob 2", 0.048, goals.open_("knob 2", amount=0.88), _SHORT),
+    "top burner": _Part("knob 4", 0.048, goals.open_("knob 4", amount=0.92), _SHORT),
     "kettle": _Part("kettle", 0.0, goals.at("kettle", (-0.23, 0.75))),
 }
 
@@ -110,9 +115,9 @@ class KitchenTask:
         observation, _ = self._env.reset(seed=seed)
         inner: Any = self._env.unwrapped
         file = Path(inner.robot_env.fullpath)
-        self.robot = _panda(file, tuple(inner.data.qpos[:_JOINTS].tolist()))
-        self._see(observation)
         part = _TASKS[id]
+        self.robot = _panda(file, tuple(inner.data.qpos[:_JOINTS].tolist()), part.beyond)
+        self._see(observation)
         model = insert_robot(_scene(file, part), self.robot, (0.0, -_BEHIND, 0.0, _YAW), without=[_STAND])
         joints = [inner.model.joint(number) for number in range(_JOINTS + 2, inner.model.njnt)]
         self._others = [(int(one.qposadr[0]), int(model.joint(one.name).qposadr[0]), len(one.qpos0)) for one in joints]
@@ -172,7 +177,7 @@ def _scene(file: Path, part: _Part) -> mujoco.MjSpec:
 
 
 @cache
-def _panda(file: Path, start: tuple[float, ...]) -> RobotSpec:
+def _panda(file: Path, start: tuple[float, ...], beyond: float) -> RobotSpec:
     """The environment's arm on a pedestal, with two pads in place of its fingers; its home is as near to its start as
     the joints go, which begin beyond a limit."""
     mounting = Mounting(
@@ -181,7 +186,7 @@ def _panda(file: Path, start: tuple[float, ...]) -> RobotSpec:
         on=(_BEHIND, _HEIGHT),
         radius=_RADIUS,
         opening=_OPENING,
-        tool=_TOOL,
+        tool=_TIP - beyond,
         apart=("panda0_link5", "panda0_link7"),
         drive="fixed",
     )
@@ -189,7 +194,7 @@ def _panda(file: Path, start: tuple[float, ...]) -> RobotSpec:
     spec = mujoco.MjSpec.from_string(mjcf)
     for name, side in zip(FINGERS, (1.0, -1.0), strict=True):
         pad = spec.body(name).geoms[0]
-        pad.size, pad.pos = _PAD, (_DEEPER, _PAD[1] * side, 0.0)
+        pad.size, pad.pos = _PAD, (beyond - _MADE, _PAD[1] * side, 0.0)
     wrist = spec.joint(f"robot:panda0_joint{_JOINTS - 1}")
     wrist.range = (_BENT, wrist.range[1])
     model = spec.compile()
