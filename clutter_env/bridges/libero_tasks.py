@@ -54,6 +54,9 @@ length within which points are at an end; and share of its length that a box in 
 _SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 _CLEAR = 0.03
 """[m] between what the arm is bolted to and its lowest shapes: in LIBERO they touch, which is no collision."""
+_SPEEDS, _ACCELERATIONS = (2.175,) * 4 + (2.61,) * 3, (6.0,) * 4 + (7.5,) * 3
+"""[rad/s] of a Panda's joints by its data sheet, and [rad/s²] that OSC_POSE follows: where the gripper stays behind, the
+plan waits."""
 _LIFT = (-0.5, 0.6)
 """[m] The arm stands between the floor and 1.1 m."""
 
@@ -202,4 +205,10 @@ def _panda() -> RobotSpec:
     spec.joint(robot.torso_joint).range = _LIFT
     spec.compile()
     lift = robot.chain[0]._replace(lower=_LIFT[0], upper=_LIFT[1])
-    return replace(robot, mjcf=str(kept_mjcf("panda-libero", spec.to_xml())), chain=(lift, *robot.chain[1:]))
+    return replace(
+        robot,
+        mjcf=str(kept_mjcf("panda-libero", spec.to_xml())),
+        chain=(lift, *robot.chain[1:]),
+        max_velocity=(*robot.max_velocity[:4], *_SPEEDS),
+        max_acceleration=(*robot.max_acceleration[:4], *_ACCELERATIONS),
+    )
