@@ -32,6 +32,7 @@ from clutter_env.bridges.libero_goals import wanted_in
 from clutter_env.bridges.osc_task import BESIDE, OscTask
 from clutter_env.bridges.remote import Remote
 from planners import ControlledWorld, ExpertConfig, FollowingPlanner, MonitorConfig
+from planners.grasping.families import GRASP_SETS, TOP
 
 SETTLE = 10
 """Steps in which objects come to rest, as in LIBERO's evaluations; they are not counted."""
@@ -51,6 +52,11 @@ _SLIP = 0.05
 _MANY, _ROUND, _NEAR_END, _FILLED = 8, 0.8, 0.2, 0.85
 """Boxes from which on a body may be a cylinder; share of a circle that its ends cover at least; share of its half
 length within which points are at an end; and share of its length that a box in its middle has."""
+_GRASPS = (
+    *GRASP_SETS["all"],
+    replace(TOP, name="top, 20 mm beside the middle", axis_offset=0.02, shape="box"),
+)
+"""Boxes lie beside cans that the palm would touch."""
 _SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 _CLEAR = 0.03
 """[m] between what the arm is bolted to and its lowest shapes: in LIBERO they touch, which is no collision."""
@@ -107,7 +113,7 @@ class LiberoTask(OscTask):
         self.solved_at: int | None = None
         self.config = ExpertConfig(planning_s=math.inf, with_floor=False, monitor=MonitorConfig(slip=_SLIP))
         follower = self.follower(start, "Panda")
-        self.planner = FollowingPlanner(self.robot, grasps="all", controller=follower, saves_time=True)
+        self.planner = FollowingPlanner(self.robot, grasps=_GRASPS, controller=follower, saves_time=True)
         model = self.model
         free = [model.joint(int(k)) for k in np.flatnonzero(model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE))]
         movable = [model.body(int(joint.bodyid[0])).name for joint in free]
