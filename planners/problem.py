@@ -8,7 +8,7 @@ problem = problem.in_scene(changed)  # objects have moved: results for unmoved p
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, field, replace
 
 from assets.robots import RobotSpec
@@ -19,7 +19,8 @@ from planners.collision.world import SUPPORT_SLACK, CompiledScenes, validate
 from planners.goals import Clear, Fact, Goal, Inside, On, levels_under
 from planners.grasping.candidates import GraspCandidates
 from planners.motion.kept import KeptMotions
-from planners.scene import Scene, SceneError
+from planners.regions import RESTING
+from planners.scene import Body, Scene, SceneError
 from planners.workspace import Workspace
 
 
@@ -163,10 +164,18 @@ def not_sunk(scene: Scene) -> Scene:
     """
     for name in sorted(scene.names, key=lambda name: scene.body(name).bottom):
         body = scene.body(name)
-        sunk = max((level - body.bottom for level in levels_under(scene, body)), default=0.0)
+        levels = (*levels_under(scene, body), *_furniture_under(scene, body))
+        sunk = max((level - body.bottom for level in levels), default=0.0)
         if sunk > SUPPORT_SLACK and name not in scene.held_names:
             scene = scene.with_body(body.at(body.position + [0.0, 0.0, sunk]))
     return scene
+
+
+def _furniture_under(scene: Scene, body: Body) -> Iterator[float]:
+    """[m] heights of level faces under the centre of an object into which it presses, supports or not."""
+    for one in scene.static_obstacles:
+        if 0.0 < one.top - body.bottom <= RESTING and one.has_level_top and one.is_under(body.position[:2]):
+            yield one.top
 
 
 def _fixed(scene: Scene) -> Hashable:

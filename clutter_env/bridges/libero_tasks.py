@@ -32,6 +32,7 @@ from clutter_env.bridges.libero_goals import wanted_in
 from clutter_env.bridges.osc_task import BESIDE, OscTask
 from clutter_env.bridges.remote import Remote
 from planners import ControlledWorld, ExpertConfig, FollowingPlanner, MonitorConfig
+from planners.grasping.families import GRASP_SETS, TOP
 
 SETTLE = 10
 """Steps in which objects come to rest, as in LIBERO's evaluations; they are not counted."""
@@ -51,9 +52,17 @@ _SLIP = 0.05
 _MANY, _ROUND, _NEAR_END, _FILLED = 8, 0.8, 0.2, 0.85
 """Boxes from which on a body may be a cylinder; share of a circle that its ends cover at least; share of its half
 length within which points are at an end; and share of its length that a box in its middle has."""
+_GRASPS = (
+    *GRASP_SETS["all"],
+    replace(TOP, name="top, 20 mm beside the middle", axis_offset=0.02, shape="box"),
+)
+"""Boxes lie beside cans that the palm would touch."""
 _SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 _CLEAR = 0.03
 """[m] between what the arm is bolted to and its lowest shapes: in LIBERO they touch, which is no collision."""
+_SPEEDS, _ACCELERATIONS = (2.175,) * 4 + (2.61,) * 3, (6.0,) * 4 + (7.5,) * 3
+"""[rad/s] of a Panda's joints by its data sheet, and [rad/s²] that OSC_POSE follows: where the gripper stays behind, the
+plan waits."""
 _LIFT = (-0.5, 0.6)
 """[m] The arm stands between the floor and 1.1 m."""
 
@@ -104,7 +113,7 @@ class LiberoTask(OscTask):
         self.solved_at: int | None = None
         self.config = ExpertConfig(planning_s=math.inf, with_floor=False, monitor=MonitorConfig(slip=_SLIP))
         follower = self.follower(start, "Panda")
-        self.planner = FollowingPlanner(self.robot, grasps="all", controller=follower, saves_time=True)
+        self.planner = FollowingPlanner(self.robot, grasps=_GRASPS, controller=follower, saves_time=True)
         model = self.model
         free = [model.joint(int(k)) for k in np.flatnonzero(model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE))]
         movable = [model.body(int(joint.bodyid[0])).name for joint in free]
@@ -202,4 +211,10 @@ def _panda() -> RobotSpec:
     spec.joint(robot.torso_joint).range = _LIFT
     spec.compile()
     lift = robot.chain[0]._replace(lower=_LIFT[0], upper=_LIFT[1])
-    return replace(robot, mjcf=str(kept_mjcf("panda-libero", spec.to_xml())), chain=(lift, *robot.chain[1:]))
+    return replace(
+        robot,
+        mjcf=str(kept_mjcf("panda-libero", spec.to_xml())),
+        chain=(lift, *robot.chain[1:]),
+        max_velocity=(*robot.max_velocity[:4], *_SPEEDS),
+        max_acceleration=(*robot.max_acceleration[:4], *_ACCELERATIONS),
+    )

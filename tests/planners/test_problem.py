@@ -146,3 +146,12 @@ def test_a_motion_is_kept_unless_something_that_moved_comes_near_it() -> None:
     assert kept.find("drive", int, CollisionWorld.from_scene(far)) is None
     assert kept.for_next_scene().find("drive", str, CollisionWorld.from_scene(far)) == "a motion", "what was used again"
     assert isinstance(PLANNER.problem(scene, "object_00"), Problem)
+
+
+def test_what_has_sunk_into_furniture_that_is_no_support_is_taken_all_the_same() -> None:
+    sunk = cylinder("can", 0.0, 0.0)
+    x, y = sunk.position[:2]
+    mat = StaticObstacle("mat", np.array((x, y, sunk.bottom - 0.007)), np.array((0.06, 0.06, 0.01)))
+    scene = table_scene(sunk)
+    found = PLANNER.solve(replace(scene, static_obstacles=(*scene.static_obstacles, mat)), "can")
+    assert isinstance(found, Solution), found
