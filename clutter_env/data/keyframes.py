@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from clutter_env.data.episode import Episode
 from clutter_env.errors import DatasetError
+from clutter_env.policies.parsed_observation import parse_observation
 
 
 class KeyframeSteps(NamedTuple):
@@ -23,16 +24,34 @@ class KeyframeSteps(NamedTuple):
     keyframes: NDArray[np.float64]
 
 
-def keyframe_steps(episode: Episode) -> KeyframeSteps:
+def keyframe_steps(episode: Episode, every: int | None = None) -> KeyframeSteps:
     """The keyframes that a demonstration goes for, each once, in their order.
 
+    The plan's own are the ends of its phases. Between them it goes round what is in the way, which a straight line from
+    one to the next does not: with `every`, where it was after so many steps is a keyframe too.
+
+    Args:
+        episode: of an expert that has a plan, with state observations.
+        every: number of steps; None: the plan's own keyframes alone.
+
     Raises:
-        DatasetError: the expert had no plan, so that there are none.
+        DatasetError: the expert had no plan, so that there are none; or `every` is less than 1.
     """
-    keyframes = episode.labels.keyframe
-    is_known = np.isfinite(keyframes).all(axis=1)
-    known = np.flatnonzero(is_known)
+    if every is not None and every < 1:
+        raise DatasetError(f"every={every} is not valid; it must be at least 1, or None")
+    planned = episode.labels.keyframe
+    known = np.flatnonzero(np.isfinite(planned).all(axis=1))
     if not len(known):
         raise DatasetError(f"the episode of seed {episode.seed} has no keyframes: its expert has no plan")
-    is_new = np.append(True, (keyframes[known[1:]] != keyframes[known[:-1]]).any(axis=1))
-    return KeyframeSteps(known[is_new], keyframes[known[is_new]])
+    is_new = np.append(True, (planned[known[1:]] != planned[known[:-1]]).any(axis=1))
+    starts = known[is_new]
+    if every is None:
+        return KeyframeSteps(starts, planned[starts])
+    was_at = parse_observation(episode.observations).whole_body
+    rows, keyframes = list[int](), list[NDArray[np.float64]]()
+    for start, end in zip(starts.tolist(), [*starts[1:].tolist(), len(episode)], strict=True):
+        between = range(start + every, end - every // 2, every)
+        rows += [start, *between]
+        keyframes += [np.append(was_at[row], planned[start, -1]) for row in between]
+        keyframes.append(planned[start])
+    return KeyframeSteps(np.array(rows), np.array(keyframes))
