@@ -5,8 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import combinations
 from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 SIGNIFICANT = 0.05
 """Level of the tests, two-sided."""
@@ -127,21 +131,29 @@ def smallest_shown(scenes: int, rate: float) -> float | None:
 
 def _power(scenes: int, rate: float, other: float) -> float:
     """Probability that the paired test calls two independent policies with these rates different."""
+    from scipy.stats import binom  # takes a moment to import
+
     only_one, only_other = rate * (1 - other), other * (1 - rate)
     discordant = only_one + only_other
     if not discordant:
         return 0.0
-    share = only_one / discordant
-    return sum(
-        _binomial(scenes, total, discordant)
-        * sum(
-            _binomial(total, one, share)
-            for one in range(total + 1)
-            if Discordant(one, total - one).p_value < SIGNIFICANT
-        )
-        for total in range(1, scenes + 1)
+    totals = np.arange(scenes + 1)
+    needed = _needed(scenes)
+    # Of the scenes that are discordant, so many or more on either side.
+    shown = binom.sf(needed - 1, totals, only_one / discordant) + binom.cdf(
+        totals - needed, totals, only_one / discordant
     )
+    return float(binom.pmf(totals, scenes, discordant) @ shown)
 
 
-def _binomial(trials: int, successes: int, rate: float) -> float:
-    return math.comb(trials, successes) * rate**successes * (1 - rate) ** (trials - successes)
+@cache
+def _needed(scenes: int) -> NDArray[np.int64]:
+    """The scenes that one policy must win of each number of discordant ones, (scenes + 1,); more than there are: none
+    suffices."""
+    found = [0]
+    for total in range(scenes + 1):  # one discordant scene more needs at most one more
+        least = found[-1]
+        while least <= total and Discordant(least, total - least).p_value >= SIGNIFICANT:
+            least += 1
+        found.append(max(least, total // 2 + 1))
+    return np.array(found[1:])
