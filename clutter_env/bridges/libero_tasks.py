@@ -61,8 +61,8 @@ _SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 _CLEAR = 0.03
 """[m] between what the arm is bolted to and its lowest shapes: in LIBERO they touch, which is no collision."""
 _SPEEDS, _ACCELERATIONS = (2.175,) * 4 + (2.61,) * 3, (6.0,) * 4 + (7.5,) * 3
-"""[rad/s] of a Panda's joints by its data sheet, and [rad/s²] that OSC_POSE follows: where the gripper stays behind, the
-plan waits."""
+"""[rad/s] of a Panda's joints by its data sheet, and [rad/s²] that OSC_POSE follows. Where the gripper stays behind,
+the plan waits."""
 _LIFT = (-0.5, 0.6)
 """[m] The arm stands between the floor and 1.1 m."""
 
