@@ -74,7 +74,7 @@ BARS = tuple(AntipodalFamily(f"bar, {pitch}°", np.radians(pitch), hangs=True) f
 
 @dataclass(frozen=True)
 class _Part:
-    """What a task moves: a body, half the length [m] of the geom that is its handle, the goal, and how deep it is held."""
+    """What a task moves: a body, half the length [m] of the geom that is its handle, goal and depth [m] of the hold."""
 
     body: str
     handle: float
