@@ -54,7 +54,7 @@ _MANY, _ROUND, _NEAR_END, _FILLED = 8, 0.8, 0.2, 0.85
 length within which points are at an end; and share of its length that a box in its middle has."""
 _GRASPS = (
     *GRASP_SETS["all"],
-    replace(TOP, name="top, 20 mm beside the middle", axis_offset=0.02, shape="box"),
+    *(replace(TOP, name=f"top, {1000 * x:+.0f} mm off the middle", axis_offset=x, shape="box") for x in (0.02, -0.02)),
 )
 """Boxes lie beside cans that the palm would touch."""
 _SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))

@@ -136,7 +136,9 @@ def _shorter_path(
     clear = world.with_padding(CLEARANCE).query(opening, held, 1 << SELF_BIT, first_only=True)
     hanging = None if held is None else _hanging(world, phases[0].states[:1], held)
     hung = (
-        clear if hanging is None else world.with_padding(CLEARANCE).query(opening, hanging, 1 << SELF_BIT, first_only=True)
+        clear
+        if hanging is None
+        else world.with_padding(CLEARANCE).query(opening, hanging, 1 << SELF_BIT, first_only=True)
     )
     checks = _Checks(world, clear, hung, world.query(opening, held, first_only=True))
     at_start, at_end = (
