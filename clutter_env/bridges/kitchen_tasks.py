@@ -132,6 +132,13 @@ class KitchenTask:
             self, model, self.robot, movable=["kettle"], support="stove", more_supports=(), goal=part.goal
         )
 
+    @property
+    def simulated(self) -> mujoco.MjData:
+        """The environment's own state, without noise; nothing here acts on it."""
+        inner: Any = self._env.unwrapped
+        data: mujoco.MjData = inner.data
+        return data
+
     def observe(self) -> Array:
         """(nq,) positions as the environment's observation has them."""
         for theirs, ours, width in self._others:
