@@ -60,7 +60,7 @@ class Entry(NamedTuple):
     """Whether it shows the table and the robot at work, larger, and not where the robot starts."""
 
 
-ENTRIES = (
+ENTRIES: tuple[Entry, ...] = (
     Entry("retrieve", "clutter_env/Retrieve-o15-v0", {"obstructed": True}, is_front_page=True),
     Entry("shelf", "clutter_env/Retrieve-o10-v0", {"layout": "shelf"}, "lookahead-all"),
     Entry("dense", "clutter_env/Retrieve-o25-v0", {"layout": "dense", "obstructed": True}, "lookahead-all"),
