@@ -17,6 +17,7 @@ if TYPE_CHECKING:
         RobotSpec,
         UnknownRobot,
         robot,
+        robot_names,
         rotation_of,
     )
 
@@ -37,6 +38,7 @@ __all__ = [
     "path",
     "robot",
     "robot_contacts",
+    "robot_names",
     "rotation_of",
 ]
 

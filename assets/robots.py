@@ -110,6 +110,11 @@ _PAGES: dict[str, dict[str, Any]] = {
 """By name, what is said of a robot beside its MJCF file `mjcf/<name>.xml`; see `docs/add_a_robot.md`."""
 
 
+def robot_names() -> tuple[str, ...]:
+    """Names of the package's robots."""
+    return tuple(sorted((*_ROBOTS, *_PAGES)))
+
+
 def robot(robot: str | RobotSpec | Mapping[str, Any]) -> RobotSpec:
     """The robot of that name, or of an MJCF file that has its page beside it, `arm.xml` and `arm.json`.
 
@@ -131,7 +136,7 @@ def robot(robot: str | RobotSpec | Mapping[str, Any]) -> RobotSpec:
             raise UnknownRobot(f"no robot {robot!r}: a file needs its page {files[1].name} beside it")
         return _of_files(*files, *(file.stat().st_mtime_ns for file in files))
     if not isinstance(robot, str) or robot not in _ROBOTS:
-        known = ", ".join(sorted((*_ROBOTS, *_PAGES)))
+        known = ", ".join(robot_names())
         raise UnknownRobot(f"no robot {robot!r}; known robots: {known}; or give an MJCF file or an assets.RobotSpec")
     return _ROBOTS[robot]
 

@@ -120,10 +120,10 @@ def floor_gap(raster: Raster, x: float, y: float) -> float:
 
 
 @njit(cache=True)
-def classify_cells(raster: Raster) -> None:
+def classify_cells(raster: Raster, cells: NDArray[np.uint8]) -> None:
     """Classify every cell, all FREE before, by its centre's distance to each outline, plus or minus half the cell's
-    diagonal."""
-    cells, x0, y0, resolution = raster.cells, raster.x0, raster.y0, raster.resolution
+    diagonal. `cells` are the raster's own, which are read-only there."""
+    x0, y0, resolution = raster.x0, raster.y0, raster.resolution
     vertices, starts, radii = raster.vertices, raster.starts, raster.radii
     width, depth = cells.shape
     slack = 0.7072 * resolution
@@ -226,8 +226,8 @@ class FreeSpace:
                 f"{shape[0]} × {shape[1]} cells are too many; choose smaller bounds or a coarser resolution"
             )
         cells, distance = np.full(shape, FREE, np.uint8), np.empty((0, 0), np.float32)
-        raster = Raster(cells, distance, x0, y0, x1, y1, resolution, vertices, starts, radii)
-        classify_cells(raster)
+        raster = _read_only(Raster(cells.view(), distance, x0, y0, x1, y1, resolution, vertices, starts, radii))
+        classify_cells(raster, cells)
         blocked = cells == BLOCKED
         distance = np.full(shape, _FAR) if blocked.all() else distance_transform_edt(blocked) * resolution
         return FreeSpace(_read_only(raster._replace(distance=distance.astype(np.float32))))

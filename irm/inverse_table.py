@@ -182,6 +182,8 @@ def inverse_reachability_on_floor(x: Floats, y: Floats, yaw: Floats) -> tuple[Fl
 
 
 _NO_RANKING = Ranking(np.empty(0, np.uint16), np.empty(0, np.int64), np.empty((0, 0), np.int32))
+for _array in _NO_RANKING:
+    _array.setflags(write=False)  # as of every ranking, so that kernels are compiled only once
 
 
 def invert_map(rm: ReachabilityMap) -> Bases:

@@ -97,7 +97,8 @@ def link_frames(chain: ArmChain, q: ArrayLike) -> tuple[Floats, Floats]:
         )
     R = np.empty((chain.size + 1, 3, 3))
     p = np.empty((chain.size + 1, 3))
-    fk_frames(chain.offsets, chain.axes, chain.tip, configuration, R, p)
+    # Copies, since kernels pass arrays that may be written to: for read-only ones it would be compiled once more.
+    fk_frames(chain.offsets.copy(), chain.axes.copy(), chain.tip.copy(), configuration, R, p)
     return R, p
 
 

@@ -24,7 +24,7 @@ from irm.compilation import njit
 from irm.grid import MapGrid
 from irm.ik.subproblems import nearest_turn
 from irm.kernel_arguments import leaf_kernel
-from irm.kinematics import fk_frames
+from irm.kinematics import link_frames
 from irm.rotations import rotation
 from irm.self_contact import BASE, CLEARANCE
 from irm.shapes import Placed, Shapes, is_pair_near
@@ -84,8 +84,7 @@ class Touching(NamedTuple):
 def images_of(chain: ArmChain, grid: MapGrid) -> Images:
     """The images that the cells of an arm's map have."""
     n, orientations = chain.size, grid.orientations
-    R, p = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
-    fk_frames(chain.offsets, chain.axes, chain.tip, np.zeros(n), R, p)
+    R, p = link_frames(chain, np.zeros(n))
     first, last = (R[joint][:, chain.axes[joint] % PRISMATIC] for joint in (1, n - 1))
     are_hinges = bool(np.all(chain.axes[[1, n - 1]] < PRISMATIC))
     off_centre = max(np.abs(first[:2]).max(), np.abs(p[1, :2] - grid.centre).max())
@@ -132,8 +131,7 @@ def touching(chain: ArmChain, shapes: Shapes, images: Images) -> Touching:
     lower_link, on_hand = link[pairs[:, 0]], link[pairs[:, 1]] == last
     fixed = np.flatnonzero(link <= 0)
     position, turn = shapes.position[fixed].copy(), shapes.rotation[fixed].copy()
-    R, p = np.empty((chain.size + 1, 3, 3)), np.empty((chain.size + 1, 3))
-    fk_frames(chain.offsets, chain.axes, chain.tip, np.zeros(chain.size), R, p)
+    R, p = link_frames(chain, np.zeros(chain.size))
     on_torso = link[fixed] == 0
     position[on_torso] = p[0] + (position[on_torso] + shapes.opened[fixed[on_torso]]) @ R[0].T
     turn[on_torso] = R[0] @ turn[on_torso]

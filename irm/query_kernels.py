@@ -713,9 +713,9 @@ _DIGIT = 11
 
 
 @njit(cache=True)
-def _descending(value: Integers, count: int, space: Integers) -> Integers:
-    """The order (count,) of numbers ≥ 0 from the largest down, equal ones as they come; `space` (2, n) for it."""
-    starts, order = np.empty((1 << _DIGIT) + 1, np.int64), space[0]
+def _descending(value: Integers, space: Integers) -> Integers:
+    """The order of numbers ≥ 0 from the largest down, equal ones as they come; `space` (2, as many or more) for it."""
+    starts, order, count = np.empty((1 << _DIGIT) + 1, np.int64), space[0], value.shape[0]
     for digit in range(2):
         starts[:] = 0
         for k in range(count):
@@ -758,7 +758,7 @@ def rank_bases(
         if packed.offset[key] > 0:
             best[:] = -1
             for k in range(table, end):
-                cell = int(places.by_tile[k])
+                cell: int = np.int64(places.by_tile[k])  # type: ignore[assignment]  # int() would leave it at 32 bits
                 if has_cell(packed.free, packed.offset[key], cell):
                     level = code_of(packed, key, cell) >> packed.torso_bits
                     if by_certainty and is_upright(bases, layer, group, cell):
@@ -774,7 +774,7 @@ def rank_bases(
                     if best[voxel] >= 0:
                         local[count], value[count] = best[voxel], best_value[voxel]
                         count += 1
-        order = _descending(value, count, space)
+        order = _descending(value[:count], space)
         first[key + 1] = filled + count
         for step in range(skip.shape[1]):
             skip[key, step] = filled + count

@@ -39,6 +39,8 @@ COMMANDS = {
     "robot": "check the data of a robot, and draw it",
     "benchmark": "measure speed, memory and rendering of the environments",
     "warmup": "compile the planner's kernels, once on a machine",
+    "list": "list environments, suites, layouts, robots and policies",
+    "doctor": "check this installation, and say what is missing and how to get it",
 }
 """The commands, each in the module of its name in this package, and what they do."""
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irm.chain import PRISMATIC, ArmChain
-from irm.kinematics import fk_frames
+from irm.kinematics import link_frames
 
 Floats = NDArray[np.float64]
 _MEET = 5e-4
@@ -122,8 +122,7 @@ class _View(NamedTuple):
 
 def _views(chain: ArmChain) -> tuple[_View, _View]:
     n = chain.size
-    R, p = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
-    fk_frames(chain.offsets, chain.axes, chain.tip, np.zeros(n), R, p)
+    R, p = link_frames(chain, np.zeros(n))
     lines = [_Line(p[k], R[k][:, chain.axes[k] % PRISMATIC]) for k in range(1, n)]
     # Seen from the TCP the joints come in the opposite order, and each one turns the other way.
     from_tcp = [_Line(R[n].T @ (line.point - p[n]), -(R[n].T @ line.axis)) for line in reversed(lines)]

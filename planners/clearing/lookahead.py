@@ -265,6 +265,7 @@ class _Search:
                 yield self._made(now, step if not step.is_general else Step(step.name, False, step.taken), False)
         for name in itertools.islice(self._others(now), _OTHERS):
             yield self._made(now, Step(name, False), is_strict=False)
+        yield from self._out_of_hand_again(now)
 
     def _ready(self, now: _Situation) -> list[Step]:
         """Steps that may come next: the first one of each object; what is in a hand before all others."""
@@ -387,6 +388,15 @@ class _Search:
             place = place_of(now.scene, fact)
             found = in_the_way(now.scene, now.scene.body(fact.object), place, waiting)
             yield self._moving_these_too(now, fact.object, found or self._in_the_way_of_robot(now, fact))
+
+    def _out_of_hand_again(self, now: _Situation) -> _Tries:
+        """What is to be held in the end is put aside before, since others go to their places first."""
+        goal, waiting = self.maker.goal, now.waiting
+        if now.scene.held_names or not any(placed_fact(goal, name) for name in waiting):
+            return
+        for name in waiting:
+            if name in goal.held and name not in now.put_aside:
+                yield self._made(now, Step(name, False), is_strict=False)
 
     def _in_the_way_of_robot(self, now: _Situation, fact: On | Inside | At) -> tuple[str, ...]:
         """What keeps the robot from putting an object down at its place once those that wait have left."""

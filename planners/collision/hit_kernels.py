@@ -473,7 +473,8 @@ def is_clear_around(query: CollisionQuery, x: Array, opening: float, slack: Arra
         bound[i] += more
     is_clear = True
     if wanted != _NONE:
-        is_clear = _object_hits(solids, count + held, obstacles, wanted, padding, True, simplex) == _NONE
+        first_only = wanted != _NONE  # true; a constant would have the kernel compiled once more
+        is_clear = _object_hits(solids, count + held, obstacles, wanted, padding, first_only, simplex) == _NONE
     if is_clear and active & _STATIC != _NONE:
         is_clear = not _hits_static(solids, count, held, obstacles, link, robot.stands, padding, simplex)
     for i in range(count + 2 * held):

@@ -36,6 +36,7 @@ from planners.motion.path import BlockedBy, NoPath
 from planners.placing.placements import Placement
 from planners.scene import Body, Solid
 from planners.tamp.motion_layer import MotionLayer
+from scripts.goal_bounds import drawn as drawn_close
 from scripts.goal_measures import drawn
 from tests.planners.pieces import bottle, bowl, cut_in_two
 from tests.planners.plans import assert_free
@@ -230,6 +231,16 @@ def test_what_must_leave_a_place_may_need_others_to_leave_first() -> None:
     plan = solve(scene, goal)
     assert isinstance(plan, Solution)
     assert [action.target for action in plan.actions if action.name == "PickUp"] == ["near", "far", "a"]
+
+
+def test_what_is_to_be_held_is_put_aside_first_where_it_keeps_another_from_its_place() -> None:
+    """The pan's place is free by the shapes alone, so that the bound does not know; the arm does not come to it."""
+    *_, scene, goal = drawn_close(49_100_078)
+    found = solve(scene, goal)
+    assert isinstance(found, Solution)
+    assert found.picks == 3
+    assert found.end is not None
+    assert goal.holds(found.end, scene)
 
 
 def test_a_pose_in_a_region_for_others_and_a_region_within_another_are_not_kept_free() -> None:

@@ -81,10 +81,12 @@ def test_every_kernel_is_compiled_for_one_signature(tmp_path: Path) -> None:
 def test_warming_up_again_is_cheap_and_silent(caplog: pytest.LogCaptureFixture) -> None:
     planner = Planner(FETCH)
     planner.warmup()
-    before = time.perf_counter()
+    spent_s = []
     for _ in range(100):
+        before = time.perf_counter()
         planner.warmup()
-    assert time.perf_counter() - before < 0.1
+        spent_s.append(time.perf_counter() - before)
+    assert min(spent_s) < 0.001, "one of a hundred is not interrupted by another process"
     assert not caplog.records
 
 
