@@ -7,8 +7,8 @@ from typing import Any
 
 from gymnasium.envs.registration import WrapperSpec, register
 
-# One distribution, four top-level packages: without this check an import from another package of that name fails with
-# "cannot import name", or later.
+# One distribution has four top-level packages. Without this check, an import from another package of the same name
+# would fail late, or with "cannot import name".
 for _name in ("assets", "irm", "planners"):
     _spec = find_spec(_name)
     if _spec and _spec.origin and Path(_spec.origin).parent.parent != Path(__file__).parent.parent:
@@ -40,13 +40,14 @@ SEARCH_COUNTS = (5, 10, 12, 16)
 SKILL_OBJECT_COUNTS = (5, 10, 15, 20, 25)
 
 GOAL_FAMILIES = ("reach", "pick", "armreach", "armpick")
-"""Families of the goal environments, in which an episode ends with its time alone."""
+"""Families of the goal environments, in which an episode ends only at its time limit."""
 
 
 def time_limit(num_objects: int) -> int:
     """Control steps in an episode of Retrieve: 20 s, and 11 s for each object.
 
-    About 2.5 times the 95% quantile of the expert's episodes; docs/retrieve.md has the measurement and its command.
+    This is about 2.5 times the 95% quantile of the expert's episodes. docs/retrieve.md has the measurement and its
+    command.
     """
     return 400 + 220 * num_objects
 
@@ -72,11 +73,11 @@ def skill_budget(num_objects: int) -> int:
 
 ARM_RETRIEVE_COUNTS = (1, 3, 5)
 ARM_RETRIEVE_TIME_LIMIT = 100
-"""Control steps in an episode of ArmRetrieve: its script needs 75 at most, with an object put aside."""
+"""Control steps in an episode of ArmRetrieve. Its script needs at most 75, including one object put aside."""
 
 
 _ENTRY_POINTS = "clutter_env.envs.instruction"
-"""The module in which each has a name."""
+"""The module that exports all environment classes."""
 
 
 def _register_counts(name: str, counts: Iterable[int], most_steps: Callable[[int], int], entry_point: str = "") -> None:
@@ -111,7 +112,7 @@ _register_counts("Skill", SKILL_OBJECT_COUNTS, skill_budget)
 
 
 def __getattr__(name: str) -> Any:
-    """`__version__`, read when it is asked for: importing the package stays fast."""
+    """`__version__`, read on first use, so that importing the package stays fast."""
     if name == "__version__":
         from clutter_env.version import version
 

@@ -28,23 +28,23 @@ OBS_MODES = ("state", "rgbd", "pointcloud")
 HEAD_MODES = ("fixed", "commanded")
 BASES = ("holonomic", "differential", "fixed")
 EFFECTS = ("poses", "joints", "camera", "frames", "observation_delay", "action_delay", "friction", "mass", "size")
-"""By which `reality` makes the world differ from what the robot knows; see `envs.reality`."""
+"""Effects by which `reality` makes the world differ from the robot's knowledge, see `envs.reality`."""
 SCENE_CAMERAS = ("scene", "top")
-"""Views of every scene: all of it, and from above; the robot brings its own cameras."""
+"""Views of every scene: the whole scene, and from above. The robot adds its own cameras."""
 IMAGE_SIZE_RANGE = (16, 2048)
-"""Pixels."""
+"""[pixels] Range of the width and height of images."""
 MOST_POINTS = 2**20
 
 
 @dataclass(frozen=True)
 class EnvConfig:
-    """The keyword arguments of the environments; building one checks them.
+    """The keyword arguments of the environments. The constructor checks them.
 
-    A layout or a robot is a name, an object, or the object's fields as a dictionary (`dataclasses.asdict`): the last is
-    what `env.spec.to_json()` writes.
+    A layout or a robot is a name, an object, or the object's fields as a dictionary (`dataclasses.asdict`).
+    `env.spec.to_json()` writes dictionaries.
 
     Raises:
-        ConfigError: a value of the wrong type or outside its range; the message lists the valid ones.
+        ConfigError: a value has the wrong type or is outside its range. The message lists the valid values.
     """
 
     num_objects: int = 15
@@ -127,7 +127,7 @@ class EnvConfig:
         for name in ("width", "height", "image_size"):
             object.__setattr__(self, name, check_integer(name, getattr(self, name), *IMAGE_SIZE_RANGE))
         object.__setattr__(self, "num_points", check_integer("num_points", self.num_points, 1, MOST_POINTS))
-        # An integer of NumPy's becomes Python's: what is computed of it would be NumPy's too.
+        # Convert NumPy integers to Python's. Otherwise results computed from them would be NumPy's too.
         object.__setattr__(self, "num_objects", check_integer("num_objects", self.num_objects, 0))
         fit = capacity(layout, self.shapes, self.find_object_set())
         if self.num_objects > fit:
@@ -141,11 +141,11 @@ class EnvConfig:
 
     @property
     def reward_modes(self) -> tuple[str, ...]:
-        """Values of `reward_mode` here."""
+        """Values of `reward_mode` in this configuration."""
         return REWARD_MODES
 
     def obstruction_problem(self, least: int) -> str:
-        """Why targets with at least so many objects in the way cannot be drawn here, "" if they can."""
+        """Reason why targets with at least this many objects in the way cannot be drawn here, "" if they can."""
         if self.find_layout().opens:
             return f"layout={self.find_layout().name!r} is shut at the start: no grasp reaches anything"
         if not self.find_object_set().has_side_grasps:
@@ -157,7 +157,7 @@ class EnvConfig:
 
     @property
     def observed_cameras(self) -> tuple[str, ...]:
-        """The cameras of the observation, none where it has no images."""
+        """Cameras of the observation, () if it has no images."""
         return () if self.obs_mode == "state" else tuple(self.cameras) or self.find_robot().cameras
 
     def find_reality(self) -> dict[str, float]:
@@ -176,26 +176,26 @@ class EnvConfig:
 
     @property
     def slot_shapes(self) -> tuple[str, ...]:
-        """The shape, or kind, of the object in every slot of a random scene."""
+        """Shape, or kind, of the object in every slot of a random scene."""
         return slot_shapes(self.shapes, int(self.num_objects), self.find_object_set())
 
     def find_object_set(self) -> ObjectSet:
-        """The ranges of sizes and masses that `object_set` names."""
+        """Ranges of sizes and masses that `object_set` names."""
         return OBJECT_SETS[self.object_set]
 
     def find_layout(self) -> Layout:
-        """The layout that `layout` names or describes.
+        """Find the layout that `layout` names or describes.
 
         Raises:
-            ConfigError: there is no such layout.
+            ConfigError: no such layout.
         """
         return find_layout(self.layout)
 
     def find_robot(self) -> RobotSpec:
-        """The robot that `robot` names or describes.
+        """Find the robot that `robot` names or describes.
 
         Raises:
-            ConfigError: there is no such robot.
+            ConfigError: no such robot.
         """
         try:
             robot = find_robot(self.robot)
@@ -208,7 +208,7 @@ class EnvConfig:
         """The configuration that these keyword arguments describe.
 
         Raises:
-            ConfigError: an unknown name or an invalid value; the message lists the valid ones.
+            ConfigError: an unknown name or an invalid value. The message lists the valid ones.
         """
         known = [entry.name for entry in fields(cls)]
         for name in keywords:

@@ -1,4 +1,5 @@
-"""The exceptions of this package, whose messages say what was wrong and list what is valid; checks that raise them."""
+"""Exceptions of this package, and checks that raise them. The messages name the wrong value and list the valid
+values."""
 
 from __future__ import annotations
 
@@ -11,11 +12,12 @@ EXTRAS = {
     **dict.fromkeys(("h5py", "minari", "pyarrow", "av"), "data"),
     "ray": "distributed",
 }
-"""Modules that not every installation has, and the extra of the package that brings each."""
+"""Modules that not every installation has, and the extra of the package that installs each."""
 
 
 def missing_extra(problem: BaseException) -> str:
-    """The module that an exception says is not installed, and how to install it; "" for all other exceptions."""
+    """Name of the module that is not installed by this exception, and how to install it. "" for all other
+    exceptions."""
     name = (problem.name or "").partition(".")[0] if isinstance(problem, ModuleNotFoundError) else ""
     return f"{name} is not installed; pip install 'clutter-env[{EXTRAS[name]}]'" if name in EXTRAS else ""
 
@@ -33,7 +35,7 @@ class OptionError(ClutterEnvError):
 
 
 class ActionError(ClutterEnvError):
-    """An action is not a finite vector of the action space's shape; the environment has not changed."""
+    """An action is not a finite vector of the action space's shape. The environment has not changed."""
 
 
 class StateError(ClutterEnvError):
@@ -41,19 +43,19 @@ class StateError(ClutterEnvError):
 
 
 class RenderingUnavailable(ClutterEnvError, RuntimeError):
-    """This machine cannot render; the message says what is missing."""
+    """This machine cannot render. The message names what is missing."""
 
 
 class SuiteError(ClutterEnvError):
-    """No such suite, or a scene of a suite that is not the one that the suite was made with."""
+    """No such suite, or a scene that differs from that with which the suite was made."""
 
 
 class UsageError(ClutterEnvError):
-    """Arguments of a command that do not go together, or name something that there is not."""
+    """Arguments of a command do not go together, or name something that does not exist."""
 
 
 class NoHome(UsageError, RuntimeError):
-    """No home configuration of a robot is found; the message says why, and what to try."""
+    """No home configuration of a robot is found. The message gives the reason and a remedy."""
 
 
 class LearningError(ClutterEnvError):
@@ -61,19 +63,20 @@ class LearningError(ClutterEnvError):
 
 
 class DatasetError(LearningError):
-    """A directory or file does not hold what is needed; the message says what it holds."""
+    """A directory or file lacks the required content. The message describes its content."""
 
 
 class CollectionError(LearningError, RuntimeError):
-    """The collection had to stop: full disk, workers that die, too many rejected seeds. Stored episodes stay valid."""
+    """The collection had to stop because of a full disk, dying workers or too many rejected seeds. Stored episodes stay
+    valid."""
 
 
 class UnknownExpert(LearningError):
-    """No expert of that name for that environment; the message lists the known ones."""
+    """No expert of that name for that environment. The message lists the known experts."""
 
 
 class UnknownTask(LearningError):
-    """No environment of that name, or not with those keyword arguments; the message lists the known ones."""
+    """No environment of that name, or not with those keyword arguments. The message lists the known environments."""
 
 
 def check_choice(name: str, value: object, valid: Iterable[object], error: type[ClutterEnvError] = ConfigError) -> None:
@@ -86,7 +89,7 @@ def check_choice(name: str, value: object, valid: Iterable[object], error: type[
 def check_integer(
     name: str, value: object, lowest: int, highest: int | None = None, error: type[ClutterEnvError] = ConfigError
 ) -> int:
-    """The value as an int; raise an error unless it is an integer between `lowest` and `highest`, both included."""
+    """The value as an int. Raise an error unless it is an integer between `lowest` and `highest`, both included."""
     wanted = f"an integer of at least {lowest}" if highest is None else f"an integer from {lowest} to {highest}"
     most = math.inf if highest is None else highest
     if not isinstance(value, Integral) or isinstance(value, bool) or not lowest <= int(value) <= most:
@@ -97,7 +100,7 @@ def check_integer(
 def check_number(
     name: str, value: object, limits: tuple[float, float], unit: str, error: type[ClutterEnvError] = ConfigError
 ) -> float:
-    """The value as a float; raise an error unless it is a number between the limits, both included."""
+    """The value as a float. Raise an error unless it is a number between the limits, both included."""
     lowest, highest = limits
     if not isinstance(value, Real) or isinstance(value, bool) or value < lowest or not value <= highest:
         raise error(f"{name}={value!r} must be a number from {lowest:.4g} to {highest:.4g} [{unit}]")

@@ -1,8 +1,8 @@
 """Jobs in parallel, in processes of this machine (loky) or on many machines (Ray).
 
-loky: a process that dies gives an exception where `multiprocessing.Pool` waits for ever, and its processes can be
-ended at any time. Each of our workers is an executor of its own with one process, so that a job that dies or is ended
-takes no other job with it.
+If a process dies, loky raises an exception where `multiprocessing.Pool` waits for ever. Its processes can also be ended
+at any time. Each of our workers is an executor of its own with one process, so that a job that dies or is ended takes
+no other job with it.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Crash:
 
     Attributes:
         detail: the traceback, or how the process ended.
-        is_final: the job itself raised an exception, so that another try would end in the same way; False if its
+        is_final: the job itself raised an exception, so that another try would end in the same way. False if its
             process died (out of memory, killed).
     """
 
@@ -61,7 +61,7 @@ class Killed:
 
     @property
     def detail(self) -> str:
-        """How it ended."""
+        """Description of the end of the job."""
         return f"killed after {self.seconds:.0f} s"
 
     summary = detail
@@ -74,24 +74,25 @@ def run_jobs(
     limit_s: float | None = None,
     ray: str = "",
 ) -> Generator[tuple[J, R | Crash | Killed], None, None]:
-    """Apply a function to jobs, `workers` at a time; pairs of job and result in the order in which jobs end.
+    """Apply a function to jobs, `workers` at a time. Yield pairs of job and result in the order in which jobs end.
 
-    The next job is taken from the iterable only when a worker is free and all results so far have been yielded, so
-    that jobs may depend on results. A job that is None says that there is none at present: the iterable is asked again
-    after the next result, and the iteration ends if nothing is running.
+    The next job is taken from the iterable only when a worker is free and all results so far have been yielded, so jobs
+    may depend on results. If the iterable yields None, it has no job at present. It is asked again after the next
+    result, and the iteration ends if nothing is running.
 
-    A job that raises, or whose process dies, gives a `Crash`; one that runs too long gives `Killed`. The other jobs go
-    on, and a process that died is replaced. All workers end with the iterator, and with the process that started them.
+    A job that raises an exception, or whose process dies, gives a `Crash`. A job that runs too long gives `Killed`. The
+    other jobs continue, and a dead process is replaced. All workers end with the iterator, and with the process that
+    started them.
 
     Args:
         function: picklable, as are jobs and results.
-        jobs: what the function is applied to.
-        workers: how many jobs run at a time, at least 1.
-        limit_s: [s] of wall time after which a job is ended; None for no limit.
-        ray: address of Ray ("auto", "local", …); empty for processes of this machine.
+        jobs: arguments of the function.
+        workers: number of jobs that run at a time, at least 1.
+        limit_s: [s] of wall time after which a job is ended, None for no limit.
+        ray: address of Ray ("auto", "local", …), empty for processes of this machine.
 
     Raises:
-        WorkerError: fewer than one worker; or Ray is not installed.
+        WorkerError: fewer than one worker, or Ray is not installed.
     """
     if workers < 1:
         raise WorkerError(f"workers={workers} is not valid; it must be at least 1")
@@ -126,7 +127,7 @@ def _results(
 
 
 def _call(function: Callable[[Any], Any], job: Any) -> Any:
-    """Apply the function in a worker; whatever it raises becomes text, since not every exception can be pickled."""
+    """Apply the function in a worker. An exception is returned as text, because not every exception can be pickled."""
     try:
         return function(job)
     except Exception:
@@ -134,10 +135,10 @@ def _call(function: Callable[[Any], Any], job: Any) -> Any:
 
 
 class _LocalProcesses:
-    """Executors of one process each, started when they are first needed and kept for later jobs.
+    """Executors of one process each, started when first needed and kept for later jobs.
 
-    As of `_RayTasks`: `result` of a future that is done may be a `Crash`; `end` ends a running job and its process,
-    `close` all of them.
+    As in `_RayTasks`, `result` of a finished future may be a `Crash`, `end` ends a running job and its process, and
+    `close` ends all of them.
     """
 
     def __init__(self) -> None:
@@ -152,7 +153,7 @@ class _LocalProcesses:
             if self._idle:
                 executor = self._idle.pop()
             else:
-                # As with "spawn" of the standard library, the worker imports the main module, where jobs may stand.
+                # As with "spawn" of the standard library, the worker imports the main module, which may define jobs.
                 context, own = get_context("loky_init_main"), os.getpid()
                 executor = ProcessPoolExecutor(1, context=context, initializer=_begin_worker, initargs=(own,))
             future: Future[Any] = executor.submit(_call, function, job)
@@ -163,7 +164,7 @@ class _LocalProcesses:
         executor = self._busy.pop(future)
         try:
             result = future.result()
-        except Exception as problem:  # loky's, about the process or about pickling
+        except Exception as problem:  # an exception of loky's, about the process or about pickling
             executor.shutdown(wait=False, kill_workers=True)
             ended = re.search(r"exit codes of the workers are \{(.*?)\}", str(problem))
             return Crash(f"the process ended: {ended[1]}" if ended else repr(problem))
@@ -175,15 +176,15 @@ class _LocalProcesses:
 
     def close(self) -> None:
         for executor in (*self._idle, *self._busy.values()):
-            executor.shutdown(wait=True, kill_workers=True)  # or loky may still be tidying up when Python ends
+            executor.shutdown(wait=True, kill_workers=True)  # otherwise loky may still be cleaning up when Python ends
 
 
 @contextmanager
 def _ctrl_c_left_to_this_process() -> Iterator[None]:
-    """Hold Ctrl-C back for a moment; processes that are started in it never get it, this one gets it afterwards.
+    """Block Ctrl-C for a moment. Processes started in it never get it, and this process gets it afterwards.
 
     Processes inherit the blocked signal. In this process any other thread takes it, such as that of a progress bar, and
-    Python would raise KeyboardInterrupt here all the same: it is kept for later.
+    Python would still raise KeyboardInterrupt here. Therefore it is kept for later.
     """
     if not hasattr(signal, "pthread_sigmask") or threading.current_thread() is not threading.main_thread():
         yield
@@ -192,7 +193,7 @@ def _ctrl_c_left_to_this_process() -> Iterator[None]:
 
     from loky.backend import resource_tracker as loky_tracker
 
-    for tracker in (resource_tracker, loky_tracker):  # their own start lets Ctrl-C through again
+    for tracker in (resource_tracker, loky_tracker):  # their own start would unblock Ctrl-C
         tracker.ensure_running()
     held: list[int] = []
     handler = signal.signal(signal.SIGINT, lambda number, _: held.append(number))
@@ -207,10 +208,10 @@ def _ctrl_c_left_to_this_process() -> Iterator[None]:
 
 
 def _begin_worker(parent: int) -> None:
-    """Let a worker end with its parent, so that a killed command leaves no workers, and not before.
+    """Make a worker end exactly when its parent does, so that a killed command leaves no workers.
 
-    loky would start one anew, with a warning, that has grown by 300 MB since its first job: what it is to keep for
-    later jobs, planners and networks, counts as a leak.
+    loky would restart a worker, with a warning, whose memory has grown by 300 MB since its first job. It regards
+    planners and networks that are kept for later jobs as a leak.
     """
     from loky import process_executor
 
@@ -225,7 +226,7 @@ def _begin_worker(parent: int) -> None:
 
 
 class _RayTasks:
-    """One Ray task, which takes one CPU, for each job; "local" starts Ray with as many CPUs as there are workers."""
+    """One Ray task with one CPU for each job. "local" starts Ray with as many CPUs as workers."""
 
     def __init__(self, workers: int, address: str) -> None:
         try:

@@ -1,6 +1,6 @@
-"""Provenance of a recorded file: version, commit and environment, so that a changed one cannot pass for the old.
+"""Provenance of a recorded file: version, commit and environment, so that changes since then are detected.
 
-Results, demonstrations, maps, weights and suites keep `provenance(env)`; their readers say `differences(recorded,
+Results, demonstrations, maps, weights and suites store `provenance(env)`. Their readers report `differences(recorded,
 provenance(env))`.
 """
 
@@ -32,12 +32,13 @@ from clutter_env.version import version
 
 _PACKAGE = Path(__file__).parent
 _PICTURES = ("render_mode", "camera", "width", "height")
-"""Keyword arguments of an environment that change its pictures alone."""
+"""Keyword arguments of an environment that change only its pictures."""
 IMAGES = "robot in images"
-"""The part of an environment's digest that says what its observed images show of the robot: meshes, or the primitives
-where these are not installed. Scores, which are those of replayed actions, do not depend on it."""
+"""Part of an environment's digest: whether observed images show the robot's meshes, or its primitives where these are
+not installed. Scores are those of replayed actions and do not depend on it."""
 _ABILITIES = ("cameras", "segmentation", "num_points", "head", "reality", "base")
-"""Keyword arguments that count only where they are not the default: records made before there were such stay valid."""
+"""Keyword arguments that are recorded only if they differ from the default. So records that are older than them stay
+valid."""
 _RULES = {
     "physics": (
         "envs/base.py",
@@ -51,7 +52,7 @@ _RULES = {
     "reward": ("envs/reward.py",),
     "observation": ("envs/observation.py",),
 }
-"""The source files whose code decides what an environment does, by what they decide."""
+"""Source files whose code decides an environment's behaviour, by the aspect that they decide."""
 _NO_TASKS = ("gymnasium.", "clutter_env.envs.base")
 """Modules of environment classes that define no task."""
 _PLATFORM = f"{platform.system()} {platform.machine()}"
@@ -63,12 +64,12 @@ def provenance(env: gym.Env[Any, Any] | str | None = None) -> dict[str, Any]:
     """The record to keep in a file: JSON values.
 
     Args:
-        env: the environment in which something was recorded, or its id; None where there is none.
+        env: the environment of the recording, or its id, or None.
 
     Returns:
-        `version` of this package; `commit` of the checkout it runs from, with "-dirty" after it if files are changed,
-        None for an installed package; `mujoco`, its version; `platform`, system and processor; `arithmetic`, see
-        `_arithmetic`; with an environment also `environment`, its digest.
+        `version` of this package. `commit` of its checkout, with the suffix "-dirty" if files are changed, None for an
+            installed package. `mujoco`, its version. `platform`, system and processor. `arithmetic`, see `_arithmetic`.
+            With an environment also `environment`, its digest.
     """
     record = {"version": version(), "commit": _commit(), "mujoco": mujoco.__version__}
     record |= {"platform": _PLATFORM, "arithmetic": _arithmetic()}
@@ -76,26 +77,27 @@ def provenance(env: gym.Env[Any, Any] | str | None = None) -> dict[str, Any]:
 
 
 def environment_digest(env: gym.Env[Any, Any] | str) -> dict[str, Any]:
-    """A digest of everything that decides what an environment does, part by part; JSON values.
+    """A digest of everything that decides an environment's behaviour, part by part, as JSON values.
 
-    Two environments with the same digest have the same model, constants of physics, code of success, reward,
-    observation and control, settings and time limit. Comments, docstrings and layout of the code do not count. What
-    Skill adds (`simulation`, `budget`, `feasibility`, `geometric_mask`) is no part of it: records name it beside it.
+    Two environments with the same digest have the same model, constants of physics, settings and time limit, and the
+    same code of success, reward, observation and control. Comments, docstrings and code layout are ignored. The options
+    that Skill adds (`simulation`, `budget`, `feasibility`, `geometric_mask`) are not included. Records list them
+    separately.
 
     Args:
-        env: an environment, wrapped or not, or the id of a registered one with its default settings.
+        env: an environment, wrapped or not, or the id of a registered environment with its default settings.
     """
     return json.loads(_digest_of_id(env)) if isinstance(env, str) else _digest(env)
 
 
 def differences(recorded: Mapping[str, Any] | None, present: Mapping[str, Any]) -> list[str]:
-    """One sentence for everything in which two records of `provenance` differ; empty if nothing does.
+    """One sentence for each difference between two records of `provenance`, empty without any.
 
-    Two commits of the same version are named only if something else differs too: they need not change an environment.
-    Environments are compared if both records have one.
+    Two commits of the same version are named only if something else differs too, because a commit need not change an
+    environment. Environments are compared if both records have one.
 
     Args:
-        recorded: from a file; None or empty for a file of version 0.1, which had no record.
+        recorded: from a file. None or empty for a file of version 0.1, which had no record.
         present: of this process.
     """
     if not recorded:
@@ -125,15 +127,16 @@ def differences(recorded: Mapping[str, Any] | None, present: Mapping[str, Any]) 
 
 @cache
 def _arithmetic() -> str:
-    """A digest of the last bits of sines and the like, with which the physics computes: they depend on the C library,
-    and with it on whether the processor has FMA."""
-    values = [0.0037 * k - 7.5 for k in range(4096)]  # of which a few differ
+    """A digest of the last bits of sines and similar functions in the physics. They depend on the C library, and so on
+    whether the processor has FMA."""
+    values = [0.0037 * k - 7.5 for k in range(4096)]  # a few of these values differ
     return _hash(*(value.hex() for function in (math.sin, math.cos, math.exp) for value in map(function, values)))
 
 
 @cache
 def _commit() -> str | None:
-    """The commit of the package's own checkout, None without one: an installed package may lie in someone else's."""
+    """Commit of the package's own checkout, None without it, because an installed package may lie in another
+    checkout."""
 
     def git(*words: str) -> str:
         return subprocess.run(
@@ -172,7 +175,7 @@ def _digest(env: gym.Env[Any, Any]) -> dict[str, Any]:
     files = [getattr(sys.modules[module], "__file__", None) for module in modules]
     return {
         "task": type(outer).__name__,
-        "settings": json.loads(json.dumps(settings, default=int)),  # integers of NumPy's become Python's
+        "settings": json.loads(json.dumps(settings, default=int)),  # NumPy integers become Python's
         "time limit": env.spec.max_episode_steps if env.spec else None,
         "model": _model_digest(inner.robot, inner.layout, config.slot_shapes),
         "task's code": _code_digest(*sorted(file for file in files if file)),
@@ -184,20 +187,20 @@ def _digest(env: gym.Env[Any, Any]) -> dict[str, Any]:
 
 @cache
 def _model_digest(robot: RobotSpec, layout: Layout, shapes: tuple[str, ...]) -> str:
-    """A digest of the MuJoCo model and the robot's limits; neither meshes nor the place of the robot's file count."""
+    """A digest of the MuJoCo model and the robot's limits, without meshes and the path of the robot's file."""
     spec = build_spec(robot, layout, shapes)
-    spec.compile()  # which `to_xml` needs
+    spec.compile()  # needed by `to_xml`
     return _hash(spec.to_xml(), json.dumps({**asdict(robot), "mjcf": ""}))
 
 
 @cache
 def _code_digest(*files: str) -> str:
-    """A digest of code without comments, docstrings and layout, the same for every version of Python."""
+    """A digest of code without comments, docstrings and layout. It is the same for every version of Python."""
     return _hash(*(repr(_plain(ast.parse(Path(file).read_text()))) for file in files))
 
 
 def _plain(node: Any) -> Any:
-    """A syntax tree as nested lists, without docstrings and fields that are empty."""
+    """A syntax tree as nested lists, without docstrings and empty fields."""
     if isinstance(node, list):
         texts = [entry for entry in node if isinstance(entry, ast.Expr) and isinstance(entry.value, ast.Constant)]
         return [_plain(entry) for entry in node if entry not in texts]

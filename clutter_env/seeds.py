@@ -1,17 +1,17 @@
-"""Which scenes are for learning and which for evaluation: their seeds decide."""
+"""Seeds divide the scenes into those for learning and those for evaluation."""
 
 from __future__ import annotations
 
 from clutter_env.errors import LearningError
 
 HELD_OUT = 1_000_000
-"""Seeds from this one on, the suites' too, are for evaluation: nothing is collected or trained on them."""
+"""Seeds from this value on are for evaluation, as are the suites' seeds. Nothing is collected or trained on them."""
 
 
 def training_seeds(first: int, count: int = 1) -> range:
-    """The seeds of `count` scenes to learn from, from `first` on.
+    """Seeds of `count` scenes to learn from, from `first` on.
 
-    Every scene that is collected or trained on has a seed from here.
+    Every scene for collection or training has a seed from here.
 
     Raises:
         LearningError: a seed is negative, or for evaluation.

@@ -1,8 +1,8 @@
-"""Suites: fixed sets of scenes on which policies are compared; see docs/suites.md for the rules.
+"""Suites: fixed sets of scenes on which policies are compared. docs/suites.md has the rules.
 
 A scene is an environment id, keyword arguments, and the seed and options of a reset. The suite's file also keeps
-digests of what the reset must give, so that a scene which differs on another machine, or with another version, is an
-error and not a slightly different figure.
+digests of the state after the reset. A scene that differs on another machine or with another version is therefore an
+error, not a slightly different figure.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from clutter_env.errors import SuiteError
 
 SPLITS = ("test", "validation")
 FILE = ".json"
-"""Ending of the name of a suite that is a file."""
+"""Suffix of a suite's name that is a file."""
 GRASPS = ("side", "all")
-"""Grasp sets for which the suites have floors: level side grasps, and grasps of all kinds."""
+"""Grasp sets for which the suites have lower bounds: level side grasps, and grasps of all kinds."""
 _DIGITS = 12
 """Hexadecimal digits of the digest of one part of a scene."""
 _ARRAYS = ("half_extents", "positions", "yaws", "masses", "base")
@@ -34,14 +34,14 @@ _ARRAYS = ("half_extents", "positions", "yaws", "masses", "base")
 
 @dataclass(frozen=True)
 class Floor:
-    """The minimum number of clearances; see `planners.clearance_floor` and `planners.lower_bound`.
+    """The minimum number of clearances, see `planners.clearance_floor` and `planners.lower_bound`.
 
-    Of Rearrange: picks beyond those of the objects that the goal wants elsewhere.
+    For Rearrange: picks beyond those of the objects that the goal moves.
 
     Attributes:
-        count: how many; None if no plan exists.
-        is_proved: `count` is exact; otherwise it is an upper bound.
-        cause: "" or why there is no plan.
+        count: number of clearances, None if no plan exists.
+        is_proved: `count` is exact. Otherwise it is an upper bound.
+        cause: the reason if no plan exists, else "".
     """
 
     count: int | None
@@ -94,7 +94,7 @@ class SuiteScene:
         return found
 
     def make(self, **keywords: Any) -> gym.Env[Any, Any]:
-        """The environment of this scene, with more keyword arguments that do not change the scene.
+        """Make the environment of this scene, with more keyword arguments that do not change the scene.
 
         Raises:
             SuiteError: a keyword argument of the suite is given another value.
@@ -107,14 +107,14 @@ class SuiteScene:
         return gym.make(self.env_id, max_episode_steps=self.max_steps, **{**self.keywords, **keywords})
 
     def reset(self, env: gym.Env[Any, Any]) -> tuple[Any, dict[str, Any]]:
-        """Start the episode of this scene, with its time limit; observation and info.
+        """Start the episode of this scene, with its time limit. Return observation and info.
 
         Args:
-            env: that `make` of this or another scene of the suite returned.
+            env: from `make` of this or another scene of the suite.
 
         Raises:
-            SuiteError: the first state is not the one that the suite was made with, and the message says what differs;
-                or the environment has no time limit.
+            SuiteError: the first state differs from that with which the suite was made, and the message names the
+                differences. Or the environment has no time limit.
         """
         if not env.set_wrapper_attr("_max_episode_steps", self.max_steps, force=False):
             raise SuiteError("the environment has no time limit; use the one that the `make` of a scene returns")
@@ -125,10 +125,10 @@ class SuiteScene:
         return observation, info
 
     def check(self, env: gym.Env[Any, Any]) -> None:
-        """Compare the present state, that of a reset, with the one that the suite was made with.
+        """Compare the present state, after a reset, with that with which the suite was made.
 
         Raises:
-            SuiteError: they differ; the message says in what.
+            SuiteError: they differ. The message names the differences.
         """
         found = scene_digests(env)
         wrong = [name for name, digest in self.digests.items() if found.get(name) != digest]
@@ -141,11 +141,11 @@ class SuiteScene:
 
 @dataclass(frozen=True)
 class Suite:
-    """A fixed set of scenes; iterating over it yields those of the test split.
+    """A fixed set of scenes. Iterating over it yields those of the test split.
 
     Attributes:
         name: with its version, as in "side-15-v3".
-        about: what the scenes have in common.
+        about: description of the scenes.
         digest: SHA-256 of the content of its file.
         made_with: versions of the packages that it was made with.
         test: scenes on which results are reported.
@@ -169,7 +169,7 @@ class Suite:
         """The scenes of a split.
 
         Raises:
-            SuiteError: no such split; the message lists them.
+            SuiteError: no such split. The message lists the splits.
         """
         if name not in SPLITS:
             raise SuiteError(f"no split {name!r}; splits: {', '.join(SPLITS)}")
@@ -192,10 +192,10 @@ def suite(name: str) -> Suite:
         >>> info["target"] == scene.target
         True
 
-    A name that ends in ".json" is a file, as `clutter-env challenge new` writes it.
+    A name that ends in ".json" is a file of `clutter-env challenge new`.
 
     Raises:
-        SuiteError: no suite of that name, the message lists them, and names the version that has replaced it; or its
+        SuiteError: no suite of that name. The message lists the suites, and names the version that replaced it. Or its
             file has been changed, or is not valid.
     """
     if isinstance(name, str) and name.endswith(FILE):
@@ -209,7 +209,7 @@ def suite(name: str) -> Suite:
 
 
 def read_suite(path: Path) -> Suite:
-    """The suite of a file; what it holds is read once in a process.
+    """Read the suite of a file. Its content is read once in a process.
 
     Raises:
         SuiteError: the file has been changed, or is not valid.
@@ -248,14 +248,14 @@ def _parsed(text: str, place: str) -> Suite:
 
 
 def content_digest(content: Mapping[str, Any]) -> str:
-    """SHA-256 of JSON values, whatever the layout of the file."""
+    """SHA-256 of JSON values, independent of the file's layout."""
     return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
 def scene_digests(env: gym.Env[Any, Any]) -> dict[str, str]:
     """Digests of the scene's numbers, its goal in Rearrange, and the positions of all joints in the present state.
 
-    The numbers are digested as they are, 64 bits each, so that a difference in the last bit shows.
+    All 64 bits of each number are digested, so that a difference in the last bit shows.
     """
     outer: Any = env.unwrapped
     inner = getattr(outer, "physics_env", outer)  # of a Skill environment
@@ -264,7 +264,7 @@ def scene_digests(env: gym.Env[Any, Any]) -> dict[str, str]:
     parts |= {"shapes": scene.is_box, "target": scene.target, "joint_positions": inner.data.qpos}
     digests = {name: _digest(np.asarray(value, "<f8")) for name, value in parts.items()}
     if "goal" in inner.info:
-        # Suites are older than the field `drop`; none of their regions has one.
+        # Suites are older than the field `drop`, and none of their regions has one.
         words = [inner.info["goal"], *(repr(region).replace(", drop=0.0", "") for region in inner.regions)]
         digests["goal"] = hashlib.sha256("\n".join(words).encode()).hexdigest()[:_DIGITS]
     return digests
@@ -275,7 +275,7 @@ def _digest(numbers: np.ndarray[Any, Any]) -> str:
 
 
 def _read(entry: Mapping[str, Any]) -> dict[str, Any]:
-    """What an entry of a file says of its scene."""
+    """Read the fields of a scene from an entry of a file."""
     bounds = {name: entry[name] for name in ("floor_side", "floor_all")}
     floors = {name: of and Floor(of["count"], of["is_proved"], of["cause"]) for name, of in bounds.items()}
     plain = {name: entry[name] for name in ("max_steps", "seed", "target")}

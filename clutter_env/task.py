@@ -23,12 +23,12 @@ class Task:
     keywords: Mapping[str, Any] = field(default_factory=dict)
 
     def make(self, **more: Any) -> gym.Env:
-        """Make the environment; `more` keyword arguments replace those of the task.
+        """Make the environment. `more` keyword arguments replace those of the task.
 
         Raises:
             UnknownTask: no such environment, or it cannot be made with these keyword arguments.
         """
-        # Tasks also come from files of others, and of "module:name" Gymnasium would import the module.
+        # Tasks also come from other people's files. For an id "module:name" Gymnasium would import the module.
         if self.env_id not in gym.registry:
             known = ", ".join(name for name in gym.registry if name.startswith("clutter_env/"))
             raise UnknownTask(f"no environment {self.env_id!r}; known ones: {known}")
@@ -42,7 +42,7 @@ class Task:
         return env
 
     def provenance(self) -> dict[str, Any]:
-        """What would be recorded in this environment now is made with; see `clutter_env.provenance`."""
+        """Provenance of a new recording in this environment, see `clutter_env.provenance`."""
         with closing(self.make()) as env:
             return provenance(env)
 
@@ -53,7 +53,7 @@ class Task:
 
     @property
     def num_objects(self) -> int:
-        """Number of objects on the table; 0 if the environment decides."""
+        """Number of objects on the table, 0 if the environment decides."""
         known = {**gym.spec(self.env_id).kwargs, **self.keywords}
         return int(known.get("num_objects", 0))
 

@@ -1,4 +1,4 @@
-"""The version of this package, which stands in `pyproject.toml` alone."""
+"""The version of this package, which is defined in `pyproject.toml` alone."""
 
 from __future__ import annotations
 
@@ -16,5 +16,5 @@ def version() -> str:
         if project["name"] == "clutter-env":
             return str(project["version"])
     except (OSError, ValueError, KeyError):
-        pass  # installed: no pyproject.toml of ours beside the package
+        pass  # an installed package has no pyproject.toml of ours next to it
     return metadata.version("clutter-env")

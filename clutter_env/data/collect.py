@@ -1,4 +1,5 @@
-"""Collection of demonstrations: seeds in ascending order, in parallel, each kept if it replays in a new process."""
+"""Collection of demonstrations: seeds in ascending order, in parallel. An episode is kept if it replays in a new
+process."""
 
 from __future__ import annotations
 
@@ -25,9 +26,9 @@ from clutter_env.seeds import training_seeds
 from clutter_env.task import Task
 
 MAX_DEATHS = 3
-"""The collection stops when the worker of one seed has died so many times."""
+"""The collection stops after the worker of a single seed has died this many times."""
 MAX_REJECTED, MAX_REJECTED_PER_KEPT = 30, 4
-"""The collection stops with more than 30 rejected seeds, plus 4 for every episode kept: the task or the expert is
+"""The collection stops after more than 30 rejected seeds, plus 4 for every episode kept. The task or the expert is then
 probably wrong."""
 
 _NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
@@ -35,7 +36,7 @@ _NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
 
 @dataclass(frozen=True)
 class SeedResult:
-    """The result of one seed: the content of the episode's file, or the reason why there is none."""
+    """The result of one seed: the content of the episode's file, or the reason for its rejection."""
 
     seed: int
     content: bytes = b""
@@ -45,23 +46,23 @@ class SeedResult:
 JobRunner: TypeAlias = Callable[
     [Callable[[int], SeedResult], Iterable[int | None]], Iterator[tuple[int, SeedResult | Crash | Killed]]
 ]
-"""Runs `demonstrate` on seeds in parallel: `run_jobs` with its number of workers chosen."""
+"""Runs `demonstrate` on seeds in parallel: `run_jobs` with a fixed number of workers."""
 
 
 def make_job(task: Task, expert: str, episodes: int, first_seed: int = 0, image_size: int = 0) -> Job:
-    """A job that can be collected.
+    """Make a checked job for a collection.
 
     Args:
         task: environment and keyword arguments.
-        expert: one of `experts.expert_names`; "" for the first.
-        episodes: successful episodes wanted, at least 1.
+        expert: an entry of `experts.expert_names`, "" for the first.
+        episodes: desired number of successful episodes, at least 1.
         first_seed: see `training_seeds`.
-        image_size: [pixels] of camera images; 0 for none.
+        image_size: [pixels] of camera images, 0 for none.
 
     Raises:
-        LearningError: a value out of its range; or the task has not what the expert needs.
+        LearningError: a value is out of its range, or the task lacks a property that the expert needs.
         UnknownTask: no such environment, or not with these keyword arguments.
-        UnknownExpert: no such expert for this environment; the message lists the known ones.
+        UnknownExpert: no such expert for this environment. The message lists the known experts.
     """
     if episodes < 1:
         raise LearningError(f"episodes={episodes} is not valid; it must be at least 1")
@@ -75,11 +76,11 @@ def make_job(task: Task, expert: str, episodes: int, first_seed: int = 0, image_
 
 
 def demonstrate(job: Job, seed: int) -> SeedResult:
-    """Record one episode and replay it in a new process; only clean successes are demonstrations. Runs in a worker.
+    """Record one episode and replay it in a new process. Only clean successes are demonstrations. Runs in a worker.
 
     Raises:
         OSError: no space for a temporary file.
-        RenderingUnavailable: images are wanted, and this machine cannot render.
+        RenderingUnavailable: images are requested, and this machine cannot render.
     """
     try:
         with closing(job.task.make()) as env:
@@ -109,11 +110,11 @@ def collect(
 ) -> list[int]:
     """Demonstrate seeds in ascending order until the dataset has all its episodes.
 
-    Never more seeds are in progress than episodes are missing, so that no episode is made in vain.
+    At most as many seeds are in progress as episodes are missing, so that no episode is superfluous.
 
     Args:
         job: what to collect.
-        dataset: where to; seeds that it has decided already are not tried again.
+        dataset: the destination. Seeds that it has decided already are not tried again.
         run: for example `partial(run_jobs, workers=2)`.
         report: called with every result.
 
@@ -124,11 +125,11 @@ def collect(
         CollectionError: a full disk, a worker that dies again and again, or far too many rejected seeds.
     """
     running, again, deaths = set[int](), list[int](), Counter[int]()
-    count = Counter[bool]()  # of the seeds that are decided: whether they have an episode
+    count = Counter[bool]()  # whether the decided seeds have an episode
     stored = "every episode stored before is complete; run the same command again to go on"
 
     def to_try() -> Iterator[int | None]:
-        """Undecided seeds in ascending order; None while those in progress may be all that are needed."""
+        """Undecided seeds in ascending order, or None while those in progress may suffice."""
         seed = job.first_seed
         while True:
             if again:  # their workers died
@@ -141,7 +142,7 @@ def collect(
                 if dataset.is_decided(seed):
                     count[dataset.has_episode(seed)] += 1
                 else:
-                    training_seeds(seed)  # the seeds of many failures may reach those that are held out
+                    training_seeds(seed)  # after many failures the seeds may reach the held-out range
                     running.add(seed)
                     yield seed
                 seed += 1

@@ -34,9 +34,9 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Job:
-    """What is to be collected: `episodes` successful episodes of `expert` on seeds from `first_seed` upwards.
+    """A job of collection: `episodes` successful episodes of `expert` on seeds from `first_seed` upwards.
 
-    With an `image_size` [pixels] each observation gets the images of the robot's cameras too.
+    With an `image_size` [pixels] each observation also gets the images of the robot's cameras.
     """
 
     task: Task
@@ -56,7 +56,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Dataset:
-    """A directory of demonstrations; see the module's docstring."""
+    """A directory of demonstrations, see the module's docstring."""
 
     directory: Path
 
@@ -65,8 +65,8 @@ class Dataset:
         """The dataset of a job in a directory, which is made if it does not exist.
 
         Raises:
-            DatasetError: the directory holds other files, the episodes of another job, or those of another version of
-                this environment; the message says what differs.
+            DatasetError: the directory holds other files, or episodes of another job or of another version of this
+                environment. The message names the differences.
         """
         dataset = cls(directory)
         wanted, present = job.identity(), job.task.provenance()
@@ -91,7 +91,7 @@ class Dataset:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Keep other collections out of the directory; the system releases the lock when the process ends.
+        """Keep other collections out of the directory. The system releases the lock when the process ends.
 
         Raises:
             DatasetError: another process is collecting into the directory.
@@ -123,7 +123,7 @@ class Dataset:
         """Store the file of a seed's episode, completely or not at all.
 
         Raises:
-            OSError: the disk is full or cannot be written; the files stored before stay.
+            OSError: the disk is full or cannot be written. Earlier files stay.
         """
         write_atomically(self.episode_path(seed), content)
 
@@ -155,11 +155,11 @@ class Dataset:
 
         Raises:
             DatasetError: the directory holds no dataset, an incomplete or a damaged one.
-            LearningError: it holds scenes that are for evaluation, from which nothing is learned.
+            LearningError: it holds scenes that are reserved for evaluation.
         """
         index = self.directory / _INDEX
         if not index.exists():
-            expert = self.identity["expert"]  # an error that says so if there is no dataset at all
+            expert = self.identity["expert"]  # raises an error if no dataset exists at all
             raise DatasetError(
                 f"{self.directory} is not complete; run the `clutter-env collect` again that began it (expert {expert})"
             )
@@ -183,7 +183,7 @@ class Dataset:
 
     @property
     def task(self) -> Task:
-        """The environment in which the episodes were recorded."""
+        """Environment in which the episodes were recorded."""
         task = self.identity["task"]
         try:
             return Task(task["env_id"], task["keywords"])
@@ -191,18 +191,20 @@ class Dataset:
             raise DatasetError(f"{self.directory / _JOB} is damaged: {task!r} is no task") from problem
 
     def warn_if_outdated(self) -> list[str]:
-        """Log, in one sentence each, in what the environment differs from that of the episodes; the sentences."""
+        """Log the differences between the present environment and that of the episodes, and return one sentence for
+        each."""
         changed = differences(self.identity.get("provenance"), self.task.provenance())
         if changed:
             _log.warning("%s: %s", self.directory, " ".join(changed))
         return changed
 
     def __iter__(self) -> Iterator[Episode]:
-        """The episodes in the order of their seeds, read one at a time."""
+        """Episodes in the order of their seeds, read one at a time."""
         return self.checked(map(read_episode, map(self.episode_path, self.seeds)))
 
     def checked(self, episodes: Iterable[Episode]) -> Iterator[Episode]:
-        """The same episodes; raises `DatasetError` if one is not that of its seed: its scene may be held out."""
+        """The same episodes. Raise `DatasetError` if an episode's seed differs from that of its name, as its scene may
+        be held out."""
         task = self.task
         for seed, episode in zip(self.seeds, episodes, strict=True):
             if (episode.seed, episode.task) != (seed, task):
@@ -219,7 +221,7 @@ class Dataset:
 
 @dataclass(frozen=True)
 class Shards(Dataset):
-    """Complete datasets that differ in their seeds alone, as one; `owners` has the dataset of a seed."""
+    """Complete datasets that differ in their seeds alone, joined. `owners` maps a seed to its dataset."""
 
     owners: Mapping[int, Dataset]
 
@@ -228,7 +230,7 @@ class Shards(Dataset):
         """The datasets in one or more directories, in any order.
 
         Raises:
-            DatasetError: one is no complete dataset, or of another job or environment; a seed is in two of them.
+            DatasetError: a dataset is incomplete or of another job or environment, or a seed is in two datasets.
         """
         first, *others = sorted(map(Dataset, directories), key=lambda shard: shard.seeds)
         own, made, owners = first.identity, first.identity.get("provenance"), dict.fromkeys(first.seeds, first)
@@ -248,7 +250,7 @@ class Shards(Dataset):
 
     @property
     def seeds(self) -> list[int]:
-        """The seeds of all of them, in ascending order."""
+        """Seeds of all datasets, in ascending order."""
         return sorted(self.owners)
 
     def episode_path(self, seed: int) -> Path:
@@ -260,7 +262,7 @@ def _read_json(path: Path, *names: str) -> dict[str, Any]:
     """The JSON object in a file, with at least these entries.
 
     Raises:
-        DatasetError: there is no such file, or it is damaged.
+        DatasetError: the file is missing or damaged.
     """
     try:
         content = json.loads(path.read_text())

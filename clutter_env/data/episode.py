@@ -1,6 +1,6 @@
-"""One episode, recorded while an expert acts: observations, actions, physics states, and what each step is part of.
+"""One episode, recorded while an expert acts: observations, actions, physics states, and labels of the steps.
 
-Its columns say name, unit and meaning of every number.
+Its columns give name, unit and meaning of every number.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ PHYSICS_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
 CONTACT_SKILLS = ("", "pick", "place")
 """Meaning of the numbers of `StepLabels.skill`."""
 _KEYFRAME = 12
-"""Numbers of a keyframe: base (3), torso and arm (8), finger position."""
+"""Length of a keyframe: base (3), torso and arm (8), finger position."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,13 +40,13 @@ class StepLabels:
     """The labels of T steps, one row each. Without a pick-place action numbers are NaN and indices -1.
 
     Attributes:
-        phases: names (T) of the phase of the motion, "" while the robot waits; see `planners.StepLabel`.
-        skill: (T,) index into `CONTACT_SKILLS`: of the pick-place action that the phase leads to or comes from.
+        phases: names (T) of the phase of the motion, "" while the robot waits, see `planners.StepLabel`.
+        skill: (T,) index into `CONTACT_SKILLS` of the pick-place action before or after which the phase comes.
         object: (T,) index of the object that is picked or placed, as in the observation.
         contact_base: (T, 3) x [m], y [m], yaw [rad] of the base when the object is grasped or released, in the world.
         contact_tcp: (T, 4, 4) TCP pose then, in the world.
-        keyframe: (T, 12) base, torso and arm [m, rad], finger position [m] at the end of the phase; NaN for experts
-            that have no plan.
+        keyframe: (T, 12) base, torso and arm [m, rad], finger position [m] at the end of the phase. NaN for experts
+            without a plan.
     """
 
     phases: tuple[str, ...]
@@ -58,7 +58,7 @@ class StepLabels:
 
     @classmethod
     def of(cls, labels: Sequence[StepLabel | None], objects: Sequence[str]) -> StepLabels:
-        """The labels of an expert's steps, None where it has none; `objects` are named as in the observation."""
+        """Labels of an expert's steps, None entries where it has none. `objects` are named as in the observation."""
         contacts = [None if label is None else label.contact for label in labels]
         no_base, no_tcp, no_keyframe = (np.full(shape, np.nan) for shape in (3, (4, 4), _KEYFRAME))
         keyframes = [no_keyframe if label is None else label.keyframe for label in labels]
@@ -81,7 +81,7 @@ class Episode:
 
     Attributes:
         task: environment and keyword arguments.
-        seed: given to reset; seed, `options` and `actions` determine everything else.
+        seed: given to reset. Seed, `options` and `actions` determine everything else.
         options: given to reset.
         observations: by name, (T + 1, ...) each.
         actions: (T, n).
@@ -92,14 +92,14 @@ class Episode:
         num_fallen: (T + 1,) counts of the infos.
         num_disturbed: (T + 1,) counts of the infos.
         states: (T + 1, s) MuJoCo's full physics state.
-        skills: names (T) of the skill that each action belongs to.
+        skills: names (T) of the skill of each action.
         labels: phase, pick-place action and keyframe of each of the T actions.
         columns: names and units of all numbers, by the array's name in the episode's file.
         plan: the expert's plan as text.
         report: the expert's report, JSON values.
-        provenance: version, commit, packages and environment digest; see `clutter_env.provenance`.
-        saved_states: of all T + 1 states, from `save_state`, with which an episode goes on by
-            `reset(options={"state": …})`; none where the state cannot be saved, and of files before there were such.
+        provenance: version, commit, packages and environment digest, see `clutter_env.provenance`.
+        saved_states: of all T + 1 states, from `save_state`. `reset(options={"state": …})` continues an episode from
+            them. Empty if the state cannot be saved, and for older files.
     """
 
     task: Task
@@ -124,7 +124,7 @@ class Episode:
 
     @property
     def succeeded(self) -> bool:
-        """Whether the last step's info says success."""
+        """Whether the last step's info reports success."""
         return bool(self.is_success[-1])
 
     @property
@@ -184,7 +184,7 @@ def record(task: Task, env: gym.Env, expert: Expert, seed: int, options: Mapping
 
 
 def physics_state(env: gym.Env) -> NDArray[np.float64]:
-    """(s,) MuJoCo's full physics state."""
+    """MuJoCo's full physics state (s,)."""
     model, data = env.get_wrapper_attr("model"), env.get_wrapper_attr("data")
     state = np.empty(mujoco.mj_stateSize(model, PHYSICS_STATE))
     mujoco.mj_getState(model, data, state, PHYSICS_STATE)
@@ -192,7 +192,7 @@ def physics_state(env: gym.Env) -> NDArray[np.float64]:
 
 
 def saved_state(env: gym.Env) -> bytes:
-    """Everything that the next steps depend on, see `BaseEnv.save_state`; empty where it cannot be saved."""
+    """Full simulator and controller state, see `BaseEnv.save_state`. Empty if it cannot be saved."""
     try:
         return bytes(env.get_wrapper_attr("save_state")())
     except StateError:
@@ -200,12 +200,12 @@ def saved_state(env: gym.Env) -> bytes:
 
 
 class Columns(NamedTuple):
-    """What one array of an episode holds, one row a step.
+    """Description of one array of an episode, which has one row per step.
 
     Attributes:
         about: the meaning of a row, in words.
-        names: of the numbers of a row, flattened; none for images and for MuJoCo's own state.
-        units: of each of them; "" without one.
+        names: of the numbers of a row, flattened. Empty for images and for MuJoCo's own state.
+        units: of each of these numbers, "" without a unit.
     """
 
     about: str
@@ -218,11 +218,11 @@ _POSE_UNITS = tuple("m" if column == 3 and row < 3 else "" for row in range(4) f
 
 
 def episode_columns(env: gym.Env, observation: Mapping[str, Any]) -> dict[str, Columns]:
-    """The columns of every array that an episode of an environment has, by its name in the file.
+    """Columns of every array of an episode in this environment, by its name in the file.
 
     Args:
-        env: that the episode is recorded in.
-        observation: any one of it.
+        env: in which the episode is recorded.
+        observation: any observation of the environment.
     """
     robot: RobotSpec = env.get_wrapper_attr("robot")
     layout: Mapping[str, EntryLayout] = env.get_wrapper_attr("observation_layout")
@@ -264,7 +264,7 @@ def episode_columns(env: gym.Env, observation: Mapping[str, Any]) -> dict[str, C
 
 
 def _observation(name: str, layout: Mapping[str, EntryLayout], value: Any) -> Columns:
-    """The columns of one entry of an observation."""
+    """Columns of one entry of an observation."""
     if name in ("achieved_goal", "desired_goal"):
         about = "from the TCP at the start, along the base's axes" if "observation" in layout else "in the world"
         return Columns(f"{name.partition('_')[0]} point {about}", ("x", "y", "z"), ("m", "m", "m"))
@@ -297,7 +297,7 @@ def _named(about: str, columns: Iterable[Column]) -> Columns:
 
 
 def _action(control_mode: str, joints: list[str], has_base: bool, base_drive: str) -> Columns:
-    """The columns of an action; one for a fixed base moves the TCP without turning it."""
+    """Columns of an action. For a fixed base they move the TCP without turning it."""
     moves = [f"tcp_velocity_{axis}" for axis in "xyz"]
     if has_base:
         turns = [f"tcp_rotation_{axis}" for axis in "xyz"]

@@ -46,7 +46,7 @@ _LABELS = (
     ("infos/contact_tcp", "contact_tcp", 3, "f", np.nan),
     ("infos/keyframe", "keyframe", 2, "f", np.nan),
 )
-"""Arrays with a row for each action: the same, of `StepLabels`; and the value in the row of the last state."""
+"""Arrays with a row for each action: the same for `StepLabels`, and the value in the row of the last state."""
 SAVED_STATES = "saved_states"
 """Name of the joined full states in the file."""
 _SAVED_FORMAT = (
@@ -103,16 +103,16 @@ def episode_arrays(episode: Episode) -> dict[str, NDArray[Any]]:
 
 
 def read_episode(path: Path) -> Episode:
-    """The episode in that file; files of version 0.1 can be read too.
+    """Read the episode in a file. Files of version 0.1 can be read too.
 
     Raises:
-        DatasetError: there is no such file, it is damaged, or it holds no episode.
+        DatasetError: the file is missing or damaged, or it holds no episode.
     """
     try:
         with h5py.File(path, "r") as file:
             episode = _read(file)
         wrong = _wrong_entry(episode)
-    # Damaged files make HDF5 and NumPy raise all of these; MemoryError where a size has become absurd.
+    # Damaged files make HDF5 and NumPy raise all of these. MemoryError comes from absurd sizes.
     except (
         OSError,
         RuntimeError,
@@ -150,14 +150,14 @@ def _read(file: h5py.File) -> Episode:
         columns=_read_columns(file),
         plan=file["expert/plan"][()].decode(),
         report=_mapping(file["expert/report"][()]),
-        # Version 0.1 wrote the versions of the packages alone.
+        # Version 0.1 stored only the versions of the packages.
         provenance={"packages": _mapping(attributes["versions"])} if recorded is None else _mapping(recorded),
         saved_states=split_states(bytes(_array(file[SAVED_STATES]))) if SAVED_STATES in file else (),
     )
 
 
 def _wrong_entry(episode: Episode) -> str:
-    """What does not fit in an episode of T actions, in words; "" if all does."""
+    """Description of an inconsistency in an episode of T actions, "" without any."""
     steps = len(episode)
     expected: list[tuple[str, NDArray[Any], int, int, str]] = [
         ("actions", episode.actions, steps, 2, "f"),
@@ -182,12 +182,12 @@ def _wrong_entry(episode: Episode) -> str:
 
 
 def _with_last_row(rows: NDArray[Any], none: float) -> NDArray[Any]:
-    """Rows of actions, and one of the last state, to which no action belongs."""
+    """Rows of the actions, and a row for the last state, which has no action."""
     return np.concatenate((rows, np.full((1, *rows.shape[1:]), none, rows.dtype)))
 
 
 def _read_columns(file: h5py.File) -> dict[str, Columns]:
-    """The names and units of all arrays that have some."""
+    """Names and units of all arrays that have them."""
     found: dict[str, Columns] = {}
 
     def read(name: str, entry: h5py.Group | h5py.Dataset) -> None:
@@ -200,7 +200,7 @@ def _read_columns(file: h5py.File) -> dict[str, Columns]:
 
 
 def _array(values: h5py.Dataset) -> NDArray[Any]:
-    """The numbers of a dataset, one row per step at least."""
+    """Numbers of a dataset, at least one row per step."""
     array = np.asarray(values[()])
     if array.ndim == 0:
         raise TypeError(f"{values.name} holds one value in place of an array")
@@ -223,7 +223,7 @@ def _mapping(text: str | bytes, may_be_none: bool = False) -> Any:
 
 
 def _names(file: h5py.File, names: str, indices: str) -> tuple[str, ...]:
-    """The skill or phase of every action; all names are used, and negative indices do not count from the end."""
+    """Skill or phase of every action. All names must be used, and negative indices are invalid."""
     known, rows = [name.decode() for name in file[names][()]], _array(file[indices])[:-1]
     if set(rows.tolist()) != set(range(len(known))):
         raise IndexError(f"{indices} has indices {sorted(set(rows.tolist()))} among {len(known)} names")

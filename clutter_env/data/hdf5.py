@@ -1,4 +1,4 @@
-"""All episodes of a dataset in one HDF5 file: in our own layout, or in that of robomimic."""
+"""All episodes of a dataset in one HDF5 file, in our own layout or in that of robomimic."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ _ABOUT = (
     "clutter_env.data.robomimic_env.register(), its own wrapper is for the older gym"
 )
 _VALID = 10
-"""One of so many episodes is for validation."""
+"""Every tenth episode is for validation."""
 _TEXT = h5py.string_dtype(encoding="utf-8")
 
 
 def export_hdf5(dataset: Dataset, path: Path, robomimic: bool = False) -> Path:
-    """Write a file that is there completely or not at all; the file.
+    """Write a file that is either complete or absent, and return its path.
 
-    Ours has the groups episode_0, episode_1, … in the order of the seeds, each with everything that the episode's own
-    file has. robomimic's has data/demo_0/{obs, next_obs, actions, …}; observations keep their names, the last `dones`
-    of an episode is 1, `states` begin with the seed, or with -1 if the episode began from options, then come MuJoCo's
-    state and the full one, with which `reset_to` returns to any row; `mask/valid` names every tenth episode,
-    `mask/train` the others.
+    Our layout has the groups episode_0, episode_1, … in the order of the seeds, each with the whole content of the
+    episode's own file. robomimic's layout has data/demo_0/{obs, next_obs, actions, …}. Observations keep their names,
+    and the last `dones` of an episode is 1. `states` begin with the seed, or with -1 if the episode began from options.
+    MuJoCo's state and the full state follow, with which `reset_to` returns to any row. `mask/valid` names every tenth
+    episode, `mask/train` the others.
 
     Raises:
         DatasetError: the file exists, or the dataset is not complete.
@@ -70,7 +70,7 @@ def export_hdf5(dataset: Dataset, path: Path, robomimic: bool = False) -> Path:
 
 
 def _write_demo(group: h5py.Group, episode: Episode) -> None:
-    """One episode of T steps: T rows in each array; `next_obs` is one step later."""
+    """Write one episode of T steps, with T rows in each array. `next_obs` is one step later."""
     group.attrs["num_samples"] = len(episode)
     group.attrs["seed"] = episode.seed
     dones = np.zeros(len(episode), np.int64)

@@ -16,7 +16,8 @@ class KeyframeSteps(NamedTuple):
     """The keyframes of a demonstration.
 
     Attributes:
-        rows: (k,) steps of the episode from which each is gone for: indices of observations and states.
+        rows: (k,) steps of the episode at which the motion towards each keyframe starts: indices of observations and
+            states.
         keyframes: (k, 12) base x, y [m] and yaw [rad], torso [m] and arm [rad], finger position [m].
     """
 
@@ -25,17 +26,18 @@ class KeyframeSteps(NamedTuple):
 
 
 def keyframe_steps(episode: Episode, every: int | None = None) -> KeyframeSteps:
-    """The keyframes that a demonstration goes for, each once, in their order.
+    """Find the keyframes of a demonstration, each once, in their order.
 
-    The plan's own are the ends of its phases. Between them it goes round what is in the way, which a straight line from
-    one to the next does not: with `every`, where it was after so many steps is a keyframe too.
+    The plan's own keyframes are the ends of its phases. Between them the robot drives around obstacles, which a
+    straight line between keyframes would cross. With `every`, the configuration after each such number of steps is a
+    keyframe too.
 
     Args:
         episode: of an expert that has a plan, with state observations.
-        every: number of steps; None: the plan's own keyframes alone.
+        every: number of steps, None for the plan's own keyframes alone.
 
     Raises:
-        DatasetError: the expert had no plan, so that there are none; or `every` is less than 1.
+        DatasetError: the expert had no plan, so the episode has no keyframes, or `every` is less than 1.
     """
     if every is not None and every < 1:
         raise DatasetError(f"every={every} is not valid; it must be at least 1, or None")

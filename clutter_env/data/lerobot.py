@@ -4,7 +4,7 @@
     data/chunk-000/file-000.parquet                  one row a control step
     videos/observation.images.NAME/chunk-000/file-000.mp4
 
-Large files are followed by file-001 and so on, where LeRobot's own writer begins one; an episode is never divided.
+After a large file, file-001 and so on follow, as in LeRobot's own writer. An episode is never divided.
 Row t of an episode has the observation before action t. `LeRobotDataset("name", root=DIRECTORY)` reads it.
 """
 
@@ -36,20 +36,20 @@ from clutter_env.reporting.files import write_json, written_atomically
 
 FORMAT = "v3.0"
 _CHUNK, _DATA_MB, _VIDEO_MB = 1000, 100, 200
-"""Values that LeRobot writes in info.json; the sizes are those at which its own writer begins a new file."""
+"""Values that LeRobot writes in info.json. The sizes are those at which its own writer begins a new file."""
 _FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}"
 _LINES = 100
 """Episodes whose lines of metadata are written together."""
 _INDEX = "__index_level_0__"
-"""pandas' name of a column that is the index of a table and has no name."""
+"""pandas' name of a column that is a table's index without a name."""
 _FEATURES = {"agent_pos": "observation.state", "environment_state": "observation.environment_state"}
 _QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 _LEAST_SPREAD = 0.01
-"""[m, rad, m/s] Least standard deviation of numbers of observations in the statistics, and least distance from their
-mean to their extremes. A level gripper's quaternion varies less in demonstrations; a policy, which divides by these,
-would see a tilt that no demonstration has as hundreds of standard deviations."""
+"""[m, rad, m/s] Least standard deviation of observed numbers in the statistics, and least distance from their mean to
+their extremes. In demonstrations the quaternion of a level gripper varies less. A policy divides by these values, so a
+new tilt would seem hundreds of standard deviations large."""
 _FRAMES = 50
-"""Images of an episode that count at most in statistics, spread evenly."""
+"""Most images of an episode that enter the statistics, evenly spaced."""
 
 
 def export_lerobot(
@@ -61,24 +61,24 @@ def export_lerobot(
     observations: str = "",
     cameras: tuple[str, ...] = (),
 ) -> Path:
-    """Write the dataset; the directory.
+    """Write the dataset and return its directory.
 
     Args:
         dataset: complete.
-        directory: a new one.
-        image_size: [pixels] of camera images that are rendered for episodes without any; 0 for none.
-        workers: how many processes render at a time; with one it is this process.
+        directory: a new directory.
+        image_size: [pixels] of camera images that are rendered for episodes without images, 0 for none.
+        workers: number of processes that render at a time. A single worker is this process.
         tick: called after each episode.
-        observations: one of `OBSERVATIONS`, what policies that learn from it see; "" for "images" where there are any,
-            else "environment_state".
-        cameras: those that are rendered, as the environment names them; none named: the robot's.
+        observations: an entry of `OBSERVATIONS`, the input of policies that learn from the dataset. "" is "images" for
+            episodes with images, else "environment_state".
+        cameras: cameras to render, as the environment names them. If empty, those of the robot.
 
     Raises:
-        DatasetError: the directory exists, or the dataset is not complete; or images are wanted, and there are none;
-            or cameras, and nothing is rendered.
+        DatasetError: the directory exists, or the dataset is not complete. Or images are requested and none exist. Or
+            cameras are named and nothing is rendered.
         UnknownTask: no camera of that name.
-        LearningError: pyarrow, or for images PyAV, is not installed; an odd image size; a renderer failed.
-        RenderingUnavailable: images are to be rendered by this process, and this machine cannot render.
+        LearningError: pyarrow, or for images PyAV, is not installed, the image size is odd, or a renderer failed.
+        RenderingUnavailable: this process has to render images, and this machine cannot.
     """
     if directory.exists():
         raise DatasetError(f"{directory} exists; choose another directory or remove it")
@@ -99,19 +99,19 @@ def export_lerobot(
 
 
 def _shown(dataset: Dataset, found: Iterator[Episode], cameras: tuple[str, ...]) -> Iterator[Episode]:
-    """The episodes as policies with cameras see them: only the numbers that the environment shows beside images."""
+    """Episodes as policies with cameras see them: with only the numbers that the environment shows next to images."""
     with closing(dataset.task.make(obs_mode="rgbd", cameras=cameras)) as env:
         assert isinstance(env.observation_space, spaces.Dict)
         shapes = {name: space.shape or () for name, space in env.observation_space.items()}
     for episode in found:
         entries = [(name, values) for name, values in episode.observations.items() if name in shapes]
-        # The entry "observation" of goal environments ends with the objects, where they are not left to the images.
+        # The entry "observation" of goal environments ends with the objects, unless they are left to the images.
         own = {name: values[:, : shapes[name][0]] if values.ndim == VECTOR else values for name, values in entries}
         yield replace(episode, observations=own)
 
 
 def _with_images(dataset: Dataset, image_size: int, cameras: tuple[str, ...], workers: int) -> Iterator[Episode]:
-    """The episodes in their order, with images of that size where they have none."""
+    """Episodes in their order, with images of that size added to those without."""
     function = partial(_seen, image_size=image_size, cameras=cameras)
     paths, waiting = tee(map(dataset.episode_path, dataset.seeds))
     if not image_size or workers == 1:
@@ -127,16 +127,16 @@ def _with_images(dataset: Dataset, image_size: int, cameras: tuple[str, ...], wo
 
 
 def _seen(path: Path, image_size: int, cameras: tuple[str, ...]) -> Episode:
-    """The episode of a file, with images of that size [pixels] if it has none; with 0 as it is."""
+    """Read the episode of a file, and add images of that size [pixels] if it has none. With 0 it is unchanged."""
     episode = read_episode(path)
     has_none = not image_entries(episode.observations)
     return with_images(episode, image_size, cameras) if image_size and has_none else episode
 
 
 class _Files:
-    """Files of one kind, chunk-000/file-000 first, of which the last one is open until the end of `stack`.
+    """Files of one kind, beginning with chunk-000/file-000. The last file is open until the end of `stack`.
 
-    The next one begins where LeRobot's own writer begins it: with the rows, or images, that would fill the last one.
+    The next file begins where LeRobot's own writer begins it: with the rows, or images, that would fill the last file.
     """
 
     def __init__(self, stack: ExitStack, folder: Path, ending: str, size_mb: float) -> None:
@@ -146,7 +146,7 @@ class _Files:
         self._path, self._file = folder, None
 
     def place(self, rows: int, prefix: str) -> dict[str, int]:
-        """Where so many rows more belong."""
+        """Chunk and file for this number of further rows."""
         if self._rows and self._path.stat().st_size * (1 + rows / self._rows) >= self._size:
             self._open.close()
             self._number, self._rows, self._file = self._number + 1, 0, None
@@ -156,7 +156,7 @@ class _Files:
         return {f"{prefix}/chunk_index": chunk, f"{prefix}/file_index": file}
 
     def open(self, opened: Callable[[Path], Any]) -> Any:
-        """The file at that place; `opened` makes it, a context."""
+        """The file at that place. `opened` makes it, as a context manager."""
         if self._file is None:
             self._path.parent.mkdir(parents=True, exist_ok=True)
             self._file = self._open.enter_context(opened(self._path))
@@ -255,7 +255,7 @@ def _write(
 
 
 def _columns(episode: Episode, observations: str, index: int, first: int, fps: int) -> dict[str, NDArray[Any]]:
-    """The numbers of an episode, T rows each, by the name of the feature."""
+    """Numbers of an episode, T rows each, by the name of the feature."""
     steps = len(episode)
     frame = np.arange(steps, dtype=np.int64)
     parts = {name: values[:-1] for name, values in episode.observations.items()}
@@ -302,7 +302,7 @@ def _features(episode: Episode, observations: str, cameras: Mapping[str, str], f
 
 
 def _vector_statistics(rows: NDArray[Any]) -> dict[str, Any]:
-    """Of each number of rows (n, k): min, max, mean, std, quantiles, each a list (k,), and the count [n]."""
+    """Statistics of each column of rows (n, k): min, max, mean, std, quantiles, each a list (k,), and the count [n]."""
     values = np.asarray(rows, dtype=np.float64).reshape(len(rows), -1)
     return {
         **{kind: getattr(values, kind)(axis=0).tolist() for kind in ("min", "max", "mean", "std")},
@@ -312,7 +312,7 @@ def _vector_statistics(rows: NDArray[Any]) -> dict[str, Any]:
 
 
 def _image_statistics(images: NDArray[np.uint8]) -> dict[str, Any]:
-    """Of each colour of images (n, h, w, 3), from 0 to 1: lists of shape (3, 1, 1)."""
+    """Statistics of each colour of images (n, h, w, 3), from 0 to 1: lists of shape (3, 1, 1)."""
     chosen = images[np.unique(np.linspace(0, len(images) - 1, _FRAMES).round().astype(int))]
     found = _vector_statistics(chosen.reshape(-1, chosen.shape[-1]) / 255.0)
     shaped = {name: [[[value]] for value in values] for name, values in found.items() if name != "count"}
@@ -320,7 +320,8 @@ def _image_statistics(images: NDArray[np.uint8]) -> dict[str, Any]:
 
 
 def _all_statistics(entries: list[dict[str, Any]]) -> dict[str, Any]:
-    """Statistics of all episodes, from those of each or of groups: exact but for the quantiles, which are averaged."""
+    """Statistics of all episodes, from those of each or of groups. All are exact, except the quantiles, which are
+    averaged."""
     counts = np.array([entry["count"][0] for entry in entries], dtype=float)
     stacked = {name: np.array([entry[name] for entry in entries]) for name in entries[0] if name != "count"}
     found = {name: np.average(values, axis=0, weights=counts) for name, values in stacked.items()}

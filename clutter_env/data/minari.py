@@ -15,19 +15,18 @@ from clutter_env.reporting.files import json_values, written_atomically
 
 
 def export_minari(dataset: Dataset, root: Path) -> Path:
-    """Write the dataset below `root` (Minari's own is $MINARI_DATASETS_PATH or ~/.minari/datasets); its directory.
+    """Write the dataset below `root` and return its directory. Minari's own root is $MINARI_DATASETS_PATH or
+    ~/.minari/datasets.
 
-    Its name is the environment's id in lower case, such as "clutter_env/retrieve-o15-v0".
-
-    Infos hold the physics states and the labels of the steps; the metadata also say what the dataset was collected
-    with, and the names and units of all columns.
+    Its name is the environment's id in lower case, such as "clutter_env/retrieve-o15-v0". Infos hold the physics states
+    and the labels of the steps. The metadata also hold the provenance, and the names and units of all columns.
 
     Args:
         dataset: complete.
         root: directory of Minari datasets.
 
     Raises:
-        DatasetError: there is a dataset of that name already, or `dataset` is not complete.
+        DatasetError: a dataset of that name exists already, or `dataset` is not complete.
         LearningError: Minari is not installed.
     """
     try:

@@ -30,7 +30,7 @@ VECTOR = 2
 
 @dataclass(frozen=True)
 class ReplayResult:
-    """Whether a replay was identical and successful; `first_difference` is the first step that differed, or -1."""
+    """Whether a replay was identical and successful. `first_difference` is the first step that differed, or -1."""
 
     is_identical: bool
     is_success: bool
@@ -38,7 +38,7 @@ class ReplayResult:
 
 
 def replay(episode: Episode) -> ReplayResult:
-    """Repeat the actions in a new environment and compare observations and rewards bit for bit; images are left out."""
+    """Repeat the actions in a new environment and compare observations and rewards bit for bit. Images are left out."""
     with closing(episode.task.make()) as env:
         observation, info = env.reset(seed=episode.seed, options=_options(episode))
         if not _same(episode, 0, observation):
@@ -58,7 +58,7 @@ def replay_in_fresh_process(path: Path) -> ReplayResult:
     """Replay the file of an episode in a new Python process.
 
     Raises:
-        LearningError: that process failed; the message ends with its last output.
+        LearningError: that process failed. The message ends with its last output.
     """
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(part for part in sys.path if part)}
     command = [sys.executable, "-m", "clutter_env.data.replay", str(path)]
@@ -69,14 +69,14 @@ def replay_in_fresh_process(path: Path) -> ReplayResult:
 
 
 def with_images(episode: Episode, image_size: int, cameras: tuple[str, ...] = ()) -> Episode:
-    """The episode whose observations also have the images of these cameras, or the robot's, as with `obs_mode="rgbd"`.
+    """Add the images of these cameras to the observations, or of the robot's cameras, as with `obs_mode="rgbd"`.
 
     Colour is (T + 1, size, size, 3) uint8, depth (T + 1, size, size) float32 [m]. They are rendered from the physics
-    states, so that no image is made while the expert acts.
+    states, so that no image is rendered while the expert acts.
 
     Raises:
         RenderingUnavailable: this machine cannot render.
-        UnknownTask: no camera of that name, or a robot without any.
+        UnknownTask: no camera of that name, or a robot without cameras.
     """
     with closing(episode.task.make(obs_mode="rgbd", image_size=image_size, cameras=cameras)) as env:
         inner: Any = env.unwrapped

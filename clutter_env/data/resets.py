@@ -22,16 +22,16 @@ from clutter_env.seeds import HELD_OUT
 
 @dataclass(frozen=True)
 class DemonstrationResets:
-    """The states of demonstrations, in the order of their steps; the last ones, of success, are left out."""
+    """States of demonstrations, in the order of their steps. The last states, which are successes, are left out."""
 
     episodes: tuple[tuple[bytes, ...], ...]
 
     def draw(self, rng: np.random.Generator, within: int | None = None) -> dict[str, Any]:
-        """Options of `reset`: a state of a demonstration that is drawn first, uniformly.
+        """Sample options of `reset`: first a demonstration, uniformly, then a state of it.
 
         Args:
-            rng: draws.
-            within: at most so many steps before the demonstration's end; None: any.
+            rng: random generator.
+            within: largest number of steps before the demonstration's end, None for any.
 
         Raises:
             LearningError: `within` is less than 1.
@@ -47,8 +47,8 @@ def demonstration_resets(dataset: Iterable[Episode]) -> DemonstrationResets:
     """The states of a dataset's demonstrations, or of any episodes.
 
     Raises:
-        DatasetError: there are none, or one has no states: it was recorded before there were such, or where the state
-            cannot be saved.
+        DatasetError: no demonstration is given, or one has no saved states. It may be older than them, or from an
+            environment that cannot save its state.
     """
     episodes = []
     for episode in dataset:
@@ -61,11 +61,11 @@ def demonstration_resets(dataset: Iterable[Episode]) -> DemonstrationResets:
 
 
 class FromDemonstrations(gym.Wrapper[Any, Any, Any, Any]):
-    """A share of the episodes begins in a state of a demonstration, the others in scenes to learn from.
+    """Starts a share of the episodes in a state of a demonstration, the others in scenes to learn from.
 
     Attributes:
-        share: of the resets, 0 to 1; may be changed at any time.
-        within: see `DemonstrationResets.draw`; may be changed at any time.
+        share: of the resets, 0 to 1. May be changed at any time.
+        within: see `DemonstrationResets.draw`. May be changed at any time.
     """
 
     def __init__(
@@ -76,12 +76,12 @@ class FromDemonstrations(gym.Wrapper[Any, Any, Any, Any]):
         self._rng: np.random.Generator | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Start an episode; with options it is that of the environment."""
+        """Start an episode. With options it is that of the environment."""
         if seed is not None or self._rng is None:
             self._rng = np.random.default_rng(seed)
         if options is not None:
             return self.env.reset(seed=seed, options=options)
         if self._rng.random() < self.share:
             return self.env.reset(options=self.resets.draw(self._rng, self.within))
-        # A state brings its random generator along: without a seed the same scenes would follow each demonstration.
+        # A state includes its random generator. Without a seed the same scenes would follow each demonstration.
         return self.env.reset(seed=int(self._rng.integers(HELD_OUT)))

@@ -28,14 +28,14 @@ GYM_TYPE = 2
 _BYTES = 6
 """Bytes in a number."""
 _SPARE = 2
-"""Length of a row of `get_state` over that of the first state: later ones are a little longer."""
+"""Ratio of the length of a row of `get_state` to that of the first state, because later states are a little longer."""
 _WRAPPER = "robomimic.envs.env_gym"
 
 
 def numbers_of(state: bytes, width: int) -> NDArray[np.float64]:
-    """A saved state as numbers (width,), six bytes in each, the first of them the number of bytes.
+    """Encode a saved state as numbers (width,), six bytes in each. The first number is the number of bytes.
 
-    robomimic keeps states as rows of numbers; integers below 2⁴⁸ are exact in them.
+    robomimic keeps states as rows of numbers. Integers below 2⁴⁸ are exact in them.
     """
     padded = state.ljust((width - 1) * _BYTES, b"\0")
     rows = np.zeros((width - 1, 8), np.uint8)
@@ -44,21 +44,21 @@ def numbers_of(state: bytes, width: int) -> NDArray[np.float64]:
 
 
 def bytes_of(numbers: NDArray[np.float64]) -> bytes:
-    """The saved state in numbers of `numbers_of`; of other numbers some bytes, which are no state."""
+    """Decode the saved state of `numbers_of`. Other numbers give bytes that are no state."""
     count = int(min(max(numbers[0], 0.0), _BYTES * len(numbers)))
     whole = np.clip(np.nan_to_num(numbers[1:]), 0.0, 2.0 ** (8 * _BYTES) - 1).astype("<u8")
     return whole.view(np.uint8).reshape(-1, 8)[:, :_BYTES].tobytes()[:count]
 
 
 def width_for(state: bytes) -> int:
-    """How many numbers `numbers_of` needs for a state."""
+    """Length of `numbers_of` for a state."""
     return 1 + -(-len(state) // _BYTES)
 
 
 class RobomimicEnv:
-    """An environment with the methods of robomimic's `EnvBase`: `rollout` and the scripts for datasets can use it.
+    """An environment with the methods of robomimic's `EnvBase`. `rollout` and the scripts for datasets can use it.
 
-    Observations keep their names. An episode is done when time is up; `rollout` ends it at success.
+    Observations keep their names. An episode is done when its time is up. `rollout` ends it at success.
     """
 
     rollout_exceptions = ()
@@ -77,7 +77,7 @@ class RobomimicEnv:
 
         Raises:
             UnknownTask: no environment of that id, or not with these keyword arguments.
-            LearningError: images are asked for: they are part of our observations, `env_kwargs` says so.
+            LearningError: images are requested. They are part of our observations, as set by `env_kwargs`.
         """
         if use_image_obs and keywords.get("obs_mode") != "rgbd":
             raise LearningError(f'{env_name} was recorded without images; collect with obs_mode="rgbd"')
@@ -89,11 +89,11 @@ class RobomimicEnv:
 
     @property
     def version(self) -> str:
-        """Of this package; robomimic compares it with that of the metadata."""
+        """Version of this package. robomimic compares it with that of the metadata."""
         return version()
 
     def reset(self, seed: int | None = None) -> dict[str, NDArray[Any]]:
-        """The first observation of an episode, a new one or that of a seed."""
+        """First observation of an episode, either a new one or that of a seed."""
         self._seed = int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed
         observation, self._info = self.env.reset(seed=self._seed)
         return self._seen(observation, 0.0, False)
@@ -109,11 +109,11 @@ class RobomimicEnv:
         return dict(self._observation)
 
     def reset_to(self, state: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
-        """Go on from a row of a demonstration's `states`, or from `get_state`: any row that has the full state.
+        """Continue from a row of a demonstration's `states`, or from `get_state`, if it has the full state.
 
         Raises:
-            LearningError: a row without the full state, of files before there were such, that is not the first one of
-                an episode which began in the scene of a seed.
+            LearningError: a row of an old file, without the full state. The first row of an episode that began in the
+                scene of a seed is accepted.
             StateError: the full state is not one of this environment.
         """
         row = np.asarray(state["states"], dtype=float)
@@ -128,20 +128,20 @@ class RobomimicEnv:
         return observation
 
     def get_state(self) -> dict[str, NDArray[np.float64]]:
-        """Seed, MuJoCo's state and, where it can be saved, the full one; `reset_to` takes it."""
+        """Seed, MuJoCo's state and, where it can be saved, the full state. `reset_to` takes it."""
         parts = [np.array([float(self._seed)]), physics_state(self._started())]
         if saved := saved_state(self.env):
             parts.append(numbers_of(saved, self._width(saved)))
         return {"states": np.concatenate(parts)}
 
     def _started(self) -> Any:
-        """The environment, in an episode."""
+        """The environment, after a reset."""
         if not hasattr(self, "_seed"):
             self.reset(seed=0)
         return self.env
 
     def _width(self, saved: bytes) -> int:
-        """The same number of numbers for all states of an environment: states differ by some bytes."""
+        """Common length of all states of an environment, because states differ by some bytes."""
         if not hasattr(self, "_most"):
             self._most = _SPARE * width_for(saved)
         return max(self._most, width_for(saved))
@@ -154,14 +154,14 @@ class RobomimicEnv:
         """The last observation."""
         return dict(self._observation)
 
-    get_goal = get_observation  # of which it is a part
+    get_goal = get_observation  # the goal is a part of the observation
 
     def get_reward(self) -> float:
-        """Of the last step."""
+        """Reward of the last step."""
         return self._reward
 
     def set_goal(self, **_: Any) -> None:
-        """Raises `LearningError`: goals are those of the seed."""
+        """Raise `LearningError`, because goals are those of the seed."""
         raise LearningError("the goal of an episode is that of its seed")
 
     def is_done(self) -> bool:
@@ -169,23 +169,24 @@ class RobomimicEnv:
         return self._done
 
     def is_success(self) -> dict[str, bool]:
-        """Under "task" what the environment says."""
+        """Success of the environment, under "task"."""
         return {"task": bool(self._info["is_success"])}
 
     def serialize(self) -> dict[str, Any]:
-        """The metadata of which `create_env_from_metadata` makes this environment again."""
+        """Metadata from which `create_env_from_metadata` makes this environment again."""
         return {"env_name": self.name, "type": GYM_TYPE, "env_version": self.version, "env_kwargs": self._keywords}
 
     @classmethod
     def create_for_data_processing(cls, env_name: str, *_: Any, **keywords: Any) -> RobomimicEnv:
-        """An environment for robomimic's scripts; sizes of cameras and the kind of reward are the dataset's own."""
+        """Make an environment for robomimic's scripts. Camera sizes and the kind of reward are the dataset's own."""
         for name in ("camera_names", "camera_height", "camera_width", "reward_shaping"):
             keywords.pop(name, None)
         return cls(env_name, **keywords)
 
 
 def register() -> None:
-    """Let robomimic make our environments of a dataset's metadata, in this process, in place of those of the older gym.
+    """Make robomimic, in this process, use our environments for a dataset's metadata, in place of those of the older
+    gym.
 
     Raises:
         LearningError: robomimic is not installed.

@@ -28,7 +28,7 @@ _STRATEGIES = ("lookahead", "ngr", "dogar", "srivastava")
 
 
 class PlannerChoice(NamedTuple):
-    """A strategy, the grasps to choose from, and whether plans are canonical; see `planners.Planner`."""
+    """A strategy, its grasps, and whether plans are canonical, see `planners.Planner`."""
 
     strategy: str
     grasps: str = "side"
@@ -39,13 +39,13 @@ _SIDE = {name: PlannerChoice(name) for name in _STRATEGIES} | {"canonical": Plan
 PLANNERS: Mapping[str, PlannerChoice] = MappingProxyType(
     _SIDE | {f"{name}-all": choice._replace(grasps="all") for name, choice in _SIDE.items()}
 )
-"""Experts that plan, by name: those "…-all" choose from all grasps, the others from side grasps. "canonical" looks
-ahead too, and makes plans that can be learned."""
+"""Planning experts by name. Those named "…-all" choose from all grasps, the others from side grasps. "canonical" also
+looks ahead, and makes plans that can be learned."""
 
 EXPERTS = (*PLANNERS, *SCRIPTS)
 """Names of all experts."""
 MAX_SCRIPT_STEPS = 400
-"""Steps after which a script gives up; it needs about a hundred."""
+"""Steps after which a script gives up. It needs about a hundred."""
 
 
 _FRONT_FIRST = (0, 1, 5, 2, 4, 3)
@@ -53,7 +53,7 @@ _FRONT_FIRST = (0, 1, 5, 2, 4, 3)
 
 
 def expert_names(env_id: str) -> tuple[str, ...]:
-    """The experts of an environment, the default one first; none acts in the Skill environments."""
+    """Experts of an environment, the default first. The Skill environments have none."""
     kind = family(env_id)
     if kind == "skill":
         return ()
@@ -63,10 +63,10 @@ def expert_names(env_id: str) -> tuple[str, ...]:
 
 
 def find_expert(env_id: str, name: str = "") -> str:
-    """The name of an expert of an environment; "" stands for the first.
+    """Name of an expert of an environment. "" is the first.
 
     Raises:
-        UnknownExpert: no such expert for this environment; the message lists the known ones.
+        UnknownExpert: no such expert for this environment. The message lists the known experts.
     """
     known = expert_names(env_id)
     if not known:
@@ -77,10 +77,10 @@ def find_expert(env_id: str, name: str = "") -> str:
 
 
 def make_expert(name: str) -> Expert:
-    """An expert by a name of `find_expert`.
+    """Make an expert from a name of `find_expert`.
 
     Raises:
-        UnknownExpert: no such expert; the message lists the known ones.
+        UnknownExpert: no such expert. The message lists the known experts.
     """
     if name not in EXPERTS:
         raise UnknownExpert(f"no expert {name!r}; known ones: {', '.join(EXPERTS)}")
@@ -155,7 +155,7 @@ class PlannerExpert:
 
     @property
     def failure(self) -> str:
-        """Why it gave up, "" if it did not."""
+        """Reason for giving up, "" otherwise."""
         return str(self.report_values.get("failure") or "")
 
     @property
@@ -186,15 +186,15 @@ class PlannerExpert:
 
 
 Expert: TypeAlias = ScriptedExpert | PlannerExpert
-"""A policy that demonstrates. One of your own has, beside the attributes of a privileged policy: `grasps`, `done`,
-`failure`, and what its last action belongs to: `skill`, a name; `step_label`, a `planners.StepLabel` or None; and
-`plan_text` and `report_values` (JSON values), its plan and report."""
+"""A policy that demonstrates. Your own expert needs the attributes of a privileged policy, and `grasps`, `done` and
+`failure`. It labels its last action by `skill`, a name, and `step_label`, a `planners.StepLabel` or None. `plan_text`
+and `report_values` (JSON values) are its plan and report."""
 
 
 class RandomPolicy:
-    """Draws actions uniformly; skills among those that have not just failed.
+    """Draws actions uniformly. Skills are drawn among those that have not just failed.
 
-    Each episode has a generator of its own, which follows from the seed and the first observation.
+    Each episode has its own generator, which depends on the seed and the first observation.
     """
 
     def __init__(self, seed: int, acts_by_skills: bool = False) -> None:
@@ -223,7 +223,7 @@ class RandomPolicy:
 
 
 class GreedyPolicy:
-    """Takes the target by skills; while that fails, it clears the nearest object, from the robot's side first."""
+    """Takes the target by skills. While that fails, it clears the nearest object, first those on the robot's side."""
 
     is_privileged, acts_by_skills, grasps = True, True, "side"
 

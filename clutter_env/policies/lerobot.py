@@ -23,16 +23,16 @@ _KEYS = {"observation.state": "agent_pos", "observation.environment_state": "env
 class LeRobotPolicy:
     """The policy of a checkpoint, with its own processing of observations and actions.
 
-    What it sees follows from its inputs: with images the environment has `obs_mode="rgbd"` and the cameras that they
-    name, so no exact poses.
+    Its inputs determine its observations. If they include images, the environment has `obs_mode="rgbd"` and the cameras
+    that they name, so no exact poses.
 
     Args:
         path: directory of the checkpoint, "pretrained_model".
-        python: interpreter of an environment in which LeRobot is installed; "" for this one.
-        seed: of the random numbers of policies that draw some, the same in every episode.
+        python: interpreter of an environment in which LeRobot is installed, "" for the present interpreter.
+        seed: of the random numbers of policies that draw them, the same in every episode.
 
     Raises:
-        PolicyError: there is no such checkpoint, it names code that LeRobot would execute, or it cannot be loaded.
+        PolicyError: the checkpoint does not exist, names code that LeRobot would execute, or cannot be loaded.
     """
 
     grasps = "all"
@@ -92,6 +92,6 @@ class LeRobotPolicy:
         return np.array(answer["action"], np.float32)
 
     def _seen(self, observation: Mapping[str, Any]) -> dict[str, Any]:
-        """What the policy may see: vectors by LeRobot's names, and images by camera."""
+        """Inputs of the policy: vectors by LeRobot's names, and images by camera."""
         found = hub_observation(observation, self._observations)
         return {**found, **found.pop("pixels", {})}

@@ -38,7 +38,7 @@ class ParsedObservation:
         velocity: (..., 11) of base (in its own frame), torso and arm [m/s, rad/s].
         base_tcp: (..., 4, 4) TCP pose in the base's frame.
         widths: (..., 2) [m] between the pads, as measured and as commanded.
-        objects: (..., n, 14) rows of the objects, see `OBJECT_FIELDS`; positions in the base's frame.
+        objects: (..., n, 14) rows of the objects, see `OBJECT_FIELDS`. Positions are in the base's frame.
     """
 
     base: Array
@@ -143,7 +143,7 @@ class Surroundings:
         )
 
     def distance(self, points: Array) -> Array:
-        """(...) [m] from points (..., 3) to the nearest surface, 0 inside; infinite if there is nothing."""
+        """Distance (...) [m] from points (..., 3) to the nearest surface, 0 inside, infinite without any surface."""
         x, y, z = (np.ascontiguousarray(points[..., i]) for i in range(3))
         nearest = np.full(x.shape, np.inf)  # squared; one object after the other is faster than all at once
         for position, radius, height in zip(self.position, self.radius, self.height, strict=True):
@@ -161,7 +161,7 @@ class Surroundings:
 
 
 def distance_to_boxes(points: Array, centre: Array, half: Array) -> Array:
-    """(...) [m] from points (..., 3) to the nearest of boxes (m, 3), 0 inside; infinite if there is none."""
+    """Distance (...) [m] from points (..., 3) to the nearest of boxes (m, 3), 0 inside, infinite without any box."""
     axes = [np.ascontiguousarray(points[..., i]) for i in range(3)]
     nearest = np.full(points.shape[:-1], np.inf)  # squared
     for of_box, extent in zip(centre, half, strict=True):

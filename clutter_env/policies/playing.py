@@ -23,15 +23,14 @@ class PlayedStep(NamedTuple):
 
 
 def played(policy: Any, step: Callable[[Any], tuple[Any, ...]], observation: Any = None) -> Iterator[PlayedStep]:
-    """The steps of an episode, each right after it was taken; who stops iterating cuts the episode off.
+    """Yield each step of an episode right after it was taken. To stop iterating ends the episode early.
 
     Example:
-        for step in played(expert, env.step):
-            print(expert.phase, step.info["lifted"])
+        for step in played(expert, env.step): print(expert.phase, step.info["lifted"])
 
     Args:
-        policy: acts on observations, from its reset on; `planners.TampExpert` does without them. One without `done`
-            never gives up.
+        policy: acts on observations, after its reset. `planners.TampExpert` ignores them. A policy without `done` never
+            gives up.
         step: of the environment, which has been reset.
         observation: of the reset.
     """

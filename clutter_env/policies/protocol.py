@@ -20,11 +20,12 @@ Add my policy, in a file `mine.py`:
             action[0], action[-1] = 0.2, -1.0  # forward, fingers closed
             return action
 
-Then `clutter-env evaluate --suite side-15-v3 --policy mine:MyPolicy`; a function without arguments that returns
+Then `clutter-env evaluate --suite side-15-v3 --policy mine:MyPolicy`. A function without arguments that returns
 a policy may be named in place of the class.
 
-Policies are of two tracks. One of the observations track sees observations, the info of the reset and `PublicInfo`;
-`evaluate` runs it in a process of its own, in which there is no environment. One of the privileged track also receives
+Policies belong to one of two tracks. In the observations track they see observations, the info of the reset and
+`PublicInfo`.
+`evaluate` runs them in another process, which contains no environment. In the privileged track a policy also receives
 the environment: it sets `is_privileged = True` and has `reset(info, env)`.
 """
 
@@ -42,8 +43,8 @@ from clutter_env.scene.layout import Layout
 from clutter_env.task import family
 
 SKILLS = 20
-"""The budget of an episode: skills of a policy that acts by skills, each a pick with its place; a policy of two levels
-has as many picks, and as many places."""
+"""Budget of an episode, in skills of a policy that acts by skills. A skill is a pick with its place. A policy of two
+levels has this many picks, and as many places."""
 
 FREE_KEYWORDS = ("control_mode", "obs_mode", "image_size", "cameras", "frame_every", "reward_mode", "instruction")
 """Keyword arguments of the environment that a policy may choose: they change neither the scenes nor the success. (In
@@ -53,15 +54,15 @@ EE_ACTIONS = 10
 
 
 class PolicyError(ClutterEnvError):
-    """No such policy, or one that cannot play this environment; the message says what is valid."""
+    """No such policy, or a policy that cannot play this environment. The message lists the valid values."""
 
 
 @dataclass(frozen=True)
 class PublicInfo:
-    """What everyone may know of an episode beside its observations.
+    """Public information on an episode besides its observations.
 
     Attributes:
-        robot: the robot's data, its MJCF file among them.
+        robot: the robot's data, including its MJCF file.
         layout: the furniture.
         object_names: names of the objects, in the order of their rows in the observation.
         control_mode: "joint" or "ee".
@@ -97,30 +98,31 @@ class PublicInfo:
 
 
 class Policy(Protocol):
-    """Acts on observations. What it does in an episode must not depend on earlier episodes.
+    """Acts on observations. Its actions in an episode must not depend on earlier episodes.
 
     Optional attributes:
         env_keywords: keyword arguments of the environment, among `FREE_KEYWORDS`.
-        grasps: "side" or "all" (the default): the grasps by whose lower bounds its results are broken down.
-        acts_by_skills: true for one that plays the Skill environment of the scenes.
-        done: true once the policy has finished or given up; `failure`, then the reason, "" without one.
-        check(public): receives `PublicInfo` before each episode; raises `PolicyError` for what it is not made for.
+        grasps: "side" or "all" (the default): results are broken down by the lower bounds for these grasps.
+        acts_by_skills: true for a policy that plays the Skill environment of the scenes.
+        done: true after the policy has finished or given up. `failure` is then the reason, "" without one.
+        check(public): receives `PublicInfo` before each episode, and raises `PolicyError` if the policy does not
+            support it.
     """
 
     def reset(self, info: Mapping[str, Any]) -> None:
-        """Start an episode; `info` is that of the environment's reset."""
+        """Start an episode. `info` is that of the environment's reset."""
 
     def act(self, observation: Any) -> Any:
         """The next action."""
 
 
 class PrivilegedPolicy(Protocol):
-    """Also reads the simulation; otherwise as `Policy`."""
+    """A policy that also reads the simulation."""
 
     is_privileged: bool
 
     def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any]) -> None:
-        """Start an episode; `env` has been reset and returned `info`."""
+        """Start an episode. `env` has been reset and returned `info`."""
 
     def act(self, observation: Any) -> Any:
         """The next action."""
@@ -143,7 +145,7 @@ def begin_episode(policy: Any, info: Mapping[str, Any], env: gym.Env[Any, Any]) 
 
 
 def check_public(policy: Any, public: PublicInfo) -> None:
-    """Give a policy the public information of the next episode, if it asks for it; raises its `PolicyError`."""
+    """Give a policy with `check` the public information of the next episode. Raise its `PolicyError`."""
     check = getattr(policy, "check", None)
     if check is not None:
         check(public)

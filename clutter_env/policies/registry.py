@@ -35,25 +35,25 @@ _BASELINES: Mapping[str, Callable[[int], AnyPolicy]] = {
 _SHIPPED = MappingProxyType({"keyframes": "side", "keyframes-all": "all", "keyframes-shelf": "shelf"})
 """Policies of two levels with the weights of the package, see `weights.PROBLEMS`."""
 LEROBOT = "lerobot"
-"""What the name of a checkpoint of LeRobot begins with, before the colon."""
+"""Prefix of the name of a LeRobot checkpoint, before the colon."""
 BUILT_IN = (*EXPERTS, *_SHIPPED, *_BASELINES)
 """Names of the built-in policies."""
 
 
 def load_policy(name: str, seed: int, trust: bool = False, python: str = "") -> AnyPolicy:
-    """A policy by its name.
+    """Load a policy by its name.
 
     Args:
-        name: one of `BUILT_IN`; the directory of a training run; "module:Class" of a class without arguments; modules
-            are also looked for in the current directory; "ALGORITHM:FILE.zip" of a model that Stable-Baselines3
-            saved; or "lerobot:DIRECTORY" of a checkpoint of LeRobot.
-        seed: of the built-in random policies, and of those of LeRobot that draw random numbers.
-        trust: whether a file of Stable-Baselines3 is loaded, which executes code that is in it. Nothing else that is
-            loaded executes code, but for a module that is named.
-        python: interpreter of an environment with LeRobot, for "lerobot:DIRECTORY"; "" for this one.
+        name: an entry of `BUILT_IN`, or the directory of a training run. Or "module:Class" of a class without
+            arguments. Modules are also looked up in the current directory. Or "ALGORITHM:FILE.zip" of a model that
+            Stable-Baselines3 saved, or "lerobot:DIRECTORY" of a LeRobot checkpoint.
+        seed: of random built-in policies, and of LeRobot policies that draw random numbers.
+        trust: whether to load a file of Stable-Baselines3, which executes code in the file. Otherwise only a named
+            module executes code.
+        python: interpreter of an environment with LeRobot, for "lerobot:DIRECTORY", "" for the present interpreter.
 
     Raises:
-        PolicyError: there is no such policy, it lacks the methods of the protocol, or it needs `trust`.
+        PolicyError: the policy does not exist, lacks the methods of the protocol, or needs `trust`.
     """
     if name in EXPERTS:
         return make_expert(name)
@@ -91,7 +91,7 @@ def check_name(name: str) -> None:
 
 
 def imported(name: str, refusal: ClutterEnvError) -> Any:
-    """What "module:NAME" refers to; raises the refusal, with its cause, if there is no such module or name."""
+    """Import the object "module:NAME". Raise the refusal, with its cause, if the module or name does not exist."""
     module, _, attribute = name.partition(":")
     if (here := str(Path.cwd())) not in sys.path:  # a console script does not look in the current directory
         sys.path.insert(0, here)
@@ -129,15 +129,15 @@ def _learned_policy(name: str, trust: bool) -> AnyPolicy:
 
 @dataclass(frozen=True)
 class PolicyTraits:
-    """What an evaluation needs to know of a policy.
+    """Properties of a policy that an evaluation needs.
 
     Attributes:
-        track: "observations", or "privileged" for one that receives the environment.
-        env_keywords: keyword arguments with which it wants the environment.
+        track: "observations", or "privileged" for a policy that receives the environment.
+        env_keywords: keyword arguments that it requires of the environment.
         acts_by_skills: whether it plays the Skill environment of the scenes.
         grasps: "side" or "all", by whose lower bounds its results are broken down.
         kind: name of its class.
-        file: in which the class stands, "" if it was defined in a shell.
+        file: of the class, "" if it was defined in a shell.
     """
 
     track: str
@@ -149,7 +149,7 @@ class PolicyTraits:
 
     @classmethod
     def of(cls, policy: AnyPolicy) -> PolicyTraits:
-        """Those of a policy; raises `PolicyError`, see `check_policy`."""
+        """Traits of a policy. Raise `PolicyError`, see `check_policy`."""
         check_policy(policy)
         kind = type(policy)
         try:
@@ -167,7 +167,7 @@ class PolicyTraits:
 
     @classmethod
     def read(cls, values: Any) -> PolicyTraits:
-        """Those that the process of a policy tells; its word is not taken for what is valid (`PolicyError`)."""
+        """Traits as reported by a policy's process. They are validated here (`PolicyError`)."""
         match values:
             case {
                 "track": "observations" | "privileged",
@@ -190,14 +190,14 @@ class PolicyTraits:
 
 
 def policy_files(name: str, module_file: str = "") -> dict[str, str]:
-    """SHA-256 of the files that a policy is made of, by their names; none of one that has no files.
+    """SHA-256 of a policy's files, by name. Empty for a policy without files.
 
-    They are the weights of the package, the files of a training run or of a checkpoint of LeRobot, a model of
-    Stable-Baselines3, or the file of the user's own module.
+    The files are the weights of the package, a training run, a LeRobot checkpoint, a model of Stable-Baselines3, or the
+    user's own module.
 
     Args:
         name: see `load_policy`.
-        module_file: the file of the user's module, if it is known; else it is looked for in the current directory.
+        module_file: the file of the user's module, if it is known. Otherwise it is looked up in the current directory.
     """
     files: list[Path] = []
     if name in _SHIPPED:
@@ -236,7 +236,7 @@ def check_policy(policy: AnyPolicy, name: str = "") -> None:
 
 
 def policy_families(name: str) -> tuple[str, ...]:
-    """The families of environments whose scenes a policy can play; of other people's policies all."""
+    """Families of environments whose scenes a policy can play. For other people's policies: all."""
     with_scripts = ("armretrieve", *GOAL_FAMILIES)
     every = ("retrieve", "rearrange", "search", "skill", "open", *with_scripts)
     if name in with_scripts:

@@ -22,7 +22,7 @@ from clutter_env.task import family
 
 _OF_SB3 = {"sac": SAC, "tqc": TQC, "ppo": PPO, "dqn": DQN, "a2c": A2C, "ddpg": DDPG, "td3": TD3}
 ALGORITHMS: Mapping[str, type[BaseAlgorithm]] = MappingProxyType(_OF_SB3 | {"maskable_ppo": MaskablePPO})
-"""By name; `clutter-env train` has settings for sac, tqc, ppo, dqn and maskable_ppo."""
+"""Algorithms by name. `clutter-env train` has settings for sac, tqc, ppo, dqn and maskable_ppo."""
 MODEL_FILE = "model.pt"
 """Networks, optimisers and number of steps, in the directory of a run."""
 
@@ -33,10 +33,10 @@ def network_name(observations: gym.Space[Any]) -> str:
 
 
 def read_model(path: Path) -> dict[str, Any]:
-    """The content of a run's file: tensors, numbers and texts; nothing in it is executed.
+    """Read a run's file: tensors, numbers and texts. No code in it is executed.
 
     Raises:
-        PolicyError: there is no such file, it is damaged, or another version wrote it.
+        PolicyError: the file is missing, damaged, or of another version.
     """
     with damage_refused(path):
         return dict(torch.load(path, map_location="cpu", weights_only=True))
@@ -48,7 +48,7 @@ class ModelPolicy:
     Action masks exclude skills that have just failed, but not skills without a free grasp.
 
     Args:
-        algorithm: that trained the model.
+        algorithm: the algorithm that trained the model.
         model: a model of Stable-Baselines3, or its networks.
     """
 
@@ -56,7 +56,7 @@ class ModelPolicy:
         self._model, self._is_masked = model, algorithm == "maskable_ppo"
 
     def reset(self, info: Mapping[str, Any]) -> None:
-        """Start an episode; nothing is remembered of the last one."""
+        """Start an episode. Nothing is kept from the last episode."""
 
     def act(self, observation: Any) -> Any:
         """The most probable action."""

@@ -1,4 +1,4 @@
-"""The record of a training run; read without torch."""
+"""The record of a training run, read without torch."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def is_run(name: str | Path) -> bool:
 
 
 def run_task(directory: Path) -> Task:
-    """The task that a run was trained on; raises `LearningError` if the directory holds no training run."""
+    """Task on which a run was trained. Raise `LearningError` if the directory holds no training run."""
     task = load_run(directory)["task"]
     return Task(task["env_id"], task["keywords"])
 

@@ -41,7 +41,8 @@ FINGER_ROOM = 0.012
 CARRY_LIFT = 0.01
 """[m] by which an object is carried higher than its goal, so that it does not scrape along the table."""
 GAIN, TURN_GAIN = 1.6, 1.0
-"""[1/s] Velocity of the gripper divided by its remaining distance, and by its remaining angle; more overshoots."""
+"""[1/s] Velocity of the gripper divided by its remaining distance, and by its remaining angle. Larger gains
+overshoot."""
 STANDOFF = 0.75
 """[m] ahead of the base, where the arm reaches well."""
 REACH_AHEAD, REACH_SIDE = (0.65, 0.97), 0.15
@@ -65,20 +66,20 @@ IN_LINE = 0.02
 OVER_TOPS, OVER_OTHERS = 0.04, 0.02
 """[m] of the TCP, and of the bottom of what it holds, above the tops of the objects while it moves over them."""
 STEEP, NARROW, WIDE = 8.0, 0.006, 0.016
-"""Height [m] kept for each metre that the gripper is away from the point to which it descends, beyond so many metres
-before it is around the object, and after."""
+"""Height [m] kept per metre of horizontal distance to the point of descent. Distances [m] below which no height is
+kept, before and after the gripper surrounds the object."""
 SLOW = 0.2
 """[m/s] across, above which it must be exactly over the object to go down around it."""
 BRAKED, SLOWEST = 0.5, 0.01
-"""Share of the remaining descent that is asked for in a step, and so many metres at least: it arrives without a blow.
-"""
+"""Share of the remaining descent commanded in a step, and its minimum [m], so that the gripper arrives without a
+blow."""
 AT_TOP = 0.012
 """[m] above the grasp from above at which the fingers close."""
 PLACE_STEP, PLACE_BEYOND = 0.02, 0.06
 """[m] between the places where an object may be put aside, and by which they reach beyond where objects stand."""
 PLACE_GAPS, PUT_DOWN, AT_PLACE = (0.02, 0.012), 0.012, 0.08
-"""[m] between such a place and its neighbours, better and at least; above the table at which an object is let go of,
-and from which it goes down wherever it is."""
+"""[m] Gaps between such a place and its neighbours, preferred and least. Height above the table at which an object is
+released. Height from which the object is lowered in any case."""
 
 
 def reach(env: GoalEnv) -> Step:
@@ -106,11 +107,11 @@ def pick(env: GoalEnv) -> Step:
 
 
 def retrieve(env: RetrieveEnv) -> Step:
-    """Drive to the table in front of the target, descend around it, close the fingers, lift; other objects are ignored.
+    """Drive to the table in front of the target, descend around it, close the fingers, lift. Other objects are ignored.
 
-    Only the last two steps begin at a threshold; otherwise the height of the gripper falls continuously with the
-    remaining distance of base and gripper. The clone of a script that switches stops at the switch, because the
-    examples there contain both actions.
+    Only the last two steps begin at a threshold. Before them the height of the gripper falls continuously with the
+    remaining distance of base and gripper. The clone of a script that switches would stop at the switch, because the
+    examples at this point contain both actions.
     """
     if env.measurements.held == env.target_slot:
         return "lift", _action(env, _tcp(env) + (0, 0, LIFT), 0.0)
@@ -220,9 +221,9 @@ def _down_a_funnel(
 
 
 def free_place(env: ArmRetrieveEnv, held: int) -> Array:
-    """The free place (2,) [m] of a grid that is nearest to the target, clear of its grasp and of the other objects.
+    """Free place (2,) [m] of a grid that is nearest to the target, clear of its grasp and of the other objects.
 
-    Where the held object is now does not count: it is carried to one place, whatever happens on the way.
+    The held object's present position is ignored, so that the place stays the same while the object is carried.
     """
     target = env.standing().centres[env.target_slot]
     half = np.add(GOAL_RANGE[:2], PLACE_BEYOND)
@@ -254,7 +255,7 @@ SCRIPTS: Mapping[str, Callable[[Any], Step]] = MappingProxyType(
         "scripted": retrieve,
     }
 )
-"""By name: the scripts for the goal environments and Retrieve; each gives the next step in an environment."""
+"""The scripts for the goal environments and Retrieve, by name. Each gives the next step in an environment."""
 
 
 def _tcp(env: BaseEnv) -> Array:
@@ -300,7 +301,7 @@ def _target_grasp(env: BaseEnv) -> tuple[Array, float, float]:
 
 
 def _off_axis(env: BaseEnv, tcp: Array, grasp: Array) -> float:
-    """[m] by which the object is outside the fingers as seen from above; 0 if it is between them."""
+    """Horizontal distance [m] of the object from the space between the fingers, 0 inside."""
     R_world_tcp = env.data.site_xmat[env.world.index.tcp_site].reshape(3, 3)
     ahead, across, _ = R_world_tcp.T @ (grasp - tcp)
     return max(abs(float(ahead)) - ALIGNED[0], abs(float(across)) - ALIGNED[1], 0.0)

@@ -25,10 +25,10 @@ _HOLD_STEPS = 20
 
 
 class HighLevelPolicy(Protocol):
-    """Chooses picks and places, one at a time; it may be privileged and have `check`, as a policy.
+    """Chooses picks and places, one at a time. Like a policy it may be privileged and have `check`.
 
     Attributes:
-        failure: why it gave up; "" if it did not.
+        failure: reason for giving up, "" otherwise.
     """
 
     failure: str
@@ -38,15 +38,15 @@ class HighLevelPolicy(Protocol):
         """Start an episode: `reset(info)`, or `reset(info, env)` of a privileged one."""
 
     def decide(self, observation: Observation) -> Contact | None:
-        """The next pick or place, once the one before has been executed or has failed; None: gives up."""
+        """Choose the next pick or place, after the last has been executed or has failed. None to give up."""
 
 
 class MotionPolicy(Protocol):
-    """Executes picks and places, one at a time; it may be privileged and have `check`, as a policy.
+    """Executes picks and places, one at a time. Like a policy it may be privileged and have `check`.
 
     Attributes:
-        is_done: the motion has ended, and the next one may be started.
-        has_failed: it has ended without the object in the gripper, or, of a place, still with it.
+        is_done: the motion has ended, and the next may be started.
+        has_failed: it has ended without the object in the gripper. For a place: with the object still in it.
     """
 
     is_done: bool
@@ -60,7 +60,7 @@ class MotionPolicy(Protocol):
         """Begin to execute a pick or a place."""
 
     def act(self, observation: Observation) -> NDArray[Any]:
-        """The next action; once the motion has ended, the robot stays where it is."""
+        """The next action. After the motion has ended, the robot stays still."""
 
 
 class TwoLevelPolicy:
@@ -91,7 +91,7 @@ class TwoLevelPolicy:
                 level.check(public)
 
     def reset(self, info: Mapping[str, Any], env: gym.Env[Any, Any] | None = None) -> None:
-        """Start an episode of both levels; `env` is read by privileged ones alone."""
+        """Start an episode of both levels. Only privileged levels receive `env`."""
         self._target, self.failure = str(info["target"]), ""
         self._contact: Contact | None = None
         self._is_taken, self._steps_after, self.started, self.failed = False, 0, 0, 0

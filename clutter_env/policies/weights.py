@@ -30,13 +30,13 @@ _FILES = {"motions": "keyframes", "decisions": "decisions"}
 
 @dataclass(frozen=True)
 class WeightsInfo:
-    """What weights are for, and how they were made.
+    """Purpose and origin of weights.
 
     Attributes:
         kind: "motions" or "decisions".
-        robot, layout: names of those that they were trained for; of your own ones all fields.
+        robot, layout: names of the robot and layout of the training. Your own are stored with all fields.
         grasps: name of the grasp set.
-        provenance: version, commit and environment that they were made with, as far as known.
+        provenance: version, commit and environment of the training, as far as known.
     """
 
     kind: str
@@ -60,10 +60,10 @@ class WeightsInfo:
 
 
 def shipped_path(kind: str, problem: str) -> Path:
-    """The file of weights that come with the package.
+    """File of weights that come with the package.
 
     Raises:
-        PolicyError: there are none for this problem; the message lists the problems.
+        PolicyError: no weights exist for this problem. The message lists the problems.
     """
     if problem not in PROBLEMS:
         raise PolicyError(f"no {kind} are shipped for {problem!r}; there are {', '.join(PROBLEMS)}")
@@ -101,4 +101,4 @@ _DAMAGED = (
     *(OSError, ValueError, TypeError, LookupError, RuntimeError, EOFError, MemoryError),
     *(BadZipFile, zlib.error, UnpicklingError),
 )
-"""What reading a damaged file raises, from a compression method that does not exist to an enormous shape."""
+"""Errors of reading a damaged file, such as an unknown compression method or an enormous shape."""

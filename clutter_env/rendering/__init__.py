@@ -1,1 +1,1 @@
-"""Images of the cameras, films of episodes."""
+"""Camera images and films of episodes."""

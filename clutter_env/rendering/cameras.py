@@ -1,4 +1,4 @@
-"""The images of one environment: `render()`, its window, camera observations; opened with the first image."""
+"""Images of one environment: `render()`, its window, camera observations. Rendering starts with the first image."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from clutter_env.scene.layout import Layout
 from clutter_env.simulation.world import Mark, World
 
 ROBOT, FURNITURE, FIRST_OBJECT = 1, 2, 3
-"""Values of a segmentation: of the robot, of furniture, of the object in slot 0; 0 is ground and sky."""
+"""Values of a segmentation: the robot, furniture, the object in slot 0. Ground and sky are 0."""
 POINT_BOUND = 16.0
 """[m] Clip of points in observations."""
 _ON_GROUND = 0.02
-"""[m] Points lower than this are the ground's, of which there are more than of all objects."""
+"""[m] Points lower than this are regarded as ground, which has more points than all objects together."""
 MAX_DEPTH = 8.0
 """[m] Clip of the depth images in observations."""
 _WINDOW_ASPECT = 1.5
-"""Width over height of MuJoCo's window before its user changes it, a little less."""
+"""Width over height of MuJoCo's initial window, a little less."""
 _MOST_LAG = 0.1
 """[s] A simulation that is farther behind the clock, for example after planning, does not catch up."""
 _REFRESH = 0.03
@@ -38,7 +38,7 @@ _REFRESH = 0.03
 
 
 class EnvRenderer:
-    """The renderers of one environment, one for each image size; they are made anew when its world changes."""
+    """The renderers of one environment, one for each image size. They are made again when its world changes."""
 
     def __init__(self, config: EnvConfig) -> None:
         self._config = config
@@ -54,7 +54,7 @@ class EnvRenderer:
         return max(self._config.width, size), max(self._config.height, size)
 
     def render(self, world: World) -> NDArray[Any] | None:
-        """What `render()` returns in this configuration's mode; see `BaseEnv.render`."""
+        """The result of `render()` in this configuration's mode, see `BaseEnv.render`."""
         mode = self._config.render_mode
         if mode is None:
             return None
@@ -71,11 +71,11 @@ class EnvRenderer:
         return renderer.colour(world.data, camera) if mode == "rgb_array" else renderer.depth(world.data, camera)
 
     def observation(self, world: World, images: dict[str, NDArray[Any]] | None = None) -> dict[str, NDArray[Any]]:
-        """What the observed cameras show, as `obs_mode` wants it; see `observation_spaces`.
+        """Observation of the cameras, in the form of `obs_mode`, see `observation_spaces`.
 
         Args:
-            world: the world, as it is known where the cameras are.
-            images: that `images` gave; those of this world if not given.
+            world: the world, whose state gives the cameras' poses.
+            images: from `images`. Rendered if not given.
         """
         images = self.images(world) if images is None else images
         return images if self._config.obs_mode != "pointcloud" else self._cloud(world, images)
@@ -83,10 +83,11 @@ class EnvRenderer:
     def observation_spaces(self) -> dict[str, spaces.Box]:
         """The spaces of `observation`.
 
-        Of each camera colour (height, width, 3) uint8, depth (height, width, 1) float32 [m] and, where wanted, the
-        segmentation (height, width, 1) uint8: 0 ground and sky, `ROBOT`, `FURNITURE`, `FIRST_OBJECT` + slot. Or of
-        all together `num_points` points (n, 3) float32 [m] in the base frame, with their colours and segments. Points
-        on the ground are left out; a point comes twice where there are too few.
+        Each camera has colour (height, width, 3) uint8, depth (height, width, 1) float32 [m] and optionally a
+        segmentation (height, width, 1) uint8. Its values are 0 for ground and sky, `ROBOT`, `FURNITURE`, and
+        `FIRST_OBJECT` + slot. Alternatively all cameras together give `num_points` points (n, 3) float32 [m] in the
+        base frame, with their colours and segments. Points on the ground are left out. Points are repeated if fewer are
+        visible.
         """
         size, count = self._config.image_size, self._config.num_points
         bounds: dict[str, tuple[float, int, Any]]
@@ -105,7 +106,7 @@ class EnvRenderer:
         return parts
 
     def calibration(self, world: World) -> dict[str, dict[str, NDArray[np.float64]]]:
-        """What `info` says of the observed cameras: K (3, 3) and T_base_camera (4, 4) of each, by name."""
+        """Calibration of the observed cameras for `info`: K (3, 3) and T_base_camera (4, 4) by name."""
         if not self._cameras:
             return {}
         size = self._config.image_size
@@ -116,7 +117,7 @@ class EnvRenderer:
 
     @property
     def _kinds(self) -> tuple[str, ...]:
-        """What is known of a point beside its place."""
+        """Properties of a point besides its position."""
         return ("rgb", "segmentation") if self._config.segmentation else ("rgb",)
 
     @property
@@ -124,9 +125,10 @@ class EnvRenderer:
         return ("points", *(f"point_{kind}" for kind in self._kinds))
 
     def _cloud(self, world: World, images: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-        """The points that the images show; one from each of equally long parts of the list of all pixels in question.
+        """Sample the points in the images, one from each of equally long parts of the list of all valid pixels.
 
-        The random numbers depend on the state alone: the same state gives the same cloud, also after a restored one.
+        The random numbers depend on the state alone. So the same state gives the same cloud, also after it was
+        restored.
         """
         calibration, count = self.calibration(world), self._config.num_points
         placed = [(calibration["K"][name], calibration["T_base_camera"][name]) for name in self._cameras]
@@ -166,7 +168,7 @@ class EnvRenderer:
         return images
 
     def wait_for_window(self) -> None:
-        """Keep the window, if there is one, open until its user closes it."""
+        """Keep the window, if any, open until its user closes it."""
         if self._window is not None:
             self._window.wait()
 
@@ -180,7 +182,8 @@ class EnvRenderer:
             self._window = None
 
     def _renderer(self, world: World, width: int, height: int) -> Renderer:
-        """The renderer of that size; cameras are put where their bodies are: a step leaves them one substep back."""
+        """The renderer of that size. The cameras are moved to their bodies, because a step leaves them one substep
+        behind."""
         self._use(world)
         mujoco.mj_camlight(world.model, world.data)
         if (width, height) not in self._renderers:
@@ -190,14 +193,14 @@ class EnvRenderer:
         return renderer
 
     def _use(self, world: World) -> None:
-        """Close what was opened for another world."""
+        """Close the renderers and the window of another world."""
         if self._world is not world:
             self.close()
             self._world = world
 
 
 def _labels(world: World) -> NDArray[np.uint8]:
-    """The segmentation's value for each geom (ngeom,)."""
+    """Value of the segmentation for each geom (ngeom,)."""
     model, index = world.model, world.index
     labels = np.full(model.ngeom, FURNITURE, np.uint8)
     labels[model.geom_type == int(mujoco.mjtGeom.mjGEOM_PLANE)] = 0
@@ -210,7 +213,7 @@ class Window:
     """MuJoCo's own viewer, which shows one world in real time, robot and table in view, until its user closes it.
 
     Raises:
-        RenderingUnavailable: there is no display.
+        RenderingUnavailable: no display was found.
     """
 
     def __init__(self, world: World, layout: Layout, camera: str) -> None:
@@ -224,7 +227,7 @@ class Window:
             view = self._viewer.cam
             if camera != FRAMED_CAMERA:
                 view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, model.camera(camera).id
-            else:  # this view the mouse can move
+            else:  # the mouse can move this view
                 framed = whole_scene(model, layout, world.scene.base, across(layout), _WINDOW_ASPECT)
                 view.type, view.lookat[:] = framed.type, framed.lookat
                 view.azimuth, view.elevation, view.distance = framed.azimuth, framed.elevation, framed.distance
@@ -232,7 +235,7 @@ class Window:
         self._marks: tuple[Mark, ...] = ()
 
     def show(self, marks: tuple[Mark, ...] = ()) -> None:
-        """Show the present state when its time has come; nothing once the window has been closed."""
+        """Show the present state when it is due. Do nothing after the window has been closed."""
         if not self._viewer.is_running():
             return
         passed = self._data.time - self._shown

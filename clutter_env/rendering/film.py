@@ -1,4 +1,4 @@
-"""An episode as a film, and as one page with an image of every grasp, lift and placement; video files."""
+"""An episode as a film, and as one page with an image of every grasp, lift and placement. Video files."""
 
 from __future__ import annotations
 
@@ -20,30 +20,31 @@ from clutter_env.rendering.renderer import Renderer
 Frame = NDArray[np.uint8]
 
 _SIZE, _SMALL_SIZE = (640, 480), (384, 240)
-"""Width and height [pixels] of a frame's view across the table; of those beside it, from above and of the gripper."""
+"""Width and height [pixels] of a frame's view across the table, and of the smaller views from above and of the
+gripper."""
 _AROUND_TABLE = 0.12
-"""[m] around the table in the view from above."""
+"""[m] Margin around the table in the view from above."""
 STEPS_PER_FRAME = 4
-"""Control steps of 0.05 s between frames: at 20 frames/s the film runs four times as fast as the robot."""
+"""Control steps of 0.05 s between frames. At 20 frames/s the film runs four times as fast as the robot."""
 FRAMES_PER_SECOND = 20
 _SPEED = STEPS_PER_FRAME * FRAMES_PER_SECOND / CONTROL_HZ
 _GIF_SHARE = 2
-"""A GIF, made on machines without PyAV, has half as many frames, at half the size."""
+"""A GIF, made on machines without PyAV, has 1/2 of the frames, at 1/2 of the size."""
 LOOKING = "looks around"
-"""Caption of a robot that follows no plan, to see more."""
+"""Caption of a robot that looks around without a plan."""
 _KEY_PHASES = (": close", ": lift", ": open", LOOKING)
-"""The last state of these phases goes on the page: the grasp, the object in the air, the object put down, the look."""
+"""Phases whose last state goes on the page: the grasp, the lifted object, the placed object, the look."""
 _STRIP_COLUMNS = 4
 _MOST_MOMENTS = 24
 _STRIP_SIZE = 480, 360
 _BAR = 34
-"""Pixels of the caption's bar."""
+"""[pixels] Height of the caption's bar."""
 _INK, _PAPER = (48, 52, 59), (255, 255, 255)
 
 
 @dataclass
 class Film:
-    """Collects frames of an environment that has been reset; close it after use.
+    """Collects frames of an environment that has been reset. Close it after use.
 
     Raises:
         RenderingUnavailable: when made on a machine without OpenGL.
@@ -61,7 +62,7 @@ class Film:
         sizes = [tuple(side // self._share for side in size) for size in (_SIZE, _SMALL_SIZE)]
         self._large, self._small = (Renderer(model, *size) for size in sizes)
         self._of_moments = Renderer(model, *_STRIP_SIZE)
-        self._small.has_shadows = False  # from near they are coarse
+        self._small.has_shadows = False  # shadows look coarse in small views
         direction, aspect = across(layout), _SIZE[0] / _SIZE[1]
         self._across = whole_scene(model, layout, start, direction, aspect)
         self._near = work_place(model, layout, direction, aspect)
@@ -70,7 +71,7 @@ class Film:
         self._about = f"target {self.env.target}, red" if self.env.target else ""
 
     def watch(self, caption: str) -> None:
-        """Record the state after a control step; the ends of the phases in `_KEY_PHASES` go on the page."""
+        """Record the state after a control step. The ends of the phases in `_KEY_PHASES` go on the page."""
         if caption != self._caption and self._caption.endswith(_KEY_PHASES):
             self._keep_moment()
         self._caption = caption or self._caption
@@ -79,14 +80,15 @@ class Film:
         self._steps += 1
 
     def finish(self, caption: str) -> None:
-        """Record the last state; the film shows it for a second."""
+        """Record the last state. The film shows it for a second."""
         self._caption = caption
         self._keep_moment()
         self._keep_frame()
         self.frames += self.frames[-1:] * (FRAMES_PER_SECOND // self._share)
 
     def save_strip(self, path: Path) -> None:
-        """The recorded moments on one page; of more than `_MOST_MOMENTS`, evenly spread ones and the last."""
+        """Save the recorded moments on one page. Of more than `_MOST_MOMENTS`, it shows evenly spaced moments and the
+        last."""
         chosen = np.unique(np.linspace(0, len(self.moments) - 1, _MOST_MOMENTS).round().astype(int))
         tiles = [_tile(*self.moments[index]) for index in chosen]
         columns = min(_STRIP_COLUMNS, len(tiles))
@@ -96,7 +98,7 @@ class Film:
         Image.fromarray(np.vstack(rows)).save(path, optimize=True)
 
     def save_film(self, stem: Path) -> Path:
-        """An mp4 where PyAV is installed (extra [data]), otherwise a GIF; returns which."""
+        """Save an mp4 if PyAV is installed (extra [data]), otherwise a GIF. Return its path."""
         if self._share == 1:
             path = stem.with_suffix(".mp4")
             with Video(path, self.frames[0].shape[:2], FRAMES_PER_SECOND) as video:
@@ -123,7 +125,7 @@ class Film:
 
 
 def _captioned(picture: Frame, caption: str, said: str) -> Frame:
-    """The picture with a bar under it: what happens on the left, what holds for the whole film on the right."""
+    """The picture with a bar under it: the current action on the left, a text for the whole film on the right."""
     height, width = picture.shape[:2]
     page = Image.new("RGB", (width, height + _BAR), _PAPER)
     page.paste(Image.fromarray(picture), (0, 0))
@@ -134,7 +136,7 @@ def _captioned(picture: Frame, caption: str, said: str) -> Frame:
 
 
 def _tile(caption: str, picture: Frame) -> Frame:
-    """A moment for the strip: smaller, with its caption and a white frame."""
+    """A moment for the strip: a smaller picture with its caption and a white frame."""
     width, height = _STRIP_SIZE
     page = Image.new("RGB", (width + 8, height + 8 + _BAR), _PAPER)
     page.paste(Image.fromarray(picture), (4, 4))
@@ -143,8 +145,8 @@ def _tile(caption: str, picture: Frame) -> Frame:
 
 
 def save_gif(images: Sequence[Frame], path: Path, milliseconds: int) -> None:
-    """Write a film with one palette for all frames; to find one for each would take most of the time."""
-    # Of three frames side by side: a target that is hidden in one of them keeps its colour.
+    """Write a film with one palette for all frames. A palette for each frame would take most of the time."""
+    # Of three frames side by side, so that a target that is hidden in some of them keeps its colour.
     palette = Image.fromarray(np.hstack([images[0], images[len(images) // 2], images[-1]])).quantize()
     frames = [Image.fromarray(image).quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=milliseconds, loop=0, optimize=True)
@@ -152,11 +154,11 @@ def save_gif(images: Sequence[Frame], path: Path, milliseconds: int) -> None:
 
 CODEC, PIXELS = "h264", "yuv420p"
 _OPTIONS = {"crf": "18", "preset": "medium", "bf": "0", "g": "2"}
-"""Little loss; no frame refers to a later one, and every second frame is complete, so that any one is found soon."""
+"""High quality. Every second frame is complete and none refers to a later frame, so any frame is found quickly."""
 
 
 class Video:
-    """An mp4 file; a context.
+    """An mp4 file, used as a context manager.
 
     Attributes:
         frames: number of images that have been written.
@@ -173,7 +175,7 @@ class Video:
         except ModuleNotFoundError as problem:
             raise LearningError(missing_extra(problem) or str(problem)) from problem
         path.parent.mkdir(parents=True, exist_ok=True)
-        # Without a buffer, so that the size of the file is that of the images so far.
+        # Unbuffered, so that the file's size is that of the images so far.
         self._av, self._file = av, av.open(str(path), "w", options={"flush_packets": "1"})
         self._stream = self._file.add_stream("libx264", rate=fps, options=dict(_OPTIONS))
         self._stream.height, self._stream.width = size

@@ -13,38 +13,39 @@ from numpy.typing import ArrayLike, NDArray
 from clutter_env.scene.layout import TABLE_HEIGHT, Layout, top_of
 
 FRAMED_CAMERA = "scene"
-"""Name of the view of the whole scene; all other cameras are in the model and stay where they are."""
+"""Name of the view of the whole scene. All other cameras are in the model and stay in place."""
 _ACROSS = (65.0, -29.0)
-"""[deg] azimuth and elevation: across the table from the robot's right; neither the arm nor the head hides the gripper
-for long."""
+"""[deg] Azimuth and elevation: across the table from the robot's right, where arm and head hide the gripper only
+briefly."""
 _INTO_SHELF = (30.0, -50.0)
 """[deg] The same from farther in front and above, past the side of a shelf and through its transparent boards."""
 _INTO_CUPBOARD = (38.0, -24.0)
-"""[deg] The same from in front of a door, past it where it is open: its hinges are on the left."""
+"""[deg] The same from in front of a cupboard, past its open door, which has its hinges on the left."""
 ABOVE = (0.0, -90.0)
-"""[deg] azimuth and elevation: straight down, the robot below the table."""
+"""[deg] Azimuth and elevation: straight down, with the robot below the table in the picture."""
 _BASE_RADIUS, _BODY_RADIUS = 0.35, 0.2
-"""[m] around the base centre: on the ground, and of what is above it."""
+"""[m] Radii around the base centre: on the ground, and above it."""
 _START_HEIGHT, _WORK_HEIGHT = 1.25, 1.45
-"""[m] of the robot with the lift as it starts, and up."""
+"""[m] Height of the robot with the lift at the start, and with the lift up."""
 _KNEE, _WAIST = 0.35, 0.75
-"""[m] above the ground: what is lower of a robot at work need not be seen; still less of it in a nearer view."""
+"""[m] Heights above the ground. Below the first a robot at work need not be in view, in a nearer view below the
+second."""
 _REACH = 0.55
 """[m] from the front of the table to the base centre of a robot at work."""
 _INWARDS = 0.6
-"""Share of the table's half width to whose sides the robot goes: its arm reaches on."""
+"""Share of the distance to the table's sides that the robot drives sideways. Its arm reaches farther."""
 _OBJECT_HEIGHT = 0.30
-"""[m] above the table: objects, and one that is lifted."""
+"""[m] Height of the space above the table for objects, including a lifted object."""
 _NEAR = 0.75
-"""[m] to a gripper that is shown from near."""
+"""[m] Distance to a gripper in a near view."""
 _MARGIN = 1.06
-"""Distance of the camera over that from which the scene fills the picture."""
+"""Distance of the camera relative to the distance at which the scene fills the picture."""
 
 Points = NDArray[np.float64]
 
 
 def across(layout: Layout) -> tuple[float, float]:
-    """Azimuth and elevation [deg] from which most of a layout's objects are seen, and the robot beside them."""
+    """Azimuth and elevation [deg] that show most of a layout's objects with the robot beside them."""
     if layout.board_height is None:
         return _ACROSS
     if layout.opens is None:
@@ -59,9 +60,9 @@ def whole_scene(
     """A free camera that has the table and the robot in view, from its start to the last grasp.
 
     Args:
-        model: says how wide free cameras see.
-        layout: table, and what stands beside it.
-        start: x, y [m] of the base centre at the start, more numbers are ignored.
+        model: gives the field of view of free cameras.
+        layout: table and the furniture beside it.
+        start: x, y [m] of the base centre at the start. Further numbers are ignored.
         direction: azimuth and elevation [deg] in which the camera looks.
         aspect: width over height of the picture.
     """
@@ -73,12 +74,12 @@ def whole_scene(
 def work_place(
     model: mujoco.MjModel, layout: Layout, direction: tuple[float, float], aspect: float
 ) -> mujoco.MjvCamera:
-    """A nearer view: the table and the upper part of the robot while it works there; arguments as of `whole_scene`."""
+    """A nearer view: the table and the upper part of the robot at work there. Arguments as in `whole_scene`."""
     return view_of(model, np.array(_at_work(layout, _WAIST)), direction, aspect)
 
 
 def _at_work(layout: Layout, lowest: float) -> list[Sequence[float]]:
-    """Points [m] on the table, and of a robot before it, before its trays too, above that height."""
+    """Points [m] on the table, and of a robot in front of it and of its trays, above that height."""
     table = table_points(layout)
     points: list[Sequence[float]] = list(table)
     for side in (table[:, 1].min(), table[:, 1].max()):
@@ -94,7 +95,7 @@ def _ring(x: float, y: float, radius: float, z: float) -> list[Sequence[float]]:
 
 
 def near_view(direction: tuple[float, float]) -> mujoco.MjvCamera:
-    """A free camera near to what its user has it look at, by `lookat`."""
+    """A free camera near the point that the caller sets as its `lookat`."""
     camera = mujoco.MjvCamera()
     camera.type, camera.distance = mujoco.mjtCamera.mjCAMERA_FREE, _NEAR
     camera.azimuth, camera.elevation = direction
@@ -121,7 +122,7 @@ def view_of(model: mujoco.MjModel, points: Points, direction: tuple[float, float
 
 
 def _centred(across: Points, forward: Points, slope: float) -> tuple[float, float]:
-    """The least distance at which points fit between two lines of sight, and where the middle of the picture is then.
+    """Least distance at which points fit between two lines of sight, and the middle of the picture at this distance.
 
     A point fits if |across - middle| <= slope (forward + distance).
     """
@@ -130,7 +131,8 @@ def _centred(across: Points, forward: Points, slope: float) -> tuple[float, floa
 
 
 def table_points(layout: Layout, around: float = 0.0) -> Points:
-    """Corners (n, 3) [m] of the table and the layout's own supports with what stands on them, and so far around it."""
+    """Corners (n, 3) [m] of the table and the layout's own supports, with the objects on them and a margin around
+    them."""
     half_x, half_y = layout.depth / 2 + around, layout.width / 2 + around
     top = TABLE_HEIGHT + max(layout.levels) + _OBJECT_HEIGHT
     corners = list(product((-half_x, half_x), (-half_y, half_y), (TABLE_HEIGHT, top)))

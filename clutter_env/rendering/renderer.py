@@ -1,7 +1,7 @@
-"""Rendering of images with the OpenGL that the machine has; no OpenGL library is loaded before the first image.
+"""Rendering with any OpenGL backend of the machine. No OpenGL library is loaded before the first image.
 
-OpenGL may be used by the process that opened it, and a context only by the thread that made it: a forked process has a
-copy of the driver's memory without its threads, and hangs in its first call.
+OpenGL may be used only by the process that opened it, and a context only by the thread that made it. A forked process
+has a copy of the driver's memory without its threads, and hangs in its first call.
 """
 
 from __future__ import annotations
@@ -30,24 +30,26 @@ _MAX_GEOMS = 2000
 _MARK_HALF_HEIGHT = 0.001
 """[m] of the drawn marks."""
 _GEOM_GROUPS = (1, 1, 1, 0, 0, 0)
-"""Rendered: the scene (0), the meshes (1) and the primitives (2) that no mesh replaces."""
+"""Rendered groups: the scene (0), the meshes (1) and the primitives (2) that no mesh replaces."""
 _GEOM, _PLANE, _NOTHING = (
     int(mujoco.mjtObj.mjOBJ_GEOM),
     int(mujoco.mjtGeom.mjGEOM_PLANE),
     int(mujoco.mjtGeom.mjGEOM_NONE),
 )
-"""As integers, with which MuJoCo's enumerations are slow to compare."""
+"""Integers, because comparing MuJoCo's enumerations is slow."""
 _SKY = np.array((235, 242, 248), np.uint8).view("V3")[0]
-"""Colour of pixels without anything in camera observations; as one value, which NumPy writes ten times as fast."""
+"""Colour of empty pixels in camera observations. It is a single value, which NumPy writes ten times as fast."""
 _FINENESS = 2
-"""Pictures for people are drawn as many times as wide and high, and averaged: no edge is jagged."""
+"""Pictures for people are drawn this many times as wide and high, and averaged, so that no edge is jagged."""
 _FLOOR = (0.70, 0.71, 0.73, 1.0)
 _SHADOW_PIXELS, _SHADOW_REACH = 2560, 2.4
-"""Of the map of shadows along each side, and its half side in extents of the model; MuJoCo's 4096 are slow."""
+"""Pixels of the shadow map along each side, and its half side in extents of the model. MuJoCo's 4096 pixels are
+slow."""
 _SHADOW_CENTRE, _SUN_DISTANCE = np.array((-3.0, 2.6, 0.4)), 4.0
-"""[m] Middle of the map: towards the sun from there the floor gets stripes, which no usual view has in it."""
+"""[m] Centre of the shadow map, and distance to the sun. On its sunward side the floor gets stripes, outside all usual
+views."""
 _opened_by: set[int] = set()
-"""Processes that have opened OpenGL: this one, or those from which it was forked."""
+"""Processes that have opened OpenGL: this process, or those from which it was forked."""
 
 
 def has_display() -> bool:
@@ -56,11 +58,11 @@ def has_display() -> bool:
 
 
 def make_context(width: int, height: int) -> Any:
-    """An off-screen context: the one that MUJOCO_GL names, else the first that works.
+    """Make an off-screen context: the backend that MUJOCO_GL names, else the first that works.
 
     Raises:
-        RenderingUnavailable: none works; the message names the missing packages. Or this process was forked from
-            one that had rendered.
+        RenderingUnavailable: none works, and the message names the missing packages. Or this process was forked from a
+            process that had rendered.
     """
     _check_no_fork()
     wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
@@ -71,14 +73,14 @@ def make_context(width: int, height: int) -> Any:
     for backend in backends:
         try:
             return _open(backend, width, height)
-        except Exception as error:  # each backend fails in its own way; all failures are reported below
+        except Exception as error:  # each backend fails in its own way, and all failures are reported below
             failures.append(f"{wanted or backend.removeprefix('mujoco.')}: {error}")
     raise RenderingUnavailable(f"no OpenGL context ({'; '.join(failures)}); {_DEBIAN_PACKAGES}")
 
 
 def _open(backend: str, width: int, height: int) -> Any:
     _opened_by.add(os.getpid())
-    # PyOpenGL's choice of platform is undone when the backend does not work.
+    # Undo PyOpenGL's choice of platform when the backend does not work.
     before = os.environ.get("PYOPENGL_PLATFORM")
     try:
         context = importlib.import_module(backend).GLContext(width, height)
@@ -91,7 +93,7 @@ def _open(backend: str, width: int, height: int) -> Any:
 
 
 def _check_no_fork() -> None:
-    """Raise RenderingUnavailable if this process was forked from one that had opened OpenGL."""
+    """Raise RenderingUnavailable if this process was forked from a process that had opened OpenGL."""
     if _opened_by - {os.getpid()}:
         raise RenderingUnavailable(
             "this process was forked from one that had rendered, and OpenGL does not survive a fork; start worker "
@@ -101,7 +103,7 @@ def _check_no_fork() -> None:
 
 
 def add_marks(scene: mujoco.MjvScene, marks: Iterable[Mark]) -> None:
-    """Add marks to what is about to be drawn."""
+    """Add marks to the scene to be drawn."""
     for mark in marks:
         cosine, sine = math.cos(mark.yaw), math.sin(mark.yaw)
         turn = np.array((cosine, -sine, 0.0, sine, cosine, 0.0, 0.0, 0.0, 1.0))
@@ -113,12 +115,11 @@ def add_marks(scene: mujoco.MjvScene, marks: Iterable[Mark]) -> None:
 class Renderer:
     """Renders one model through any of its cameras, colour or depth.
 
-    Pictures for people have smooth edges, shadows, and a floor that shows them; camera observations, which come faster,
-    do not.
+    Pictures for people have smooth edges, and shadows on a darker floor. Camera observations lack these and are faster.
 
     Raises:
-        RenderingUnavailable: this machine has no working OpenGL. Its methods raise it in another thread or process
-            than the one in which the renderer was made.
+        RenderingUnavailable: this machine has no working OpenGL. The methods raise it in other threads or processes
+            than that in which the renderer was made.
     """
 
     def __init__(self, model: mujoco.MjModel, width: int, height: int) -> None:
@@ -147,7 +148,7 @@ class Renderer:
     _is_fine: bool = False
 
     def colour(self, data: mujoco.MjData, camera: str | mujoco.MjvCamera) -> NDArray[np.uint8]:
-        """(height, width, 3) uint8; `camera` is the name of a camera of the model, or a free camera."""
+        """Colours (height, width, 3) uint8. `camera` is the name of a camera of the model, or a free camera."""
         width, height = (_FINENESS * side for side in self._size)
         if not self._is_fine:
             self._check_owner()
@@ -161,7 +162,7 @@ class Renderer:
         return np.asarray(Image.fromarray(picture[::-1]).reduce(_FINENESS))
 
     def depth(self, data: mujoco.MjData, camera: str | mujoco.MjvCamera) -> NDArray[np.float32]:
-        """(height, width) distance along the camera's axis [m]; the far plane where nothing is."""
+        """Distances (height, width) along the camera's axis [m]. Empty pixels have that of the far plane."""
         width, height = self._size
         buffer = np.empty((height, width), np.float32)
         self._draw(data, camera, None, buffer)
@@ -170,29 +171,29 @@ class Renderer:
     def camera_images(
         self, data: mujoco.MjData, camera: str, labels: NDArray[np.uint8] | None
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.uint8] | None]:
-        """The same, rendered once; and (height, width) the label of what each pixel shows.
+        """Colour and depth, rendered at once, and (height, width) the label of the geom at each pixel.
 
         Args:
             data: the state.
             camera: name of a camera of the model.
-            labels: (ngeom,) of the model's geoms; where nothing is, the label is 0. None: no third image. With labels
-                the colours, too, show nothing behind boards that are transparent for people.
+            labels: (ngeom,) labels of the model's geoms. Empty pixels get 0. Without labels the third image is None.
+                With labels, boards that are transparent for people are opaque in the colours too.
         """
         width, height = self._size
         picture, buffer = np.empty((height, width, 3), np.uint8), np.empty((height, width), np.float32)
         flags = self._scene.flags
-        flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = 0  # which takes a fifth of the time, and is seldom in view
+        flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = 0  # the sky takes a fifth of the time, and is seldom in view
         self._draw(data, camera, picture, buffer, is_opaque=labels is not None)
         flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = 1
         picture.view("V3")[..., 0][buffer == 0] = _SKY
         colour = np.ascontiguousarray(picture[::-1])
         if labels is None:
             return colour, self._metric(buffer), None
-        # The scene again, each geom in the one colour that says its label, without the geoms of label 1, whose meshes
-        # have most facets: they are what is seen where the distance is another one now.
+        # Render the scene again with each geom in a colour that encodes its label. Geoms of label 1 are left out,
+        # because their meshes have most facets. Pixels whose depth differs now show them.
         values = labels.tolist()
         for geom in self._scene.geoms[: self._scene.ngeom]:
-            geom.segid = values[geom.objid] if geom.objtype == _GEOM else 0  # drawn as this number plus one
+            geom.segid = values[geom.objid] if geom.objtype == _GEOM else 0  # drawn as this number plus 1
             if geom.segid == 1:
                 geom.type = _NOTHING
         flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = 1
@@ -203,7 +204,7 @@ class Renderer:
         return colour, self._metric(buffer), np.maximum(found[::-1], 1) - np.uint8(1)
 
     def _metric(self, buffer: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Distances [m], upright, from the graphics device's depth buffer (0 at the far plane)."""
+        """Distances [m], upright, from the graphics device's depth buffer, which is 0 at the far plane."""
         extent = self._model.stat.extent
         near, far = self._model.vis.map.znear * extent, self._model.vis.map.zfar * extent
         return np.ascontiguousarray((near / (near / far + (1 - near / far) * buffer))[::-1]).astype(np.float32)
@@ -236,7 +237,7 @@ class Renderer:
         self._read(picture, depth)
 
     def _light_for_people(self) -> None:
-        """The sun casts shadows, on a floor that is dark enough to show them."""
+        """Let the sun cast shadows, on a floor dark enough to show them."""
         for light in self._scene.lights[: self._scene.nlight]:
             if not light.headlight:
                 light.castshadow, light.pos[:] = True, _SHADOW_CENTRE - _SUN_DISTANCE * np.array(light.dir)
@@ -245,19 +246,19 @@ class Renderer:
                 geom.rgba[:] = _FLOOR
 
     def _read(self, picture: NDArray[np.uint8] | None, depth: NDArray[np.float32] | None) -> None:
-        """Draw the scene as it is, and read what was drawn."""
+        """Draw the scene and read the result."""
         height, width = next(image.shape[:2] for image in (picture, depth) if image is not None)
         viewport = mujoco.MjrRect(0, 0, width, height)
         mujoco.mjr_render(viewport, self._scene, self._device)
         mujoco.mjr_readPixels(picture, depth, viewport, self._device)
 
     def _leave_out_of_sight(self, data: mujoco.MjData, camera: int) -> None:
-        """Do not draw what is outside a camera's view: a software renderer pays for every facet, seen or not."""
+        """Leave out geoms outside a camera's view, because a software renderer spends time on every facet."""
         model, (width, height) = self._model, self._size
         up = math.tan(math.radians(model.cam_fovy[camera]) / 2)
         right = up * width / height
         near = model.vis.map.znear * model.stat.extent
-        # Inwards from the sides of the pyramid of sight, in the camera's frame and in the world's.
+        # Normals of the sides of the view frustum, inwards, in the camera's frame and in the world's.
         sides = np.array(((-1, 0, -right), (1, 0, -right), (0, -1, -up), (0, 1, -up), (0, 0, -1)))
         sides = sides @ data.cam_xmat[camera].reshape(3, 3).T
         axes, boxes = data.geom_xmat.reshape(-1, 3, 3), model.geom_aabb
@@ -281,13 +282,14 @@ class Renderer:
             )
 
     def __del__(self) -> None:
-        """Free the resources here if nobody has: MuJoCo would free those of whichever context is current then."""
+        """Free the resources if `close` was not called. MuJoCo would free those of whichever context is current
+        then."""
         is_owner = self._context is not None and threading.get_ident() == self._thread
         if is_owner and not sys.is_finalizing():
             self.close()
 
     def close(self) -> None:
-        """Free the OpenGL resources; may be called twice. A forked process has none to free."""
+        """Free the OpenGL resources. May be called twice. A forked process has none to free."""
         if self._context is not None and self._process == os.getpid():
             self._check_owner()
             self._context.make_current()

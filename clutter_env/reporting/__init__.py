@@ -1,1 +1,1 @@
-"""Progress, files, tables and intervals of results: what commands and scripts share."""
+"""Progress, files, tables and intervals of results, shared by commands and scripts."""

@@ -1,4 +1,4 @@
-"""Files that are complete or absent, JSON of our types, and JSON lines that survive a killed run."""
+"""Files that are either complete or absent, JSON of our types, and JSON lines that survive a killed run."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 COMPRESSED = ".xz"
-"""Ending of the names of compressed files."""
+"""Suffix of compressed files."""
 PICTURES = (".png", ".pdf", ".svg", ".jpg", ".jpeg", ".webp")
-"""Endings of the pictures that are drawn."""
+"""Suffixes of the picture formats that can be written."""
 
 
 def json_values(value: Any) -> Any:
@@ -28,7 +28,7 @@ def json_values(value: Any) -> Any:
     because JSON has no such numbers.
 
     Raises:
-        TypeError: JSON has nothing for a value of that type.
+        TypeError: JSON cannot represent a value of that type.
     """
     if is_dataclass(value) and not isinstance(value, type):
         return {field.name: json_values(getattr(value, field.name)) for field in fields(value)}
@@ -50,18 +50,18 @@ def json_values(value: Any) -> Any:
 
 
 def json_text(value: Any, indent: int | None = None) -> str:
-    """JSON text of a value; see `json_values`."""
+    """JSON text of a value, see `json_values`."""
     return json.dumps(json_values(value), indent=indent, allow_nan=False)
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Write a JSON file, see `json_values` and `write_atomically`; missing directories are made.
+    """Write a JSON file, see `json_values` and `write_atomically`. Missing directories are made.
 
-    A name that ends in ".xz" is that of a compressed file.
+    A file whose name ends in ".xz" is compressed.
 
     Raises:
         OSError: the disk is full or cannot be written.
-        TypeError: JSON has nothing for a value.
+        TypeError: JSON cannot represent a value.
     """
     content = json_text(value, indent=1).encode()
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -73,7 +73,7 @@ def read_json(path: Path) -> Any:
 
     Raises:
         OSError: it cannot be read.
-        ValueError: it is no JSON, or damaged.
+        ValueError: it is damaged or no JSON.
     """
     try:
         content = lzma.decompress(path.read_bytes()) if path.suffix == COMPRESSED else path.read_bytes()
@@ -83,9 +83,9 @@ def read_json(path: Path) -> Any:
 
 
 def changes(there: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """What differs between two records, in words, such as "seed: 0 there, 1 now".
+    """Differences between two records in words, such as "seed: 0 there, 1 now".
 
-    Groups of values (mappings) that the first record lacks are not compared: those of earlier versions lack some.
+    Groups of values (mappings) that the first record lacks are ignored, because earlier versions wrote fewer groups.
     """
     found = []
     for name in dict.fromkeys((*there, *now)):
@@ -98,18 +98,19 @@ def changes(there: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
 
 
 def check_picture(path: Path | None) -> None:
-    """Refuse a file, by a `ValueError`, whose ending is of no picture: before what it shows is measured."""
+    """Raise ValueError unless the file has the suffix of a picture. For use before the results to be drawn are
+    measured."""
     if path is not None and path.suffix.lower() not in PICTURES:
         raise ValueError(f"{path} is no picture; valid endings: {', '.join(PICTURES)}")
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file that gets its name once all of it is on the disk; an old file of that name stays until then.
+    """Write a file that gets its name after all of it is on the disk. Until then an old file of that name stays.
 
-    What is no regular file, such as `/dev/stdout`, a pipe or a link, is written to, not replaced by a file.
+    Paths that are no regular files, such as `/dev/stdout`, a pipe or a link, are written to, not replaced.
 
     Raises:
-        OSError: the disk is full or cannot be written; the error names the file.
+        OSError: the disk is full or cannot be written. The error names the file.
     """
     if path.is_symlink() or (path.exists() and not path.is_file()):
         path.write_bytes(content)
@@ -122,10 +123,10 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 @contextmanager
 def written_atomically(path: Path) -> Iterator[Path]:
-    """Another path beside `path`, whose file or directory gets that name at the end of the block; removed on errors.
+    """Yield a temporary path next to `path`, and rename it to `path` when the block succeeds. On errors it is removed.
 
     Raises:
-        OSError: the disk is full or cannot be written; the error names the file `path`.
+        OSError: the disk is full or cannot be written. The error names the file `path`.
     """
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
@@ -140,10 +141,10 @@ def written_atomically(path: Path) -> Iterator[Path]:
 
 
 class JsonLines:
-    """A file of JSON values, one per line; a last line that a killed run left incomplete is removed.
+    """A file of JSON values, one per line. An incomplete last line of a killed run is removed.
 
     Attributes:
-        values: what the file held when it was opened, and what has been added since.
+        values: values in the file when it was opened, and those added since.
 
     Raises:
         OSError: the file cannot be read or written.
@@ -159,7 +160,7 @@ class JsonLines:
         self.values: list[Any] = [json.loads(line) for line in whole.splitlines()]
 
     def append(self, value: Any) -> None:
-        """Add a value at the end of the file, and write it to the disk; see `json_values`."""
+        """Append a value to the file, and write it to the disk, see `json_values`."""
         text = json_text(value)
         with self._path.open("a", encoding="utf-8") as file:
             file.write(text + "\n")

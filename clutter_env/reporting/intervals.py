@@ -1,4 +1,4 @@
-"""Means and success rates with 95% intervals, over scenes and over training seeds; quantiles of times."""
+"""Means and success rates with 95% intervals, over scenes and over training seeds, and quantiles of times."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 RESAMPLES = 4000
 LEVEL = 0.95
 _BLOCK = 1_000_000
-"""Numbers that are drawn at once, at most, unless there are more scenes: some 30 MB with what is computed from them."""
+"""Most numbers drawn at once, unless there are more scenes. They take about 30 MB with the intermediate results."""
 
 
 class Interval(NamedTuple):
-    """A mean and the ends of its 95% interval; NaN where there is nothing to average."""
+    """A mean and the ends of its 95% interval. All are NaN without any value."""
 
     mean: float
     low: float
@@ -27,25 +27,25 @@ class Interval(NamedTuple):
 
 
 class Times(NamedTuple):
-    """Median and 95th percentile of times [s]; NaN where there are none."""
+    """Median and 95th percentile of times [s], NaN without any."""
 
     median: float
     p95: float
 
 
 NO_INTERVAL = Interval(math.nan, math.nan, math.nan)
-"""Of nothing to average."""
+"""The interval without any value."""
 
 
 def bootstrap(groups: Sequence[Sequence[float]], rng: np.random.Generator) -> Interval:
     """The mean over groups of their means, with a percentile bootstrap interval.
 
-    Groups and scenes are resampled, the same scenes for all groups, since a hard scene is hard for all of them (the
-    bootstrap of crossed effects, Owen 2007, Annals of Applied Statistics 1, pp. 386-411).
+    Groups and scenes are resampled, the same scenes for all groups, because a hard scene is hard for all of them. This
+    is the bootstrap of crossed effects (Owen 2007, Annals of Applied Statistics 1, pp. 386-411).
 
     Args:
-        groups: one per training seed (or only one), each with one value per scene, value k that of scene k in every
-            group. NaN, or nothing at the end, where a group has no value; groups without any do not count.
+        groups: one per training seed (or a single one), each with one value per scene. Value k is that of scene k in
+            every group. Missing values are NaN, or left out at the end. Groups without any value are ignored.
         rng: for resampling.
     """
     filled = [np.asarray(group, float) for group in groups if len(group)]
@@ -58,7 +58,7 @@ def bootstrap(groups: Sequence[Sequence[float]], rng: np.random.Generator) -> In
         return NO_INTERVAL
     drawn = rng.integers(len(values), size=(RESAMPLES, len(values)))
     means, rows = np.empty((RESAMPLES, len(values))), max(_BLOCK // values.shape[1], 1)
-    for start in range(0, RESAMPLES, rows):  # as one block would: the generator goes on where it was
+    for start in range(0, RESAMPLES, rows):  # the generator continues as in a single block
         block = slice(start, min(start + rows, RESAMPLES))
         scenes = rng.integers(values.shape[1], size=(block.stop - start, values.shape[1]))
         means[block] = np.stack([_means(row[scenes]) for row in values], axis=1)
@@ -67,7 +67,7 @@ def bootstrap(groups: Sequence[Sequence[float]], rng: np.random.Generator) -> In
 
 
 def _means(rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Mean of the numbers of each row; NaN where a row has none."""
+    """Mean of the numbers of each row, NaN for a row without any."""
     is_known = ~np.isnan(rows)
     counts = is_known.sum(axis=1)
     sums = np.where(is_known, rows, 0.0).sum(axis=1)
@@ -77,7 +77,7 @@ def _means(rows: NDArray[np.float64]) -> NDArray[np.float64]:
 def wilson(successes: int, trials: int) -> Interval:
     """A success rate with Wilson's score interval (Wilson 1927, JASA 22, pp. 209-212).
 
-    Unlike the bootstrap it does not shrink to a point when all trials succeed, or none.
+    Unlike the bootstrap it does not shrink to a point when all trials succeed or all fail.
     """
     if not trials:
         return NO_INTERVAL
@@ -88,10 +88,10 @@ def wilson(successes: int, trials: int) -> Interval:
 
 
 def newcombe(one: tuple[int, int], other: tuple[int, int]) -> Interval:
-    """How much higher one success rate is than another one, of other scenes (Newcombe 1998, Stat. Med. 17, method 10).
+    """Difference of two success rates on different scenes (Newcombe 1998, Stat. Med. 17, method 10).
 
     Args:
-        one, other: successes and trials.
+        one, other: successes and trials. The result is the rate of `one` minus that of `other`.
     """
     here, there = wilson(*one), wilson(*other)
     by = here.mean - there.mean
@@ -102,9 +102,10 @@ def newcombe(one: tuple[int, int], other: tuple[int, int]) -> Interval:
 def success_interval(runs: Sequence[Sequence[bool]], rng: np.random.Generator) -> Interval:
     """The success rate of a policy.
 
-    One run: Wilson's interval over its scenes. Several runs, one per training seed, on the same scenes in the same
-    order: the bootstrap over seeds and scenes; where it is a point because all episodes succeed, or none, Wilson's
-    interval with as many trials as there are scenes (episodes of different seeds on one scene are not independent).
+    For one run: Wilson's interval over its scenes. For several runs, one per training seed, on the same scenes in the
+    same order: the bootstrap over seeds and scenes. If all episodes succeed, or all fail, this interval is a point.
+    Then Wilson's interval is used, with as many trials as scenes, because episodes of different seeds on one scene are
+    not independent.
     """
     played = [run for run in runs if len(run)]
     if len(played) == 1:

@@ -1,4 +1,4 @@
-"""Progress of long work and of compilation: a bar in a terminal, now and then a line in a log file."""
+"""Progress of long work and of compilation: a bar in a terminal, or occasional lines in a log file."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from typing import Any, TextIO
 from tqdm import tqdm
 
 _WORTH_SAYING, _MINUTES_FROM = 10.0, 100.0
-"""[s] Estimates above the first are said, those from the second on in minutes."""
+"""[s] Estimates above the first are printed, those above the second in minutes."""
 SECONDS_BETWEEN_LINES = 30.0
-"""Least time [s] between two lines in a log file."""
+"""[s] Least time between two lines in a log file."""
 
 
 def progress_bar(*arguments: Any, seconds: float = 0.0, **options: Any) -> tqdm:
-    """`tqdm.tqdm`, which takes the arguments; where the error stream is no terminal, it writes whole lines, and few.
+    """`tqdm.tqdm` with these arguments. Without a terminal, print occasional whole lines.
 
-    An estimate of all the time [s] that the work will take is said first, if it is above ten seconds.
+    An estimate of the total time [s] is printed first if it exceeds ten seconds.
     """
     if seconds > _WORTH_SAYING:
         about = f"{seconds:.0f} s" if seconds < _MINUTES_FROM else f"{seconds / 60:.0f} min"
@@ -30,16 +30,16 @@ def progress_bar(*arguments: Any, seconds: float = 0.0, **options: Any) -> tqdm:
 
 
 class _Lines(tqdm):  # type: ignore[misc]  # tqdm has no type hints
-    """A progress bar whose every state is a line of its own."""
+    """A progress bar that prints every state on a line of its own."""
 
-    disable: bool = True  # until it has begun: Ctrl-C may come before
+    disable: bool = True  # until the work has begun, because Ctrl-C may come before
 
     @staticmethod
     def status_printer(file: TextIO) -> Any:
-        """A function that writes a state."""
+        """Return a function that writes a state."""
 
         def write(state: str) -> None:
-            """Write it as a line, if it is not empty."""
+            """Write the state as a line, if it is not empty."""
             if state.strip():
                 file.write(state.strip() + "\n")
                 file.flush()
@@ -56,20 +56,20 @@ class _Lines(tqdm):  # type: ignore[misc]  # tqdm has no type hints
 
 
 _LOGGER = "planners.warming"
-"""The logger that says which kernel is compiled."""
+"""The logger that names the kernel being compiled."""
 
 
 @contextmanager
 def shown_compilation() -> Iterator[None]:
-    """While this lasts, a progress line names the kernel that is compiled, how many have been, and the time so far.
+    """Show a progress line with the kernel being compiled, the number compiled so far, and the time so far.
 
-    How many there will be depends on what is compiled already, so that nothing is estimated. Where nothing has to be
-    compiled, nothing is shown.
+    The total depends on the kernels compiled before, so it is not estimated. If nothing has to be compiled, nothing is
+    shown.
     """
-    logger, bars = logging.getLogger(_LOGGER), list[Any]()  # one, from the first kernel on
+    logger, bars = logging.getLogger(_LOGGER), list[Any]()  # a single bar, from the first kernel on
 
     def show(record: logging.LogRecord) -> bool:
-        """Show a message, which goes nowhere else."""
+        """Show a message, and stop it from going anywhere else."""
         if not bars:
             bars.append(progress_bar(bar_format="{desc} ({n} kernels, {elapsed})"))
         bars[0].set_description_str(record.getMessage(), refresh=record.levelno > logging.INFO)

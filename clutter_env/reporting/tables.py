@@ -6,14 +6,14 @@ import math
 from collections.abc import Sequence
 
 NOTHING = "–"
-"""Stands in a cell for which there is no value."""
+"""Text of a cell without a value."""
 
 
 def markdown_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table with one line per row, and a newline at its end.
 
     Raises:
-        ValueError: a row has not as many cells as the head.
+        ValueError: the number of cells of a row differs from that of the head.
     """
     for row in rows:
         if len(row) != len(head):
@@ -22,5 +22,5 @@ def markdown_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def number_text(value: float | None, pattern: str = "{:.2f}") -> str:
-    """A number as text; `NOTHING` for None and NaN."""
+    """A number as text, `NOTHING` for None and NaN."""
     return NOTHING if value is None or math.isnan(value) else pattern.format(value)

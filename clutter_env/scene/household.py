@@ -1,6 +1,7 @@
-"""Household objects, made of convex parts: real sizes, masses and colours, from primitives and convex hulls.
+"""Household objects made of convex parts, with real sizes, masses and colours. The parts are primitives and convex
+hulls.
 
-The object in slot i of a scene is always of the same kind, `slot_kinds`; places, yaws and the target are random.
+The object in slot i of a scene is always of the same kind, see `slot_kinds`. Positions, yaws and the target are random.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ Array = NDArray[np.float64]
 Colour = tuple[float, float, float]
 
 _SIDES = 48
-"""Points around a cylinder: its edge is 0.2% of the radius farther out between them."""
+"""Points around a cylinder. Between two points its surface is 0.2% of the radius outside their hull."""
 _SEGMENTS = 10
-"""Hulls around a wall that is not straight, or boxes around one that is."""
+"""Hulls of a curved wall."""
 CERAMIC, STEEL, GLASS, CARDBOARD, WOOD, PLASTIC = (
     (0.93, 0.91, 0.86),
     (0.55, 0.57, 0.60),
@@ -44,11 +45,12 @@ class Part:
 
     Attributes:
         shape: a capsule's or cylinder's axis is z.
-        size: [m] as MuJoCo's geoms have it: half extents; radius and half length; radius. () of a hull.
-        position: (3,) [m]; of a hull the origin of its points.
+        size: [m] as in MuJoCo: half extents of a box, radius and half length of a cylinder or capsule, radius
+            of a sphere, () for a hull.
+        position: (3,) [m] of the centre. For a hull: of the origin of its points.
         quaternion: (4,) wxyz.
         colour: red, green, blue.
-        weight: its share of the object's mass is this, divided by the sum of all weights.
+        weight: share of the object's mass, relative to the sum of the weights of all parts.
         points: (k, 3) [m] corners of a hull.
     """
 
@@ -62,7 +64,8 @@ class Part:
 
     @cached_property
     def cloud(self) -> tuple[Array, float]:
-        """Points (k, 3) [m] in the frame of the object, and a radius [m]: balls about them have the part as hull."""
+        """Points (k, 3) [m] in the frame of the object, and a radius [m]. The part is the hull of balls of this radius
+        about the points."""
         if self.shape == "hull":
             return self.position + self.points, 0.0
         if self.shape == "sphere":
@@ -80,10 +83,10 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Kind:
-    """A kind of household object; its frame is at the centre of the box around it, upright as it stands.
+    """A kind of household object. Its frame is at the centre of the box around the upright object.
 
     Attributes:
-        name: what it is called.
+        name: of the kind.
         mass: [kg]
         friction: coefficient of its contacts with furniture and fingers.
         parts: its convex parts.
@@ -96,7 +99,7 @@ class Kind:
 
     @classmethod
     def of(cls, name: str, mass: float, friction: float, *parts: Part | Sequence[Part]) -> Kind:
-        """From parts in a frame that may be anywhere."""
+        """Make a kind from parts in any frame."""
         given = tuple(itertools.chain.from_iterable([part] if isinstance(part, Part) else part for part in parts))
         low = np.min([part.cloud[0].min(axis=0) - part.cloud[1] for part in given], axis=0)
         high = np.max([part.cloud[0].max(axis=0) + part.cloud[1] for part in given], axis=0)
@@ -105,20 +108,20 @@ class Kind:
 
     @cached_property
     def half_extents(self) -> Array:
-        """(3,) [m] of the box around it."""
+        """Half extents (3,) [m] of the box around it."""
         return np.max(
             [np.abs(points).max(axis=0) + radius for points, radius in (part.cloud for part in self.parts)], 0
         )
 
     @cached_property
     def cloud(self) -> tuple[Array, Array]:
-        """Points (k, 3) [m] and radii (k,) [m] of balls that have the object as hull, but for hollows."""
+        """Points (k, 3) [m] and radii (k,) [m] of balls whose hull is the object with its hollows filled."""
         points, radii = zip(*(part.cloud for part in self.parts), strict=True)
         return np.concatenate(points), np.repeat(radii, [len(each) for each in points])
 
 
 class HouseholdScene(TableScene):
-    """A scene in which the object in every slot is of the kind that `slot_kinds` says."""
+    """A scene of household objects. `slot_kinds` names the kind of object in each slot."""
 
     @property
     def shapes(self) -> tuple[str, ...]:
@@ -127,19 +130,22 @@ class HouseholdScene(TableScene):
 
 
 def slot_kinds(count: int) -> tuple[str, ...]:
-    """Names of the kinds of the objects of a scene: all kinds in turn."""
+    """Names of the kinds of a scene's objects. The kinds follow one another in a cycle."""
     return tuple(itertools.islice(itertools.cycle(KINDS), count))
 
 
 def as_household(scene: TableScene) -> TableScene:
-    """A scene that was read from numbers, as a household scene if its objects are of that size."""
+    """Return `scene` as a household scene if its objects have those half extents, otherwise unchanged.
+
+    For scenes that were read from numbers.
+    """
     found = HouseholdScene(**{name: getattr(scene, name) for name in scene.__dataclass_fields__})
     half_extents = [KINDS[kind].half_extents for kind in found.shapes]
     return found if np.array_equal(scene.half_extents, np.reshape(half_extents, (-1, 3))) else scene
 
 
 def _matrix(quaternion: Sequence[float]) -> Array:
-    """(3, 3) rotation of a quaternion wxyz, which is not normalised again: that would change last digits of scenes."""
+    """Rotation matrix (3, 3) of a quaternion wxyz. Normalising again would change the last digits of scenes."""
     w, x, y, z = quaternion
     return np.array(
         [
@@ -155,16 +161,16 @@ def _box(size: Sequence[float], at: Sequence[float], colour: Colour, weight: flo
 
 
 def _upright(radius: float, low: float, high: float, colour: Colour, weight: float = 1.0) -> Part:
-    """A cylinder between two heights [m]."""
+    """Upright cylinder between two heights [m]."""
     return Part("cylinder", (radius, (high - low) / 2), np.array((0.0, 0.0, (low + high) / 2)), colour, weight)
 
 
 def _rod(radius: float, start: Sequence[float], end: Sequence[float], colour: Colour, weight: float = 1.0) -> Part:
-    """A capsule between the centres of its caps."""
+    """Capsule between the centres of its caps."""
     one, other = np.array(start, dtype=float), np.array(end, dtype=float)
     length = float(np.linalg.norm(other - one))
     x, y, z = (other - one) / length
-    turn = np.array((1.0 + z, -y, x, 0.0))  # the shortest rotation of the z axis there; none points straight down
+    turn = np.array((1.0 + z, -y, x, 0.0))  # shortest rotation of the z axis to it; no rod points straight down
     return Part("capsule", (radius, length / 2), (one + other) / 2, colour, weight, tuple(turn / np.linalg.norm(turn)))
 
 
@@ -173,7 +179,7 @@ def _hull(points: Sequence[Sequence[float]] | Array, colour: Colour, weight: flo
 
 
 def _turned(profile: Sequence[tuple[float, float]], colour: Colour, weight: float = 1.0, sides: int = 16) -> Part:
-    """The hull of circles (radius, height) [m] about the z axis."""
+    """Hull of circles (radius, height) [m] about the z axis."""
     turns = np.arange(sides) * (2 * math.pi / sides)
     return _hull([(r * math.cos(a), r * math.sin(a), z) for r, z in profile for a in turns], colour, weight)
 
@@ -181,7 +187,7 @@ def _turned(profile: Sequence[tuple[float, float]], colour: Colour, weight: floa
 def _wall(
     low: tuple[float, float], high: tuple[float, float], thick: float, colour: Colour, weight: float
 ) -> list[Part]:
-    """A wall between two circles (radius, height) [m], `thick` [m] inwards."""
+    """Wall between two circles (radius, height) [m], `thick` [m] inwards."""
     parts = []
     for k in range(_SEGMENTS):
         a, b = 2 * math.pi * k / _SEGMENTS, 2 * math.pi * (k + 1) / _SEGMENTS
@@ -264,7 +270,7 @@ _ALL = (
         _box((0.035, 0.035, 0.095), (0.0, 0.0, 0.095), (0.93, 0.95, 0.97), 0.95),
         _hull(_GABLE, SKY, 0.05),
     ),
-    Kind.of(  # flat where it stands, with a stalk; a waxy skin, like smooth wood
+    Kind.of(  # flat at the bottom, with a stalk; its waxy skin is taken as smooth wood
         "apple",
         0.18,
         ON_WOOD,
@@ -304,4 +310,4 @@ _ALL = (
     ),
 )
 KINDS: Mapping[str, Kind] = MappingProxyType({kind.name: kind for kind in _ALL})
-"""By name, in the order of slots. None is red: the target is."""
+"""Kinds by name, in the order of slots. No kind is red, the colour of the target."""

@@ -1,4 +1,4 @@
-"""A region that a driving base keeps out of."""
+"""Region that a driving base avoids."""
 
 from __future__ import annotations
 
@@ -12,27 +12,28 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _CLEARANCE = 0.05
-"""[m] off the rectangle's corners, along x and along y, at which the base goes round them."""
+"""[m] Distance from the rectangle's corners, along x and along y, at which the base drives around them."""
 _TOLERANCE = 1e-6
-"""[m] by which a line must enter the rectangle to count."""
+"""[m] Least depth at which a line is regarded as entering the rectangle."""
 
 
 @dataclass(frozen=True, eq=False)
 class KeepOutRegion:
-    """A rectangle on the ground, in the world, that the base keeps out of.
+    """A rectangle on the ground, in the world frame, that the base avoids.
 
     Attributes:
-        low, high: (2,) x and y [m] of its sides; infinite where no demonstration goes round.
+        low, high: (2,) lowest and highest x and y [m]. A side is infinite if no demonstration drives around it.
     """
 
     low: Array
     high: Array
 
     def path(self, start: Array, goal: Array) -> Array:
-        """Base poses (n, 3) to drive to one after the other, from a base (3,) to a goal (3,); the goal is the last.
+        """Base poses (n, 3) to drive to in order, from a base pose (3,) to a goal (3,). The last pose is the goal.
 
-        The path is the shortest over corners that keeps out of the rectangle; straight where there is none. Where start
-        or goal lies inside, the rectangle ends there: a base that is wanted there fits. Yaw changes evenly.
+        The path is the shortest outside the rectangle over at most two corners, or the straight line if no such path
+        exists. If start or goal lies inside, the rectangle is shrunk to exclude it, because the base has to fit at
+        these poses. Yaw changes in proportion to the distance driven.
         """
         region = self._without(start)._without(goal)
         best = np.stack((start[:2], goal[:2]))
@@ -45,7 +46,7 @@ class KeepOutRegion:
         return np.column_stack((best[1:], start[2] + turn * driven / max(float(driven[-1]), _TOLERANCE)))
 
     def _without(self, base: Array) -> KeepOutRegion:
-        """The rectangle with the nearest side moved so that a base (3,) is not inside."""
+        """The rectangle with its nearest side moved so that a base (3,) is outside."""
         sides = np.stack((self.low, self.high))
         depth = (base[:2] - sides) * ((1.0,), (-1.0,))
         if not (depth > 0).all():
@@ -55,7 +56,7 @@ class KeepOutRegion:
         return KeepOutRegion(*sides)
 
     def _corners(self) -> Iterator[tuple[Array, ...]]:
-        """The corners that a path may go over: one, or two."""
+        """Sequences of one or two corners that a path may pass."""
         sides = (self.low - _CLEARANCE, self.high + _CLEARANCE)
         corners = [np.array((x[0], y[1])) for x, y in product(sides, sides) if np.isfinite((x[0], y[1])).all()]
         yield from ((corner,) for corner in corners)
@@ -75,5 +76,5 @@ class KeepOutRegion:
 
 
 def _lengths(path: Array) -> Array:
-    """(n - 1,) [m] of the legs of a path (n, 2)."""
+    """Lengths (n - 1,) [m] of the legs of a path (n, 2)."""
     return np.asarray(np.linalg.norm(np.diff(path, axis=0), axis=1))

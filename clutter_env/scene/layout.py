@@ -1,4 +1,4 @@
-"""Tables and their surroundings, known by name or made by the user.
+"""Tables and their surroundings, predefined by name or made by the user.
 
 World frame: origin on the ground under the table's centre, x from the robot towards the table, y left, z up.
 """
@@ -45,42 +45,43 @@ _COUNTER_WIDTH = 0.6
 _WALL_HEIGHT = 1.6
 _WALL_THICKNESS = 0.05
 _PANEL_THICKNESS = 0.02
-"""All [m]."""
+"""[m] Dimensions of the furniture."""
 
 TABLE_SIZE_RANGE = (0.3, 3.0)
-"""[m] of a table's depth and width: some objects fit, and the base can drive all around it."""
+"""[m] of a table's depth and width. Some objects fit on the smallest table, and the base can drive around the
+largest."""
 HEADROOM_RANGE = (0.25, 1.0)
-"""[m] from the table top to whatever hangs above it: random objects are up to 0.20 m high."""
+"""[m] from the table top to the lowest object above it. Random objects are up to 0.20 m high."""
 BOX_HALF_EXTENT_RANGE = (0.001, 5.0)
-"""[m]"""
+"""[m] Range of half extents."""
 BOX_POSITION_RANGE = (-10.0, 10.0)
-"""[m]"""
+"""[m] Range of coordinates."""
 START_DISTANCE = (0.6, 1.1)
 """[m] from the table's front edge to the base centre at the start."""
 LOWEST_SUPPORT = 0.4
-"""[m] Height of the lowest face on which objects may be put, above the ground: lower ones are not within reach."""
+"""[m] Height above the ground of the lowest face on which objects may be placed. Lower faces are out of reach."""
 SHELF_START_DISTANCE = (0.95, 1.3)
-"""[m]; farther away, because the carried gripper is about as high as the shelf."""
+"""[m] Farther away, because the carried gripper is about as high as the shelf."""
 OPENS = (None, "drawer", "door_left", "door_right", "drawers")
-"""What opens of a layout; a door's side is that of its hinges."""
+"""Types of opening of a layout. A door is named by the side of its hinges."""
 OBJECT_GAP, DRAWER_GAP = 0.012, 0.03
-"""[m] between the bounding circles of two objects at least; in a drawer, where they are grasped from above, fingers
-must fit between."""
+"""[m] Least distances between the bounding circles of two objects. In a drawer objects are grasped from above, so
+fingers must fit between them."""
 _CUPBOARD_MARGINS = 0.02, 0.03
-"""[m] behind a door, and along the panels at its sides, where nothing stands at the start."""
+"""[m] Depth of the strips behind a door and along the side panels that are empty at the start."""
 LONGEST_FRONT = 0.5
-"""[m] of the table in front of a chest: over more of it no arm reaches the handle."""
+"""[m] Longest part of the table in front of a chest. Across a longer part no arm reaches the handle."""
 OPENING_START_DISTANCE = (1.1, 1.45)
-"""[m]; in front of a handle, which stands out."""
+"""[m] Start distance in front of a handle, which protrudes."""
 START_SIDE_MARGIN = 0.1
-"""[m] from the table's side edges, inwards."""
+"""[m] Least distance of the start from the table's side edges, inwards."""
 START_CLEARANCE = 0.4
-"""[m] around the base centre's start that stays free: the base and 0.1 m."""
+"""[m] Free radius around the base centre at the start: the base and 0.1 m."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """A table (depth along x, width along y [m]) and how it is enclosed, and what of it opens.
+    """A table (depth along x, width along y [m]), its surroundings, and its drawers or door.
 
     Example:
         >>> bench = Layout("bench", depth=0.5, width=0.9, is_front_only=False)
@@ -88,7 +89,8 @@ class Layout:
         'table_top'
 
     Raises:
-        ConfigError: a size outside its range, or a box without a name of its own, over the table or where the robot
+        ConfigError: a size is outside its range, a box has no unique name, or a box is over the table or where the
+            robot
             starts.
     """
 
@@ -154,7 +156,7 @@ class Layout:
                 for box in furniture(self)
                 if top_of(box) >= (LOWEST_SUPPORT if box in self.boxes else TABLE_HEIGHT)
             ]
-            # JSON makes lists of tuples.
+            # JSON turns tuples into lists.
             chosen = tuple(self.supports) if isinstance(self.supports, list | tuple) else ()
             chosen = chosen if all(isinstance(name, str) for name in chosen) else ()
             if chosen[:1] != (TABLE,) or len(set(chosen)) < len(chosen) or not set(chosen) <= set(known):
@@ -165,7 +167,7 @@ class Layout:
             object.__setattr__(self, "supports", chosen)
 
     def _check_opening(self, place: str) -> None:
-        """Raise ConfigError unless what opens goes together with the rest of the layout."""
+        """Raise ConfigError unless the drawers or the door fit the rest of the layout."""
         check_choice(f"{place}: opens", self.opens, OPENS)
         check_number(f"{place}: front", self.front, (0.0, LONGEST_FRONT), "m")
         if self.front and self.opens != "drawer":
@@ -186,17 +188,19 @@ class Layout:
 
     @property
     def has_drawers(self) -> bool:
-        """Whether what opens is a drawer, or several, in a chest on the table."""
+        """Whether the table carries a chest with one or several drawers."""
         return self.opens in ("drawer", "drawers")
 
     @property
     def is_fridge(self) -> bool:
-        """Whether there is a door before three boards: the lowest lies on a base in place of a table's legs."""
+        """Whether three shelves stand behind a door. The lowest compartment then stands on a solid base in place of
+        table legs."""
         return self.third_board_height is not None and self.opens is not None
 
     @cached_property
     def surfaces(self) -> tuple[Surface, ...]:
-        """Where objects stand at the start: table and shelves; a drawer, and the table in its way."""
+        """Surfaces on which objects stand at the start: table and shelves, or drawers, and the table in front of a
+        drawer."""
         half = self.depth / 2, self.width / 2
         if self.opens == "drawer":
             inside = drawer_surface(self.front - half[0], self.width, DRAWER_GAP)
@@ -209,12 +213,13 @@ class Layout:
 
     @property
     def inside(self) -> tuple[Surface, ...]:
-        """The surfaces but for that in the way of a drawer: one of the objects on them is the target."""
+        """Surfaces on one of which the target stands: all except the table in front of a drawer."""
         return self.surfaces[:1] if self.front else self.surfaces
 
     @property
     def levels(self) -> tuple[float, ...]:
-        """Heights [m] above the table top of the surfaces on which objects stand at the start: 0, and the shelves'."""
+        """Heights [m] above the table top of the surfaces on which objects stand at the start. The table itself has
+        0."""
         if self.has_drawers:
             return tuple(surface.level for surface in self.surfaces)
         if self.board_height is None or self.second_board_height is None:
@@ -226,7 +231,7 @@ class Layout:
 
     @property
     def headroom(self) -> float:
-        """[m] from a surface on which objects stand to the lowest thing above it; infinite without one."""
+        """Distance [m] from a surface with objects to the lowest obstacle above it, infinite if the space is open."""
         if self.has_drawers:
             return DRAWER_HEADROOM
         x, y = self.depth / 2, self.width / 2
@@ -236,7 +241,7 @@ class Layout:
 
     @property
     def start_region(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Lowest and highest x, y [m] of the base centre at the start."""
+        """Lowest and highest x and y [m] of the base centre at the start."""
         near, far = START_DISTANCE if self.board_height is None else SHELF_START_DISTANCE
         near, far = OPENING_START_DISTANCE if self.opens else (near, far)
         side = self.width / 2 - START_SIDE_MARGIN
@@ -244,7 +249,7 @@ class Layout:
 
 
 def _checked_boxes(place: str, boxes: Any) -> tuple[Box, ...]:
-    """The boxes with their numbers checked; JSON makes lists of them."""
+    """Check the boxes' numbers. JSON turns Boxes into lists."""
     try:
         made = tuple(Box(name, tuple(position), tuple(half)) for name, position, half in boxes)
     except (TypeError, ValueError):
@@ -262,7 +267,7 @@ def _checked_boxes(place: str, boxes: Any) -> tuple[Box, ...]:
 
 
 def _overlaps(box: Box, low: tuple[float, ...], high: tuple[float, ...]) -> bool:
-    """Whether a box and the volume between two corners share more than a face."""
+    """Whether a box and the volume between two corners overlap by more than a face."""
     return all(
         centre - half < top and centre + half > bottom
         for centre, half, bottom, top in zip(box.position, box.half_extents, low, high, strict=True)
@@ -270,9 +275,9 @@ def _overlaps(box: Box, low: tuple[float, ...], high: tuple[float, ...]) -> bool
 
 
 def furniture(layout: Layout) -> tuple[Box, ...]:
-    """All boxes of a layout that stand still: the table, what its flags add, and its own `boxes`.
+    """All fixed boxes of a layout: the table, those that its options add, and its own `boxes`.
 
-    The names are relied on elsewhere. What moves is in `openings_of`.
+    Other modules rely on the names. `openings_of` returns the moving parts.
     """
     x, y, top = layout.depth / 2, layout.width / 2, TABLE_HEIGHT
     leg = _LEG_HALF_WIDTH
@@ -318,7 +323,7 @@ def furniture(layout: Layout) -> tuple[Box, ...]:
 
 
 def openings_of(layout: Layout) -> tuple[Opening, ...]:
-    """What opens of a layout, drawers side by side from left to right; () where nothing does."""
+    """Drawers, from left to right, or the door of a layout. () if it has neither."""
     if layout.opens is None:
         return ()
     front = layout.front - layout.depth / 2
@@ -338,10 +343,11 @@ def top_of(box: Box) -> float:
 
 
 def supports_of(layout: Layout) -> tuple[str, ...]:
-    """Names of the boxes on whose top faces objects may be put, that on which they stand at the start first."""
+    """Names of the boxes on whose top faces objects may be placed, first the box on which objects stand at the
+    start."""
     if layout.supports is not None:
         return layout.supports
-    if layout.has_drawers:  # of the table, what is in front of the chest
+    if layout.has_drawers:  # only the part of the table in front of the chest
         names = (CHEST_TOP, *_COUNTERS, TABLE) if layout.front else (CHEST_TOP, *_COUNTERS)
         floors = map(floor_of, DRAWERS if layout.opens == "drawers" else (DRAWER,))
         return (*floors, *(box.name for box in furniture(layout) if box.name in names))
@@ -350,16 +356,17 @@ def supports_of(layout: Layout) -> tuple[str, ...]:
 
 
 TRAY = "tray_"
-"""With which the names of the supports begin into which objects are sorted; what follows is the tray's colour."""
+"""Prefix of the names of trays, the supports into which objects are sorted. The tray's colour follows."""
 _TRAY_HALF_X, _TRAY_HALF_Y = 0.21, 0.135
-"""[m] Half of a tray's floor along x and y: for seven of the largest random objects, with fingers between them."""
+"""[m] Half extents of a tray's floor along x and y: for seven of the largest random objects with fingers between
+them."""
 _TRAY_FLOOR, _TRAY_RIM, _RIM_WIDTH = 0.005, 0.02, 0.01
 """[m] Thickness of a tray's floor, height of its rim above what the tray stands on, and thickness of the rim. Fingers
 that hold an object by its middle stay above the rim."""
 
 
 def tray(colour: str, x: float, y: float) -> tuple[Box, ...]:
-    """A tray at (x, y) [m] on a counter: its floor, named "tray_" and its colour, and four low rims."""
+    """Tray at (x, y) [m] on a counter: its floor, named "tray_" and its colour, and four low rims."""
     name, half_floor, half_rim = f"{TRAY}{colour}", _TRAY_FLOOR / 2, _TRAY_RIM / 2
     half = half_x, half_y = _TRAY_HALF_X, _TRAY_HALF_Y
     rims = [(side * (half_x + _RIM_WIDTH / 2), 0.0, _RIM_WIDTH / 2, half_y + _RIM_WIDTH) for side in (-1, 1)] + [
@@ -377,15 +384,15 @@ def tray(colour: str, x: float, y: float) -> tuple[Box, ...]:
 SECOND_TABLE = "second_table"
 """Name of the table in the next room."""
 _STEP_DOWN = 0.15
-"""[m] by which the second table is lower than the first."""
+"""[m] Height difference from the first table down to the second."""
 _DOOR_WIDTH, _DOOR_X, _PARTITION_Y = 0.9, -1.2, 1.6
-"""[m] Width and middle of the door between the rooms, and where the wall that has it stands."""
+"""[m] Width and x of the doorway between the rooms, and y of the wall that contains it."""
 _GROUND_END = 4.5
-"""[m] to which the wall reaches along x: farther than the base can drive."""
+"""[m] Largest |x| of the wall, beyond the base's range."""
 
 
 def _next_room() -> tuple[Box, ...]:
-    """A second, lower table to the left of the first one, and a wall with a door in between."""
+    """A second, lower table to the left of the first one, and a wall with a doorway in between."""
     ends = ((-_GROUND_END, _DOOR_X - _DOOR_WIDTH / 2), (_DOOR_X + _DOOR_WIDTH / 2, _GROUND_END))
     walls = tuple(
         Box(
@@ -400,7 +407,7 @@ def _next_room() -> tuple[Box, ...]:
 
 
 def lowest_support(layout: Layout) -> float:
-    """Height [m] above the ground of the lowest face on which objects may be put."""
+    """Height [m] above the ground of the lowest face on which objects may be placed."""
     names = layout.supports or ()
     return min((TABLE_HEIGHT, *(top_of(box) for box in layout.boxes if box.name in names)))
 
@@ -442,10 +449,11 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
 
 
 def find_layout(layout: object) -> Layout:
-    """The layout of that name; a `Layout` is returned as it is, its fields as a dictionary make one.
+    """Find the layout of a name, or make it from a dictionary of its fields. A `Layout` is returned unchanged.
 
     Raises:
-        ConfigError: no layout of that name, or not the fields of a layout; the message lists the valid ones.
+        ConfigError: the name is unknown, or the dictionary does not hold the fields of a layout. The message lists the
+            valid ones.
     """
     if isinstance(layout, Layout):
         return layout

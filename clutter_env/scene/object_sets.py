@@ -1,4 +1,4 @@
-"""Sets of random objects as data: ranges of their sizes and masses."""
+"""Sets of random objects as data: ranges of sizes and masses."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ Range = tuple[float, float]
 
 SHAPE_SETS = ("cylinder", "box", "mixed")
 STANDARD_HEIGHT = 0.20
-"""[m] Height up to which objects fit every layout."""
+"""[m] Largest height of objects that fit every layout."""
 HEADROOM_LEFT = 0.05
-"""[m] between a random object's top and what hangs above the table, at least."""
+"""[m] Least clearance between a random object's top and the lowest obstacle above the table."""
 _LEFT_IN_DRAWER = 0.025
-"""[m] The same of an object in a drawer that is shut; nothing is grasped there."""
+"""[m] The same in a closed drawer, where nothing is grasped."""
 MAX_OBJECTS = 60
-"""Objects in one scene at most, on any table: the planners' bit masks hold no more."""
+"""Most objects in one scene, on any table. The planners' bit masks hold no more."""
 _PACKING = 0.46
-"""Share of the area that random placement reliably fills; the limit is 0.547 (random sequential adsorption)."""
+"""Share of the area that random placement reliably fills. The limit is 0.547 (random sequential adsorption)."""
 
 _PACKING_WIDEST_FIRST = 0.53
-"""The same of household objects, whose widest are placed first."""
+"""The same for household objects, because the widest are placed first."""
 
 
 @dataclass(frozen=True)
@@ -39,10 +39,9 @@ class ObjectSet:
             cylinders' clearance. `half_depth` is also half the length of a lying cylinder.
         height: [m], for cylinders and boxes.
         mass: [kg]
-        edge_margin: [m] from an object's axis to the table's edge at least.
+        edge_margin: [m] least distance from an object's axis to the table's edge.
         are_cylinders_lying: whether cylinders lie on their sides instead of standing.
-        kinds: names of the kinds of household objects that the slots of a scene hold in turn, in place of random
-            cylinders and boxes; none for these.
+        kinds: names of the kinds of household objects in the slots of a scene. () for random cylinders and boxes.
         has_side_grasps: whether a level gripper grasps these objects at the robot's usual height above the table, so
             that obstructed targets can be recognised.
     """
@@ -58,9 +57,9 @@ class ObjectSet:
     has_side_grasps: bool = True
 
     def heights_on(self, layout: Layout) -> Range:
-        """The range of heights [m], cut off where less than `HEADROOM_LEFT` would remain above the objects.
+        """Range of heights [m], with the upper end limited so that `HEADROOM_LEFT` remains above the objects.
 
-        For a drawer, which is lower than all other places, objects that would be too high are made lower alike.
+        A drawer is lower than all other compartments. There the whole range is scaled down.
         """
         low, high = self.height
         if layout.headroom < HEADROOM_RANGE[0]:
@@ -96,11 +95,12 @@ OBJECT_SETS: Mapping[str, ObjectSet] = MappingProxyType(
         "household": ObjectSet(height=(0.025, 0.23), mass=(0.12, 0.60), kinds=tuple(KINDS), has_side_grasps=False),
     }
 )
-"""Upright cylinders and boxes but for "lying", cylinders and boxes on one of their long sides, and "household"."""
+""""lying" has cylinders and boxes on one of their long sides, "household" has `KINDS`. All others have upright
+cylinders and boxes."""
 
 
 def slot_shapes(shapes: str, count: int, objects: ObjectSet = OBJECT_SETS["standard"]) -> tuple[str, ...]:
-    """The shape, or kind, of every slot of a random scene: a mixed set alternates."""
+    """Shape or kind of each slot of a random scene. "mixed" alternates cylinders and boxes."""
     if objects.kinds:
         return slot_kinds(count)
     if shapes == "mixed":
@@ -111,14 +111,14 @@ def slot_shapes(shapes: str, count: int, objects: ObjectSet = OBJECT_SETS["stand
 def capacity(layout: Layout, shapes: str, objects: ObjectSet = OBJECT_SETS["standard"]) -> int:
     """Number of objects of these shapes that random placement reliably puts on the table.
 
-    In the way of a drawer there is one of them at least.
+    A layout with a blocked drawer has room for one more object, in front of the drawer.
     """
     inside = sum(_capacity_of(surface, shapes, objects) for surface in layout.inside)
     return min(inside + (1 if layout.front and inside else 0), MAX_OBJECTS)
 
 
 def _capacity_of(surface: Surface, shapes: str, objects: ObjectSet) -> int:
-    """The same of one surface."""
+    """The same for one surface."""
     depth, width = (2 * half for half in surface.half_extents)
     cylinder, length = sum(objects.radius), sum(objects.half_depth)
     box = math.hypot(length, sum(objects.half_width))

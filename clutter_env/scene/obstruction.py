@@ -1,11 +1,12 @@
-"""Counts of objects in the way of side grasps: a fast geometric test that needs no planner.
+"""Numbers of objects that obstruct side grasps, by a fast geometric test without a planner.
 
-For every object and every direction of approach, the outline of the level gripper and of the wrist behind it is laid
-over the table. The objects whose footprint it touches are in the way. Only directions count that the robot reaches on
-the empty table; they come from a table that was made with the planner (`assets/approaches/<robot>.json`).
-Under a shelf the robot drives straight in and out with the arm rigid, as in the planner: what gripper and wrist touch
-on the way, and the grasped object on the way out, is in the way too.
-The forearm and the rest of the robot are left out; `docs/suites.md` says how well this agrees with the planner.
+For each object and each approach direction, the test lays the outline of the level gripper and the wrist over the
+table. An object obstructs the grasp if its footprint touches this outline. Only directions are tested that the robot
+reaches on the empty table. They come from a table that was made with the planner (`assets/approaches/<robot>.json`).
+
+Under a shelf the robot drives straight in and out with the arm rigid, as in the planner. There the swept volume of
+gripper and wrist is tested too, and on the way out that of the grasped object. The forearm and the rest of the robot
+are left out. `docs/suites.md` reports how well the test agrees with the planner.
 """
 
 from __future__ import annotations
@@ -27,19 +28,22 @@ from clutter_env.scene.table_scene import TableScene
 Array = NDArray[np.float64]
 
 UNREACHABLE = -1
-"""Count of an object that no side grasp reaches, whatever is moved."""
+"""Number of an object without a reachable side grasp, even on the empty table."""
 WIDEST_YAW = math.radians(75.0)
-"""Approaches to a table with front access deviate by no more than this from straight ahead, if there is no table of
-reachable directions for its layout."""
+"""[rad] Largest deviation of an approach from straight ahead, for a table with front access whose layout has no table
+of reachable directions."""
 
 
 class PlannerMargins(NamedTuple):
-    """The planner's numbers that the test needs; whoever makes the table of approaches takes them from the planner.
+    """The planner's parameters that the test needs. The script that makes the table of approaches reads them from the
+    planner.
 
-    `yaws`: directions of approach to a cylinder, evenly about the vertical; `padding` [m] that gripper and wrist keep
-    from objects; `finger_gap` [m] between each finger and the object before the fingers close; `back` [m] that the
-    gripper backs off under a shelf before it moves straight out; `held_gap` [m] that a grasped object keeps from others
-    on the way out.
+    Attributes:
+        yaws: number of approach directions to a cylinder, evenly spaced about the vertical.
+        padding: [m] that gripper and wrist keep from objects.
+        finger_gap: [m] between each finger and the object before the fingers close.
+        back: [m] that the gripper retreats under a shelf before it moves straight out.
+        held_gap: [m] that a grasped object keeps from others on the way out.
     """
 
     yaws: int
@@ -52,8 +56,10 @@ class PlannerMargins(NamedTuple):
 class Solids(NamedTuple):
     """Gripper and wrist of a level gripper, seen from above: s rectangles with rounded corners.
 
-    `start`, `end` (s,) [m] along the approach from the TCP; `half_width`, `radius`, `half_height` (s,) [m];
-    `is_finger` (s,): `half_width` is counted from the pad.
+    Attributes:
+        start, end: (s,) [m] along the approach from the TCP.
+        half_width, radius, half_height: (s,) [m].
+        is_finger: (s,) whether `half_width` is measured from the pad.
     """
 
     start: Array
@@ -65,7 +71,7 @@ class Solids(NamedTuple):
 
     @classmethod
     def of(cls, rows: Sequence[Sequence[float]]) -> Solids:
-        """From a row of numbers for each."""
+        """Make the solids from one row of numbers each."""
         start, end, half_width, radius, half_height, is_finger = np.array(rows, np.float64).T
         return cls(start, end, half_width, radius, half_height, is_finger > 0)
 
@@ -77,10 +83,10 @@ class SideApproaches:
     Attributes:
         margins: of the planner.
         solids: outline of gripper and wrist.
-        grasp_height: [m] of the TCP above the table, for objects that are high enough.
-        palm_reach: [m] that the object may extend from the TCP towards the palm.
-        pad_half_height: [m] of a finger pad, which should not stick out above the object.
-        reachable: by name of the layout, whether the robot reaches a grasp on the empty table, (nx, ny, yaws): the
+        grasp_height: [m] of the TCP above the table. Lower objects have no side grasps.
+        palm_reach: [m] largest extent of the object from the TCP towards the palm.
+        pad_half_height: [m] of a finger pad, which should not extend above the object.
+        reachable: by name of the layout, whether the robot reaches a grasp on the empty table, (nx, ny, yaws). The
             table top is divided evenly into nx by ny cells.
     """
 
@@ -92,10 +98,10 @@ class SideApproaches:
     reachable: dict[str, NDArray[np.bool_]]
 
     def is_reachable(self, layout: Layout, points: Array, yaws: Array) -> NDArray[np.bool_]:
-        """Whether grasps at TCP positions (..., 2) [m] with these yaws (...) [rad] are reached on the empty table.
+        """Whether the robot reaches grasps at TCP positions (..., 2) [m] with yaws (...) [rad] on the empty table.
 
-        For a layout without a table of directions: all yaws if it is open on all sides, else those within
-        `WIDEST_YAW` of straight ahead.
+        For a layout without a table of directions, all yaws are accepted if the table is open on all sides, else those
+        within `WIDEST_YAW` of straight ahead.
         """
         table = self.reachable.get(layout.name) if LAYOUTS.get(layout.name) == layout else None
         if table is None:
@@ -109,21 +115,21 @@ class SideApproaches:
 
 
 def robots_with_approaches() -> tuple[str, ...]:
-    """Full names of the robots, see `RobotSpec.full_name`, for which there is a table of side approaches."""
+    """Full names, see `RobotSpec.full_name`, of the robots that have a table of side approaches."""
     return assets.names("approaches")
 
 
 @cache
 def side_approaches(robot: str) -> SideApproaches:
-    """The side approaches of a robot of that full name, read once.
+    """Side approaches of the robot with this full name. The file is read once.
 
     Raises:
-        FileNotFoundError: there is no table for that robot; see `robots_with_approaches`.
+        FileNotFoundError: the robot has no table, see `robots_with_approaches`.
     """
     content = json.loads(assets.path(f"approaches/{robot}.json").read_text())
     margins = PlannerMargins(**content["planner"])
     reachable, digits = {}, margins.yaws // 4
-    for name, rows in content["layouts"].items():  # a mask of the yaws in hexadecimal digits for each cell
+    for name, rows in content["layouts"].items():  # each cell is a bit mask of yaws, in hexadecimal digits
         masks = [[int(row[start : start + digits], 16) for start in range(0, len(row), digits)] for row in rows]
         reachable[name] = (np.array(masks)[..., None] >> np.arange(margins.yaws) & 1).astype(np.bool_)
     return SideApproaches(
@@ -137,26 +143,29 @@ def side_approaches(robot: str) -> SideApproaches:
 
 
 class SideGrasps(NamedTuple):
-    """Reachable side grasps of the objects of a scene, and what is in their way.
+    """Reachable side grasps of the objects of a scene, and the objects that obstruct them.
 
-    `own` (k,): slot of what each grasps; `hits` (k, n): the objects that gripper, wrist or load would touch.
+    Attributes:
+        own: (k,) slot of the object of each grasp.
+        hits: (k, n) whether gripper, wrist or grasped object would touch each object.
     """
 
     own: NDArray[np.int64]
     hits: NDArray[np.bool_]
 
     def fewest_blockers(self) -> NDArray[np.int64]:
-        """The fewest objects in the way of any grasp, for every object: (n,), or `UNREACHABLE`."""
+        """Fewest obstructing objects over the grasps of each object: (n,), `UNREACHABLE` for an object without a
+        grasp."""
         count = self.hits.shape[1]
         fewest = np.full(count, count)
         np.minimum.at(fewest, self.own, self.hits.sum(axis=1))
         return np.where(np.isin(np.arange(count), self.own), fewest, UNREACHABLE)
 
     def can_be_freed(self, target: int) -> bool:
-        """Whether a grasp of the target becomes free once everything is gone that can go before it.
+        """Whether a grasp of the target becomes free after all objects are removed that can be removed before it.
 
-        Objects go one after another, each by a grasp that is free by then. Where the target's blockers wait for one
-        another, or for the target, no plan with these grasps takes it.
+        Objects are removed one after another, each by a grasp that is free by then. If the target's blockers wait for
+        one another, or for the target, no plan with these grasps removes it.
         """
         waiting = np.ones(self.hits.shape[1], np.bool_)
         while True:
@@ -170,12 +179,12 @@ class SideGrasps(NamedTuple):
 
 
 def side_grasps(approaches: SideApproaches, layout: Layout, scene: TableScene, max_opening: float) -> SideGrasps:
-    """The reachable side grasps of all objects.
+    """Find the reachable side grasps of all objects.
 
     Args:
         approaches: of the robot.
         layout: the table and its surroundings.
-        scene: what stands where.
+        scene: the objects and their poses.
         max_opening: [m] of the gripper.
     """
     return SideGrasps(*_in_the_way(approaches, layout, scene, max_opening, np.arange(scene.num_objects)))
@@ -184,21 +193,21 @@ def side_grasps(approaches: SideApproaches, layout: Layout, scene: TableScene, m
 def count_blockers(
     approaches: SideApproaches, layout: Layout, scene: TableScene, max_opening: float
 ) -> NDArray[np.int64]:
-    """The fewest objects in the way of any reachable side grasp, for every object; see `SideGrasps`."""
+    """Fewest objects that obstruct a reachable side grasp, for each object, see `SideGrasps.fewest_blockers`."""
     return side_grasps(approaches, layout, scene, max_opening).fewest_blockers()
 
 
 def estimate_clearances(approaches: SideApproaches, layout: Layout, scene: TableScene, max_opening: float) -> float:
     """Estimate how many objects must be moved before a side grasp reaches the target, by the same test.
 
-    The objects in the way of its best grasp count, those in the way of their own best grasps, and so on; each object
-    once. To these is added the mean number of objects in the way over all reachable grasps of the target, to which
-    objects beside the best grasp contribute. With no reachable grasp it is as if all objects were in the way.
+    The estimate is the sum of two numbers. The first is the number of objects in the way of the target's best grasp, in
+    the way of the best grasps of those objects, and so on. The second is the mean number of objects in the way over all
+    reachable grasps of the target. Without a reachable grasp, both are the number of objects.
 
     Args:
         approaches: of the robot.
         layout: the table and its surroundings.
-        scene: what stands where.
+        scene: the objects and their poses.
         max_opening: [m] of the gripper.
     """
     is_counted = np.zeros(scene.num_objects, np.bool_)
@@ -210,7 +219,7 @@ def estimate_clearances(approaches: SideApproaches, layout: Layout, scene: Table
             if not len(hits):
                 return 2.0 * scene.num_objects
             mean = float(hits.sum(axis=1).mean())
-        hits = hits[~hits[:, scene.target]] & ~is_counted  # the target is still there when the others are moved
+        hits = hits[~hits[:, scene.target]] & ~is_counted  # the target is still in place while the others are moved
         if len(hits):
             found = hits[hits.sum(axis=1).argmin()]
             is_counted |= found
@@ -221,7 +230,8 @@ def estimate_clearances(approaches: SideApproaches, layout: Layout, scene: Table
 def _in_the_way(
     approaches: SideApproaches, layout: Layout, scene: TableScene, max_opening: float, grasped: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """All reachable side grasps of these objects: the slot (k,) of what is grasped, and what is in the way (k, n)."""
+    """All reachable side grasps of these objects: slots (k,) of the grasped objects, and whether each object obstructs
+    (k, n)."""
     yaws, opening, is_offered = _grasps(approaches.margins, scene, max_opening)
     approach = np.stack((np.cos(yaws), np.sin(yaws)), axis=-1)
     depth = _half_extent(scene, approach)
@@ -241,7 +251,7 @@ def _in_the_way(
 
 
 def _grasps(margins: PlannerMargins, scene: TableScene, max_opening: float) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Yaws [rad], openings [m] and whether there is such a grasp, each (n, yaws): a box has four, along its axes."""
+    """Yaws [rad], openings [m] and whether the grasp exists, each (n, yaws). A box has four grasps, along its axes."""
     turns = np.arange(margins.yaws) * (2 * math.pi / margins.yaws)
     quarter = np.arange(margins.yaws) * (math.pi / 2)
     yaws = np.where(scene.is_angular[:, None], scene.yaws[:, None] + quarter, turns)
@@ -268,10 +278,10 @@ def _hits_on_drive(
     yaws: Array,
     opening: Array,
 ) -> NDArray[np.bool_]:
-    """Objects that gripper, wrist or the grasped object touch on the straight drive out at k grasps, (k, n).
+    """Objects that gripper, wrist or grasped object would touch on the straight drive out after k grasps, (k, n).
 
-    The drive goes against x, from where the gripper has backed off. That gripper, wrist and object move so is the same
-    as that the others move along x: each of these becomes the box that it sweeps, from its axis on.
+    The drive goes along -x from the pose to which the gripper retreats. Equivalently, the robot stands still and the
+    other objects move along x. So each object is replaced by the box that it sweeps from its axis on.
     """
     across = _half_extent(scene, np.tile((0.0, 1.0), (scene.num_objects, 1, 1)))[:, 0]
     swept = replace(
@@ -290,11 +300,11 @@ def _hits_on_drive(
 
 
 def _hits(approaches: SideApproaches, scene: TableScene, tcp: Array, yaws: Array, opening: Array) -> NDArray[np.bool_]:
-    """Objects that gripper or wrist touch at k grasps, (k, n)."""
+    """Objects that gripper or wrist would touch at k grasps, (k, n)."""
     x, y = (scene.positions[:, axis] - tcp[:, axis, None] for axis in (0, 1))
     c, s = np.cos(yaws)[:, None], np.sin(yaws)[:, None]
     ahead, aside = x * c + y * s, y * c - x * s
-    # Most objects are too far away for any solid to touch them, and need no distances.
+    # Most objects are too far away for any solid to touch them, so their distances are not computed.
     solids, padding = approaches.solids, approaches.margins.padding
     reach = np.hypot(scene.standing_extents[:, 0], scene.standing_extents[:, 1]) + (solids.radius.max() + padding)
     behind, before = solids.start.min() - reach, solids.end.max() + reach
@@ -321,12 +331,12 @@ def _hits(approaches: SideApproaches, scene: TableScene, tcp: Array, yaws: Array
 def _rectangle_gaps(
     ahead: Array, aside: Array, half: tuple[float, Array], other_half: tuple[Array, Array], turn: Array
 ) -> Array:
-    """[m] Largest gap over the four edge normals: less than the distance where two corners face each other.
+    """Largest gap [m] over the four edge normals. Where two corners face each other it is less than the distance.
 
     Args:
         ahead, aside: (p,) [m] from the centre of the first of each pair of rectangles to that of the second.
-        half, other_half: half extents [m] of the first along and across the axis of `ahead`, of the second along its
-            own axes.
+        half: half extents [m] of the first rectangle, along and across the axis of `ahead`.
+        other_half: half extents [m] of the second rectangle, along its own axes.
         turn: (p,) [rad] of the second.
     """
     c, s, (half_length, half_width), (half_x, half_y) = np.cos(turn), np.sin(turn), half, other_half

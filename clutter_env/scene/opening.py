@@ -1,7 +1,7 @@
-"""Furniture that opens: a drawer in a chest, a door before boards, each on one joint with a bar as its handle.
+"""Furniture that opens: drawers in a chest, and a door in front of shelves. Each has one joint and a bar as its handle.
 
-All of it is shut here, in the world frame of `layout`. A drawer slides towards the robot, a door swings that way about
-the side of its hinges; the joint is 0 where it is shut, and positive opens.
+All positions are those of the closed state, in the world frame of `layout`. A drawer slides towards the robot. A door
+swings towards the robot about its hinges. The joint is 0 when closed, and positive values open it.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from typing import Literal, NamedTuple
 Point = tuple[float, float, float]
 
 DRAWER, DOOR = "drawer", "door"
-"""Names of the bodies that move."""
+"""Names of the moving bodies."""
 DRAWERS = ("left_drawer", "middle_drawer", "right_drawer")
-"""Those of drawers side by side, as the robot sees them."""
+"""Names of the bodies of drawers side by side, as the robot sees them."""
 CHEST_TOP = "chest_top"
 """Name of the box above a drawer."""
 DRAWER_TRAVEL = 0.30
@@ -23,43 +23,45 @@ DRAWER_TRAVEL = 0.30
 DOOR_TRAVEL = math.radians(100.0)
 """[rad]"""
 DRAWER_HEADROOM = 0.15
-"""[m] from the floor of a drawer to what is above it while it is shut."""
+"""[m] from the floor of a closed drawer to the face above it."""
 DRAWER_LEVEL = 0.03
-"""[m] of the floor of a drawer above the table on which its chest stands."""
+"""[m] Height of a drawer's floor above the table on which its chest stands."""
 LEAST_CHEST_DEPTH = 0.39
-"""[m] for the drawer, and a panel behind it."""
+"""[m] Least depth of a chest: the drawer and a panel behind it."""
 FRICTION_RANGE, DAMPING_RANGE = (0.5, 4.0), (1.0, 5.0)
-"""[N], [N s/m] of a drawer, [N m], [N m s] of a door: dry friction of runners and hinges, and what grows with speed."""
+"""Dry friction of runners and hinges: [N] of a drawer, [N m] of a door. Damping: [N s/m] of a drawer, [N m s] of a
+door."""
 
 _PANEL = 0.02
 """[m] Thickness of the panels of a chest, of doors and of a drawer's front."""
 _WALL, _WALL_HEIGHT, _FLOOR = 0.012, 0.08, 0.01
 """[m] Thickness of a drawer's walls, their height above its floor, and the floor's thickness."""
 _SLIT = 0.004
-"""[m] between what moves and what does not."""
+"""[m] Gap between moving and fixed parts."""
 _OVERLAP = 0.008
-"""[m] by which the fronts of drawers side by side cover the edge of the chest's top: over a lower front a camera sees
-through the slit what stands behind it."""
+"""[m] by which the fronts of drawers side by side overlap the edge of the chest's top. Over a lower front a camera
+would see the objects through the slit."""
 _DRAWER_LENGTH = 0.34
-"""[m] of a drawer inside."""
+"""[m] Inner length of a drawer."""
 _MARGIN = 0.04
-"""[m] along a drawer's walls and front where nothing stands at the start: there is room for a finger."""
+"""[m] Width of the strips along a drawer's walls and front that are empty at the start, with room for a finger."""
 _SHOWN = 0.18
-"""[m] of the drawer behind this margin in which objects stand: a hand reaches them from above in an open drawer."""
+"""[m] Length of the region behind this strip in which objects stand. In an open drawer a hand reaches them from
+above."""
 _BAR_HALF_THICKNESS, _BAR_HALF_WIDTH = 0.010, 0.012
-"""[m] of a handle's bar towards the robot, and across, where fingers close on it."""
+"""[m] Half extents of a handle's bar towards the robot, and across, where fingers close on it."""
 _BAR_DISTANCE = 0.05
-"""[m] from the face behind it to the middle of the bar: fingers fit between."""
+"""[m] from the face behind it to the middle of the bar. Fingers fit between."""
 _DRAWER_BAR, _LONGEST_BAR = 0.055, 0.12
 """[m] Half lengths of bars."""
 _BAR_SHARE = 1 / 6
 """Half length of a door's bar over the height of the door."""
 _BAR_HEIGHT = 0.95
-"""[m] above the ground of the middle of a door's bar, at most."""
+"""[m] Largest height above the ground of the middle of a door's bar."""
 _BAR_MARGIN = 0.05
 """[m] from the edge of a door to the middle of its bar."""
 _POST_HALF_WIDTH = 0.006
-"""[m] of the two posts that carry a bar."""
+"""[m] Half width of the two posts that carry a bar."""
 
 
 class Box(NamedTuple):
@@ -76,8 +78,8 @@ class Surface(NamedTuple):
     Attributes:
         level: [m] height above the table top.
         centre, half_extents: (2,) [m] along x and y.
-        headroom: [m] to the lowest thing above it; infinite without one.
-        gap: [m] between the bounding circles of two objects on it, at least.
+        headroom: [m] to the lowest obstacle above it, infinite if the space is open.
+        gap: [m] least distance between the bounding circles of two objects on it.
     """
 
     level: float
@@ -89,17 +91,18 @@ class Surface(NamedTuple):
 
 @dataclass(frozen=True)
 class Opening:
-    """A drawer or a door: what moves of the furniture, shut, in the world frame.
+    """A drawer or a door: the moving part of the furniture, in its closed state, in the world frame.
 
     Attributes:
-        name: of its body; those of its joint, "_joint", and of the bar of its handle, "_handle", begin with it.
-        is_slide: whether it slides, or else turns, about or along its axis.
+        name: of its body. The names of its joint, "<name>_joint", and of the bar of its handle, "<name>_handle", begin
+            with it.
+        is_slide: whether it slides along its axis. Otherwise it turns about the axis.
         origin: (3,) [m] on the axis.
-        axis: (3,) along which it slides open, or about which it turns open.
-        travel: [m] or [rad] from shut to open.
-        parts: its boxes but for the handle.
+        axis: (3,) opening direction, or axis of the opening rotation.
+        travel: [m] or [rad] from closed to open.
+        parts: its boxes without the handle.
         handle: the bar, and the posts that carry it.
-        inside: (2, 3) [m] lowest and highest corner of the space that moves with it; both are the origin of a door.
+        inside: (2, 3) [m] lowest and highest corner of the space that moves with it. For a door both are the origin.
     """
 
     name: str
@@ -123,18 +126,18 @@ class Opening:
 
 
 def floor_of(name: str) -> str:
-    """Name of the box on which what lies in a drawer stands."""
+    """Name of a drawer's floor, the box on which the objects inside stand."""
     return f"{name}_floor"
 
 
 def chest(front: float, back: float, width: float, table: float, count: int = 1) -> tuple[Box, ...]:
-    """The panels of a chest around drawers side by side, which stand still.
+    """Fixed panels of a chest around drawers side by side.
 
     Args:
         front, back: [m] along x.
-        width: [m] outside.
+        width: [m] outer width.
         table: [m] height of the table on which it stands.
-        count: number of drawers; between two of them there are the panels of both.
+        count: number of drawers. Two panels separate neighbours.
     """
     half, middle, half_depth = _PANEL / 2, (front + back) / 2, (back - front) / 2
     bottom, top = table, table + DRAWER_LEVEL + DRAWER_HEADROOM
@@ -152,12 +155,12 @@ def chest(front: float, back: float, width: float, table: float, count: int = 1)
 
 
 def drawer(front: float, width: float, table: float) -> Opening:
-    """The drawer of a `chest`."""
+    """Single drawer of a `chest`."""
     return _drawer(DRAWER, front, 0.0, width, width, table)
 
 
 def drawers(front: float, width: float, table: float) -> tuple[Opening, ...]:
-    """The drawers side by side of a `chest` that has as many, from left to right."""
+    """Drawers of a `chest` with `DRAWERS` side by side, from left to right."""
     each = width / len(DRAWERS)
     return tuple(
         _drawer(name, front, y, each, each - _SLIT, table, _OVERLAP)
@@ -166,7 +169,7 @@ def drawers(front: float, width: float, table: float) -> tuple[Opening, ...]:
 
 
 def _middles(width: float) -> tuple[float, ...]:
-    """[m] along y of the middles of drawers side by side, over the width of their chest."""
+    """Centres [m] along y of drawers side by side in a chest of this width."""
     each = width / len(DRAWERS)
     return tuple(each * ((len(DRAWERS) - 1) / 2 - number) for number in range(len(DRAWERS)))
 
@@ -174,7 +177,7 @@ def _middles(width: float) -> tuple[float, ...]:
 def _drawer(
     name: str, front: float, y: float, width: float, front_width: float, table: float, overlap: float = 0.0
 ) -> Opening:
-    """A drawer whose middle is at y; the chest is `width` [m] wide around it, and its front higher by an `overlap`."""
+    """Drawer with its centre at y. The chest around it is `width` [m] wide, and its front is `overlap` [m] higher."""
     half_width, floor = width / 2 - _PANEL - _SLIT, table + DRAWER_LEVEL
     face = front - _SLIT - _PANEL
     low, high = table + _SLIT, table + DRAWER_LEVEL + DRAWER_HEADROOM
@@ -212,28 +215,28 @@ def _drawer(
 
 
 def drawer_surface(front: float, width: float, gap: float, y: float = 0.0) -> Surface:
-    """Where objects stand in a `drawer` whose middle is at y."""
+    """Surface on which objects stand in a `drawer` with its centre at y."""
     half = _SHOWN / 2, width / 2 - _PANEL - _SLIT - _WALL - _MARGIN
     return Surface(DRAWER_LEVEL, (front - _SLIT + _MARGIN + half[0], y), half, DRAWER_HEADROOM, gap)
 
 
 def drawer_surfaces(front: float, width: float, gap: float) -> tuple[Surface, ...]:
-    """Where objects stand in `drawers`, from left to right."""
+    """Surfaces on which objects stand in `drawers`, from left to right."""
     return tuple(drawer_surface(front, width / len(DRAWERS), gap, y) for y in _middles(width))
 
 
 def way_surface(front: float, gap: float) -> Surface:
-    """Where objects stand on the table that are in the way of a `drawer`: behind them there is room for its handle."""
+    """Surface of the table for objects that block a `drawer`. Behind it is room for the drawer's handle."""
     far = front - _SLIT - _PANEL - _BAR_DISTANCE
     return Surface(0.0, (far - 0.09, 0.0), (0.08, 0.16), math.inf, gap)
 
 
 def door(side: Literal["left", "right"], front: float, width: float, bottom: float, top: float) -> Opening:
-    """A door before boards.
+    """Door in front of shelves.
 
     Args:
         side: of its hinges, as the robot sees it.
-        front: [m] along x of what it shuts.
+        front: [m] along x of the compartment that it closes.
         width: [m]
         bottom, top: [m] heights above the ground.
     """
@@ -260,7 +263,7 @@ def door(side: Literal["left", "right"], front: float, width: float, bottom: flo
 
 
 def _bar(name: str, face: float, y: float, z: float, half_length: float) -> tuple[Box, ...]:
-    """An upright bar in front of a face at x, and the posts at its ends."""
+    """Upright bar in front of a face at x, and the posts at its ends."""
     post = (_BAR_DISTANCE - _BAR_HALF_THICKNESS) / 2
     return (
         Box(f"{name}_handle", (face - _BAR_DISTANCE, y, z), (_BAR_HALF_THICKNESS, _BAR_HALF_WIDTH, half_length)),

@@ -1,6 +1,7 @@
-"""Random scenes, a function of the random generator alone: sizes, places and masses of objects, start of the base.
+"""Random scenes: sizes, positions and masses of objects, and the start of the base. They depend on the random generator
+alone.
 
-In screened ones the target stands behind a screen of other objects, as on a shelf that is filled from the back.
+In screened scenes the target stands behind a screen of other objects, as on a shelf that is filled from the back.
 """
 
 from __future__ import annotations
@@ -19,16 +20,16 @@ from clutter_env.scene.opening import DAMPING_RANGE, FRICTION_RANGE, Surface
 from clutter_env.scene.table_scene import TableScene
 
 _FEW, _MANY = 8, 128
-"""Candidates drawn at once for an object: few for the first `_EASY` objects, of which most are free. Of many the first
-few are looked at before the others."""
+"""Candidates drawn at once for an object. The first `_EASY` objects need few, because most candidates are free. Of many
+candidates, the first few are checked before the others."""
 _EASY = 11
 _MAX_BATCHES = 200
 _MAX_RESTARTS = 50
 
 MOST_IN_THE_WAY = 2
-"""Objects in the way of a drawer at most."""
+"""Most objects that block a drawer."""
 START_YAW = 0.5
-"""[rad] either side of facing the table."""
+"""[rad] Largest deviation from facing the table, to either side."""
 
 
 def sample_scene(
@@ -38,10 +39,10 @@ def sample_scene(
     shapes: str = "cylinder",
     objects: ObjectSet = OBJECT_SETS["standard"],
 ) -> TableScene:
-    """Objects without overlap, wholly on the table, a target among them, and a base pose in front of it.
+    """Sample objects without overlap, wholly on the table, a target among them, and a base pose in front of the table.
 
     Raises:
-        OptionError: no placement was found; cannot happen up to `capacity`.
+        OptionError: no placement was found. This cannot happen up to `capacity`.
     """
     if objects.kinds:
         kinds = [KINDS[name] for name in slot_kinds(num_objects)]
@@ -62,10 +63,10 @@ def sample_scene(
         half_extents = np.where(is_lying[:, None], half_extents[:, ::-1], half_extents)
     rows = _rows(rng, layout, num_objects)
     positions = np.zeros((num_objects, 2))
-    for row, surface in enumerate(layout.surfaces):  # those of one row have to keep apart
+    for row, surface in enumerate(layout.surfaces):  # only objects on the same surface have to keep their distance
         here = np.flatnonzero(rows == row)
         if objects.kinds:
-            here = here[np.argsort(-radii[here], kind="stable")]  # the widest first: they find space last
+            here = here[np.argsort(-radii[here], kind="stable")]  # the widest first: they are the hardest to place
         margin = radii[here] if objects.kinds else objects.edge_margin
         positions[here] = _place(rng, layout, surface, radii[here], margin)
     return (HouseholdScene if objects.kinds else TableScene)(
@@ -83,7 +84,7 @@ def sample_scene(
 
 
 def sample_base(rng: np.random.Generator, layout: Layout) -> NDArray[np.float64]:
-    """A base pose (x, y, yaw) in front of the table, clear of the furniture."""
+    """Sample a base pose (x, y, yaw) in front of the table, clear of the furniture."""
     (low_x, low_y), (high_x, high_y) = layout.start_region
     low, high = np.array(((low_x, low_y, -START_YAW), (high_x, high_y, START_YAW)))
     base: NDArray[np.float64] = low + (high - low) * rng.random(3)
@@ -91,7 +92,10 @@ def sample_base(rng: np.random.Generator, layout: Layout) -> NDArray[np.float64]
 
 
 def sample_joints(rng: np.random.Generator, layout: Layout) -> NDArray[np.float64]:
-    """Dry friction and damping (k, 2) of the joints of what opens, see `opening`; none and nothing drawn without."""
+    """Sample dry friction and damping (k, 2) of the joints of drawers or the door, see `opening`.
+
+    A layout without them has (0, 2), and nothing is drawn from `rng`.
+    """
     if layout.opens is None:
         return np.zeros((0, 2))
     low, high = np.array((FRICTION_RANGE, DAMPING_RANGE)).T
@@ -99,10 +103,11 @@ def sample_joints(rng: np.random.Generator, layout: Layout) -> NDArray[np.float6
 
 
 def _rows(rng: np.random.Generator, layout: Layout, num_objects: int) -> NDArray[np.int64]:
-    """Index (n,) of the surface on which each object stands: all in turn, or few of them in the way of a drawer.
+    """Index (n,) of the surface on which each object stands: all surfaces in turn, or one or two objects in front of a
+    drawer.
 
-    In drawers side by side any of them, as many in each as in the next, or one more: neither a number nor a shape says
-    where.
+    Drawers side by side have equal numbers of objects, or one more. Neither an object's slot nor its shape tells its
+    drawer.
     """
     if layout.opens == "drawers":
         return rng.permutation((np.arange(num_objects) + rng.integers(len(layout.surfaces))) % len(layout.surfaces))
@@ -115,7 +120,8 @@ def _rows(rng: np.random.Generator, layout: Layout, num_objects: int) -> NDArray
 
 
 def _target(rng: np.random.Generator, layout: Layout, rows: NDArray[np.int64]) -> int:
-    """A slot of an object inside, -1 without any; of drawers side by side all are as likely to have it."""
+    """Sample the target's slot, that of an object inside, or -1 without any. Each filled drawer is equally likely to
+    hold it."""
     slots = np.flatnonzero(rows < len(layout.inside))
     if layout.opens == "drawers" and len(slots):
         filled = np.unique(rows)
@@ -130,9 +136,9 @@ def _place(
     radii: NDArray[np.float64],
     margin: float | NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Positions (n, 2) of circles that keep the surface's gap apart, uniform over what is free.
+    """Sample positions (n, 2) of circles that keep the surface's gap apart, uniformly over the free area.
 
-    `margin` [m], one or (n,), is that of their centres to the edges.
+    `margin` [m], a number or (n,): distance of the circles' centres from the edges.
     """
     for _ in range(_MAX_RESTARTS):
         positions = _place_once(rng, surface, radii, margin)
@@ -144,7 +150,7 @@ def _place(
 def _place_once(
     rng: np.random.Generator, surface: Surface, radii: NDArray[np.float64], margin: float | NDArray[np.float64]
 ) -> NDArray[np.float64] | None:
-    """One attempt, object by object; None when the next object found no space."""
+    """Place the circles one after another. Return None if one of them finds too little space."""
     margins = np.broadcast_to(margin, len(radii)).tolist()
     circles: list[tuple[float, float, float]] = []
     widest = float(radii.max(initial=0.0))
@@ -168,14 +174,14 @@ def _first_free(
     gap: float,
     widest: float,
 ) -> tuple[float, float] | None:
-    """The first of the candidates that is farther from every circle than its radius and `gap`, None without one.
+    """Find the first candidate whose distance from every circle exceeds the circle's radius plus `gap`, or None.
 
-    Mostly one of the first is free: arrays are made only when none of them is.
+    Usually one of the first candidates is free. Arrays are made only if none of them is.
 
     Args:
-        draws: (m, 2) in [0, 1), the candidates as shares of the region.
+        draws: (m, 2) in [0, 1), the candidates as fractions of the region.
         half_size: of the region around the origin [m].
-        circles: x, y, radius [m] of what is placed already.
+        circles: x, y, radius [m] of the circles placed so far.
         gap: [m]
         widest: the largest radius of a circle [m].
     """
@@ -203,23 +209,24 @@ def _first_free(
 
 
 _SCREEN = 3
-"""Objects of the screen: side by side they hide the target from a camera that moves along the table, too."""
+"""Objects of the screen. Three side by side also hide the target from a camera that moves along the table."""
 _TALLER = 0.02
-"""[m] by which each of them is taller than the target: the camera looks down."""
+"""[m] by which each of them is taller than the target, because the camera looks down."""
 _FINGERS = 0.03
-"""[m] between them, and between them and the target: what a finger needs that is to go between two objects."""
+"""[m] between neighbours of the screen, and between them and the target: the space that a finger needs between two
+objects."""
 _SLACK = 0.01
-"""[m] by which they stand farther from the target, at most."""
+"""[m] Largest additional distance from the target."""
 _TURN = 0.05
-"""[rad] by which the screen is turned away from the robot's start, at most."""
+"""[rad] Largest angle between the screen and the direction to the robot's start."""
 _TRIES = 60
-"""Places tried for the target with its screen, and for each other object that is in their way."""
+"""Attempts to place the target with its screen, and to place each object that overlaps them."""
 
 
 def screened(rng: np.random.Generator, layout: Layout, scene: TableScene) -> TableScene | None:
-    """The scene with a low object as the target behind taller ones; the others stay where they do not overlap.
+    """Make a low object the target and put it behind taller ones. The others stay where they do not overlap.
 
-    None if too few objects are taller, or if no place was found.
+    Return None if too few objects are taller, or if no placement was found.
     """
     heights = scene.half_extents[:, 2] * 2
     radii = np.where(scene.is_angular, np.hypot(*scene.half_extents[:, :2].T), scene.half_extents[:, 0])
@@ -261,7 +268,7 @@ def screened(rng: np.random.Generator, layout: Layout, scene: TableScene) -> Tab
 def _overlaps(
     positions: np.ndarray, radii: np.ndarray, levels: np.ndarray, group: list[int], one: int | None = None
 ) -> bool:
-    """Whether two objects of a group, or another one and any of them, are less than `OBJECT_GAP` apart."""
+    """Whether two objects of a group, or object `one` and any of the group, are less than `OBJECT_GAP` apart."""
     pairs = [(a, b) for a in ([one] if one is not None else group) for b in group if a != b and levels[a] == levels[b]]
     gaps = [np.linalg.norm(positions[a] - positions[b]) - radii[a] - radii[b] for a, b in pairs]
     return bool(gaps) and min(gaps) < OBJECT_GAP - 1e-9

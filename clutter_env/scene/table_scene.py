@@ -1,4 +1,4 @@
-"""One scene: which objects stand where on the table, where the robot starts, which object is the target."""
+"""One scene: the objects on the table, the start of the robot, and the target."""
 
 from __future__ import annotations
 
@@ -11,13 +11,20 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, eq=False)
 class TableScene:
-    """Objects, target and robot as a reset puts them into the world. Arrays are read-only.
+    """Objects, target and robot at the start of an episode. Arrays are read-only.
 
-    `half_extents` (n, 3) [m] (a cylinder: radius, radius, half height), `is_box` (n,), `positions` (n, 2) [m] on the
-    table, `yaws` (n,) [rad], `masses` (n,) [kg], `base` (3,) x [m], y [m], yaw [rad], `target` an index, -1 without
-    one, `is_lying` (n,) whether an object is a cylinder on its side, its axis along its yaw, `levels` (n,) [m] the
-    height above the table of the surface that each object stands on: 0, the default, for the table itself, `joints`
-    (k, 2) the dry friction and the damping of each joint of what opens, see `opening`; none is the default.
+    Attributes:
+        half_extents: (n, 3) [m]. For a cylinder: radius, radius, half height.
+        is_box: (n,) whether each object is a box.
+        positions: (n, 2) [m] on the table.
+        yaws: (n,) [rad].
+        masses: (n,) [kg].
+        base: (3,) x [m], y [m], yaw [rad].
+        target: slot of the target, -1 without one.
+        is_lying: (n,) whether an object is a cylinder on its side, with its axis along its yaw.
+        levels: (n,) [m] height above the table of the surface on which each object stands. The default is 0, the table
+            itself.
+        joints: (k, 2) dry friction and damping of the joints of drawers or the door, see `opening`. None by default.
     """
 
     half_extents: NDArray[np.float64]
@@ -50,7 +57,7 @@ class TableScene:
 
     @property
     def is_angular(self) -> NDArray[np.bool_]:
-        """Whether the outline from above is a rectangle, (n,); the others are circles."""
+        """Whether the outline from above is a rectangle (n,). The other outlines are circles."""
         return self.is_box | self.is_lying
 
     @cached_property

@@ -1,4 +1,4 @@
-"""The contacts of a physics step: what the robot touches, and which forces are its own doing."""
+"""Contacts of a physics step: what the robot touches, and the forces that it causes."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from numpy.typing import NDArray
 from clutter_env.simulation.model import ModelIndex
 
 _ROBOT, _FURNITURE, _OBJECT = 1, 4, 16
-"""Kinds of geoms; 0 of the ground. Two of them in contact have a sum that no other two have."""
+"""Kinds of geoms. The ground is 0. The sum identifies the pair of kinds in contact."""
 _GRAVITY = 9.81
 """[m/s²]"""
 
 
 class Contacts(NamedTuple):
-    """The contacts of one physics step, sorted; numbers are indices into MuJoCo's list of contacts.
+    """The contacts of one physics step, sorted. Numbers are indices into MuJoCo's list of contacts.
 
     Attributes:
         pairs: the two geoms of each contact.
-        of_robot: contacts of the robot with furniture, but for those of its fingers with handles.
-        of_moved: contacts with furniture of the objects that the robot moves, and their weight [N]: group by group of
-            those that touch each other, one of which it touches.
+        of_robot: contacts of the robot with furniture, except those of its fingers with handles.
+        of_moved: contacts with furniture of the objects that the robot moves, and the objects' weight [N], for each
+            group. A group is a set of objects in contact with each other, of which the robot touches at least one.
         of_self: contacts of the robot with itself and the ground.
-        between_parts: contacts of each part of the robot with such a group, group by group of those that several parts
-            touch. A gripper is one part, any other body of the robot is one.
+        between_parts: contacts of each part of the robot with such a group, for each group that several parts touch. A
+            gripper is one part, and so is any other body of the robot.
         moved: slots of the objects that the robot moves.
-        touched: slots of those that it touches itself.
-        gripped: slots of those that each gripper touches.
-        presses_furniture, presses_itself: whether there are contacts with a force on furniture; on the robot or ground.
+        touched: slots of the objects that the robot itself touches.
+        gripped: slots of the objects that each gripper touches.
+        presses_furniture, presses_itself: whether any contact has a force on furniture, or on the robot or the ground.
     """
 
     pairs: list[list[int]]
@@ -50,10 +50,11 @@ NO_CONTACTS = Contacts([], [], [], [], [], frozenset(), frozenset(), (), False, 
 
 
 class ContactReader:
-    """Sorts the contacts of a model's physics steps; most have those of the step before, which it remembers.
+    """Sorts the contacts of a model's physics steps. It remembers the last step, because the contacts of most steps are
+    the same.
 
     Attributes:
-        slot_of: slot of the object that each geom belongs to, -1 of what is no object.
+        slot_of: slot of the object that each geom belongs to, -1 for other geoms.
         grippers: the geoms of both fingers, and of the body that carries them, of each gripper.
     """
 
@@ -73,15 +74,15 @@ class ContactReader:
         self.forget()
 
     def forget(self) -> None:
-        """Forget the last contacts: the objects have got other masses."""
+        """Forget the last contacts, because the masses of the objects have changed."""
         self._key, self._last = b"", NO_CONTACTS
 
     def read(self, data: mujoco.MjData) -> Contacts:
-        """The contacts that the last physics step had."""
+        """Contacts of the last physics step."""
         return self.read_some(data) if data.ncon else NO_CONTACTS
 
     def read_some(self, data: mujoco.MjData) -> Contacts:
-        """The contacts that the last physics step had, if there were any."""
+        """Contacts of the last physics step, which has at least one."""
         geoms = data.contact.geom
         if (key := geoms.tobytes()) != self._key:
             self._key, self._last = key, self._sort(geoms.tolist())
@@ -92,10 +93,10 @@ class ContactReader:
         return self._kinds[geom] == _ROBOT
 
     def furniture_force(self, data: mujoco.MjData, contacts: Contacts) -> float:
-        """[N] with which the robot presses on furniture: itself, and beyond their weight the objects that it moves.
+        """Force [N] of the robot on furniture: its own, and that of the objects that it moves beyond their weight.
 
-        Their weight presses downwards alone, each group's for itself: pushed against a wall, they press with all of the
-        force, and so do they where something else lies on the robot.
+        The weight is subtracted from the downward force alone, separately for each group. Objects pushed against a wall
+        press with the whole force, as do objects while something else lies on the robot.
         """
         force = self._normal_force(data, contacts.of_robot)
         for numbers, weight in contacts.of_moved:
@@ -104,10 +105,11 @@ class ContactReader:
         return force
 
     def self_force(self, data: mujoco.MjData, contacts: Contacts) -> float:
-        """[N] with which the robot presses on itself and on the ground.
+        """Force [N] of the robot on itself and on the ground.
 
-        Parts that touch one object, or several that touch each other, press on each other by what cancels of the forces
-        that they have on these. The forces of a gripper's fingers count together: its own grip is none.
+        Several parts of the robot may touch one object, or objects in contact with each other. The parts then press on
+        each other by the share of their forces that cancels. The forces of a gripper's fingers are added first, so its
+        own grip is not included.
         """
         force = self._normal_force(data, contacts.of_self)
         for parts in contacts.between_parts:
@@ -117,22 +119,22 @@ class ContactReader:
         return force
 
     def _normal_force(self, data: mujoco.MjData, numbers: list[int]) -> float:
-        """[N] Sum of the normal forces of some contacts."""
+        """Sum [N] of the normal forces of some contacts."""
         if not numbers:
             return 0.0
-        if len(numbers) == 1:  # of more, an array of all forces is read faster
+        if len(numbers) == 1:  # for more contacts, reading the array of all forces is faster
             mujoco.mj_contactForce(self._model, data, numbers[0], self._force)
             return self._force.item(0)
-        # With elliptic cones it is the first number that the solver has of each contact.
+        # With elliptic cones the first constraint row of each contact is its normal force.
         total, forces, rows = 0.0, data.efc_force, data.contact.efc_address
         for number in numbers:
             row = rows.item(number)
-            if row >= 0:  # -1 where the solver has none
+            if row >= 0:  # -1 if the solver has no row for the contact
                 total += forces.item(row)
         return total
 
     def _net_force(self, data: mujoco.MjData, contacts: Contacts, numbers: list[int]) -> list[float]:
-        """[N] Sum of the forces (3,) of some contacts on objects, with friction."""
+        """Sum [N] of the forces (3,) of some contacts on objects, with friction."""
         net, force = [0.0] * 3, self._force
         for number in numbers:
             mujoco.mj_contactForce(self._model, data, number, force)
@@ -144,7 +146,7 @@ class ContactReader:
         return net
 
     def _forces_on_furniture(self, data: mujoco.MjData, contacts: Contacts, numbers: list[int]) -> tuple[float, float]:
-        """[N] Sum of the normal forces of objects on furniture, and of their parts downwards."""
+        """Sums [N] of the normal forces of objects on furniture, and of their downward components."""
         total = downwards = 0.0
         frame, force = data.contact.frame, self._force
         for number in numbers:
@@ -196,7 +198,7 @@ class ContactReader:
         return (one in self._handles and other in self._fingers) or (other in self._handles and one in self._fingers)
 
     def _by_part(self, pairs: list[list[int]], numbers: list[int]) -> list[list[int]]:
-        """Contacts of the robot with objects, part by part of the robot."""
+        """Contacts of the robot with objects, grouped by part of the robot."""
         parts = dict[int, list[int]]()
         for number in numbers:
             one, other = pairs[number]
@@ -204,11 +206,11 @@ class ContactReader:
         return list(parts.values())
 
     def _weight(self, group: frozenset[int]) -> float:
-        """[N] of some objects."""
+        """Weight [N] of some objects."""
         return sum(float(self._model.body_mass[self._bodies.start + slot]) for slot in sorted(group)) * _GRAVITY
 
     def _groups(self, touched: frozenset[int], neighbours: list[list[int]]) -> list[frozenset[int]]:
-        """Slots of the objects that are touched, each with those that touch it, however indirectly."""
+        """Groups of slots: the touched objects, each with the objects in direct or indirect contact with it."""
         pairs = [{self.slot_of[one], self.slot_of[other]} for one, other in neighbours]
         groups = list[frozenset[int]]()
         for slot in sorted(touched):
@@ -228,7 +230,7 @@ def _gripper_geoms(model: mujoco.MjModel, pads: tuple[int, int]) -> frozenset[in
 
 
 def _finger_geoms(model: mujoco.MjModel, index: ModelIndex) -> frozenset[int]:
-    """The geoms of the fingers of all grippers: of the bodies of their pads."""
+    """Geoms of the fingers of all grippers, which are those of the bodies with their pads."""
     bodies = {int(model.geom_bodyid[pad]) for pads in index.finger_geoms for pad in pads}
     return frozenset(np.flatnonzero(np.isin(model.geom_bodyid, list(bodies))).tolist())
 

@@ -1,7 +1,7 @@
-"""Joint control: from wanted velocities to the position and velocity commands of the motors.
+"""Joint control: converts desired velocities to position and velocity commands of the motors.
 
-The controller keeps a joint target that moves within the robot's velocity and acceleration limits; the motors (stiff
-position servos with a velocity reference) follow it. An action sets the velocity of that target.
+The controller keeps a joint target that moves within the robot's velocity and acceleration limits. The motors, stiff
+position servos with a velocity reference, follow this target. An action sets the velocity of the target.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from clutter_env.simulation.model import ModelIndex
 CONTROL_STEP = 1 / CONTROL_HZ
 """[s]"""
 SEGMENTS = 5
-"""The motor command changes this often within one control step (100 Hz)."""
+"""Motor commands in one control step (100 Hz)."""
 BASE_RANGE = 4.0
 """[m] The base target stays within this distance of the table's centre along x and y."""
 
 STILL: dict[str, tuple[int, ...]] = {"holonomic": (), "differential": (1,), "fixed": (0, 1, 2)}
-"""Velocities of the base, ahead, to the left, about the vertical, that each kind of base lacks."""
+"""Velocities that each kind of base lacks. The order is ahead, to the left, about the vertical."""
 _SHARES = np.arange(1, SEGMENTS + 1)[:, None] / SEGMENTS
 
 _REAL_KINDS = "fiub"
@@ -39,7 +39,8 @@ HEAD_VELOCITY = 1.57
 _BASE_LEAD = 0.10
 _TORSO_LEAD = 0.03
 _ARM_LEAD = 0.15
-"""[m], [m], [rad]: how far the target may be ahead of a blocked joint; at most twice what saturates its motor."""
+"""[m], [m], [rad]: largest lead of the target over a blocked joint. It is at most twice the lead that saturates the
+motor."""
 
 Vector = NDArray[np.float64]
 
@@ -48,9 +49,13 @@ Vector = NDArray[np.float64]
 class ControlState:
     """The state of the controller between two control steps.
 
-    `target` (4 + n,) whole-body configuration, `velocity` (4 + n,) of that target in the world frame, `fingers` [m] of
-    each gripper, `head` [rad] of its joints. Of a robot that acts with several arms, joints and fingers of the active
-    one come first.
+    In a robot that acts with several arms, joints and fingers of the active arm come first.
+
+    Attributes:
+        target: (4 + n,) whole-body configuration.
+        velocity: (4 + n,) of the target in the world frame.
+        fingers: [m] of each gripper.
+        head: [rad] of its joints.
     """
 
     target: Vector
@@ -60,13 +65,13 @@ class ControlState:
 
 
 def checked_action(action: ArrayLike, size: int) -> NDArray[np.float32]:
-    """The action, clipped to [-1, 1], as float32: what is carried out is what a recording of the episode keeps.
+    """The action, clipped to [-1, 1], as float32. Recordings store this executed action.
 
     Raises:
         ActionError: not a finite numeric vector of shape (size,).
     """
     vector = checked_vector("the action", action, (size,))
-    values = vector.tolist()  # NumPy has an overhead on short vectors
+    values = vector.tolist()  # NumPy is slower on short vectors
     if max(values) > 1.0 or min(values) < -1.0:
         vector = np.minimum(np.maximum(vector, -1.0), 1.0)
     return vector.astype(np.float32)
@@ -94,11 +99,11 @@ def checked_vector(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Vecto
 
 
 class JointController:
-    """ "joint" control: base vx, vy (in the base's frame), yaw rate, torso and arm joint rates, finger position.
+    """Controller of "joint" actions: base vx, vy (in the base's frame), yaw rate, torso and arm joint rates, opening.
 
-    A full action is the joint's maximum velocity. The last number is the opening: -1 closed, 1 open; the fingers move
-    there at their own speed. Of a robot that acts with several arms the joint rates of the others come after those of
-    the active one, and the openings of all grippers last.
+    The value 1 of a rate is the joint's maximum velocity. The opening of the fingers is -1 closed, 1 open. The
+    fingers move there at their own speed. In a robot that acts with several arms, the joint rates of the other arms
+    come after those of the active arm, and the openings of all grippers come last.
     """
 
     def __init__(self, model: mujoco.MjModel, index: ModelIndex, robot: RobotSpec) -> None:
@@ -121,7 +126,7 @@ class JointController:
         self._feedforward = np.array(robot.velocity_feedforward(model, acting.names))
         self._still_command, self._moving_command = np.zeros((2, model.nu))
         self._still_command[index.still_actuators] = robot.still_configuration
-        self._head_actuators = index.still_actuators[: len(robot.head_joints)]  # those of idle arms come after
+        self._head_actuators = index.still_actuators[: len(robot.head_joints)]  # idle arms come after the head
         self._actuators = np.concatenate((index.drive_actuators, self._head_actuators, index.finger_actuators))
         self.head_range = [model.joint(name).range.tolist() for name in robot.head_joints]
         self.state = ControlState(
@@ -132,7 +137,7 @@ class JointController:
 
     @property
     def action_size(self) -> int:
-        """Numbers in a "joint" action."""
+        """Length of a "joint" action."""
         return len(self.max_velocity) + self.num_grippers
 
     def reset(self, data: mujoco.MjData) -> None:
@@ -153,10 +158,10 @@ class JointController:
 
         Args:
             data: the physics before the step.
-            velocity: (4 + n,) wanted, base x and y in the base's frame.
+            velocity: (4 + n,) desired, base x and y in the base's frame.
             grips: wanted finger position of each gripper, -1 closed to 1 open.
             is_loaded: whether something is held.
-            head: rates of its joints, each a share of `HEAD_VELOCITY`; none where it stays as it is.
+            head: rates of the head's joints, each a share of `HEAD_VELOCITY`. () if the head stays still.
 
         Returns:
             The motor commands (`SEGMENTS`, nu), for equal parts of the step.
@@ -172,8 +177,8 @@ class JointController:
     def action_towards(self, q_target: ArrayLike, gripper_width: ArrayLike, is_loaded: bool) -> Vector:
         """The action that brings the target to `q_target` (4 + n,) in the next control step.
 
-        If the limits do not allow that in one step, the action approaches it and leaves distance to brake; a fixed goal
-        may be overshot by the braking distance of one step (3 cm, 0.05 rad) before it is reached.
+        If the limits do not allow that in one step, the action approaches it and leaves distance to brake. It may
+        overshoot a fixed goal by the braking distance of one step (3 cm, 0.05 rad).
 
         Raises:
             ActionError: `q_target` or `gripper_width` [m] is not finite or has the wrong shape.
@@ -200,7 +205,7 @@ class JointController:
         return np.where(is_reachable, wanted, np.sign(error) * np.minimum(np.minimum(braking, np.abs(wanted)), limit))
 
     def head_action(self, head_target: ArrayLike) -> Vector:
-        """The action's numbers for the head, (2,), that bring its joints towards these angles [rad]."""
+        """Action (2,) of the head that moves its joints towards these angles [rad]."""
         goal = checked_vector("head_target", head_target, (len(self.state.head),))
         return np.clip((goal - self.state.head) / (HEAD_VELOCITY * CONTROL_STEP), -1.0, 1.0)
 
@@ -218,7 +223,7 @@ class JointController:
     ) -> None:
         """Move the targets of joints and fingers by one control step, as far as the limits allow.
 
-        Joint by joint: NumPy's functions on so few numbers take several times as long.
+        The loop treats each joint separately. NumPy's functions on such short vectors take several times as long.
         """
         state = self.state
         cosine, sine = math.cos(state.target[2]), math.sin(state.target[2])
@@ -239,7 +244,7 @@ class JointController:
             most, least = position + lead, position - lead
             bounded = most if target > most else least if target < least else target
             bounded = upper if bounded > upper else lower if bounded < lower else bounded
-            # A joint that was held back moves only as far as its target did: it does not start with a jerk later.
+            # A blocked joint moves only as far as its target did, so that it does not jerk after it is freed.
             if bounded != target:
                 moved = (bounded - start) / CONTROL_STEP
                 allowed[joint] = limit if moved > limit else -limit if moved < -limit else moved
@@ -256,7 +261,7 @@ class JointController:
         self.state = ControlState(np.array(targets), np.array(allowed), tuple(fingers), turned)
 
     def _position_command(self, state: ControlState) -> Vector:
-        """Motor commands (nu,) of the targets at rest; that of the last state is kept."""
+        """Motor commands (nu,) for targets at rest. The last state's command is cached."""
         if state is not self._commanded:
             command = self._still_command.copy()
             fingers = [finger for finger in state.fingers for _ in range(2)]
@@ -266,6 +271,6 @@ class JointController:
 
 
 def _turned(drive: list[float], cosine: float, sine: float) -> list[float]:
-    """A whole-body configuration whose base part is turned by the angle of this cosine and sine."""
+    """Whole-body configuration with its base part rotated by the angle of this cosine and sine."""
     x, y, *others = drive
     return [cosine * x - sine * y, sine * x + cosine * y, *others]

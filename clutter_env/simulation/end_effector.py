@@ -1,10 +1,11 @@
 """End-effector control: TCP velocities become torso and arm velocities by differential inverse kinematics with mink.
 
-A step solves one quadratic programme of mink's: the TCP follows the wanted pose, weakly the joints keep to the home
-configuration, the limits of position, velocity and acceleration bound every joint, and the robot keeps clear of itself.
+Each step solves one quadratic programme of mink. The TCP follows the desired pose, and with a small weight the joints
+stay near the home configuration. Limits of position, velocity and acceleration bound every joint, and the robot avoids
+self-collision.
 
-MuJoCo multiplies the matrices. NumPy's products go to a BLAS, and some NumPy functions to vector code, whose last bits
-differ between processors: recorded actions would not have the same result on another one.
+MuJoCo multiplies the matrices. NumPy's products use a BLAS, and some NumPy functions use vector code. Their last bits
+differ between processors, so recorded actions would not have the same result on another processor.
 """
 
 from __future__ import annotations
@@ -26,13 +27,13 @@ from clutter_env.simulation.self_avoidance import SelfAvoidance
 Vector = NDArray[np.float64]
 
 POSITION_LEAD, ROTATION_LEAD = 0.05, 0.25
-"""[m], [rad]: how far the wanted TCP pose may be ahead of the TCP pose of the joint targets."""
+"""[m], [rad]: largest lead of the desired TCP pose over the TCP pose of the joint targets."""
 _CONFIGURATION_COST = 1e-2
-"""Against 1 for the TCP: enough to choose among redundant configurations, too small to move the TCP noticeably."""
+"""Relative to 1 for the TCP: enough to choose among redundant configurations, too small to move the TCP noticeably."""
 _TORSO_COST = 0.1
-"""The same for the torso lift: it stays up, which keeps the elbow above the table."""
+"""The same for the torso lift. The lift stays up, which keeps the elbow above the table."""
 _FRAME_GAIN, _CONFIGURATION_GAIN = 0.6, 0.05
-"""Share of the error to remove in one step; joints of limited acceleration overshoot when asked for all of it."""
+"""Share of the error to remove in one step. Joints with limited acceleration overshoot if asked for the whole error."""
 _FRAME_DAMPING = 1e-3
 _SOLVER_DAMPING = 1e-6
 _SOLVER_TOLERANCE = 1e-10
@@ -41,22 +42,22 @@ _LIMIT_MARGIN = 1e-6
 """[rad], [m] The start of a solve is kept this far inside the joint limits."""
 
 _SOFT = 8
-"""DAQP's mark of an inequality that gives way where no displacement keeps all of them."""
+"""DAQP's flag of a soft inequality, which is violated if no displacement satisfies all of them."""
 
 _TWIST = 6
-"""Numbers of the TCP's twist."""
+"""Length of the TCP's twist."""
 _NO_TWIST = np.zeros(_TWIST).tobytes()
 _IDENTITY = np.eye(_TWIST)
 
 
 class EndEffectorController:
-    """Keeps a wanted TCP pose in the base frame and follows it with the torso and the arm.
+    """Keeps a desired TCP pose in the base frame and follows it with the torso and the arm.
 
-    The action moves the wanted pose. It stays within `POSITION_LEAD` and `ROTATION_LEAD` of the pose that the joint
-    targets have: when the action turns back from an unreachable pose, the arm follows at once.
+    The action moves the desired pose. This pose stays within `POSITION_LEAD` and `ROTATION_LEAD` of the TCP pose of the
+    joint targets. So when the action turns back from an unreachable pose, the arm follows at once.
 
     Attributes:
-        failures: steps since `reset` in which the solver found nothing; the arm brakes in these.
+        failures: steps since `reset` in which the solver found no solution. The arm brakes in these steps.
     """
 
     def __init__(self, robot: RobotSpec) -> None:
@@ -76,7 +77,7 @@ class EndEffectorController:
         self._costs[0] = _TORSO_COST
         self._stiffness = self._costs**2
         self._pull = _CONFIGURATION_GAIN * self._stiffness
-        # Arrays of a step, made once.
+        # Arrays of a step, allocated once.
         hessian, (linear, angular), own = np.empty((model.nv,) * 2), np.empty((2, 3, model.nv)), np.empty((6, model.nv))
         self._jacobians = linear, angular, own, own[:3], own[3:]
         self._arrays = np.empty((_TWIST, model.nv)), hessian, np.empty(model.nv), hessian.reshape(-1)[:: model.nv + 1]
@@ -87,16 +88,16 @@ class EndEffectorController:
 
     @property
     def wanted(self) -> list[float]:
-        """The wanted TCP pose in the base frame, (7,): quaternion wxyz, position [m]."""
+        """Desired TCP pose in the base frame, (7,): quaternion wxyz, position [m]."""
         return self._wanted.tolist()
 
     @wanted.setter
     def wanted(self, pose: list[float]) -> None:
-        """Set the wanted pose, for example that of a saved state."""
+        """Set the desired pose, for example that of a saved state."""
         self._wanted = np.array(pose)
 
     def reset(self, q: Vector) -> None:
-        """Take the TCP pose at the joint positions (1 + n,) as the wanted pose."""
+        """Make the TCP pose at the joint positions (1 + n,) the desired pose."""
         self._wanted, self.failures = self._tcp_at(q), 0
 
     def joint_velocity(self, twist: Vector, q: Vector, qd: Vector) -> Vector:
@@ -108,11 +109,11 @@ class EndEffectorController:
             qd: (1 + n,) their velocities.
         """
         given = (q.tobytes(), qd.tobytes(), self._wanted.tobytes()) if twist.tobytes() == _NO_TWIST else None
-        if given is not None and given == self._last[0]:  # an arm at rest: the same problem has the same solution
+        if given is not None and given == self._last[0]:  # an arm at rest: the problem and its solution are unchanged
             return self._last[1].copy()
         present = self._tcp_at(q)
         step = twist * self._max_step
-        # Translation and rotation apart, both along the axes of the base: not the screw motion of SE3.exp.
+        # Translation and rotation are separate, both along the axes of the base, unlike the screw motion of SE3.exp.
         self._wanted[:4] = _turned(self._wanted[:4], step[3:])
         self._wanted[4:] += step[:3]
         lead = self._wanted[4:] - present[4:]
@@ -126,7 +127,7 @@ class EndEffectorController:
         q = self._configuration.q
         lowest, highest = self._limit.bounds(q, qd)
         near, approach = self._avoidance.inequalities(self._configuration.data, qd, lowest, highest)
-        # `mink.solve_ik` does the same, with copies and checks that take more than half of the whole.
+        # `mink.solve_ik` does the same, with copies and checks that take more than half of its time.
         displacement, _, outcome, _ = daqp.solve(
             *self._objective(q),
             *self._limit.inequalities(lowest, highest, near, approach),
@@ -141,7 +142,8 @@ class EndEffectorController:
         return velocity
 
     def twist_towards(self, T_base_tcp: Vector) -> Vector:
-        """The (6,) part of an action that moves the wanted pose towards `T_base_tcp` (4, 4); in one step if near."""
+        """Action part (6,) that moves the desired pose towards `T_base_tcp` (4, 4). A near pose is reached in one
+        step."""
         goal = mink.SE3.from_matrix(T_base_tcp).wxyz_xyz
         turn = _rotation_between(self._wanted[:4], goal[:4])
         twist: Vector = np.concatenate((goal[4:] - self._wanted[4:], turn)) / self._max_step
@@ -152,12 +154,12 @@ class EndEffectorController:
         return self._tcp_at(q)[4:]
 
     def _tcp_at(self, q: Vector) -> Vector:
-        """The TCP pose in the base frame at the joint positions (1 + n,), from which the next solve starts."""
+        """TCP pose in the base frame at the joint positions (1 + n,). The next solve starts from this configuration."""
         self._configuration.update(self._limit.inside(q))
         return self._configuration.get_transform_frame_to_world(self._site, "site").wxyz_xyz
 
     def _objective(self, q: Vector) -> tuple[Vector, Vector]:
-        """The quadratic and linear parts of the cost of a displacement from `q`, as `mink.build_ik` assembles them."""
+        """Quadratic and linear parts of the cost of a displacement from `q`, as in `mink.build_ik`."""
         configuration, task = self._configuration, self._frame_task
         error, (jacobian, hessian, gradient, diagonal) = task.compute_error(configuration), self._arrays
         mujoco.mju_mulMatMat(jacobian, task.compute_jacobian(configuration), self._tcp_jacobian())
@@ -168,7 +170,7 @@ class EndEffectorController:
         return hessian, _FRAME_GAIN * gradient + self._pull * (q - self._home)
 
     def _tcp_jacobian(self) -> Vector:
-        """The Jacobian (6, 1 + n) of the TCP's twist by the joints, both in the frame of the TCP."""
+        """Jacobian (6, 1 + n) of the TCP's twist with respect to the joints, in the frame of the TCP."""
         data, (linear, angular, own, own_linear, own_angular) = self._configuration.data, self._jacobians
         mujoco.mj_jacSite(self._configuration.model, data, linear, angular, self._site)
         rotation = data.site_xmat[self._site].reshape(3, 3)
@@ -178,10 +180,12 @@ class EndEffectorController:
 
 
 class _TcpConfiguration(mink.Configuration):  # type: ignore[misc]  # mink is not typed for mypy
-    """A configuration whose frame tasks have the Jacobian by the frame's own twist: that of the joints is apart."""
+    """A configuration whose frame tasks use the Jacobian with respect to the frame's own twist. The joints' Jacobian is
+    applied separately."""
 
     def get_frame_jacobian(self, frame_name: str | int, frame_type: str) -> Vector:  # noqa: ARG002
-        """The identity (6, 6), the Jacobian of a twist by itself: mink's product with it is exact in any BLAS."""
+        """Identity (6, 6), the Jacobian of a twist with respect to itself. mink's product with it is exact in any
+        BLAS."""
         return _IDENTITY
 
 
@@ -203,7 +207,7 @@ class TcpFollower:
         self._controller.reset(self.q)
 
     def step(self, T_base_tcp: Vector) -> Vector:
-        """The configuration (1 + n,) one control step later, on the path to a TCP pose (4, 4) in the base frame."""
+        """Configuration (1 + n,) one control step later, on the path to a TCP pose (4, 4) in the base frame."""
         twist = np.clip(self._controller.twist_towards(T_base_tcp), -1.0, 1.0)
         self._qd = self._controller.joint_velocity(twist, self.q, self._qd)
         self.q = self.q + self._qd * CONTROL_STEP
@@ -211,7 +215,7 @@ class TcpFollower:
 
 
 class _MotionLimit:
-    """Joint limits of position, velocity and acceleration, with distance left to brake; mink's limits lack the last."""
+    """Joint limits of position, velocity and acceleration that keep braking distance. mink's limits do not keep it."""
 
     def __init__(self, robot: RobotSpec) -> None:
         lower, upper = np.array([(link.lower, link.upper) for link in robot.chain]).T
@@ -224,16 +228,16 @@ class _MotionLimit:
         self._no_bound, self._sense = np.full(len(self._rows), -1e30), np.zeros(len(self._rows), c_int)
 
     def inside(self, q: Vector) -> Vector:
-        """The configuration (1 + n,), clipped to the joint limits less a margin."""
+        """Configuration (1 + n,), clipped to the joint limits with a margin."""
         return np.minimum(np.maximum(q, self._first), self._last)
 
     def bounds(self, q: Vector, qd: Vector) -> tuple[Vector, Vector]:
         """Lowest and highest displacement (1 + n,) of a step from `q` with the velocities `qd`."""
-        # Joint by joint: NumPy's functions on so few numbers take twice as long.
+        # The loop treats each joint separately. NumPy's functions on such short vectors take twice as long.
         lowest, highest = list[float](), list[float]()
         for bounds, position, speed in zip(self._joints, q.tolist(), qd.tolist(), strict=True):
             lower, upper, fastest, change, half, half_squared, double = bounds
-            # With these speeds, up and down, the joint can still stop within the distances to its limits.
+            # At these speeds, up and down, the joint can still stop within the distances to its limits.
             up = math.sqrt(half_squared + double * max(upper - position, 0.0)) - half
             down = math.sqrt(half_squared + double * max(position - lower, 0.0)) - half
             least = max(speed - change, -min(down, fastest))
@@ -242,9 +246,9 @@ class _MotionLimit:
         return np.array(lowest), np.array(highest)
 
     def inequalities(self, lowest: Vector, highest: Vector, rows: Vector, most: Vector) -> tuple[NDArray[Any], ...]:
-        """Bounds on a step's displacement as DAQP takes them: those of `bounds`, and `rows` (k, 1 + n) times it.
+        """Bounds on a step's displacement in DAQP's form: those of `bounds`, and `rows` (k, 1 + n) times it.
 
-        Rows (2 (1 + n) + k, 1 + n), their upper and lower bounds and their kinds.
+        Return rows (2 (1 + n) + k, 1 + n), their upper and lower bounds and their kinds.
         """
         if not len(rows):
             return self._rows, np.concatenate((highest, -lowest)), self._no_bound, self._sense
@@ -274,7 +278,7 @@ def _rotation_between(start: Vector, end: Vector) -> Vector:
 
 
 def _arm_model(robot: RobotSpec) -> mujoco.MjModel:
-    """The robot alone, its base, head, idle arms and fingers fixed: q is torso and arm, as in `RobotSpec`."""
+    """Model of the robot alone, with base, head, idle arms and fingers fixed. q is torso and arm, as in `RobotSpec`."""
     spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
     for name, position in zip(robot.still_joints, robot.still_configuration, strict=True):
         _hold(spec.joint(name), position)
@@ -286,7 +290,7 @@ def _arm_model(robot: RobotSpec) -> mujoco.MjModel:
 
 
 def _hold(joint: Any, position: float) -> None:
-    """Move a joint's body to where the joint has this position; the joint can then be deleted."""
+    """Move a joint's body to its pose at this joint position, so that the joint can be deleted."""
     body, turn, rotation = joint.parent, np.empty(4), np.empty(9)
     axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
     mujoco.mju_quat2Mat(rotation, body.quat)

@@ -1,4 +1,4 @@
-"""The MuJoCo model of robot, furniture and objects, its physics options and meshes, and where things are in it."""
+"""The MuJoCo model of robot, furniture and objects, its physics options and meshes, and an index of its elements."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ PARKED_X = -3.0
 """[m] where the base stands in the model's reference configuration: clear of everything, so that objects may start
 asleep."""
 _BITS = {"contype": 1, "conaffinity": 3}
-"""Of furniture and objects."""
+"""Contact bits of furniture and objects."""
 _GROUND_BITS = {"contype": 1, "conaffinity": 3}
 _ROBOT_CONTACT = {"contype": 2, "conaffinity": 2, "condim": 1, "priority": 0}
-"""The robot meets itself too, without friction; what does not count there is excluded, body by body. What it touches
-has the friction, whatever its file says."""
+"""The robot collides with itself too, without friction. Pairs without self-collision are excluded, body by body. The
+friction of its contacts is that of the other geom, whatever its file says."""
 _FURNITURE_CONTACT: dict[str, Any] = {**_BITS, "priority": 1, "friction": (0.2, 0.005, 0.0001)}
 _OBJECT_CONTACT: dict[str, Any] = {
     **_BITS,
@@ -38,8 +38,8 @@ _OBJECT_CONTACT: dict[str, Any] = {
     "friction": (0.8, 0.005, 0.0005),
     "solref": (0.01, 1.0),
 }
-"""An object's friction is that of its contacts. Of two geoms with equal priorities MuJoCo takes the larger friction.
-That of furniture is 0.2, of a smooth board, and the fingers have none of their own."""
+"""Contacts of an object have the object's friction. Of two geoms with equal priorities MuJoCo takes the larger
+friction. Furniture has 0.2, as a smooth board, and the fingers have no friction of their own."""
 _PAD_CONTACT: dict[str, Any] = {
     "condim": 4,
     "priority": 1,
@@ -48,14 +48,14 @@ _PAD_CONTACT: dict[str, Any] = {
     "solimp": (0.95, 0.99, 0.001, 0.5, 2.0),
     "solmix": 1e3,
 }
-"""Contact of a finger's pad, which has no friction of its own: see above. The number of dimensions is the larger one,
-here the pad's; so is the torsional friction, of a pad that gives way over an area. `solmix` makes the stiffness that of
-the pad, on which a hold without creep rests."""
+"""Contact of a finger's pad, which has no friction of its own, see above. MuJoCo takes the larger number of dimensions,
+here the pad's. It also takes the larger torsional friction, that of a pad that yields over an area. `solmix` gives the
+contact the pad's stiffness, which a hold without creep needs."""
 _OBJECT_ROLLING_DAMPING = 2e-4
-"""[N m s] on the objects' rotation."""
+"""[N m s] Damping of the objects' rotation."""
 _OBJECT_ROLLING_FRICTION = 3e-3
-"""[N m] on the rotation about an object's own axis: a lying cylinder that rolls comes to rest within a second and stays
-on slopes of up to 3°. Tipping is about the other axes and not affected."""
+"""[N m] Friction of the rotation about an object's own axis. A rolling cylinder stops within a second and rests on
+slopes of up to 3°. Tipping is about the other axes and not affected."""
 _FURNITURE_COLOURS = {
     "table": (0.80, 0.68, 0.53, 1.0),
     "counter": (0.83, 0.84, 0.85, 1.0),
@@ -70,9 +70,9 @@ _FRONT_COLOUR, _HANDLE_COLOUR, _INSIDE_COLOUR = (
     (0.22, 0.23, 0.25, 1.0),
     (0.86, 0.82, 0.74, 1.0),
 )
-"""Colours of what opens: in front, its handle, and the inside of a drawer."""
+"""Colours of drawers and doors: front, handle, and the inside of a drawer."""
 _OPENING_DENSITY = 300.0
-"""[kg/m³] of doors and drawers: light wood, or panels that are hollow."""
+"""[kg/m³] of doors and drawers: light wood, or hollow panels."""
 TRAY_COLOURS = {
     "tray_red": (0.80, 0.25, 0.22, 1.0),
     "tray_green": (0.30, 0.62, 0.33, 1.0),
@@ -80,30 +80,31 @@ TRAY_COLOURS = {
 }
 """Colours of the trays of layout "trays", and of the objects that belong in them."""
 _OTHER_COLOUR = (0.72, 0.74, 0.76, 1.0)
-"""Colour of furniture that a layout brings itself."""
+"""Colour of furniture that a layout adds."""
 _FRIDGE_COLOUR, _FRIDGE_DOOR = (0.88, 0.90, 0.92, 1.0), (0.78, 0.82, 0.85, 1.0)
 _GLASS_ALPHA = 0.45
-"""Opacity of the boards behind a door, which are seen from in front."""
+"""Opacity of the shelves behind a door, which are seen from the front."""
 _SHELVES_ALPHA = 0.2
-"""Opacity of the shelves above objects, which share it, seen from above."""
+"""Total opacity of the shelves above objects, seen from above."""
 _TOP_X = -0.45
 """[m] of the camera "top": between the table and where the robot starts."""
 _GROUND_SIZE = 15.0
-"""[m] Drawn extent of the ground; contacts know no such end. Unbounded ground doubles the time of an image."""
+"""[m] Drawn extent of the ground. For contacts the ground is infinite. Infinite drawn ground doubles the time of an
+image."""
 _SLICES, _STACKS = 24, 6
-"""Facets of drawn cylinders and capsules around and along their axes: software renderers are bound by their number."""
+"""Facets of drawn cylinders and capsules, around and along their axes. They limit the speed of software renderers."""
 _TRACTION, _GRAVITY = 0.6, 9.81
-"""Friction of rubber wheels on a floor; [m/s²]."""
+"""Friction of rubber wheels on a floor. [m/s²] Gravity."""
 _ANCHORED = 1e7
-"""[kg], [kg m²] Armature of the joints of a base that does not move: it is to the arm what the ground is."""
+"""[kg], [kg m²] Armature of the joints of a fixed base, so large that the arm cannot move it."""
 _BODY = mujoco.mjtObj.mjOBJ_BODY
 _EXTENT = 2.0
-"""[m] MuJoCo's measure of the scene, which scales the camera's near and far planes (0.02 m and 100 m)."""
+"""[m] MuJoCo's measure of the scene, which scales the camera's near and far planes to 0.02 m and 100 m."""
 
 
 @dataclass(frozen=True)
 class ModelIndex:
-    """Addresses of things in a compiled model; arrays are read-only."""
+    """Addresses of elements in a compiled model. Arrays are read-only."""
 
     base_body: int
     tcp_site: int
@@ -197,13 +198,13 @@ def compile_model(
     image_size: tuple[int, int] = (480, 480),
     show_meshes: bool = False,
 ) -> mujoco.MjModel:
-    """Robot, furniture and one body per entry of `shapes`.
+    """Compile a model of robot, furniture and one body per entry of `shapes`.
 
     Args:
-        robot, layout: with which names and sizes.
+        robot, layout: determine names and sizes.
         shapes: "cylinder", "box" or the kind of a household object for each object.
         image_size: width and height [pixels] of the largest image to be rendered.
-        show_meshes: show the robot's meshes instead of its primitives, where they are installed.
+        show_meshes: show the robot's meshes instead of its primitives, if they are installed.
     """
     spec = build_spec(robot, layout, shapes)
     spec.visual.global_.offwidth, spec.visual.global_.offheight = image_size
@@ -217,7 +218,7 @@ def compile_model(
 
 
 def build_spec(robot: RobotSpec, layout: Layout, shapes: tuple[str, ...]) -> mujoco.MjSpec:
-    """The editable model; see `compile_model`.
+    """Build the editable model, see `compile_model`.
 
     Raises:
         ConfigError: a box of the layout has the name of another geom.
@@ -249,11 +250,12 @@ def build_spec(robot: RobotSpec, layout: Layout, shapes: tuple[str, ...]) -> muj
 
 
 def _make_solid(spec: mujoco.MjSpec, robot: RobotSpec) -> None:
-    """Let the robot meet itself where the planner looks for it, and the ground, and give its fingers their pads.
+    """Enable contacts of the robot with the ground and those self-collisions that the planner checks, and add pads to
+    its fingers.
 
-    MuJoCo excludes bodies from contact with each other, not geoms. Where some shapes of two bodies count and others do
-    not, the bodies are excluded, and those that count are paired. The file's own pairs would touch in any case, and
-    what it excludes from the world would miss the ground.
+    MuJoCo excludes contacts between bodies, not geoms. Where only some shapes of two bodies are to collide, the bodies
+    are excluded and these shapes are paired. The file's own pairs and exclusions are removed. Its pairs would collide
+    in any case, and bodies that it excludes from the world would not touch the ground.
     """
     for part in [*spec.pairs, *(one for one in spec.excludes if "world" in (one.bodyname1, one.bodyname2))]:
         spec.delete(part)
@@ -274,7 +276,7 @@ def _make_solid(spec: mujoco.MjSpec, robot: RobotSpec) -> None:
         of_bodies[tuple(geoms[number].parent.name for number in pair)].append(pair)
     for (one, other), pairs in of_bodies.items():
         met, (a, b) = counted.intersection(pairs), (int(model.geom_bodyid[number]) for number in pairs[0])
-        is_filtered = a == b or a == model.body_parentid[b] or b == model.body_parentid[a]  # by MuJoCo itself
+        is_filtered = a == b or a == model.body_parentid[b] or b == model.body_parentid[a]  # MuJoCo filters these itse
         if len(met) < len(pairs) and (met or not is_filtered):
             spec.add_exclude(bodyname1=one, bodyname2=other)
             for pair in met:
@@ -287,7 +289,7 @@ def _make_solid(spec: mujoco.MjSpec, robot: RobotSpec) -> None:
 
 
 def _limit_traction(spec: mujoco.MjSpec, model: mujoco.MjModel, robot: RobotSpec) -> None:
-    """Let the motors of the base push no harder than its wheels hold, in whatever direction."""
+    """Limit the force of the base motors to the traction of the wheels, in every direction."""
     most = _TRACTION * _GRAVITY * float(model.body_subtreemass[model.body(robot.base_body).id]) / math.sqrt(2.0)
     for joint in robot.base_joints[:2]:
         motor = spec.actuator(joint)
@@ -296,10 +298,10 @@ def _limit_traction(spec: mujoco.MjSpec, model: mujoco.MjModel, robot: RobotSpec
 
 
 def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
-    """Floor, furniture, lights and cameras.
+    """Add floor, furniture, lights and cameras.
 
-    Each piece of furniture is a body of its own, in the world's frame: MuJoCo compares the world body's geoms with
-    every body of the robot, but sorts out other bodies by their bounding boxes first.
+    Each piece of furniture is a body of its own, in the world's frame. MuJoCo compares the world body's geoms with
+    every body of the robot. Other bodies it first filters by their bounding boxes.
     """
     world = spec.worldbody
     world.add_geom(
@@ -327,7 +329,7 @@ def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
         )
     for opening in openings_of(layout):
         _add_opening(world, opening, _FRIDGE_DOOR if layout.is_fridge else _FRONT_COLOUR)
-    # Planners look in this custom tuple for the geoms on which objects may be put.
+    # Planners read from this custom tuple the geoms on which objects may be placed.
     names = supports_of(layout)
     spec.add_tuple(
         name="supports",
@@ -339,7 +341,7 @@ def _add_surroundings(spec: mujoco.MjSpec, layout: Layout) -> None:
 
 
 def _add_opening(world: mujoco.MjsBody, opening: Opening, front: tuple[float, ...]) -> None:
-    """A drawer or a door on its joint, shut; each reset gives it friction and damping."""
+    """Add a closed drawer or door on its joint. Each reset sets friction and damping."""
     body = world.add_body(name=opening.name, pos=opening.origin)
     body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_INIT
     body.add_joint(
@@ -364,7 +366,7 @@ def _add_opening(world: mujoco.MjsBody, opening: Opening, front: tuple[float, ..
 
 
 def _add_lights_and_camera(spec: mujoco.MjSpec, layout: Layout) -> None:
-    """Soft light, a pale sky, the camera "top"."""
+    """Add soft light, a pale sky and the camera "top"."""
     spec.visual.quality.offsamples = 0
     spec.visual.quality.numslices, spec.visual.quality.numstacks = _SLICES, _STACKS
     spec.stat.extent, spec.stat.center = _EXTENT, [0.0, 0.0, TABLE_HEIGHT]
@@ -394,14 +396,14 @@ def _add_lights_and_camera(spec: mujoco.MjSpec, layout: Layout) -> None:
 
 
 def kind_model(kind: str) -> mujoco.MjModel:
-    """A model of one household object alone, body 1, as it is in all models."""
+    """Model of one household object alone, as body 1, with the same properties as in all models."""
     spec = mujoco.MjSpec()
     _add_object(spec, 0, kind)
     return spec.compile()
 
 
 def _add_object(spec: mujoco.MjSpec, index: int, shape: str) -> None:
-    """A free body; `apply_scene` gives it its size, mass and place."""
+    """Add a free body. `apply_scene` sets its size, mass and pose."""
     body = spec.worldbody.add_body(name=object_name(index), pos=[0.0, 0.0, 3.0 + index])
     body.add_freejoint(name=f"{object_name(index)}_joint")
     body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_INIT
@@ -421,7 +423,7 @@ def _add_object(spec: mujoco.MjSpec, index: int, shape: str) -> None:
 
 
 def _add_parts(spec: mujoco.MjSpec, body: mujoco.MjsBody, kind: Kind) -> None:
-    """The geoms of a household object; hulls are meshes, one for all objects of the kind."""
+    """Add the geoms of a household object. Hulls are meshes that all objects of the kind share."""
     total, known = sum(part.weight for part in kind.parts), {mesh.name for mesh in spec.meshes}
     for number, part in enumerate(kind.parts):
         mesh = f"{kind.name}_{number}"
@@ -449,23 +451,24 @@ _PART_GEOMS = {
     "hull": mujoco.mjtGeom.mjGEOM_MESH,
 }
 _SLEEP_TOLERANCE = 5e-3
-"""[m/s] Objects slower than this for 20 ms sleep; one that tips from rest is faster unless within 2° of balance."""
+"""[m/s] Objects slower than this for 20 ms sleep. An object that tips from rest is faster unless within 2° of
+balance."""
 _WRONG_SPARSE_FACTOR = "4.0.0"
-"""The MuJoCo version whose sparse Cholesky factor merges rows that have different descendants (mended in 4.0.1; issue
-3767). Where the robot wedges objects in, its Newton solver can then stop at its limit of iterations, with forces far
-from the solution, and an object gets hundreds of rad/s."""
+"""The MuJoCo version whose sparse Cholesky factor merges rows that have different descendants (fixed in 4.0.1, issue
+3767). Where the robot wedges objects in, its Newton solver can then stop at its iteration limit, far from the solution.
+An object then gets hundreds of rad/s."""
 _ARENA = 2**24
-"""[bytes] for contacts and solver of a scene without objects, as MuJoCo itself reserves."""
+"""[bytes] for contacts and solver of a scene without objects, MuJoCo's own default."""
 _ARENA_PER_OBJECT = 2**19
 """[bytes]"""
 _ROWS_PER_OBJECT = 100
-"""Constraint rows of an object; 90 when sixty objects are awake in one place."""
+"""Constraint rows of an object. Sixty objects awake in one place need 90 each."""
 _ROBOT_DOF = 24
 """At least the robot's degrees of freedom."""
 
 
 def _set_physics(spec: mujoco.MjSpec, num_objects: int) -> None:
-    """The settings under which side grasps hold: elliptic cone, impratio 10, stiff pads; bodies at rest sleep."""
+    """Set the physics for stable side grasps: elliptic cone, impratio 10, stiff pads. Bodies at rest sleep."""
     option = spec.option
     option.timestep = TIMESTEP
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -476,7 +479,8 @@ def _set_physics(spec: mujoco.MjSpec, num_objects: int) -> None:
     option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
     if mujoco.mj_versionString() == _WRONG_SPARSE_FACTOR:
         option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
-        # Room for the dense Jacobian twice, once in the order of islands; pages never written take no memory.
+        # Room for two copies of the dense Jacobian, one in the order of islands. Pages that are never written take no
+        # memory.
         rows, columns = _ROWS_PER_OBJECT * num_objects, 6 * num_objects + _ROBOT_DOF
         spec.memory = _ARENA + _ARENA_PER_OBJECT * num_objects + 2 * 8 * rows * columns
 
@@ -486,7 +490,7 @@ VISUAL_GROUP, HIDDEN_GROUP = 1, 3
 
 
 def mesh_folder(robot: RobotSpec) -> Path | None:
-    """Folder where the robot's meshes are installed (found without importing their package), None if they are not."""
+    """Folder of the robot's meshes, found without importing their package. None if they are not installed."""
     spec = importlib.util.find_spec(robot.mesh_package) if robot.mesh_package else None
     if spec is None or not spec.submodule_search_locations:
         return None

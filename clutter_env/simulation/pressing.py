@@ -4,10 +4,11 @@ Three limits, all from a light table of 10 kg that 50 N slide on a smooth floor 
 
 - force: the mean over any 0.1 s is at most 50 N. More would push the table away.
 - impulse: that of the part of the force which friction does not hold is at most 1 N s, the largest over all intervals
-  of time. It is the momentum of the table, which friction brakes as soon as the force is below 50 N.
-- slide: the way of that table, of all contacts of the episode on furniture and on the robot together, is at most 5 mm.
-  What stands on the table has then been moved by one chord, the least motion of an object that counts as one; see
-  `envs.success.CHORD`. Blows that are gentle each add up.
+  of time. It is the momentum of the table. Friction brakes the table as soon as the force is below 50 N.
+- slide: the distance that the table moves, over all contacts of the episode on furniture and the robot, is at most 5
+mm.
+  An object on the table has then been moved by one chord, the least motion that is regarded as a disturbance. See
+  `envs.success.CHORD`. Many gentle blows add up.
 
 After a short blow with the impulse J the table has the speed J / m and stops after J² / (2 m · 50 N): 1 mm for 1 N s,
 so five of the hardest blows make 5 mm. While a longer contact lasts, the table slides too.
@@ -41,12 +42,12 @@ _WINDOW_STEPS = round(FORCE_WINDOW / TIMESTEP)
 
 
 class Pressing:
-    """Force in one kind of contact over an episode; `add` takes that of every physics step.
+    """Force in one kind of contact over an episode. `add` takes the force of every physics step.
 
     Attributes:
         force: [N] largest mean over `FORCE_WINDOW` so far.
         impulse: [N s] largest impulse beyond `SUSTAINED_FORCE` so far.
-        slide: [m] by which the table has moved so far.
+        slide: [m] distance that the table has moved so far.
     """
 
     def __init__(self) -> None:
@@ -57,24 +58,24 @@ class Pressing:
 
     @property
     def is_pressed(self) -> bool:
-        """Whether the table moves, or there has been a force within the last `FORCE_WINDOW`.
+        """Whether the table moves, or any force was applied within the last `FORCE_WINDOW`.
 
-        If not, a step without a force changes nothing.
+        Otherwise a step without a force changes nothing.
         """
         return bool(self._recent) or self._momentum > 0.0
 
     def add(self, forces: Sequence[float]) -> None:
-        """Take the forces [N] of further physics steps, one after the other, into account."""
+        """Process the forces [N] of further physics steps, in order."""
         if not self.is_pressed and not any(forces):
             return
-        recent, largest, momentum = self._recent, self.force, self._momentum  # locals: this runs in every physics step
+        recent, largest, momentum = self._recent, self.force, self._momentum  # local for speed in every physics step
         raised, free, impulse, slide = self._steps_raised, self._steps_free, self.impulse, self.slide
         for force in forces:
             if recent or force != 0.0:
                 recent.append(force)
                 if force > largest:
                     raised = _WINDOW_STEPS
-                if raised:  # a window of forces up to the largest mean has no larger one
+                if raised:  # a window whose forces are all below the largest mean cannot exceed it
                     raised -= 1
                     mean = sum(recent) / _WINDOW_STEPS
                     if mean > largest:
@@ -104,13 +105,13 @@ class Pressing:
 
     @staticmethod
     def is_memory(memory: Sequence[float]) -> bool:
-        """Whether `REMEMBERED` numbers agree: the largest values are those of the present at least."""
+        """Whether `REMEMBERED` numbers agree: no largest value may be less than the present value."""
         force, impulse, slide, momentum, *recent = memory
         return force >= sum(recent) / _WINDOW_STEPS and impulse >= momentum and (impulse > 0.0) == (slide > 0.0)
 
     @classmethod
     def recall(cls, memory: Sequence[float]) -> Pressing:
-        """The one that had this `memory`."""
+        """Restore a `Pressing` from its `memory`."""
         pressing = cls()
         force, impulse, slide, momentum, *recent = memory
         if any(recent):
@@ -122,15 +123,15 @@ class Pressing:
 
 
 def total_slide(*pressings: Pressing) -> float:
-    """[m] Sum of the slides in several kinds of contact."""
+    """Sum [m] of the slides in several kinds of contact."""
     return sum(pressing.slide for pressing in pressings)
 
 
 def is_gentle(*pressings: Pressing) -> bool:
-    """Whether all limits have been kept in these kinds of contact, which share `TOTAL_SLIDE`."""
+    """Whether these kinds of contact, which share `TOTAL_SLIDE`, have kept all limits."""
     is_each = all(each.force <= SUSTAINED_FORCE and each.impulse <= TRANSIENT_IMPULSE for each in pressings)
     return is_each and total_slide(*pressings) <= TOTAL_SLIDE
 
 
 REMEMBERED = 4 + _WINDOW_STEPS
-"""Numbers in the `memory` of `Pressing`; none is negative."""
+"""Length of the `memory` of `Pressing`. No entry is negative."""

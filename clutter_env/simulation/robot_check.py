@@ -1,4 +1,5 @@
-"""Whether a robot's data and its MJCF file agree; what is missing or different is named before anything is built."""
+"""Check that a robot's data and its MJCF file agree, before anything is built. Errors name missing and different
+entries."""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ from clutter_env.errors import ConfigError
 OFFSET_TOLERANCE = 1e-4
 """[m] between a joint's or the TCP's place in the data and in the MJCF."""
 AXIS_TOLERANCE = 1e-6
-"""Largest difference of a unit vector's entries."""
+"""Largest difference between the entries of two unit vectors."""
 RANGE_TOLERANCE = 1e-3
 """[m], [rad] between a joint's range in the data and in the MJCF, which rounds it."""
 
@@ -20,8 +21,8 @@ def check_robot(robot: RobotSpec) -> None:
     """Compare a robot's data with its MJCF file.
 
     Raises:
-        ConfigError: the file is missing or no MJCF; it lacks a body, joint, actuator, geom, site or camera that the
-            data name; or a joint of the chain has another kind, place, axis or range than the data say.
+        ConfigError: the file is missing or no MJCF. Or it lacks a body, joint, actuator, geom, site or camera that the
+            data name. Or the kind, position, axis or range of a joint of the chain differs from the data.
     """
     try:
         model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
@@ -36,7 +37,7 @@ def check_robot(robot: RobotSpec) -> None:
 
 
 def _check_names(robot: RobotSpec, model: mujoco.MjModel) -> None:
-    """Every name of the data is in the file, and every joint of the file is in the data."""
+    """Check that every name of the data is in the file, and every joint of the file is in the data."""
     joints = (*robot.drive_joints, *robot.finger_joints, *robot.still_joints)
     bodies = (robot.base_body, robot.gripper_body, *(mesh.body for mesh in robot.meshes))
     for kind, count, wanted in (
@@ -56,7 +57,7 @@ def _check_names(robot: RobotSpec, model: mujoco.MjModel) -> None:
 
 
 def _check_base(robot: RobotSpec, model: mujoco.MjModel) -> None:
-    """The base moves along world x and y and turns about world z, in this order."""
+    """Check that the base moves along world x and y and turns about world z, in this order."""
     slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
     for name, kind, axis in zip(robot.base_joints, (slide, slide, hinge), np.eye(3), strict=True):
         joint = model.joint(name)
@@ -69,7 +70,8 @@ def _check_base(robot: RobotSpec, model: mujoco.MjModel) -> None:
 
 
 def _check_chain(robot: RobotSpec, model: mujoco.MjModel) -> None:
-    """Places, axes, kinds and ranges of the chain's joints, and the pose of the TCP, with all joints at zero."""
+    """Check positions, axes, kinds and ranges of the chain's joints, and the pose of the TCP, with all joints at
+    zero."""
     data = mujoco.MjData(model)
     data.qpos[:] = 0
     mujoco.mj_kinematics(model, data)

@@ -1,11 +1,11 @@
-"""Saved states: everything that the next step depends on, as bytes that another process can restore.
+"""Saved states: the full simulator and controller state, as bytes that another process can restore.
 
-The bytes carry a checksum against damage, which anyone can compute. Therefore everything that is read from them is
-checked before anything changes: names, types, shapes, ranges, and what has to agree.
+The bytes carry a checksum against damage. As anyone can compute it, everything in the bytes is checked before anything
+changes: names, types, shapes, ranges and consistency.
 
 MuJoCo's integration state does not include which bodies sleep, so the lists of awake bodies are saved as well. MuJoCo
-reads and writes memory at the indices in these lists without any check: wrong ones crash the process. Geoms are not
-saved: a state saved without meshes can be restored with them, and without them after saving with them.
+reads and writes memory at the indices in these lists without any check. Wrong indices would crash the process. Geoms
+are not saved, so a state can be restored with or without meshes.
 """
 
 from __future__ import annotations
@@ -28,9 +28,10 @@ from clutter_env.simulation.world import World
 
 _MAGIC = b"clutter-env state 4\n"
 _MOST_BYTES = 2**24
-"""A state of 60 objects has about 10⁵ bytes of JSON; more than this is refused before it fills the memory."""
+"""Largest size of a state. A state of 60 objects has about 10⁵ bytes of JSON. Larger input is refused before it fills
+the memory."""
 _MOST_JOINED_BYTES = 2**29
-"""The same of the states of an episode together."""
+"""The same for the states of an episode together."""
 _DIGEST = 32
 """Bytes of the digest after the magic line."""
 _PARTS = ("kind", "scene", "physics", "memory")
@@ -40,7 +41,7 @@ _LARGEST_HALF_EXTENT = 1.0
 _MASS_RANGE = (1e-3, 100.0)
 """[kg]"""
 _LARGEST_JOINT = 100.0
-"""[N], [N m], and with speed: friction and damping of what opens."""
+"""Largest friction and damping of drawers and doors: [N], [N m], and the same per unit of speed."""
 _PLACE_RANGE = 10.0
 """[m] of start positions from the table's centre, [rad] of start angles."""
 
@@ -49,10 +50,10 @@ def pack(kind: Mapping[str, Any], scene: TableScene, physics: Mapping[str, Any],
     """The bytes of a state: a magic line, a digest, and compressed JSON (which keeps every bit of a float).
 
     Args:
-        kind: what an environment that restores the state must have in common with the one that saves it.
+        kind: properties that the restoring and the saving environment must have in common.
         scene: of the episode.
         physics: from `capture_physics`.
-        memory: what the environment remembers besides the physics.
+        memory: the environment's own variables besides the physics.
     """
     arrays = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in asdict(scene).items()}
     if not len(scene.joints):
@@ -65,13 +66,13 @@ def pack(kind: Mapping[str, Any], scene: TableScene, physics: Mapping[str, Any],
 def unpack(
     state: object, kind: dict[str, Any], has_target: bool = True, num_joints: int = 0
 ) -> tuple[TableScene, Any, Any]:
-    """Scene, physics and memory from the bytes of `pack`: kind and scene are checked, the others are not yet.
+    """Scene, physics and memory from the bytes of `pack`. Kind and scene are checked, physics and memory are not yet.
 
-    In a scene with objects one is the target, unless `has_target` is False: then none is. `num_joints` is that of what
-    opens.
+    A scene with objects has a target exactly if `has_target` is True. `num_joints` is the number of joints of drawers
+    and doors.
 
     Raises:
-        StateError: not bytes, damaged, of an environment or a MuJoCo version of another kind, or not valid.
+        StateError: not bytes, damaged, invalid, or of an environment or a MuJoCo version of another kind.
     """
     content = Fields(_decode(state), "the top level", _PARTS)
     there = Fields(content["kind"], "kind", list(kind))
@@ -83,7 +84,7 @@ def unpack(
 
 
 def join_states(states: Sequence[bytes]) -> bytes:
-    """States of one episode in one piece, which takes less than half of the space: most of them stays the same.
+    """Join the states of one episode. They take less than half of the space, because most of their content is the same.
 
     Args:
         states: each from `pack`.
@@ -92,7 +93,7 @@ def join_states(states: Sequence[bytes]) -> bytes:
 
 
 def split_states(joined: bytes) -> tuple[bytes, ...]:
-    """The states that `join_states` joined, bit for bit; nothing in them is checked, `unpack` does that.
+    """Split joined states, bit for bit as `join_states` took them. Their content is not checked here but by `unpack`.
 
     Raises:
         ValueError: damaged, or larger than any episode.
@@ -113,10 +114,10 @@ def _sealed(body: bytes) -> bytes:
 
 
 def check_generator(generator: np.random.Generator, state: Any) -> None:
-    """Make sure that a random generator of this kind can take this state; `generator` does not change.
+    """Check that a random generator of this kind accepts this state. `generator` does not change.
 
     Raises:
-        StateError: it cannot.
+        StateError: it does not.
     """
     scratch = deepcopy(generator.bit_generator)
     try:
@@ -148,7 +149,7 @@ def _decode(state: object) -> Any:
 
 
 def _read_scene(value: object, most_objects: int, has_target: bool, num_joints: int) -> TableScene:
-    """The scene in a state of an environment with at most so many objects."""
+    """Read the scene in a state of an environment with at most this many objects."""
     names = [entry.name for entry in fields(TableScene) if num_joints or entry.name != "joints"]
     read = Fields(value, "scene", names)
     count = len(read["yaws"]) if isinstance(read["yaws"], list) else 0
@@ -179,15 +180,15 @@ def _read_scene(value: object, most_objects: int, has_target: bool, num_joints: 
 _LARGEST = 1e10
 """Largest magnitude of a number in a state: MuJoCo resets a simulation with a larger one (mjMAXVAL)."""
 _UNIT_TOLERANCE = 1e-6
-"""Tolerance of the norm of a saved quaternion; MuJoCo normalises them to 1e-15 in every step."""
+"""Tolerance of the norm of a saved quaternion. MuJoCo normalises them to 1e-15 in every step."""
 
 
 class Fields:
     """A dictionary of a decoded state with exactly the given names.
 
     Args:
-        value: what was decoded from JSON.
-        place: where it is in the state, for messages.
+        value: the value decoded from JSON.
+        place: its place in the state, for messages.
         names: of the entries that it must have.
 
     Raises:
@@ -232,7 +233,7 @@ class Fields:
         entries: list[Any] = [self._value[name]]
         for size in shape:
             if not all(isinstance(entry, list) and len(entry) == size for entry in entries):
-                entries = [None]  # of no valid type
+                entries = [None]  # None is of no valid type
                 break
             entries = [inner for entry in entries for inner in entry]
         # The comparison is false for NaN too.
@@ -244,7 +245,7 @@ class Fields:
 
 
 def check_quaternions(place: str, quaternions: NDArray[np.float64]) -> None:
-    """Raise StateError unless quaternions (..., 4) have the length 1; `place` says where they are in the state."""
+    """Raise StateError unless quaternions (..., 4) have the length 1. `place` names their place in the state."""
     if (np.abs(np.linalg.norm(quaternions, axis=-1) - 1) > _UNIT_TOLERANCE).any():
         raise StateError(f"{place}: a quaternion of the state has not the length 1")
 
@@ -261,19 +262,19 @@ _COMPONENTS = tuple(
 _AWAKE_LISTS = ("tree_asleep", "tree_awake", "body_awake", "body_awake_ind", "parent_awake_ind", "dof_awake_ind")
 _AWAKE_COUNTS = ("ntree_awake", "nbody_awake", "nparent_awake", "nv_awake")
 _SLEEPING_OVERLAP = 1e-5
-"""[m] by which bodies that fell asleep apart from each other may overlap; scenes of the user's own have up to 1e-6."""
+"""[m] Largest overlap of bodies that fell asleep apart from each other. The user's own scenes have up to 1e-6."""
 _LARGEST_POSITION = 1e3
 """[m] or [rad], far outside any scene."""
 _LARGEST_SPEED = 20.0
-"""[m/s] of an object, the base or the torso. A fall from the table ends at 4 m/s, and random actions at full speed gave
-objects at most 3.4 m/s; a body with 20 m/s moves by twice the thinnest object's width in a physics step."""
+"""[m/s] of an object, the base or the torso. A fall from the table ends at 4 m/s. Random actions at full speed gave
+objects at most 3.4 m/s. At 20 m/s a body moves by twice the thinnest object's width in a physics step."""
 _LARGEST_TURNS = _LARGEST_SPEED / 0.01, _LARGEST_SPEED / 0.1
 """[rad/s] of an object, whose rim has that speed at the smallest radius, 1 cm, and of a joint, at a lever of 10 cm."""
 
 
 @dataclass(frozen=True)
 class PhysicsState:
-    """A checked physics state of one model: MuJoCo's integration state, lists and counts of what is awake."""
+    """A checked physics state of one model: MuJoCo's integration state, and lists and counts of awake bodies."""
 
     integration: NDArray[np.float64]
     lists: dict[str, Integers]
@@ -293,10 +294,10 @@ def capture_physics(world: World) -> dict[str, Any]:
 
 
 def read_physics(world: World, value: object) -> PhysicsState:
-    """The physics state that `capture_physics` returned, checked for this world; nothing changes.
+    """Check the physics state that `capture_physics` returned for this world. Nothing changes.
 
     Raises:
-        StateError: an entry is missing, of another type or size, out of range, or does not agree with the others.
+        StateError: an entry is missing, of another type or size, out of range, or inconsistent with the others.
     """
     model = world.model
     read = Fields(value, "physics", ("integration", "lists", "counts"))
@@ -328,7 +329,7 @@ def restore_physics(world: World, scene: TableScene, state: PhysicsState) -> Non
     computed, and then the bodies are put to sleep again.
 
     Raises:
-        StateError: bodies that fell asleep apart from each other overlap; the world has not changed.
+        StateError: bodies that fell asleep apart from each other overlap. The world has not changed.
     """
     model, data, scene_before = world.model, world.data, getattr(world, "scene", None)
     mujoco.mj_copyData(world.spare_data, model, data)
@@ -381,7 +382,7 @@ def _check_range(what: str, values: NDArray[np.float64], lowest: float, highest:
 
 
 def _read_awake(model: mujoco.MjModel, read: Fields) -> tuple[dict[str, Integers], dict[str, int]]:
-    """Lists and counts of what is awake: all follow from `tree_asleep`, but for entries beyond the counts."""
+    """Read lists and counts of awake bodies. All follow from `tree_asleep`, except entries beyond the counts."""
     lists = Fields(read["lists"], "physics lists", _AWAKE_LISTS)
     counts = Fields(read["counts"], "physics counts", _AWAKE_COUNTS)
     trees, bodies, dofs = model.ntree, model.nbody, model.nv

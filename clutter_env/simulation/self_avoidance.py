@@ -1,4 +1,4 @@
-"""Keeps differential inverse kinematics from moving the robot into itself: bounds on how fast shapes may approach."""
+"""Self-collision avoidance for differential inverse kinematics: bounds on how fast shapes may approach."""
 
 from __future__ import annotations
 
@@ -14,23 +14,24 @@ from clutter_env.simulation.control import CONTROL_STEP
 Vector = NDArray[np.float64]
 
 _DISTANCE = 0.015
-"""[m] that shapes keep: the motors lag behind their targets by up to half of it."""
+"""[m] Distance that shapes keep. The motors lag behind their targets by up to half of it."""
 _BRAKING = 0.4
-"""Share of the joints' accelerations that is counted on for braking; the rest is left to the gripper's own path."""
+"""Share of the joints' accelerations that is used for braking. The rest is left to the gripper's own path."""
 
 
 class SelfAvoidance:
-    """Inequalities of the joints' displacement for pairs of the robot's shapes that are near each other."""
+    """Inequalities of the joints' displacement for pairs of neighbouring shapes of the robot."""
 
     def __init__(self, model: mujoco.MjModel, robot: RobotSpec) -> None:
-        """Take the pairs that count by `assets.robot_contacts`; `model` is the robot alone, with its file's geoms."""
+        """Take the pairs that `assets.robot_contacts` selects. `model` is the robot alone, with its file's geoms."""
         self._model, pairs = model, robot_contacts(robot).pairs
         self._segment = np.empty(6)
         self._of_first, self._of_second = np.empty((2, 3, model.nv))
         self._accelerations = _BRAKING * np.array(robot.max_acceleration[3:]) * CONTROL_STEP**2
         self._before = mujoco.MjData(model)
         levers = _levers(model)
-        # A joint that moves both shapes alike brings them no nearer. No joint does that with shapes of arms that stay.
+        # A joint that moves both shapes alike does not reduce their distance. All joints do that for two shapes of idle
+        # arms.
         first, second = levers[pairs[:, 0]], levers[pairs[:, 1]]
         apart = np.where((first > 0.0) != (second > 0.0), np.maximum(first, second), 0.0)
         brakes = (apart * self._accelerations).sum(axis=1)
@@ -41,18 +42,18 @@ class SelfAvoidance:
         self._none = np.empty((0, model.nv)), np.empty(0)
 
     def inequalities(self, data: mujoco.MjData, qd: Vector, lowest: Vector, highest: Vector) -> tuple[Vector, Vector]:
-        """Rows (k, n) and upper bounds (k,) of a step's displacement; k is 0 in most steps.
+        """Rows (k, n) and upper bounds (k,) of a step's displacement. In most steps k is 0.
 
         Args:
             data: with the kinematics of the configuration from which the step starts.
             qd: (n,) velocities of the joints.
             lowest, highest: (n,) displacements between which the joints' own limits keep the step. A bound that they
-                cannot keep becomes the nearest that they can: the arm then brakes as hard as it may.
+                cannot keep is replaced by the nearest that they can. The arm then brakes as hard as possible.
         """
         rows, bounds = list[Vector](), list[float]()
         for pair, reach in self._near_pairs(data, qd):
             one, other = self._pairs[pair]
-            # Most pairs are far apart: it takes half as long where no one asks between which points.
+            # Most pairs are far apart. A distance query without the closest points takes half as long.
             if mujoco.mj_geomDistance(self._model, data, one, other, reach, None) >= reach:
                 continue
             distance = mujoco.mj_geomDistance(self._model, data, one, other, reach, self._segment)
@@ -66,10 +67,10 @@ class SelfAvoidance:
         return (np.array(rows), np.array(bounds)) if rows else self._none
 
     def _near_pairs(self, data: mujoco.MjData, qd: Vector) -> list[tuple[int, float]]:
-        """Pairs that could meet before the joints have stopped, and the distance [m] within which they could.
+        """Pairs that could collide before the joints have stopped, and the distance [m] within which they could.
 
-        Shapes are taken as their bounding boxes along the axes of the base, which come nearer as they did in the step
-        before, or a little faster.
+        Shapes are replaced by their bounding boxes along the axes of the base. The boxes are assumed to approach as in
+        the last step, or a little faster.
         """
         self._before.qpos[:] = data.qpos - qd * CONTROL_STEP
         mujoco.mj_kinematics(self._model, self._before)
@@ -80,7 +81,7 @@ class SelfAvoidance:
         return list(zip(near.tolist(), reach[near].tolist(), strict=True))
 
     def _approach(self, data: mujoco.MjData, one: int, other: int, distance: float) -> Vector:
-        """How much nearer (n,) two geoms come by a displacement of each joint."""
+        """Decrease (n,) of the distance of two geoms per displacement of each joint."""
         start, end = self._segment[:3], self._segment[3:]
         direction = end - start if distance > 0.0 else start - end  # from the first to the second
         mujoco.mju_normalize3(direction)
@@ -94,8 +95,8 @@ class SelfAvoidance:
 class _Boxes:
     """Bounding boxes of pairs of shapes, along the axes of the base, in two states.
 
-    Arrays have a row for each coordinate and a column for each shape or pair, and are made once: NumPy takes as long to
-    make small arrays, or to walk through rows of three numbers, as to fill them.
+    Arrays have a row for each coordinate and a column for each shape or pair, and are allocated once. Allocating small
+    arrays, or iterating over rows of three numbers, takes NumPy as long as filling them.
     """
 
     def __init__(self, model: mujoco.MjModel, pairs: NDArray[np.int64]) -> None:
@@ -108,12 +109,12 @@ class _Boxes:
         self._turn_at = 9 * geoms + np.array((0, 3, 6, 1, 4, 7, 2, 5, 8))[:, None]  # columns of rotation matrices
         self._place_at = 3 * geoms + np.arange(3)[:, None]
         self._turns = np.empty((2, 9, len(geoms)))
-        self._boxes = np.empty((4, 3, len(geoms)))  # centres in both states, then half extents in both
+        self._boxes = np.empty((4, 3, len(geoms)))  # centres in both states, then half extents in both states
         self._of_first, self._of_second = np.empty((2, 12, len(pairs)))
         self._apart, self._extents = np.empty((2, 6, len(pairs)))
 
     def gaps(self, *states: mujoco.MjData) -> Vector:
-        """Distances (2, p) [m] of the bounding boxes of each pair in two states, negative where they overlap."""
+        """Distances (2, p) [m] of the bounding boxes of each pair in two states, negative for an overlap."""
         turns, boxes, first, second, apart = self._turns, self._boxes, self._of_first, self._of_second, self._apart
         for data, turn, centre in zip(states, turns, boxes, strict=False):
             data.geom_xmat.take(self._turn_at, out=turn, mode="clip")
@@ -136,7 +137,8 @@ class _Boxes:
 
 
 def _levers(model: mujoco.MjModel) -> Vector:
-    """How far (ngeom, n) each joint can move a point of each geom, at most: [m] per rad or m; 0 where it does not."""
+    """Largest motion (ngeom, n) of a point of each geom per motion of each joint: [m] per rad or m, 0 for joints that
+    do not move it."""
     levers = np.zeros((model.ngeom, model.nv))
     for geom in range(model.ngeom):
         body, length = int(model.geom_bodyid[geom]), float(np.linalg.norm(model.geom_pos[geom]))

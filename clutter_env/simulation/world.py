@@ -1,7 +1,7 @@
-"""One simulated world: the model, its data, the controller's memory, and what can be measured in it.
+"""One simulated world: the model, its data, the controller's memory, and measurements.
 
 A reset writes sizes, masses, inertias, colours and start poses into the model. Every such entry is written every time,
-so that the episode depends on this scene alone and not on earlier ones.
+so that the episode depends on this scene alone and not on earlier scenes.
 """
 
 from __future__ import annotations
@@ -29,31 +29,31 @@ from clutter_env.simulation.model import ModelIndex, compile_model
 from clutter_env.simulation.pressing import Pressing
 
 TOPPLED_ANGLE = math.radians(45.0)
-"""[rad] An object has toppled if its axis leans farther from the vertical, a lying cylinder's from the horizontal."""
+"""[rad] An object has toppled if its axis leans farther from the vertical. For a lying cylinder: from the
+horizontal."""
 _UPRIGHT = 0.0, (1 - math.cos(TOPPLED_ANGLE)) / 2
 _LYING = 0.5, math.sin(TOPPLED_ANGLE) / 2
-"""qx² + qy² = (1 - cos tilt) / 2 of an object as it was placed, and its change beyond which the object has toppled."""
+"""qx² + qy² = (1 - cos tilt) / 2 of an object as placed, and the change of this value beyond which it has toppled."""
 LEAST_GRIP = 0.5
-"""Share of its weight that the fingers can carry, at least, of an object that is held. An object in the air whose
-fingers cannot carry all of it slips at once; less than the whole allows for what shakes while it moves."""
+"""Least share of a held object's weight that the fingers can carry. An object in the air slips at once if its fingers
+cannot carry its whole weight. The share is below 1 because the object shakes while it moves."""
 _OPPOSITE = -math.sqrt(0.5)
-"""Cosine of the angle between the fingers' forces on an object that is held, at most: 45° from opposite."""
+"""Largest cosine of the angle between the fingers' forces on a held object: 45° from opposite."""
 _LATERAL = math.sqrt(0.5)
-"""Vertical part of the normal of a contact that carries nothing, at most: 45° from the horizontal. What an object
-brushes against neither bears it nor rides on it."""
+"""Largest vertical part of the normal of a contact that carries nothing: 45° from the horizontal. Objects that an
+object only brushes neither bear it nor lie on it."""
 _GRAVITY = 9.81
 """[m/s²]"""
 _PART_STEPS = PHYSICS_STEPS // SEGMENTS
 """Physics steps for each command of the motors."""
 _AWAKE = -(1 + int(mujoco.mjMINAWAKE))
-"""Entry of `tree_asleep` of a body that has just moved."""
+"""Entry of `tree_asleep` for a body that has just moved."""
 _FALLEN_BELOW = 0.01
-"""[m] An object whose centre is so far below the lowest support has left the supports: more than any contact gives way.
-"""
+"""[m] An object whose centre is this far below the lowest support has left the supports. No contact yields so much."""
 
 SUNK = 1e-6
-"""[m] by which what stands in a drawer starts below its floor's face. Without a contact it would sleep on while the
-drawer slides away under it."""
+"""[m] Depth below a drawer's floor face at which objects in it start. Without a contact an object would sleep on while
+the drawer slides away under it."""
 
 _TARGET_COLOUR = (0.87, 0.12, 0.10, 1.0)
 _HUES = (0.14, 0.92)
@@ -63,12 +63,11 @@ _GOLDEN_RATIO = 0.6180339887
 
 @dataclass(frozen=True)
 class Grip:
-    """What the grippers do, that of the active arm first.
+    """State of the grippers, with that of the active arm first.
 
     Attributes:
         held: slot of the object that both fingers press from opposite sides and can carry, -1 for none.
-        is_carried: whether nothing but the gripper has borne it and nothing has lain on it, in any part of the control
-            step.
+        is_carried: whether in the whole control step only the gripper has borne the object, with nothing lying on it.
         is_touching: whether any finger touches anything.
     """
 
@@ -78,22 +77,22 @@ class Grip:
 
     @property
     def is_holding(self) -> bool:
-        """Whether some gripper holds something."""
+        """Whether any gripper holds an object."""
         return max(self.held) >= 0
 
     @property
     def carried(self) -> list[int]:
-        """Slots of the objects that are carried."""
+        """Slots of the carried objects."""
         return [slot for slot, is_carried in zip(self.held, self.is_carried, strict=True) if is_carried]
 
 
 @dataclass(frozen=True)
 class Measurements:
-    """Measured quantities after a control step, from which observation, reward and success follow.
+    """Measured quantities after a control step. Observation, reward and success are computed from them.
 
     Attributes:
         poses: (n, 7) world poses of the objects.
-        is_fallen: (n,) whether each has toppled, and is not held, or is off the table, and is not carried.
+        is_fallen: (n,) whether each has toppled without being held, or is off the table without being carried.
         is_off: (n,) whether each is below the lowest support: the table top, unless the layout has a lower one.
         grip: what the grippers hold and touch.
         moved: slots of the objects that the robot has touched in any part of the control step, itself or through other
@@ -108,12 +107,12 @@ class Measurements:
 
     @property
     def held(self) -> int:
-        """The slot in the gripper of the active arm, -1 for none."""
+        """Slot in the gripper of the active arm, -1 for none."""
         return self.grip.held[0]
 
 
 class Mark(NamedTuple):
-    """A coloured rectangle that pictures show: where an object is to be put. Nothing touches it.
+    """A coloured rectangle in pictures that marks a place for an object. It has no contacts.
 
     Attributes:
         centre: (3,) [m] in the world.
@@ -129,12 +128,12 @@ class Mark(NamedTuple):
 
 
 class World:
-    """Physics of one robot, one table and a fixed number of objects; `reset` applies a scene to it.
+    """Physics of one robot, one table and a fixed number of objects. `reset` applies a scene to it.
 
     Attributes:
-        openings: what opens of the furniture, drawers side by side from left to right; () where nothing does.
-        on_furniture: how hard the robot, and what it moves, has pressed on furniture since the reset.
-        on_itself: how hard it has pressed on itself and on the ground.
+        openings: the furniture's drawers, from left to right, or its door. () if it has neither.
+        on_furniture: forces of the robot and the objects that it moves on furniture since the reset.
+        on_itself: forces of the robot on itself and on the ground.
     """
 
     scene: TableScene
@@ -179,11 +178,11 @@ class World:
 
     @cached_property
     def spare_data(self) -> mujoco.MjData:
-        """Further data of the model, in which a state can be kept while another one is tried."""
+        """Further data of the model, to keep a state while another state is tried."""
         return mujoco.MjData(self.model)
 
     def apply_scene(self, scene: TableScene) -> None:
-        """Give the model's objects the sizes, masses, colours and start poses of `scene`; the data do not change."""
+        """Write the sizes, masses, colours and start poses of `scene` into the model. The data do not change."""
         self.scene, self.marks, self._last = scene, (), None
         self._reader.forget()
         self._placed_tilt, self._toppled_change = np.where(scene.is_lying, np.array([_LYING]).T, np.array([_UPRIGHT]).T)
@@ -192,7 +191,7 @@ class World:
             model.dof_frictionloss[index.opening_dof], model.dof_damping[index.opening_dof] = scene.joints.T
         if not scene.num_objects:
             return
-        if isinstance(scene, HouseholdScene):  # sizes and masses of each kind are those of the model
+        if isinstance(scene, HouseholdScene):  # the model already has the sizes and masses of each kind
             model.geom_rgba[index.object_geoms] = self._colours
         else:
             _apply_shapes(model, index, scene)
@@ -206,12 +205,12 @@ class World:
         model.qpos0[index.object_qpos] = poses.ravel()
 
     def colour(self, slot: int) -> NDArray[np.float64]:
-        """The colour (4,) of the object in a slot, which pictures show; may be written until the next scene."""
+        """Colour (4,) in pictures of the object in a slot. It may be written until the next scene."""
         first = int(self.index.geom_slots.searchsorted(slot))
         return np.asarray(self.model.geom_rgba[self.index.object_geoms.start + first])
 
     def reset(self, scene: TableScene) -> None:
-        """Start afresh: objects at rest on the table, the robot at rest at the scene's base pose, at home."""
+        """Start an episode: objects at rest on the table, the robot at rest at the scene's base pose, at home."""
         self.apply_scene(scene)
         model, data, index = self.model, self.data, self.index
         mujoco.mj_resetData(model, data)
@@ -224,22 +223,23 @@ class World:
 
     @property
     def opening(self) -> Opening | None:
-        """The first thing that opens, None where nothing does."""
+        """First drawer or door, None if the layout has neither."""
         return self.openings[0] if self.openings else None
 
     @property
     def opened(self) -> float:
-        """How far it is open what opens first: 0 shut, 1 as far as it goes; 0 where nothing opens."""
+        """Opening of the first drawer or door as a share of its travel: 0 closed, 1 open. 0 if the layout has
+        neither."""
         return self.opened_shares[0] if self.openings else 0.0
 
     @property
     def opened_shares(self) -> list[float]:
-        """How far each thing that opens is open: 0 shut, 1 as far as it goes."""
+        """Opening of each drawer or door as a share of its travel: 0 closed, 1 open."""
         positions = self.data.qpos[self.index.opening_qpos].tolist()
         return [position / one.travel for position, one in zip(positions, self.openings, strict=True)]
 
     def opened_around(self, measurements: Measurements, slot: int) -> float:
-        """How far that is open which shuts an object in; 1 if none of several drawers has it."""
+        """Opening of the drawer or door that encloses an object. 1 if none of several drawers contains it."""
         if len(self.openings) <= 1:
             return self.opened
         inside = [self.are_in_drawer(measurements, number)[slot] for number in range(len(self._drawers))]
@@ -247,21 +247,21 @@ class World:
 
     @property
     def drawer_shifts(self) -> list[float]:
-        """[m] along x by which each drawer stands out, 0 or negative."""
+        """Displacement [m] of each drawer along x, 0 or negative."""
         if not self._drawers:
             return []
         positions = self.data.qpos[self.index.opening_qpos].tolist()
         return [float(one.axis[0] * position) for position, one in zip(positions, self._drawers, strict=True)]
 
     def are_in_drawer(self, measurements: Measurements, number: int = 0) -> NDArray[np.bool_]:
-        """Whether the centre of each object is inside a drawer, where it is now: (n,)."""
+        """Whether the centre of each object is now inside a drawer: (n,)."""
         if number >= len(self._drawers):
             return np.zeros(len(measurements.poses), np.bool_)
         return _are_inside(self._drawers[number], measurements.poses, self.drawer_shifts[number])
 
     @property
     def is_unstable(self) -> bool:
-        """Whether MuJoCo has warned since the reset: the simulation has diverged, or its memory was too small."""
+        """Whether MuJoCo has warned since the reset. The simulation has then diverged, or its memory was too small."""
         return any(self._warnings.tolist())
 
     def advance(
@@ -271,16 +271,16 @@ class World:
         grips: Sequence[float],
         head: Sequence[float] = (),
     ) -> Measurements:
-        """One control step; see `JointController.follow`.
+        """Advance by one control step, see `JointController`.
 
-        The fingers are coupled while they touch something. Free fingers move alike without it, and a physics step
-        without any constraint takes a fifth less time.
+        The fingers are coupled while they touch something. Free fingers move alike without the coupling, and a physics
+        step without constraints takes a fifth less time.
 
         Args:
             measurements: what was measured before the step.
-            velocity: (4 + n,) wanted joint velocities, base x and y in the base's frame.
+            velocity: (4 + n,) desired joint velocities, base x and y in the base's frame.
             grips: wanted finger position of each gripper, -1 closed to 1 open.
-            head: rates of the head's joints, -1 to 1; none where it stays as it is.
+            head: rates of the head's joints, -1 to 1. () if the head stays still.
         """
         model, data, grip = self.model, self.data, measurements.grip
         for coupling in self.index.finger_couplings:
@@ -312,10 +312,10 @@ class World:
         return self.measure_objects(self._measure_grip(self._reader.read(data)), moved)
 
     def _note(self, contacts: Contacts) -> None:
-        """Note the contacts of a part of the control step, and keep awake what the robot touches.
+        """Record the contacts of a part of the control step, and keep objects awake that the robot touches.
 
-        An object at rest in the gripper or on the arm is about to sleep, with all that lies on it; asleep it would stay
-        in the air when the robot lets go of it.
+        An object at rest in the gripper or on the arm is about to sleep, with all objects on it. Asleep, it would stay
+        in the air when the robot releases it.
         """
         self._contacts.append(contacts)
         if not contacts.touched:
@@ -333,13 +333,13 @@ class World:
         return {slot for contacts in self._contacts for slot in contacts.touched}
 
     def measure(self) -> Measurements:
-        """The present state of the objects."""
+        """Measure the present state of the objects."""
         return self.measure_objects(self._measure_grip(self._reader.read(self.data)))
 
     def measure_objects(self, grip: Grip, moved: frozenset[int] = frozenset()) -> Measurements:
-        """The present state of the objects, where it is known what the fingers hold, and what the robot has touched.
+        """Measure the present state of the objects, given the grip and the objects that the robot has touched.
 
-        It is the same object as the last time if nothing has changed, as in most steps while all objects sleep.
+        Return the last measurements themselves if nothing has changed, as in most steps while all objects sleep.
         """
         content = self.data.qpos[self.index.object_qpos].tobytes()
         if self._last is not None:
@@ -372,10 +372,10 @@ class World:
         return height - side - half_z * abs(down_z)
 
     def _measure_grip(self, contacts: Contacts) -> Grip:
-        """What the grippers hold and touch, from the contacts of the last physics step.
+        """Find what the grippers hold and touch, from the contacts of the last physics step.
 
-        Those of the other parts of the control step say whether what is held is carried: an object that vibrates in the
-        grip stands on the table in between.
+        The other parts of the control step decide whether a held object is carried. An object that vibrates in the grip
+        touches the table in some of them.
         """
         pairs, pads = contacts.pairs, self._pads
         at_pads = [pair for pair in pairs if pair[0] in pads or pair[1] in pads]
@@ -396,7 +396,7 @@ class World:
     def _is_gripped(self, slot: int, pads: tuple[int, int], pairs: list[list[int]]) -> bool:
         """Whether two pads press on an object from opposite sides, and can carry it.
 
-        Each contact carries by the vertical part of its normal force and, across its normal, by friction.
+        Each contact carries by the vertical component of its normal force, and by friction across its normal.
         """
         slot_of, contact, sizes = self._reader.slot_of, self.data.contact, self.data.efc_force
         frames, rows, frictions = contact.frame, contact.efc_address.tolist(), contact.friction
@@ -417,9 +417,9 @@ class World:
         return right * left > 0.0 and along <= _OPPOSITE * right * left and can_carry >= LEAST_GRIP * weight
 
     def _supported(self, contacts: Contacts) -> set[tuple[int, int]]:
-        """Grippers and slots of objects at their pads that something else bears, or on which something lies.
+        """Grippers and slots of objects at their pads that another body supports, or on which another body lies.
 
-        So does any contact with the rest of the robot, and with a second gripper.
+        Any contact with the rest of the robot, or with a second gripper, is regarded as such a contact.
         """
         slot_of, found = self._reader.slot_of, set[tuple[int, int]]()
         if not any(contacts.gripped):
@@ -434,7 +434,8 @@ class World:
 
 
 def _full_grip(model: mujoco.MjModel, index: ModelIndex) -> float:
-    """The command [m] of closed fingers that press with all their force on objects of any width; it is made valid."""
+    """Command [m] of closed fingers that press with their full force on objects of any width. The model is changed so
+    that the command is valid."""
     fingers = index.finger_actuators
     command = float((model.actuator_forcerange[fingers, 1] / model.actuator_biasprm[fingers, 1]).min())
     model.actuator_ctrlrange[fingers, 0] = command
@@ -442,7 +443,8 @@ def _full_grip(model: mujoco.MjModel, index: ModelIndex) -> float:
 
 
 def _apply_shapes(model: mujoco.MjModel, index: ModelIndex, scene: TableScene) -> None:
-    """Sizes, bounding boxes and bounding spheres; a free body turns by angles as long as its sphere's radius."""
+    """Write sizes, bounding boxes and bounding spheres. The angular length of a free body is the radius of its
+    sphere."""
     half, geoms = scene.half_extents, index.object_geoms
     cylinder_size = half[:, (0, 2, 2)] * (1.0, 1.0, 0.0)
     model.geom_size[geoms] = np.where(scene.is_box[:, None], half, cylinder_size)
@@ -455,10 +457,10 @@ def _apply_shapes(model: mujoco.MjModel, index: ModelIndex, scene: TableScene) -
 
 
 def _apply_masses(model: mujoco.MjModel, index: ModelIndex, scene: TableScene) -> None:
-    """Masses, principal moments of homogeneous cylinders and boxes, and the constants that follow from them.
+    """Write masses, principal moments of homogeneous cylinders and boxes, and the constants that follow from them.
 
-    An object is a free body whose frame is its principal frame: what `mj_setConst` derives is known in closed form.
-    That function would take a quarter of a reset's time, because it also derives the robot's constants again.
+    An object is a free body whose frame is its principal frame, so the results of `mj_setConst` are known in closed
+    form. That function would take a quarter of a reset's time, because it also computes the robot's constants again.
     """
     bodies, dof, masses = index.object_bodies, index.object_dof, scene.masses
     x2, y2, z2 = (scene.half_extents**2).T
@@ -478,13 +480,14 @@ def _apply_masses(model: mujoco.MjModel, index: ModelIndex, scene: TableScene) -
 
 
 def _are_inside(drawer: Opening, poses: NDArray[np.float64], shift: float) -> NDArray[np.bool_]:
-    """Whether the centre of each object is inside a drawer that stands out by a shift [m] along x: (n,)."""
+    """Whether the centre of each object is inside a drawer with a displacement [m] along x: (n,)."""
     low, high = np.array(drawer.inside) + (shift, 0.0, 0.0)
     return np.asarray(((low < poses[:, :3]) & (poses[:, :3] < high)).all(axis=1))
 
 
 def start_poses(scene: TableScene) -> NDArray[np.float64]:
-    """Free-joint positions (n, 7): exactly touching table or shelf; a lying cylinder's z axis is horizontal."""
+    """Free-joint positions (n, 7) of objects that exactly touch table or shelf. A lying cylinder's z axis is
+    horizontal."""
     poses = np.zeros((scene.num_objects, 7))
     poses[:, :2] = scene.positions
     poses[:, 2] = TABLE_HEIGHT + scene.levels + scene.standing_extents[:, 2]
@@ -499,7 +502,7 @@ def start_poses(scene: TableScene) -> NDArray[np.float64]:
 def _palette(count: int) -> NDArray[np.float64]:
     """Colours (count, 4) of objects that are not the target.
 
-    Hues step by the golden ratio, so that neighbours in number differ most; lightness has a period of three.
+    Hues step by the golden ratio, so that neighbours in number differ most. Lightness has a period of three.
     """
     colours = np.ones((count, 4))
     for slot in range(count):

@@ -1,4 +1,4 @@
-"""A training run: what to learn, checked and recorded in the run's directory; without torch."""
+"""A training run: its task and settings, checked and recorded in the run's directory. It needs no torch."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Run:
 
     Attributes:
         task: environment and keyword arguments.
-        algorithm: one of `ALGORITHMS`.
+        algorithm: a key of `ALGORITHMS`.
         directory: of the run.
         seed: random seed.
         settings: numbers of steps, copies and evaluations.
@@ -34,19 +34,19 @@ class Run:
     settings: Settings = field(default_factory=Settings)
 
     def check(self, resume: bool = False) -> None:
-        """Make sure that the run can be started, or resumed; nothing is written.
+        """Check that the run can be started or resumed. Nothing is written.
 
         Raises:
             UnknownTask: no such environment, or not with these keyword arguments.
-            LearningError: scenes to learn from are held out; there is no such algorithm, or it does not learn on this
-                task; the directory holds a run, and it is not to be resumed, is another one, or was made with another
-                environment (the message names what differs).
+            LearningError: training scenes are held out, or the algorithm is unknown or does not learn on this task. Or
+                the directory holds a run that is not to be resumed, is another run, or was made with another
+                environment (the message names the differences).
         """
         present = self.task.provenance()
         if self.task.family not in ALGORITHMS.get(self.algorithm, ()):
             fitting = [name.replace("_", "-") for name, families in ALGORITHMS.items() if self.task.family in families]
             raise LearningError(f"{self.algorithm} does not learn on {self.task.env_id}; there do {', '.join(fitting)}")
-        training_seeds(self.seed, self.settings.num_envs)  # of the first scenes; the environments go on from there
+        training_seeds(self.seed, self.settings.num_envs)  # of the first scenes only
         if not (self.directory / RUN_FILE).exists():
             return
         if not resume:
@@ -66,7 +66,7 @@ class Run:
             raise LearningError(f"{self.directory} cannot be resumed. {' '.join(changed)}")
 
     def describe(self) -> dict[str, Any]:
-        """The record of the run as JSON values: all but its directory and the interval of its checkpoints."""
+        """Record of the run as JSON values: all except its directory and the interval of its checkpoints."""
         settings = json_values(self.settings)
         settings.pop("checkpoint_every")
         steps = settings.pop("steps")
@@ -74,12 +74,12 @@ class Run:
         return {**json_values(record), "settings": settings}
 
     def write_record(self) -> None:
-        """Write the record, and what the run is made with, into its directory, which is made if it does not exist."""
+        """Write the record and the provenance into the run's directory, which is made if it does not exist."""
         write_json(self.directory / RUN_FILE, {**self.describe(), "provenance": self.task.provenance()})
 
 
 def runs_of_seeds(run: Run, count: int) -> list[Run]:
-    """The run with `count` seeds from its own on, each in seed-N/ in its directory; only the run itself for one seed.
+    """The run with `count` seeds from its own on, each in seed-N/ in its directory. For one seed: the run itself.
 
     Raises:
         LearningError: fewer than one seed.

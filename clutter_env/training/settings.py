@@ -1,4 +1,5 @@
-"""What can be learned by which algorithm, and for how long; the command reads it, so nothing heavy is imported."""
+"""Tasks of each learning algorithm, and settings of a run. The command reads this module, so it imports nothing
+slow."""
 
 from __future__ import annotations
 
@@ -18,15 +19,15 @@ ALGORITHMS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "dqn": ("skill",),
     }
 )
-"""The learners of Stable-Baselines3 and sb3-contrib, and the families of environments on which each one learns."""
+"""The learners of Stable-Baselines3 and sb3-contrib, and the families of environments on which each learns."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """How long is learned, and how success is measured.
+    """Length of training, and evaluation of success.
 
     Raises:
-        LearningError: a number that must be at least 1 is not.
+        LearningError: a number that must be at least 1 is less.
     """
 
     steps: int = 30_000

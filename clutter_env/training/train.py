@@ -1,6 +1,6 @@
-"""Learning from rewards by Stable-Baselines3 and sb3-contrib as they are: no subclass, no wrapper, only settings.
+"""Training from rewards with Stable-Baselines3 and sb3-contrib as they are, without subclasses and wrappers.
 
-A run has a directory of its own, with all that is needed to resume it, or to act with its policy.
+A run has its own directory, with all data needed to resume it or to use its policy.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ History = list[dict[str, float]]
 
 _OFF_POLICY = ("sac", "tqc", "dqn")
 _UPDATE_S = 0.03
-"""[s] An update of theirs and its step; as TQC takes on ArmReach."""
+"""[s] Time of an update and its step, measured for TQC on ArmReach."""
 _HINDSIGHT = {
     "replay_buffer_class": HerReplayBuffer,
     "replay_buffer_kwargs": {"n_sampled_goal": 4, "goal_selection_strategy": "future"},
@@ -54,14 +54,14 @@ _STAGED = {
     "tau": 0.01,
     "learning_starts": 1000,
     "ent_coef": "auto_0.1",
-    "target_entropy": -2.0,  # half of the default: otherwise the fingers stay as they are, see docs/train_your_own.md
+    "target_entropy": -2.0,  # half of the default, otherwise the fingers stay still, see docs/train_your_own.md
     "policy_kwargs": {"net_arch": [128, 128]},
 }
 _EPISODE = 100
-"""[steps] An episode of the goal environments at most; hindsight learns from whole ones, of all copies."""
+"""[steps] Longest episode of the goal environments. Hindsight learns from whole episodes of all copies."""
 _SKILL_DISCOUNT = 0.97
 _BUFFER = 1_000_000
-"""Transitions in a replay buffer at most, the default of Stable-Baselines3; hindsight makes a list of that length."""
+"""Most transitions in a replay buffer, the default of Stable-Baselines3. Hindsight makes a list of that length."""
 _OPTIONS: Mapping[tuple[str, ...], Mapping[str, Any]] = MappingProxyType(
     {
         **{(kind, name): _REACH for kind in ("armreach", "reach") for name in ("sac", "tqc")},
@@ -77,7 +77,7 @@ _OPTIONS: Mapping[tuple[str, ...], Mapping[str, Any]] = MappingProxyType(
         ("skill", "dqn"): {"gamma": _SKILL_DISCOUNT, "learning_starts": 1000, "exploration_fraction": 0.3},
     }
 )
-"""Options beyond the defaults of Stable-Baselines3, by family of environments and algorithm: in the goal environments
+"""Options beyond the defaults of Stable-Baselines3, by family of environments and algorithm. The goal environments use
 those of RL Baselines3 Zoo for FetchReach-v1 and FetchPickAndPlace-v1, without its normalisation."""
 
 
@@ -94,18 +94,18 @@ def train(run: Run, resume: bool = False) -> Trained:
     """Train in this process.
 
     Args:
-        run: what to train.
-        resume: go on from the last checkpoint, if there is one, until `run.settings.steps` in all, with the networks,
-            optimisers and number of steps of that checkpoint, and an empty replay buffer.
+        run: the run to train.
+        resume: continue from the last checkpoint, if it exists, until `run.settings.steps` in all. Networks, optimisers
+            and number of steps are those of the checkpoint, and the replay buffer is empty.
 
     Raises:
-        LearningError: see `Run.check`; nothing is written then. Or the disk is full or cannot be written; the last
-            complete checkpoint stays.
-        PolicyError: the checkpoint from which to go on is damaged.
+        LearningError: see `Run.check`, before anything is written. Or the disk is full or cannot be written, and the
+            last complete checkpoint stays.
+        PolicyError: the checkpoint to continue from is damaged.
     """
     started, started_cpu = time.perf_counter(), time.process_time()
     run.check(resume)
-    # The networks are small: more threads are slower, and several runs share a machine.
+    # The networks are small, so more threads are slower. Also, several runs share a machine.
     torch.set_num_threads(1)
     try:
         run.write_record()
@@ -128,14 +128,14 @@ def train_all(
     """Train all runs: one in this process, several in parallel.
 
     Args:
-        runs: each with its own directory; all are checked before the first one starts.
-        workers: how many are trained at a time.
-        resume: go on from their last checkpoints.
-        ray: address of Ray; empty for processes of this machine.
+        runs: each with its own directory. All are checked before the first starts.
+        workers: number of runs trained at a time.
+        resume: continue from their last checkpoints.
+        ray: address of Ray, empty for processes of this machine.
         report: called with each run as it ends.
 
     Raises:
-        LearningError: see `Run.check`; or runs crashed, after the others have ended.
+        LearningError: see `Run.check`. Or runs crashed, raised after the others have ended.
     """
     for run in runs:
         run.check(resume)
@@ -156,7 +156,8 @@ def train_all(
 
 
 def _learn(run: Run, is_resumed: bool) -> History:
-    """Learn until `run.settings.steps` in all; the history, which is written as it grows, and to TensorBoard."""
+    """Train until `run.settings.steps` in all. Return the history, which is written as it grows, also to
+    TensorBoard."""
     settings, path, history_file = run.settings, run.directory / MODEL_FILE, run.directory / HISTORY_FILE
     started, history = time.process_time(), History()
     evaluation_env = run.task.make()
@@ -170,7 +171,7 @@ def _learn(run: Run, is_resumed: bool) -> History:
     policy, seeds = ModelPolicy(run.algorithm, model), held_out_seeds(settings.evaluation_episodes)
 
     def checkpoint(*_: object) -> bool:
-        """Measure success, and save; training goes on."""
+        """Measure success and save. Return True, so that training continues."""
         success = success_rate(evaluation_env, policy, seeds, settings.evaluation_steps)
         save_model(model, path)
         history.append({"steps": model.num_timesteps, "success": success, "cpu_s": time.process_time() - started})
@@ -189,7 +190,7 @@ def _learn(run: Run, is_resumed: bool) -> History:
             shown = ConvertCallback(lambda *_: bar.update(model.num_timesteps - bar.n) or True)
             model.learn(left, callback=[checkpoints, shown], reset_num_timesteps=False, tb_log_name="tensorboard")
         if history and history[-1]["steps"] == model.num_timesteps:
-            save_model(model, path)  # PPO has learned from the last steps since
+            save_model(model, path)  # PPO has learned from the last steps since the last checkpoint
         else:
             checkpoint()
     copies.close()
@@ -200,10 +201,10 @@ def _learn(run: Run, is_resumed: bool) -> History:
 def make_model(
     algorithm: str, settings: Settings, family: str, env: gym.Env | VecEnv, seed: int = 0, log: Path | None = None
 ) -> BaseAlgorithm:
-    """A new model of an algorithm for an environment of a family; it logs to the directory of a run.
+    """Make a model of an algorithm for an environment of a family. It logs to the directory of a run.
 
     Raises:
-        LearningError: there is no such device.
+        LearningError: the device does not exist.
     """
     options = dict(_OPTIONS[family, algorithm])
     if algorithm in _OFF_POLICY:
@@ -221,7 +222,7 @@ def make_model(
 
 
 def save_model(model: BaseAlgorithm, path: Path) -> None:
-    """Write networks, optimisers and the number of steps; the file is complete, or the old one stays.
+    """Write networks, optimisers and the number of steps. The file is either complete or the old file stays.
 
     Raises:
         OSError: the disk is full or cannot be written.
@@ -237,7 +238,7 @@ def save_model(model: BaseAlgorithm, path: Path) -> None:
 
 
 def load_model(model: BaseAlgorithm, path: Path) -> None:
-    """Give a new model what `save_model` wrote.
+    """Load the data of `save_model` into a new model.
 
     Raises:
         PolicyError: the file is missing or damaged, or it holds the model of another algorithm.

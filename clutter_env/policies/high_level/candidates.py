@@ -1,7 +1,7 @@
-"""Candidate picks and places: a finite set for every object and every place, by one fixed rule of geometry.
+"""Candidate picks and places: a finite set for every object and every place, from a fixed geometric rule.
 
-A grasp is one of those that `generate_grasps` lists. The base faces the gripper, from a standoff as short as table and
-arm permit; the gripper may be turned against the base by one of the angles of `TURNS`.
+Grasps come from `generate_grasps`. The base faces the gripper, as near as table and arm permit. The gripper may be
+turned against the base by an angle of `TURNS`.
 """
 
 from __future__ import annotations
@@ -80,10 +80,10 @@ class Candidates:
 
 @dataclass(frozen=True)
 class CandidateRule:
-    """The rule; it reads nothing but what is observed and the sizes of the table.
+    """The rule. It reads only the observation and the sizes of the table.
 
     Attributes:
-        robot: which one.
+        robot: of the environment.
         layout: table and surroundings.
         grasps: name of the grasp set.
     """
@@ -93,7 +93,7 @@ class CandidateRule:
     grasps: str = "side"
 
     def picks(self, bodies: Sequence[Body]) -> Candidates:
-        """Candidate picks of objects; `index` is that of the body."""
+        """Candidate picks of objects. `index` is that of the body."""
         # The grasps of demonstrations: through the main axis, or as far off it as the robot needs.
         families = [family for family in find_grasp_set(self.grasps) if getattr(family, "axis_offset", None) is None]
         poses = [gripper_poses(generate_grasps(body, self.robot, families)) for body in bodies]
@@ -101,12 +101,12 @@ class CandidateRule:
         return self._with_bases(index, np.concatenate(poses) if poses else np.empty((0, 5)))
 
     def places(self, body: Body, held: HeldObject, points: Array) -> Candidates:
-        """Candidate places of a held object; `index` is that of the point.
+        """Candidate places of a held object. `index` is that of the point.
 
         Args:
-            body: the object; its pose does not matter.
-            held: how it is held.
-            points: (k, 3) [m] on supports, where its axis is to stand.
+            body: the object. Its pose does not matter.
+            held: grasp of the object.
+            points: (k, 3) [m] on supports, for the object's axis.
         """
         pitch = release_pitch(body, held)
         T_release_object = rotated(0.0, pitch) @ held.T_tcp_object
@@ -166,14 +166,14 @@ def crowding(points: Array, radius: float, others: NDArray[np.floating]) -> Arra
 
 @dataclass(frozen=True, eq=False)
 class ObservedScene:
-    """What a decision is made from.
+    """Input of a decision.
 
     Attributes:
         base: (3,) x [m], y [m], yaw [rad].
         bodies: the objects present, in the order of the observation's rows.
         target: index among the bodies.
-        held: the object in the gripper, None for none.
-        held_index: its index among the bodies; -1 for none.
+        held: the object in the gripper, None without one.
+        held_index: its index among the bodies, -1 without one.
     """
 
     base: Array

@@ -21,14 +21,14 @@ _OWN, _OTHER = 18, 18
 
 
 class CandidateBatch(NamedTuple):
-    """m candidates beside up to n objects; columns as in `CandidateExamples`.
+    """m candidates next to up to n objects. Columns as in `CandidateExamples`.
 
     Attributes:
-        own: (m, 5) the object that is taken or put down, where it stands at the candidate.
+        own: (m, 5) the object to pick or place, at its pose in the candidate.
         tcp: (m, 5) x, y, z [m], yaw and pitch [rad].
         base: (m, 3) x [m], y [m], yaw [rad].
         others: (m, n, 5) the other objects.
-        is_present: (m, n) which of them are present.
+        is_present: (m, n) whether each is present.
     """
 
     own: torch.Tensor
@@ -51,7 +51,7 @@ class CandidateNetwork(nn.Module):
         self.blocks = nn.Sequential(nn.SiLU(), nn.Linear(width, width), nn.SiLU(), nn.Linear(width, 1))
 
     def forward(self, batch: CandidateBatch) -> torch.Tensor:
-        """(m, n) logits that an object is in the way of a candidate; very negative for absent ones."""
+        """Logits (m, n) that an object is in the way of a candidate, very negative for absent objects."""
         hidden = self.contact(_own_features(batch))[:, None] + self.other(_other_features(batch))
         blocks = self.blocks(hidden)[..., 0]
         return torch.where(batch.is_present, blocks, blocks.new_tensor(-30.0))

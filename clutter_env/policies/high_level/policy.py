@@ -47,14 +47,14 @@ _DRIVE_COST = 0.02
 _MAX_PLACING_TURN = math.radians(20.0) + 1e-6
 """Objects are put down straight or nearly so: there are places enough."""
 _BEST = 12
-"""Candidates of each object that are looked at when it is worked out what a place would be in the way of."""
+"""Candidates of each object that are checked to find the objects that a place would obstruct."""
 _DETOUR = 0.5
 """[clearances] by which the best object to begin with may seem worse than the chain of clearances as a whole."""
 _PLACED_COST = 2.0
 """[clearances] of clearing an object that has been put in the way."""
 _MARGIN, _MARGIN_WORTH = 0.008, 0.1
-"""[m] by which other objects are also imagined to be thicker, and the weight of what is then in the way: motions are
-not exact, so candidates with clearance around them are preferred."""
+"""[m] Thickness added to other objects, and weight of the additional collisions. Motions are inexact, so candidates
+with clearance around them are preferred."""
 _CROWDING_COST = 0.5
 """[clearances] of a place without any clearance around it."""
 _MOVED = 0.01
@@ -110,7 +110,7 @@ class LearnedHighLevelPolicy:
 
     @classmethod
     def load(cls, path: Path) -> LearnedHighLevelPolicy:
-        """The policy with the weights of a file; raises `PolicyError`, see `load_weights`."""
+        """Load the policy from a file of weights. Raise `PolicyError`, see `load_weights`."""
         weights, info = load_weights(path, "decisions")
         network = CandidateNetwork(len(weights["contact.bias"]))
         network.load_state_dict(weights)
@@ -127,11 +127,11 @@ class LearnedHighLevelPolicy:
         self._positions: dict[str, Array] = {}
 
     def decide(self, observation: Observation) -> Contact | None:
-        """The next pick or place; None if the target is held or nothing is left to choose."""
+        """The next pick or place, None if the target is held or no candidate is left."""
         return self.choose(observed_scene(observation))
 
     def choose(self, scene: ObservedScene) -> Contact | None:
-        """The next pick or place in a scene that has been read already; see `decide`."""
+        """The next pick or place in a parsed scene, see `decide`."""
         others = [body.name for body in scene.bodies if not _is_trained_with(body)]
         if others and not self._has_warned:
             self._has_warned = True
@@ -152,7 +152,7 @@ class LearnedHighLevelPolicy:
         return candidates.contact(row, skill, name)
 
     def _pick(self, scene: ObservedScene) -> tuple[Candidates, int, str] | None:
-        """Take the target if that costs less than clearing; else the object after which the least is left to do."""
+        """Pick the target if that costs less than a clearance, else the object whose removal leaves the least work."""
         weighed = _best_of_each(self._weigh_picks(scene))
         index, count = weighed.candidates.index, len(scene.bodies)
         if not (index == scene.target).any():
@@ -240,7 +240,7 @@ class LearnedHighLevelPolicy:
         return np.asarray(exact + _MARGIN_WORTH * np.maximum(padded - exact, 0.0))
 
     def _without_tried(self, weighed: _Weighed, skill: str, names: list[str]) -> _Weighed:
-        """The candidates that were not tried since their object moved; `names` of their objects by `index`."""
+        """Candidates that were not tried since their object moved. `names` maps `index` to the object's name."""
         tried, is_left = {key[:2] for key in self._tried}, np.ones(len(weighed.candidates), np.bool_)
         for row, i in enumerate(weighed.candidates.index):
             if (skill, names[i]) in tried:
@@ -279,7 +279,7 @@ def _best_of_each(weighed: _Weighed) -> _Weighed:
 
 
 def _key(candidates: Candidates, row: int, skill: str, name: str) -> tuple[object, ...]:
-    """What a tried candidate is known by: skill, object, place [m], gripper yaw, pitch and turn [rad]."""
+    """Key of a tried candidate: skill, object, place [m], gripper yaw, pitch and turn [rad]."""
     x, y, _, yaw, pitch = (round(float(value), 2) for value in candidates.tcp[row])
     place = (x, y) if skill == "place" else (0.0, 0.0)
     return skill, name, *place, yaw, pitch, round(float(candidates.turn[row]), 2)

@@ -60,7 +60,7 @@ class ArmKinematics:
 
 
 def _place(place: NDArray[np.float64]) -> tuple[torch.Tensor, torch.Tensor | None]:
-    """Offset (3,) and orientation (3, 3), None for none, of a row of `frames_of`."""
+    """Offset (3,) and orientation (3, 3) of a row of `frames_of`. The orientation is None if the row has none."""
     numbers = torch.tensor(place, dtype=torch.float32)
     return numbers[:3], numbers[3:].reshape(3, 3) if len(place) > 3 else None
 
@@ -89,9 +89,9 @@ def is_wrist_flipped(robot: RobotSpec, q: Array) -> bool:
 
 
 def shorter_turns(robot: RobotSpec, q: Array, goals: Array) -> Array:
-    """Goals (..., 8) with joints that turn by more than one turn on the shorter path from a configuration (8,).
+    """Goals (..., 8) whose joints with a range above one turn move along the shorter path from a configuration (8,).
 
-    Where that path leads beyond a limit of the joint it is the longer one.
+    If that path leads beyond a limit of the joint, the longer path is taken.
     """
     endless, lower, upper = endless_joints(robot)
     turned = np.array(goals)

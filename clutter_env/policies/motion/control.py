@@ -16,24 +16,26 @@ from irm.rotations import rotation_vectors, rotations_by
 Array = NDArray[np.float64]
 
 _RESPONSE = 0.12
-"""[s] in which the remaining motion shrinks to 1 / e; the measured joints lag about 0.02 s behind their targets."""
+"""[s] Time in which the remaining motion shrinks to 1 / e. The measured joints lag about 0.02 s behind their
+targets."""
 _NOTHING = 1e-4
 """[m], [rad] A joint this near its goal does not determine the pace."""
 _BRAKING_SHARE = 0.8
 """Share of the greatest acceleration that is counted on for braking."""
 
 _GAIN = 0.15
-"""Share of the measured error by which the offset changes in a control step; the arm follows in 0.1 s."""
+"""Share of the measured error by which the offset changes in a control step. The arm follows in 0.1 s."""
 MAX_SHIFT, MAX_TURN = 0.06, 0.3
 """[m], [rad] of the offset at most: the network was fitted to such."""
 CLOSE, _ALIGNED = 0.008, 0.08
-"""[m], [rad] that a gripper may be off a straight line while it goes on along the line; it leaves 12 mm a side."""
+"""[m], [rad] Largest error of a gripper that continues along a straight line, which has 12 mm of clearance on each
+side."""
 _SHORT = 0.02
 """[m] from the contact up to which the error along the line counts too."""
 
 
 def error_to(seen: ParsedObservation, goal: Array) -> Array:
-    """(11,) from the measured configuration to a whole-body configuration; x and y in the base's frame."""
+    """Difference (11,) from the measured to a whole-body configuration, with x and y in the base's frame."""
     error = goal - seen.whole_body
     error[2] = wrapped(error[2])
     cosine, sine = math.cos(seen.base[2]), math.sin(seen.base[2])
@@ -98,7 +100,7 @@ class GripperError:
         return cls(expected[:3, 3] - measured[:3, 3], expected[:3, :3] @ measured[:3, :3].T)
 
     def across(self, line: Array) -> GripperError:
-        """The error without its part along a line (3,) [m] from the contact; all of it where that is short."""
+        """The error without its component along a line (3,) [m] from the contact. For a short line: the whole error."""
         length = math.hypot(*line)
         if length < _SHORT:
             return self

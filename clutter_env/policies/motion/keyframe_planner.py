@@ -1,6 +1,6 @@
-"""Keyframes of a pick or a place: which phases there are, and the configuration that each of them leads to.
+"""Keyframes of a pick or a place: its phases, and the configuration at the end of each.
 
-`OpenKeyframePlanner` serves contacts with nothing above them; `shelf.ShelfKeyframePlanner` those under a shelf.
+`OpenKeyframePlanner` plans contacts in open space, `shelf.ShelfKeyframePlanner` contacts under a shelf.
 """
 
 from __future__ import annotations
@@ -57,10 +57,11 @@ _LEVEL = 0.1
 _WALL_GAP = 2 * CLOSE
 """[m] between walls and the open gripper on its line: what it may be off the line, twice."""
 _TORSO_COST, _MISS_COST, _HIT_COST = 3.0, 30.0, 60.0
-"""Costs of a metre of the torso from home, of a metre by which the gripper misses the contact, and of a metre of
-clearance that is missing; that of a radian of the roll is 1."""
+"""Costs per metre of the torso from home, of distance between gripper and contact, and of missing clearance. The cost
+of a radian of the roll is 1."""
 _ELBOW, _WRIST = 4, 7
-"""Numbers of the joints between which the forearm and the wrist lie; the gripper beyond is where the contact says."""
+"""Indices of the joints of elbow and wrist, which bound the forearm and the wrist. The contact gives the pose of the
+gripper."""
 _SHARES = np.array((0.0, 0.5))
 """Points on the links, as shares of their length."""
 
@@ -71,10 +72,10 @@ class Keyframe(NamedTuple):
     Attributes:
         goal: (11,) whole-body configuration.
         finger: position of one finger [m].
-        expected: (4, 4) where the TCP should be now, in the world; the contact where it does not matter.
-        stops: how many base poses are left on a drive, the present one too where the arm is tucked in first.
+        expected: (4, 4) desired TCP pose now, in the world. The contact if the pose does not matter.
+        stops: number of base poses left on a drive. It includes the present pose if the arm is tucked in first.
         length: [m] of the straight line that the gripper is on.
-        slack: share of the greatest small error that the gripper may have at the end of a transit.
+        slack: share of the largest permitted small error of the gripper at the end of a transit.
     """
 
     goal: Array
@@ -95,10 +96,10 @@ class OpenKeyframePlanner:
         self._walls = self._furniture[self._furniture[:, :, 2].sum(axis=1) > TABLE_HEIGHT]
 
     def begin(self, contact: Contact, index: int, seen: ParsedObservation) -> list[str]:
-        """Choose the arm configuration at a contact of object `index`; the phases to go through.
+        """Choose the arm configuration at a contact of object `index`. Return the phases to go through.
 
-        There are none where the open gripper would come too near to what stands beside the table: the pick or place is
-        refused.
+        The list is empty if the open gripper would come too near to furniture next to the table. The pick or place is
+        then refused.
         """
         self._sizes = seen.sizes(index)
         self._free = self.free_joints(contact, index, seen)
@@ -111,10 +112,10 @@ class OpenKeyframePlanner:
         return [phase for phase in PHASES[contact.skill] if self._network.has_seen(contact.skill, phase)]
 
     def raise_pick(self, contact: Contact, index: int, seen: ParsedObservation) -> float:
-        """[m] by which object `index` is taken higher than planned.
+        """Height [m] by which object `index` is grasped higher than planned.
 
-        Table and wrist of a level gripper are hardly farther apart than the gripper may be off its line; the fingers
-        stay below the object's top.
+        The distance of table and wrist of a level gripper is hardly larger than the gripper's permitted error. The
+        fingers stay below the object's top.
         """
         if contact.tcp[2, 0] < -_LEVEL:
             return CLOSE
@@ -147,7 +148,7 @@ class OpenKeyframePlanner:
         return np.asarray(_GRID[np.argmin(from_home + _MISS_COST * miss + _HIT_COST * lacking)])
 
     def keyframe(self, phase: str, contact: Contact, offset: IntegralOffset, seen: ParsedObservation) -> Keyframe:
-        """The goal of a phase; the contact may have moved since."""
+        """Goal of a phase. The contact may have moved since the last call."""
         T_base_world = np.linalg.inv(planar_pose(np.asarray(contact.base) if phase == "drive" else seen.base))
         here = float(line_distance(seen, contact)) if phase in LINES else 0.0
         ahead, length, planned, expected = here, 0.0, None, np.array(contact.tcp)
@@ -175,7 +176,8 @@ class OpenKeyframePlanner:
 
 
 def gripper_error(phase: str, seen: ParsedObservation, expected: Array, contact: Contact) -> GripperError:
-    """The error of the gripper; on a straight line without the part along it, since the distance is measured."""
+    """Error of the gripper. On a straight line the component along the line is left out, because that distance is
+    measured."""
     error = GripperError.between(seen.tcp, expected)
     if phase in ("transit", "reach"):
         return error
@@ -183,9 +185,9 @@ def gripper_error(phase: str, seen: ParsedObservation, expected: Array, contact:
 
 
 def drive_goal(seen: ParsedObservation, path: list[Array], q: Array) -> tuple[Array, int]:
-    """Where the base (3,) goes on a path of base poses while the arm goes to q (8,), and how many stops are left.
+    """Goal of the base (3,) on a path of base poses while the arm moves to q (8,), and the number of poses left.
 
-    The base drives once the arm is tucked in.
+    The base drives after the arm is tucked in.
     """
     if np.abs(q - seen.q).max() <= _TUCKED:
         return path[0], len(path)

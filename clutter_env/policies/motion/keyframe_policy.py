@@ -1,4 +1,4 @@
-"""The keyframe policy: goes from keyframe to keyframe as its network predicts; it sees nothing but observations."""
+"""The keyframe policy moves between the keyframes that its network predicts. Its only inputs are observations."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from planners import Contact
 Array = NDArray[np.float64]
 
 _ARRIVED = 0.004
-"""[m] from the contact at which the gripper has arrived; it leaves 12 mm on each side of an object."""
+"""[m] Distance from the contact at which the gripper has arrived. It has 12 mm on each side of an object."""
 _LEAVING = 0.015
 """[m] before the end of a line away from a contact at which the next phase begins."""
 _FAR_OFF = 0.03
@@ -39,26 +39,28 @@ _NEAR = 0.15
 _SLOW = 0.05
 """[m/s], [rad/s] below which a joint counts as at rest."""
 _OPEN, _STILL = 0.002, 0.0005
-"""[m] between the measured and the wanted width of open fingers; change of the width in a step of fingers at rest."""
+"""[m] Difference between measured and desired width of open fingers, and change of the width per step of fingers at
+rest."""
 _SETTLE = 4
 """Control steps for which the fingers must be at rest."""
 _MAX_STEPS = 120
-"""Control steps after which a phase is over, wherever the robot is; the longest straight drives take about 80. A drive
-whose next corner, or whose end, takes longer is blocked, and the motion has failed."""
+"""Control steps after which a phase ends in any case. The longest straight drives take about 80. A drive that takes
+longer to its next corner or its end is blocked, and the motion has failed."""
 
 
 class KeyframePolicy:
-    """Executes picks and places with the keyframes of a network; a motion policy, see `two_level`.
+    """Executes picks and places with the keyframes of a network. It is a motion policy, see `two_level`.
 
-    Every step it parses where the robot and the object are, asks the network for the keyframe of the present phase, and
-    goes there. A phase is over when the robot has measurably arrived. Of the arm configurations that reach the contact
-    one is chosen that keeps clear of the objects. Until the fingers close, the contact of a pick moves with its object,
-    and the network input is offset by the integral of the measured gripper error.
+    In every step it parses the poses of robot and object, asks the network for the keyframe of the present phase, and
+    moves there. A phase ends when the robot's measured state has arrived. Of the arm configurations that reach the
+    contact, one is chosen that keeps clear of the objects. Until the fingers close, the contact of a pick moves with
+    its object. The network input is offset by the integral of the measured gripper error.
 
     Attributes:
-        info: robot, layout and grasps that it was trained for; it knows that layout's furniture.
+        info: robot, layout and grasps of its training. It knows the furniture of that layout.
         is_done: the motion has ended.
-        has_failed: it has ended without the object in the gripper, or, of a place, still with it or before it.
+        has_failed: it was refused or stopped early, or has ended without the object in the gripper (pick) or with it
+            (place).
     """
 
     def __init__(self, network: KeyframeNetwork, info: WeightsInfo) -> None:
@@ -69,7 +71,7 @@ class KeyframePolicy:
 
     @classmethod
     def load(cls, path: Path) -> KeyframePolicy:
-        """The policy with the weights of a file; raises `PolicyError`, see `load_weights`."""
+        """Load the policy from a file of weights. Raise `PolicyError`, see `load_weights`."""
         return cls(*KeyframeNetwork.load(path))
 
     def check(self, public: PublicInfo) -> None:
@@ -123,7 +125,7 @@ class KeyframePolicy:
     # Phases.
 
     def _advance(self, seen: ParsedObservation) -> Keyframe:
-        """Go on to the phase that the robot is in; its keyframe."""
+        """Advance to the robot's present phase and return its keyframe."""
         keyframe = self._keyframe(seen)
         if keyframe.stops < self._stops:
             self._steps = 0
@@ -207,7 +209,8 @@ class KeyframePolicy:
             self._offset.correct(error)
 
     def _follow_object(self, seen: ParsedObservation) -> None:
-        """The contact of a pick moves with the object until the fingers close; the base no longer, once it has come."""
+        """Move the contact of a pick with the object until the fingers close. The base pose is fixed after the base has
+        arrived."""
         phase = self._phases[0]
         if self._planned.skill != "pick" or phase not in ("drive", "ready", "transit", "enter", "reach", "approach"):
             return

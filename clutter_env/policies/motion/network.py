@@ -36,8 +36,8 @@ PHASES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 )
 """Phases of a motion by skill, in their order, as the planner's trajectories name them."""
 DRIVEN = ("enter", "reach", "back", "leave")
-"""Straight drives of the base under a shelf and out again, the arm rigid: to where the gripper is about to reach around
-the object, along the gripper to the contact, and back."""
+"""Straight drives of the base under a shelf and out again with the arm rigid. They lead to a pose just before the
+gripper surrounds the object, along the gripper to the contact, and back."""
 SHELF_PHASES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "pick": ("drive", "ready", "transit", "enter", "reach", "close", "lift", "back", "leave", "retreat"),
@@ -152,7 +152,7 @@ class KeyframeNetwork(nn.Module):
 
     @classmethod
     def load(cls, path: Path) -> tuple[KeyframeNetwork, WeightsInfo]:
-        """The network with the weights of a file, and what they are for; raises `PolicyError`, see `load_weights`."""
+        """Load a network and its `WeightsInfo` from a file. Raise `PolicyError`, see `load_weights`."""
         weights, info = load_weights(path, "motions")
         home, lower, upper = (weights[name].tolist() for name in ("home", "lower", "upper"))
         network = cls(home, lower, upper, len(weights["layers.0.bias"]), is_under_shelf="shown" in weights)
@@ -171,7 +171,8 @@ class KeyframePredictor:
         self._home, self._lower, self._upper = network.home.numpy(), network.lower.numpy(), network.upper.numpy()
 
     def predict(self, skill: str, phase: str, base_contact: Array, sizes: Array, distance: Any, free: Array) -> Array:
-        """Keyframes (k, 16), base to length of `Prediction`, in a phase of a skill; see `network_input`."""
+        """Keyframes (k, 16) in a phase of a skill, see `network_input`. The columns are those of `Prediction` from base
+        to length."""
         features = network_input(phase_index(skill, phase), base_contact, sizes, distance, free)
         hidden = torch.from_numpy(features.astype(np.float32))
         for weight, bias in self._layers[:-1]:
@@ -182,22 +183,22 @@ class KeyframePredictor:
 
 
 def phase_index(skill: str, phase: str) -> int | None:
-    """Number of a phase of a skill among all; None for a phase that is not learned."""
+    """Index of a phase of a skill among all phases, None for a phase that is not learned."""
     return _NUMBERS.get((skill, phase))
 
 
 def network_input(
     phase: int | None, base_contact: Array, sizes: Array, distance: Array | float, free: Array
 ) -> NDArray[np.float64]:
-    """(k, NUM_FEATURES) of k situations; arguments with one row are repeated.
+    """Features (k, NUM_FEATURES) of k situations. Arguments with one row are repeated.
 
     Args:
-        phase: number of `phase_index`.
+        phase: index from `phase_index`.
         base_contact: (k, 4, 4) TCP pose at the contact, in the base's frame.
         sizes: (k, 4) of the object, as `ParsedObservation.sizes`.
         distance: (k,) [m] from the contact on a straight line, 0 in other phases.
-        free: (k, 2) torso [m] and upper-arm roll [rad], less those of the home configuration: at the contact, or under
-            a shelf those of the keyframe itself.
+        free: (k, 2) torso [m] and upper-arm roll [rad] relative to home: at the contact, or under a shelf at the
+            keyframe itself.
     """
     assert phase is not None
     features = np.zeros((len(base_contact), NUM_FEATURES))

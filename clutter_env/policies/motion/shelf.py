@@ -1,7 +1,7 @@
-"""Picks and places under a shelf: the base goes by geometry, the arm as the network predicts.
+"""Picks and places under a shelf: the base moves by geometry, the arm as the network predicts.
 
-On the drives in and out the arm is rigid, as it is at the contact or as it is when it has lifted the object. It is
-chosen so as to keep clear of furniture and objects on the whole drive.
+On the drives in and out the arm is rigid, in its configuration at the contact or after the lift. It is chosen to keep
+clear of furniture and objects on the whole drive.
 """
 
 from __future__ import annotations
@@ -56,13 +56,13 @@ _RAISED = {"pick": ("back", "leave"), "place": ("transit", "enter", "reach")}
 _ROUNDS = 2
 """Rounds of correction by forward kinematics in a control step."""
 _MAX_REFUSALS = 2
-"""Times that a contact is refused in an episode; a high-level policy that still asks for it has nothing better."""
+"""Times that a contact is refused in an episode. A high-level policy that still asks for it has no better candidate."""
 _ALIKE = 0.005
 """[m], [rad] by which a contact may differ from the one that was refused before, and is the same."""
 _SLACK = 0.4
 """Share of the errors elsewhere that the gripper may have where the base drives in: table and wrist are 3 mm apart."""
 _SAME = 1e-4
-"""[m] and cosines by which a pose may change before the arm is predicted anew."""
+"""[m] and cosines: change of a pose after which the arm is predicted again."""
 _DRIVE_SPACING = 0.02
 """[m] between points on a drive at which the robot is compared with its surroundings."""
 
@@ -83,17 +83,18 @@ _GRID = np.array(
 )
 """Torsos [m] and rolls of the upper arm [rad] from home that are candidates beside the demonstrated ones."""
 _UNLIKE_COST, _STRANGE_COST, _FLIPPED_COST = 0.2, 0.5, 0.3
-"""Costs for each unit by which the contact where free joints were demonstrated differs; of free joints that are not
-among the nearest demonstrated ones; of a wrist bent to the other side (one demonstrated pick in ten, deep inside)."""
+"""Costs. The first is per unit of difference from the contact at which the free joints were demonstrated. The second is
+for free joints that are not among the nearest demonstrated ones. The third is for a wrist bent to the other side (one
+demonstrated pick in ten, deep inside)."""
 _KEPT = 12
 """Candidates at the contact for which lifts are compared."""
 _LIFTS = np.array(
     [(0.12, 0.12, 0.0), (0.12, 0.01, 0.1), (0.03, 0.03, 0.2), (0.07, 0.07, 0.2), (0.07, 0.01, 0.3), (0.03, 0.0, 0.3)]
 )
-"""Heights [m] to which the gripper is lifted, how much the torso does of it [m], and the costs; demonstrated first."""
+"""Lift heights of the gripper [m], the torso's share of them [m], and the costs. The demonstrated lift comes first."""
 _CLEARANCE, _TOUCHING = 0.02, 0.004
-"""[m] of clearance of the arm that is enough, and below which it is likely to touch; the wrist behind a level gripper
-that reaches down to the table has no more than 9 mm."""
+"""[m] Sufficient clearance of the arm, and clearance below which it probably touches. The wrist of a level gripper near
+the table has at most 9 mm."""
 _MISS_COST, _CLEARANCE_COST, _HIT_COST = 60.0, 20.0, 300.0
 """Costs of a metre by which the gripper misses its pose, and of a metre that a ball of the arm lacks to a clearance."""
 _MAX_RISK = 6.0
@@ -113,9 +114,9 @@ class ShelfKeyframePlanner:
         return 0.0
 
     def begin(self, contact: Contact, index: int, seen: ParsedObservation) -> list[str]:
-        """Choose the arm at a contact of object `index`; the phases to go through.
+        """Choose the arm configuration at a contact of object `index`. Return the phases to go through.
 
-        There are none where arm or gripper would run into something: the pick or place is refused.
+        The list is empty if arm or gripper would collide. The pick or place is then refused.
         """
         self._sizes = seen.sizes(index)
         opens = "ready" if contact.skill == "pick" else "open"
@@ -128,7 +129,7 @@ class ShelfKeyframePlanner:
         return list(SHELF_PHASES[contact.skill])
 
     def keyframe(self, phase: str, contact: Contact, offset: IntegralOffset, seen: ParsedObservation) -> Keyframe:
-        """The goal of a phase; the contact may have moved since."""
+        """Goal of a phase. The contact may have moved since the last call."""
         if self._driven[0] is not contact:
             self._driven = contact, drive_out(self._table, contact.base, contact.tcp)
         base, stops = base_waypoint(self._driven[1], phase), 1
@@ -231,9 +232,9 @@ class ArmChoice(NamedTuple):
 class ShelfArm:
     """The arm as network and kinematics predict it, chosen among its configurations.
 
-    The arm is compared with furniture and objects along the whole drive of the base, rigid as it is at the contact and
-    rigid as it is when it has lifted: one of them goes in, the other out. For that it is b balls along its collision
-    solids, from the first joint to the wrist; the gripper is points on its surface.
+    The arm is compared with furniture and objects along the whole drive of the base. It is rigid in its configuration
+    at the contact on one drive, and after the lift on the other. It is modelled as b balls along its collision solids,
+    from the first joint to the wrist, and the gripper as points on its surface.
     """
 
     def __init__(self, network: KeyframeNetwork, robot: RobotSpec, layout: Layout) -> None:
@@ -306,17 +307,17 @@ class ShelfArm:
     ) -> tuple[Array, Array]:
         """Torso and arm (k, 8) with the gripper at heights (k,) [m] above a contact, and its error there (k,) [m].
 
-        They are predicted, and corrected by forward kinematics before the robot moves: where that predicts the gripper
-        beside its line, the contact in the network input is moved to the other side, as feedback of the measured error
-        does while the robot moves; and free joints likewise.
+        They are predicted, and corrected by forward kinematics before the robot moves. If the predicted gripper is off
+        its line, the contact in the network input is moved to the other side. Feedback of the measured error does the
+        same while the robot moves. Free joints are corrected alike.
 
         Args:
             skill: "pick" or "place".
             base_tcp: (4, 4) of the gripper at the contact, in the base's frame.
             sizes: (4,) of the object, as `ParsedObservation.sizes`.
             heights: (k,) above the contact.
-            free: (k, 2) torso [m] and upper-arm roll [rad] there, less those of home.
-            rounds: of correction.
+            free: (k, 2) torso [m] and upper-arm roll [rad] there, relative to home.
+            rounds: number of corrections.
         """
         count, phase = len(heights), "lift" if skill == "pick" else "lower"
         wanted = np.tile(base_tcp, (count, 1, 1))
