@@ -75,7 +75,7 @@ class Worker:
         if self._cameras[:2] != (file, size):
             if self._cameras:
                 self._cameras[-1].close()
-            kept = {"has_renderer": False, "has_offscreen_renderer": True, "use_camera_obs": True}
+            kept: dict[str, Any] = {"has_renderer": False, "has_offscreen_renderer": True, "use_camera_obs": True}
             kept |= {"camera_heights": size, "camera_widths": size, "ignore_done": True}
             self._cameras = file, size, kept, ControlEnv(bddl_file_name=file, **kept)
         _, _, kept, env = self._cameras
@@ -95,7 +95,8 @@ class Worker:
             }
             for name, value in row.items():
                 columns.setdefault(name, []).append(value)
-        np.savez(into, **{name: np.array(values) for name, values in columns.items()})
+        arrays: dict[str, Any] = {name: np.array(values) for name, values in columns.items()}
+        np.savez(into, **arrays)
         with open(file) as text:
             bddl = text.read()
         return {

@@ -27,10 +27,11 @@ class Played(Recorded):
     def __call__(self, call: str = "", *_: Any, **given: Any) -> dict[str, Any]:
         if call == "replay":
             self.replayed.append(given["actions"])
-            shapes = {name: (width,) for name, width in COLUMNS.items()}
+            shapes: dict[str, tuple[int, ...]] = {name: (width,) for name, width in COLUMNS.items()}
             shapes |= dict.fromkeys(("agentview_rgb", "eye_in_hand_rgb"), (SIZE, SIZE, 3))
             count = len(given["actions"])
-            np.savez(given["into"], **{name: np.full((count, *shape), 7) for name, shape in shapes.items()})
+            seen: dict[str, Any] = {name: np.full((count, *shape), 7) for name, shape in shapes.items()}
+            np.savez(given["into"], **seen)
             said = dict.fromkeys(("bddl_file", "bddl", "problem", "domain", "language", "image_convention"), "it")
             return {"is_success": self.replays, "model_file": "<mujoco/>", "env_kwargs": {}, **said}
         self.steps = self.steps + 1 if call == "step" else 0
