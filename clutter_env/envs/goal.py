@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 GOAL_TOLERANCE = 0.05
 """[m] from the goal within which it counts as reached."""
 _STANDING, _PLACE_TOLERANCE = 0.02, 0.04
-"""[m] Goals no higher than this above a standing object are places on the table. The sum of both is within the goal
-tolerance."""
+"""[m] Goals no higher than this above a standing object are places on the table. Horizontal tolerance of these places.
+Both errors together are within `GOAL_TOLERANCE`."""
 GOAL_BOUND = 16.0
 """[m] Bound of goals in the world frame, far outside the ground that the base may use."""
 

@@ -73,8 +73,7 @@ class RetrieveEnv(ClutterTaskEnv):
     - `target`, `held` (str): names of the target and of the held object, "" without it.
     - `num_fallen`, `num_disturbed`, `num_cleared` (int): numbers of objects since reset.
     - `furniture_force`, `self_force` (float): [N] largest mean force over 0.1 s of the robot, or of objects it moves,
-    on
-      furniture, and of the robot on itself and on the ground.
+      on furniture, and of the robot on itself and on the ground.
     - `furniture_impulse`, `self_impulse` (float): [N s] largest impulse of these forces beyond 50 N.
     - `total_slide` (float): [m] by which all of these forces together would slide a table of 10 kg, see
       `simulation.pressing`.

@@ -1,10 +1,9 @@
 """Reward of the retrieval task: a large reward for success, penalties, and shaping by a potential of the state.
 
 The potential Φ of a state measures how near the target is to being lifted, between 0 and `MOST`. It is 0 after the
-episode
-has ended. A step from s to s' earns the events of the step and γ Φ(s') - Φ(s), γ = `DISCOUNT` (Ng, Harada and Russell
-1999, theorem 1). Time limit and divergence truncate an episode and do not end it: Φ is not 0 there, as a learner goes
-on with its estimate of the value of that state. Φ is a function of what `save_state` keeps.
+episode has ended. A step from s to s' earns the events of the step and γ Φ(s') - Φ(s), γ = `DISCOUNT` (Ng, Harada and
+Russell 1999, theorem 1). Time limit and divergence truncate an episode and do not end it: Φ is not 0 there, as a
+learner goes on with its estimate of the value of that state. Φ is a function of what `save_state` keeps.
 
 Return of an episode of T steps from the state s_0, without the penalties, which only lower it:
 
