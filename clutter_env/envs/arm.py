@@ -47,8 +47,8 @@ GOAL_LIFT = 0.25
 STEP = 0.05
 """[m] Distance ahead of the TCP at which a full action sets the pose to follow. The step covers 60% of it."""
 FASTER, HARDER = 2.0, 4.0
-"""Velocity and acceleration limits of the arm as multiples of the robot's own. With the own limits
-50 steps would not suffice. The motors follow."""
+"""Velocity and acceleration limits of the arm as multiples of the robot's own. With the robot's own
+limits 50 steps would not suffice. The motors follow."""
 FINGER_VELOCITY = 0.15
 """[m/s] of one finger: five steps from open to closed on an object."""
 
