@@ -41,10 +41,10 @@ def summarise(trials: Trials) -> Summary:
 
 
 def scene_row(objects: int, found: Sequence[Record], seed: int) -> Row:
-    """Numbers of assessed scenes, by what their lower bounds say.
+    """Numbers of assessed scenes, by their lower bounds.
 
-    A scene is obstructed if something has to be cleared before a level gripper takes the target, whatever the grasps
-    of the table. `seed` is of the bootstrap.
+    A scene is obstructed if something has to be cleared before a level gripper takes the target, whatever the grasps of
+    the table. `seed` is of the bootstrap.
     """
     obstructed = [scene for scene in found if scene.is_obstructed]
     proved = [scene.floor for scene in obstructed if scene.proved and scene.floor is not None]

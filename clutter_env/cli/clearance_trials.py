@@ -58,7 +58,7 @@ _STEPS_PER_OBJECT = 1500
 The environment's own limit is made for open tables. In front of shelves a clearance takes longer.
 """
 _RESETS_PER_SCENE = 50
-"""Resets that are assessed for each obstructed scene wanted, before giving up."""
+"""Resets that are assessed for each requested obstructed scene, before giving up."""
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,8 @@ def _assess(trial: Trial) -> Record:
 
 
 def _solve(trial: Trial, variant: Variant) -> Record:
-    # Plans of several arms are made in the scene of the robot with one, since it decides what counts as obstructed.
+    # Plans of several arms are made in the scene of the single-arm robot, which decides whether the target is
+    # obstructed.
     _, planner, scene, target = _scene(trial)
     rng = np.random.default_rng(trial.seed)
     planner = replace(planner, robot=_robot(trial.arguments, variant), **variant.planner)
@@ -353,7 +354,7 @@ class Trials:
                 bar.set_postfix_str(", ".join(f"{cause} {count}" for cause, count in causes.most_common(3)))
 
     def seeds(self, objects: int, before: int | None = None) -> list[int]:
-        """The seeds of the table's scenes: the first that count, all below `before` if it is given."""
+        """The seeds of the table's scenes: the first suitable ones, all below `before` if it is given."""
         found, arguments = self.assessments(objects), self.arguments
         counts = [seed for seed, scene in found.items() if scene.is_obstructed or not arguments.obstructed]
         return [seed for seed in counts if before is None or seed < before][: arguments.scenes]
@@ -385,7 +386,7 @@ class Trials:
         self._known[record.objects, record.seed, record.strategy] = record
 
     def _seeds_to_assess(self, objects: int) -> Iterator[int]:
-        """Seeds that have not been assessed, in ascending order, until there are enough scenes."""
+        """Seeds that have not been assessed, in ascending order, until enough scenes are found."""
         first, scenes = self.arguments.seed, self.arguments.scenes
         for seed in itertools.count(first):
             if len(self.seeds(objects, before=seed)) >= scenes:

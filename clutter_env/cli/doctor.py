@@ -88,7 +88,7 @@ def _machine() -> Finding:
 
 
 def _libraries() -> Iterator[Finding]:
-    """Versions of what the core needs, compared with those that the package asks for."""
+    """Versions of the core's dependencies, compared with those that the package requires."""
     for needed in _needed(""):
         found = _version(needed.name)
         fits = bool(found) and needed.specifier.contains(found, prereleases=True)
@@ -146,7 +146,7 @@ def _kept_kernels() -> Finding:
     folder = getattr(fk_frames._cache, "cache_path", None)
     if folder is None:
         return Finding("kernels", "missing", "cannot be kept", "set NUMBA_CACHE_DIR to a folder that can be written")
-    # Beside the sources there is a folder for each package; elsewhere all lie below one.
+    # Next to the sources each package has a folder. Elsewhere all lie below one folder.
     is_beside = Path(folder).name == "__pycache__"
     root = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(folder).parents[1 if is_beside else 0])
     count = sum(len([*(root / package if is_beside else root).rglob("*.nbi")]) for package in ("irm", "planners"))

@@ -112,7 +112,7 @@ def _log(text: str) -> None:
 
 
 def _find_scene(arguments: Arguments, env: gym.Env) -> tuple[int, str]:
-    """Reset to the scene wanted: its seed, and the target's name, or the goal of a task as PDDL."""
+    """Reset to the requested scene: its seed, and the target's name, or the goal of a task as PDDL."""
     inner: Any = env.unwrapped
     planner = Planner(inner.robot, grasps="side")
     for seed in range(arguments.seed, arguments.seed + _MOST_SEEDS):
@@ -190,7 +190,7 @@ def plan_text(solution: Solution, robot: str = "fetch") -> str:
 
 
 def replanning_text(outcome: Solution | Infeasible) -> str:
-    """For each task plan: its actions, the verified ones (+), the refuted one (x), and the facts learnt from it."""
+    """For each task plan: its actions, the verified ones (+), the refuted action (x), and the facts learnt from it."""
     parts = []
     for number, entry in enumerate(outcome.stats.history, start=1):
         lines = [f"Task plan {number}"]

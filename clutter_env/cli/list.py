@@ -22,7 +22,7 @@ import tyro
 
 @dataclass(frozen=True)
 class Arguments:
-    """List what there is."""
+    """List the names."""
 
     what: Annotated[str, tyro.conf.Positional] = ""
     """environments, suites, layouts, robots or policies, or the id of an environment. All kinds if not given."""
@@ -54,7 +54,7 @@ def run(arguments: Arguments) -> None:
 
 
 def names() -> dict[str, dict[str, str]]:
-    """Names of each kind, with what they stand for."""
+    """Names of each kind, with their meaning."""
     import gymnasium as gym
 
     import clutter_env

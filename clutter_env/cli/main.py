@@ -44,7 +44,7 @@ COMMANDS = {
     "list": "list environments, suites, layouts, robots and policies",
     "doctor": "check this installation, and say what is missing and how to get it",
 }
-"""The commands, each in the module of its name in this package, and what they do."""
+"""The commands, each in the module of its name in this package, and their descriptions."""
 
 MAX_SEED = 2**32 - 1
 """The largest that every generator takes: NumPy's, PyTorch's and Gymnasium's."""

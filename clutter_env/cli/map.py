@@ -105,7 +105,7 @@ def run(arguments: Arguments) -> None:
 
 
 def _robot(arguments: Arguments) -> RobotSpec | ArmChain:
-    """The robot that the arguments name, compared with its MJCF file if wanted."""
+    """The robot that the arguments name, compared with its MJCF file if requested."""
     import mujoco
 
     from clutter_env.cli.robot import robot_by_name

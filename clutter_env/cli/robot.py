@@ -89,7 +89,7 @@ class Arguments:
 
 
 def run(arguments: Arguments) -> None:
-    """Report, draw, and end with an error if there is a problem."""
+    """Report, draw, and end with an error if a problem is found."""
     from clutter_env.cli.robot_report import home_candidates
 
     if arguments.action == "make":
@@ -211,7 +211,7 @@ def robot_by_name(name: str) -> RobotSpec:
     """A robot of the project by its name, or the `RobotSpec` that module:NAME refers to.
 
     Raises:
-        UsageError: there is no such robot, module or name, or it is not a `RobotSpec`.
+        UsageError: no such robot, module or name, or it is not a `RobotSpec`.
     """
     from clutter_env.policies.registry import imported
 
@@ -243,5 +243,5 @@ def _robot(arguments: Arguments) -> tuple[RobotSpec, bool]:
         try:
             page["home"] = _middle(path, page)
         except (ValueError, LookupError, TypeError):
-            page["home"] = ()  # `from_mjcf` meets the same problem, and says what it is
+            page["home"] = ()  # `from_mjcf` finds the same problem, and reports it
     return assets.RobotSpec.from_mjcf(path, **page), has_home

@@ -69,7 +69,7 @@ _HOME_HEIGHTS = (0.35, 0.40, 0.45)
 _ELBOW_ABOVE = 0.05
 """[m] An elbow that much above the TCP keeps the forearm off the table."""
 _TORSO_WEIGHT = 5.0
-"""[rad/m] What a metre of the torso counts beside a radian of a joint."""
+"""[rad/m] Weight of a metre of the torso relative to a radian of a joint."""
 _OFF_THE_TABLE = 0.004
 """[m] Least distance between the gripper and the table. The planner keeps 2 mm."""
 _TOUCHING = 0.002
@@ -210,7 +210,7 @@ def _problems(robot: RobotSpec, model: mujoco.MjModel, reach: LevelReach, table:
 def _in_the_table(robot: RobotSpec, model: mujoco.MjModel, table: float) -> Iterator[tuple[str, float]]:
     """Bodies that do not move with the arm and are in the table where the robot starts, and how far ahead they are [m].
 
-    A geom counts with the box around it, if that reaches below the table's top but not wholly below its board.
+    A geom is included with the box around it if this box reaches below the table's top but not wholly below its board.
     """
     data = mujoco.MjData(model)
     for joint, value in zip(
@@ -254,7 +254,7 @@ def least_grasp_height(robot: RobotSpec) -> float:
 class LevelReach(NamedTuple):
     """TCP positions x, y, z [m] in the base frame, and those that a level gripper, yaw 0, reaches: (nx, ny, nz).
 
-    The robot does not touch itself there. `tilted` and `from_above` are x straight ahead of other grasps on the table.
+    The robot has no self-collision there. `tilted` and `from_above` are x straight ahead of other grasps on the table.
     """
 
     x: Array

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 _BASE, _TWIST = 3, 6
 """Numbers of an "ee" action before the gripper's: base velocity, TCP velocity."""
 _MEMORY = ("task", "monitor", "grip", "pressing", "target", "velocity", "fingers", "end_effector", "rng")
-"""Entries of a saved state's memory: what task, success monitor, controller and environment remember besides the
+"""Entries of a saved state's memory: variables of task, success monitor, controller and environment besides the
 physics."""
 _PICKLED = ("spec", "action_space", "observation_space", "_np_random", "_np_random_seed")
 """Attributes of gym.Env that a pickle keeps unchanged. The spaces have random generators of their own."""
@@ -259,7 +259,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     @property
     def lift_height(self) -> float:
-        """[m] between the support and the lowest point of the target from which the target counts as lifted."""
+        """[m] between the support and the lowest point of the target from which the target is regarded as lifted."""
         return LIFT_HEIGHT
 
     @property
@@ -353,7 +353,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         return self._with_own_parts(action, head_target)
 
     def _with_own_parts(self, action: NDArray[np.float64], head_target: ArrayLike | None) -> NDArray[np.float64]:
-        """An action without what this base cannot do, with the numbers for the head."""
+        """An action without the motions that this base lacks, with the numbers for the head."""
         if head_target is not None and not self._num_head:
             raise ActionError("head_target needs head='commanded'")
         head = np.zeros(self._num_head) if head_target is None else self.world.controller.head_action(head_target)

@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True)
 class Standing:
     """Objects as they stand: centres (n, 2) [m], half widths (n,) [m] of the circle around each, tops (n,) [m] above
-    the table. Of what is not there the top is below the table."""
+    the table. Absent objects have their top below the table."""
 
     centres: Array
     half_widths: Array

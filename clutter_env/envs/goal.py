@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from planners.goals import Goal
 
 GOAL_TOLERANCE = 0.05
-"""[m] from the goal within which it counts as reached."""
+"""[m] Distance within which the goal is reached."""
 _STANDING, _PLACE_TOLERANCE = 0.02, 0.04
 """[m] Goals no higher than this above a standing object are places on the table. Horizontal tolerance of these places.
 Both errors together are within `GOAL_TOLERANCE`."""
@@ -174,7 +174,7 @@ class PickEnv(GoalEnv):
 
     @property
     def planning_goal(self) -> Goal:
-        """The goal of this episode for a planner: the target stands there, or is held there.
+        """The goal of this episode for a planner: the target stands or is held at the goal point.
 
         Raises:
             ActionError: the environment has not been reset.

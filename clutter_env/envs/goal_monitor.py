@@ -38,8 +38,8 @@ PROGRESS_SCALES = {"reach": 0.2, "grasp": 0.2, "carry": 0.4}
 """Weights of the terms of the progress towards the next fact, each between 0 and 1. The fact itself has the weight
 1."""
 SETTLING = 0.02
-"""[m] at most from where an object was last carried to where it stands: what it slides while it is put down and let go.
-"""
+"""[m] Largest distance from the place where an object was last carried to its present place. It slides while it is
+placed and released."""
 _IN_HAND = np.eye(4)
 
 
@@ -128,7 +128,7 @@ class GoalMonitor:
         return bool((measurements.is_off & measurements.is_fallen)[self._slots].any())
 
     def update(self, measurements: Measurements) -> None:
-        """Take into account what was measured after one more control step."""
+        """Process the measurements after one more control step."""
         if measurements is not self._last:
             self._judge(measurements)
         self.steps_met = 0 if self.unmet or not self._is_let_go(measurements) else self.steps_met + 1

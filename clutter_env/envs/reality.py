@@ -1,7 +1,7 @@
-"""The reality dial: what the robot knows of the world differs from it, and its commands arrive late.
+"""The reality dial: the robot's knowledge differs from the world, and its commands arrive late.
 
-`reality=1` is a mobile manipulator without special care, values between scale every effect (`LEVELS`). All are
-drawn from the seed, after the scene, which stays that of `reality=0`. Rewards, success and info say the truth.
+`reality=1` is a mobile manipulator without special care, values between scale every effect (`LEVELS`). All are drawn
+from the seed, after the scene, which stays that of `reality=0`. Rewards, success and info say the truth.
 """
 
 from __future__ import annotations
@@ -167,7 +167,8 @@ class Senses:
         return observation, action
 
     def _tracked(self, seen: Measurements) -> NDArray[np.float64]:
-        """Poses (n, 7) for planners: of what is still, the mean of the last frames, otherwise those seen.
+        """Poses (n, 7) for planners: the mean of the last frames for objects at rest, otherwise the last measured
+        poses.
 
         An object in the gripper, or seen farther from its mean than noise explains, has moved.
         """

@@ -43,7 +43,7 @@ GOAL_ROW = EntryLayout(
 _GREY = (0.62, 0.63, 0.65, 1.0)
 """Colour of objects that the goal does not name."""
 _MARK_SIZE = 1.3
-"""Size of the mark under a place over that of the object that is to stand there."""
+"""Size of the mark at a place relative to that of its object."""
 _MARK_ALPHA = 0.45
 """Opacity of the marks that pictures show where objects are to be put."""
 
@@ -253,7 +253,7 @@ class RearrangeEnv(ClutterTaskEnv):
     # Inside.
 
     def _follow(self, monitor: GoalMonitor) -> None:
-        """Make this the monitor of the episode, and note what follows from its goal."""
+        """Make this the monitor of the episode, and record the properties that follow from its goal."""
         self._goal_monitor = monitor
         self._monitor.named = {self.world.names.index(name) for name in monitor.moving}
         self._rows = np.zeros((self.config.num_objects, GOAL_ROW.size), np.float32)

@@ -31,7 +31,7 @@ PLACE_PITCH = 0.16
 MOST_CYCLED = 6
 """Objects that change places in "swap" at most."""
 STACK = 3
-"""Objects of the stack that "stack" begins with, and of the one that it asks for."""
+"""Objects of the stack at the start of "stack", and of the stack in its goal."""
 MOST_FETCHED = 3
 """Objects that "fetch" asks for at most."""
 _MAX_DRAWS = 500

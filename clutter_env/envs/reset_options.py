@@ -88,7 +88,7 @@ RADIUS_LIMITS, WIDTH_LIMITS = (0.01, 0.10), (0.02, 0.20)
 HEIGHT_LIMITS = (0.04, 0.39)
 """[m]"""
 HEADROOM_MARGIN = 0.01
-"""[m] between an object's top and what hangs above the table, at least."""
+"""[m] Least distance between an object's top and the lowest obstacle above it."""
 POSITION_LIMITS = (-2.0, 2.0)
 """[m] along x and y."""
 YAW_LIMITS = (-2 * math.pi, 2 * math.pi)
@@ -149,10 +149,10 @@ class ResetOptions:
         return cls(**given)
 
     def target_index(self, count: int) -> int | None:
-        """The slot of the wanted target, None where it is drawn at random.
+        """The slot of the requested target, None if it is drawn at random.
 
         Raises:
-            OptionError: there is no object of that name.
+            OptionError: no object has that name.
         """
         if self.target is None:
             return None
@@ -276,7 +276,7 @@ def _outline(scene: TableScene, index: int) -> tuple[NDArray[np.float64], float]
 def _separation(first: tuple[NDArray[np.float64], float], second: tuple[NDArray[np.float64], float]) -> float:
     """Largest gap [m] over the separating axes: negative if and only if the two outlines overlap.
 
-    The axes are along the edges of the rectangles and, where there is a circle, along the line to the nearest corner.
+    The axes are along the edges of the rectangles and, for a circle, along the line to the nearest corner.
     """
     (one, radius), (other, other_radius) = first, second
     axes = [corners[side] - corners[0] for corners in (one, other) if len(corners) > 1 for side in (1, 3)]

@@ -23,7 +23,7 @@ class ClutterTaskEnv(BaseEnv):
 
     @abstractmethod
     def _is_reached(self) -> bool:
-        """Whether what is wanted has come about, whatever else has happened."""
+        """Whether the goal is reached, whatever else has happened."""
 
     @abstractmethod
     def _potential_now(self) -> float:

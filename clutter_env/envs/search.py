@@ -35,7 +35,7 @@ _WIDEST = math.cos(math.radians(60.0))
 """Cosine of the angle from a camera's axis to the rim of the widest image. The camera turns towards objects outside
 it."""
 _PARALLEL = 1e-12
-"""Component of a direction, of the order of one, under which a ray counts as parallel to a face."""
+"""Component of a direction, of the order of one, below which a ray is regarded as parallel to a face."""
 _SEEN_GROUPS = np.array((1, 0, 0, 0, 0, 0), np.uint8)
 """Geoms that hide a target from a camera: furniture and objects, not the robot, whose arm may move away."""
 
@@ -116,7 +116,7 @@ class SearchEnv(RetrieveEnv):
 
     @cached_property
     def workplace(self) -> mujoco.MjModel:
-        """The robot and the furniture, without any object: what is known before the first image."""
+        """The robot and the furniture, without any object: the knowledge before the first image."""
         return self._make_world(shapes=()).model
 
     def visible_shares(self, scene: TableScene, head: Sequence[float] | None = None) -> NDArray[np.float64]:

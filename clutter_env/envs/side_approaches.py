@@ -80,7 +80,7 @@ def _made(robot: RobotSpec, layout: Layout) -> SideApproaches:
 
 
 def _kept(robot: RobotSpec, layout: Layout) -> NDArray[np.bool_]:
-    """Whether grasps are reached by cell and yaw (nx, ny, yaws), from the user's cache if it was asked before."""
+    """Whether grasps are reached by cell and yaw (nx, ny, yaws), from the user's cache if it was computed before."""
     from irm import cache_folder  # see `reachable_yaws`
 
     content = json.dumps([asdict(replace(robot, mjcf="any")), asdict(layout), CELL])

@@ -187,7 +187,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
     # Beyond Gymnasium.
 
     def __getstate__(self) -> dict[str, Any]:
-        """Everything but the planner: what it has prepared cannot be pickled, and is made again when it is needed."""
+        """All attributes except the planner. Its prepared data cannot be pickled, and are made again when needed."""
         return {name: value for name, value in self.__dict__.items() if name != "_planner"}
 
     def skill(self, action: Any) -> Skill:
@@ -295,7 +295,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         return self._is_physics_over or self._is_taken
 
     def _order(self) -> list[int]:
-        """The objects of the rows: the target, then from the nearest to it to the farthest, the fallen ones last."""
+        """The objects of the rows: the target, then the others by distance from it, fallen objects last."""
         bodies, target = self._scene.objects, self._scene.body(self._target)
 
         def key(i: int) -> tuple[bool, bool, float]:

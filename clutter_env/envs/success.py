@@ -37,13 +37,13 @@ from clutter_env.simulation.saved_state import Fields
 from clutter_env.simulation.world import Measurements, World
 
 LIFT_HEIGHT = 0.10
-"""[m] above what it stood on at which the target's lowest point counts as lifted."""
+"""[m] Height of the target's lowest point above its support from which it is regarded as lifted."""
 HOLD_TIME = 0.5
-"""[s] for which it must stay there, held."""
+"""[s] Time for which it must stay at this height, held."""
 HOLD_STEPS = round(HOLD_TIME * CONTROL_HZ)
 
 OPENED_SHARE = 0.8
-"""Share of its range from which a drawer or a door counts as open."""
+"""Share of its range from which a drawer or a door is regarded as open."""
 
 DISTURBED_PATH = 0.05
 """[m] An object that has moved farther while not in hand is disturbed."""
@@ -127,7 +127,7 @@ class SuccessMonitor:
         return math.fsum(path for slot, path in enumerate(paths) if slot not in self.named) if any(paths) else 0.0
 
     def update(self, measurements: Measurements) -> None:
-        """Take into account what was measured after one more control step.
+        """Process the measurements after one more control step.
 
         The same measurements once more, with nothing in hand, change nothing.
         """
@@ -246,7 +246,7 @@ class SuccessMonitor:
 
 
 def checked_memory(value: object, num_objects: int, num_grippers: int) -> dict[str, Any]:
-    """Arrays for `SuccessMonitor.recall` from what `SuccessMonitor.memory` returned.
+    """Arrays for `SuccessMonitor.recall` from the value of `SuccessMonitor.memory`.
 
     Raises:
         StateError: it is not the memory of so many objects and grippers.
