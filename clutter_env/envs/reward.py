@@ -40,7 +40,7 @@ DISCOUNT = 0.99
 REACH_SCALE = 5.0
 """[1/m] The reaching term falls to a quarter at 0.2 m."""
 _AWAY = 100.0
-"""[m] from the table: beyond it an object is in no way."""
+"""[m] Distance from the table to which objects are moved that cannot be in the way."""
 _DECIMALS = 4
 """Poses are rounded to 0.1 mm and 0.1 mrad, so that objects in the way are not counted again for jitter."""
 

@@ -1,4 +1,4 @@
-"""The world as an observation shows it: the robot, and the objects next to the grasped object."""
+"""The world as an observation shows it: the robot, and the objects other than the grasped object."""
 
 from __future__ import annotations
 

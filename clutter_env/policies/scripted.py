@@ -166,7 +166,7 @@ def arm_pick(env: ArmEnv) -> Step:
 
 
 def arm_retrieve(env: ArmRetrieveEnv) -> Step:
-    """Put aside the object in the way of the target, take the target from above, lift it."""
+    """Put aside objects in the way of the target, take the target from above, lift it."""
     tcp, held, target = env.tcp, env.measurements.held, env.target_slot
     if held == target:
         return "lift", env.arm_action(tcp + (0, 0, LIFT), 0.0)
