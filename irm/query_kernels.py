@@ -736,7 +736,7 @@ def _descending(value: Integers, space: Integers) -> Integers:
 
 
 @njit(cache=True)
-def rank_bases(
+def rank_bases(  # noqa: C901  compiled: one loop over one state
     bases: Bases, cells: NDArray[Any], by_certainty: bool, only_rings: bool
 ) -> tuple[Integers, NDArray[np.int32]]:
     """Sort the bases of every key into `cells` (n,), best first. Returns `first` and `skip` of their `Ranking`.

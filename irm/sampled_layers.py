@@ -193,7 +193,7 @@ def _make_frames(n: int) -> _Frames:
 
 
 @njit(cache=True)
-def _take(arm: _Arm, growth: _Growth, at: tuple[int, int, int], q: Floats, frames: _Frames, only_lacking: bool) -> bool:
+def _take(arm: _Arm, growth: _Growth, at: tuple[int, int, int], q: Floats, frames: _Frames, only_lacking: bool) -> bool:  # noqa: C901  compiled: one loop over one state
     """Give a configuration that reaches a cell to every image that it improves. True if it improves any image.
 
     `frames`: frames of the links at the configuration. `only_lacking`: whether only images without a free configuration

@@ -50,8 +50,8 @@ class Workspace:
         follower: model of how the joints follow, for an end-effector-controlled robot.
         controller: model of a controller that must follow each motion without collision. Motions are those of joint
             control.
-        saves_time: whether strategies that plan ahead prefer quick grasps. For robots that act with one arm, releases at
-            which the gripper is turned least come first too.
+        saves_time: whether strategies that plan ahead prefer quick grasps. For robots that act with one arm, releases
+            at which the gripper is turned least come first too.
     """
 
     arms: Mapping[str, Placer]

@@ -114,9 +114,9 @@ def _forgeries(
     name: str, public: Evaluation, fresh: Evaluation, expert: Evaluation
 ) -> list[tuple[str, dict[str, Any]]]:
     """Three results files under the policy's name that it has not earned."""
-    mine = replace(expert, policy=name, weights=fresh.weights, traits=fresh.traits)
+    mine = replace(expert, policy=name, weights=fresh.weights, traits=fresh.traits, floors=fresh.floors)
     half = len(fresh.episodes) // 2
-    part = replace(fresh, episodes=(*fresh.episodes[:half], *expert.episodes[half:]), floors=expert.floors)
+    part = replace(fresh, episodes=(*fresh.episodes[:half], *expert.episodes[half:]))
     published = replace(public, policy=name)
     return [
         ("the published actions under its own name, public scenes", results(published)),

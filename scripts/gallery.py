@@ -5,6 +5,7 @@ python scripts/gallery.py
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from itertools import count
@@ -35,6 +36,10 @@ _LAST_S = 1.5
 _FRONT_PAGE, _NEAR = (640, 400), (224, 168)
 """Width and height [pixels] of the front page's film, and of its view of the gripper, with a white edge."""
 _EDGE = 3
+_LARGE, _FAR = (640, 480), 1.3
+"""The same of films from near, and [m] from the middle of the table to the base up to which the robot is in them."""
+_INTO_DRAWER, _PAST_DOOR = (65.0, -58.0), (30.0, -46.0)
+"""[deg] Azimuth and elevation of their view of a drawer, and of a door with its hinges on the left."""
 
 
 class Entry(NamedTuple):
@@ -51,9 +56,11 @@ class Entry(NamedTuple):
     steps_per_frame: int = 5
     """Control steps of 0.05 s from frame to frame."""
     is_front_page: bool = False
+    is_near: bool = False
+    """Whether it shows the table and the robot at work, larger, and not where the robot starts."""
 
 
-ENTRIES = (
+ENTRIES: tuple[Entry, ...] = (
     Entry("retrieve", "clutter_env/Retrieve-o15-v0", {"obstructed": True}, is_front_page=True),
     Entry("shelf", "clutter_env/Retrieve-o10-v0", {"layout": "shelf"}, "lookahead-all"),
     Entry("dense", "clutter_env/Retrieve-o25-v0", {"layout": "dense", "obstructed": True}, "lookahead-all"),
@@ -64,6 +71,17 @@ ENTRIES = (
     Entry("pick", "clutter_env/Pick-v0", {}, "pick", steps_per_frame=1),
     Entry("rgbd", "clutter_env/Retrieve-o15-v0", {"obs_mode": "rgbd", "image_size": 192}),
 )
+OPENING = tuple(
+    Entry(layout, f"clutter_env/Retrieve-o{count}-v0", {"layout": layout}, "lookahead-all", seed, steps, is_near=True)
+    for layout, count, seed, steps in (
+        ("drawer", 5, 1, 18),
+        ("cupboard", 5, 7, 20),
+        ("fridge", 10, 1, 16),
+        ("blocked_drawer", 5, 2, 20),
+    )
+)
+"""Films of things that open."""
+ENTRIES += OPENING
 NAMES = tuple(entry.name for entry in ENTRIES)
 
 
@@ -100,13 +118,15 @@ def frames(entry: Entry, size: int) -> Iterator[Frame]:
     env = gym.make(entry.env_id, **keywords)
     observation, info = env.reset(seed=entry.seed)
     begin_episode(policy, info, env)
-    picture = _front_page(env.unwrapped) if entry.is_front_page else lambda: _image(env, observation)
+    world = env.unwrapped
+    special = _front_page(world) if entry.is_front_page else _at_work(world) if entry.is_near else None
+    picture = special or (lambda: _image(env, observation))
     # A skill is one step, whose frame is shown for a second.
     repeats, every = (FRAMES_PER_SECOND, 1) if acts_by_skills else (1, entry.steps_per_frame)
     numbers, taken = count(), list[Frame]()
 
     def step(action: Any) -> tuple[Any, ...]:
-        if next(numbers) % every == 0:
+        if next(numbers) % every == 0 and (not entry.is_near or _is_at_work(env.unwrapped)):
             taken.extend([picture()] * repeats)
         return env.step(action)
 
@@ -133,6 +153,21 @@ def _front_page(env: Any) -> Callable[[], Frame]:
         return image
 
     return picture
+
+
+def _at_work(env: Any) -> Callable[[], Frame]:
+    """Pictures of the table and the robot at work, from so high that it does not hide what is inside."""
+    view, (width, height) = Renderer(env.model, *_LARGE), _LARGE
+    turn, tilt = _INTO_DRAWER if env.layout.has_drawers else _PAST_DOOR
+    direction = (-turn if env.layout.opens == "door_right" else turn), tilt
+    camera = work_place(env.model, env.layout, direction, width / height)
+    return lambda: view.colour(env.data, camera).copy()
+
+
+def _is_at_work(env: Any) -> bool:
+    """Whether the robot is where films from near show it."""
+    x, y, _ = env.data.body(env.robot.base_body).xpos
+    return math.hypot(x, y) < _FAR
 
 
 def _image(env: gym.Env, observation: Any) -> Frame:

@@ -21,7 +21,13 @@ from clutter_env.reporting.tables import markdown_table
 
 
 def main(
-    num_envs: int = 4, workers: int = 2, objects: int = 15, env_id: str = "", steps: int = 300, repeats: int = 3
+    num_envs: int = 4,
+    workers: int = 2,
+    objects: int = 15,
+    env_id: str = "",
+    steps: int = 300,
+    repeats: int = 3,
+    processes: bool = True,
 ) -> None:
     """Measure and print, the best of several runs each.
 
@@ -32,6 +38,7 @@ def main(
         env_id: Another environment, also of Gymnasium-Robotics; empty for Retrieve.
         steps: Control steps of each in a run.
         repeats: Runs.
+        processes: Whether they are also measured with a process for each of them.
     """
     env_id = env_id or f"clutter_env/Retrieve-o{objects}-v0"
     envs = [gym.make(env_id) for _ in range(num_envs)]
@@ -67,11 +74,12 @@ def main(
     rates = {"one after the other": measure(lambda at: step(range(num_envs), at), reset_all)}
     with ThreadPoolExecutor(workers) as pool:
         rates[f"{workers} threads"] = measure(lambda at: list(pool.map(step, shares, [at] * workers)), reset_all)
-    processes = gym.make_vec(env_id, num_envs, vectorization_mode="async")
-    rates[f"{num_envs} processes (async)"] = measure(
-        lambda at: processes.step(actions[at]), lambda: processes.reset(seed=0)
-    )
-    processes.close()
+    if processes:
+        vector = gym.make_vec(env_id, num_envs, vectorization_mode="async")
+        rates[f"{num_envs} processes (async)"] = measure(
+            lambda at: vector.step(actions[at]), lambda: vector.reset(seed=0)
+        )
+        vector.close()
     one, _ = next(iter(rates.values()))
     rows = [(name, f"{rate:.0f}", f"{rate / one:.2f}", f"{cpu:.2f}") for name, (rate, cpu) in rates.items()]
     print(markdown_table(["", "steps / s", "ratio", "CPU ms a step, in this process"], rows), end="")

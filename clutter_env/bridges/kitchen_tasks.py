@@ -74,7 +74,7 @@ BARS = tuple(AntipodalFamily(f"bar, {pitch}°", np.radians(pitch), hangs=True) f
 
 @dataclass(frozen=True)
 class _Part:
-    """What a task moves: a body, half the length [m] of the geom that is its handle, the goal, and how deep it is held."""
+    """Part that a task moves: a body, half the length [m] of its handle, the goal, and how deep it is held."""
 
     body: str
     handle: float
@@ -131,6 +131,13 @@ class KitchenTask:
         self.world = ControlledWorld(
             self, model, self.robot, movable=["kettle"], support="stove", more_supports=(), goal=part.goal
         )
+
+    @property
+    def simulated(self) -> mujoco.MjData:
+        """The environment's own state, without noise; nothing here acts on it."""
+        inner: Any = self._env.unwrapped
+        data: mujoco.MjData = inner.data
+        return data
 
     def observe(self) -> Array:
         """(nq,) positions as the environment's observation has them."""

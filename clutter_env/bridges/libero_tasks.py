@@ -54,15 +54,14 @@ _MANY, _ROUND, _NEAR_END, _FILLED = 8, 0.8, 0.2, 0.85
 length within which points are at an end; and share of its length that a box in its middle has."""
 _GRASPS = (
     *GRASP_SETS["all"],
-    replace(TOP, name="top, 20 mm beside the middle", axis_offset=0.02, shape="box"),
+    *(replace(TOP, name=f"top, {1000 * x:+.0f} mm off the middle", axis_offset=x, shape="box") for x in (0.02, -0.02)),
 )
 """Boxes lie beside cans that the palm would touch."""
 _SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 _CLEAR = 0.03
 """[m] between what the arm is bolted to and its lowest shapes: in LIBERO they touch, which is no collision."""
 _SPEEDS, _ACCELERATIONS = (2.175,) * 4 + (2.61,) * 3, (6.0,) * 4 + (7.5,) * 3
-"""[rad/s] of a Panda's joints by its data sheet, and [rad/s²] that OSC_POSE follows: where the gripper stays behind, the
-plan waits."""
+"""[rad/s] of a Panda's joints by its data sheet, and [rad/s²]; where OSC_POSE keeps the gripper behind, plans wait."""
 _LIFT = (-0.5, 0.6)
 """[m] The arm stands between the floor and 1.1 m."""
 
@@ -77,6 +76,7 @@ class LiberoTask(OscTask):
         language: what LIBERO tells a policy.
         limit: steps after which evaluations end, or None where there is no such custom.
         solved_at: steps after which LIBERO's check held first; None before.
+        actions: taken so far: seven numbers each.
     """
 
     def __init__(
@@ -111,6 +111,7 @@ class LiberoTask(OscTask):
         known = [name for name in LIMITS if suite.startswith(name)]
         self.limit = LIMITS[known[0]] if known else None
         self.solved_at: int | None = None
+        self.actions: list[list[float]] = []
         self.config = ExpertConfig(planning_s=math.inf, with_floor=False, monitor=MonitorConfig(slip=_SLIP))
         follower = self.follower(start, "Panda")
         self.planner = FollowingPlanner(self.robot, grasps=_GRASPS, controller=follower, saves_time=True)
@@ -123,6 +124,7 @@ class LiberoTask(OscTask):
 
     def _step(self, action: np.ndarray, grip: float) -> None:
         super()._step(action, grip)
+        self.actions.append([*map(float, action), grip])
         if self.is_solved and self.solved_at is None:
             self.solved_at = self.steps
 

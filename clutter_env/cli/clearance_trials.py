@@ -46,6 +46,8 @@ _SAME_SETTINGS = ("layout", "physics", "control_mode", "time_limit", "grasps", "
 """Arguments that all trials in one file have in common."""
 _WARM_UP_SEED = 99_999
 """Seed of a scene that is solved before anything is timed, so that compilation and loading are not timed."""
+_WARM_UP_OBJECTS = 15
+"""Objects of that scene, or as many as the trial has: a drawer takes fewer."""
 _SAME_BASE = 1e-3
 """[m], [rad] A base that has moved less has stayed."""
 _SOLVE_LIMITS, _EPISODE_LIMITS = 6, 60
@@ -152,7 +154,7 @@ class Record:
 
 def run_trial(trial: Trial) -> Record:
     """Run a trial. The first trial of a process first compiles and loads the common code."""
-    _warm_up(trial.arguments)
+    _warm_up(trial.arguments, min(trial.objects, _WARM_UP_OBJECTS))
     if trial.variant is None:
         return _assess(trial)
     return (_execute if trial.arguments.physics else _solve)(trial, trial.variant)
@@ -259,8 +261,8 @@ def _environment(objects: int, layout: str, control_mode: str, robot: RobotSpec)
 
 
 @cache
-def _warm_up(arguments: Arguments) -> None:
-    _, planner, scene, target = _scene(Trial(replace(arguments, supports=()), 15, _WARM_UP_SEED))
+def _warm_up(arguments: Arguments, objects: int) -> None:
+    _, planner, scene, target = _scene(Trial(replace(arguments, supports=()), objects, _WARM_UP_SEED))
     planner.clearance_floor(scene, target)
     planner.solve(scene, target, time_limit=arguments.time_limit)
 

@@ -4,6 +4,8 @@
 
 An episode takes two to three seconds of CPU time, most of them its replay in a new Python process. Run the same command
 again after an interruption: seeds that are decided already are not tried again.
+
+Of LIBERO's tasks, `--env libero:libero_goal/3 --states 0-19`, one after another into one file of LIBERO's layout.
 """
 
 from __future__ import annotations
@@ -14,6 +16,9 @@ from typing import Literal
 
 _EPISODE_S = 3.0
 """[s] An episode of the expert with 15 objects, its replay in a new process included."""
+_IMAGE_SIZE = 96
+"""Pixels along each side of images, if not said otherwise."""
+_LIBERO = "libero:"
 WHEN_INTERRUPTED = "run the same command again to go on"
 
 
@@ -22,7 +27,7 @@ class Arguments:
     """Collect demonstrations."""
 
     env: str = "clutter_env/Retrieve-o15-v0"
-    """Environment id."""
+    """Environment id, or a task of LIBERO, for example libero:libero_goal/3."""
     episodes: int = 200
     """Successful episodes wanted."""
     out: Path | None = None
@@ -41,8 +46,12 @@ class Arguments:
     """Collect on scenes whose target no side grasp reaches without moving something."""
     obs_mode: Literal["state", "rgbd"] = "state"
     """With "rgbd", observations have images of the robot's cameras too, rendered after an episode has replayed."""
-    image_size: int = 96
-    """Pixels along each side of these images."""
+    image_size: int | None = None
+    """Pixels along each side of these images; 96 if not given, of LIBERO's tasks 128."""
+    states: str = "0-19"
+    """Of LIBERO's tasks: numbers of frozen initial states."""
+    python: Path = Path("venv-libero/bin/python")
+    """Of LIBERO's tasks: the Python with LIBERO."""
     seed: int = 0
     """First seed; the others follow in ascending order. Seeds from 1,000,000 on are for evaluation."""
     workers: int = 2
@@ -55,6 +64,9 @@ class Arguments:
 
 def run(arguments: Arguments) -> None:
     """Collect, and print the counts."""
+    if arguments.env.startswith(_LIBERO):
+        _run_libero(arguments)
+        return
     import time
     from collections import Counter
     from functools import partial
@@ -70,8 +82,9 @@ def run(arguments: Arguments) -> None:
 
     chosen = {name: getattr(arguments, name) for name in ("control_mode", "layout", "obstructed", "task")}
     task = Task(arguments.env, {name: value for name, value in chosen.items() if value})
-    check_integer("image_size", arguments.image_size, *IMAGE_SIZE_RANGE)
-    image_size = arguments.image_size if arguments.obs_mode == "rgbd" else 0
+    wanted_size = _IMAGE_SIZE if arguments.image_size is None else arguments.image_size
+    check_integer("image_size", wanted_size, *IMAGE_SIZE_RANGE)
+    image_size = wanted_size if arguments.obs_mode == "rgbd" else 0
     job = make_job(task, arguments.strategy, arguments.episodes, arguments.seed, image_size)
     kind = "-".join(filter(None, (arguments.env.rpartition("/")[2].removesuffix("-v0").lower(), arguments.task)))
     name = f"{kind}-{job.expert}"
@@ -100,3 +113,31 @@ def run(arguments: Arguments) -> None:
     if arguments.json is not None:
         content = {"seeds": seeds, "made": made, "wall_s": wall_s, "rejected": rejected, "job": job.identity()}
         write_json(arguments.json, content)
+
+
+def _run_libero(arguments: Arguments) -> None:
+    """Collect from frozen initial states of a task of LIBERO, and print the counts."""
+    import resource
+    import time
+
+    from clutter_env.bridges.libero_demos import IMAGE_SIZE, StateResult, collect_states, parse_states
+    from clutter_env.bridges.remote import BridgeError, Remote
+
+    suite, _, number = arguments.env.removeprefix(_LIBERO).partition("/")
+    if not (suite and number.isdigit()):
+        raise BridgeError(f"env={arguments.env!r} is not valid; for example: libero:libero_goal/3")
+    states = parse_states(arguments.states)
+    folder = arguments.out or Path("outputs/demos") / suite
+    file = folder / f"{suite}_{number}_demo.hdf5"
+    size = arguments.image_size or IMAGE_SIZE
+
+    def report(result: StateResult) -> None:
+        print(f"state {result.state}: {result.reason or f'kept, {result.steps} steps'}", flush=True)
+
+    with Remote(arguments.python, "libero_worker.py") as libero:
+        results = collect_states(libero, suite, int(number), states, file, size, report)
+    worker, kept = resource.getrusage(resource.RUSAGE_CHILDREN), sum(not one.reason for one in results)
+    cpu_s = time.process_time() + worker.ru_utime + worker.ru_stime
+    rate = f": {kept / cpu_s * 3600:.0f} per hour, replay included" if kept else ""
+    size_mb = f", {file.stat().st_size / 1e6:.1f} MB" if file.exists() else ""
+    print(f"{kept} of {len(results)} states tried now were kept, in {cpu_s:.0f} s of CPU time{rate}; {file}{size_mb}")

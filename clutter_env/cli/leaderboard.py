@@ -159,12 +159,16 @@ def _entries(arguments: Arguments) -> list[Entry]:
 
 def _measured(entry: Entry, suite: str, arguments: Arguments) -> Entry:
     """The entry, marked as measured if it is of a challenge in the ledger and the challenge's check confirms it."""
+    from clutter_env.errors import LearningError
     from clutter_env.evaluation.challenge import Ledger, check, read_challenge
     from clutter_env.suites import FILE
 
     if entry.problem or arguments.ledger is None or not suite.endswith(FILE):
         return entry
-    challenge = read_challenge(Path(suite))
+    try:
+        challenge = read_challenge(Path(suite))
+    except LearningError:  # somebody's own file of scenes
+        return entry
     if challenge.commitment not in Ledger(arguments.ledger).draws(challenge.entry.digest):
         return entry
     found = check(Path(suite), entry.file, arguments.ledger, workers=arguments.workers)

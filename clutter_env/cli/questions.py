@@ -2,7 +2,7 @@
 
     clutter-env questions make --scenes 100 --out outputs/questions
     clutter-env questions score outputs/questions --answers answers.jsonl
-    clutter-env questions score outputs/questions --baselines random nearest-first shadow
+    clutter-env questions score outputs/questions --baselines commonest random nearest-first shadow
 
 `make` writes questions.jsonl, with images and segmentation masks, and scenes.jsonl, which says where everything stands.
 An answer is a line {"id": ..., "answer": ...}: true or false, a number, or a list of names. See
@@ -43,7 +43,7 @@ class Score:
     answers: Path | None = None
     """Answers, one a line."""
     baselines: tuple[str, ...] = ()
-    """Rules: random, nearest-first, shadow."""
+    """Rules: commonest, random, nearest-first, shadow."""
     seed: int = 0
     """Random seed of the random rule."""
     json: Path | None = None
@@ -83,14 +83,14 @@ def _make(arguments: Make) -> None:
 def _score(arguments: Score) -> None:
     from clutter_env.errors import UsageError, check_choice
     from clutter_env.evaluation.question_files import QUESTIONS, SCENES, read_lines
-    from clutter_env.evaluation.question_scores import RULES, answered, scored
+    from clutter_env.evaluation.question_scores import BASELINES, answered, scored
     from clutter_env.reporting.files import write_json
     from clutter_env.reporting.tables import NOTHING, markdown_table
 
     if arguments.answers is None and not arguments.baselines:
         raise UsageError("name --answers, or --baselines")
     for rule in arguments.baselines:
-        check_choice("baselines", rule, tuple(RULES), UsageError)
+        check_choice("baselines", rule, BASELINES, UsageError)
     questions = read_lines(arguments.folder / QUESTIONS, ("id", "kind", "about", "scene", "answer", "choices"))
     found = {}
     if arguments.answers is not None:

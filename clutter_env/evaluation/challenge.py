@@ -23,9 +23,11 @@ from typing import Any
 from clutter_env.errors import LearningError, SuiteError
 from clutter_env.evaluation.evaluate import Evaluation, evaluate
 from clutter_env.evaluation.scenes import SceneSet
+from clutter_env.evaluation.score import PolicyCrashed
 from clutter_env.evaluation.suite_making import MOST_TRIED, PLANS, file_text, qualifying, suite_content
 from clutter_env.evaluation.tables import results as results_of
 from clutter_env.evaluation.verify import Verification, read_results, verify
+from clutter_env.policies.protocol import PolicyError
 from clutter_env.policies.registry import BUILT_IN, policy_files
 from clutter_env.reporting.files import JsonLines, read_json, write_atomically
 from clutter_env.reporting.intervals import Interval, wilson
@@ -282,10 +284,14 @@ def check(
     replayed = _replayed(results, content, workers, tick)
     same = None
     if again and not problems:
-        found = _evaluated(challenge, file, min(again, entry.scenes), workers=workers, **chosen)
-        digests = [one.recording.digest if one.recording else "" for one in found.episodes]
-        claims = content["episodes"]
-        same = sum(digest == claim["actions"] for digest, claim in zip(digests, claims, strict=False))
+        try:  # exceptions count as in `run --count-crashes`: who ends with one there does so here
+            found = _evaluated(challenge, file, min(again, entry.scenes), workers=workers, **chosen, count_crashes=True)
+        except (PolicyCrashed, PolicyError) as problem:
+            problems.append(f"the policy cannot be run again: {problem}")
+        else:
+            digests = [one.recording.digest if one.recording else "" for one in found.episodes]
+            claims = content["episodes"]
+            same = sum(digest == claim["actions"] for digest, claim in zip(digests, claims, strict=False))
     if challenge.commitment in draws and content["digest"] != book.played.get(challenge.commitment):
         problems.append("the results are not those that the ledger says were played")
     clean = wilson(replayed.clean, max(len(draws), 1) * entry.scenes)

@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from clutter_env.errors import LearningError
+
 SIGNIFICANT = 0.05
 """Level of the tests, two-sided."""
 POWER = 0.8
@@ -73,13 +75,24 @@ def pairs_of(contents: Sequence[Mapping[str, Any]]) -> list[Pair]:
 
     Args:
         contents: of results files, see docs/verification.md. Of the same scenes, as many are compared as both have.
+
+    Raises:
+        LearningError: a file lacks an entry, or has no episode.
     """
+    try:
+        outcomes = [[bool(episode["clean"]) for episode in content["episodes"]] for content in contents]
+        places = [_scenes(content) for content in contents]
+    except KeyError as problem:
+        raise LearningError(f"a results file lacks {problem}") from None
+    if not all(outcomes):
+        raise LearningError("a results file has no episode")
     found = []
-    for one, other in combinations(contents, 2):
-        if _scenes(one) != _scenes(other) or one["policy"] == other["policy"]:
+    for i, k in combinations(range(len(contents)), 2):
+        one, other = contents[i], contents[k]
+        if places[i] != places[k] or one["policy"] == other["policy"]:
             continue
-        count = min(len(one["episodes"]), len(other["episodes"]))
-        won = [[bool(episode["clean"]) for episode in content["episodes"][:count]] for content in (one, other)]
+        count = min(len(outcomes[i]), len(outcomes[k]))
+        won = outcomes[i][:count], outcomes[k][:count]
         found.append(
             Pair(
                 one["scenes"],

@@ -7,7 +7,7 @@ everything stands: it is for baselines and for whoever checks, not for the model
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from clutter_env.errors import LearningError
-from clutter_env.evaluation.questions import Asker, Question
+from clutter_env.evaluation.questions import OF_GRASPS, Asker, Question
 from clutter_env.rendering.cameras import FIRST_OBJECT
 from clutter_env.reporting.files import json_text, write_atomically
 from planners import Scene
@@ -100,7 +100,7 @@ def write_questions(
         masks = {one: FIRST_OBJECT + index for index, one in enumerate(scene.names)}
         hidden = _hidden(masks, observation) if image_size else set()
         for number, question in enumerate(questions):
-            if hidden & {question.about, *(question.answer if isinstance(question.answer, tuple) else ())}:
+            if _is_hidden(question, hidden):
                 continue
             about = {"id": f"{name}/{number}", "scene": name, **asdict(question), "images": shown, "mask_values": masks}
             lines.append(json_text(about))
@@ -124,6 +124,12 @@ def _hidden(masks: Mapping[str, int], observation: Mapping[str, NDArray[Any]]) -
     for camera in CAMERAS:
         shown += np.bincount(observation[f"{camera}_segmentation"].ravel(), minlength=256)
     return {name for name, value in masks.items() if shown[value] < SEEN}
+
+
+def _is_hidden(question: Question, hidden: Set[str]) -> bool:
+    """Whether an object on which the answer depends cannot be seen; of grasps any that stands there may decide."""
+    needed = {question.about, *(question.answer if isinstance(question.answer, tuple) else ())}
+    return bool(hidden if question.kind in OF_GRASPS else hidden & needed)
 
 
 def _write_images(folder: Path, name: str, observation: Mapping[str, NDArray[Any]]) -> dict[str, dict[str, str]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -54,13 +56,24 @@ def answered(rule: str, questions: Sequence[Record], scenes: Sequence[Record], s
     """What a rule answers to each question.
 
     Args:
-        rule: a name in `RULES`.
+        rule: a name in `BASELINES`.
         questions, scenes: lines of the two files.
         seed: of the random rule.
     """
+    if rule == COMMONEST:
+        return _commonest(questions)
     placed = {scene["scene"]: _Placed(scene) for scene in scenes}
     rng = np.random.default_rng(seed)
     return {one["id"]: RULES[rule](one, placed[one["scene"]], rng) for one in questions}
+
+
+def _commonest(questions: Sequence[Record]) -> dict[str, Any]:
+    """The answer that is right most often among the questions of a kind: what can be won without any image."""
+    counts: dict[str, Counter[str]] = {}
+    for one in questions:
+        counts.setdefault(one["kind"], Counter())[json.dumps(one["answer"])] += 1
+    best = {kind: json.loads(found.most_common(1)[0][0]) for kind, found in counts.items()}
+    return {one["id"]: best[one["kind"]] for one in questions}
 
 
 class _Placed:
@@ -144,4 +157,8 @@ RULES: Mapping[str, Callable[[Record, _Placed, np.random.Generator], Any]] = {
     "nearest-first": _nearest_first,
     "shadow": _shadow,
 }
-"""Baselines by name. The last two know where everything stands, which a model must see."""
+"""Rules by name that answer question by question. The last two know where everything stands, which a model must see."""
+COMMONEST = "commonest"
+"""The rule that gives every question the commonest answer of its kind, which it knows from the right answers."""
+BASELINES = (COMMONEST, *RULES)
+"""Names of all rules."""

@@ -41,14 +41,18 @@ SIDES: Mapping[str, tuple[Family, ...]] = {
         GraspFamily("behind", 0.0, yaws=(-_BEYOND, -_FAR)),
     ),
 }
-"""Level grasps by the side from which the gripper comes, as the robot sees it: it stands in front of the table, looks
-along +x, and +y is to its left. The 24 directions of a grasp are 15° apart, and none is on a border."""
+"""Level grasps by the side from which the gripper comes, as seen across the table along +x, with +y to the left: the
+robot stands before it, and may look elsewhere. The 24 directions of a grasp are 15° apart, and none is on a border."""
 BAR = 0.12
 """[m] Width of the bar of "touched", about that of the open gripper."""
 DECIDES = 0.003
 """[m] An object whose distance from the bar is less than this, on either side, makes the question unfair."""
 KINDS = ("taken now", "fewest", "which", "from where", "touched", "falls")
+OF_GRASPS = ("taken now", "fewest", "which", "from where")
+"""Kinds whose answers depend on every object that stands there."""
 _ANY = "any"
+DRIVES = "It may first drive along the edge of the table at which it stands."
+"""Said with every question about grasps: an image shows the robot at one place, from which it reaches less."""
 DIRECTIONS = tuple(
     next(
         side
@@ -118,7 +122,7 @@ class Asker:
 
     def _taken_now(self, scene: Scene, touching: _Touching, name: str) -> Question | None:
         is_free = self._is_free(scene, touching, name, _ANY)
-        text = f"Can the robot take {name} now, with its gripper level, without moving another object?"
+        text = f"Can the robot take {name} now, with its gripper level, without moving another object? {DRIVES}"
         return None if is_free is None else Question("taken now", name, text, is_free)
 
     def _from_where(self, scene: Scene, touching: _Touching, name: str) -> Question | None:
@@ -127,8 +131,9 @@ class Asker:
             return None
         text = (
             f"From which sides can the robot take {name} now, with its gripper level, without moving another object? "
-            "The robot is in front; left and right are as it sees them. Within 50° of its own direction the gripper "
-            "comes from the front, or from behind."
+            f"{DRIVES} The sides are as seen across the table at right angles to that edge, wherever the robot stands "
+            "and looks: within 50° of this direction the gripper comes from the front, within 50° of the opposite one "
+            "from behind, otherwise from the left or the right."
         )
         return Question("from where", name, text, tuple(sorted(side for side in SIDES if found[side])), tuple(SIDES))
 
@@ -146,10 +151,10 @@ class Asker:
         if plan.count is None or plan.count != least:
             return
         how = f"before the robot can take {name} with its gripper level"
-        yield Question("fewest", name, f"How many other objects must at least be moved {how}?", least)
+        yield Question("fewest", name, f"How many other objects must at least be moved {how}? {DRIVES}", least)
         if len(sets) == 1 and least:
             others = tuple(one for one in scene.names if one != name)
-            text = f"Which objects must be moved {how}, if as few as possible are moved?"
+            text = f"Which objects must be moved {how}, if as few as possible are moved? {DRIVES}"
             yield Question("which", name, text, tuple(sorted(sets[0])), others)
 
     def _workspace(self, scene: Scene, side: str) -> Workspace:
@@ -218,9 +223,9 @@ def _touched(scene: Scene, name: str) -> Question | None:
     if any(abs(gap) < DECIDES for gap in gaps.values()):
         return None
     text = (
-        f"A bar {BAR * 100:.0f} cm wide, level and straight, is pushed over the table from its front edge, straight "
-        f"away from the robot, until its tip is at the middle of {name}, with which it is in line. Which other objects "
-        "does it touch?"
+        f"A bar {BAR * 100:.0f} cm wide, level and straight, is pushed over the table from the edge at which the robot "
+        f"stands, at right angles to that edge, until its tip is at the middle of {name}, with which it is in line. "
+        "Which other objects does it touch?"
     )
     return Question("touched", name, text, tuple(sorted(one for one, gap in gaps.items() if gap < 0)), tuple(gaps))
 

@@ -67,7 +67,7 @@ class _Trial(NamedTuple):
 
 
 @njit(cache=True)
-def search(arm: SolverArrays, R: Floats, p: Floats, low: float, high: float, q: Floats) -> int:
+def search(arm: SolverArrays, R: Floats, p: Floats, low: float, high: float, q: Floats) -> int:  # noqa: C901  compiled: one loop over one state
     """Decide a TCP pose with the lift from `low` to `high` [m]. Writes a solution into `q` (1 + n,).
 
     Args:

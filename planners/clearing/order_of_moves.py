@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import heapq
 import itertools
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -114,94 +113,151 @@ class Order:
             waiting: names of the objects to move.
             in_the_way: names of further objects that must leave before an object is put down at its end, by its name.
         """
-        names, n = scene.names, len(scene.names)
         ends = {name: body if name in waiting else scene.body(name) for name, body in self.ends.items()}
-        final, seen = scene, {name: body.pose.tobytes() for name, body in ends.items()}
-        for body in ends.values():
-            final = final.with_body(body)
+        seen = {name: body.pose.tobytes() for name, body in ends.items()}
         if seen != self._seen:
             self._at_ends.clear()
             self._seen.update(seen)
-        start, to_move = scene.mask(names), scene.mask(waiting)
+        arrangements = _Arrangements(self.candidates, scene, ends, frozenset(waiting), in_the_way, self._at_ends)
+        return next(filter(None, (_best_first(arrangements, weight) for weight in _WEIGHTS)), [])
 
-        @cache
-        def options(name: str, at_end: bool, of_all: bool = False) -> list[Option]:
-            """Ways to take an object where it stands, or from its end, one for each mask and pitch.
 
-            Families of grasps are searched until one is free, or all of them.
-            """
-            there = scene.with_body(ends[name]) if at_end else scene
-            find = self.candidates.of_all_families if of_all else self.candidates.for_object
-            grasps, body, too = find(there, name), there.body(name), 0
-            if at_end:
-                near = (one for one in beside(scene, scene.support_under(body), body) if one.name != name)
-                touched = (one for one in near if distances(body.position[None, :2], one)[0] < body.radius + _BESIDE)
-                too = scene.mask({*(one.name for one in touched), *in_the_way.get(name, ())} - {name})
-            new = [grasp for grasp in grasps if grasp.key not in self._at_ends]
-            among = scene.mask(set(ends) - {name})
-            hits = self.candidates.hits_among(final.with_body(body), name, new, among)
-            self._at_ends.update((grasp.key, int(hit)) for grasp, hit in zip(new, hits, strict=True))
-            best: dict[tuple[int, float], Option] = {}
-            for grasp in grasps:
-                mask = grasp.blockers | too | self._at_ends[grasp.key] << n
-                best.setdefault((mask, grasp.pitch), Option(mask, grasp))
-            return sorted(best.values(), key=lambda one: one.mask.bit_count())
+class _Arrangements:
+    """Arrangements of objects, as masks, and the moves between them.
 
-        def same_pitch(taken: list[Option], put: list[Option]) -> tuple[GraspCandidate | None, GraspCandidate] | None:
-            """Grasps of one pitch to take an object and to put it down."""
-            return next(((a.grasp, b.grasp) for a in taken for b in put if a.grasp.pitch == b.grasp.pitch), None)
+    Attributes:
+        start: mask of all objects where they stand.
+    """
 
-        def moves(now: int, is_first: bool) -> Iterator[tuple[Step, int]]:
-            """Possible moves, and where objects stand after them."""
-            for index, name in enumerate(names):
-                stands, end = now >> index & 1, 1 << n + index
-                if now & end or not (stands or name in ends):
-                    continue
-                left = now & ~(1 << index)
-                taken = [one for one in options(name, False) if not one.mask & left] if stands else []
-                if stands and not taken:
-                    continue
-                if name in ends and not (stands and name not in waiting):
-                    put = [one for one in options(name, True) if not one.mask & left]
-                    if stands:
-                        # An object that is put aside only to be taken again at another pitch would be moved forever.
-                        pair = same_pitch(taken, put)
-                        if pair is None and is_first and put:
-                            every = (
-                                [one for one in options(name, at_end, True) if not one.mask & left]
-                                for at_end in (False, True)
-                            )
-                            pair = same_pitch(*every)
-                    else:
-                        pair = (None, put[0].grasp) if put else None
-                    if pair is not None:
-                        yield Step(name, True, pair[0], pair[1]), left | end
-                if stands:
-                    yield Step(name, False, taken[0].grasp, None), left
+    def __init__(
+        self,
+        candidates: GraspCandidates,
+        scene: Scene,
+        ends: Mapping[str, Body],
+        waiting: frozenset[str],
+        in_the_way: Mapping[str, Collection[str]],
+        at_ends: dict[tuple[str, bytes, bytes], int],
+    ) -> None:
+        """Begin with a scene. `at_ends` keeps, by the key of a grasp, the objects that it hits at their ends."""
+        self._candidates, self._scene, self._ends = candidates, scene, ends
+        self._waiting, self._in_the_way, self._at_ends = waiting, in_the_way, at_ends
+        self._final = scene
+        for body in ends.values():
+            self._final = self._final.with_body(body)
+        self._names = scene.names
+        self.start = scene.mask(scene.names)
+        self._to_move = scene.mask(waiting)
+        self._options: dict[tuple[str, bool, bool], list[Option]] = {}
+        self._left: dict[int, int] = {}
 
-        @cache
-        def left_over(now: int) -> int:
-            """Estimated number of remaining moves: objects to move, and objects that must at least leave for them."""
-            rest, needed, done = [], 0, 0
-            for index, name in enumerate(names):
-                stands = now >> index & 1
-                if not now >> n + index & 1 and (name in waiting if stands else name in ends):
-                    rest.append(name)
-                    kinds = [False] * stands + [True] * (name in ends)
-                    for kind in kinds:
-                        needed |= fewest(name, kind, now)
-            while more := needed & ~done:
-                index = more.bit_length() - 1
-                done |= 1 << index
-                needed |= fewest(names[index], False, now)
-            return len(rest) + (needed & ~to_move).bit_count()
+    def moves(self, now: int, is_first: bool) -> Iterator[tuple[Step, int]]:
+        """Possible moves, and where objects stand after them."""
+        for index, name in enumerate(self._names):
+            stands, end = now >> index & 1, self._end_bit(index)
+            if now & end or not (stands or name in self._ends):
+                continue
+            left = now & ~(1 << index)
+            taken = self._free(name, False, left) if stands else []
+            if stands and not taken:
+                continue
+            if name in self._ends and (name in self._waiting or not stands):
+                pair = self._taken_and_put(name, taken, left, is_first) if stands else self._put(name, left)
+                if pair is not None:
+                    yield Step(name, True, *pair), left | end
+            if stands:
+                yield Step(name, False, taken[0].grasp, None), left
 
-        def fewest(name: str, at_end: bool, now: int) -> int:
-            """Smallest set of objects, where they stand, in the way of an object. All objects if it cannot be moved."""
-            masks = (one.mask & now & start for one in options(name, at_end))
-            return min(masks, key=int.bit_count, default=start)
+    def left_over(self, now: int) -> int:
+        """Estimated number of remaining moves: objects to move, and objects that must at least leave for them."""
+        if now not in self._left:
+            self._left[now] = self._count_left(now)
+        return self._left[now]
 
-        return next(filter(None, (_best_first(start, moves, left_over, weight) for weight in _WEIGHTS)), [])
+    def _count_left(self, now: int) -> int:
+        count, needed, done = 0, 0, 0
+        for index, name in enumerate(self._names):
+            stands = bool(now >> index & 1)
+            has_end = name in self._ends
+            if now & self._end_bit(index) or not (name in self._waiting if stands else has_end):
+                continue
+            count += 1
+            if stands:
+                needed |= self._fewest(name, False, now)
+            if has_end:
+                needed |= self._fewest(name, True, now)
+        while more := needed & ~done:  # what must leave may itself need others to leave
+            index = more.bit_length() - 1
+            done |= 1 << index
+            needed |= self._fewest(self._names[index], False, now)
+        return count + (needed & ~self._to_move).bit_count()
+
+    def _fewest(self, name: str, at_end: bool, now: int) -> int:
+        """Smallest set of objects, where they stand, in the way of an object. All objects if it cannot be moved."""
+        masks = (one.mask & now & self.start for one in self._options_of(name, at_end))
+        return min(masks, key=int.bit_count, default=self.start)
+
+    def _taken_and_put(
+        self, name: str, taken: list[Option], left: int, is_first: bool
+    ) -> tuple[GraspCandidate, GraspCandidate] | None:
+        """Grasps of one pitch to take an object where it stands and to put it down at its end.
+
+        At another pitch it would be put aside and taken again, forever.
+        """
+        put = self._free(name, True, left)
+        pair = _of_one_pitch(taken, put)
+        if pair is None and is_first and put:
+            pair = _of_one_pitch(*(self._free(name, at_end, left, of_all=True) for at_end in (False, True)))
+        return pair
+
+    def _put(self, name: str, left: int) -> tuple[None, GraspCandidate] | None:
+        """Grasp that puts an object down at its end which has been put aside before."""
+        put = self._free(name, True, left)
+        return (None, put[0].grasp) if put else None
+
+    def _free(self, name: str, at_end: bool, left: int, of_all: bool = False) -> list[Option]:
+        """Options with nothing in the way among the objects of `left`."""
+        return [one for one in self._options_of(name, at_end, of_all) if not one.mask & left]
+
+    def _options_of(self, name: str, at_end: bool, of_all: bool = False) -> list[Option]:
+        """Ways to take an object where it stands, or from its end, one for each mask and pitch.
+
+        Families of grasps are searched until one is free, or all of them.
+        """
+        key = name, at_end, of_all
+        if key not in self._options:
+            self._options[key] = self._find_options(name, at_end, of_all)
+        return self._options[key]
+
+    def _find_options(self, name: str, at_end: bool, of_all: bool) -> list[Option]:
+        scene, candidates = self._scene, self._candidates
+        there = scene.with_body(self._ends[name]) if at_end else scene
+        grasps = (candidates.of_all_families if of_all else candidates.for_object)(there, name)
+        body = there.body(name)
+        too = self._beside_end(body) if at_end else 0
+        new = [grasp for grasp in grasps if grasp.key not in self._at_ends]
+        among = scene.mask(set(self._ends) - {name})
+        hits = candidates.hits_among(self._final.with_body(body), name, new, among)
+        self._at_ends.update((grasp.key, int(hit)) for grasp, hit in zip(new, hits, strict=True))
+        best: dict[tuple[int, float], Option] = {}
+        for grasp in grasps:
+            mask = grasp.blockers | too | self._at_ends[grasp.key] << len(self._names)
+            best.setdefault((mask, grasp.pitch), Option(mask, grasp))
+        return sorted(best.values(), key=lambda one: one.mask.bit_count())
+
+    def _beside_end(self, body: Body) -> int:
+        """Objects that must have left, whatever the grasp, before an object is at its end."""
+        scene = self._scene
+        near = [one for one in beside(scene, scene.support_under(body), body) if one.name != body.name]
+        touched = [one for one in near if distances(body.position[None, :2], one)[0] < body.radius + _BESIDE]
+        return scene.mask({*(one.name for one in touched), *self._in_the_way.get(body.name, ())} - {body.name})
+
+    def _end_bit(self, index: int) -> int:
+        return 1 << len(self._names) + index
+
+
+def _of_one_pitch(taken: list[Option], put: list[Option]) -> tuple[GraspCandidate, GraspCandidate] | None:
+    """The first grasps that take an object and put it down at one pitch."""
+    return next(((a.grasp, b.grasp) for a in taken for b in put if a.grasp.pitch == b.grasp.pitch), None)
 
 
 def is_under_shelf(scene: Scene, goal: Goal) -> bool:
@@ -221,14 +277,10 @@ def is_under_shelf(scene: Scene, goal: Goal) -> bool:
 _Trail: TypeAlias = "tuple[Step, _Trail] | None"
 
 
-def _best_first(
-    start: int,
-    moves: Callable[[int, bool], Iterator[tuple[Step, int]]],
-    left_over: Callable[[int], int],
-    weight: float,
-) -> list[Step]:
+def _best_first(arrangements: _Arrangements, weight: float) -> list[Step]:
     """Find a shortest sequence of moves after which none are left over, [] if none is found."""
     count, done = itertools.count(), set[int]()
+    start, left_over = arrangements.start, arrangements.left_over
     queue: list[tuple[float, int, int, int, _Trail]] = [(weight * left_over(start), 0, 0, start, None)]
     while queue and len(done) < _EXPANSIONS:
         _, _, cost, now, trail = heapq.heappop(queue)
@@ -241,7 +293,7 @@ def _best_first(
                 step, trail = trail
                 steps.insert(0, step)
             return steps
-        for step, then in moves(now, trail is None):
+        for step, then in arrangements.moves(now, trail is None):
             if then not in done:
                 # Among equally good arrangements the latest first: it is nearest to the end.
                 rank = cost + 1 + weight * left_over(then), -next(count)

@@ -591,7 +591,7 @@ def unproved_states(query: CollisionQuery, states: Array) -> NDArray[np.bool_]:
 
 
 @njit(cache=True)
-def path_hits(query: CollisionQuery, X: Array, step: float) -> np.uint64:
+def path_hits(query: CollisionQuery, X: Array, step: float) -> np.uint64:  # noqa: C901  compiled: one loop over one state
     """Mask of collisions of a piecewise straight motion through whole-body configurations `X` (k, 3 + n), ends
     included.
 

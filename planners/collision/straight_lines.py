@@ -43,7 +43,7 @@ def _error(R: Array, p: Array, R_goal: Array, p_goal: Array, error: Array) -> No
 
 
 @njit(cache=True)
-def solve_near(robot: RobotArrays, R_goal: Array, p_goal: Array, speed: Array, q: Array) -> bool:
+def solve_near(robot: RobotArrays, R_goal: Array, p_goal: Array, speed: Array, q: Array) -> bool:  # noqa: C901  compiled: one loop over one state
     """Move `q` (n,) to the nearest configuration whose TCP is at a pose in the base frame.
 
     Damped least squares. Joints move in proportion to their `speed` (n,), and those at a limit stay there. The robot is

@@ -201,8 +201,11 @@ def find_grasp_set(grasps: Grasps) -> tuple[Family, ...]:
 
 def grasp_set_name(families: Sequence[Family]) -> str:
     """A grasp set in words: its name, or those of its families."""
-    named = (repr(name) for name, known in GRASP_SETS.items() if known == tuple(families))
-    return next(named, f"families {', '.join(repr(family.name) for family in families)}")
+    known = {tuple(some): repr(name) for name, some in GRASP_SETS.items()}
+    set_first = (first for first in known if tuple(families[: len(first)]) == first)
+    longest = max(set_first, key=len, default=())
+    others = ", ".join(repr(family.name) for family in families[len(longest) :])
+    return " and ".join(filter(None, (known.get(longest), f"families {others}" if others else "")))
 
 
 def families_for(body: Body, families: Sequence[Family]) -> tuple[Family, ...]:

@@ -66,7 +66,7 @@ def ways_to(goal: Array, parts: NDArray[np.int64], origin: Array, cell: float) -
 
 
 @njit(cache=True)
-def search_lattice(
+def search_lattice(  # noqa: C901  compiled: one loop over one state
     query: CollisionQuery,
     start: Array,
     goal: Array,

@@ -161,7 +161,7 @@ class PlacementSearch:
                         found = look(world, locations[row], free[row])
                         yield from (replace(placement, surfaces=surfaces) for placement in found)
 
-    def find_at(
+    def find_at(  # noqa: C901  closures share what has failed
         self,
         world: CollisionWorld,
         place: Place,

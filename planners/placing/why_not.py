@@ -35,16 +35,22 @@ _HIGHEST = 0.4
 """Largest height [m] above a place that is tested."""
 _LEAVES = 0.19
 """Least rise [m] of the hand after a release: see `planners.motion.approaches`."""
+_RISES = (2, 6)
+"""Numbers of heights on the hand's way up that are checked: the ends, then 38 mm apart, so that no board is missed."""
 _NEAR = 0.5
 """Range [m] around a place for obstacles that may be in the way."""
 
 
 @dataclass(frozen=True)
 class _Hand:
-    """A relative grasp of the object, with gripper poses (k, 5) that release it at the bottom of a place."""
+    """A relative grasp of the object, with gripper poses (k, 5) that release it at the bottom of a place.
+
+    The way up from there is checked at a number of `rises`.
+    """
 
     scene: Scene
     poses: Array
+    rises: int = _RISES[0]
 
     def hits(self, world: CollisionWorld, rise: float = 0.0) -> NDArray[np.bool_]:
         """Whether hand and object collide with the world when raised by `rise` [m]: (k,)."""
@@ -52,6 +58,11 @@ class _Hand:
         opening = opening_around(world.scene.robot, body, held)
         raised = self.poses + np.array((0.0, 0.0, rise, 0.0, 0.0))
         return gripper_hits(world, raised, opening, held=held) != 0
+
+    def is_kept(self, world: CollisionWorld, fall: float) -> bool:
+        """Whether all of its poses touch something where it lets go of what falls by `fall` [m], or on the way up."""
+        rises = np.linspace(fall, fall + _LEAVES, self.rises)
+        return bool(np.any([self.hits(world, float(rise)) for rise in rises], axis=0).all())
 
     def extent(self) -> tuple[float, float]:
         """Height [m] from the object's lowest to the hand's highest point, and the hand's smallest width [m]."""
@@ -95,12 +106,16 @@ def why_not_put(candidates: GraspCandidates, scene: Scene, name: str, place: Pla
     bare = replace(scene, objects=tuple(one for one in scene.objects if one.name in staying))
     hands = list(_hands(candidates, bare, body, place))
     hollow = place.hollow or (hollow_about(scene, place.face) if place.area is not None and not place.below else None)
+    told = (_told([replace(hand, rises=rises) for hand in hands], bare, body, place, hollow) for rises in _RISES)
+    return next(filter(None, told), "") if hands else ""
+
+
+def _told(hands: Sequence[_Hand], bare: Scene, body: Body, place: Place, hollow: Hollow | None) -> str:
+    """What keeps all hands from letting go of an object at a place, "" if one of them can."""
     falls = (0.0, *(one for one in FALLS if hollow is not None and one < hollow.depth))
-    if not hands:
-        return ""
     for hand, fall in itertools.product(hands, falls):
         world = _world(hand.scene, place)
-        if not (hand.hits(world, fall) | hand.hits(world, fall + _LEAVES)).all():
+        if not hand.is_kept(world, fall):
             return ""
     walls, ceilings = _around(bare, place, body)
     for things, tell in ((ceilings, _under), (walls, _between)):
@@ -118,7 +133,7 @@ def why_not_put(candidates: GraspCandidates, scene: Scene, name: str, place: Pla
         over = _names(standing) if hollow is None else f"the walls of {hollow.name}, {1000 * hollow.depth:.0f} mm high,"
         return (
             f"over {over} and under {_names(hanging)}, {1000 * gap:.0f} mm above the floor, a hand that is "
-            f"{1000 * tall:.0f} mm high with {name}, and goes up by {1000 * _LEAVES:.0f} mm to leave, has no room"
+            f"{1000 * tall:.0f} mm high with {body.name}, and goes up by {1000 * _LEAVES:.0f} mm to leave, has no room"
         )
     return ""
 
@@ -211,7 +226,7 @@ def _are_enough(
     """Whether these obstacles alone keep every hand from releasing, or from going up afterwards."""
     for hand in hands:
         world = _with(hand, place, things)
-        if any(not (hand.hits(world, fall) | hand.hits(world, fall + _LEAVES)).all() for fall in falls):
+        if any(not hand.is_kept(world, fall) for fall in falls):
             return False
     return True
 

@@ -69,7 +69,7 @@ def load_kernels() -> None:
 
 
 @njit(cache=True)
-def _between(
+def _between(  # noqa: C901  compiled: one loop over one state
     eye: Array,
     points: Array,
     position: Array,

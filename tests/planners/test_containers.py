@@ -135,6 +135,8 @@ def test_what_is_larger_than_the_inside_is_refused_with_both_sizes() -> None:
         ),
         ((0.19, 0.1), 0.18, r"over the walls of basket, 100 mm high, and under board, 16\d mm above the floor"),
         ((0.19, 0.1), 0.2, r"over the walls of basket, 100 mm high, and under board, 18\d mm above the floor"),
+        ((0.19, 0.1), 0.24, r"board hangs 22\d mm above the place"),
+        ((0.14, 0.14), 0.26, r"board hangs 24\d mm above the place"),
     ],
 )
 def test_a_refusal_names_walls_and_ceiling_and_the_hand(walls: tuple[float, float], shelf: float, told: str) -> None:

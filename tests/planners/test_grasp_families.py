@@ -159,3 +159,4 @@ def test_a_refusal_names_the_grasps_that_it_holds_for() -> None:
     assert f"with the grasps of {grasp_set_name(GRASP_SETS['top'])}" in found.detail
     assert grasp_set_name((STEEP, SIDE)) == "families 'steep', 'side'"
     assert grasp_set_name(GRASP_SETS["side"]) == "'side'"
+    assert grasp_set_name((*GRASP_SETS["all"], STEEP)) == "'all' and families 'steep'"

@@ -11,6 +11,8 @@ os.environ.setdefault("MUJOCO_GL", "egl")
 import numpy as np
 from libero.libero import benchmark, get_libero_path
 from libero.libero.envs.env_wrapper import ControlEnv
+from robosuite import macros
+from robosuite.utils.transform_utils import quat2axisangle
 
 _STILL = [0.0] * 6 + [-1.0]
 """The action that LIBERO's evaluations take while objects come to rest: the gripper opens, the arm stays."""
@@ -22,6 +24,7 @@ class Worker:
     def __init__(self) -> None:
         self.env: Any = None
         self._file = ""
+        self._cameras: tuple[Any, ...] = ()
 
     def tasks(self, suite: str) -> dict[str, Any]:
         """The names of a suite's tasks, in its order."""
@@ -29,24 +32,18 @@ class Worker:
 
     def reset(self, suite: str, task: int, state: int, settle: int) -> dict[str, Any]:
         """A task of a suite, in one of its frozen initial states."""
-        found = _suite(suite)
-        if not 0 <= task < found.n_tasks:
-            raise ValueError(f"{suite} has tasks 0 to {found.n_tasks - 1}, not {task}")
-        one, states = found.get_task(task), found.get_task_init_states(task)
-        if not 0 <= state < len(states):
-            raise ValueError(f"task {task} of {suite} has states 0 to {len(states) - 1}, not {state}")
-        self._make(os.path.join(get_libero_path("bddl_files"), one.problem_folder, one.bddl_file))
-        self.env.seed(0)  # fixtures are placed at random, within a centimetre: they are no part of the frozen states
-        self.env.reset()
-        self.env.set_init_state(states[state])
-        return self._begun(settle)
+        file, frozen = _frozen(suite, task, state)
+        self._make(file)
+        _start(self.env, frozen, settle)
+        return self._begun()
 
     def reset_file(self, bddl: str, seed: int, settle: int) -> dict[str, Any]:
         """A BDDL file, its objects placed at random."""
         self._make(bddl)
         self.env.seed(seed)
         self.env.reset()
-        return self._begun(settle)
+        _settle(self.env, settle)
+        return self._begun()
 
     def step(self, action: list[float]) -> dict[str, Any]:
         """One step of the environment: six numbers for the arm, one for the gripper."""
@@ -66,10 +63,55 @@ class Worker:
         drawn = {"has_renderer": False, "has_offscreen_renderer": False, "use_camera_obs": False}
         self.env, self._file = ControlEnv(bddl_file_name=file, ignore_done=True, **drawn), file
 
-    def _begun(self, settle: int) -> dict[str, Any]:
-        """What a plan needs to know, after some steps in which objects come to rest."""
-        for _ in range(settle):
-            self.env.step(np.array(_STILL))
+    def replay(
+        self, suite: str, task: int, state: int, settle: int, actions: list[list[float]], size: int, into: str
+    ) -> dict[str, Any]:
+        """Actions from a frozen initial state on, in an environment with cameras of `size` pixels.
+
+        What is seen after each of them goes `into` a file, and the state of the simulation before it, under the names
+        of LIBERO's own files of demonstrations.
+        """
+        file, frozen = _frozen(suite, task, state)
+        if self._cameras[:2] != (file, size):
+            if self._cameras:
+                self._cameras[-1].close()
+            kept = {"has_renderer": False, "has_offscreen_renderer": True, "use_camera_obs": True}
+            kept |= {"camera_heights": size, "camera_widths": size, "ignore_done": True}
+            self._cameras = file, size, kept, ControlEnv(bddl_file_name=file, **kept)
+        _, _, kept, env = self._cameras
+        _start(env, frozen, settle)
+        columns: dict[str, list[Any]] = {}
+        for action in actions:
+            before = env.sim.get_state().flatten()
+            seen, *_ = env.step(np.array(action))
+            row = {
+                "agentview_rgb": seen["agentview_image"],
+                "eye_in_hand_rgb": seen["robot0_eye_in_hand_image"],
+                "gripper_states": seen["robot0_gripper_qpos"],
+                "joint_states": seen["robot0_joint_pos"],
+                "ee_states": np.hstack((seen["robot0_eef_pos"], quat2axisangle(seen["robot0_eef_quat"]))),
+                "states": before,
+                "robot_states": env.env.get_robot_state_vector(seen),
+            }
+            for name, value in row.items():
+                columns.setdefault(name, []).append(value)
+        np.savez(into, **{name: np.array(values) for name, values in columns.items()})
+        with open(file) as text:
+            bddl = text.read()
+        return {
+            "is_success": bool(env.check_success()),
+            "bddl_file": file,
+            "bddl": bddl,
+            "problem": env.problem_name,
+            "domain": env.domain_name,
+            "language": env.language_instruction,
+            "env_kwargs": {"robots": ["Panda"], "controller": "OSC_POSE", "control_freq": 20, **kept},
+            "image_convention": macros.IMAGE_CONVENTION,
+            "model_file": env.sim.model.get_xml(),
+        }
+
+    def _begun(self) -> dict[str, Any]:
+        """What a plan needs to know, after the objects have come to rest."""
         env, sim, robot = self.env.env, self.env.sim, self.env.robots[0]
         joints = [sim.model.joint_id2name(i) for i in range(sim.model.njnt)]
         controller = robot.controller
@@ -103,6 +145,31 @@ class Worker:
             },
             **self.state(),
         }
+
+
+def _frozen(suite: str, task: int, state: int) -> tuple[str, Any]:
+    """The BDDL file of a task of a suite, and one of its frozen initial states."""
+    found = _suite(suite)
+    if not 0 <= task < found.n_tasks:
+        raise ValueError(f"{suite} has tasks 0 to {found.n_tasks - 1}, not {task}")
+    one, states = found.get_task(task), found.get_task_init_states(task)
+    if not 0 <= state < len(states):
+        raise ValueError(f"task {task} of {suite} has states 0 to {len(states) - 1}, not {state}")
+    return os.path.join(get_libero_path("bddl_files"), one.problem_folder, one.bddl_file), states[state]
+
+
+def _start(env: Any, frozen: Any, settle: int) -> None:
+    """Begin in a frozen initial state."""
+    env.seed(0)  # fixtures are placed at random, within a centimetre: they are no part of the frozen states
+    env.reset()
+    env.set_init_state(frozen)
+    _settle(env, settle)
+
+
+def _settle(env: Any, steps: int) -> None:
+    """Let objects come to rest."""
+    for _ in range(steps):
+        env.step(np.array(_STILL))
 
 
 def _suite(name: str) -> Any:

@@ -13,7 +13,7 @@ import planners
 from assets import FETCH
 from clutter_env.cli.clearance_picture import draw
 from clutter_env.cli.clearance_tables import scene_row, strategy_rows, summarise
-from clutter_env.cli.clearance_trials import ASSESSMENT, CRASH, Record, Trials, _environment
+from clutter_env.cli.clearance_trials import ASSESSMENT, CRASH, Record, Trial, Trials, Variant, _environment, run_trial
 from clutter_env.cli.main import main
 from clutter_env.cli.table_arguments import STRATEGIES, Arguments
 from clutter_env.errors import UsageError
@@ -55,6 +55,12 @@ def test_rows_pair_by_scene_and_lower_bounds_are_divided_by_where_they_are_at_le
     assert found["at_floor"].mean == pytest.approx(2 / 3)
     assert found["causes"] == {"motion": 1}
     assert found["p_success"] == 1.0
+
+
+def test_a_layout_that_takes_few_objects_is_warmed_up_with_as_few(tmp_path: Path) -> None:
+    arguments = Arguments(objects=(3,), scenes=1, out=tmp_path, layout="drawer", grasps="all")
+    record = run_trial(Trial(arguments, 3, seed=0, strategy="lookahead", variant=Variant(LOOKAHEAD)))
+    assert record.solved, record.detail
 
 
 def test_mcnemar_sees_a_strategy_that_fails_where_the_other_does_not() -> None:

@@ -20,6 +20,7 @@ from clutter_env.envs.success import HOLD_STEPS, OPENED_SHARE
 from clutter_env.errors import ConfigError, OptionError
 from clutter_env.scene.layout import LAYOUTS, Layout, openings_of
 from clutter_env.scene.opening import DAMPING_RANGE, FRICTION_RANGE
+from planners import ExpertConfig, TampExpert
 from tests.clutter_env.envs.opener import Opener, opener
 from tests.clutter_env.envs.side_grasp import CLOSED, OPEN
 
@@ -337,6 +338,21 @@ def test_rearrange_works_behind_a_door() -> None:
     _, info = env.reset(seed=0)
     assert info["num_opened"] == 0
     assert info["unmet"] > 0
+
+
+@pytest.mark.slow
+def test_the_expert_opens_the_door_behind_which_it_rearranges() -> None:
+    env = RearrangeEnv(num_objects=4, task="swap", layout="cupboard")
+    env.reset(seed=3)
+    expert = TampExpert(env, config=ExpertConfig(planning_s=300.0))
+    expert.reset()
+    for _ in range(4000):
+        *_, terminated, truncated, info = env.step(expert.act())
+        if terminated or truncated or expert.done:
+            break
+    assert info["is_success"]
+    assert info["num_opened"] == 1
+    assert info["joint_positions"]["door_joint"] > 1.0
 
 
 def test_the_environment_is_registered_with_its_time_limit() -> None:

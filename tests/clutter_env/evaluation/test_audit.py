@@ -10,6 +10,7 @@ import pytest
 from scipy.stats import binomtest
 
 from clutter_env.cli.main import main
+from clutter_env.errors import LearningError
 from clutter_env.evaluation.audit import AuditPlan, Played, audit, episodes_of
 from clutter_env.evaluation.blind import Demonstrations, Replay, blind, nearest, robot_only
 from clutter_env.evaluation.evaluate import evaluate
@@ -69,6 +70,18 @@ def test_pairs_are_of_two_policies_on_the_same_scenes() -> None:
     close = pairs_of([_content("one", often), _content("two", [True] * 18 + [False] * 2)])[0]
     assert close.is_difference
     assert not close.is_significant
+
+
+def test_files_that_lack_what_is_compared_are_refused() -> None:
+    whole = _content("a", [True])
+    for name in ("suite_sha256", "scenes", "split"):
+        lacking = {key: value for key, value in _content("b", [True]).items() if key != name}
+        with pytest.raises(LearningError, match=f"lacks '{name}'"):
+            pairs_of([whole, lacking])
+    with pytest.raises(LearningError, match="lacks 'clean'"):
+        pairs_of([whole, {**_content("b", []), "episodes": [{}]}])
+    with pytest.raises(LearningError, match="no episode"):
+        pairs_of([whole, _content("b", [])])
 
 
 def test_a_blind_policy_acts_the_same_whatever_it_is_shown(known: Demonstrations) -> None:

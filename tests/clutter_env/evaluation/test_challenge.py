@@ -67,6 +67,21 @@ class GivesUpOnce(Idle):
 class Plans(Idle):
     def __init__(self):
         import planners
+
+class AlwaysFails(Idle):
+    def act(self, observation):
+        raise RuntimeError("in every scene")
+
+class PlaysOnce(Idle):
+    """Cannot be made again once it has played."""
+    def __init__(self):
+        from pathlib import Path
+        if Path("played").exists():
+            raise RuntimeError("not twice")
+    def act(self, observation):
+        from pathlib import Path
+        Path("played").touch()
+        return super().act(observation)
 '''
 
 
@@ -251,6 +266,41 @@ def test_runs_that_were_ended_and_begun_again_are_told() -> None:
         play(file, ledger)
     write_json(Path("r.json"), results(play(file, ledger)))
     assert check(file, Path("r.json"), ledger, 1).starts == 2
+
+
+@pytest.mark.slow
+def test_counted_exceptions_are_checked_as_any_other_failure() -> None:
+    _, file, ledger = drawn("mine:AlwaysFails")
+    write_json(Path("r.json"), results(play(file, ledger, count_crashes=True)))
+    found = check(file, Path("r.json"), ledger, 2)
+    assert found.is_measured
+    assert (found.same, found.clean.mean) == (2, 0.0)
+
+
+@pytest.mark.slow
+def test_a_policy_that_cannot_be_run_again_is_not_measured_and_ends_no_leaderboard(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    _, file, ledger = drawn("mine:PlaysOnce")
+    write_json(Path("r.json"), results(play(file, ledger)))
+    found = check(file, Path("r.json"), ledger, 2)
+    assert not found.is_measured
+    assert any("cannot be run again" in one and "not twice" in one for one in found.problems)
+    main(["leaderboard", "r.json", "--workers=1", f"--ledger={ledger}"])
+    assert "mine:PlaysOnce" in capsys.readouterr().out.split("## Claimed")[1].split("Confirmed")[0]
+
+
+@pytest.mark.slow
+def test_results_on_an_own_file_of_scenes_are_claimed() -> None:
+    _, file, ledger = drawn("mine:Idle")
+    content = json.loads(file.read_text())
+    content.pop("challenge")
+    content.pop("sha256")
+    Path("own.json").write_text(json.dumps({**content, "sha256": content_digest(content)}))
+    write_json(Path("r.json"), results(evaluate("mine:Idle", SceneSet("own.json"))))
+    main(["leaderboard", "r.json", "--workers=1", f"--ledger={ledger}", "--json=entries.json"])
+    (entry,) = json.loads(Path("entries.json").read_text())
+    assert (entry["problem"], entry["is_measured"]) == ("", False)
 
 
 def test_a_planner_that_was_not_declared_is_refused() -> None:

@@ -1,0 +1,53 @@
+"""Docstrings and pages get no harder to read, by the counts of `scripts/house.py`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from scripts.house import PATTERNS, Sentence, files_of, marked, sentences, words
+
+ROOT = Path(__file__).resolve().parents[1]
+MOST_MARKS = {
+    "assets": 3.0,
+    "irm": 3.0,
+    "planners": 4.0,
+    "clutter_env": 23.0,
+    "scripts": 23.0,
+    "README.md": 10.0,
+    "docs/tutorials": 6.0,
+    "docs/environments": 9.0,
+    "docs/guides": 14.0,
+}
+"""Marks per 1,000 words. Lower a limit when the words of a folder have become plainer; never raise one."""
+
+
+@pytest.mark.parametrize("folder", MOST_MARKS)
+def test_words_get_no_harder_to_read(folder: str) -> None:
+    assert words(files_of(folder))["all marks, per 1,000 words"] <= MOST_MARKS[folder], (
+        f"python scripts/house.py --marks {folder} prints the sentences"
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("What is in the way.", ["question first"]),
+        ("Objects in the way; the target.", ["semicolon"]),
+        ("Nothing but for the hand.", ["but for"]),
+        ("It is looked whether that is free.", ["is looked"]),
+        ("Lower bound of the picks.", []),
+        (" ".join(["word"] * 26), ["long"]),
+    ],
+)
+def test_each_pattern_marks_what_it_is_for(text: str, expected: list[str]) -> None:
+    found = marked([Sentence(Path("file.py"), 1, text, is_first=True)])
+    assert [name for _, name in found] == expected
+
+
+def test_sentences_of_pages_leave_out_code_and_tables(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("# Title; no\n\nFirst one. Second one.\n\n```sh\nls; ls\n```\n\n| a; b |\n|---|\n")
+    assert [sentence.text for sentence in sentences([page])] == ["First one.", "Second one."]
+    assert "long" not in PATTERNS
