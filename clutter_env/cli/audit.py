@@ -1,13 +1,13 @@
-"""Audit a suite: what is won there without looking, and what its scenes can show.
+"""Audit a suite: scores of policies that do not look, and significant differences between results.
 
     clutter-env audit drawer-5-v1 --scenes 30 --demonstrations 30
     clutter-env audit side-15-v3 --network --suites 3
     clutter-env audit --files results/*.json.xz
 
 The expert plays the first scenes of the test split, and demonstrates on the validation split. A blind policy plays one
-of the demonstrated sequences of actions, whatever it sees; another one sees the robot alone; a third plays the
-demonstration whose first observation is nearest. With --files: of the pairs of results files of the same scenes, how
-many differ significantly. See docs/audit.md.
+of the demonstrated sequences of actions, whatever it sees. Another policy sees the robot alone. A third plays the
+demonstration whose first observation is nearest. With --files: number of pairs of results files of the same scenes
+that differ significantly. See docs/audit.md.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Arguments:
 
 
 def run(arguments: Arguments) -> int:
-    """Play, print; 1 if a blind policy reaches 0.3 of the expert's score somewhere."""
+    """Play and print. Return 1 if a blind policy reaches 0.3 of the expert's score in any suite."""
     from clutter_env.errors import UsageError
     from clutter_env.evaluation.audit import AuditPlan, audit, episodes_of
     from clutter_env.evaluation.evaluate import EPISODE_S

@@ -2,8 +2,8 @@
 
     clutter-env benchmark --objects 1 15 40 --steps 2000
 
-CPU times of one process. Every number of objects is measured in a process of its own, whose peak memory is reported;
-it takes ten seconds or so.
+CPU times of one process. Every number of objects is measured in a process of its own, whose peak memory is reported.
+Each takes about ten seconds.
 """
 
 from __future__ import annotations
@@ -56,8 +56,8 @@ _ENVIRONMENT = ("layout", "control_mode", "object_set", "reality")
 """The arguments that the environment has too."""
 
 Measurement = dict[str, float | None]
-"""One row of the table. Times are of the CPU but for `frames_per_s`, in wall-clock time; it is None without OpenGL.
-`step_over_physics`: CPU time of `env.step` over that of its physics steps; `memory_mb`: peak of the process [MB]."""
+"""One row of the table. Times are CPU times, except `frames_per_s` in wall-clock time, which is None without OpenGL.
+`step_over_physics`: CPU time of `env.step` over that of its physics steps. `memory_mb`: peak of the process [MB]."""
 
 
 def run(arguments: Arguments) -> None:
@@ -83,7 +83,8 @@ def run(arguments: Arguments) -> None:
 
 
 def measure(objects: int, arguments: Arguments) -> Measurement:
-    """All figures for one number of objects, in this process; nothing is imported that would count as its memory."""
+    """Measure all figures for one number of objects, in this process. Nothing is imported that would add to its
+    memory."""
     import resource
     from statistics import median
 
@@ -134,7 +135,8 @@ def time_steps(env: RetrieveEnv, steps: int, seed: int) -> tuple[float, float]:
 
 @contextmanager
 def timed_physics(clock: Callable[[], float]) -> Iterator[SimpleNamespace]:
-    """MuJoCo's steps timed by a clock, in this process, until the block ends; `spent_s` [s] is what they have taken."""
+    """Time MuJoCo's steps with a clock, in this process, until the block ends. `spent_s` [s] is the time that they
+    took."""
     import mujoco
 
     physics, mj_step = SimpleNamespace(spent_s=0.0), mujoco.mj_step

@@ -87,7 +87,7 @@ Arguments: TypeAlias = New | Run | Check
 
 
 def run(arguments: Arguments) -> int:
-    """Do what is asked; 1 if a check does not confirm."""
+    """Run the chosen subcommand. Return 1 if a check does not confirm the results."""
     if isinstance(arguments, New):
         return _new(arguments)
     return _play(arguments) if isinstance(arguments, Run) else _check(arguments)

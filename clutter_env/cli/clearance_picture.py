@@ -22,7 +22,7 @@ _FLOOR = 0.36
 
 
 def draw(summary: Summary) -> Figure:
-    """Success and planning time of all scenes; clearances and lower bound of those that every strategy solves."""
+    """Success and planning time of all scenes. Clearances and lower bound of the scenes that every strategy solves."""
     figure = Figure(figsize=(12, 8), layout="constrained")
     success, clearances, duplicated, seconds = panels = figure.subplots(2, 2).ravel()
     objects = sorted({entry["objects"] for entry in summary["rows"]})

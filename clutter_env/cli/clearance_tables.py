@@ -24,10 +24,10 @@ PAPER = {
 
 
 def summarise(trials: Trials) -> Summary:
-    """The figures of the trials that there are.
+    """The figures of the available trials.
 
     Returns:
-        "scenes": one entry for each number of objects; "rows": one for each of them and each strategy.
+        "scenes": one entry for each number of objects. "rows": one for each number of objects and each strategy.
     """
     summary: Summary = {"scenes": [], "rows": []}
     seed = trials.arguments.seed
@@ -41,10 +41,10 @@ def summarise(trials: Trials) -> Summary:
 
 
 def scene_row(objects: int, found: Sequence[Record], seed: int) -> Row:
-    """Numbers of assessed scenes, by what their lower bounds say.
+    """Numbers of assessed scenes, by their lower bounds.
 
-    A scene is obstructed if something has to be cleared before a level gripper takes the target, whatever the grasps
-    of the table. `seed` is of the bootstrap.
+    A scene is obstructed if something has to be cleared before a level gripper takes the target, whatever the grasps of
+    the table. `seed` is of the bootstrap.
     """
     obstructed = [scene for scene in found if scene.is_obstructed]
     proved = [scene.floor for scene in obstructed if scene.proved and scene.floor is not None]
@@ -64,10 +64,10 @@ def scene_row(objects: int, found: Sequence[Record], seed: int) -> Row:
 
 
 def strategy_rows(attempts: Mapping[str, Mapping[int, Record]], floors: Mapping[int, int], seed: int) -> list[Row]:
-    """The figures of every strategy; attempts that crashed are counted nowhere but in "crashed".
+    """The figures of every strategy. Attempts that crashed are included only in "crashed".
 
-    Those that begin with "both" are over the scenes that the strategy and the first one solved; those with "shared"
-    over the scenes that all strategies solved and whose lower bound is proved.
+    Figures whose names begin with "both" are over the scenes that both the strategy and the first strategy solved.
+    Those with "shared" are over the scenes that all strategies solved and whose lower bound is proved.
 
     Args:
         attempts: by strategy, then by seed of the scene, all with the same number of objects.
@@ -132,7 +132,7 @@ def _row(
 def mcnemar(own: Mapping[int, Record], reference: Mapping[int, Record]) -> float:
     """Two-sided p value of McNemar's exact test that both strategies solve the same share of the scenes.
 
-    The test is binomial over the scenes that only one of the two solves; NaN if no scene was tried by both.
+    The test is binomial over the scenes that only one of the two solves. NaN if no scene was tried by both.
     """
     from scipy.stats import binomtest
 
@@ -145,7 +145,7 @@ def mcnemar(own: Mapping[int, Record], reference: Mapping[int, Record]) -> float
 
 
 def markdown(summary: Summary, is_physics: bool) -> str:
-    """All tables, one after another; in physics only the sum of the planning times of an episode is known."""
+    """All tables, one after another. In physics only the sum of an episode's planning times is known."""
     rows, of_row = summary["rows"], {"N": "{objects}", "strategy": "{strategy}"}
     success, physics = {"success": "{success}"}, {}
     if is_physics:
@@ -196,7 +196,7 @@ def markdown(summary: Summary, is_physics: bool) -> str:
 
 
 def _paper_rows(objects: set[int]) -> list[Row]:
-    """The rows of the paper with so many objects; its scenes are others."""
+    """The paper's rows with this number of objects. Its scenes are others."""
     nothing = {"ratio": NO_INTERVAL, "at_floor": NO_INTERVAL, "difference": NO_INTERVAL, "both": NOTHING}
     rows = []
     for index, count in enumerate(PAPER_OBJECTS):

@@ -41,7 +41,7 @@ logger = logging.getLogger(__name__)
 ASSESSMENT = "floor"
 """In place of a strategy: compute the lower bound of the scene."""
 CRASH = "crash"
-"""Cause of a trial that ended in an exception or a dead process; it says nothing about the strategy."""
+"""Cause of a trial that ended in an exception or a dead process. It does not depend on the strategy."""
 _SAME_SETTINGS = ("layout", "physics", "control_mode", "time_limit", "grasps", "supports", "robot")
 """Arguments that all trials in one file have in common."""
 _WARM_UP_SEED = 99_999
@@ -55,12 +55,12 @@ _SOLVE_LIMITS, _EPISODE_LIMITS = 6, 60
 _SOLVE_S, _EPISODE_S = 1.0, 4.0
 """[s] A trial without, and in, physics, with up to 40 objects."""
 _STEPS_PER_OBJECT = 1500
-"""Control steps of an episode in physics for each object, what the suites give for a pick: enough to clear all others.
+"""Control steps of an episode in physics for each object, as the suites grant for a pick: enough to clear all others.
 
-The environment's own limit goes by open tables; before shelves a clearance takes longer.
+The environment's own limit is made for open tables. In front of shelves a clearance takes longer.
 """
 _RESETS_PER_SCENE = 50
-"""Resets that are assessed for each obstructed scene wanted, before giving up."""
+"""Resets that are assessed for each requested obstructed scene, before giving up."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,8 @@ class Variant:
 
 @dataclass(frozen=True)
 class Trial:
-    """What to do on the scene of a number of objects and a seed: try a variant, or without one assess the scene."""
+    """A trial on the scene of a number of objects and a seed. It tries a variant, or without a variant assesses the
+    scene."""
 
     arguments: Arguments
     objects: int
@@ -90,31 +91,31 @@ class Trial:
 
 @dataclass(frozen=True)
 class Record:
-    """What became of a trial.
+    """Result of a trial.
 
     Attributes:
         objects: number of objects on the table.
         seed: of the environment's reset.
         strategy: its name, or `ASSESSMENT`.
         cause: "" for success, `CRASH`, "killed", or the cause of the failure.
-        detail: more about it; the traceback of a crash.
+        detail: details of the cause, the traceback of a crash.
         total_s: CPU time [s] of planning.
-        floor: of an assessment: the lower bound; None if there is no self-clearable set, or after a crash.
-        proved: whether it is proved; otherwise fewer clearances may do.
+        floor: of an assessment: the lower bound. None if no self-clearable set exists, or after a crash.
+        proved: whether it is proved. Otherwise fewer clearances may suffice.
         side_floor: the lower bound with side grasps, whatever the grasp set.
-        solved: of an attempt: whether there is a plan; in physics, whether the environment reports clean success.
+        solved: of an attempt: whether a plan was found. In physics: whether the environment reports clean success.
         clearances: names of the objects cleared, in order.
         replans: in physics, only those after deviations.
         task_plans: calls of the task planner.
         task_planning_s: CPU time [s] of the task planner.
         motion_planning_s: CPU time [s] of motion planning.
         sim_s: simulated time [s]: of the episode in physics, else of the plan.
-        base_moves: how often the base drives between two contacts of the plan, without physics.
+        base_moves: number of drives of the base between two contacts of the plan, without physics.
         lifted: whether the target was lifted and held, whatever else moved, in physics.
         fallen, disturbed: numbers of such objects, in physics.
-        deviations: what made the expert replan, in physics.
-        is_taken_alone: whether the target of a scene without a plan is taken when it stands there alone; true where
-            there is a plan, and in physics, where it is not asked.
+        deviations: causes of replanning, in physics.
+        is_taken_alone: whether the target of a scene without a plan can be taken when it stands there alone. True for
+            scenes with a plan, and in physics, where it is not tested.
     """
 
     objects: int
@@ -152,7 +153,7 @@ class Record:
 
 
 def run_trial(trial: Trial) -> Record:
-    """Run a trial; the first one of a process first compiles and loads what all need."""
+    """Run a trial. The first trial of a process first compiles and loads the common code."""
     _warm_up(trial.arguments, min(trial.objects, _WARM_UP_OBJECTS))
     if trial.variant is None:
         return _assess(trial)
@@ -169,7 +170,8 @@ def _assess(trial: Trial) -> Record:
 
 
 def _solve(trial: Trial, variant: Variant) -> Record:
-    # Plans of several arms are made in the scene of the robot with one, since it decides what counts as obstructed.
+    # Plans of several arms are made in the scene of the single-arm robot, which decides whether the target is
+    # obstructed.
     _, planner, scene, target = _scene(trial)
     rng = np.random.default_rng(trial.seed)
     planner = replace(planner, robot=_robot(trial.arguments, variant), **variant.planner)
@@ -213,7 +215,8 @@ def _execute(trial: Trial, variant: Variant) -> Record:
 def let_act(
     expert: TampExpert, env: gym.Env, watch: Callable[[str], object] = lambda _: None
 ) -> tuple[Mapping[str, Any], bool]:
-    """Let an expert that has planned act until the episode ends; the last info, and whether the target was lifted.
+    """Let an expert that has planned act until the episode ends. Return the last info, and whether the target was
+    lifted.
 
     `watch` is called after every step with the phase of the motion.
     """
@@ -226,7 +229,7 @@ def let_act(
 
 
 def base_moves(solution: Solution) -> int:
-    """How often the base stands elsewhere when fingers close or open than the time before, or than at the start."""
+    """Number of times that the base has moved when fingers close or open, since the last time or the start."""
     if not solution.actions:
         return 0
     bases = [solution.actions[0].trajectory.base[0], *(contact.base for contact in contacts(solution))]
@@ -234,7 +237,7 @@ def base_moves(solution: Solution) -> int:
 
 
 def _scene(trial: Trial, variant: Variant | None = None) -> tuple[gym.Env, Planner, Scene, str]:
-    """The environment after its reset, the planner, the scene and its target; a variant's robot if there is one."""
+    """The environment after its reset, the planner, the scene and its target. A variant may change the robot."""
     arguments = trial.arguments
     env = _environment(trial.objects, arguments.layout, arguments.control_mode, _robot(arguments, variant))
     _, info = env.reset(seed=trial.seed)
@@ -265,10 +268,10 @@ def _warm_up(arguments: Arguments, objects: int) -> None:
 
 
 def support_names(arguments: Arguments) -> Literal["all"] | tuple[str, ...] | None:
-    """The supports as in `solve`; None leaves them to the grasp set.
+    """The supports as in `solve`. None leaves them to the grasp set.
 
     Raises:
-        UsageError: the layout has no such support; the message lists those that it has.
+        UsageError: the layout has no such support. The message lists its supports.
     """
     if arguments.supports in ((), ("all",)):
         return "all" if arguments.supports else None
@@ -283,15 +286,16 @@ def support_names(arguments: Arguments) -> Literal["all"] | tuple[str, ...] | No
 
 
 class Trials:
-    """The scenes and the rows of a table, and the file of its trials: one JSON object a line, written as each ends.
+    """The scenes and the rows of a table, and the file of its trials, with one JSON object per line, written as each
+    ends.
 
     Args:
         arguments: numbers of objects, scenes, and the settings of all trials.
-        more: rows by name besides the strategies of the arguments; all are compared with the first strategy.
+        more: rows by name besides the strategies of the arguments. All are compared with the first strategy.
 
     Raises:
         UsageError: a number that is not valid, an unknown support, or a file that was begun with other settings.
-        ConfigError: an unknown layout or robot, or more objects than the layout holds; nothing has been written then.
+        ConfigError: an unknown layout or robot, or more objects than the layout holds. Nothing has been written then.
         UnknownStrategy: no such strategy.
     """
 
@@ -352,7 +356,7 @@ class Trials:
                 bar.set_postfix_str(", ".join(f"{cause} {count}" for cause, count in causes.most_common(3)))
 
     def seeds(self, objects: int, before: int | None = None) -> list[int]:
-        """The seeds of the table's scenes: the first that count, all below `before` if it is given."""
+        """The seeds of the table's scenes: the first suitable ones, all below `before` if it is given."""
         found, arguments = self.assessments(objects), self.arguments
         counts = [seed for seed, scene in found.items() if scene.is_obstructed or not arguments.obstructed]
         return [seed for seed in counts if before is None or seed < before][: arguments.scenes]
@@ -384,7 +388,7 @@ class Trials:
         self._known[record.objects, record.seed, record.strategy] = record
 
     def _seeds_to_assess(self, objects: int) -> Iterator[int]:
-        """Seeds that have not been assessed, in ascending order, until there are enough scenes."""
+        """Seeds that have not been assessed, in ascending order, until enough scenes are found."""
         first, scenes = self.arguments.seed, self.arguments.scenes
         for seed in itertools.count(first):
             if len(self.seeds(objects, before=seed)) >= scenes:
@@ -396,7 +400,7 @@ class Trials:
                 yield seed
 
     def _make(self, trials: Iterable[Trial]) -> Iterator[Record]:
-        """Make trials in parallel; each record is stored before the next trial is taken."""
+        """Make trials in parallel. Each record is stored before the next trial is taken."""
         arguments = self.arguments
         limit_s = arguments.time_limit * (_EPISODE_LIMITS if arguments.physics else _SOLVE_LIMITS)
         for trial, result in run_jobs(run_trial, trials, arguments.workers, limit_s):

@@ -1,4 +1,4 @@
-"""Collect expert demonstrations in parallel; each is kept only if it replays bit for bit in a new process.
+"""Collect expert demonstrations in parallel. Each is kept only if it replays bit for bit in a new process.
 
     clutter-env collect --env clutter_env/Retrieve-o15-v0 --episodes 200 --out outputs/demos/o15
 

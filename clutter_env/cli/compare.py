@@ -83,7 +83,7 @@ def run(arguments: Arguments) -> None:
 
 
 def play(arguments: Arguments) -> list[Row]:
-    """Play what has not been played; the rows of the table."""
+    """Play the scenes that have not been played. Return the rows of the table."""
     from clutter_env.errors import LearningError
     from clutter_env.evaluation.compare import Comparison, compare
     from clutter_env.evaluation.evaluate import EPISODE_S, ResultRecords

@@ -1,4 +1,4 @@
-"""A check of this installation: what works, what is missing, and how to get it.
+"""Check this installation: working parts, missing parts, and how to install them.
 
     clutter-env doctor
 
@@ -25,12 +25,12 @@ class Arguments:
 
 
 class Finding(NamedTuple):
-    """One thing that was checked.
+    """Result of one check.
 
     Attributes:
-        state: "missing" for what only some uses need, "broken" for what all need.
-        said: what was found.
-        cure: what to do about it, "" where all is well.
+        state: "missing" for parts that only some uses need, "broken" for parts that all need.
+        said: the finding.
+        cure: the remedy, "" if everything works.
     """
 
     name: str
@@ -40,7 +40,7 @@ class Finding(NamedTuple):
 
 
 def run(arguments: Arguments) -> int:
-    """Print a line for each finding; 1 if something is broken."""
+    """Print a line for each finding. Return 1 if something is broken."""
     from clutter_env.reporting.files import write_json
 
     found = []
@@ -88,7 +88,7 @@ def _machine() -> Finding:
 
 
 def _libraries() -> Iterator[Finding]:
-    """Versions of what the core needs, compared with those that the package asks for."""
+    """Versions of the core's dependencies, compared with those that the package requires."""
     for needed in _needed(""):
         found = _version(needed.name)
         fits = bool(found) and needed.specifier.contains(found, prereleases=True)
@@ -97,7 +97,7 @@ def _libraries() -> Iterator[Finding]:
 
 
 def _extras() -> Iterator[Finding]:
-    """Which extras are installed as a whole; what is lacking of the others."""
+    """Extras that are installed completely, and the missing packages of the others."""
     from importlib import metadata
 
     for extra in metadata.metadata("clutter-env").get_all("Provides-Extra") or ():
@@ -146,7 +146,7 @@ def _kept_kernels() -> Finding:
     folder = getattr(fk_frames._cache, "cache_path", None)
     if folder is None:
         return Finding("kernels", "missing", "cannot be kept", "set NUMBA_CACHE_DIR to a folder that can be written")
-    # Beside the sources there is a folder for each package; elsewhere all lie below one.
+    # Next to the sources each package has a folder. Elsewhere all lie below one folder.
     is_beside = Path(folder).name == "__pycache__"
     root = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(folder).parents[1 if is_beside else 0])
     count = sum(len([*(root / package if is_beside else root).rglob("*.nbi")]) for package in ("irm", "planners"))
@@ -156,7 +156,8 @@ def _kept_kernels() -> Finding:
 
 
 def _tried(name: str, check: Callable[[], str], state: Literal["missing", "broken"], cure: str) -> Finding:
-    """What a check says, or the exception that it ends with, whichever that is: this is what the command is for."""
+    """The result of a check, or the exception that it raised. Every exception is caught, because the command reports
+    defects."""
     try:
         return Finding(name, "ok", check())
     except Exception as problem:

@@ -1,4 +1,4 @@
-"""The expert in physics: one episode shown in full, or many counted.
+"""The expert in physics: one episode shown in full, or statistics of many.
 
     clutter-env episode --objects 15
     clutter-env episode --robot pr2 --objects 15

@@ -75,7 +75,7 @@ class Arguments:
 
     @property
     def display(self) -> str:
-        """How the running episode is shown: "viewer", "live", "film" or "none"."""
+        """Display of the running episode: "viewer", "live", "film" or "none"."""
         return "viewer" if self.viewer else "live" if self.live else "film" if self.film else "none"
 
     @property

@@ -35,10 +35,10 @@ _FACTS = 8
 
 
 def show_one(arguments: Arguments) -> dict[str, Any]:
-    """Find a scene, plan, execute, draw, and print one episode; the results as JSON values.
+    """Find a scene, plan, execute, draw, and print one episode. Return the results as JSON values.
 
     Raises:
-        UsageError: no seed has an obstructed target, or the scene cannot be planned in.
+        UsageError: no seed has an obstructed target, or planning in the scene is impossible.
     """
     mode = {"viewer": "human", "film": "rgb_array"}.get(arguments.display)
     task: dict[str, Any] = {"task": arguments.task} if arguments.task else {}
@@ -93,7 +93,7 @@ def show_one(arguments: Arguments) -> dict[str, Any]:
 
 
 def film_of(inner: Any, stack: ExitStack) -> Film | None:
-    """The film of an environment, closed with the stack; None, and said why, where the machine cannot render."""
+    """The film of an environment, closed with the stack. None, after a message, if the machine cannot render."""
     try:
         return stack.enter_context(closing(Film(inner)))
     except RenderingUnavailable as problem:
@@ -102,7 +102,7 @@ def film_of(inner: Any, stack: ExitStack) -> Film | None:
 
 
 def saved_film(film: Film, out: Path) -> list[Path]:
-    """Save the strip and the film in a directory; the files."""
+    """Save the strip and the film in a directory. Return the files."""
     film.save_strip(out / "strip.png")
     return [out / "strip.png", film.save_film(out / "film")]
 
@@ -112,7 +112,7 @@ def _log(text: str) -> None:
 
 
 def _find_scene(arguments: Arguments, env: gym.Env) -> tuple[int, str]:
-    """Reset to the scene wanted: its seed, and the target's name, or the goal of a task as PDDL."""
+    """Reset to the requested scene: its seed, and the target's name, or the goal of a task as PDDL."""
     inner: Any = env.unwrapped
     planner = Planner(inner.robot, grasps="side")
     for seed in range(arguments.seed, arguments.seed + _MOST_SEEDS):
@@ -127,7 +127,8 @@ def _find_scene(arguments: Arguments, env: gym.Env) -> tuple[int, str]:
 
 
 def _execute(arguments: Arguments, env: gym.Env, expert: TampExpert, film: Film | None) -> tuple[bool, bool]:
-    """Let the expert act until the episode ends; whether the environment says success, and whether lifted."""
+    """Let the expert act until the episode ends. Return the environment's success, and whether the target was
+    lifted."""
     page = expert.live_page() if arguments.display == "live" else None
     if page is not None:
         _log(f"the episode in a browser of this machine: {page.address}")
@@ -156,7 +157,7 @@ def _execute(arguments: Arguments, env: gym.Env, expert: TampExpert, film: Film 
 
 
 def write_plan(plan: Solution, out: Path) -> list[Path]:
-    """Write the pictures of a plan's clearances, if it has any, its overview and the plan itself; the files written."""
+    """Write the pictures of a plan's clearances, if it has any, its overview and the plan itself. Return the files."""
     files = [out / "overview.png", out / "plan.npz"]
     if plan.target or any(action.surfaces for action in plan.actions):
         plan.plot_clearances(out / "plan.png")
@@ -189,7 +190,7 @@ def plan_text(solution: Solution, robot: str = "fetch") -> str:
 
 
 def replanning_text(outcome: Solution | Infeasible) -> str:
-    """For each task plan: its actions, the verified ones (+), the refuted one (x), and the facts learnt from it."""
+    """For each task plan: its actions, the verified ones (+), the refuted action (x), and the facts learnt from it."""
     parts = []
     for number, entry in enumerate(outcome.stats.history, start=1):
         lines = [f"Task plan {number}"]
@@ -205,7 +206,7 @@ def replanning_text(outcome: Solution | Infeasible) -> str:
 
 
 def report_rows(report: EpisodeReport, is_success: bool, lifted: bool) -> dict[str, str]:
-    """The results of the episode by name; `is_success` and `lifted` are what the environment says."""
+    """The results of the episode by name. `is_success` and `lifted` are those of the environment."""
     reason = "an object has fallen or been disturbed" if lifted else "the goal was not reached"
     return {
         "success": "yes, by the environment" if is_success else f"no: {report.failure or reason}",
@@ -215,7 +216,8 @@ def report_rows(report: EpisodeReport, is_success: bool, lifted: bool) -> dict[s
 
 
 def count_many(arguments: Arguments) -> dict[str, Any]:
-    """Play the scenes from a seed on in parallel, as `clutter-env table` does, and print its tables; the episodes."""
+    """Play the scenes from a seed on in parallel, as `clutter-env table` does, and print its tables. Return the
+    episodes."""
     chosen = table_arguments.Arguments(
         objects=(arguments.objects,),
         strategies=(arguments.strategy,),

@@ -41,7 +41,7 @@ class Arguments:
 
 
 def run(arguments: Arguments) -> None:
-    """Export, and say what was written."""
+    """Export, and print the paths written."""
     from clutter_env.data.dataset import Shards
     from clutter_env.data.hdf5 import export_hdf5
     from clutter_env.data.lerobot import export_lerobot

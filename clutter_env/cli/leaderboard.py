@@ -1,14 +1,14 @@
-"""A leaderboard of results files: a row for each policy, a column for each suite, every score confirmed by replay.
+"""Make a leaderboard of results files: a row for each policy, a column for each suite, every score confirmed by replay.
 
     clutter-env leaderboard outputs/evaluate/*.json
     clutter-env leaderboard outputs/challenges/*_results.json outputs/evaluate/*.json --ledger outputs/challenges.jsonl
 
-The recorded actions of each file are played again, as by `clutter-env verify`; what was found is kept in the output
-directory, so that a file takes its time once. Files that are not confirmed are named below the tables, without a score.
+The recorded actions of each file are played again, as by `clutter-env verify`. The result is kept in the output
+directory, so that each file is played only once. Unconfirmed files are named below the tables, without a score.
 
-With a verifier's ledger there are two tables. Results of its challenges whose policy is here, and gives the same
-actions again, are measured, and rank. All others are claimed: scenes of public suites can be learned by heart, and who
-made the actions of a file nobody knows.
+With a verifier's ledger the page has two tables. Results of its challenges whose policy is here, and gives the same
+actions again, are measured, and rank. All others are claimed: scenes of public suites can be memorised, and nobody
+knows who made the actions of a file.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ class Arguments:
 
 
 class Entry(NamedTuple):
-    """One results file, as its replay shows it; policy, track and scenes are as of `Verification`.
+    """One results file, as its replay shows it. Policy, track and scenes are as in `Verification`.
 
     Attributes:
         clean: clean success.
-        commands: that make such a file, where scenes are a suite's, and that confirm it.
-        problem: why it is not confirmed, "" if it is.
+        commands: to make such a file, for scenes of a suite, and to confirm it.
+        problem: reason why it is not confirmed, "" if it is.
         is_measured: on fresh scenes that the maker of the leaderboard drew, by a policy that was run again.
     """
 
@@ -68,10 +68,10 @@ Table: TypeAlias = tuple[list[str], list[list[str | Entry]]]
 
 
 def run(arguments: Arguments) -> int:
-    """Verify, tabulate, write; 1 if a file is not confirmed.
+    """Verify the files and write the tables. Return 1 if a file is not confirmed.
 
-    The policy comes first whose lower ends of the intervals are highest, on average over the sets of scenes: one scene
-    that is won says less than 95 of a hundred. Sets that a policy has not played count 0.
+    Policies are sorted by the lower ends of their intervals, on average over the sets of scenes, because a single
+    successful scene is weaker evidence than 95 of a hundred. A set that a policy has not played is a 0.
     """
     from clutter_env.reporting.files import write_atomically, write_json
 
@@ -96,7 +96,7 @@ def run(arguments: Arguments) -> int:
 
 
 def _ranked(entries: Sequence[Entry]) -> Table:
-    """The table of some entries; raises `UsageError` where two are of one policy on the same scenes."""
+    """The table of some entries. Raise `UsageError` if two are of the same policy on the same scenes."""
     from clutter_env.errors import UsageError
     from clutter_env.reporting.tables import NOTHING
 
@@ -158,7 +158,7 @@ def _entries(arguments: Arguments) -> list[Entry]:
 
 
 def _measured(entry: Entry, suite: str, arguments: Arguments) -> Entry:
-    """The entry as measured, where it is of a challenge in the ledger and its check confirms that; else as it is."""
+    """The entry, marked as measured if it is of a challenge in the ledger and the challenge's check confirms it."""
     from clutter_env.errors import LearningError
     from clutter_env.evaluation.challenge import Ledger, check, read_challenge
     from clutter_env.suites import FILE
@@ -193,7 +193,7 @@ def _markdown(tables: Mapping[str, Table], entries: Sequence[Entry]) -> str:
 
 
 def _html(tables: Mapping[str, Table], entries: Sequence[Entry], out: Path) -> str:
-    """One page without scripts and without anything from elsewhere; every score leads to its results file."""
+    """One page without scripts and external content. Every score links to its results file."""
     import os
 
     def tag(cell: str | Entry) -> str:

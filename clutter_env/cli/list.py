@@ -5,8 +5,8 @@
     clutter-env list clutter_env/Retrieve-o15-v0
     clutter-env list --json names.json
 
-With the id of an environment it prints what a learner has to know of it: observation, action, step limit, rewards, and
-who acts in it.
+With the id of an environment it prints the facts that a learner needs: observation, action, step limit, rewards, and
+its experts.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import tyro
 
 @dataclass(frozen=True)
 class Arguments:
-    """List what there is."""
+    """List the names."""
 
     what: Annotated[str, tyro.conf.Positional] = ""
     """environments, suites, layouts, robots or policies, or the id of an environment. All kinds if not given."""
@@ -54,7 +54,7 @@ def run(arguments: Arguments) -> None:
 
 
 def names() -> dict[str, dict[str, str]]:
-    """Names of each kind, with what they stand for."""
+    """Names of each kind, with their meaning."""
     import gymnasium as gym
 
     import clutter_env
@@ -87,7 +87,7 @@ _POLICIES = {
     "random": "uniform actions",
     "random-skills": "uniform skills",
 }
-"""What policies do, by name; those left out are the scripts of single environments."""
+"""Descriptions of policies by name. Policies without one are the scripts of single environments."""
 
 
 def _with_all_grasps() -> dict[str, str]:
@@ -97,10 +97,10 @@ def _with_all_grasps() -> dict[str, str]:
 
 
 def environment_card(env_id: str) -> dict[str, Any]:
-    """What a learner has to know of an environment.
+    """Facts about an environment that a learner needs.
 
     Raises:
-        UnknownTask: no such environment; the message lists the known ones.
+        UnknownTask: no such environment. The message lists the known environments.
     """
     import gymnasium as gym
 
@@ -151,7 +151,7 @@ def _spec(env_id: str) -> Any:
 
 
 def _actors(env_id: str) -> str:
-    """Who solves it without training."""
+    """Experts that solve it without training."""
     from clutter_env.policies.experts import expert_names
 
     found = expert_names(env_id)
@@ -159,7 +159,7 @@ def _actors(env_id: str) -> str:
 
 
 def _space_in_words(space: Any) -> str:
-    """Shape, kind and limits; the limits only where all numbers have the same."""
+    """Shape, kind and limits. The limits are given only if all numbers share them."""
     import gymnasium as gym
 
     if not isinstance(space, gym.spaces.Box):

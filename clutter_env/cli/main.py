@@ -1,7 +1,7 @@
 """The console command: `clutter-env COMMAND ...`.
 
-A command is a module of this package with a dataclass `Arguments`, read by tyro, and a function `run(arguments)`; its
-docstring is the help text. Modules import what they run inside their functions, so that `--help` appears at once.
+A command is a module of this package with a dataclass `Arguments`, read by tyro, and a function `run(arguments)`. Its
+docstring is the help text. Functions import what they need, so that `--help` appears at once.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ COMMANDS = {
     "list": "list environments, suites, layouts, robots and policies",
     "doctor": "check this installation, and say what is missing and how to get it",
 }
-"""The commands, each in the module of its name in this package, and what they do."""
+"""The commands, each in the module of its name in this package, and their descriptions."""
 
 MAX_SEED = 2**32 - 1
 """The largest that every generator takes: NumPy's, PyTorch's and Gymnasium's."""
@@ -59,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     Exit codes: 0 success, 1 an error while it ran, 2 wrong arguments, 130 interrupted by Ctrl-C.
 
     Args:
-        argv: the command and its arguments; those of the process if not given.
+        argv: the command and its arguments. By default those of the process.
     """
     command, *rest = (sys.argv[1:] if argv is None else argv) or ["--help"]
     if command in ("-h", "--help"):
@@ -122,9 +122,9 @@ def _with_hint(message: str, hint: str) -> str:
 
 
 def _did_you_mean(argv: Sequence[str], message: str) -> str:
-    """A hint at the name in a message that is closest to one of the words typed; "" if none is close.
+    """A hint at the name in a message that is closest to one of the typed words. "" if none is close.
 
-    Messages list the valid names beside the wrong one: that is a rule of this project, and what tyro does.
+    Messages list the valid names next to the wrong name. This is a rule of this project, and tyro does so too.
     """
     import difflib
 
@@ -137,7 +137,7 @@ def _did_you_mean(argv: Sequence[str], message: str) -> str:
 
 
 def _end(message: str, code: int) -> NoReturn:
-    """End the process with a message on the error stream; the exception has it too, for those who call `main`."""
+    """End the process with a message on the error stream. The exception has it too, for callers of `main`."""
     print(message, file=sys.stderr)
     end = SystemExit(message)
     end.code = code
@@ -145,7 +145,7 @@ def _end(message: str, code: int) -> NoReturn:
 
 
 def read(module: ModuleType, prog: str, argv: Sequence[str]) -> Any:
-    """The arguments of a command; wrong ones end the process with a message and exit code 2."""
+    """The arguments of a command. Wrong arguments end the process with a message and exit code 2."""
     import tyro
 
     said, stderr = io.StringIO(), sys.stderr

@@ -3,10 +3,9 @@
     clutter-env map panda.xml --base link0 --tip hand --approach z
     clutter-env map --robot fetch
 
-The robot is any arm in an MJCF file, with the names of its base and of its TCP; or one of the project's robots by name;
-or your own `RobotSpec` as module:NAME. Fetch's map takes a quarter of a minute, one of an arm without a closed form
-two. Its chain is first compared with the model in MuJoCo, because a map of wrong
-kinematics is useless.
+The robot is any arm in an MJCF file, with the names of its base and of its TCP. Or a robot of the project by name, or
+your own `RobotSpec` as module:NAME. Fetch's map takes a quarter of a minute, the map of an arm without a closed form
+two minutes. Its chain is first compared with the model in MuJoCo, because a map of wrong kinematics is useless.
 
 The scripts `map_figures.py`, `map_speed.py` and `map_truth.py` draw and measure maps.
 """
@@ -106,7 +105,7 @@ def run(arguments: Arguments) -> None:
 
 
 def _robot(arguments: Arguments) -> RobotSpec | ArmChain:
-    """The robot that the arguments name, compared with its MJCF file if wanted."""
+    """The robot that the arguments name, compared with its MJCF file if requested."""
     import mujoco
 
     from clutter_env.cli.robot import robot_by_name

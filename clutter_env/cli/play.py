@@ -78,7 +78,7 @@ def run(arguments: Arguments) -> None:
         bar.update(1 / env.metadata["render_fps"])
 
     with progress_bar(bar_format="{n:.0f} s simulated, {elapsed} passed") as bar:
-        if traits.acts_by_skills:  # a step is a whole skill: what is watched are its motions, afterwards
+        if traits.acts_by_skills:  # a step is a whole skill, whose motions are shown afterwards
             played = scene_for(scene, acts_by_skills=True, feasibility="oracle")
             with closing(played.make()) as skills_env:
                 recording = Recording.of(scene, skills_env, play_scene(played, skills_env, policy))

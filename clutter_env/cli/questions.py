@@ -54,7 +54,7 @@ Arguments: TypeAlias = Make | Score
 
 
 def run(arguments: Arguments) -> None:
-    """Do what is asked."""
+    """Run the chosen subcommand."""
     if isinstance(arguments, Make):
         _make(arguments)
     else:

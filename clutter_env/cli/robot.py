@@ -1,4 +1,4 @@
-"""Make a robot of an arm's file, or check a robot's data; and draw the robot.
+"""Make a robot from an arm's file, or check a robot's data, and draw the robot.
 
     clutter-env robot make arm.xml --base base --tip flange --tool 0.16 --on 0.15 0.75
     clutter-env robot check panda_mobile
@@ -6,9 +6,9 @@
     clutter-env robot check my_robot.xml --page my_robot.json
 
 `make` writes an MJCF file and its page: the arm, with boxes, cylinders and capsules in place of its meshes, on a base,
-with a lift, motors and two sliding fingers; see docs/add_a_robot.md. `check` says what is missing or inconsistent. Both
-draw the collision shapes, the frames of the joints and where the level gripper reaches, and let the robot plan and
-execute three scenes before they say that no problem was found. The page of an MJCF file is a JSON object with the
+with a lift, motors and two sliding fingers, see docs/add_a_robot.md. `check` lists missing and inconsistent data. Both
+draw the collision shapes, the frames of the joints and the reach of the level gripper, and let the robot plan and
+execute three scenes before they report no problem. The page of an MJCF file is a JSON object with the
 keyword arguments of `RobotSpec.from_mjcf`. Without a `home` in it, `check` suggests some.
 """
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Arguments:
-    """Make a robot of an arm's file, or check a robot's data; and draw the robot."""
+    """Make a robot from an arm's file, or check a robot's data, and draw the robot."""
 
     action: tyro.conf.Positional[Literal["check", "make"]]
     """What to do."""
@@ -89,7 +89,7 @@ class Arguments:
 
 
 def run(arguments: Arguments) -> None:
-    """Report, draw, and end with an error if there is a problem."""
+    """Report, draw, and end with an error if a problem is found."""
     from clutter_env.cli.robot_report import home_candidates
 
     if arguments.action == "make":
@@ -105,7 +105,7 @@ def run(arguments: Arguments) -> None:
 
 
 def _report(robot: RobotSpec, arguments: Arguments, picture: Path) -> None:
-    """Print facts and problems, draw; then let the robot plan and execute scenes, unless it has problems already."""
+    """Print facts and problems, and draw. Then let the robot plan and execute scenes, unless problems were found."""
     from clutter_env.cli.robot_report import draw_robot, report_of
     from clutter_env.cli.robot_trials import SceneTrials, try_scenes
 
@@ -161,7 +161,7 @@ def _make(arguments: Arguments) -> None:
 
 
 class _Made(NamedTuple):
-    """A robot as of `make_robot`, its page with a home; or why there is none."""
+    """A robot from `make_robot`, its page with a home, or the reason for its absence."""
 
     mjcf: str
     page: dict[str, Any]
@@ -211,7 +211,7 @@ def robot_by_name(name: str) -> RobotSpec:
     """A robot of the project by its name, or the `RobotSpec` that module:NAME refers to.
 
     Raises:
-        UsageError: there is no such robot, module or name, or it is not a `RobotSpec`.
+        UsageError: no such robot, module or name, or it is not a `RobotSpec`.
     """
     from clutter_env.policies.registry import imported
 
@@ -243,5 +243,5 @@ def _robot(arguments: Arguments) -> tuple[RobotSpec, bool]:
         try:
             page["home"] = _middle(path, page)
         except (ValueError, LookupError, TypeError):
-            page["home"] = ()  # `from_mjcf` meets the same problem, and says what it is
+            page["home"] = ()  # `from_mjcf` finds the same problem, and reports it
     return assets.RobotSpec.from_mjcf(path, **page), has_home

@@ -69,13 +69,13 @@ _HOME_HEIGHTS = (0.35, 0.40, 0.45)
 _ELBOW_ABOVE = 0.05
 """[m] An elbow that much above the TCP keeps the forearm off the table."""
 _TORSO_WEIGHT = 5.0
-"""[rad/m] What a metre of the torso counts beside a radian of a joint."""
+"""[rad/m] Weight of a metre of the torso relative to a radian of a joint."""
 _OFF_THE_TABLE = 0.004
-"""[m] at least between the gripper and the table; the planner keeps 2 mm."""
+"""[m] Least distance between the gripper and the table. The planner keeps 2 mm."""
 _TOUCHING = 0.002
 """[m] between shapes that touch: the planner's padding."""
 _TRIED = 200
-"""Configurations in which it is looked up what touches."""
+"""Configurations that are tested for contacts."""
 _BOARD = 0.05
 """[m] Thickness of a table."""
 _STILL = 0.002
@@ -87,7 +87,8 @@ _COLOURS = ("tab:red", "tab:green", "tab:blue")
 
 @dataclass(frozen=True)
 class RobotReport:
-    """Facts about a robot by name, problems to be mended, and its reach; None if its files could not be read."""
+    """Facts about a robot by name, problems to be fixed, and its reach. The reach is None if its files could not be
+    read."""
 
     name: str
     facts: dict[str, str]
@@ -136,7 +137,7 @@ def _facts(robot: RobotSpec, model: mujoco.MjModel, reach: LevelReach) -> dict[s
 
 
 def _motors(robot: RobotSpec, model: mujoco.MjModel) -> str:
-    """What the arm holds stretched out, and which torques are assumed."""
+    """The payload of the stretched arm, and the assumed torques."""
     held = payload_of(model, robot.arm_joints, robot.tcp_site)
     if held is None:
         return "no limits in the file"
@@ -209,7 +210,7 @@ def _problems(robot: RobotSpec, model: mujoco.MjModel, reach: LevelReach, table:
 def _in_the_table(robot: RobotSpec, model: mujoco.MjModel, table: float) -> Iterator[tuple[str, float]]:
     """Bodies that do not move with the arm and are in the table where the robot starts, and how far ahead they are [m].
 
-    A geom counts with the box around it, if that reaches below the table's top but not wholly below its board.
+    A geom is included with the box around it if this box reaches below the table's top but not wholly below its board.
     """
     data = mujoco.MjData(model)
     for joint, value in zip(
@@ -241,7 +242,8 @@ def _below_ground(model: mujoco.MjModel) -> Iterator[tuple[str, float]]:
 
 
 def least_grasp_height(robot: RobotSpec) -> float:
-    """[m] of the TCP above the table, in level grasps, at which the last link keeps off it; rounded up to 5 mm."""
+    """Height [m] of the TCP above the table in level grasps at which the last link clears the table, rounded up to 5
+    mm."""
     shapes, last = robot.shapes, robot.shapes.link == len(robot.chain) - 1
     up = robot.tcp_rotation[:, 2]
     below = (np.array(robot.tcp_offset) - shapes.position[last]) @ up + shapes.radius[last]
@@ -252,7 +254,7 @@ def least_grasp_height(robot: RobotSpec) -> float:
 class LevelReach(NamedTuple):
     """TCP positions x, y, z [m] in the base frame, and those that a level gripper, yaw 0, reaches: (nx, ny, nz).
 
-    The robot does not touch itself there. `tilted` and `from_above` are x straight ahead of other grasps on the table.
+    The robot has no self-collision there. `tilted` and `from_above` are x straight ahead of other grasps on the table.
     """
 
     x: Array
@@ -310,7 +312,7 @@ class _Arm:
 
 
 def level_reach(robot: RobotSpec, table: float = TABLE_HEIGHT) -> LevelReach:
-    """Where the level gripper of a robot reaches straight ahead, around grasps on a table of some height [m]."""
+    """Region that the level gripper of a robot reaches straight ahead, around grasps on a table of some height [m]."""
     arm = _Arm(robot)
     height = table + robot.grasp_height
     x, y = np.arange(0.3, 1.301, _STEP), np.arange(-0.8, 0.801, 2 * _STEP)
@@ -443,7 +445,7 @@ def draw_robot(robot: RobotSpec, reach: LevelReach, file: Path) -> None:
 
 
 def _draw_shapes(axes: Any, arrays: RobotArrays, frames: list[Array]) -> None:
-    """Draw the collision shapes; `frames` (4, 4) of all joints and of the TCP, in the base frame."""
+    """Draw the collision shapes. `frames` (4, 4) are those of all joints and of the TCP, in the base frame."""
     for solid in range(arrays.core.size):
         link = int(arrays.link[solid])
         T = np.eye(4) if link < 0 else frames[link]

@@ -31,7 +31,7 @@ class SceneTrials:
 
     @property
     def is_good(self) -> bool:
-        """Whether most episodes are clean; the target of a single scene may be out of any robot's reach."""
+        """Whether most episodes are clean. The target of a single scene may be out of any robot's reach."""
         return 2 * self.clean > len(self.reasons)
 
     def __str__(self) -> str:

@@ -25,7 +25,7 @@ _FRAME_EVERY = 10
 
 
 def show_search(arguments: Arguments) -> dict[str, Any]:
-    """Play a scene by camera data alone; film it, draw what was believed, print the report; the figures."""
+    """Play a scene by camera data alone, film it, draw the belief and print the report. Return the figures."""
     keywords: dict[str, Any] = {name: getattr(arguments, name) for name in ("robot", "layout", "control_mode")}
     env = gym.make(arguments.environment, frame_every=_FRAME_EVERY, disable_env_checker=True, **keywords)
     inner: Any = env.unwrapped

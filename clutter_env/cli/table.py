@@ -22,7 +22,7 @@ WHEN_INTERRUPTED = "run the same command again to go on"
 
 
 def run(arguments: Arguments, more: Mapping[str, Variant] | None = None, name: str = "clutter-env table") -> None:
-    """Find the scenes, try the strategies and `more` rows, report; `name` is the command shown on the page."""
+    """Find the scenes, try the strategies and `more` rows, and report. `name` is the command shown on the page."""
     from clutter_env.cli.clearance_picture import draw
     from clutter_env.cli.clearance_tables import markdown, summarise
     from clutter_env.cli.clearance_trials import Trials

@@ -1,4 +1,4 @@
-"""The arguments of `clutter-env table`; `clutter-env episode` and scripts make such tables too."""
+"""The arguments of `clutter-env table`. `clutter-env episode` and scripts make such tables too."""
 
 from __future__ import annotations
 

@@ -96,7 +96,7 @@ def print_history(run: Run, trained: Trained) -> None:
 
 
 def make_run(arguments: Arguments) -> Run:
-    """The run that the arguments describe; the environment refuses what it does not know."""
+    """The run that the arguments describe. The environment refuses unknown arguments."""
     from clutter_env.errors import LearningError
     from clutter_env.task import Task
     from clutter_env.training.run import Run

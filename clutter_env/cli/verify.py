@@ -39,7 +39,7 @@ class Arguments:
 
 
 def run(arguments: Arguments) -> int:
-    """Replay, compare, say what differs; 1 if the scores are not confirmed."""
+    """Replay, compare, and print differences. Return 1 if the scores are not confirmed."""
     import secrets
     from dataclasses import replace
     from tempfile import TemporaryDirectory

@@ -1,7 +1,7 @@
-"""`ArmReach` and `ArmPick`: goal environments with a fixed base and four actions, for stock learners; and their arm.
+"""`ArmReach` and `ArmPick`: goal environments with a fixed base and four actions, for stock learners. Also their arm.
 
-They are the Fetch tasks of Gymnasium-Robotics (Plappert et al. 2018, arXiv:1802.09464) in this package's world: the
-gripper points down, an action moves it by up to 5 cm and opens or closes it, an episode has 50 steps, rewards are 0
+They are the Fetch tasks of Gymnasium-Robotics (Plappert et al. 2018, arXiv:1802.09464) in this package's world. The
+gripper points down, and an action moves it by up to 5 cm and opens or closes it. An episode has 50 steps. Rewards are 0
 within 5 cm of the goal and -1 elsewhere. Only the arm's redundancy is not observed.
 """
 
@@ -42,19 +42,19 @@ LOWEST = 0.03
 ROOM = 0.08
 """[m] beyond the goals to which actions move it sideways and up."""
 GOAL_LIFT = 0.25
-"""[m] of a Pick goal above the object's start at most; half of the goals are on the table."""
+"""[m] Largest height of a Pick goal above the object's start. Half of the goals are on the table."""
 
 STEP = 0.05
-"""[m] ahead of the TCP at which a full action sets the pose to follow; 60% of it is covered in the step."""
+"""[m] Distance ahead of the TCP at which a full action sets the pose to follow. The step covers 60% of it."""
 FASTER, HARDER = 2.0, 4.0
-"""Velocity and acceleration limits of the arm as multiples of the robot's own, with which 50 steps would not suffice;
-the motors follow."""
+"""Velocity and acceleration limits of the arm as multiples of the robot's own. With the robot's own
+limits 50 steps would not suffice. The motors follow."""
 FINGER_VELOCITY = 0.15
 """[m/s] of one finger: five steps from open to closed on an object."""
 
 _ACTIONS = 4
 _BRAKING = 0.06
-"""[s] for which the arm moves on when it is told to stop; `arm_action` allows for it."""
+"""[s] Time for which the arm moves on after the command to stop. `arm_action` allows for it."""
 _EDGE = 0.06
 """[m] from the table's edges to where an object's axis may be, at least."""
 _BASE_GAP = 0.01
@@ -64,7 +64,7 @@ _TURN_RATE = 3.0
 _SETTLING_STEPS = 100
 """Control steps in which the arm arrives at a pose."""
 _DOWN = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
-"""Orientation of the TCP in the base frame: its x axis, the approach, points down; the fingers move sideways."""
+"""Orientation of the TCP in the base frame. Its x axis, the approach, points down. The fingers move sideways."""
 
 _METRES, _SPEED = ("m", POSITION_BOUND), ("m/s", VELOCITY_BOUND)
 _GRIPPER = {
@@ -82,23 +82,23 @@ _OBJECT = {
     "half_extents": [Column(f"half_{axis}", "m", 1.0) for axis in "xyz"],
 }
 REACH_LAYOUT, PICK_LAYOUT = EntryLayout(_GRIPPER), EntryLayout({**_GRIPPER, **_OBJECT})
-"""The numbers of the entry "observation": positions and goals have the axes of the base and their origin where the TCP
-is at the start; `object_velocity` is relative to the TCP."""
+"""Layout of the entry "observation". Positions and goals have the axes of the base and their origin at the TCP's start.
+`object_velocity` is relative to the TCP."""
 
 
 class DownwardArm(BaseEnv):
-    """A fixed base in front of the table, the gripper pointing down: what environments with such an arm share.
+    """Common part of environments with a fixed base in front of the table and the gripper pointing down.
 
-    An action has four numbers in [-1, 1]: the motion of the TCP along x, y and z of the base, each a share of 0.05 m
-    from where the joint targets have it, and the opening of the gripper, -1 closed, 1 open. Nothing that is commanded
-    outlasts a step but the targets of joints and fingers.
+    An action has four numbers in [-1, 1]. The first three are the motion of the TCP along x, y and z of the base, each
+    a share of 0.05 m, from the TCP pose of the joint targets. The last is the opening of the gripper, -1 closed, 1
+    open. Of the commands only the targets of joints and fingers outlast a step.
 
     Raises:
         ConfigError: the robot does not reach all goals, or the layout has shelves.
     """
 
     def _have_actions(self, size: int = _ACTIONS) -> None:
-        """Have actions of so many numbers; to be called once the base class has been made."""
+        """Set the number of entries of an action. To be called after the base class's constructor."""
         self.action_size = size
         self.action_space = spaces.Box(-1.0, 1.0, (size,), np.float32)
         quaternion = np.empty(4)
@@ -117,7 +117,7 @@ class DownwardArm(BaseEnv):
         return np.append(step / max(STEP, float(np.abs(step).max())), grip)
 
     def ee_action(self, *_: object, **__: object) -> NDArray[np.float64]:
-        """Actions here have four numbers; raises ActionError, see `arm_action`."""
+        """Raise ActionError, because actions here have four numbers, see `arm_action`."""
         raise ActionError("actions of this environment have four numbers; use arm_action")
 
     def _find_robot(self) -> RobotSpec:
@@ -238,7 +238,8 @@ class ArmReachEnv(ArmEnv):
 
 
 class ArmPickEnv(ArmEnv):
-    """Bring a low object to a point above the table or on it; it stands in reach, parallel to the gripper."""
+    """Bring a low object to a point above the table or on it. The object stands within reach, parallel to the
+    gripper."""
 
     _num_objects, _layout = 1, PICK_LAYOUT
 
@@ -300,7 +301,8 @@ def fast_arm(robot: RobotSpec) -> RobotSpec:
 
 
 def _settled(robot: RobotSpec, q: NDArray[np.float64], position: NDArray[np.float64]) -> tuple[Any, float]:
-    """The configuration (1 + n,) in which an arm arrives from `q`, the gripper down at `position`; its error [m]."""
+    """The configuration (1 + n,) at which an arm arrives from `q`, with the gripper down at `position`, and its error
+    [m]."""
     follower, pose = TcpFollower(robot), np.eye(4)
     follower.reset(q)
     pose[:3, :3], pose[:3, 3] = _DOWN, position
@@ -310,6 +312,6 @@ def _settled(robot: RobotSpec, q: NDArray[np.float64], position: NDArray[np.floa
 
 
 def _start_position(robot: RobotSpec) -> NDArray[np.float64]:
-    """Where the TCP of a robot starts, (3,) [m] in the base frame."""
+    """Start position (3,) [m] of a robot's TCP in the base frame."""
     x, y, _ = EndEffectorController(robot).position(np.array(robot.in_front)).tolist()
     return np.array([x - START_BACK, y, TABLE_HEIGHT + START_HEIGHT])

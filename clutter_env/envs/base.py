@@ -50,24 +50,24 @@ if TYPE_CHECKING:
 _BASE, _TWIST = 3, 6
 """Numbers of an "ee" action before the gripper's: base velocity, TCP velocity."""
 _MEMORY = ("task", "monitor", "grip", "pressing", "target", "velocity", "fingers", "end_effector", "rng")
-"""Entries of a saved state's memory: what task, success monitor, controller and environment remember besides the
+"""Entries of a saved state's memory: variables of task, success monitor, controller and environment besides the
 physics."""
 _PICKLED = ("spec", "action_space", "observation_space", "_np_random", "_np_random_seed")
-"""Attributes of gym.Env that a pickle takes along as they are; the spaces have random generators of their own."""
+"""Attributes of gym.Env that a pickle keeps unchanged. The spaces have random generators of their own."""
 
 
 class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
-    """A robot, a table, objects; subclasses define the task by the abstract methods.
+    """A robot, a table and objects. Subclasses define the task by the abstract methods.
 
     All numbers of an action are in [-1, 1]. "joint": base forward, left, yaw rate, torso and arm joint rates, each a
-    share of the maximum; "ee": base forward, left, yaw rate, then linear and angular TCP velocity in the base frame.
-    Then comes the opening of each gripper and, with head="commanded", the rates of the head's joints. Both modes end in
-    joint velocities, which `JointController.advance` carries out.
+    share of the maximum. "ee": base forward, left, yaw rate, then linear and angular TCP velocity in the base frame.
+    Then comes the opening of each gripper and, with head="commanded", the rates of the head's joints. Both modes result
+    in joint velocities for `JointController.advance`.
 
     Attributes:
-        world: the simulated world; explicit scenes may have one of their own.
+        world: the simulated world. Explicit scenes may have another.
         measurements: of the present state.
-        action_size: numbers in an action.
+        action_size: length of an action.
 
     Raises:
         ConfigError: the robot's data do not fit its MJCF file.
@@ -137,9 +137,9 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Start an episode; what it starts from is a function of seed and options alone.
+        """Start an episode. Its first state is a function of seed and options alone.
 
-        A refused reset changes nothing, the random generator included.
+        A refused reset leaves everything unchanged, including the random generator.
 
         Raises:
             OptionError: an unknown or invalid option.
@@ -160,10 +160,10 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         return self._observe(), self._info()
 
     def step(self, action: ArrayLike) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """One control step of 0.05 s.
+        """Execute one control step of 0.05 s.
 
         Raises:
-            ActionError: the action is not a finite vector of the right shape; nothing has changed.
+            ActionError: the action is not a finite vector of the right shape. The state is unchanged.
         """
         recorded = checked_action(action, self.action_size)
         self.check_started("step()")
@@ -209,17 +209,17 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     @property
     def model(self) -> mujoco.MjModel:
-        """The MuJoCo model. Read it; do not write it."""
+        """The MuJoCo model, for reading only."""
         return self.world.model
 
     @property
     def data(self) -> mujoco.MjData:
-        """The MuJoCo data. Read it; do not write it."""
+        """The MuJoCo data, for reading only."""
         return self.world.data
 
     @property
     def perceived(self) -> World:
-        """The world as the robot knows it, with `model` and `data`; the true one at reality=0."""
+        """The world as the robot knows it, with `model` and `data`. At reality=0 it is the true world."""
         return self.world if self._senses is None or self._senses.world is None else self._senses.world
 
     @property
@@ -229,7 +229,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     @property
     def pose_accuracy(self) -> float:
-        """[m] Error of the objects' perceived poses that is seldom exceeded; 0 at reality=0."""
+        """Error [m] that the objects' perceived poses seldom exceed, 0 at reality=0."""
         return self._senses.pose_accuracy if self._senses else 0.0
 
     @property
@@ -254,29 +254,29 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     @property
     def support_name(self) -> str:
-        """Name of the geom on whose top face the objects stand; in a drawer its floor."""
+        """Name of the geom on whose top face the objects stand. For a drawer: its floor."""
         return supports_of(self.layout)[0]
 
     @property
     def lift_height(self) -> float:
-        """[m] between the support and the lowest point of the target from which the target counts as lifted."""
+        """[m] between the support and the lowest point of the target from which the target is regarded as lifted."""
         return LIFT_HEIGHT
 
     @property
     def info(self) -> dict[str, Any]:
-        """The info of the present state; raises ActionError before `reset`."""
+        """The info of the present state. Raise ActionError before `reset`."""
         self.check_started("info")
         return self._info()
 
     @property
     def is_gentle(self) -> bool:
-        """Whether the robot has pressed hard on nothing since the reset; raises ActionError before it."""
+        """Whether the robot has kept the force limits since the reset. Raise ActionError before it."""
         self.check_started("is_gentle")
         return self._monitor.is_gentle
 
     @property
     def observation_layout(self) -> Mapping[str, EntryLayout]:
-        """Slices and columns of the observation's entries, by name; see `observation_layout`."""
+        """Slices and columns of the observation's entries, by name. See `observation_layout`."""
         return self._observer.layout
 
     @property
@@ -294,13 +294,13 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
     ) -> NDArray[np.float64]:
         """The action after which the motors' targets are `q_target`, as far as the limits allow.
 
-        A trajectory sampled at 20 Hz that keeps the robot's velocity and acceleration limits (of the base: those of its
-        own axes) is followed exactly; a goal farther away is approached as fast as braking before it allows.
+        A trajectory sampled at 20 Hz is followed exactly if it keeps the robot's velocity and acceleration limits (of
+        the base: those of its own axes). A goal farther away is approached as fast as braking before it allows.
 
         Args:
             q_target: (4 + n,) base x, y [m], yaw [rad] in the world, torso [m], arm [rad], then other arms that act.
-            gripper_width: [m] between the pads; of several arms that act, one number for each.
-            head_target: (2,) pan and tilt [rad], where the head is commanded; None: it stays where it is.
+            gripper_width: [m] between the pads. For several arms that act: one number for each.
+            head_target: (2,) pan and tilt [rad] of a commanded head. None: it stays still.
 
         Raises:
             ActionError: not finite, the wrong shape, or this environment's control mode is "ee".
@@ -353,14 +353,15 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         return self._with_own_parts(action, head_target)
 
     def _with_own_parts(self, action: NDArray[np.float64], head_target: ArrayLike | None) -> NDArray[np.float64]:
-        """An action without what this base cannot do, with the numbers for the head."""
+        """An action without the motions that this base lacks, with the numbers for the head."""
         if head_target is not None and not self._num_head:
             raise ActionError("head_target needs head='commanded'")
         head = np.zeros(self._num_head) if head_target is None else self.world.controller.head_action(head_target)
         return np.append(np.delete(action, self._lacking), head)
 
     def tcp_follower(self) -> TcpFollower:
-        """A model of how the joints follow "ee" actions, for planners; independent of this environment's state."""
+        """A model of how the joints follow "ee" actions, for planners. It is independent of this environment's
+        state."""
         from clutter_env.simulation.end_effector import TcpFollower
 
         return TcpFollower(self.robot)
@@ -390,7 +391,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """Continue from a saved state, bit for bit, also in another process.
 
         Raises:
-            StateError: not a valid saved state of an environment like this one; nothing has changed.
+            StateError: not a valid saved state of an environment like this one. Nothing has changed.
         """
         if self._senses:
             raise StateError("states are restored at reality=0")
@@ -447,7 +448,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         self.np_random.bit_generator.state = memory["rng"]
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickling keeps what `save_state` keeps; MuJoCo's own pickles forget which bodies sleep."""
+        """Pickle the content of `save_state`, because MuJoCo's own pickles forget which bodies sleep."""
         saved = self.save_state() if self._has_started and not self._senses else None
         attributes = {name: self.__dict__[name] for name in _PICKLED if name in self.__dict__}
         return _unpickled, (type(self), vars(self.config), attributes, saved)
@@ -459,7 +460,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         return self.config.find_robot()
 
     def _check_options(self, options: object) -> ResetOptions:
-        """The options of a reset, checked; raises OptionError."""
+        """Check the options of a reset. Raise OptionError."""
         return ResetOptions.of(options)
 
     def _draw_scene(self, options: ResetOptions) -> TableScene:
@@ -474,7 +475,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     @abstractmethod
     def _begin(self) -> None:
-        """Start the task's bookkeeping; the world and `measurements` are those of the first state."""
+        """Start the task's bookkeeping. The world and `measurements` are those of the first state."""
 
     @abstractmethod
     def _advance(self) -> tuple[float, bool]:
@@ -489,11 +490,11 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         """Whether the task is done in the present state."""
 
     def _memory(self) -> dict[str, Any]:
-        """The task's bookkeeping as JSON values; nothing if it follows from the present state."""
+        """The task's bookkeeping as JSON values. Empty if it follows from the present state."""
         return {}
 
     def _read_memory(self, memory: Any, scene: TableScene) -> Any:  # noqa: ARG002  of the saved state
-        """The bookkeeping in what `_memory` returned, for `_recall`; StateError where it is not valid."""
+        """Check the bookkeeping that `_memory` returned, for `_recall`. StateError if it is invalid."""
         return Fields(memory, "memory task", ())
 
     @abstractmethod
@@ -503,7 +504,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
     # Inside.
 
     def check_started(self, call: str) -> None:
-        """Raise ActionError unless an episode has begun; `call` is what needs one."""
+        """Raise ActionError unless an episode has begun. `call` is the method that needs an episode."""
         if not self._has_started:
             raise ActionError(f"call reset() before {call}")
 
@@ -555,7 +556,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
     @property
     def _kind(self) -> dict[str, Any]:
-        """Properties that a saved state and the environment that restores it must share; JSON values."""
+        """Properties that a saved state and the environment that restores it must share, as JSON values."""
         robot = f"{self.robot.name}{' fixed' * (self.robot.base_drive == 'fixed')}"
         if robot_identity(self.robot) != self.robot.name:
             content = json.dumps(asdict(self.robot)).encode() + self.robot.mjcf_path.read_bytes()
@@ -570,7 +571,8 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         }
 
     def _info(self) -> dict[str, Any]:
-        """The info dictionary, the same keys in all environments; image observations add their cameras' calibration."""
+        """The info dictionary, with the same keys in all environments. Image observations add their cameras'
+        calibration."""
         monitor, all_held = self._monitor, self.measurements.grip.held
         held = self.target_slot if self.target_slot >= 0 and self.target_slot in all_held else max(all_held)
         return {
@@ -594,7 +596,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         }
 
     def _opening_info(self) -> dict[str, Any]:
-        """What the info says of what opens; nothing where nothing does."""
+        """Entries of the info for drawers and doors, empty without them."""
         world = self.world
         if not world.openings:
             return {}
@@ -605,7 +607,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
         }
 
     def observe_world(self, target: int, hold_progress: float, lift_left: float) -> dict[str, Any]:
-        """The observation that the configuration asks for; see `Observer.observe`."""
+        """The observation that the configuration selects, see `Observer.observe`."""
         measurements = self._senses.measurements if self._senses else self.measurements
         vectors = self._observer.observe(self.perceived, measurements, target, hold_progress, lift_left)
         images = self._rendering.images(self.world)
@@ -620,7 +622,7 @@ class BaseEnv(gym.Env[dict[str, Any], NDArray[np.float32]], ABC):
 
 @contextmanager
 def restored_generator(env: gym.Env) -> Iterator[None]:
-    """If the block raises, put back the environment's random generator, its state and its seed; they may be None."""
+    """If the block raises, restore the environment's random generator, its state and its seed. They may be None."""
     generator, seed = env._np_random, env._np_random_seed
     state = {} if generator is None else generator.bit_generator.state
     try:
@@ -633,14 +635,14 @@ def restored_generator(env: gym.Env) -> Iterator[None]:
 
 
 def layout_identity(layout: Layout) -> Any:
-    """The name of a known layout, all fields of another one; JSON values."""
+    """The name of a known layout, all fields of another layout, as JSON values."""
     if LAYOUTS.get(layout.name) == layout:
         return layout.name
     return json.loads(json.dumps(asdict(layout)))
 
 
 def robot_identity(robot: RobotSpec) -> Any:
-    """The name of a known robot, all fields of another one; JSON values."""
+    """The name of a known robot, all fields of another robot, as JSON values."""
     try:
         if find_robot(robot.name) == robot:
             return robot.name
@@ -652,7 +654,7 @@ def robot_identity(robot: RobotSpec) -> Any:
 def _unpickled(
     make: Callable[..., BaseEnv], keywords: dict[str, Any], attributes: dict[str, Any], saved: bytes | None
 ) -> BaseEnv:
-    """The environment of a pickle; `saved` is None if `reset` had not been called."""
+    """The environment of a pickle. `saved` is None if `reset` had not been called."""
     env = make(**keywords)
     env.__dict__.update(attributes)
     if saved is not None:

@@ -1,7 +1,7 @@
-"""What is in the way of a gripper that comes from above, and where it holds an object: plain geometry, no planner.
+"""Objects in the way of a gripper that comes from above, and its grasp points, by plain geometry without a planner.
 
-The gripper's fingers open along its own y axis. At the grasp of an object they are opened by a little more than it is
-wide; another object is in the way if it would be between a finger, or the palm, and its place there.
+The gripper's fingers open along its own y axis. At the grasp of an object they are opened by a little more than its
+width. Another object is in the way if it would be between a finger, or the palm, and its place at the grasp.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True)
 class Standing:
     """Objects as they stand: centres (n, 2) [m], half widths (n,) [m] of the circle around each, tops (n,) [m] above
-    the table. Of what is not there the top is below the table."""
+    the table. Absent objects have their top below the table."""
 
     centres: Array
     half_widths: Array

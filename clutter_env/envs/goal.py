@@ -24,17 +24,18 @@ if TYPE_CHECKING:
     from planners.goals import Goal
 
 GOAL_TOLERANCE = 0.05
-"""[m] from the goal within which it counts as reached."""
+"""[m] Distance within which the goal is reached."""
 _STANDING, _PLACE_TOLERANCE = 0.02, 0.04
-"""[m] Goals no higher than this above an object that stands are places on the table; together within the tolerance."""
+"""[m] Goals no higher than this above a standing object are places on the table. Horizontal tolerance of these places.
+Both errors together are within `GOAL_TOLERANCE`."""
 GOAL_BOUND = 16.0
-"""[m] Bound of goals in the world frame; far outside the ground that the base may use."""
+"""[m] Bound of goals in the world frame, far outside the ground that the base may use."""
 
 REACH_LOW, REACH_HIGH = (0.50, -0.40, 0.85), (0.95, 0.40, 1.30)
 """[m] Box of the Reach goals in the frame of the base at the start: within the arm's reach, above the table."""
 
 PICK_X = (-0.25, 0.05)
-"""[m] Where the object to pick stands, from the table's centre; the rest of the table is farther than the arm."""
+"""[m] Range of x of the object to pick, from the table's centre. The rest of the table is beyond the arm's reach."""
 PICK_DISTANCE = (0.70, 0.85)
 """[m] ahead of the base."""
 PICK_SIDE = 0.15
@@ -44,18 +45,18 @@ PICK_YAW = 0.2
 GOAL_OFFSET = 0.15
 """[m] of a Pick goal from the object's start along x and y at most."""
 GOAL_LIFT = 0.25
-"""[m] of a Pick goal above the object's start at most; half of the goals are on the table."""
+"""[m] Largest height of a Pick goal above the object's start. Half of the goals are on the table."""
 
 
 class GoalEnv(BaseEnv):
-    """Observations are `observation`, `achieved_goal` and `desired_goal`; goals are points in the world frame.
+    """Observations are `observation`, `achieved_goal` and `desired_goal`. Goals are points in the world frame.
 
-    Rewards, by `reward_mode`: "sparse", 0 within `GOAL_TOLERANCE` of the goal, else -1; "dense", minus the distance.
-    `info["is_success"]` is the goal reached, whatever else has moved, as in relabelled rewards; the other keys of the
-    info are those of `RetrieveEnv`. Episodes end by their time limit only.
+    Rewards, by `reward_mode`: "sparse", 0 within `GOAL_TOLERANCE` of the goal, else -1. "dense", minus the distance.
+    `info["is_success"]` says that the goal is reached, whatever else has moved, as in relabelled rewards. The other
+    keys of the info are those of `RetrieveEnv`. Episodes end only by their time limit.
 
     Raises:
-        ConfigError: `success`, `terminate_on_fallen` or `reality` is given; they are of the retrieval task.
+        ConfigError: `success`, `terminate_on_fallen` or `reality` is given. They belong to the retrieval task.
     """
 
     _shows_goal = False
@@ -68,7 +69,7 @@ class GoalEnv(BaseEnv):
 
     @property
     def goal(self) -> NDArray[np.float64]:
-        """The goal (3,) of this episode in the world frame [m]; a copy."""
+        """A copy of this episode's goal (3,) in the world frame [m]."""
         return self._goal.copy()
 
     @abstractmethod
@@ -129,7 +130,8 @@ class GoalEnv(BaseEnv):
 
 
 class GoalInterface(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """The outermost wrapper of `Reach` and `Pick`: it shows their `compute_reward`; put it around wrappers of your own.
+    """The outermost wrapper of `Reach` and `Pick`, which has their `compute_reward`. Put it around wrappers of your
+    own.
 
     Stable-Baselines3's `check_env` calls `env.compute_reward(...)`, and since Gymnasium 1.0 a wrapper has only the
     attributes of its own class.
@@ -143,7 +145,7 @@ class GoalInterface(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         super().__init__(env)
 
     def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
-        """Rewards (...,) of achieved and desired goals (..., 3); see `GoalEnv.compute_reward`."""
+        """Rewards (...,) of achieved and desired goals (..., 3), see `GoalEnv.compute_reward`."""
         return self.env.get_wrapper_attr("compute_reward")(achieved_goal, desired_goal, info)
 
 
@@ -164,7 +166,7 @@ class ReachEnv(GoalEnv):
 
 
 class PickEnv(GoalEnv):
-    """Bring the target object to a point above the table or on it; the base stands close from the start."""
+    """Bring the target object to a point above the table or on it. The base starts close to it."""
 
     def __init__(self, **keywords: Any) -> None:
         check_integer("num_objects", keywords.get("num_objects", 1), 1)
@@ -172,7 +174,7 @@ class PickEnv(GoalEnv):
 
     @property
     def planning_goal(self) -> Goal:
-        """The goal of this episode for a planner: the target stands there, or is held there.
+        """The goal of this episode for a planner: the target stands or is held at the goal point.
 
         Raises:
             ActionError: the environment has not been reset.

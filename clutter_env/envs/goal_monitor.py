@@ -1,8 +1,8 @@
-"""Progress of a rearrangement: which facts of the goal hold, for how long, and how near the next one is.
+"""Progress of a rearrangement: the satisfied facts of the goal, for how long, and the distance to the next fact.
 
-The facts are judged by their geometry alone, as the planner judges them. That nothing else has happened is for the
-`SuccessMonitor` of all environments to say: an object of the goal, or one that is put aside, may change its support
-when it travels in the air, in the gripper.
+Facts are evaluated by their geometry alone, as in the planner. The `SuccessMonitor` of all environments checks that
+nothing else has happened. An object of the goal, or an object that is put aside, may change its support while it is
+carried in the air.
 """
 
 from __future__ import annotations
@@ -35,22 +35,23 @@ Array = NDArray[np.float64]
 CARRY_SCALE = 2.0
 """[1/m] The carrying term falls to a quarter at half a metre from the place."""
 PROGRESS_SCALES = {"reach": 0.2, "grasp": 0.2, "carry": 0.4}
-"""Worth of the terms of the progress towards the next fact, each between 0 and 1; the fact itself is worth 1."""
+"""Weights of the terms of the progress towards the next fact, each between 0 and 1. The fact itself has the weight
+1."""
 SETTLING = 0.02
-"""[m] at most from where an object was last carried to where it stands: what it slides while it is put down and let go.
-"""
+"""[m] Largest distance from the place where an object was last carried to its present place. It slides while it is
+placed and released."""
 _IN_HAND = np.eye(4)
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where an object is to be: on a face within a rectangle, at a point, on another object, or held up.
+    """Desired place of an object: on a face within a rectangle, at a point, on another object, or held up.
 
     Attributes:
         kind: "in_area", "at_point", "on_object" or "held_up".
-        centre: (3,) [m] of the rectangle, or the point, at the height of the face; zeros for the last two kinds.
+        centre: (3,) [m] of the rectangle, or the point, at the height of the face. Zeros for the last two kinds.
         half_extents: (2,) [m] of the rectangle, else zeros.
-        yaw: [rad] of the rectangle, or of the object at the point; None for any.
+        yaw: [rad] of the rectangle, or of the object at the point. None for any.
         below: slot of the other object, -1 without one.
     """
 
@@ -62,19 +63,19 @@ class Place:
 
 
 class GoalMonitor:
-    """Follows the goal of one episode from its first state on; call `update` after every control step.
+    """Monitors the goal of one episode from its first state on. Call `update` after every control step.
 
     Attributes:
-        goal: what is wanted.
+        goal: the goal.
         unmet: the facts that do not hold.
-        steps_met: control steps in a row in which all facts have held, and the robot has let go: it touches nothing
-            that the goal puts somewhere, and what it holds touches nothing else.
-        moved: names of the objects that have been lifted off what they stood on, in order.
-        places: where each object of the goal is to be, by its slot.
+        steps_met: consecutive control steps in which all facts have held and the robot has let go. It then touches no
+            object that the goal places, and objects that it holds touch nothing else.
+        moved: names of the objects that have been lifted off their support, in order.
+        places: place of each object of the goal, by its slot.
     """
 
     def __init__(self, world: World, start: Scene, goal: Goal) -> None:
-        """Begin with the first state of an episode, which `start_scene` describes; the goal fits it."""
+        """Begin with the first state of an episode, as `start_scene` describes it. The goal must fit it."""
         self.goal, self._world = goal, world
         self._start = self._scene = start
         self._facts = {fact: fact.holds(start, start) for fact in goal.facts}
@@ -115,7 +116,7 @@ class GoalMonitor:
 
     @property
     def is_carried_out(self) -> bool:
-        """Whether every object that had to move was carried to where it is; a short push is no way there."""
+        """Whether every object that had to move was carried to its place. A short push is not regarded as carrying."""
         names, places = self._world.names, {name: self._left_at.get(name) for name in self._to_carry}
         return all(
             place is not None and math.dist(place, self._poses[names.index(name), :2]) <= SETTLING
@@ -123,17 +124,17 @@ class GoalMonitor:
         )
 
     def is_lost(self, measurements: Measurements) -> bool:
-        """Whether an object that is to be somewhere has fallen off all supports; what is carried may be lower."""
+        """Whether an object that the goal places has fallen off all supports. Carried objects may be lower."""
         return bool((measurements.is_off & measurements.is_fallen)[self._slots].any())
 
     def update(self, measurements: Measurements) -> None:
-        """Take into account what was measured after one more control step."""
+        """Process the measurements after one more control step."""
         if measurements is not self._last:
             self._judge(measurements)
         self.steps_met = 0 if self.unmet or not self._is_let_go(measurements) else self.steps_met + 1
 
     def _is_let_go(self, measurements: Measurements) -> bool:
-        """Whether what is to stand somewhere does so without the robot, and what is held is in the air."""
+        """Whether the robot touches no object that the goal places, and every object that it holds is in the air."""
         grip = measurements.grip
         is_in_air = all(slot < 0 or carried for slot, carried in zip(grip.held, grip.is_carried, strict=True))
         return is_in_air and self._standing.isdisjoint(self._world.touched)
@@ -156,7 +157,7 @@ class GoalMonitor:
         self.unmet = self._find_unmet()
 
     def _take_over(self, measurements: Measurements) -> set[str]:
-        """Bring the scene up to date; names of the objects that have moved, or have been grasped or let go."""
+        """Update the scene. Return names of the objects that have moved, or have been grasped or let go."""
         self._last, scene, names = measurements, self._scene, self._world.names
         held = {names[slot] for slot in measurements.grip.held if slot >= 0}
         objects, changed = list(scene.objects), held ^ set(scene.held_names)
@@ -199,7 +200,7 @@ class GoalMonitor:
         return Place("in_area", np.array([*face.position[:2], face.top]), face.extent[:2], 0.0)
 
     def _level_at(self, fact: At) -> float:
-        """[m] height of the face at a place: the highest one, or the one below the height that is asked for."""
+        """Height [m] of the face at a place: the highest face, or the highest face up to the fact's height."""
         faces = [self._start.support_named(name) for name in self._start.supports]
         tops = [face.top for face in faces if face.is_under(np.array([fact.x, fact.y]))]
         most = math.inf if fact.z is None else fact.z
@@ -227,7 +228,7 @@ class GoalMonitor:
         return best
 
     def _distance(self, body: Body, place: Place) -> float:
-        """[m] from the foot of an object to its place, 0 within it; 0 for one that is to be held up."""
+        """Distance [m] from the foot of an object to its place, 0 within it. 0 for an object to be held up."""
         if place.kind == "held_up":
             return 0.0
         if place.below >= 0:
@@ -296,7 +297,7 @@ def _household_body(kind: str) -> Body:
 
 @dataclass(frozen=True)
 class GoalMemory:
-    """What `GoalMonitor.memory` returned, its types checked."""
+    """The value of `GoalMonitor.memory`, with its types checked."""
 
     goal: Goal
     regions: tuple[Region, ...]
@@ -333,7 +334,7 @@ class GoalMemory:
 
 
 def read_regions(value: object) -> tuple[Region, ...]:
-    """The regions of a sequence of regions, or of their fields; raises `GoalError`."""
+    """The regions of a sequence of regions, or of their fields. Raise `GoalError`."""
     known = [entry.name for entry in fields(Region)]
     if not isinstance(value, Sequence) or isinstance(value, str):
         raise GoalError(f"regions must be a list of Regions, not {value!r:.100}")

@@ -1,9 +1,9 @@
 """Observations: vectors relative to the robot's base, all finite and bounded, and the names of their numbers.
 
 An observation is a dictionary of vectors, its entries. `OBSERVATION_LAYOUT["robot"]["base_velocity"]` is the slice of
-the entry "robot" that holds the velocity of the base, `OBSERVATION_LAYOUT["robot"].columns` names every single number
-with its unit and its bound. Of "objects" the layout describes the row of one object. No column number is written
-anywhere else.
+the entry "robot" that holds the velocity of the base. `OBSERVATION_LAYOUT["robot"].columns` names every single number
+with its unit and its bound. For "objects" the layout describes the row of one object. Column numbers are defined
+nowhere else.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.world import Measurements, World
 
 POSITION_BOUND = 16.0
-"""[m] Clip of relative positions; the diagonal of the ground that the base may use is shorter."""
+"""[m] Clip of relative positions. The diagonal of the ground that the base may use is shorter."""
 JOINT_BOUND = 8.0
-"""[rad], [m] Clip of joint positions; wider than every joint's range."""
+"""[rad], [m] Clip of joint positions, wider than every joint's range."""
 VELOCITY_BOUND = 16.0
-"""[m/s], [rad/s] Clip of measured velocities; ordinary ones are a tenth of it."""
+"""[m/s], [rad/s] Clip of measured velocities. Ordinary velocities are a tenth of it."""
 OBJECT_KINDS = tuple(KINDS)
-"""What the number in the column "kind" of household objects stands for: their kinds, in order; -1 is none of them."""
+"""Meaning of the number in the column "kind" of household objects: their kinds, in order. -1 is no kind."""
 
 
 class Column(NamedTuple):
@@ -74,7 +74,7 @@ class EntryLayout(Mapping[str, slice]):
         """Index of the column of this name.
 
         Raises:
-            KeyError: there is no such column; the message lists the columns.
+            KeyError: no such column. The message lists the columns.
         """
         names = [entry.name for entry in self.columns]
         if column not in names:
@@ -87,10 +87,10 @@ def observation_layout(
 ) -> Mapping[str, EntryLayout]:
     """The layout of the entries "robot", "tcp", "gripper", "objects" (one row of it) and "goal" for a robot.
 
-    With `shows_head` there is "head" too, for one that is commanded; with `shows_kinds` a column of `OBJECT_KINDS`;
-    with a drawer or a door "joints", with several one after the other, their names before the columns'.
+    `shows_head` adds "head", for a commanded head. `shows_kinds` adds a column of `OBJECT_KINDS`. A drawer or a door
+    adds "joints". Several drawers follow one another, with their names as prefixes of the columns.
 
-    Of a robot that acts with several arms the joints and grippers of the others follow those of the active one.
+    In a robot that acts with several arms, the joints and grippers of the other arms follow those of the active arm.
     """
     acting = ActingJoints.of(robot)
     arm = [joint.removesuffix("_joint") for joint in acting.names[len(robot.base_joints) + 1 :]]
@@ -155,7 +155,8 @@ OBSERVATION_LAYOUT = observation_layout(FETCH)
 """The layout of the default robot's observations."""
 
 OBJECT_FIELDS = tuple(column.name for column in OBSERVATION_LAYOUT["objects"].columns)
-"""Columns of one object's row; a cylinder's half extents are radius, radius, half height. Household: "kind" too."""
+"""Columns of one object's row. A cylinder's half extents are radius, radius, half height. Household objects also have
+"kind"."""
 
 
 def entry_slices(layout: Mapping[str, EntryLayout], entries: Sequence[str], num_objects: int) -> dict[str, slice]:
@@ -197,7 +198,8 @@ Observation = dict[str, NDArray[np.float32]]
 
 
 class Observer:
-    """Makes the vectors of an observation: "robot", "tcp", "gripper"; "head", "objects", "goal", "joints" where wanted.
+    """Makes the vectors of an observation: "robot", "tcp", "gripper", and optionally "head", "objects", "goal",
+    "joints".
 
     Attributes:
         bounds: largest magnitudes of all numbers of an observation, one entry after the other.
@@ -246,13 +248,13 @@ class Observer:
     def observe(
         self, world: World, measurements: Measurements, target: int, hold_progress: float, lift_left: float
     ) -> Observation:
-        """The observation after a step; every call makes new arrays.
+        """The observation after a step. Every call makes new arrays.
 
         Args:
             world: the world, its kinematics settled.
             measurements: its measurements.
             target: the target's slot.
-            hold_progress: share of the holding time that success needs, 0 to 1.
+            hold_progress: holding time as a share of that required for success, 0 to 1.
             lift_left: height [m] by which the target must still rise.
         """
         data, index, num_joints = world.data, world.index, len(world.index.drive_qpos)
@@ -295,7 +297,8 @@ class Observer:
         return {name: flat[place] for name, place in self._slices.items()}
 
     def _constant_part(self, world: World, target: int) -> NDArray[np.float32]:
-        """The numbers that stay the same for a whole episode, zeros elsewhere; computed once for each scene."""
+        """The numbers that stay the same for a whole episode, zeros elsewhere. They are computed once for each
+        scene."""
         if world.scene is not self._constant_scene:
             self._constant = np.zeros_like(self.bounds)
             self._constant_scene = world.scene
@@ -314,10 +317,10 @@ class Observer:
 
 
 def _poses_in_base(x: float, y: float, yaw: float, poses: Vector) -> Vector:
-    """World poses (n, 7) relative to a base at x, y [m], yaw [rad], as columns (7, n); quaternions get w >= 0.
+    """World poses (n, 7) relative to a base at x, y [m], yaw [rad], as columns (7, n). Quaternions get w >= 0.
 
-    A pose is linear in position and quaternion: one product turns both, by the yaw and by half of it. MuJoCo's product
-    has the same digits on every processor, unlike NumPy's.
+    A pose is linear in position and quaternion, so a single product turns both, by the yaw and by half of it. MuJoCo's
+    product has the same digits on every processor, unlike NumPy's.
     """
     c, s, hc, hs = math.cos(yaw), math.sin(yaw), math.cos(yaw / 2), math.sin(yaw / 2)
     relative = np.empty((7, len(poses)))

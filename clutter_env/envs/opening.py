@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from planners.goals import Goal
 
 POTENTIAL_SCALES: Mapping[str, float] = MappingProxyType({"reach": 0.1, "open": 0.6})
-"""Worth of each term of the potential, each between 0 and 1; together `reward.MOST`."""
+"""Weight of each term of the potential, each between 0 and 1. Their sum is `reward.MOST`."""
 _OPTIONS = ("objects", "state")
 
 
@@ -32,7 +32,7 @@ class OpenConfig(EnvConfig):
     """The keyword arguments of `OpenEnv`: those of `EnvConfig`.
 
     Raises:
-        ConfigError: see `EnvConfig`; or `obstructed`, or a base that does not move.
+        ConfigError: see `EnvConfig`. Or `obstructed`, or a fixed base, is given.
     """
 
     num_objects: int = 5
@@ -46,13 +46,13 @@ class OpenConfig(EnvConfig):
 
 
 class OpenEnv(ClutterTaskEnv):
-    """A mobile manipulator before a drawer or a door that is shut, with objects behind it.
+    """A mobile manipulator in front of a closed drawer or door, with objects behind it.
 
-    It is open when its joint has been at 80% of its range or beyond for 0.5 s; the robot may still hold the handle or
+    It is open when its joint has been at 80% of its range or beyond for 0.5 s. The robot may still hold the handle or
     have let go. With `success="clean"` nothing may have toppled or travelled other than in the air, in the gripper, and
-    the robot may not have pressed hard on the furniture; what stands in a drawer rides in it, and fingers may pull at
-    the handle as they like; see `success`. Keyword arguments are the fields of `OpenConfig`. Reset options: `objects`
-    and `state`. The info has the keys of `RetrieveEnv`'s; `lifted` says that it is open, whatever else has happened,
+    the robot may not have pressed hard on the furniture. Objects in a drawer move with it, and fingers may pull at
+    the handle with any force, see `success`. Keyword arguments are the fields of `OpenConfig`. Reset options: `objects`
+    and `state`. The info has the keys of `RetrieveEnv`'s. `lifted` says that it is open, whatever else has happened,
     and `target` is "". The episode ends with success or, with `terminate_on_fallen`, when an object has fallen.
 
     Example:

@@ -1,7 +1,7 @@
-"""The reality dial: what the robot knows of the world differs from it, and its commands arrive late.
+"""The reality dial: the robot's knowledge differs from the world, and its commands arrive late.
 
-`reality=1` is a mobile manipulator without special care, values between scale every effect (`LEVELS`). All are
-drawn from the seed, after the scene, which stays that of `reality=0`. Rewards, success and info say the truth.
+`reality=1` is a mobile manipulator without special care, values between scale every effect (`LEVELS`). All are drawn
+from the seed, after the scene, which stays that of `reality=0`. Rewards, success and info say the truth.
 """
 
 from __future__ import annotations
@@ -23,10 +23,11 @@ from clutter_env.simulation.world import Measurements, World
 
 @dataclass(frozen=True)
 class Levels:
-    """Sizes of the effects at `reality=1`: standard deviations unless it says otherwise; docs/environments/reality.md.
+    """Sizes of the effects at `reality=1`: standard deviations unless stated otherwise. See
+    docs/environments/reality.md.
 
     Attributes:
-        pose: [m] of an object's position along x and y, in every frame; heights are those of the support.
+        pose: [m] of an object's position along x and y, in every frame. Heights are those of the support.
         yaw: [rad] of an object's heading, in every frame.
         camera: [m] of the camera's position along each axis, in every episode.
         camera_angle: [rad] of its orientation about each axis, in every episode.
@@ -35,7 +36,7 @@ class Levels:
         base: [m] and [rad] of the base's own pose, in every step.
         velocity: [rad/s], [m/s] of each joint velocity.
         observation_delay, action_delay: control steps.
-        dropped: probability that a frame of the cameras is dropped; the last one is seen again.
+        dropped: probability that a frame of the cameras is dropped. The last frame is then repeated.
         friction: largest relative error of an object's sliding friction, in the hand as on the table, uniform.
         mass, size: the same of an object's mass and of its half extents.
     """
@@ -64,11 +65,11 @@ _FRAMES = 20
 
 
 class Senses:
-    """What the robot knows: the world with nominal sizes, as its sensors have it, a little late.
+    """The robot's knowledge: the world with nominal sizes, as measured by its sensors, with a delay.
 
     Attributes:
-        world: the known world; its model has nominal sizes and camera poses, its data what was measured last.
-        measurements: of the objects, likewise.
+        world: the known world. Its model has nominal sizes and camera poses, its data the last measurements.
+        measurements: the last measurements of the objects.
     """
 
     measurements: Measurements
@@ -84,7 +85,7 @@ class Senses:
         self.world: World | None = None
 
     def begin(self, world: World, scene: TableScene, rng: np.random.Generator) -> TableScene:
-        """Start an episode: draw its errors, write those of friction and cameras; the scene as it truly is."""
+        """Start an episode: draw its errors, and set up friction and cameras. Return the true scene."""
         self._rng, size = rng, scene.num_objects
         if self.world is None or self.world.shapes != world.shapes:
             self.world = self._make_world(shapes=world.shapes)
@@ -111,7 +112,7 @@ class Senses:
         return replace(scene, half_extents=scene.half_extents * sizes[:, None], masses=scene.masses * masses)
 
     def late(self, action: NDArray[np.float64], still: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The action that arrives now; `still`, which changes nothing, before the first."""
+        """The delayed action that arrives now. Before the first arrives it is `still`, which changes nothing."""
         self._actions.append(action)
         return np.asarray(self._actions[0] if len(self._actions) == self._actions.maxlen else still)
 
@@ -166,7 +167,8 @@ class Senses:
         return observation, action
 
     def _tracked(self, seen: Measurements) -> NDArray[np.float64]:
-        """Poses (n, 7) for planners: of what is still, the mean of the last frames, otherwise those seen.
+        """Poses (n, 7) for planners: the mean of the last frames for objects at rest, otherwise the last measured
+        poses.
 
         An object in the gripper, or seen farther from its mean than noise explains, has moved.
         """
@@ -180,7 +182,7 @@ class Senses:
         return poses
 
     def arriving(self, images: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-        """The images that arrive now, where those of this moment are `images`; the caller's own."""
+        """The delayed images that arrive now, if `images` are the present images. The caller owns the result."""
         self._images.append(images)
         if self._shown is None or not self._is_dropped:
             self._shown = self._images[0]
@@ -204,7 +206,7 @@ class Senses:
     def _write_model(
         self, model: mujoco.MjModel, known: mujoco.MjModel, world: World, frictions: NDArray[np.float64]
     ) -> None:
-        """Give the true model this episode's friction and camera poses; every entry is written every time."""
+        """Write this episode's friction and camera poses into the true model. Every entry is written every time."""
         objects = world.index.object_geoms
         model.geom_friction[:, 0] = known.geom_friction[:, 0]
         model.geom_friction[objects, 0] *= frictions[world.index.geom_slots]

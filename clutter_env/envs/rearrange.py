@@ -37,13 +37,13 @@ GOAL_ROW = EntryLayout(
         "met": [Column("met", "", 1.0)],
     }
 )
-"""The row of one object in the observation's entry "goals"; see docs/environments/rearrange.md."""
+"""The row of one object in the observation's entry "goals". See docs/environments/rearrange.md."""
 
 
 _GREY = (0.62, 0.63, 0.65, 1.0)
 """Colour of objects that the goal does not name."""
 _MARK_SIZE = 1.3
-"""Size of the mark under a place over that of the object that is to stand there."""
+"""Size of the mark at a place relative to that of its object."""
 _MARK_ALPHA = 0.45
 """Opacity of the marks that pictures show where objects are to be put."""
 
@@ -53,7 +53,7 @@ class RearrangeConfig(EnvConfig):
     """The keyword arguments of `RearrangeEnv`: those of `EnvConfig`, and `task`.
 
     Raises:
-        ConfigError: see `EnvConfig`; or the layout is not one for the task.
+        ConfigError: see `EnvConfig`. Or the layout does not suit the task.
     """
 
     num_objects: int = 8
@@ -79,7 +79,7 @@ class RearrangeConfig(EnvConfig):
             raise ConfigError(problem)
 
     def task_problem(self, name: str) -> str:
-        """Why a task cannot be set in this layout, "" if it can."""
+        """Reason why a task cannot be set in this layout, "" if it can."""
         task, layout = TASKS[name], self.find_layout()
         if task.fits(layout):
             return ""
@@ -100,7 +100,7 @@ class RearrangeOptions(ResetOptions):
         """Check the dictionary given to `reset`.
 
         Raises:
-            OptionError: see `ResetOptions.of`; or not a task, a goal or regions.
+            OptionError: see `ResetOptions.of`. Or not a task, a goal or regions.
         """
         known = ("objects", "state", "base", "task", "goal", "regions")
         if isinstance(options, Mapping):
@@ -120,16 +120,16 @@ class RearrangeOptions(ResetOptions):
 
 
 class RearrangeEnv(ClutterTaskEnv):
-    """A mobile manipulator before a table, and a goal: where objects are to stand.
+    """A mobile manipulator in front of a table, and a goal for the positions of objects.
 
     Keyword arguments are the fields of `RearrangeConfig`. Reset options: `task` (another one that the layout permits),
     `objects`, `base` (as in `RetrieveEnv`), `goal` (a `planners.goals.Goal` or its PDDL text) with `regions` that it
     names, and `state`. The info has the keys of `RetrieveEnv`'s, and `goal` (str, PDDL) and `unmet` (int, facts of the
-    goal that do not hold). `lifted` says that the goal holds, whatever else has happened; `target` is "".
+    goal that do not hold). `lifted` says that the goal holds, whatever else has happened. `target` is "".
 
-    The goal is reached when it has held for 0.5 s without the robot's hand on what is to stand somewhere. With
-    `success="clean"` also what stood elsewhere has been lifted, nothing may have toppled or travelled other than in the
-    air, in the gripper, and the robot may not have pressed hard on the furniture; see `success`.
+    The goal is reached when it has held for 0.5 s while the robot touches no object that the goal places. With
+    `success="clean"` every object that had to move was carried, nothing may have toppled or travelled other than in the
+    air, in the gripper, and the robot may not have pressed hard on the furniture, see `success`.
     The episode ends with success, or when an object of the goal has fallen off all supports.
 
     Example:
@@ -167,13 +167,13 @@ class RearrangeEnv(ClutterTaskEnv):
 
     @property
     def regions(self) -> tuple[Region, ...]:
-        """The regions that the goal may name; raises ActionError before `reset`."""
+        """The regions that the goal may name. Raise ActionError before `reset`."""
         self.check_started("regions")
         return self._goal_monitor.regions
 
     @property
     def observation_layout(self) -> Mapping[str, EntryLayout]:
-        """Slices and columns of the observation's entries, by name; of "goals", as of "objects", those of one row."""
+        """Slices and columns of the observation's entries, by name. Those of "goals" and "objects" describe one row."""
         return MappingProxyType({**super().observation_layout, "goals": GOAL_ROW})
 
     # What the task defines.
@@ -253,7 +253,7 @@ class RearrangeEnv(ClutterTaskEnv):
     # Inside.
 
     def _follow(self, monitor: GoalMonitor) -> None:
-        """Make this the monitor of the episode, and note what follows from its goal."""
+        """Make this the monitor of the episode, and record the properties that follow from its goal."""
         self._goal_monitor = monitor
         self._monitor.named = {self.world.names.index(name) for name in monitor.moving}
         self._rows = np.zeros((self.config.num_objects, GOAL_ROW.size), np.float32)
@@ -267,7 +267,8 @@ class RearrangeEnv(ClutterTaskEnv):
         self._potential = self._measure_potential()
 
     def _paint(self, monitor: GoalMonitor) -> None:
-        """Colours: of their trays, of others that the goal names their own, which marks have too; grey of the rest."""
+        """Colour the objects. Objects for trays get the tray's colour. Other objects of the goal get their own, which
+        their marks share. The rest is grey."""
         world, scene = self.world, self.world.scene
         for slot in set(range(len(world.names))) - {world.names.index(name) for name in monitor.named}:
             world.colour(slot)[:] = _GREY

@@ -31,7 +31,7 @@ PLACE_PITCH = 0.16
 MOST_CYCLED = 6
 """Objects that change places in "swap" at most."""
 STACK = 3
-"""Objects of the stack that "stack" begins with, and of the one that it asks for."""
+"""Objects of the stack at the start of "stack", and of the stack in its goal."""
 MOST_FETCHED = 3
 """Objects that "fetch" asks for at most."""
 _MAX_DRAWS = 500
@@ -51,13 +51,13 @@ class Task:
     """A task, as data.
 
     Attributes:
-        layout: name of the layout that it has unless told otherwise.
-        object_set: the same of the objects.
-        shapes: the same of their shapes.
-        least: objects that it needs.
+        layout: name of the default layout.
+        object_set: name of the default object set.
+        shapes: default shapes of the objects.
+        least: least number of objects.
         draw: the goal for a scene.
-        needs: with what the name of a support of the layout must begin; "" if any layout will do.
-        arrange: how the objects of a random scene stand at the start; as `random_scene` puts them if not given.
+        needs: prefix of the name of a support that the layout must have, "" if any layout suits.
+        arrange: rearranges the objects of a random scene at the start. By default they stand as in `random_scene`.
     """
 
     layout: str
@@ -74,16 +74,16 @@ class Task:
 
 
 def _sort(rng: Rng, layout: Layout, scene: TableScene) -> DrawnGoal:
-    """Every object into one tray; as many into each as into the others, or one more."""
+    """Each object into one of the trays, with equal numbers per tray, or one more."""
     names, count = [name for name in supports_of(layout) if name.startswith(TRAY)], scene.num_objects
     chosen = rng.permutation(np.arange(count) % len(names))
     return DrawnGoal(goals.and_(*(goals.on(object_name(slot), names[tray]) for slot, tray in enumerate(chosen))))
 
 
 def _set(rng: Rng, layout: Layout, scene: TableScene) -> DrawnGoal:
-    """Half of the objects into places of a grid, a place of its own for each; others may stand there at the start.
+    """Half of the objects into places of a grid, each into another. Other objects may stand there at the start.
 
-    What is wider than a place is never chosen.
+    Objects wider than a place are never chosen.
     """
     fitting = np.flatnonzero((scene.standing_extents[:, :2] <= PLACE_HALF - _SIDE_GAP).all(axis=1))
     count, grid = min((scene.num_objects + 1) // 2, len(fitting)), _places(layout)
@@ -157,7 +157,7 @@ def _stacked(rng: Rng, scene: TableScene) -> TableScene:
 
 
 def _fetch(rng: Rng, layout: Layout, scene: TableScene) -> DrawnGoal:  # noqa: ARG001  as of the other tasks
-    """Two or three objects to the second table; of fewer than six objects, two."""
+    """Two or three objects to the second table, two if fewer than six objects exist."""
     count = min(MOST_FETCHED, max(2, scene.num_objects // 2))
     names = [object_name(int(slot)) for slot in rng.choice(scene.num_objects, count, replace=False)]
     return DrawnGoal(goals.and_(*(goals.on(name, SECOND_TABLE) for name in names)))

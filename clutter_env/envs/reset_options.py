@@ -26,9 +26,8 @@ def draw_scene(rng: np.random.Generator, layout: Layout, config: EnvConfig, opti
     """The scene that the options describe, random where they leave it open.
 
     Raises:
-        OptionError: see `explicit_scene`; there is no object of the wanted target's name; or `obstructed` is asked for
-            and the wanted target, or every object, can be grasped from the side, or none of those that cannot can be
-            freed.
+        OptionError: see `explicit_scene`. Or no object has the target's name. Or `obstructed` is requested, and too few
+            objects obstruct the named target, or no object that is sufficiently obstructed can be freed.
     """
     least = int(config.obstructed if options.obstructed is None else options.obstructed)
     if least:
@@ -47,9 +46,10 @@ def _draw_any(rng: np.random.Generator, layout: Layout, config: EnvConfig, optio
 def _draw_obstructed(
     rng: np.random.Generator, layout: Layout, config: EnvConfig, options: ResetOptions, least: int
 ) -> TableScene:
-    """A scene whose target has at least `least` objects in the way; random scenes are drawn until there is one.
+    """A scene whose target has at least `least` objects in the way. Random scenes are drawn until one has such a
+    target.
 
-    A target that is drawn can be freed with side grasps, as far as `SideGrasps.can_be_freed` knows; a target that the
+    A target drawn at random can be freed with side grasps, according to `SideGrasps.can_be_freed`. A target that the
     user names need not.
     """
     if problem := config.obstruction_problem(least):
@@ -88,7 +88,7 @@ RADIUS_LIMITS, WIDTH_LIMITS = (0.01, 0.10), (0.02, 0.20)
 HEIGHT_LIMITS = (0.04, 0.39)
 """[m]"""
 HEADROOM_MARGIN = 0.01
-"""[m] between an object's top and what hangs above the table, at least."""
+"""[m] Least distance between an object's top and the lowest obstacle above it."""
 POSITION_LIMITS = (-2.0, 2.0)
 """[m] along x and y."""
 YAW_LIMITS = (-2 * math.pi, 2 * math.pi)
@@ -97,12 +97,12 @@ MASS_LIMITS = (0.01, 5.0)
 """[kg]"""
 DEFAULT_MASS = 0.2
 TOUCH_TOLERANCE = 1e-6
-"""[m] Objects may touch; deeper overlaps are refused."""
+"""[m] Objects may touch. Deeper overlaps are refused."""
 
 
 @dataclass(frozen=True)
 class ResetOptions:
-    """The options of a reset, their types checked; `objects` are still the user's descriptions."""
+    """The options of a reset, with their types checked. `objects` are still the user's descriptions."""
 
     target: str | None = None
     objects: tuple[Mapping[str, Any], ...] | None = None
@@ -149,10 +149,10 @@ class ResetOptions:
         return cls(**given)
 
     def target_index(self, count: int) -> int | None:
-        """The slot of the wanted target, None where it is drawn at random.
+        """The slot of the requested target, None if it is drawn at random.
 
         Raises:
-            OptionError: there is no object of that name.
+            OptionError: no object has that name.
         """
         if self.target is None:
             return None
@@ -165,13 +165,13 @@ class ResetOptions:
 def explicit_scene(
     rng: np.random.Generator, layout: Layout, descriptions: Sequence[Mapping[str, Any]], max_objects: int
 ) -> TableScene:
-    """The scene that the option `objects` describes; the base pose and the target are drawn from `rng`.
+    """The scene that the option `objects` describes. The base pose and the target are drawn from `rng`.
 
     Each description is {"shape": "cylinder", "radius", "height", "position": (x, y)} or {"shape": "box", "depth",
-    "width", "height", "position"}, all in metres, with optional "yaw" [rad], "mass" [kg] and "row": 0 for the table, or
-    the drawer of a layout that has one, 1 for the shelf above it in a layout with two rows, or the table in the way of
-    the drawer; of drawers side by side it is the number from the left. A cylinder with "lying": True lies on its side,
-    its axis along its yaw; its height is then its length.
+    "width", "height", "position"}, all in metres, with optional "yaw" [rad], "mass" [kg] and "row". Row 0 is the table,
+    or the drawer of a layout with a drawer. Row 1 is the shelf above it in a layout with two rows, or the table in
+    front of the drawer. With drawers side by side the row is the number from the left. A cylinder with "lying": True
+    lies on its side with its axis along its yaw. Its height is then its length.
 
     Raises:
         OptionError: an invalid description, too many objects, an object over the table's edge or too high for the
@@ -255,7 +255,7 @@ def _parsed(index: int, entry: Mapping[str, Any], layout: Layout) -> dict[str, A
 
 
 def _is_row(value: object, length: int) -> bool:
-    """Whether it is a sequence, or an array with one axis, of that length; text and bytes are none."""
+    """Whether a value is a sequence, or an array with one axis, of that length. Text and bytes are not."""
     if isinstance(value, np.ndarray):
         return value.shape == (length,)
     if not isinstance(value, Sequence) or isinstance(value, str | bytes | bytearray | memoryview):
@@ -276,7 +276,7 @@ def _outline(scene: TableScene, index: int) -> tuple[NDArray[np.float64], float]
 def _separation(first: tuple[NDArray[np.float64], float], second: tuple[NDArray[np.float64], float]) -> float:
     """Largest gap [m] over the separating axes: negative if and only if the two outlines overlap.
 
-    The axes are along the edges of the rectangles and, where there is a circle, along the line to the nearest corner.
+    The axes are along the edges of the rectangles and, for a circle, along the line to the nearest corner.
     """
     (one, radius), (other, other_radius) = first, second
     axes = [corners[side] - corners[0] for corners in (one, other) if len(corners) > 1 for side in (1, 3)]

@@ -1,4 +1,4 @@
-"""`Retrieve`: lift the target out of the clutter; and what it shares with `Rearrange`."""
+"""`Retrieve`: lift the target out of the clutter. Also the part that it shares with `Rearrange`."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ from clutter_env.scene.table_scene import TableScene
 
 
 class ClutterTaskEnv(BaseEnv):
-    """A task amid clutter, done when it is reached; with `success="clean"` only if nothing else has happened."""
+    """A task amid clutter that ends when it is done. With `success="clean"` it is done only if nothing else has
+    happened."""
 
     _potential: float
 
     @abstractmethod
     def _is_reached(self) -> bool:
-        """Whether what is wanted has come about, whatever else has happened."""
+        """Whether the goal is reached, whatever else has happened."""
 
     @abstractmethod
     def _potential_now(self) -> float:
@@ -55,31 +56,31 @@ class ClutterTaskEnv(BaseEnv):
         """Whether the present state is terminal."""
 
     def _measure_potential(self) -> float:
-        """The potential of the present state, 0 if it is terminal; 0 with the sparse reward, which has none."""
+        """The potential of the present state. 0 if it is terminal, or with the sparse reward, which has none."""
         return 0.0 if self.config.reward_mode == "sparse" or self._is_over() else self._potential_now()
 
 
 class RetrieveEnv(ClutterTaskEnv):
-    """A mobile manipulator before a cluttered table; the target must be lifted 0.10 m and held there for 0.5 s.
+    """A mobile manipulator in front of a cluttered table. The target must be lifted 0.10 m and held there for 0.5 s.
 
     Keyword arguments are the fields of `EnvConfig`. Reset options: `target` (an object's name), `objects` (an explicit
     scene, see `reset_options.explicit_scene`), `state` (bytes from `save_state`), `base` (x, y [m], yaw [rad] of a
     robot with base="fixed"). With `success="clean"` the task is done only if nothing has fallen or been disturbed and
-    the robot has not pressed hard on the furniture, with "lifted" in any case; see `success`. The info of `reset` and
+    the robot has not pressed hard on the furniture, with "lifted" in any case, see `success`. The info of `reset` and
     of every step has:
 
-    - `is_success`, `lifted` (bool): the task is done; the target is lifted, whatever else has happened.
-    - `target`, `held` (str): names of the target and of what is held, "" without it.
+    - `is_success` (bool): the task is done. `lifted` (bool): the target is lifted, whatever else has happened.
+    - `target`, `held` (str): names of the target and of the held object, "" without it.
     - `num_fallen`, `num_disturbed`, `num_cleared` (int): numbers of objects since reset.
-    - `furniture_force`, `self_force` (float): [N] largest mean force over 0.1 s of the robot, or of what it moves, on
-      furniture; of the robot on itself and on the ground.
+    - `furniture_force`, `self_force` (float): [N] largest mean force over 0.1 s of the robot, or of objects it moves,
+      on furniture, and of the robot on itself and on the ground.
     - `furniture_impulse`, `self_impulse` (float): [N s] largest impulse of these forces beyond 50 N.
-    - `total_slide` (float): [m] by which all of these forces together would slide a table of 10 kg; see
+    - `total_slide` (float): [m] by which all of these forces together would slide a table of 10 kg, see
       `simulation.pressing`.
-    - `total_path` (float): [m] moved by all objects but the target, while not carried.
-    - `num_opened` (int), `joint_positions` (dict), in a layout with a drawer or a door: how many are open, 0 or 1; the
+    - `total_path` (float): [m] moved by all objects except the target, while not carried.
+    - `num_opened` (int), `joint_positions` (dict), in a layout with a drawer or a door: number of open ones, and the
       position of each joint by its name, [m] or [rad].
-    - `unstable` (bool): MuJoCo has warned since reset; the episode is truncated.
+    - `unstable` (bool): MuJoCo has warned since reset, and the episode is truncated.
     - `ik_failures` (int): failures of differential inverse kinematics since reset, 0 in "joint" mode.
 
     The episode ends with success, when the target has fallen off the table, or, with `terminate_on_fallen`, when an

@@ -1,23 +1,23 @@
 """Reward of the retrieval task: a large reward for success, penalties, and shaping by a potential of the state.
 
-The potential Φ of a state says how near the target is to being lifted, between 0 and `MOST`, and is 0 once the episode
-has ended. A step from s to s' earns the events of the step and γ Φ(s') - Φ(s), γ = `DISCOUNT` (Ng, Harada and Russell
-1999, theorem 1). Time limit and divergence truncate an episode and do not end it: Φ is not 0 there, as a learner goes
-on with its estimate of the value of that state. Φ is a function of what `save_state` keeps.
+The potential Φ of a state measures how near the target is to being lifted, between 0 and `MOST`. It is 0 after the
+episode has ended. A step from s to s' earns the events of the step and γ Φ(s') - Φ(s), γ = `DISCOUNT` (Ng, Harada and
+Russell 1999, theorem 1). Time limit and divergence truncate an episode and do not end it: Φ is not 0 there, as a
+learner goes on with its estimate of the value of that state. Φ is a function of what `save_state` keeps.
 
-What an episode of T steps from the state s_0 earns, the penalties left out, which only lower it:
+Return of an episode of T steps from the state s_0, without the penalties, which only lower it:
 
 - Discounted by γ, shaping adds up to γ^T Φ(s_T) - Φ(s_0). Clean success at step T: γ^(T-1) S - Φ(s_0) with S = 200. No
   success within L >= T steps: at most γ^L MOST - Φ(s_0), which is less because MOST < S, whatever was done: hovering,
   oscillating, dropping and picking again, idling.
 - Undiscounted, shaping adds up to Φ(s_T) - Φ(s_0) - (1 - γ) Σ Φ(s_t), t = 1 … T. Clean success: at least
   S - Φ(s_0) - (1 - γ) (T - 1) MOST. No success: at most MOST - Φ(s_0). The first is larger for
-  T <= 1 + (S - MOST) / (MOST (1 - γ)) = 28,472 steps; the longest time limit, a suite's, is 22,500 steps.
+  T <= 1 + (S - MOST) / (MOST (1 - γ)) = 28,472 steps. The longest time limit, a suite's, is 22,500 steps.
 - A detour that returns to its state earns (γ^k - 1) Φ <= 0 in k steps with γ, and -(1 - γ) Σ Φ <= 0 undiscounted.
-- An end without success costs as much as success earns; undiscounted that is more than all the shaping that could
+- An end without success costs as much as success earns. Undiscounted, that is more than all the shaping that could
   still be lost within the time limit: to end an episode early saves nothing.
 
-A smaller discount than γ gives none of this: it prefers what raises Φ soon.
+A smaller discount than γ has none of these properties. It prefers actions that raise Φ soon.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ DISCOUNT = 0.99
 REACH_SCALE = 5.0
 """[1/m] The reaching term falls to a quarter at 0.2 m."""
 _AWAY = 100.0
-"""[m] from the table: where an object is in nobody's way."""
+"""[m] Distance from the table to which objects are moved that cannot be in the way."""
 _DECIMALS = 4
 """Poses are rounded to 0.1 mm and 0.1 mrad, so that objects in the way are not counted again for jitter."""
 
@@ -101,12 +101,12 @@ def potential_terms(
 
 
 class Way:
-    """What is in the way of the target; it keeps the last estimate, which takes longer than a step."""
+    """Estimates the objects in the way of the target. It keeps the last estimate, which takes longer than a step."""
 
     def __init__(self, robot: str, layout: Layout) -> None:
-        """Begin for a robot of that full name; for one without a table of side approaches nothing is in the way.
+        """Begin for a robot of that full name. For a robot without a table of side approaches, nothing is in the way.
 
-        Nor is anything where a drawer or a door opens: these approaches are to objects on tables.
+        The same holds in layouts with a drawer or a door, because these approaches are to objects on tables.
         """
         is_known = robot in robots_with_approaches() and layout.opens is None
         self._approaches = side_approaches(robot) if is_known else None
@@ -116,10 +116,10 @@ class Way:
         self._poses, self._clearances = b"", 0.0
 
     def clearances(self, world: World, measurements: Measurements) -> float:
-        """`estimate_clearances` in the present state; 0 once the target is held.
+        """`estimate_clearances` in the present state, 0 after the target is held.
 
-        What is held or off the table is in nobody's way. What has toppled is, as if it stood where it lies: toppling is
-        no clearance. A target that has toppled is out of reach of a side grasp.
+        Objects that are held or off the table are in no way. Toppled objects are, as if they stood upright at their
+        place, because toppling is no clearance. A toppled target is out of reach of a side grasp.
         """
         scene, held = world.scene, measurements.grip.held
         if self._approaches is None or scene.target in held:

@@ -32,19 +32,20 @@ _FEWEST_RAYS = 576
 """Rays along each side of an image, at least: three by three for each pixel of the default size. OpenGL moves edges by
 parts of a pixel, and whether a target is hidden should hardly depend on the size of the images."""
 _WIDEST = math.cos(math.radians(60.0))
-"""Cosine of the angle from a camera's axis to the rim of the widest image; what is farther off it looks at in turn."""
+"""Cosine of the angle from a camera's axis to the rim of the widest image. The camera turns towards objects outside
+it."""
 _PARALLEL = 1e-12
-"""Component of a direction, of the order of one, under which a ray counts as parallel to a face."""
+"""Component of a direction, of the order of one, below which a ray is regarded as parallel to a face."""
 _SEEN_GROUPS = np.array((1, 0, 0, 0, 0, 0), np.uint8)
 """Geoms that hide a target from a camera: furniture and objects, not the robot, whose arm may move away."""
 
 
 @dataclass(frozen=True)
 class SearchConfig(EnvConfig):
-    """The keyword arguments of `SearchEnv`: those of `EnvConfig`, and what makes perception hard.
+    """The keyword arguments of `SearchEnv`: those of `EnvConfig`, and those that make perception hard.
 
     Raises:
-        ConfigError: see `EnvConfig`; or a value outside its range.
+        ConfigError: see `EnvConfig`. Or a value is outside its range.
     """
 
     num_objects: int = 10
@@ -88,14 +89,15 @@ class SearchConfig(EnvConfig):
 
 
 class SearchEnv(RetrieveEnv):
-    """`RetrieveEnv` without the objects' poses: images and masks, the robot's own state, and what the target is like.
+    """`RetrieveEnv` without the objects' poses: images and masks, the robot's own state, and a description of the
+    target.
 
     Keyword arguments are the fields of `SearchConfig`. Reset options: `target`, which must be hidden, `objects`,
-    `state`. The observation has `robot`, `tcp`, `gripper` and `head`; of each camera `rgb`, `depth`, `segmentation`,
-    its matrix `K` (3, 3) and its place when the image was taken, `T_base_camera` (4, 4); and `target` (7,): colour
-    (red, green, blue), whether it is a box, half extents [m]; and where something opens `joints`, see `Observer`. The
-    masks are numbered anew in every image, from 3 on: a number says nothing of which object it is. Success is that of
-    `RetrieveEnv`; its info says the truth.
+    `state`. The observation has `robot`, `tcp`, `gripper` and `head`. Each camera has `rgb`, `depth`, `segmentation`,
+    its matrix `K` (3, 3) and its pose at the time of the image, `T_base_camera` (4, 4). `target` (7,) has colour
+    (red, green, blue), whether it is a box, half extents [m]. Drawers and doors add `joints`, see `Observer`. The
+    masks are numbered from 3 on, separately in every image, so a number does not identify an object. Success is that of
+    `RetrieveEnv`. The info contains the true state.
 
     Example:
         >>> import gymnasium as gym, clutter_env
@@ -114,14 +116,14 @@ class SearchEnv(RetrieveEnv):
 
     @cached_property
     def workplace(self) -> mujoco.MjModel:
-        """The robot and the furniture, without any object: what is known before the first image."""
+        """The robot and the furniture, without any object: the knowledge before the first image."""
         return self._make_world(shapes=()).model
 
     def visible_shares(self, scene: TableScene, head: Sequence[float] | None = None) -> NDArray[np.float64]:
-        """Share of each object's silhouette that some observed camera sees, (n,); the largest of the cameras' counts.
+        """Share of each object's silhouette that an observed camera sees, (n,): the largest share over the cameras.
 
-        The robot stands where the scene puts it, in its home configuration; its own body hides nothing, and a camera
-        sees all around it. Turning the head moves its camera: `head` is where it is turned to, if not straight ahead.
+        The robot stands at the scene's base pose, in its home configuration. Its own body hides nothing, and a camera
+        sees all around it. Turning the head moves its camera: `head` is the head's direction, if not straight ahead.
         """
         return self._visible_shares(scene, range(scene.num_objects), head)
 
@@ -139,13 +141,13 @@ class SearchEnv(RetrieveEnv):
         return np.array([max(visible_share(world, slot, camera, size) for camera in cameras) for slot in slots])
 
     def save_state(self) -> bytes:
-        """As of `BaseEnv`; the present image is not part of it."""
+        """As in `BaseEnv`. The present image is not part of it."""
         if self.config.frame_every > 1:
             raise StateError("states are saved with frame_every=1: the image shown is no part of them")
         return super().save_state()
 
     def restore_state(self, state: bytes) -> None:
-        """As of `BaseEnv`; the next observation shows a new image."""
+        """As in `BaseEnv`. The next observation shows a new image."""
         super().restore_state(state)
         self._shown = {}
 
@@ -181,7 +183,7 @@ class SearchEnv(RetrieveEnv):
         return spaces.Dict({**super()._make_observation_space().spaces, **added})
 
     def observe_world(self, target: int, hold_progress: float, lift_left: float) -> dict[str, Any]:
-        """The observation, with the last image between two frames; see `Observer.observe`."""
+        """The observation. Between two frames it repeats the last image. See `Observer.observe`."""
         vectors = self._observer.observe(self.world, self.measurements, target, hold_progress, lift_left)
         if len(self._actions) % self.config.frame_every == 0 or not self._shown:
             images = self._rendering.images(self.world)
@@ -192,9 +194,9 @@ class SearchEnv(RetrieveEnv):
         return {**vectors, **shown, "target": self._description()}
 
     def _seen(self, name: str, image: NDArray[Any]) -> NDArray[Any]:
-        """An image with the errors of depth and masks; masks numbered as they come.
+        """An image with the errors of depth and masks. Masks are numbered in order of appearance.
 
-        The errors follow from the image and the time, not from the state: nothing that is hidden has a part in them.
+        The errors are a function of the image and the time, not of the state, so they depend on no hidden object.
         """
         rng = np.random.default_rng(zlib.crc32(name.encode() + np.float64(self.data.time).tobytes() + image.tobytes()))
         if name.endswith("_depth") and self.config.depth_noise:
@@ -237,9 +239,9 @@ def spoil(labels: NDArray[np.uint8], probability: float, rng: np.random.Generato
 def visible_share(world: World, slot: int, camera: str, size: int) -> float:
     """Share of an object's silhouette that a camera sees past furniture and other objects, in the present state.
 
-    There are rays through the middles of all pixels of an image, `size` on each side, and more between them; those that
-    meet the object are cast. The image is as large as the object wants, and if that is far from the camera's axis it is
-    turned towards it.
+    Rays go through the middles of all pixels of an image, with `size` on each side, and between them. Those that meet
+    the object are cast. The image is as large as the object requires. If the object is far from the camera's axis, the
+    image is turned towards it.
     """
     model, data, index = world.model, world.data, world.index
     geom, number = index.object_geoms.start + int(index.geom_slots.searchsorted(slot)), model.camera(camera).id
@@ -277,7 +279,7 @@ def visible_share(world: World, slot: int, camera: str, size: int) -> float:
 
 @contextmanager
 def _as_drawn(model: mujoco.MjModel, kept: int) -> Iterator[None]:
-    """Cylinders, but for the geom that is kept, no wider than they are drawn: as prisms with `numslices` sides."""
+    """Cylinders, except the geom that is kept, no wider than they are drawn: as prisms with `numslices` sides."""
     sizes = model.geom_size.copy()
     is_round = model.geom_type == int(mujoco.mjtGeom.mjGEOM_CYLINDER)
     is_round[kept] = False

@@ -38,8 +38,8 @@ CELL = 0.025
 def approaches_of(robot: RobotSpec, layout: Layout) -> SideApproaches:
     """The side approaches of a robot's active arm on a layout.
 
-    Those of a robot that is not the package's take about a CPU minute for each of the package's layouts, once;
-    on a layout of the user's own all directions count that `SideApproaches.is_reachable` says.
+    For a robot that is not the package's, computing them takes about a CPU minute for each of the package's layouts,
+    once. On a layout of the user's own, all directions that `SideApproaches.is_reachable` accepts are used.
     """
     is_of_package = not Path(robot.mjcf).is_absolute() and robot.full_name in robots_with_approaches()
     return side_approaches(robot.full_name) if is_of_package else _made(robot, layout)
@@ -80,7 +80,7 @@ def _made(robot: RobotSpec, layout: Layout) -> SideApproaches:
 
 
 def _kept(robot: RobotSpec, layout: Layout) -> NDArray[np.bool_]:
-    """Whether grasps are reached by cell and yaw (nx, ny, yaws), from the user's cache if it was asked before."""
+    """Whether grasps are reached by cell and yaw (nx, ny, yaws), from the user's cache if it was computed before."""
     from irm import cache_folder  # see `reachable_yaws`
 
     content = json.dumps([asdict(replace(robot, mjcf="any")), asdict(layout), CELL])

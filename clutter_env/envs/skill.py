@@ -39,7 +39,7 @@ FEASIBILITIES = ("oracle", "none")
 _PUSHING = MonitorConfig(displacement=math.inf, tilt=math.pi)
 """Tolerances of an attempt that runs into objects: their motion does not stop it."""
 SKILL_COST = 0.05
-"""Reward lost by every skill; success is worth 1."""
+"""Reward lost by every skill. Success is worth 1."""
 FINAL_HOLD_STEPS = 20
 """Control steps for which the target is held up in the end, if that is not success yet."""
 BODY_FIELDS = ("present", "x", "y", "half_x", "half_y", "height", "is_box")
@@ -63,25 +63,24 @@ def observed_masks(observation: NDArray[np.float32]) -> NDArray[np.bool_]:
 class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
     """Retrieve the target by skills.
 
-    The observation is a row per object (`BODY_FIELDS`, then a flag per direction for an attempt that failed since an
-    object was last cleared), then the share of the budget left and the flag of a failed attempt to take. Row 0 is the
-    target's, with x and y in the world; the others follow in the order of their distance from it, x and y relative to
-    it, the fallen ones, whose rows are zero, at the end, as those that a described scene has fewer. Action
-    `i * DIRECTIONS + d` clears the object of row i from direction d; the last action takes the target from wherever it
-    can be grasped.
+    The observation is a row per object, then the share of the budget left and the flag of a failed attempt to take. A
+    row has `BODY_FIELDS`, then a flag per direction for an attempt that failed since an object was last cleared. Row 0
+    is the target's, with x and y in the world. The others follow in the order of their distance from it, with x and y
+    relative to it. Rows of fallen and of missing objects are zero and come last. Action `i * DIRECTIONS + d` clears the
+    object of row i from direction d. The last action takes the target by any possible grasp.
 
-    Episodes end with the target taken, which is success if nothing has fallen or been disturbed (`success="lifted"`: in
-    any case), with the target lost, or when the budget is spent. The reward is 1 for success less `SKILL_COST` for
-    every skill. `info` has, besides the keys of `RetrieveEnv`'s: `failure` (why the last skill failed, "" if it did
-    not), `moved` (names of the objects cleared so far, in order) and `num_refused` (skills so far that nothing moved
-    for).
+    Episodes end with the target taken, with the target lost, or when the budget is spent. A taken target is success if
+    nothing has fallen or been disturbed, with `success="lifted"` in any case. The reward is 1 for success less
+    `SKILL_COST` for every skill. `info` has the keys of `RetrieveEnv`'s and three more: `failure` (reason why the last
+    skill failed, "" if it did not), `moved` (names of the objects cleared so far, in order) and `num_refused` (skills
+    so far that moved nothing).
 
-    With `feasibility="oracle"` a skill without a free grasp is refused, and costs no more than its share of the budget.
-    With "none" it is tried by its least obstructed grasp: in physics whatever is in the way is pushed; on the kinematic
-    model it counts as disturbed, and the episode ends, because the model does not know where it would be.
+    With `feasibility="oracle"` a skill without a free grasp is refused, and costs only its share of the budget. With
+    "none" it is tried by its least obstructed grasp. In physics this pushes the objects in the way. On the kinematic
+    model they are regarded as disturbed, and the episode ends, because the model does not know where they would be.
 
     Keyword arguments: `simulation` ("physics" or "kinematic"), `budget` (skills), `geometric_mask` (what `action_masks`
-    says), `feasibility`, and those of `RetrieveEnv` but for `control_mode`.
+    says), `feasibility`, and those of `RetrieveEnv` except `control_mode`.
 
     Attributes:
         physics_env: the environment in which skills are carried out.
@@ -149,7 +148,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         """Try one skill.
 
         Raises:
-            ActionError: not an action of the action space, or `reset` has not been called; nothing has changed.
+            ActionError: not an action of the action space, or `reset` has not been called. Nothing has changed.
         """
         number = self._checked(action)
         self._left -= 1
@@ -171,14 +170,14 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         return self._outcome(failure)
 
     def _outcome(self, failure: str) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """What `step` returns after a skill that failed for this reason, "" if it did not."""
+        """The result of `step` after a skill that failed for this reason, "" if it did not fail."""
         info = self._info(failure)
         is_lost = not self._is_taken and not self._is_placed(self._scene.body(self._target))
         is_over = self._is_taken or is_lost or self._is_physics_over or self._num_hit > 0 or self._left == 0
         return self._observe(), float(info["is_success"]) - SKILL_COST, is_over, False, info
 
     def render(self) -> Any:
-        """Render as `RetrieveEnv.render` does; with the kinematic model the images show the first state."""
+        """Render as `RetrieveEnv.render` does. With the kinematic model the images show the first state."""
         return self.physics_env.render()
 
     def close(self) -> None:
@@ -188,7 +187,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
     # Beyond Gymnasium.
 
     def __getstate__(self) -> dict[str, Any]:
-        """Everything but the planner: what it has prepared cannot be pickled, and is made again when it is needed."""
+        """All attributes except the planner. Its prepared data cannot be pickled, and are made again when needed."""
         return {name: value for name, value in self.__dict__.items() if name != "_planner"}
 
     def skill(self, action: Any) -> Skill:
@@ -205,7 +204,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         return Skill(self._scene.names[order[row]], direction)
 
     def _checked(self, action: Any) -> int:
-        """The action as an integer; raises ActionError."""
+        """The action as an integer. Raise ActionError."""
         self.physics_env.check_started("skill()")
         value = np.asarray(action)
         if value.shape != () or value.dtype.kind not in "iu" or not 0 <= int(value) < self._size:
@@ -213,10 +212,10 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         return int(value)
 
     def action_masks(self, geometric: bool | None = None) -> NDArray[np.bool_]:
-        """Actions (n,) worth trying: objects that stand on the table, attempts that have not just failed.
+        """Mask (n,) of actions worth trying: objects that stand on the table, attempts that have not just failed.
 
         Args:
-            geometric: also leave out skills without a free grasp; by default as the environment was made.
+            geometric: also leave out skills without a free grasp. The default is the environment's keyword argument.
         """
         self.physics_env.check_started("action_masks()")
         mask = observed_masks(self._observe())
@@ -248,7 +247,7 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
 
     @cached_property
     def _planner(self) -> SkillPlanner:
-        """The planner of this robot and table; it is prepared once, for the scenes of all episodes."""
+        """The planner of this robot and table. It is prepared once, for the scenes of all episodes."""
         return SkillPlanner.of(self._scene)
 
     def _simulate_kinematically(self, skill: Skill) -> str:
@@ -290,13 +289,13 @@ class SkillEnv(gym.Env[NDArray[np.float32], np.int64]):
         return "not held"
 
     def _step_physics(self, action: NDArray[np.float64]) -> bool:
-        """One control step; whether the episode of the physics environment is over."""
+        """Execute one control step. Return whether the episode of the physics environment is over."""
         _, _, self._is_physics_over, _, info = self.physics_env.step(action)
         self._is_taken = info["lifted"]
         return self._is_physics_over or self._is_taken
 
     def _order(self) -> list[int]:
-        """The objects of the rows: the target, then from the nearest to it to the farthest, the fallen ones last."""
+        """The objects of the rows: the target, then the others by distance from it, fallen objects last."""
         bodies, target = self._scene.objects, self._scene.body(self._target)
 
         def key(i: int) -> tuple[bool, bool, float]:

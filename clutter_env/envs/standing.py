@@ -1,4 +1,4 @@
-"""Where a robot with a base that does not move stands in a scene: it takes the planner to know."""
+"""Base pose of a robot with a fixed base in a scene, found with the planner."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from planners import CollisionWorld, Scene, SceneError, standing_place, validate
 
 
 def stand(world: World, scene: TableScene, base: tuple[float, float, float] | None) -> TableScene:
-    """The scene with the base where it was wanted, or where its arm can take the target and most of the rest.
+    """The scene with the base at the given pose, or where its arm can take the target and most of the other objects.
 
-    Where it could take nothing from anywhere, the base stays where the scene has it.
+    If it could take nothing from any pose, the base stays at the scene's pose.
 
     Args:
-        world: in which it is put up.
+        world: in which the scene is set up.
         scene: objects and target.
         base: x, y [m], yaw [rad], None for any.
 
     Raises:
-        OptionError: the base would be inside something.
+        OptionError: the base would collide.
     """
     world.reset(scene)
     snapshot = Scene.from_mujoco(world.model, world.data, world.robot)

@@ -2,21 +2,21 @@
 
 An object may travel only in the air, in the gripper. It is held while both fingers press on it from opposite sides and
 can carry it. It is carried while it is held, nothing else bears it, and nothing lies on it, in any part of the control
-step; it may brush against what stands beside it. What counts, for each object and since reset:
+step. It may brush against its neighbours. The events, for each object and since reset:
 
 - fallen: it has toppled and is not held, or has left its support and is not carried. A lying cylinder has toppled when
   it stands up.
 - disturbed: the path that it has moved while not carried is longer than `DISTURBED_PATH`. The path is measured in
-  chords: a motion counts when it ends one chord away from where the last chord ended. Jitter of an object at rest
+  chords: a motion is added when it ends one chord away from where the last chord ended. Jitter of an object at rest
   stays within one `CHORD` and never adds up, slow nudging does. Chords of what the robot moves are `FINE_CHORD` long. A
   chord that has begun counts as it is when the object is lifted, and the next one begins where it was last carried.
 - cleared: it has been held, moved by more than `DISTURBED_PATH` and put down, and has neither fallen nor been
   disturbed.
 
-What stands in a drawer rides in it: its path is measured in the drawer's frame.
+The path of an object in a drawer is measured in the drawer's frame, because it moves with the drawer.
 
-The paths of all objects together, but for those that have to move for the goal, have the limit `TOTAL_PATH`. Neither
-may the robot, or what it moves, press hard on the furniture, on the robot or on the ground: see `simulation.pressing`.
+The paths of all objects together, except those that have to move for the goal, have the limit `TOTAL_PATH`. Neither
+may the robot, or objects it moves, press hard on the furniture, the robot or the ground, see `simulation.pressing`.
 """
 
 from __future__ import annotations
@@ -37,23 +37,24 @@ from clutter_env.simulation.saved_state import Fields
 from clutter_env.simulation.world import Measurements, World
 
 LIFT_HEIGHT = 0.10
-"""[m] above what it stood on at which the target's lowest point counts as lifted."""
+"""[m] Height of the target's lowest point above its support from which it is regarded as lifted."""
 HOLD_TIME = 0.5
-"""[s] for which it must stay there, held."""
+"""[s] Time for which it must stay at this height, held."""
 HOLD_STEPS = round(HOLD_TIME * CONTROL_HZ)
 
 OPENED_SHARE = 0.8
-"""Share of its range from which a drawer or a door counts as open."""
+"""Share of its range from which a drawer or a door is regarded as open."""
 
 DISTURBED_PATH = 0.05
 """[m] An object that has moved farther while not in hand is disturbed."""
 TOTAL_PATH = 0.10
 """[m] Sum of the paths of all objects that need not move for the goal, at most: a row of them is not shoved aside."""
 CHORD, FINE_CHORD = 0.005, 0.0005
-"""[m] Length of the chords in which a path is measured, far above the jitter and creep of objects at rest; and of an
-object that the robot touches, itself or through others, where a to and fro within one chord would count nothing."""
+"""[m] Length of the chords in which a path is measured. The first is far above the jitter and creep of objects at rest.
+The second is for an object that the robot touches, itself or through others, because moving to and fro within a longer
+chord would not be measured."""
 RELEASE_STEPS = 2
-"""Control steps in which it is not held after which an object is put down; a single one is contact noise."""
+"""Control steps without being held after which an object is put down. A single step is contact noise."""
 
 UPRIGHT = 0.9
 """Cosine of the largest tilt of an object that still is as it was placed."""
@@ -64,7 +65,7 @@ Array = NDArray[np.float64]
 
 @dataclass
 class _Hand:
-    """The slot of the object in a gripper, -1 without one, the control steps since it was held, and where it was (3,)
+    """State of a gripper: slot of its object, -1 without one, control steps since it was held, and its positions (3,)
     [m] when it was grasped and when it was last held."""
 
     in_hand: int = -1
@@ -74,22 +75,22 @@ class _Hand:
 
 
 class SuccessMonitor:
-    """Follows the objects of one episode, from its first state on; call `update` after every control step.
+    """Monitors the objects of one episode, from its first state on. Call `update` after every control step.
 
     Attributes:
-        lift: [m] height of the target's lowest point above what it stood on at reset; 0 without a target.
+        lift: [m] height of the target's lowest point above its support at reset, 0 without a target.
         is_target_carried: whether the target is held and touches nothing but the gripper.
         is_target_lost: whether the target is below the table top.
-        steps_held: control steps in a row with the target carried and lifted.
+        steps_held: consecutive control steps with the target carried and lifted.
         num_fallen: number of objects that have fallen since reset.
         num_disturbed: number of objects that have been disturbed since reset.
-        num_cleared: number of objects that have been cleared since reset, the target not counted.
+        num_cleared: number of objects that have been cleared since reset, without the target.
         newly_disturbed: number of objects that were disturbed or fell in the last control step and never before.
-        named: slots of the objects that have to move for the goal; their paths are no part of `total_path`.
+        named: slots of the objects that have to move for the goal. Their paths are no part of `total_path`.
     """
 
     def __init__(self, world: World, measurements: Measurements, target: int) -> None:
-        """Begin with the first state of an episode; `target` is the target's slot, -1 without one."""
+        """Begin with the first state of an episode. `target` is the target's slot, -1 without one."""
         count = len(measurements.poses)
         self._world, self._target = world, target
         self.named: Collection[int] = {target} - {-1}
@@ -126,7 +127,7 @@ class SuccessMonitor:
         return math.fsum(path for slot, path in enumerate(paths) if slot not in self.named) if any(paths) else 0.0
 
     def update(self, measurements: Measurements) -> None:
-        """Take into account what was measured after one more control step.
+        """Process the measurements after one more control step.
 
         The same measurements once more, with nothing in hand, change nothing.
         """
@@ -164,7 +165,7 @@ class SuccessMonitor:
         self.steps_held = self.steps_held + 1 if self.is_target_carried and self.lift >= LIFT_HEIGHT else 0
 
     def _ride(self, measurements: Measurements) -> bool:
-        """Take what is in a drawer along with it; whether a drawer has moved."""
+        """Move the chords of objects in a drawer along with it. Return whether a drawer has moved."""
         before, self._drawers_at = self._drawers_at, self._world.drawer_shifts
         if before == self._drawers_at:
             return False
@@ -228,9 +229,9 @@ class SuccessMonitor:
             self.lift = self._world.lowest_point(measurements, target) - support
 
     def _derive(self) -> None:
-        """Derive from paths and falls the counts, and the square (n,) [m²] of the motion that ends a chord.
+        """Derive the counts from paths and falls, and the square (n,) [m²] of the motion that ends a chord.
 
-        The last chord of a path ends at `DISTURBED_PATH`; the paths of disturbed objects are not followed.
+        The last chord of a path ends at `DISTURBED_PATH`. The paths of disturbed objects are not followed.
         """
         is_disturbed = self._paths > DISTURBED_PATH
         chords = np.minimum(CHORD, np.maximum(DISTURBED_PATH - self._paths, 0.0))
@@ -245,7 +246,7 @@ class SuccessMonitor:
 
 
 def checked_memory(value: object, num_objects: int, num_grippers: int) -> dict[str, Any]:
-    """Arrays for `SuccessMonitor.recall` from what `SuccessMonitor.memory` returned.
+    """Arrays for `SuccessMonitor.recall` from the value of `SuccessMonitor.memory`.
 
     Raises:
         StateError: it is not the memory of so many objects and grippers.

@@ -1,4 +1,5 @@
-"""Policies without training: the planner and the scripts, which demonstrate, and rules to compare learned ones with.
+"""Policies without training: the planner and the scripts, which demonstrate, and rules as a baseline for learned
+policies.
 
 They read the simulation.
 """

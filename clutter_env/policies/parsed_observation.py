@@ -1,4 +1,4 @@
-"""The world as an observation shows it: the robot, and the objects beside the one that is taken."""
+"""The world as an observation shows it: the robot, and the objects other than the grasped object."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def parse_observation(observation: Observation) -> ParsedObservation:
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """The objects beside the one that is taken or put down, n upright cylinders, and m boxes of furniture.
+    """The objects other than the object that is picked or placed: n upright cylinders, and m boxes of furniture.
 
     Attributes:
         position: (n, 3) [m] centres of the cylinders.

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 
 class PlayedStep(NamedTuple):
-    """One step: the action as the policy returned it, and what the environment returned for it."""
+    """One step: the action as the policy returned it, and the environment's results for it."""
 
     action: Any
     observation: Any

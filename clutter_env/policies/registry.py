@@ -216,7 +216,8 @@ def policy_files(name: str, module_file: str = "") -> dict[str, str]:
 
 
 def check_policy(policy: AnyPolicy, name: str = "") -> None:
-    """Refuse an object that is no policy, or whose attributes are not valid (`PolicyError`, which lists what is)."""
+    """Refuse an object that is no policy, or whose attributes are not valid (`PolicyError`, which lists the valid
+    values)."""
     name = repr(name or type(policy).__name__)
     for method in ("reset", "act"):
         if not callable(getattr(policy, method, None)):

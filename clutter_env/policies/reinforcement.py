@@ -81,7 +81,7 @@ class RunPolicy(ModelPolicy):
         """Make the networks for the environment's spaces before the first episode.
 
         Raises:
-            PolicyError: there is no model, it is damaged, or it is for other observations or actions.
+            PolicyError: the model is missing, damaged, or made for other observations or actions.
         """
         if self._model is None:
             path, spaces = self._directory / MODEL_FILE, (public.observation_space, public.action_space)

@@ -64,7 +64,7 @@ IN_LINE = 0.02
 """[m] from the line to the target, across and up, within which the gripper charges."""
 
 OVER_TOPS, OVER_OTHERS = 0.04, 0.02
-"""[m] of the TCP, and of the bottom of what it holds, above the tops of the objects while it moves over them."""
+"""[m] of the TCP, and of the bottom of the held object, above the tops of the objects while it moves over them."""
 STEEP, NARROW, WIDE = 8.0, 0.006, 0.016
 """Height [m] kept per metre of horizontal distance to the point of descent. Distances [m] below which no height is
 kept, before and after the gripper surrounds the object."""
@@ -166,7 +166,7 @@ def arm_pick(env: ArmEnv) -> Step:
 
 
 def arm_retrieve(env: ArmRetrieveEnv) -> Step:
-    """Put aside what is in the way of the target, take the target from above, lift it."""
+    """Put aside objects in the way of the target, take the target from above, lift it."""
     tcp, held, target = env.tcp, env.measurements.held, env.target_slot
     if held == target:
         return "lift", env.arm_action(tcp + (0, 0, LIFT), 0.0)
@@ -186,7 +186,7 @@ def arm_retrieve(env: ArmRetrieveEnv) -> Step:
 
 
 def _put_aside(env: ArmRetrieveEnv, held: int) -> Step:
-    """Carry what is held over the others to a free place, put it down, let go of it."""
+    """Carry the held object over the others to a free place, lower it, release it."""
     standing, at = env.standing(), env.measurements.poses[held, :3]
     raised = env.world.lowest_point(env.measurements, held) - TABLE_HEIGHT
     away = free_place(env, held) - at[:2]
@@ -206,7 +206,7 @@ def _down_a_funnel(
     Args:
         env: the environment.
         away: (2,) [m] to the point, in the plane.
-        height: [m] of the gripper, or of what it holds.
+        height: [m] of the gripper, or of the held object.
         end: [m] at the point.
         over: [m] at which it passes over the objects.
         opening: [m] of the gripper.
@@ -235,7 +235,7 @@ def free_place(env: ArmRetrieveEnv, held: int) -> Array:
 
 
 def _is_free(env: ArmRetrieveEnv, held: int, place: Array, gap: float) -> bool:
-    """Whether what is held can be let go of at a place: so far [m] from the others and from the target's grasp."""
+    """Whether the held object can be released at a place: this far [m] from the others and from the target's grasp."""
     standing, centres = env.standing(), env.standing().centres.copy()
     centres[held] = place
     there = Standing(centres, standing.half_widths, standing.tops)

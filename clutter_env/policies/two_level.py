@@ -21,7 +21,7 @@ from clutter_env.policies.weights import shipped_path
 from planners import Contact, find_grasp_set
 
 _HOLD_STEPS = 20
-"""Control steps with the target in the gripper before the policy has finished: twice what success asks for."""
+"""Control steps with the target in the gripper before the policy has finished: twice the time required for success."""
 
 
 class HighLevelPolicy(Protocol):
@@ -66,7 +66,7 @@ class MotionPolicy(Protocol):
 class TwoLevelPolicy:
     """Asks the high-level policy for a pick or a place, lets the motion policy execute it, and asks again.
 
-    It has finished once the target has been taken, and has given up when the high-level policy does, or after 20 picks
+    It has finished after the target has been taken, and has given up when the high-level policy does, or after 20 picks
     or 20 places, failed ones included: the budget of all policies that act by skills.
 
     Attributes:

@@ -1,4 +1,4 @@
-"""Files of trained weights: what they were trained for and with, and the ones that come with the package.
+"""Files of trained weights: purpose and data of their training, and the weights that come with the package.
 
 A file is an .npz with an array for each parameter, and the entry "about" with JSON text, as `scripts/shipped_weights`
 writes it. Nothing is pickled: a file cannot execute code.
@@ -24,7 +24,8 @@ from clutter_env.envs.base import layout_identity, robot_identity
 from clutter_env.policies.protocol import PolicyError, PublicInfo
 
 PROBLEMS = ("side", "all", "shelf")
-"""Problems for which weights of both levels are in the package: level grasps, all grasps, level ones under a shelf."""
+"""Problems for which weights of both levels are in the package: level grasps, all grasps, level grasps under a
+shelf."""
 _FILES = {"motions": "keyframes", "decisions": "decisions"}
 
 
@@ -71,10 +72,10 @@ def shipped_path(kind: str, problem: str) -> Path:
 
 
 def load_weights(path: Path, kind: str) -> tuple[dict[str, torch.Tensor], WeightsInfo]:
-    """The weights of a file by name, and what they are for.
+    """Read the weights of a file by name, and their purpose.
 
     Raises:
-        PolicyError: there is no such file, it is damaged, or it holds no weights, or those of another kind.
+        PolicyError: the file is missing or damaged, or holds no weights, or weights of another kind.
     """
     with damage_refused(path), np.load(path, allow_pickle=False) as content:
         weights = {name: torch.from_numpy(content[name]) for name in content.files if name != "about"}
@@ -86,7 +87,7 @@ def load_weights(path: Path, kind: str) -> tuple[dict[str, torch.Tensor], Weight
 
 @contextmanager
 def damage_refused(path: Path) -> Iterator[None]:
-    """Turn what is raised when a file is missing, or its content does not fit, into a `PolicyError` that names it."""
+    """Turn errors of a missing file, or of wrong content, into a `PolicyError` that names the file."""
     if not path.exists():
         raise PolicyError(f"there is no {path.name} in {path.parent}")
     try:

@@ -35,17 +35,17 @@ Rows = NDArray[np.float32]
 
 _LOG = logging.getLogger(__name__)
 _TRAINED_WITH = OBJECT_SETS["standard"]
-"""Cylinders of this set are what the weights of both levels are trained with."""
+"""The weights of both levels are trained with cylinders of this set."""
 _SIZE_TOLERANCE = 0.005
 """[m] by which sizes may lie outside."""
 _MIN_REACH = 0.2
 """Candidates that are reached with a smaller probability are not considered."""
 _TURN_COST = 0.03 / math.radians(20)
-"""[clearances / rad] of the gripper's yaw against the base's: straight ones are preferred among equals."""
+"""[clearances / rad] of the gripper's yaw against the base's: straight grasps are preferred among equals."""
 _DRIVE_COST = 0.02
 """[clearances / m] of the distance that the base drives."""
 _MAX_PLACING_TURN = math.radians(20.0) + 1e-6
-"""Objects are put down straight or nearly so: there are places enough."""
+"""Objects are put down straight or nearly so: enough places exist."""
 _BEST = 12
 """Candidates of each object that are checked to find the objects that a place would obstruct."""
 _DETOUR = 0.5
@@ -87,7 +87,7 @@ class _Weighed(NamedTuple):
 
 
 class LearnedHighLevelPolicy:
-    """Chooses the object to pick next and from where, and where to place the one that is held.
+    """Chooses the object to pick next and from where, and where to place the held object.
 
     After a failure, which it sees by an empty gripper, it decides again. What it tried with an object it does not try
     again until that object has moved.

@@ -31,7 +31,7 @@ CLOSE, _ALIGNED = 0.008, 0.08
 """[m], [rad] Largest error of a gripper that continues along a straight line, which has 12 mm of clearance on each
 side."""
 _SHORT = 0.02
-"""[m] from the contact up to which the error along the line counts too."""
+"""[m] from the contact up to which the error along the line is included."""
 
 
 def error_to(seen: ParsedObservation, goal: Array) -> Array:
@@ -51,7 +51,7 @@ def action_towards(
     All joints are synchronised to the slowest one.
 
     Args:
-        robot: its velocity and acceleration limits count.
+        robot: for its velocity and acceleration limits.
         seen: where it is.
         goal: (11,) base x, y [m], yaw [rad], torso [m], arm [rad].
         finger_position: [m] of one finger.
@@ -108,7 +108,8 @@ class GripperError:
         return GripperError(self.shift - (self.shift @ along) * along, self.rotation)
 
     def is_small(self, share: float = 1.0) -> bool:
-        """Whether the gripper may go on along its line, or the error is at most a share of the greatest such error."""
+        """Whether the gripper may continue along its line, or the error is at most a share of the greatest such
+        error."""
         is_aligned = self.rotation.trace() > 1.0 + 2.0 * math.cos(share * _ALIGNED)
         return bool(is_aligned and math.hypot(*self.shift) < share * CLOSE)
 

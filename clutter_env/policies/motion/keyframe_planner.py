@@ -53,7 +53,7 @@ _RADIUS, _CLEARANCE = 0.065, 0.02
 RAISE, _TOP_GAP = 0.022, 0.03
 """[m] by which a level gripper takes an object higher than planned, and between TCP and the object's top at least."""
 _LEVEL = 0.1
-"""Sine of the pitch up to which a gripper counts as level."""
+"""Sine of the pitch up to which a gripper is regarded as level."""
 _WALL_GAP = 2 * CLOSE
 """[m] between walls and the open gripper on its line: what it may be off the line, twice."""
 _TORSO_COST, _MISS_COST, _HIT_COST = 3.0, 30.0, 60.0

@@ -31,13 +31,13 @@ _FAR_OFF = 0.03
 _AT_BASE, _AT_ARM, _PASSING = 0.008, 0.02, 0.08
 """[m], [rad] from a keyframe at which base and arm have arrived, and arms that need not stop there."""
 _AT_CORNER = 0.01
-"""[m], [rad] of the base from a corner of its path under a shelf, at which it goes on."""
+"""[m], [rad] of the base from a corner of its path under a shelf, at which it drives on."""
 _SETTLED = 0.02
 """[m], [rad] of the robot from where it stands at a contact, at which the offset is corrected."""
 _NEAR = 0.15
 """[m], [rad] of the joints from a keyframe at which the pose of the gripper is compared with the expected one."""
 _SLOW = 0.05
-"""[m/s], [rad/s] below which a joint counts as at rest."""
+"""[m/s], [rad/s] below which a joint is regarded as at rest."""
 _OPEN, _STILL = 0.002, 0.0005
 """[m] Difference between measured and desired width of open fingers, and change of the width per step of fingers at
 rest."""

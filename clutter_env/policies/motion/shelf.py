@@ -58,7 +58,7 @@ _ROUNDS = 2
 _MAX_REFUSALS = 2
 """Times that a contact is refused in an episode. A high-level policy that still asks for it has no better candidate."""
 _ALIKE = 0.005
-"""[m], [rad] by which a contact may differ from the one that was refused before, and is the same."""
+"""[m], [rad] Largest difference between contacts that are regarded as the same refused contact."""
 _SLACK = 0.4
 """Share of the errors elsewhere that the gripper may have where the base drives in: table and wrist are 3 mm apart."""
 _SAME = 1e-4
@@ -70,18 +70,19 @@ _DRIVE_SPACING = 0.02
 _GAIN = 0.8
 """Share of the predicted error by which the network input is changed in a round of correction."""
 _MAX_BEND = np.array((0.1, 0.5))
-"""[m], [rad] by which the free joints in the input may differ from the wanted ones: the network was fitted to such."""
+"""[m], [rad] Largest difference of the free joints in the input from the desired joints, as in the training of the
+network."""
 _CHOOSING_ROUNDS = 6
 """The same while arms are compared."""
 
 _KEY_UNITS = np.array((0.01, 0.05, 0.2, 0.2, 0.05))
-"""Of skill, x [m], yaws [rad] and distance [m]: differences that count like one another."""
+"""Of skill, x [m], yaws [rad] and distance [m]: equivalent differences."""
 _NEAREST = 16
 """Demonstrated contacts whose free joints are candidates."""
 _GRID = np.array(
     [(torso, roll) for torso in (0.05, 0.0, -0.05, -0.1, -0.15) for roll in np.radians(range(-60, 61, 15))]
 )
-"""Torsos [m] and rolls of the upper arm [rad] from home that are candidates beside the demonstrated ones."""
+"""Torsos [m] and rolls of the upper arm [rad] from home that are candidates besides the demonstrated ones."""
 _UNLIKE_COST, _STRANGE_COST, _FLIPPED_COST = 0.2, 0.5, 0.3
 """Costs. The first is per unit of difference from the contact at which the free joints were demonstrated. The second is
 for free joints that are not among the nearest demonstrated ones. The third is for a wrist bent to the other side (one
@@ -110,7 +111,7 @@ class ShelfKeyframePlanner:
         self._keyframes, self._arms = KeyframePredictor(network), ShelfArm(network, robot, layout)
 
     def raise_pick(self, *_: object) -> float:
-        """0 m: there is a board above."""
+        """0 m: a board is above."""
         return 0.0
 
     def begin(self, contact: Contact, index: int, seen: ParsedObservation) -> list[str]:
@@ -194,7 +195,7 @@ def base_waypoint(drive: Array, phase: str) -> Array:
 
 
 def drive_points(table: StaticObstacle, contact: Contact) -> Array:
-    """(w, 3) [m] Positions of the base along its drive out, less the one at the contact, in the world."""
+    """(w, 3) [m] Positions of the base along its drive out, relative to the pose at the contact, in the world."""
     corners = drive_out(table, contact.base, contact.tcp)[:, :2] - contact.base[:2]
     steps = [max(int(np.ceil(np.linalg.norm(leg) / _DRIVE_SPACING)), 1) for leg in np.diff(corners, axis=0)]
     parts = [np.linspace(*ends, count + 1) for ends, count in zip(itertools.pairwise(corners), steps, strict=True)]
@@ -257,7 +258,7 @@ class ShelfArm:
         self._radius, self._centres, self._links = np.array(radii), np.concatenate(centres), np.array(links)
 
     def choose(self, contact: Contact, index: int, seen: ParsedObservation, finger: float = 0.0) -> ArmChoice:
-        """The arm at a contact of object `index`: the best that keeps clear, or the one with the least risk.
+        """The arm at a contact of object `index`: the best that keeps clear, or that with the least risk.
 
         Args:
             contact: the pick or place.
