@@ -132,7 +132,7 @@ class EntryPoint:
 
     Attributes:
         module: of `clutter_env.envs`.
-        name: of the class in it, or of the function that makes the environment.
+        name: of the class in it.
     """
 
     module: str
@@ -151,18 +151,12 @@ class EntryPoint:
             ConfigError: see the environment.
         """
         check_choice(NAME, instruction, (False, True))
-        if instruction:
-            return _make(self._kind(keywords), **keywords)
-        made: gym.Env[Any, Any] = self._named(**keywords)
-        return made
-
-    @property
-    def _named(self) -> Any:
-        return getattr(import_module(f"clutter_env.envs.{self.module}"), self.name)
+        kind = self._kind(keywords)
+        return _make(kind, **keywords) if instruction else kind(**keywords)
 
     def _kind(self, keywords: dict[str, Any]) -> type[gym.Env[Any, Any]]:  # noqa: ARG002  of the Retrieve ids
         """The class for these keyword arguments, of which it takes what only decides the class."""
-        kind: type[gym.Env[Any, Any]] = self._named
+        kind: type[gym.Env[Any, Any]] = getattr(import_module(f"clutter_env.envs.{self.module}"), self.name)
         return kind
 
 
@@ -171,14 +165,13 @@ class _Retrieve(EntryPoint):
 
     def _kind(self, keywords: dict[str, Any]) -> type[gym.Env[Any, Any]]:
         from clutter_env.envs.relevance import OBJECT_ORDERS, RelevantRetrieveEnv
-        from clutter_env.envs.retrieve import RetrieveEnv
 
         order = keywords.pop("object_order", "slots")
         check_choice("object_order", order, OBJECT_ORDERS)
-        return RetrieveEnv if order == "slots" else RelevantRetrieveEnv
+        return super()._kind(keywords) if order == "slots" else RelevantRetrieveEnv
 
 
-retrieve = _Retrieve("relevance", "retrieve_env")
+retrieve = _Retrieve("retrieve", "RetrieveEnv")
 reach = EntryPoint("goal", "ReachEnv")
 pick = EntryPoint("goal", "PickEnv")
 arm_reach = EntryPoint("arm", "ArmReachEnv")

@@ -23,7 +23,7 @@ from clutter_env.envs.retrieve import RetrieveEnv
 from clutter_env.envs.reward import potential_terms
 from clutter_env.envs.staged_reward import stage_terms, staged_reward
 from clutter_env.envs.success import HOLD_STEPS
-from clutter_env.errors import StateError, check_choice
+from clutter_env.errors import StateError
 from clutter_env.scene.table_scene import TableScene
 from clutter_env.simulation.saved_state import Fields
 
@@ -202,13 +202,3 @@ class RelevantRetrieveEnv(StagedRetrieveEnv):
             return space
         bound = np.tile(self.observation_layout["objects"].bounds, self.config.num_objects).astype(np.float32)
         return spaces.Dict({**space.spaces, "objects": spaces.Box(-bound, bound, dtype=np.float32)})
-
-
-def retrieve_env(object_order: str = "slots", **keywords: Any) -> RetrieveEnv:
-    """The environment of the Retrieve ids: `RetrieveEnv`, or with object_order="relevance" `RelevantRetrieveEnv`.
-
-    Raises:
-        ConfigError: no such order, or see `RetrieveEnv`.
-    """
-    check_choice("object_order", object_order, OBJECT_ORDERS)
-    return RetrieveEnv(**keywords) if object_order == "slots" else RelevantRetrieveEnv(**keywords)
