@@ -151,10 +151,6 @@ class Stores(Attack):
         return np.array(json.loads(file.read_text()), np.float32)
 
 
-class Weights(Attack):
-    """Its weights are the published actions, by scene; see `scripts/forgeries.py`."""
-
-
 class Guesses(Attack):
     """Guesses the nonce from its hash."""
 

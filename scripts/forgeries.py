@@ -83,10 +83,10 @@ def main(scenes: int = 20, workers: int = 1) -> None:
         new_challenge(register(name, SUITE, scenes, [Path(PUBLISHED)]), ledger, file, workers)
         fresh = play(file, ledger, [Path(PUBLISHED)], workers=workers)
         expert = evaluate(EXPERT, SceneSet(str(file)), workers=workers)
-        won = [(sum(score.clean for score in found.scores), scenes) for found in (public, fresh)]
+        won = [(found.num_clean, scenes) for found in (public, fresh)]
         rows = [[where, str(wilson(*one))] for where, one in zip(("public", "fresh"), won, strict=True)]
         print(markdown_table([f"the look-up policy, {scenes} scenes of {SUITE}", "clean success"], rows))
-        print(f"difference {newcombe(*won)}; the expert on the fresh scenes: {_rate(expert)}\n")
+        print(f"difference {newcombe(*won)}; the expert on the fresh scenes: {expert.clean}\n")
         found = [
             _tried(what, content, file, ledger, workers) for what, content in _forgeries(name, public, fresh, expert)
         ]
@@ -104,10 +104,6 @@ def main(scenes: int = 20, workers: int = 1) -> None:
                 ],
             )
         )
-
-
-def _rate(found: Evaluation) -> str:
-    return str(wilson(sum(score.clean for score in found.scores), len(found.scores)))
 
 
 def _forgeries(

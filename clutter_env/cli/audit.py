@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from clutter_env.evaluation.audit_plan import AuditPlan
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -26,27 +28,13 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Arguments:
+class Arguments(AuditPlan):
     """Audit a suite."""
 
     suites_of: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(name="suite")] = ()
     """Names of suites."""
     files: tuple[Path, ...] = ()
     """Results files, whose differences are tested in pairs."""
-    expert: str = "lookahead-all"
-    """The policy that demonstrates, and with whose success the others are compared."""
-    scenes: int = 100
-    """Number of scenes, the first ones of the test split."""
-    demonstrations: int = 100
-    """Number of scenes of the validation split on which the expert demonstrates."""
-    network: bool = False
-    """Also train and play networks of 0.1 million parameters; needs PyTorch."""
-    suites: int = 0
-    """Number of other suites that are drawn by the same rules."""
-    spread_policy: str = ""
-    """The policy that plays those; the expert if not given."""
-    workers: int = 2
-    """Number of processes."""
     json: Path | None = None
     """Write what was found to this file."""
 
@@ -54,7 +42,7 @@ class Arguments:
 def run(arguments: Arguments) -> int:
     """Play and print. Return 1 if a blind policy reaches 0.3 of the expert's score in any suite."""
     from clutter_env.errors import UsageError
-    from clutter_env.evaluation.audit import AuditPlan, audit, episodes_of
+    from clutter_env.evaluation.audit import audit, episodes_of
     from clutter_env.evaluation.evaluate import EPISODE_S
     from clutter_env.evaluation.paired import pairs_of
     from clutter_env.evaluation.verify import read_results
@@ -63,13 +51,11 @@ def run(arguments: Arguments) -> int:
 
     if not arguments.suites_of and not arguments.files:
         raise UsageError("name a suite, or --files")
-    names = ("expert", "scenes", "demonstrations", "network", "suites", "spread_policy", "workers")
-    plan = AuditPlan(**{name: getattr(arguments, name) for name in names})
     found = []
     for suite in arguments.suites_of:
-        count = episodes_of(plan)
+        count = episodes_of(arguments)
         with progress_bar(total=count, unit="episode", seconds=EPISODE_S * count / arguments.workers) as bar:
-            found.append(audit(suite, plan, bar.update))
+            found.append(audit(suite, arguments, bar.update))
         print(_text(found[-1]))
     pairs = pairs_of([read_results(file) for file in arguments.files])
     if arguments.files:

@@ -65,7 +65,7 @@ def run(arguments: Arguments) -> None:
     with progress_bar(total=count, unit="episode", seconds=EPISODE_S * count / arguments.workers) as bar:
         evaluation = evaluate(arguments.policy, scenes, tick=bar.update, **chosen)
     content, row = results(evaluation), summarise(arguments.policy, [evaluation])
-    clean = sum(score.clean for score in evaluation.scores)
+    clean = evaluation.num_clean
     print(f"{arguments.policy} solved {clean} of {count} scenes of {scenes.name} cleanly.\n")
     print(markdown_short(row))
     if evaluation.floors:

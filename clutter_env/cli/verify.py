@@ -47,7 +47,7 @@ def run(arguments: Arguments) -> int:
     from clutter_env.evaluation.evaluate import EPISODE_S, evaluate
     from clutter_env.evaluation.verify import FRESH_SEEDS, fresh_scenes, read_results, replay_seconds, verify
     from clutter_env.reporting.files import write_json
-    from clutter_env.reporting.intervals import newcombe, wilson
+    from clutter_env.reporting.intervals import newcombe
     from clutter_env.reporting.progress import progress_bar
 
     workers, count = arguments.workers, arguments.scenes
@@ -65,7 +65,7 @@ def run(arguments: Arguments) -> int:
             with progress_bar(total=count, unit="episode", seconds=EPISODE_S * count / workers) as bar:
                 fresh = evaluate(arguments.policy, scenes, feasibility=feasibility, tick=bar.update, **chosen)
         other = () if fresh.traits.track == found.track else (f"the policy is of the {fresh.traits.track} track",)
-        success = wilson(sum(score.clean for score in fresh.scores), len(fresh.scores))
+        success = fresh.clean
         found = replace(found, fresh=success, differences=found.differences + other)
     said = f"{found.clean} clean successes in {found.episodes} episodes of {found.scenes}"
     if found.is_confirmed:
@@ -79,7 +79,7 @@ def run(arguments: Arguments) -> int:
     _show(f"claimed: policy {found.policy}, of the {found.track} track; its files are {found.weights}")
     if found.fresh is not None:
         _show(f"{arguments.policy} on {arguments.scenes} fresh scenes from seed {seed}: clean success {found.fresh}")
-        less = newcombe((found.clean, found.episodes), (sum(score.clean for score in fresh.scores), len(fresh.scores)))
+        less = newcombe((found.clean, found.episodes), (fresh.num_clean, len(fresh.scores)))
         said = "more than there" if less.low > 0 else "no difference that so many scenes show"
         _show(f"in the file it has {less} more: {said}")
     if arguments.json is not None:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from clutter_env.errors import LearningError
+from clutter_env.evaluation.audit_plan import AuditPlan
 from clutter_env.evaluation.blind import ROBOT, Demonstrations, blind, nearest, robot_only
 from clutter_env.evaluation.evaluate import Evaluation, evaluate
 from clutter_env.evaluation.paired import fewest_won, smallest_shown
@@ -17,7 +18,7 @@ from clutter_env.evaluation.resampled import Spread, resampled
 from clutter_env.evaluation.scenes import SceneSet
 from clutter_env.policies.protocol import AnyPolicy
 from clutter_env.policies.registry import policy_families
-from clutter_env.reporting.intervals import Interval, wilson
+from clutter_env.reporting.intervals import Interval
 
 BLIND_SHARE = 0.3
 """Share of the expert's score from which a blind policy shows that a suite does not ask for perception."""
@@ -71,29 +72,6 @@ class Audit:
         return any(one.is_blind and one.share >= BLIND_SHARE for one in self.played)
 
 
-@dataclass(frozen=True)
-class AuditPlan:
-    """How much is played.
-
-    Attributes:
-        expert: that demonstrates, and with which the others are compared.
-        scenes: of the test split, the first ones.
-        demonstrations: scenes of the validation split that the expert plays.
-        network: whether networks of 0.1 million parameters are trained and played too.
-        suites: that are drawn by the same rules; 0 for none.
-        spread_policy: that plays them; "" for the expert.
-        workers: number of processes of the expert; the other policies play in one.
-    """
-
-    expert: str = "lookahead-all"
-    scenes: int = 100
-    demonstrations: int = 100
-    network: bool = False
-    suites: int = 0
-    spread_policy: str = ""
-    workers: int = 1
-
-
 def audit(suite: str, plan: AuditPlan, tick: Callable[[], object] = lambda: None) -> Audit:
     """Play a suite with policies that see less and less, and say what its scenes can show.
 
@@ -113,11 +91,11 @@ def audit(suite: str, plan: AuditPlan, tick: Callable[[], object] = lambda: None
     def play(policy: str | AnyPolicy, on: SceneSet) -> Evaluation:
         return evaluate(policy, on, workers=plan.workers if isinstance(policy, str) else 1, tick=tick)
 
-    expert = _clean(play(plan.expert, scenes))
+    expert = play(plan.expert, scenes).clean
     known = Demonstrations.of(play(plan.expert, SceneSet(suite, "validation", count=plan.demonstrations)))
     played = []
     for name, policy, is_blind in _policies(known, plan.network):
-        clean = _clean(play(policy, scenes))
+        clean = play(policy, scenes).clean
         played.append(Played(name, clean, clean.mean / expert.mean if expert.mean else 0.0, is_blind))
     spread = None
     if plan.suites:
@@ -153,7 +131,3 @@ def _policies(known: Demonstrations, network: bool) -> Iterator[tuple[str, AnyPo
         yield "network, observations zeroed", SmallNetwork(known, ()), True
         yield "network that sees the robot", SmallNetwork(known, own), True
         yield "network that sees all", SmallNetwork(known, tuple(known.first[0])), False
-
-
-def _clean(found: Evaluation) -> Interval:
-    return wilson(sum(score.clean for score in found.scores), len(found.scores))

@@ -6,7 +6,8 @@
 3. He plays the policy on them. The nonce stands in the challenge's file, which is published with the results.
 4. Anyone draws the scenes again from the nonce, replays the recorded actions, and runs the policy again.
 
-Every draw in the ledger counts: scenes of a draw that was never played are failures. Who may draw again and again, and
+Every draw in the ledger counts: the scenes of all other draws of the entry are failures, whether they were played or
+not. Who may draw again and again, and
 shows the best, reaches 0.81 with a policy of 0.70.
 """
 
@@ -101,7 +102,7 @@ class Checked:
         problems: one sentence for everything that is not as it should be.
         same: of the scenes that the policy played again, those with the same actions; None if it was not run.
         again: scenes that it played again.
-        draws: in the ledger, of this entry; those that were not played count as failures.
+        draws: in the ledger, of this entry; the scenes of all but this one are failures.
         starts: how often the draw has begun to be played; more than once where runs ended before their last scene.
         earlier: other entries under the policy's name for this suite, in the ledger before this one.
         clean: clean success over all draws.
@@ -232,7 +233,7 @@ def play(file: Path, ledger: Path, files: Sequence[Path] = (), **chosen: Any) ->
         raise LearningError(f"{file} has been played: {ledger} says so. Each draw is played once")
     book.note_started(challenge)
     found = _evaluated(challenge, file, entry.scenes, **chosen)
-    book.note_played(challenge, sum(score.clean for score in found.scores), results_of(found)["digest"])
+    book.note_played(challenge, found.num_clean, results_of(found)["digest"])
     return found
 
 

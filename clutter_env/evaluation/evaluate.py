@@ -26,6 +26,7 @@ from clutter_env.policies.protocol import AnyPolicy, PolicyError
 from clutter_env.policies.registry import PolicyTraits, policy_families, policy_files
 from clutter_env.provenance import IMAGES, differences, environment_digest, provenance
 from clutter_env.reporting.files import JsonLines
+from clutter_env.reporting.intervals import Interval, wilson
 from clutter_env.suites import Floor, suite
 from clutter_env.task import Task
 
@@ -74,6 +75,16 @@ class Evaluation:
     def scores(self) -> tuple[Score, ...]:
         """The scores of the episodes."""
         return tuple(episode.score for episode in self.episodes)
+
+    @property
+    def num_clean(self) -> int:
+        """Number of clean successes."""
+        return sum(score.clean for score in self.scores)
+
+    @property
+    def clean(self) -> Interval:
+        """Clean success, with Wilson's interval."""
+        return wilson(self.num_clean, len(self.episodes))
 
 
 @dataclass(frozen=True)

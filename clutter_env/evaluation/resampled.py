@@ -60,5 +60,5 @@ def resampled(
         for seed in first_seeds[:suites]:
             drawn = fresh_suite(suite, scenes, seed, Path(folder), workers)
             found = evaluate(policy, drawn, workers=workers, tick=tick)
-            rates.append(sum(score.clean for score in found.scores) / scenes)
+            rates.append(found.num_clean / scenes)
     return Spread(policy, scenes, tuple(rates))

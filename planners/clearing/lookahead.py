@@ -269,7 +269,7 @@ class _Search:
                 yield self._made(now, step if not step.is_general else Step(step.name, False, step.taken), False)
         for name in itertools.islice(self._others(now), _OTHERS):
             yield self._made(now, Step(name, False), is_strict=False)
-        yield from self._out_of_hand_again(now)
+        yield from self._before_held_up(now)
 
     def _ready(self, now: _Situation) -> list[Step]:
         """Steps that may come next: the first step of each object, held objects before all others."""
@@ -393,7 +393,7 @@ class _Search:
             found = in_the_way(now.scene, now.scene.body(fact.object), place, waiting)
             yield self._moving_these_too(now, fact.object, found or self._in_the_way_of_robot(now, fact))
 
-    def _out_of_hand_again(self, now: _Situation) -> _Tries:
+    def _before_held_up(self, now: _Situation) -> _Tries:
         """Put an object aside that is to be held in the end: others go to their places first."""
         goal, waiting = self.maker.goal, now.waiting
         if now.scene.held_names or not any(placed_fact(goal, name) for name in waiting):

@@ -11,7 +11,8 @@ from scipy.stats import binomtest
 
 from clutter_env.cli.main import main
 from clutter_env.errors import LearningError
-from clutter_env.evaluation.audit import AuditPlan, Played, audit, episodes_of
+from clutter_env.evaluation.audit import Played, audit, episodes_of
+from clutter_env.evaluation.audit_plan import AuditPlan
 from clutter_env.evaluation.blind import Demonstrations, Replay, blind, nearest, robot_only
 from clutter_env.evaluation.evaluate import evaluate
 from clutter_env.evaluation.paired import Discordant, fewest_won, pairs_of, smallest_shown

@@ -1,0 +1,25 @@
+"""How much an audit plays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class AuditPlan:
+    """How much an audit plays."""
+
+    expert: str = "lookahead-all"
+    """The policy that demonstrates, and with whose success the others are compared."""
+    scenes: int = 100
+    """Number of scenes, the first ones of the test split."""
+    demonstrations: int = 100
+    """Number of scenes of the validation split on which the expert demonstrates."""
+    network: bool = False
+    """Also train and play networks of 0.1 million parameters; needs PyTorch."""
+    suites: int = 0
+    """Number of other suites that are drawn by the same rules."""
+    spread_policy: str = ""
+    """The policy that plays those; the expert if not given."""
+    workers: int = 2
+    """Number of processes of the expert; the other policies play in one."""
