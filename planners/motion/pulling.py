@@ -210,7 +210,8 @@ def plan_pull(
             refused.append(blocked)
             continue
         turned = None if track.turned is None else float(track.turned[-1])
-        after = pulled(scene, turned=turned).with_state(RobotState(X[-1, :3], X[-1, 3:], scene.robot.finger_position(0.0)))
+        state = RobotState(X[-1, :3], X[-1, 3:], scene.robot.finger_position(0.0))
+        after = pulled(scene, turned=turned).with_state(state)
         if scene.pull.pushes:  # the face may have turned in front of the fingers
             held = HeldObject.grasped(after.body(held.name), tcp_poses(world.robot, X[-1:])[0])
         left = _left(CollisionWorld.from_scene(after), held, rng)
