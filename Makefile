@@ -92,6 +92,7 @@ results: $(VENV)/.dev $(VENV)/.rl
 	$(BIN)/python scripts/results.py run
 	$(BIN)/python scripts/results.py pages
 	$(BIN)/python scripts/front_page.py
+	$(BIN)/python -m scripts.task_cards
 
 soak: $(VENV)/.core
 	$(BIN)/python scripts/soak.py --steps 2000000

@@ -15,11 +15,12 @@ from typing import Any, NamedTuple
 import tyro
 
 from clutter_env.evaluation.evaluate import evaluate
-from clutter_env.evaluation.scenes import HELD_OUT, SceneSet
+from clutter_env.evaluation.scenes import SceneSet
 from clutter_env.evaluation.tables import results, summarise
 from clutter_env.provenance import provenance
 from clutter_env.reporting.files import read_json, write_json
 from clutter_env.reporting.progress import progress_bar
+from clutter_env.seeds import HELD_OUT
 
 ROOT = Path(__file__).resolve().parents[1]
 SCORES = ROOT / "results" / "cards.json"

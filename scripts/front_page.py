@@ -9,7 +9,6 @@ file, and a test compares them. It takes a minute.
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,7 @@ from clutter_env.config import CONTROL_HZ
 from clutter_env.evaluation.recording import Recording
 from clutter_env.evaluation.verify import claimed, read_results, scenes_of
 from clutter_env.rendering.film import Frame, save_gif
-from clutter_env.rendering.framing import table_points, view_of
+from clutter_env.rendering.framing import pixels_of, table_points, view_of
 from clutter_env.rendering.renderer import Renderer
 from clutter_env.scene.layout import TABLE_HEIGHT
 from clutter_env.simulation.world import Mark
@@ -157,16 +156,9 @@ def _places(
     env: Any, data: mujoco.MjData, camera: mujoco.MjvCamera, moved: tuple[int, ...]
 ) -> list[tuple[float, float]]:
     """Pixels over the moved objects, in order."""
-    turn, tilt = math.radians(camera.azimuth), math.radians(camera.elevation)
-    ahead = np.array((math.cos(tilt) * math.cos(turn), math.cos(tilt) * math.sin(turn), math.sin(tilt)))
-    right = np.array((math.sin(turn), -math.cos(turn), 0.0))
-    axes = np.array((ahead, right, np.cross(right, ahead)))
-    index, (width, height) = env.world.index, _SIZE
+    index = env.world.index
     first = index.object_geoms.start + np.searchsorted(index.geom_slots, moved)
-    points = data.geom_xpos[first] + (0.0, 0.0, _ABOVE)
-    forward, sideways, upwards = axes @ (points - camera.lookat).T
-    scale = height / 2 / math.tan(math.radians(env.model.vis.global_.fovy) / 2) / (forward + camera.distance)
-    places = zip(width / 2 + scale * sideways, height / 2 - scale * upwards, strict=True)
+    places = pixels_of(env.model, camera, data.geom_xpos[first] + (0.0, 0.0, _ABOVE), _SIZE)
     return [(float(x), max(float(y), _LABEL_RADIUS)) for x, y in places]
 
 
